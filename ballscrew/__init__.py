@@ -76,7 +76,7 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name: str) -> Any:
-        if name == "__version__":  # said once, in pyproject.toml
+        if name == "__version__":  # written once, in pyproject.toml
             from importlib.metadata import version
 
             return version("ballscrew")

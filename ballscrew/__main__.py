@@ -1,4 +1,4 @@
-"""The command's first moments: from here on, an interrupt is met with one line."""
+"""Start of the command: from here on, an interrupt prints one line."""
 
 import io
 import os
@@ -8,7 +8,7 @@ from .orchestration.operating_system import can_supervise, hold_interrupts
 
 
 class _Errors(io.FileIO):
-    """Standard error, which nobody has to hear: no result is lost since it was closed."""
+    """Standard error; if it was closed, no result is lost."""
 
     def write(self, data):  # type: ignore[no-untyped-def]
         try:
@@ -18,7 +18,7 @@ class _Errors(io.FileIO):
 
 
 def _open_streams() -> None:
-    """Take the place of streams that are closed, or a file of results would be written to."""
+    """Replace closed streams; otherwise their output would go into a file of results."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
@@ -26,7 +26,7 @@ def _open_streams() -> None:
             os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
     if sys.stdout is None:
         sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
-    if sys.platform == "win32":  # whose consoles are no files, and whose files have an old encoding
+    if sys.platform == "win32":  # where a console is not a file, and files have an old encoding
         for stream in filter(None, (sys.stdout, sys.stderr)):
             stream.reconfigure(encoding="utf-8")
         return
@@ -48,10 +48,10 @@ def _command() -> int:
 
 
 def main() -> int:
-    """Run the command, supervised where the system can, and return its exit code."""
+    """Run the command, supervised where the system supports it, and return its exit code."""
     _open_streams()
     if can_supervise():
-        hold_interrupts()  # until somebody can answer
+        hold_interrupts()  # until a handler exists
     from .supervision import supervised
 
     return supervised(_command)

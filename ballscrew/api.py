@@ -1,8 +1,8 @@
 """The public functions: what the commands do, for programs and notebooks.
 
 Values are in SI units throughout. A part is named (see `catalogue`), a function of a Python file
-that returns a component (``mine.py:pi``), a path of an FMU, or a `Component` that was made a minute
-ago.
+that returns a component (``mine.py:pi``), the path of an FMU, or a `Component` made in the
+program.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 def catalogue() -> dict[str, tuple[str, ...]]:
-    """Names of the parts that are there.
+    """Names of the available parts.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def catalogue() -> dict[str, tuple[str, ...]]:
 
 
 def component(name: str) -> Component:
-    """The component of a name in the catalogue or of a Python file, with its equations.
+    """Return a component of the catalogue or of a Python file, with its equations.
 
     Parameters
     ----------
@@ -75,9 +75,9 @@ def component(name: str) -> Component:
     Raises
     ------
     KeyError
-        If there is none of this name; the message lists those that there are.
+        If there is no part of this name; the message lists the available ones.
     ValueError
-        If the file gives no component; the message says why, and in which line.
+        If the file does not return a component; the message says why, and in which line.
 
     Examples
     --------
@@ -105,18 +105,18 @@ def with_friction(
     body : Component
         Has a `ForceBalance` of `velocity`, and no modes.
     law : str or ForceTerm
-        A law of `catalogue`, with ``classical`` the body sticks and slides as modes; or dry
-        friction of your own, a term called ``friction`` that opposes sliding by ``sign(v)``, with
-        which it does so, too.
+        A law of `catalogue`, or your own dry friction: a term called ``friction``
+        that opposes sliding by ``sign(v)``. With ``classical`` and with your own term, sticking
+        and sliding are modes.
     values : mapping of str to float, optional
         Default values of the law's parameters, in SI units.
     velocity : str
-        The state that is the speed of sliding: of the body on what it slides on [m/s]. Where its
-        unit is rad/s, a law of the catalogue is in N*m and rad.
+        The state that is the sliding velocity of the body [m/s]. If its unit
+        is rad/s, a law of the catalogue is in N*m and rad.
     position : str
-        The state that goes on as it does at no `velocity` where the body sticks.
+        The position state; while the body sticks, its derivative is the one at zero `velocity`.
     breakaway : expression, optional
-        Force up to which the body sticks [N]; by default that of sliding at no speed.
+        Force up to which the body sticks [N]; default: the sliding friction at zero velocity.
 
     Returns
     -------
@@ -126,9 +126,9 @@ def with_friction(
     Raises
     ------
     KeyError
-        If there is no such law; the message lists those that there are.
+        If there is no such law; the message lists the available ones.
     ContractError
-        If the body has no such balance, the law no such parameter, or the term no sign.
+        If the body has no such balance, the law has no such parameter, or the term has no sign.
     ValueError
         If `breakaway` is given with a law that has no modes.
 
@@ -165,21 +165,23 @@ def export(
     part : str or Component
         A name, a file's function (``mine.py:pi``), or a component.
     path : path-like
-        The file to write; replaced as a whole or not at all. A name in ``.ssp`` means a system: the
-        controller `part` and its plant, wired; one in ``.mo`` Modelica to read and to change.
+        The file to write; replaced as a whole or not at all. A name that ends in ``.ssp`` gives
+        a system: the controller `part` and its plant, connected; ``.mo`` gives Modelica source.
     native : bool
-        Whether it holds compiled C, and needs no Python on the host; else it holds readable Python.
+        Whether it contains compiled C, and needs no Python on the host; else it contains readable
+        Python.
     fmi : {2, 3}
         Version of the standard; 3 needs `native`.
     platforms : sequence of str, optional
-        With `native`: such as ``linux64``, ``win64``, ``darwin64``; default this machine's.
+        With `native`: such as ``linux64``, ``win64``, ``darwin64``; default: this machine's
+        platform.
     plant : str or Component, optional
-        Of an FMU: it holds the whole closed loop of this plant and the controller `part`. Of a
-        system: in place of the one that `params` describes, or ours.
+        For an FMU: the FMU contains the whole closed loop of this plant and the controller `part`.
+        For a system: the plant to use instead of the one in `params` or the default one.
     tangents : int
         How many tangent vectors the FMU carries, for exponents over FMUs.
     params : ParameterFile, optional
-        Its values become start values.
+        Its values become the start values.
 
     Returns
     -------
@@ -191,7 +193,7 @@ def export(
     KeyError
         If there is no part of this name.
     ValueError
-        If the part cannot be exported so; the message says why.
+        If the part cannot be exported in this way; the message says why.
     OSError
         If the file cannot be written.
 
@@ -216,7 +218,7 @@ def export(
     if not native and (fmi != 2 or platforms is not None):
         raise ValueError(f"fmi = {fmi}, platforms = {platforms}: these are for native=True")
     if tangents and (plant is not None or path.suffix == SYSTEM):
-        raise ValueError(f"tangents = {tangents}: these are for a part alone, not for a loop")
+        raise ValueError(f"tangents = {tangents}: these apply to a single part, not to a loop")
     name = _as_it_is_now(part) if isinstance(part, str) else resolve("part", part).name
     around = None if plant is None else resolve_plant(plant, fmus=False).name
     if path.suffix == SYSTEM:
@@ -248,9 +250,9 @@ def run(  # noqa: PLR0913
     loop : Loop, SystemLoop, or a controller
         ``run("iol", stop=2.0)`` is ``run(Loop("iol", stop=2.0))``.
     plant, reference, stop, step, plant_values, controller_values, coupling, mapping
-        As in `Loop`, with its defaults; of a loop that is there already, what is to be different.
+        As in `Loop`, with its defaults; if `loop` is a `Loop`, the values to change in it.
     progress : function of float, optional
-        Told the time that the run has reached [s].
+        Called with the time that the run has reached [s].
 
     Returns
     -------
@@ -260,14 +262,14 @@ def run(  # noqa: PLR0913
     Raises
     ------
     ValueError
-        If a part, a parameter or the coupling makes no sense; the message says why.
+        If a part, a parameter or the coupling is invalid; the message says why.
     RuntimeError
-        If an FMU refuses its initial values.
+        If an FMU rejects its initial values.
 
     Notes
     -----
-    The equations are those of the thesis, chapters 2 and 3; on the coupling see
-    ``docs/coupling.md``.
+    The equations are in chapters 2 and 3 of the thesis; for the coupling
+    see ``docs/coupling.md``.
 
     Examples
     --------
@@ -306,16 +308,16 @@ def swap(  # noqa: PLR0913
     plant, reference, stop, step, plant_values
         As in `run`.
     sampled : float, optional
-        Sampling period of all controllers [s]; left out, each is as it is.
+        Sampling period of all controllers [s]; if left out, the controllers are not changed.
     noise : bool
-        Whether all measure through the instruments of `catalogue` that fit them.
+        Whether all controllers measure through the instruments of `catalogue` that fit them.
     controller_values : mapping of str to mapping of str to float, optional
-        Parameters that are not nominal, in SI units, for each controller by its name; ``hand`` is
-        the name of ``hand.fmu``.
+        Parameters with other than nominal values, in SI units, for each controller by its name;
+        ``hand`` is the name of ``hand.fmu``.
     mapping : mapping of str to mapping of str to str, optional
         Names of ports, ``theirs -> ours``, for each controller by its name.
     progress : function of str and float, optional
-        Told whose run has reached what time [s].
+        Called with the controller's name and the time that its run has reached [s].
 
     Returns
     -------
@@ -339,7 +341,7 @@ def swap(  # noqa: PLR0913
     >>> result.results[1].loop.controller_values
     {'Kp': 300.0}
     """
-    asked = locals() | {"controller_values": None, "mapping": None}  # these are of each its own
+    asked = locals() | {"controller_values": None, "mapping": None}  # each controller has its own
     from .orchestration.in_practice import in_practice
     from .orchestration.swap import swap as swapped
     from .results.comparison import Comparison
@@ -350,7 +352,7 @@ def swap(  # noqa: PLR0913
         controllers = [controllers]
     loops = [_loop(c, asked) for c in controllers]
     if not loops:
-        raise ValueError("controllers is empty, expected one or more")
+        raise ValueError("controllers is empty; expected one or more")
     names = [loop.controller.own_name for loop in loops]
     values_of = _of_each(names, "controller_values", controller_values)
     ports_of = _of_each(names, "mapping", mapping)
@@ -380,22 +382,22 @@ def lyapunov(  # noqa: PLR0913
     budget: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Exponents:
-    """Lyapunov exponents of a closed loop, and what its motion becomes.
+    """Lyapunov exponents of a closed loop, and the kind of its long-term motion.
 
     Parameters
     ----------
     loop : Loop, or a controller
-        With a communication `step`, its FMUs are followed; else the equations, in one solver. The
-        controller ``none`` leaves a plant without inputs alone.
+        With a communication `step`, its FMUs are simulated; else the equations, in one
+        solver. The controller ``none`` is for a plant without inputs.
     plant, reference, stop, step, plant_values, controller_values, mapping
-        As in `run`, around a constant set-point; the default of `stop` is 300 s here.
+        As in `run`, with a constant set-point; the default of `stop` is 300 s here.
     tolerance : float
-        Relative, of the solver of the equations; a tenth of it is tried, too.
+        Relative tolerance of the solver of the equations; a tenth of it is also tried.
     budget : float, optional
-        Processor time for the exponents of equations [s]; where they take longer, they are those
-        until there.
+        Processor time for the exponents of equations [s]; when it is used up, the exponents are
+        given up to the time reached.
     progress : function of str, optional
-        Told what is being done.
+        Called with the current step of the work.
 
     Returns
     -------
@@ -406,12 +408,12 @@ def lyapunov(  # noqa: PLR0913
     Raises
     ------
     ValueError
-        If a part or a parameter makes no sense, or the loop has no exponents here.
+        If a part or a parameter is invalid, or exponents of this loop cannot be computed.
 
     Notes
     -----
-    Tangents are followed by the variational equations with the exact Jacobian, and orthonormalized
-    as Benettin et al. (1980) do. See ``docs/stability.md``.
+    Tangent vectors follow the variational equations with the exact Jacobian, and are
+    orthonormalized as in Benettin et al. (1980). See ``docs/stability.md``.
 
     Examples
     --------
@@ -454,28 +456,28 @@ def stability_map(  # noqa: PLR0913
     workers: int = 1,
     tolerance: float | None = None,
 ) -> StabilityMap:
-    """What becomes of a closed loop over a grid of two of its parameters.
+    """Long-term motion of a closed loop over a grid of two of its parameters.
 
     Parameters
     ----------
     loop : Loop, or a controller
-        With a communication `step`, its FMUs are run; else the equations, in one solver.
+        With a communication `step`, its FMUs are run; else the equations are solved in one solver.
     x, y : str
         Axes, ``NAME=LOW:HIGH:COUNT``, such as ``sigma0_hat=66966:66968:21``.
     folder : path-like
-        Where the map is kept; a run that was killed goes on there with `resume`.
+        Folder of the map; with `resume`, an interrupted run continues there.
     plant, reference, stop, step, plant_values, controller_values, mapping
-        As in `run`, around a constant set-point; values are the same in all cells.
+        As in `run`, with a constant set-point; the values are the same in all cells.
     exponents : bool
-        Whether each cell has its largest Lyapunov exponent, too.
+        Whether the largest Lyapunov exponent of each cell is also computed.
     refine : bool
-        Whether the borders between verdicts are found within each pair of cells.
+        Whether the borders between verdicts are located between neighbouring cells.
     resume : bool
-        Whether to finish the map that the folder holds.
+        Whether to finish the map in the folder.
     workers : int
         Processes.
     tolerance : float, optional
-        Relative, of the solver of the equations. Default: 1e-8 with exponents, else 1e-6.
+        Relative tolerance of the solver of the equations. Default: 1e-8 with exponents, else 1e-6.
 
     Returns
     -------
@@ -484,7 +486,7 @@ def stability_map(  # noqa: PLR0913
     Raises
     ------
     ValueError
-        If an axis or a parameter makes no sense, or the folder holds another map.
+        If an axis or a parameter is invalid, or the folder contains another map.
     OSError
         If the results cannot be written.
 
@@ -510,30 +512,30 @@ def stability_map(  # noqa: PLR0913
 def swap_study(
     study: Path | str, folder: Path | str, resume: bool = False, workers: int = 1
 ) -> SwapStudy:
-    """Tune several controllers alike, judge them on what no tuning saw, and compare.
+    """Tune several controllers in the same way, and compare them on other duties.
 
     Parameters
     ----------
     study : path-like
         A study file, see ``docs/study.md``.
     folder : path-like
-        Where tasks that are done are kept until all are; a study that was killed goes on there with
-        `resume`.
+        Folder for finished tasks until all are done; with `resume`, an interrupted study
+        continues there.
     resume : bool
-        Whether to finish the study that the folder holds.
+        Whether to finish the study in the folder.
     workers : int
         Processes.
 
     Returns
     -------
     SwapStudy
-        ``trusted`` says whether no run failed and a twentieth of them, done again over FMUs, came
-        out the same.
+        ``trusted`` says whether no run failed, and whether a twentieth of them gave the same result
+        when repeated over FMUs.
 
     Raises
     ------
     ValueError
-        If the study makes no sense, or the folder holds another one.
+        If the study is invalid, or the folder contains another one.
     OSError
         If the results cannot be written.
 
@@ -583,37 +585,38 @@ def tune(  # noqa: PLR0913
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> TunedGains:
-    """Find the gains of one controller for one machine, and judge them on another motion.
+    """Find the gains of one controller for one machine, and test them on another motion.
 
     Parameters
     ----------
     loop : Loop, or a controller
         Its set-point and coupling are not used.
     plant, plant_values, controller_values
-        As in `run`. Gains among the values are where the search may begin.
+        As in `run`. Gains among the values are a start of the search.
     reference : str, optional
-        What to tune on, a motion in words or the path of a table. Default: a step and a reversing
-        move that the limit allows.
+        Motion for the tuning: its description or the path of a table. Default: a step and a
+        reversing move within the limit.
     stop : float, optional
-        Length of the reference [s]. Default: its end and 0.5 s.
+        Length of the reference [s]. Default: its end plus 0.5 s.
     limit : float, optional
-        Largest command, in its unit. Default: the plant's ``voltage_limit``, of an axis 36 V.
+        Largest command, in its unit. Default: ``voltage_limit`` of the plant; 36 V for an axis.
     budget : int
-        Candidates; as many again tell what more would gain.
+        Number of candidates; the same number again shows what more candidates would improve.
     seed : int
     progress : function of int and int, optional
-        Told how many candidates are done, and of how many.
+        Called with the number of finished candidates and the number of all.
 
     Returns
     -------
     TunedGains
-        ``values`` are the gains; ``trusted`` says whether all runs converged, and the loop is
-        stable where it is linear.
+        ``values`` are the gains; ``trusted`` says whether all runs converged and
+        the linearized loop is stable.
 
     Raises
     ------
     ValueError
-        If the controller states no gains, the machine no limit, or a value makes no sense.
+        If the controller has no ranges for its gains, the machine has no limit, or a value is
+        invalid.
 
     Notes
     -----
@@ -665,22 +668,23 @@ def run_trial(
     law : str
         Friction law between block and table; default that of `params`, or ``modified_lugre``.
     seed : int
-        Decides all noise.
+        Seed of all noise.
     values : mapping of str to float, optional
-        Parameters that are not nominal, as ``plant.sigma0``, ``encoder.counts`` or ``trial.speed``.
+        Parameters with other than nominal values, such as ``plant.sigma0``, ``encoder.counts`` or
+        ``trial.speed``.
     params : path-like, optional
-        Parameter file of the machine, which has the trials in its own size. Without it, the
-        thesis' axis.
+        Parameter file of the machine; the trials are scaled to its size. Without it, the
+        axis of the thesis.
 
     Returns
     -------
     RigRecord
-        ``record`` is what the instruments show, ``truth`` what was, arrays of shape (samples,).
+        ``record`` has the measured signals, ``truth`` the true ones, arrays of shape (samples,).
 
     Raises
     ------
     ValueError
-        If there is no such trial, law or parameter, or the trial means nothing for the machine.
+        If there is no such trial, law or parameter, or the trial does not apply to the machine.
 
     Examples
     --------
@@ -710,15 +714,15 @@ def read_force_records(
     Parameters
     ----------
     paths : sequence of path-like
-        Files of measured data of any known format, or folders that the rig wrote.
+        Files of measured data in any known format, or folders written by the rig.
     mapping : mapping of str to str, optional
-        Names of columns, ``theirs -> ours``: ``time``, ``x``, ``force``.
+        Names of columns, from the name in the file to ``time``, ``x`` or ``force``.
     units : mapping of str to str, optional
-        Unit of a column of ours; default what the file says, else SI.
+        Unit of each of these columns; default: the unit in the file, else SI.
     mass : float, optional
         Mass between load cell and friction [kg].
     lead : float, optional
-        Way of the screw per turn [m], for angles and torques.
+        Lead of the screw: travel per turn [m], for angles and torques.
 
     Returns
     -------
@@ -727,7 +731,7 @@ def read_force_records(
     Raises
     ------
     BadRecord
-        With one line that says what cannot be used and why.
+        In one line: what cannot be used and why.
     """
     from .records.reading import read_force_records as read
 
@@ -745,9 +749,9 @@ def read_drive_records(
     Parameters
     ----------
     paths : sequence of path-like
-        Files of measured data of any known format.
+        Files of measured data in any known format.
     mapping, units, lead
-        As in `read_force_records`; columns are ``time``, ``u``, ``x`` and perhaps ``i``.
+        As in `read_force_records`; columns are ``time``, ``u``, ``x`` and, optionally, ``i``.
 
     Returns
     -------
@@ -756,7 +760,7 @@ def read_drive_records(
     Raises
     ------
     BadRecord
-        With one line that says what cannot be used and why.
+        In one line: what cannot be used and why.
     """
     from .records.reading import read_drive_records as read
 
@@ -778,7 +782,7 @@ def read_parameters(path: Path | str) -> ParameterFile:
     Raises
     ------
     BadParameters
-        With one line that says where the file makes no sense.
+        In one line: what is wrong in the file, and where.
     """
     from .orchestration.parameter_reading import read_parameters as read
 
@@ -798,33 +802,35 @@ def identify(
     Parameters
     ----------
     records : path-like, or sequence of Record or path-like
-        Of `read_force_records`; files with the columns ``time``, ``x`` and ``force`` in SI units,
-        or that say their units, also by their paths.
+        Result of `read_force_records`; or paths of files with the columns ``time``, ``x`` and
+        ``force`` in SI units or in units stated in the file.
     law : str
         A law of `catalogue`.
     fixed : mapping of str to float, optional
         Parameters that are known, in SI units.
     offset : bool
-        Whether a constant force is fitted, too.
+        Whether a constant force is also fitted.
     params : ParameterFile, optional
-        What is known; the written file keeps what the records do not show.
+        Known values; the written file keeps the values that the records do not identify.
     mass : bool
-        Whether the mass is fitted, too, instead of taken from the records.
+        Whether the mass is also fitted, instead of taken from the records.
 
     Returns
     -------
     IdentifiedLaw
-        ``parameters`` have 95 % intervals; what is not identified says why and what would do.
+        ``parameters`` have 95 % intervals; for each parameter that is not identified, the reason
+        and a remedy are given.
 
     Raises
     ------
     ValueError
-        If there is no such law, a parameter cannot be held so, or a file cannot be used.
+        If there is no such law, a parameter cannot be fixed at the given value, or a file cannot be
+        used.
 
     Notes
     -----
-    Maximum likelihood by Fisher scoring, with errors from pieces of the records; the thesis' own
-    formulas stand beside it.
+    Maximum likelihood by Fisher scoring, with errors from pieces of the records; estimates by the
+    formulas of the thesis are given next to it.
     """
     from .identification.identify import check_held
     from .identification.identify import identify as identified
@@ -852,32 +858,32 @@ def diagnose(
     lead: float | None = None,
     take: str | None = None,
 ) -> DiagnosisResult:
-    """What a simulation of recorded runs gets wrong, why, and how much better it can be.
+    """Find the errors of a simulation of recorded runs, their causes, and the possible improvement.
 
     Parameters
     ----------
     data : path-like or sequence of path-like
-        Files of measured data with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A].
+        Files of measured data with ``time`` [s], ``u`` [V], ``x`` [m] and, optionally, ``i`` [A].
     params : path-like, optional
-        Parameter file of the model as it is believed to be; the nominal axis by default.
+        Parameter file of the model to be tested; default: the nominal axis.
     law : str, optional
-        Friction law, in place of the file's.
+        Friction law, instead of the law in the file.
     mapping, units, lead
         As in `read_drive_records`.
     take : str, optional
-        A cause to be built in, as one of several suspects; what it gains is measured.
+        A cause to include in the model, one of several suspects; its gain is measured.
 
     Returns
     -------
     DiagnosisResult
-        ``causes`` are those that gain on data that neither their choice nor their fit has seen;
-        ``verdict`` may be that none can be named; ``suspects`` is the smallest set that holds the
-        truth of 95 of 100 records like those of the calibration.
+        ``causes`` improve the model on data not used to select or fit them; ``verdict``
+        may be that no cause can be named; ``suspects`` is the smallest set that contains the true
+        cause in 95 of 100 records like those of the calibration.
 
     Raises
     ------
     BadRecord, BadParameters
-        With one line that says what cannot be used and why.
+        In one line: what cannot be used and why.
     """
     from .diagnosis.diagnose import diagnose as diagnosed
     from .options import check_name
@@ -902,28 +908,28 @@ def compare(
     units: Mapping[str, str] | None = None,
     lead: float | None = None,
 ) -> ModelComparison:
-    """How well the model of a parameter file does on records; nothing is fitted to them.
+    """How well the model of a parameter file predicts records; nothing is fitted to them.
 
     Parameters
     ----------
     data : path-like or sequence of path-like
-        As of `diagnose`.
+        As in `diagnose`.
     params : path-like
-        Parameter file of any command, or of yours. What `diagnose` wrote has three models: the
-        prior one, the one with values adjusted, and the corrected one.
+        Parameter file of any command, or your own. A file of `diagnose` has three models:
+        the prior one, the one with adjusted values, and the corrected one.
     mapping, units, lead
         As in `read_drive_records`.
 
     Returns
     -------
     ModelComparison
-        ``models`` has what each model leaves, root mean square, by part of the motion: the force
-        [N], and the error of the position predicted from the start of each second [m].
+        ``models`` has the rms residuals of each model, by part of the motion: of the
+        force [N], and of the position predicted from the start of each second [m].
 
     Raises
     ------
     BadRecord, BadParameters
-        With one line that says what cannot be used and why.
+        In one line: what cannot be used and why.
     """
     from .diagnosis.compare import compare as compared
     from .results.model_comparison import ModelComparison
@@ -932,7 +938,7 @@ def compare(
 
 
 def _loop(loop: Any, asked: Mapping[str, Any], **defaults: Any) -> Any:
-    """A loop of what a function was asked, or one that is there with what is to be different."""
+    """A loop from the arguments of a function, or a given loop with some values changed."""
     from .orchestration.loop import Loop, SystemLoop
 
     names = (field.name for field in fields(Loop))
@@ -943,18 +949,18 @@ def _loop(loop: Any, asked: Mapping[str, Any], **defaults: Any) -> Any:
 
 
 def _followed_loop(loop: Any, asked: Mapping[str, Any], **defaults: Any) -> Loop:
-    """A loop around a constant set-point, whose values and ports are checked now."""
+    """A loop with a constant set-point, whose values and ports are checked now."""
     from .orchestration.loop import Loop
 
     found = _loop(loop, asked, **defaults)
     if not isinstance(found, Loop):
-        raise ValueError(f"{found.label}: an .ssp is run only; give a Loop of its two parts")
+        raise ValueError(f"{found.label}: an .ssp can only be run; give a Loop of its two parts")
     if found.step is None:
         if found.mapping:
-            raise ValueError("mapping is for FMUs; give their communication step, too")
+            raise ValueError("mapping is for FMUs; give their communication step as well")
         for part in (found.plant, found.controller):
             if not part.has_equations:
-                raise ValueError(f"{part}: an FMU gives no equations; give a communication step")
+                raise ValueError(f"{part}: an FMU has no equations; give a communication step")
     found.check_values()
     return found
 
@@ -970,7 +976,7 @@ def _processes(workers: int) -> Processes:
 def _of_each(
     names: Sequence[str], argument: str, given: Mapping[str, Mapping[str, Any]] | None
 ) -> list[Mapping[str, Any]]:
-    """What is given for each controller by its name."""
+    """The values given for each controller, by its name."""
     for name in given or {}:
         if name not in names:
             raise ValueError(f"{argument} has {name!r}, expected one of {', '.join(names)}")
@@ -978,12 +984,12 @@ def _of_each(
 
 
 def _paths(given: Any) -> Any:
-    """A sequence of files; one of them may be given alone."""
+    """A sequence of files, also if a single file is given."""
     return [given] if isinstance(given, str | Path) else given
 
 
 def _as_it_is_now(part: str) -> str:
-    """The same part; if it comes from a Python file, the file is read again."""
+    """The same part; a Python file is read again."""
     from .instruments import bare
     from .solver.component_file import names_file, read_component
 

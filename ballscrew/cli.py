@@ -1,8 +1,8 @@
 """The ``ballscrew`` command: a thin layer over the library's functions.
 
-Exit codes: 0 done and trusted; 1 done, but the result says not to believe it or the run stopped
-early; 2 the request makes no sense, with one line on standard error that says why; 70 an error in
-this program, with one line that says what to report.
+Exit codes: 0 done and trusted; 1 done, but the result is not trusted or the run stopped
+early; 2 the request is invalid, and one line on standard error says why; 70 an error in
+this program, and one line says what to report.
 """
 
 from __future__ import annotations
@@ -53,12 +53,13 @@ _DRAWING = ("run", "swap", "tune", "lyapunov", "map", "identify", "diagnose", "c
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    # pictures go into files, so that a choice of windows, good or bad, decides nothing
+    # pictures go into files, so that the window system does not matter
     os.environ["MPLBACKEND"] = "agg"
-    # matrices are small here: threads cost more than they bring
+    # matrices are small here: threads cost more time than they save
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a name may have letters that a terminal has not
+        # a name may have letters that a terminal cannot print
+        if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
         options = command_parser().parse_args(arguments)
@@ -69,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BadRequest as error:
         return complain(str(error))
     except MemoryError:
-        return complain("memory ran out; ask for less at a time, such as a longer --step")
+        return complain("not enough memory; reduce the work, for example by a longer --step")
     except OSError as error:
         forget_output()
         where = f"{error.filename}: " if error.filename else "output cannot be written: "
@@ -81,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 class _Version(argparse.Action):
-    """Print the version, which takes a while to look up, and exit."""
+    """Print the version, which takes time to look up, and exit."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
         from . import __version__
@@ -94,8 +95,9 @@ def command_parser() -> argparse.ArgumentParser:
     """The parser of the command with all its subcommands."""
     parser = Parser(
         prog="ballscrew",
-        description="Friction, co-simulation and stability: a ball-screw axis and its controllers "
-        "as FMUs, coupled so that the closed loop is right.",
+        description="Friction, co-simulation and stability of a ball-screw axis and its "
+        "controllers. Plant and "
+        "controllers are FMUs; each closed-loop run checks its own coupling error.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -122,6 +124,6 @@ def command_parser() -> argparse.ArgumentParser:
         command.add_parser(commands, Parser)
     for name in _DRAWING:
         commands.choices[name].add_argument(
-            "--svg", action="store_true", help="pictures as SVG, too, beside PNG"
+            "--svg", action="store_true", help="write the pictures also as SVG"
         )
     return parser

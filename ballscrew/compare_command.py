@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from .diagnosis.blocks import Estimate
     from .diagnosis.compared import Compared, Left
 
-_EXAMPLES = """RECORD are files of measured data with the columns time [s], u [V] and x [m], or
-v [m/s] where no position was recorded; i [A] without u is taken as the command. FILE.toml is what
-identify or diagnose wrote, or yours, see docs/parameters.md. Of what diagnose wrote, three models
-are compared: the prior one, the one with values adjusted, and the corrected one.
+_EXAMPLES = """RECORD are files of measured data with the columns time [s], u [V] and x [m], or v
+[m/s] if no position was recorded. If there is i [A] and no u, i is used as the command. FILE.toml
+is a file of identify or diagnose, or your own, see docs/parameters.md. For a file of diagnose,
+three models are compared: the prior one, the one with adjusted values, and the corrected one.
 
 examples:
   ballscrew compare run.csv --params axis.toml
@@ -35,13 +35,14 @@ _WIDE = 31  # of a column of figures
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
-    """Add the sub-command to the command's sub-parsers, which make it a `parser_class`."""
+    """Add the sub-command to the sub-parsers of the command; its parser is a `parser_class`."""
     del parser_class
     parser = commands.add_parser(
         "compare",
-        help="compare a model with a record: what it leaves in force and in position",
-        description="Say what the model of a parameter file leaves of a record: the force, by part "
-        "of the motion, and the error of the position predicted from the start of each second. "
+        help="compare a model with a record: its errors in force and in position",
+        description="Print the errors of the model of a parameter file on a record: of the "
+        "force, by part of the motion, and of the position predicted from the start of each "
+        "second. "
         "Nothing is fitted. With --out: compare.json and a picture.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -92,7 +93,7 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def table(result: Compared) -> str:
-    """The result for a reader, 95 % intervals in brackets."""
+    """The result as text, with 95 % intervals in brackets."""
     says = f"{result.says}."
     lines = [says[0].upper() + says[1:], f"{', '.join(result.records)}, {result.seconds:.3g} s"]
     if result.diagnosed:
@@ -104,7 +105,7 @@ def table(result: Compared) -> str:
     lines += _block(result, f"position within 1 s [{unit}]", per_metre, lambda left: left.position)
     if result.gains:
         titles = "".join(f"{t:>{_WIDE}}" for t in ("force [%]", "position [%]"))
-        lines += ["", f"{'gain, share of the mean square':<40}{titles}"]
+        lines += ["", f"{'gain, in % of the mean square':<40}{titles}"]
     for g in result.gains:
         figures = "".join(f"{_figure(e, 100.0):>{_WIDE}}" for e in (g.force, g.position))
         lines.append(f"{f'{g.model} over {g.over}':<40}{figures}")
@@ -114,7 +115,7 @@ def table(result: Compared) -> str:
 def _block(
     result: Compared, title: str, size: float, of: Callable[[Left], Estimate | None]
 ) -> list[str]:
-    """Lines of what is left: by part of the motion, and model beside model."""
+    """Lines of the residuals: by part of the motion, one column for each model."""
     from .diagnosis.compared import ALL
 
     def row(label: str, figures: Iterable[str]) -> str:

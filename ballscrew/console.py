@@ -1,4 +1,4 @@
-"""What a command prints: complaints, progress, figures and tables."""
+"""What a command prints: error messages, progress, figures and tables."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from .supervision import tell, tell_kept
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-LONGEST_LINE = 600  # characters of a complaint; what a third-party file says may be endless
+# characters of an error message; a text from a third-party file may be very long
+LONGEST_LINE = 600
 
 
 def forget_output() -> None:
-    """Leave what cannot be printed, or Python tries once more at its end."""
+    """Drop output that cannot be printed; otherwise Python tries again at exit."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -37,7 +38,7 @@ def complain(message: str) -> int:
 
 
 def complain_of_ourselves(error: Exception) -> int:
-    """One line about an error in this program; all that is known of it goes into a file."""
+    """One line about an error in this program; the details go into a file."""
     import traceback
 
     from . import __version__
@@ -52,10 +53,10 @@ def complain_of_ourselves(error: Exception) -> int:
     text = "".join([head, *traceback.format_exception(error)])
     told = "this line"
     if not fault:
-        with contextlib.suppress(OSError):  # the line is what there is
+        with contextlib.suppress(OSError):  # only the line is available
             write_atomically(place / "error.txt", text.encode("utf-8", "backslashreplace"))
             told = str(place / "error.txt")
-    complain(f"an error in ballscrew itself, please report {told}: {what}")
+    complain(f"this is an error in ballscrew itself; please report {told}: {what}")
     return INTERNAL
 
 
@@ -65,14 +66,14 @@ def print_notes(notes: Iterable[str]) -> None:
 
 
 class Bar:
-    """One line on standard error, removed at its end; silent where that is no terminal.
+    """One progress line on standard error, removed at the end; no line if that is no terminal.
 
     Parameters
     ----------
     form : str
         As tqdm's ``bar_format``.
     total, initial : float
-        What is to be done, if that is known, and what is done already.
+        The amount of work, if known, and the amount already done.
     """
 
     def __init__(self, form: str, total: float | None = None, initial: float = 0) -> None:
@@ -84,7 +85,7 @@ class Bar:
 
         from tqdm import tqdm
 
-        # no thread that watches the bar, no lock between processes: commands start processes
+        # no monitor thread and no lock between processes: commands start processes
         tqdm.monitor_interval = 0
         tqdm.set_lock(threading.RLock())
         self._bar = tqdm(
@@ -108,10 +109,10 @@ class Bar:
 
 
 class Progress:
-    """The time [s] that a run has reached; of one run after the other if they have names."""
+    """The time [s] that a run has reached; for several runs, with their names."""
 
     def __init__(self, stop: float | None) -> None:
-        self.stop = stop  # None where only the file knows it
+        self.stop = stop  # None if only the file contains it
         self.shown = 0.0
         self.name = ""
         self.bar = self._new_bar()
@@ -141,7 +142,7 @@ OF_A_STEP, OF_A_MOTION = ("settling_time_2pct", "overshoot"), ("rms_error", "lar
 
 
 def print_figures(figures: dict[str, Any], units: Mapping[str, str], folder: Path) -> None:
-    """Print the figures of a run, whose units are those of `units_of_figures`."""
+    """Print the figures of a run, in the units of `units_of_figures`."""
     labels = {
         "peak_voltage": "peak voltage" if units["peak_voltage"] == "V" else "peak command",
         "peak_voltage_time": "  at",
@@ -154,7 +155,7 @@ def print_figures(figures: dict[str, Any], units: Mapping[str, str], folder: Pat
         "coupling_residual_max": "coupling residual",
     }
     shown = list(labels) if "peak_voltage" in figures else ["coupling_residual_max"]
-    # of a step and of a motion: only one of the two pairs says anything
+    # one pair is for a step, the other for a motion: only one of them applies
     other = OF_A_STEP if figures.get("rms_error") is not None else OF_A_MOTION
     for name in (n for n in shown if n not in other):
         value = figures.get(name)
@@ -173,7 +174,7 @@ def print_figures(figures: dict[str, Any], units: Mapping[str, str], folder: Pat
 
 
 def comparison_table(rows: list[dict[str, Any]], units: Mapping[str, str]) -> str:
-    """The figures of several runs on one plant, whose units are those of `units_of_figures`."""
+    """The figures of several runs on one plant, in the units of `units_of_figures`."""
     columns = {
         "controller": ("controller", "{}"),
         "peak_voltage": (f"peak [{units['peak_voltage']}]", "{:.2f}"),
@@ -206,13 +207,13 @@ def comparison_table(rows: list[dict[str, Any]], units: Mapping[str, str]) -> st
 
 
 def tell_export(names: Sequence[str], name: str) -> None:
-    """Say how far an export is; each of its files stands by itself."""
+    """Print the progress of an export; each of its files is complete in itself."""
     tell(f"{names.index(name)} of {len(names)} files written, at {name}")
-    tell_kept("each file that is there is whole")
+    tell_kept("each file that exists is complete")
 
 
 class Stages:
-    """What is being done, and for how long the command has run."""
+    """The current step of the work, and the time since the start of the command."""
 
     def __init__(self) -> None:
         self.bar = Bar("{elapsed_s:.0f} s: {desc} ...")

@@ -1,4 +1,4 @@
-"""``ballscrew diagnose``: what a model gets wrong, why, and the corrected model."""
+"""``ballscrew diagnose``: the errors of a model, their causes, and the corrected model."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from .solver.component import Component
 
 
-_EXAMPLES = """DATA are files of measured data with the columns time [s], u [V] and x [m], or
-v [m/s] where no position was recorded, and i [A] where it was measured; i without u is taken as the
-command. Several are one study. Separators, decimal commas, lines before the table and a line of
-units are found by themselves; a column without a name goes by its number. With kind = "drive", u
-may be a force or a torque, as in --unit u=N. FILE.toml says what you believe, see
+_EXAMPLES = """DATA are files of measured data with the columns time [s], u [V] and x [m], or v
+[m/s] if no position was recorded, and i [A] if it was measured. If there is i and no u, i is used
+as the command. Several files are one study. Separators, decimal commas, lines before the table and
+a line of units are detected automatically; a column without a name is called by its number. With
+kind = "drive", u may be a force or a torque, as in --unit u=N. FILE.toml describes your model, see
 docs/parameters.md: kind ("ball_screw" or "drive"), law, [plant] in SI units and [tolerance], the
 relative tolerance of each value (default half of its interval, else 0.03).
 
@@ -59,17 +59,18 @@ _SHARES = {"": "share"}
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
-    """Add the sub-command to the command's sub-parsers, which make it a `parser_class`."""
+    """Add the sub-command to the sub-parsers of the command; its parser is a `parser_class`."""
     del parser_class
     parser = commands.add_parser(
         "diagnose",
-        help="find what a model gets wrong of measured data, and why",
-        description="Simulate the model you believe on what was recorded, name what it lacks, and "
-        "measure the gain on data held out. Writes diagnosis.json, report.html, curves.parquet "
-        "(curves.csv without pyarrow), a picture, the corrected values as parameters.toml, where "
-        "causes are found extended_plant.fmu, and unless all is explained "
-        "next_experiment.csv for the machine. Exit code 1: structure is left that no cause "
-        "explains, or what was found does not hold on data held out.",
+        help="find the errors of a model on measured data, and their causes",
+        description="Simulate your model on the recorded data, name the causes of its errors, "
+        "and measure the improvement on held-out data. Writes diagnosis.json, report.html, "
+        "curves.parquet "
+        "(curves.csv without pyarrow), a picture, the corrected values as parameters.toml, "
+        "extended_plant.fmu if causes are found, and next_experiment.csv for the machine "
+        "unless everything is explained. Exit code 1: part of the residual is not noise and no "
+        "cause explains it, or the result is not confirmed on held-out data.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -81,13 +82,13 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         metavar="DATA",
         help="text, MAT, TDMS, MDF, HDF5, Excel, Parquet or NumPy files",
     )
-    add_params(add, "the model as you believe it to be")
-    add("--law", metavar="NAME", help="friction law, in place of the file's")
+    add_params(add, "parameter file of your model")
+    add("--law", metavar="NAME", help="friction law, instead of the law in the file")
     add_record_options(add)
     add(
         "--take",
         metavar="CAUSE",
-        help="build this cause in, as one of several suspects, and measure what it gains",
+        help="include this cause, one of several suspects, in the model and measure its gain",
     )
     add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
     add("--json", action="store_true", help="print the result as JSON")
@@ -160,7 +161,7 @@ def _check_cause(name: str | None) -> None:
 
 
 def _check_overwritten(options: argparse.Namespace) -> None:
-    """Results must not take the place of what they were made from."""
+    """Results must not overwrite the files they were made from."""
 
     results = {os.path.realpath(options.out / name) for name in _FILES}
     for path in (*options.data, options.params):
@@ -190,8 +191,8 @@ def _extended(result: Diagnosis) -> _Extension:
 
 
 _OWN_GAINS = (
-    "The gains of our controllers are designed for the nominal axis and mean nothing here. With "
-    "gains of your own: ballscrew run --plant extended_plant.fmu --controller pid --set "
+    "The gains of the built-in controllers are designed for the nominal axis and are not valid "
+    "here. With your own gains: ballscrew run --plant extended_plant.fmu --controller pid --set "
     "controller.Kp=VALUE"
 )
 
@@ -202,7 +203,7 @@ def _closed_loop(result: Diagnosis, extension: _Extension) -> ClosedLoopSection:
     from .diagnosis.with_causes import with_causes
 
     if extension.plant is None:
-        because = extension.because or "No cause was named, so the closed loop stays as it is."
+        because = extension.because or "No cause was named, so the closed loop is not changed."
         return ClosedLoopSection(None, because)
     if not result.prior.has_motor:
         return ClosedLoopSection(None, _OWN_GAINS)
@@ -245,7 +246,7 @@ def _diagnosis_table(
     lines.append(f"{'residual, rms':<34}{'force [N]':>11}{'position [um]':>15}")
     rows: Sequence[tuple[str, Level]] = (
         ("prior model", result.baseline_residual),
-        (f"values adjusted, {result.held_out} held out", result.adjusted_residual),
+        (f"with adjusted values, {result.held_out} held out", result.adjusted_residual),
         (f"with causes, {result.held_out} held out", result.final_residual),
         ("noise alone", result.floor),
     )
@@ -253,17 +254,17 @@ def _diagnosis_table(
     if result.load_cell is not None:
         cell = result.load_cell
         lines.append(
-            f"load cell, which took no part: {cell.prior:.4g} N rms off the prior model, "
-            f"{cell.corrected:.4g} N off the corrected one"
+            f"load cell (not used for the diagnosis): {cell.prior:.4g} N rms from the prior model, "
+            f"{cell.corrected:.4g} N rms from the corrected one"
         )
     for c in result.causes:
         low, high = c.gain_interval
         lines += [
             "",
-            f"{c.name}: {c.says}{'' if c.certain else ' (the likeliest, not certain)'}",
+            f"{c.name}: {c.says}{'' if c.certain else ' (most probable, not certain)'}",
             f"  gain {100 * c.gain_heldout:.3g} % of the mean square in force "
             f"({100 * low:.3g} to {100 * high:.3g} %"
-            f"{', all others given' if len(result.causes) > 1 else ''}), "
+            f"{', with all others included' if len(result.causes) > 1 else ''}), "
             f"probability {c.probability:.2f}",
         ]
         for name, value in c.parameters.items():
@@ -272,7 +273,7 @@ def _diagnosis_table(
             unit = _SHARES.get(c.units.get(name, ""), c.units.get(name, ""))
             lines.append(f"  {name:<20}{value:>11.4g} {unit:<8}{between}".rstrip())
     lines += ["", *suspect_lines(result.suspects)]
-    lines += [f"without a name: structure that lives {where}" for where in result.unnamed]
+    lines += [f"no cause found: the remaining error varies {where}" for where in result.unnamed]
     if result.out_of_reach:
         lines.append(f"out of reach: {', '.join(o.name for o in result.out_of_reach)}")
     if section.effect is not None:

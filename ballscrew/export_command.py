@@ -54,16 +54,18 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         nargs="+",
         metavar="PART",
         help=f"some of {', '.join([*PLANTS, *CONTROLLERS, *INSTRUMENTS])}; or mine.py:pi, a "
-        "function of a Python file that returns a Component; or CONTROLLER+feed_forward, told the "
-        "derivatives of the set-point; or CONTROLLER+INSTRUMENT+..., a controller that measures "
+        "function of a Python file that returns a Component; or CONTROLLER+feed_forward, which "
+        "receives the derivatives of the set-point; or CONTROLLER+INSTRUMENT+..., a controller "
+        "that measures "
         "through instruments",
     )
     parser.add_argument(
         "--ssp",
         action="store_true",
-        help="instead, write one .ssp per closed loop: all FMUs, wired, with parameter sets; of "
-        "CONTROLLER+INSTRUMENT each instrument is an FMU, too; with --native, of native FMUs; with "
-        "--fmi 3 an SSP 2.0",
+        help="instead, write one .ssp per closed loop: all FMUs, connected, with parameter "
+        "sets; in CONTROLLER+INSTRUMENT each instrument is an FMU; with --native, the FMUs are "
+        "native; "
+        "with --fmi 3 an SSP 2.0",
     )
     parser.add_argument(
         "--loop",
@@ -75,38 +77,40 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser.add_argument(
         "--plant",
         metavar="PART",
-        help="with --loop or --ssp: in place of our plant another of "
-        f"{', '.join(PLANTS)}, or mine.py:axis",
+        help=f"with --loop or --ssp: another plant: {', '.join(PLANTS)}, or mine.py:axis",
     )
     parser.add_argument(
         "--variational",
         action="store_true",
-        help="instead, write FMUs that carry tangent vectors, for exponents over FMUs",
+        help="instead, write FMUs with tangent vectors, for Lyapunov exponents over FMUs",
     )
     parser.add_argument(
         "--tangents",
         metavar="N",
-        help="with --variational: tangents, as many as the loop has states (default 5)",
+        help="with --variational: number of tangent vectors, equal to the number of states of the "
+        "loop (default 5)",
     )
     parser.add_argument(
         "--modelica",
         action="store_true",
-        help="write Modelica to read and to change, NAME.mo, of parts or with --loop of a loop "
+        help="write Modelica source, NAME.mo, of parts or, with --loop, of a loop; "
         "without events, samples and delays",
     )
     parser.add_argument(
         "--native",
         action="store_true",
-        help="write FMUs of compiled C, for hosts without Python; with --variational, --loop or "
-        "--ssp, of those",
+        help="write FMUs of compiled C, for hosts without Python; also with --variational, "
+        "--loop or --ssp",
     )
     parser.add_argument("--fmi", metavar="2|3", help="with --native: version of FMI (default 2)")
     parser.add_argument(
         "--platforms",
         metavar="NAME,...",
-        help="with --native: some of linux64,win64,darwin64 (default: this one)",
+        help="with --native: one or more of linux64,win64,darwin64 (default: this platform)",
     )
-    add_params(parser.add_argument, "its values become the FMUs' start values")
+    add_params(
+        parser.add_argument, "parameter file: its values become the start values of the FMUs"
+    )
     parser.set_defaults(action=export)
 
 
@@ -125,12 +129,12 @@ def export(options: argparse.Namespace) -> int:
     check_labels(option, names)
     if options.plant is not None:
         if not whole:
-            raise BadRequest("--plant is for --loop and --ssp; of a plant alone say --component")
+            raise BadRequest("--plant is for --loop and --ssp; for a plant alone use --component")
         read_part("--plant", options.plant, PLANTS, fmus=False)
     if options.variational and options.ssp:
         raise BadRequest("--variational and --ssp: expected one of them")
     if options.tangents is not None and not options.variational:
-        raise BadRequest("--tangents makes no sense without --variational")
+        raise BadRequest("--tangents needs --variational")
     for other in ("native", "ssp", "variational"):
         if options.modelica and getattr(options, other):
             raise BadRequest(f"--modelica and --{other}: expected one of them")
@@ -177,12 +181,12 @@ def export(options: argparse.Namespace) -> int:
 
 
 def _read_native(options: argparse.Namespace) -> list[str] | None:
-    """The platforms; options that make no sense together are refused before any work is done."""
+    """The platforms; options that cannot be combined are rejected before any work is done."""
     from .solver.compilers import platforms_of
 
     for option in ("fmi", "platforms"):
         if getattr(options, option) is not None and not options.native:
-            raise BadRequest(f"--{option} makes no sense without --native")
+            raise BadRequest(f"--{option} needs --native")
     if options.fmi not in (None, "2", "3"):
         raise BadRequest(f"--fmi is {options.fmi!r}, expected one of 2, 3")
     platforms = None if options.platforms is None else options.platforms.split(",")
@@ -197,7 +201,7 @@ def _read_native(options: argparse.Namespace) -> list[str] | None:
 
 
 def _names(options: argparse.Namespace, told: ParameterFile | None, known: list[str]) -> list[str]:
-    """What to export; of a parameter file the one plant that it describes, if none is named."""
+    """What to export; with a parameter file and no name, the plant that the file describes."""
     if options.loop is not None:
         return [options.loop]
     if options.only:
@@ -209,13 +213,13 @@ def _names(options: argparse.Namespace, told: ParameterFile | None, known: list[
 
 
 def _add_reference(kernel: Kernel, fmu: Path) -> None:
-    """Write the reference files beside an FMU, or say why there are none."""
+    """Write the reference files next to an FMU, or say why there are none."""
     from .fmus.reference_files import reference_files, write_reference_files
     from .solver.kernel import IntegrationError
 
     try:
         files = reference_files(kernel)
     except (ArithmeticError, IntegrationError, ValueError) as error:
-        print_notes([f"{fmu}: no reference solution beside it: {error}"])
+        print_notes([f"{fmu}: no reference solution was written: {error}"])
         return
     write_or_refuse(partial(write_reference_files, files, fmu))

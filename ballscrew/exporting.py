@@ -1,4 +1,4 @@
-"""Parts, loops and systems as files: what `ballscrew.export` and the command both call."""
+"""Parts, loops and systems as files, for `ballscrew.export` and the command."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SYSTEM, MODELICA = ".ssp", ".mo"
 
 @dataclass(frozen=True)
 class Export:
-    """How files are made; attributes as the parameters of `ballscrew.export`."""
+    """How files are made; the attributes are the parameters of `ballscrew.export`."""
 
     plant: str = ""
     tangents: int = 0
@@ -29,9 +29,9 @@ class Export:
     platforms: Sequence[str] | None = None
 
     def write(self, part: str, path: Path, folder: Path) -> tuple[NativeFmu, Kernel]:
-        """Write a part, its loop, or with the suffix `SYSTEM` a system, around one plant a folder.
+        """Write a part, its loop or, with the suffix `SYSTEM`, a system; one plant per folder.
 
-        What is told of a system is what is told of its controller's FMU.
+        For a system, this is the progress of its controller's FMU.
         """
         from .fmus.catalogue import in_units_of, name_of
         from .instruments import without_units
@@ -47,7 +47,7 @@ class Export:
         from .fmus.system_export import export_system
 
         def element(name: str, side: str) -> Path:
-            # under the part's own name, which complaints tell
+            # under the part's own name, which error messages show
             return folder / side / f"{name_of(name)}.fmu"
 
         base, instruments = apart(self.params, part)
@@ -78,7 +78,7 @@ class Export:
         return NativeFmu(path, (), ()), kernel
 
     def _described(self) -> str:
-        """The plant that the parameter file is of, in its own units; empty where there is none."""
+        """The plant of the parameter file, in its own units; empty if there is none."""
         return self.params.plant_name if self.params and self.params.command else ""
 
     def _write_fmu(

@@ -1,4 +1,4 @@
-"""``ballscrew gallery``: well-known systems, with what is known of them and what we find."""
+"""``ballscrew gallery``: well-known systems, with published results and ours."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .results_folder import prepare_folder, save_results
 from .solver.nearest import did_you_mean
 from .supervision import tell
 
-GALLERY = "ballscrew.gallery"  # stands on this package, and is found by name
+GALLERY = "ballscrew.gallery"  # uses this package, and is imported by name
 _EXAMPLES = """examples:
   ballscrew gallery
   ballscrew gallery van_der_pol --out out/van_der_pol
@@ -28,10 +28,10 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser = commands.add_parser(
         "gallery",
         help="well-known systems with friction, impacts and limit cycles",
-        description="Without NAME, list the systems. With NAME, compute what is known of it: write "
-        "components.py (its equations, to run and to change), page.md, findings.json and "
-        "picture.png. Exit code 1: a number that the literature has comes out otherwise, and "
-        "nothing is said of why.",
+        description="Without NAME, list the systems. With NAME, compute its known "
+        "results: write components.py (its equations, to run and to change), page.md, "
+        "findings.json and picture.png. Exit code 1: a number differs from the literature, "
+        "and no reason is given.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -45,7 +45,7 @@ def gallery(options: argparse.Namespace) -> int:
     systems: dict[str, str] = import_module(GALLERY).SYSTEMS
     if options.name is None:
         if options.out is not None:
-            raise BadRequest("--out is for one system; expected its NAME, too")
+            raise BadRequest("--out is for one system; give its NAME as well")
         return _list(systems, options.json)
     if options.name not in systems:
         hint = did_you_mean(options.name, systems)
@@ -74,7 +74,7 @@ def _show(name: str, folder: Path, as_json: bool) -> int:
     prepare_folder(folder)
     system = import_module(f"{GALLERY}.{name}.findings")
     finding = import_module(f"{GALLERY}.finding")
-    tell(f"{name}: computing what is known of it")
+    tell(f"{name}: computing its known results")
     found = system.findings()
     figure = system.picture()
     rows = [finite_or_null(asdict(f) | {"agrees": f.agrees}) for f in found]

@@ -1,4 +1,4 @@
-"""``ballscrew identify``: friction parameters from recorded files, ours or anybody's."""
+"""``ballscrew identify``: friction parameters from recorded files."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from .identification.intervals import Interval
     from .orchestration.parameter_file import ParameterFile
 
-_EXAMPLES = """DATA are folders that `ballscrew rig` wrote, or files of measured data with the
+_EXAMPLES = """DATA are folders written by `ballscrew rig`, or files of measured data with the
 columns time [s], force [N] (on the block, positive in +x) and x [m], x_fine [m] or v [m/s].
-Separators, decimal commas, lines before the table and a line of units are found by themselves; a
-column without a name goes by its number. A rotary drive has x in rad, deg or rev, or v in rpm, and
-its torque as force.
+Separators, decimal commas, lines before the table and a line of units are detected automatically; a
+column without a name is called by its number. A rotary drive has x in rad, deg or rev, or v in rpm,
+and its torque as force.
 
 examples:
   ballscrew identify out/trials --law modified_lugre --out out/identified
@@ -51,14 +51,14 @@ examples:
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
-    """Add the sub-command to the command's sub-parsers, which make it a `parser_class`."""
+    """Add the sub-command to the sub-parsers of the command; its parser is a `parser_class`."""
     del parser_class
     parser = commands.add_parser(
         "identify",
         help="find friction parameters in recorded data",
         description="Write the parameters with their intervals, what cannot be identified and "
-        "why, a parameter file, and pictures. Exit code 1: some parameter is not identified, or "
-        "the law does not describe the records.",
+        "why, a parameter file, and pictures. Exit code 1: a parameter is not identified, "
+        "or the law does not describe the records.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -83,22 +83,26 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         action="append",
         default=[],
         metavar="NAME[=VALUE]",
-        help="hold a parameter of the law, or the offset, at a value in SI units (default that of "
+        help="fix a parameter of the law, or the offset, at a value in SI units (default that of "
         "--params)",
     )
     add(
         "--offset",
         action="store_true",
-        help="fit a constant force, too: a load, or the zero of the load cell; positive against "
-        "motion in +x",
+        help="also fit a constant force: a load, or the zero error of the load cell; positive "
+        "against motion in +x",
     )
     add(
         "--response",
         action="store_true",
-        help="instead of a law, the frequency response from force (or u, i) to position, of one "
-        "record with a multisine, chirp or noise: with coherence and first resonance",
+        help="instead of a law, compute the frequency response from force (or u, i) to position "
+        "from one record with a multisine, chirp or noise, with coherence and first resonance",
     )
-    add_params(add, "what is known; the written file keeps what these records do not tell")
+    add_params(
+        add,
+        "parameter file with known values; the written file keeps the values that "
+        "these records do not identify",
+    )
     add("--json", action="store_true", help="print the result as JSON")
     parser.set_defaults(action=_identify)
 
@@ -165,7 +169,7 @@ def _identify(options: argparse.Namespace) -> int:
 
 
 def _response(options: argparse.Namespace) -> int:
-    """The frequency response of one record; a law and what belongs to it are refused."""
+    """The frequency response of one record; a law and its options are rejected."""
     refused = [f"--{n}" for n in ("law", "mass", "fix", "offset") if getattr(options, n)]
     if refused or len(options.data) != 1:
         got = ", ".join(refused) or f"{len(options.data)} files"
@@ -202,7 +206,7 @@ def _response(options: argparse.Namespace) -> int:
 
 
 def _fixed(texts: Sequence[str], told: ParameterFile | None) -> dict[str, float]:
-    """Values of ``--fix``; those without one are of the parameter file."""
+    """Values of ``--fix``; names without a value take it from the parameter file."""
 
     given = read_named("--fix", [t for t in texts if "=" in t], "NAME=VALUE")
     fixed = {name: read_number(f"--fix {name}", text) for name, text in given.items()}
@@ -211,8 +215,7 @@ def _fixed(texts: Sequence[str], told: ParameterFile | None) -> dict[str, float]
             raise BadRequest(f"--fix {name} is given twice; expected once")
         if told is None or name not in told.plant:
             raise BadRequest(
-                f"--fix {name}: nobody says its value; say --fix {name}=VALUE, or give {name} in "
-                "--params"
+                f"--fix {name}: it has no value; use --fix {name}=VALUE, or give {name} in --params"
             )
         fixed[name] = told.plant[name].value
     return fixed

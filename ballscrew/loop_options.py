@@ -34,7 +34,9 @@ COUPLINGS = tuple(coupling.value for coupling in Coupling)
 def _add_loop(add: Any) -> None:
     """Options of every loop."""
     add(
-        "--plant", metavar="PART", help=f"in place of our plant, or what --params describes: {PART}"
+        "--plant",
+        metavar="PART",
+        help=f"instead of the default plant or the plant of --params: {PART}",
     )
     add_params(add)
     add(
@@ -43,18 +45,19 @@ def _add_loop(add: Any) -> None:
         default=[],
         metavar="SIDE.NAME=VALUE",
         help="a parameter or initial state, such as plant.sigma0=6e4 or "
-        "controller.sigma0_hat=66966; of one of several controllers by its name, as "
-        "iol.sigma0_hat=66966 or, of hand.fmu, hand.Kp=3",
+        "controller.sigma0_hat=66966; with several controllers use the controller's name, "
+        "such as iol.sigma0_hat=66966, or hand.Kp=3 for hand.fmu",
     )
     add(
         "--map",
         action="append",
         default=[],
         metavar="THEIRS=OURS",
-        help="a third-party FMU's port and the one it meets; of one of several controllers by its "
-        "name, as hand.pos=x",
+        help="a port of a third-party FMU and the port it is connected to; with several "
+        "controllers use the "
+        "controller's name, such as hand.pos=x",
     )
-    add("--limit-voltage", metavar="V", help="amplifier voltage limit; 36 V is nominal")
+    add("--limit-voltage", metavar="V", help="amplifier voltage limit (nominal 36 V)")
     add("--limit-current", metavar="A", help="amplifier current limit")
     add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
     add("--json", action="store_true", help="print the figures as JSON")
@@ -70,8 +73,8 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
     goal.add_argument(
         "--reference",
         metavar="CSV|MOTION",
-        help="a file with the columns time [s] and x_d [m], and v_d and a_d if it has them; or a "
-        "motion, as step:size=0.08, move:distance=0.08,speed=0.1,acceleration=1,jerk=50, "
+        help="a file with the columns time [s] and x_d [m], and optionally v_d and a_d; or "
+        "a motion, such as step:size=0.08, move:distance=0.08,speed=0.1,acceleration=1,jerk=50, "
         "sine:amplitude=1e-3,frequency=2 or triangle:amplitude=1e-3,period=1",
     )
     add("--stop", metavar="SECONDS", help="end of the run [s] (default 20, or the .ssp's)")
@@ -80,36 +83,44 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help=f"communication step [s] (default: {FIRST_STEP:g}, halved until the run is trusted)",
     )
-    add("--coupling", metavar="NAME", help=f"{', '.join(COUPLINGS)} (default: by rule, and said)")
-    add("--corrections", metavar="0|1", help="corrections of each step by rollback")
-    add("--adaptive", action="store_true", help="let the residual choose steps up to --step")
+    add(
+        "--coupling",
+        metavar="NAME",
+        help=f"{', '.join(COUPLINGS)} (default: chosen by rule, and printed)",
+    )
+    add("--corrections", metavar="0|1", help="number of corrections of each step by rollback")
+    add(
+        "--adaptive",
+        action="store_true",
+        help="choose the step by the coupling residual, up to --step",
+    )
     add(
         "--isolate",
         action=argparse.BooleanOptionalAction,
-        help="run each FMU in a process of its own (default: those not written here)",
+        help="run each FMU in its own process (default: FMUs not written by this program)",
     )
     add(
         "--time-limit",
         metavar="SECONDS",
-        help="for any one call of an FMU in a process of its own (default 60)",
+        help="time limit [s] of one call of an FMU in its own process (default 60)",
     )
     _add_loop(add)
 
 
 def add_followed_loop_options(parser: argparse.ArgumentParser, stop: str, tolerance: str) -> None:
-    """Options of a loop that is followed around a constant set-point, of `lyapunov` and `map`."""
+    """Options of a loop with a constant set-point, for `lyapunov` and `map`."""
     add = parser.add_argument
     add(
         "--controller",
         required=True,
         metavar="PART",
-        help="one of our controllers, or mine.py:pi; with --via fmu also the path of an FMU",
+        help="a built-in controller, or mine.py:pi; with --via fmu also the path of an FMU",
     )
     add(
         "--via",
         default="model",
         choices=("model", "fmu"),
-        help="the equations in one solver, or FMUs and their master (default model)",
+        help="model: the equations in one solver; fmu: FMUs and their master (default model)",
     )
     add("--step", metavar="S", help=f"with --via fmu: communication step (default {FIRST_STEP:g})")
     add("--setpoint", metavar="M", help="constant set-point (default 0.08)")
@@ -117,7 +128,7 @@ def add_followed_loop_options(parser: argparse.ArgumentParser, stop: str, tolera
     add(
         "--tolerance",
         metavar="X",
-        help=f"of the solver, relative (default {tolerance}); a tenth of it is tried, too",
+        help=f"relative tolerance of the solver (default {tolerance}); a tenth of it is also tried",
     )
     _add_loop(add)
 
@@ -129,7 +140,7 @@ def read_loops(
     fmus: bool = True,
     **how: Any,
 ) -> list[Loop]:
-    """A loop for each controller of an option, with what all loops have.
+    """A loop for each controller of an option, with the common values.
 
     Parameters
     ----------
@@ -181,9 +192,9 @@ def read_followed_loop(
     Parameters
     ----------
     tolerance : float
-        Where none is given.
+        Default.
     finest, coarsest : float
-        Between what it may be.
+        Limits of the tolerance.
 
     Raises
     ------
@@ -200,7 +211,7 @@ def read_followed_loop(
     for option in () if over_fmus else ("controller", "plant"):
         if Path(getattr(options, option) or "").suffix == ".fmu":
             raise BadRequest(
-                f"--{option} {getattr(options, option)}: an FMU gives no equations; add --via fmu"
+                f"--{option} {getattr(options, option)}: an FMU has no equations; add --via fmu"
             )
     stop = read_length("--stop", options.stop)
     step = read_step("--step", options.step or FIRST_STEP, stop) if over_fmus else None
@@ -219,8 +230,8 @@ def read_system_loop(options: argparse.Namespace) -> SystemLoop:
     for name in ("plant", "map", "params", "limit_voltage", "limit_current"):
         if getattr(options, name):
             raise BadRequest(
-                f"--{name.replace('_', '-')} makes no sense with --system, whose file says what is "
-                "connected; use --set ELEMENT.VARIABLE=VALUE"
+                f"--{name.replace('_', '-')} cannot be used with --system, whose file "
+                "defines the connections; use --set ELEMENT.VARIABLE=VALUE"
             )
     stop = None if options.stop is None else read_length("--stop", options.stop)
     how = read_coupling_options(options, stop)
@@ -230,14 +241,14 @@ def read_system_loop(options: argparse.Namespace) -> SystemLoop:
     for name, value in read_named("--set", options.set, "ELEMENT.VARIABLE=VALUE").items():
         if "." not in name:
             raise BadRequest(f"--set {name}={value}: expected ELEMENT.VARIABLE=VALUE")
-        values[name] = value  # what it may be, the FMU tells
+        values[name] = value  # the FMU tells which values are valid
     from .orchestration.loop import SystemLoop
 
     return SystemLoop(options.system, stop=stop, values=values, **how)
 
 
 def read_coupling_options(options: argparse.Namespace, stop: float | None) -> dict[str, Any]:
-    """The set-point, and what runs by name and by file have in common, checked."""
+    """The set-point, and the options that runs by name and by file have in common, checked."""
     step = None if options.step is None else read_step("--step", options.step, stop)
     if step is None and stop is not None and stop > FIRST_STEP:
         read_step("--step", FIRST_STEP, stop)  # the first that is tried
@@ -254,9 +265,9 @@ def read_coupling_options(options: argparse.Namespace, stop: float | None) -> di
     limit = options.time_limit
     for option, given in (("isolate", options.isolate), ("time-limit", limit is not None)):
         if given and coupling and coupling.value == "monolithic":
-            raise BadRequest(f"--{option} is for FMUs, and --coupling monolithic runs none")
+            raise BadRequest(f"--{option} is for FMUs, and --coupling monolithic uses none")
     if limit is not None and options.isolate is False:
-        raise BadRequest("--time-limit is for FMUs in a process of their own; see --no-isolate")
+        raise BadRequest("--time-limit is for FMUs in their own process; see --no-isolate")
     time_limit = guard(lambda: check_time_limit("--time-limit", limit or TIME_LIMIT))
     return how | {"coupling": coupling, "corrections": corrections, "time_limit": time_limit}
 
@@ -264,10 +275,10 @@ def read_coupling_options(options: argparse.Namespace, stop: float | None) -> di
 def read_settings(
     options: argparse.Namespace, controllers: Sequence[str]
 ) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
-    """What ``--set`` and the limits give the plant, and each controller."""
+    """Values of ``--set`` and of the limits for the plant, and for each controller."""
     plant: dict[str, float] = {}
     values: dict[str, dict[str, float]] = {name: {} for name in controllers}
-    # what is said of one controller wins over what is said of all
+    # a value for one controller has priority over a value for all
     texts = read_named("--set", options.set, "SIDE.NAME=VALUE")
     for name in sorted(texts, key=lambda name: not name.startswith("controller.")):
         side, parameter = split_side(name, controllers)

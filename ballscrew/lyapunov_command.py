@@ -26,7 +26,7 @@ BUDGET = "60"
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
-    """Add the sub-command to the command's sub-parsers, which make it a `parser_class`."""
+    """Add the sub-command to the sub-parsers of the command; its parser is a `parser_class`."""
     del parser_class
     parser = commands.add_parser(
         "lyapunov",
@@ -41,9 +41,10 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "--budget",
         default=BUDGET,
         metavar="S",
-        help="seconds of processor time for the exponents of equations; where they take longer, "
-        "they are those until there, and the verdict comes from the motion alone, for which half "
-        f"as much is given (default {BUDGET})",
+        help="processor time [s] for the exponents of equations; when it is used up, the "
+        "exponents are given up to the time reached, and the verdict comes from the motion alone, "
+        "which "
+        f"gets half as much time (default {BUDGET})",
     )
     parser.set_defaults(action=_lyapunov)
 
@@ -79,7 +80,7 @@ def _lyapunov(options: argparse.Namespace) -> int:
         _show(figures, options.out)
     if figures["time_s"] < loop.stop and figures["diverges_at_s"] is None:
         print_notes(
-            [f"the exponents are those until t = {figures['time_s']:g} s, not {loop.stop:g} s"]
+            [f"the exponents are computed up to t = {figures['time_s']:g} s, not {loop.stop:g} s"]
         )
     if not result.decided:
         print(f"undecided; what would decide: {figures['would_decide']}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""``ballscrew map``: what becomes of a closed loop over a grid of two parameters."""
+"""``ballscrew map``: long-term motion of a closed loop over a grid of two parameters."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ _EXAMPLES = """examples:
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
-    """Add the sub-command to the command's sub-parsers, which make it a `parser_class`."""
+    """Add the sub-command to the sub-parsers of the command; its parser is a `parser_class`."""
     del parser_class
     parser = commands.add_parser(
         "map",
         help="stability maps over two parameters of plant or controller",
         description="Write map.parquet (a row a cell: the two parameters, verdict, final_error, "
         "lambda1_bits_per_s, oscillation_amplitude, reason of an undecided one; map.csv without "
-        "pyarrow), map.json and a picture. Chunks are written as they are done; a killed run goes "
-        "on with --resume.",
+        "pyarrow), map.json and a picture. Finished chunks are written at once; an interrupted run "
+        "continues with --resume.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -50,12 +50,16 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
             required=True,
             metavar="NAME=LOW:HIGH:COUNT",
             help="parameter or initial state (x_start) of controller or plant, setpoint, or "
-            "design.NAME: of the plant on which nctf is designed",
+            "design.NAME: a parameter of the plant for which nctf is designed",
         )
-    add("--exponents", action="store_true", help="the largest Lyapunov exponent of each cell, too")
+    add(
+        "--exponents",
+        action="store_true",
+        help="also compute the largest Lyapunov exponent of each cell",
+    )
     add("--refine", action="store_true", help="find the borders between verdicts: borders.csv")
     add_worker_options(parser)
-    add("--resume", action="store_true", help="finish the map that this folder holds")
+    add("--resume", action="store_true", help="finish the map in this folder")
     parser.set_defaults(action=_map)
 
 
@@ -87,8 +91,8 @@ def _map(options: argparse.Namespace) -> int:
     except OSError as error:
         where = f" {error.filename}" if error.filename else ""
         raise BadRequest(
-            f"cannot write{where}: {error.strerror or error}; what is done is kept, go on with "
-            "--resume"
+            f"cannot write{where}: {error.strerror or error}; finished work is kept, "
+            "continue with --resume"
         ) from error
     print_notes(summary.notes)
     figures = summary.figures()
@@ -123,14 +127,14 @@ def _show(figures: dict[str, Any], folder: Path) -> None:
 
 
 class _MapProgress:
-    """Cells that are done of all; each pass, as over the borders, counts its own."""
+    """Number of finished cells; each pass, such as that over the borders, is counted separately."""
 
     def __init__(self) -> None:
         self.bar: Bar | None = None
 
     def __call__(self, done: int, total: int) -> None:
         tell(f"{done} of {total} cells")
-        tell_kept("chunks that are done are kept, go on with --resume")
+        tell_kept("finished chunks are kept, continue with --resume")
         if self.bar is None or total != self.bar.total:
             self.finish()
             self.bar = Bar("{bar} {n} of {total} cells, {remaining} left", total, initial=done)

@@ -1,4 +1,4 @@
-"""``ballscrew new``: a controller of one's own to begin with, and its test."""
+"""``ballscrew new``: a first controller of your own, and its test."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from .options import TRUSTED, BadRequest, out_folder
 from .results_folder import write_or_refuse
 
-_SIDES = ("plant", "controller")  # whom --set and --map mean by these words
+_SIDES = ("plant", "controller")  # reserved words of --set and --map
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -21,8 +21,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     del parser_class
     parser = commands.add_parser(
         "new",
-        help="write a controller to begin with, and its test",
-        description="Write NAME.py, a small controller that works, and test_NAME.py, its test.",
+        help="write a first controller of your own, and its test",
+        description="Write NAME.py, a small working controller, and test_NAME.py, its test.",
         epilog="example:\n  ballscrew new controller mine --out my_controllers\n",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -43,7 +43,7 @@ def new(options: argparse.Namespace) -> int:
     _check_name(name)
     for target in targets:
         if target.exists() or target.is_symlink():
-            raise BadRequest(f"{target} is there already; choose another NAME or --out")
+            raise BadRequest(f"{target} exists already; choose another NAME or --out")
     if find_spec(name) is not None:
         raise BadRequest(
             f"NAME is {name!r}, which is a module of this Python that the file would hide; choose "
@@ -72,7 +72,7 @@ def _check_name(name: str) -> None:
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or keyword.iskeyword(name):
         raise BadRequest(f"NAME is {name!r}, expected an identifier, such as my_controller")
     if name in NAMES or name in _SIDES:
-        raise BadRequest(f"NAME is {name!r}, which means a part already; choose another")
+        raise BadRequest(f"NAME is {name!r}, which is already the name of a part; choose another")
 
 
 def _fill(template: str, name: str) -> str:

@@ -1,4 +1,4 @@
-"""Reading and checking of single options; what makes no sense becomes one line for the user."""
+"""Reading and checking of single options; an invalid one gives a one-line message."""
 
 from __future__ import annotations
 
@@ -14,17 +14,20 @@ from .solver.nearest import did_you_mean
 if TYPE_CHECKING:
     from .orchestration.parts import Part
 
-# A word that begins as a number does is a value, also where argparse takes it for an option: -3e-2.
+# A word that begins like a number is a value, also where argparse takes it for an option: -3e-2.
 NEGATIVE_NUMBER = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
 TRUSTED, NOT_TRUSTED, BAD_REQUEST, INTERNAL = 0, 1, 2, 70
 
 
-OWN = "a function of a Python file that returns a Component, as mine.py:pi, or the path of an FMU"
+OWN = (
+    "a function of a Python file that returns a Component, such as mine.py:pi, or the path of "
+    "an FMU"
+)
 PART = f"a name, a controller's as NAME+INSTRUMENT+..., {OWN}"
 
 
 class BadRequest(ValueError):
-    """Something on the command line makes no sense; the message is one line for the user."""
+    """The command line is invalid; the message is one line for the user."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -48,7 +51,7 @@ def read_number(option: str, text: str | float) -> float:
 
 
 def read_length(option: str, text: str | float) -> float:
-    """How long a motion is to be [s]."""
+    """Length of a motion [s]."""
     return _asked(check_length, option, text)
 
 
@@ -60,7 +63,7 @@ def read_step(option: str, text: str | float, stop: float | None) -> float:
 def read_part(option: str, name: str, known: Collection[str], fmus: bool = True) -> Part:
     """One of the `known` names, a function of a file or, with `fmus`, an FMU.
 
-    A Python file is run here, as it is now; the command goes on with what its function made.
+    A Python file is run here; the command uses the component that its function returned.
     """
     from .orchestration.parts import resolve
 
@@ -69,7 +72,7 @@ def read_part(option: str, name: str, known: Collection[str], fmus: bool = True)
 
 
 def check_name(option: str, name: str, known: Iterable[str]) -> None:
-    """Refuse what is none of the `known` names."""
+    """Reject a name that is not among the `known` ones."""
     if name not in known:
         near = did_you_mean(name, known)
         raise BadRequest(f"{option} {name!r} is none of {', '.join(known)}{near}")
@@ -83,7 +86,7 @@ def read_pair(option: str, text: str, form: str) -> tuple[str, str]:
 
 
 def read_named(option: str, texts: Sequence[str], form: str) -> dict[str, str]:
-    """What repeated options say of each name; to say it twice would leave the first without use."""
+    """Values of a repeated option by name; a name that is given twice is an error."""
     pairs = [read_pair(option, text, form) for text in texts]
     named = dict(pairs)
     for name in named:
@@ -105,14 +108,14 @@ def read_whole_number(option: str, text: str | int, least: int, most: int | None
 
 
 def out_folder(text: str) -> Path:
-    """The folder of ``--out``; an empty name would mean the folder that the user is in."""
+    """The folder of ``--out``; an empty name would be the current folder."""
     if not text.strip():
-        raise argparse.ArgumentTypeError("is empty, expected a folder; '.' is the present one")
+        raise argparse.ArgumentTypeError("is empty; expected a folder ('.' is the current one)")
     return Path(text)
 
 
 def guard(action: Any) -> Any:
-    """Run and turn what the user can mend into one line."""
+    """Run, and turn errors that the user can correct into one line."""
     from .fmus.catalogue import UnknownComponent
     from .fmus.reading import FmuError
     from .fmus.system_reading import BadSystem

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def add_params(
-    add: Any, what: str = "values of plant and controllers; --set wins over them"
+    add: Any, what: str = "parameter file with values of plant and controllers; --set has priority"
 ) -> None:
     """Add the option to a parser, by its `add_argument`."""
     add("--params", type=Path, metavar="FILE.toml", help=f"parameter file: {what}")
@@ -26,7 +26,7 @@ def add_params(
 
 @contextlib.contextmanager
 def bad_parameters() -> Iterator[None]:
-    """Turn a parameter file that makes no sense into one line for the user."""
+    """Turn an error in a parameter file into one line for the user."""
     from .orchestration.parameter_file import BadParameters
 
     try:
@@ -36,12 +36,12 @@ def bad_parameters() -> Iterator[None]:
 
 
 def read_params(options: argparse.Namespace) -> ParameterFile | None:
-    """The file of ``--params``, if there is one; which parameters there are is not checked yet.
+    """The file of ``--params``, if there is one; the names of parameters are not checked yet.
 
     Raises
     ------
     BadRequest
-        Also where the results would take the file's place.
+        Also if the results would overwrite the file.
     """
     if options.params is None:
         return None
@@ -64,7 +64,7 @@ def params_values(
     ----------
     told : ParameterFile or None
     plant : str or None
-        What was asked for, a name or a path; None: the plant that the file describes.
+        The requested plant, a name or a path; None: the plant that the file describes.
     controllers : sequence of str
         Names or paths.
 
@@ -87,13 +87,13 @@ def params_values(
 
 
 def _plant_values(told: ParameterFile, plant: str) -> dict[str, float]:
-    """The file's values for a plant; what the plant has no use for is said."""
+    """The file's values for a plant; values that the plant does not use are reported."""
     from .orchestration.parameter_file import FMU
     from .orchestration.parts import Part
 
     others: Collection[str] = ()
     if told.law and told.kind != FMU and told.plant_name != plant:
-        # a file of another law has values that this plant has no use for
+        # a file of another law has values that this plant does not use
         others = Part(told.plant_name).parameters
     values, _ = told.plant_values(Part(plant).parameters, others)
     note_aside(told, values, plant)
@@ -101,7 +101,7 @@ def _plant_values(told: ParameterFile, plant: str) -> dict[str, float]:
 
 
 def note_aside(told: ParameterFile, values: Collection[str], plant: str) -> None:
-    """Say which of the file's values a plant has no use for."""
+    """Report which of the file's values a plant does not use."""
     aside = [n for n in (*told.plant, *told.found) if n not in values]
     if aside:
         _note(told, f"{', '.join(aside)}: {plant} has no such parameter")
@@ -118,7 +118,7 @@ def _controller_values(told: ParameterFile, name: str) -> dict[str, float]:
 
 
 def _note_other_fmus(told: ParameterFile, controllers: Sequence[str]) -> None:
-    """Say which tables are of no controller that runs here, nor of one that is known."""
+    """Report tables of controllers that do not run here and are not known."""
     from .controllers import CONTROLLERS
     from .orchestration.loop import table_of
     from .orchestration.parts import Part
@@ -135,7 +135,7 @@ def _note(told: ParameterFile, what: str) -> None:
 
 
 def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
-    """A controller and its instruments, as an .ssp has them, each with values of its own.
+    """A controller and its instruments as in an .ssp, each with its own values.
 
     Raises
     ------
@@ -149,14 +149,15 @@ def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
     base, instruments = without_instruments(plain)
     if told and instruments and Part(name).label in told.controllers:
         raise BadRequest(
-            f"{told.path}: [controller.{Part(name).label}] is of one part, and an .ssp has its "
-            "instruments apart; export without --params, and run with --set ELEMENT.VARIABLE=VALUE"
+            f"{told.path}: [controller.{Part(name).label}] is for one part, but in an .ssp its "
+            "instruments are separate parts; export without --params, and run with --set "
+            "ELEMENT.VARIABLE=VALUE"
         )
     return base + units, tuple(i + units for i in instruments)
 
 
 def plant_of(asked: str | None, told: ParameterFile | None) -> str:
-    """The plant that was asked for, else the one that a parameter file describes, else ours.
+    """The requested plant, else the one that a parameter file describes, else the default one.
 
     Raises
     ------
@@ -217,7 +218,7 @@ def kernel_with_values(
 
 
 def _is_plant(part: str) -> bool:
-    """Whether a part stands on the plant's side: nothing of it is measured or asked."""
+    """Whether a part is on the plant's side: it has no measurement or set-point."""
     from .fmus.catalogue import component
     from .instruments import bare
     from .plant import PLANTS

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RecordOptions:
-    """What the user says of the columns.
+    """Names and units of the columns as given by the user.
 
     Attributes
     ----------
     mapping, units : mapping of str to str
         ``theirs -> ours`` names, and units by our names.
     lead : float or None
-        Way of the screw per turn as ``--lead`` says it [m].
+        Lead of the screw, travel per turn, from ``--lead`` [m].
     """
 
     mapping: Mapping[str, str]
@@ -38,7 +38,7 @@ class RecordOptions:
         Raises
         ------
         BadRequest
-            If the file says the lead, too.
+            If the file also gives the lead.
         """
         from .orchestration.parameter_file import ParameterFile
 
@@ -60,18 +60,19 @@ def add_record_options(add: Any) -> None:
         action="append",
         default=[],
         metavar="OURS=UNIT",
-        help="a column's unit, or its size: time=ms, x=mm, x=rad, x=2.5e-6*m, u=N*m "
-        "(default what the file says; SI where it calls the column by our name)",
+        help="a column's unit, or its size: time=ms, x=mm, x=rad, x=2.5e-6*m, "
+        "u=N*m (default: the unit in the file; SI if the column has one of our names)",
     )
     add(
         "--lead",
         metavar="METRES",
-        help="way of the screw per turn, for rad, deg, rev, rpm and N*m (default by p of --params)",
+        help="lead of the screw, travel per turn, for rad, deg, rev, rpm and N*m (default: p of "
+        "--params)",
     )
 
 
 def read_record_options(options: argparse.Namespace) -> RecordOptions:
-    """What the options say.
+    """The values of the options.
 
     Raises
     ------
@@ -87,7 +88,7 @@ def read_record_options(options: argparse.Namespace) -> RecordOptions:
 
 
 def print_notes(notes: Sequence[str], as_json: bool) -> None:
-    """Notes for the user; what stands for what in a body that turns is for readers of JSON."""
+    """Notes for the user; the notes on names for a rotating body are only for readers of JSON."""
     from .orchestration.parameter_file import TURNS
     from .orchestration.turning_words import words_for
 

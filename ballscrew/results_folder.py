@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 def write_or_refuse(action: Callable[[], T]) -> T:
-    """What an action returns, unless it finds that something cannot be written."""
+    """The result of an action; an error if something cannot be written."""
     try:
         return action()
     except OSError as error:
@@ -24,7 +24,7 @@ def write_or_refuse(action: Callable[[], T]) -> T:
 
 
 def save_results(folder: Path, save: Callable[[Path], None]) -> None:
-    """Write the results of a run, in place of those of the run before."""
+    """Write the results of a run, and replace those of the previous run."""
     from .orchestration.run_folder import write_run
 
     tell("writing the results")
@@ -32,9 +32,9 @@ def save_results(folder: Path, save: Callable[[Path], None]) -> None:
 
 
 def prepare_folder(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
-    """Make the output folder before any work is done, so that a bad one costs nothing.
+    """Make the output folder before any work is done, so that an invalid one costs no time.
 
-    What is read must not be a result in there that this run's results would take the place of.
+    An input must not be a result in this folder that the new results would overwrite.
     """
     if os.path.exists(folder) and not os.path.isdir(folder):  # False for names that are too long
         raise BadRequest(f"--out {folder} is a file, expected a folder")
@@ -49,12 +49,12 @@ def prepare_folder(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
 
     print_notes(write_or_refuse(lambda: settle(folder)))
     listed = write_or_refuse(lambda: written_files(folder))
-    # realpath, since resolve raises where links lead in a circle
+    # realpath, since resolve raises if links form a circle
     results = {Path(os.path.realpath(folder / name)) for name in listed}
     for path in filter(None, inputs):
         own = Path(os.path.realpath(path))
         if own in results or any(own in result.parents for result in results):
             raise BadRequest(
-                f"{path} is a result in --out {folder}, and a new run takes the place of the one "
-                "before; choose another folder"
+                f"{path} is a result in --out {folder}, and a new run replaces the "
+                "previous one; choose another folder"
             )

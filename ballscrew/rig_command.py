@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from .rig.machine import Machine
     from .rig.rig_trials import Trial
 
-_EXAMPLES = """TRIAL is a table (2.2, 2.4, 2.6, 2.8, 2.10, 2.11), the constant velocities (2.3.1), a
-series (viscous, loading-rate, presliding), or one of its trials, as in 2.4/7. A machine of one's
-own, kind = "drive" or "rotary_drive" in FILE.toml, has the same trials in its own size. That is
-trial.speed, trial.force and trial.travel, which follow from its friction and from the limit of its
-command where nobody gives them.
+_EXAMPLES = """TRIAL is a table (2.2, 2.4, 2.6, 2.8, 2.10, 2.11), the constant velocities (2.3.1),
+a series (viscous, loading-rate, presliding), or one of its trials, such as 2.4/7. Your own
+machine, kind = "drive" or "rotary_drive" in FILE.toml, has the same trials in its own size.
+The size is trial.speed, trial.force and trial.travel; by default they follow from its friction
+and the limit of its command.
 
 examples:
   ballscrew rig --list
@@ -39,13 +39,13 @@ MOST_DIGITS = 40  # of a seed: more than 128 bits need
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
-    """Add the sub-command to the command's sub-parsers, which make it a `parser_class`."""
+    """Add the sub-command to the sub-parsers of the command; its parser is a `parser_class`."""
     del parser_class
     parser = commands.add_parser(
         "rig",
-        help="run trials on the virtual test rig, with the thesis' axis or a drive of your own",
-        description="Write what the rig's instruments would have recorded, and the truth beside "
-        "it. Exit code 1: recorded, but an instrument or the travel was past its range.",
+        help="run trials on the virtual test rig, with the axis of the thesis or your own drive",
+        description="Write the record of the rig's instruments, and the true signals next "
+        "to it. Exit code 1: recorded, but an instrument or the travel was out of range.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -57,7 +57,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         metavar="NAME",
         help=f"friction law between block and table (default that of --params, or {DEFAULT_LAW})",
     )
-    add_params(add, "the machine, and values of the rig's parts; --set wins over them")
+    add_params(
+        add, "parameter file of the machine, with values of the rig's parts; --set has priority"
+    )
     add(
         "--set",
         action="append",
@@ -65,12 +67,12 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         metavar="PART.NAME=VALUE",
         help="a parameter, such as plant.sigma0=6e4, encoder.counts=2048 or trial.speed=0.1",
     )
-    add("--seed", metavar="N", help="decides all noise (default 0)")
+    add("--seed", metavar="N", help="seed of all noise (default 0)")
     add(
         "--export",
         action="store_true",
-        help="instead, write the rig's parts as FMUs, what wires them (wiring.json), and all that "
-        "one trial gives them (values.json, outside.csv)",
+        help="instead, write the rig's parts as FMUs, their connections (wiring.json), and "
+        "all inputs of one trial (values.json, outside.csv)",
     )
     add(
         "--out",
@@ -151,7 +153,7 @@ def _rig(options: argparse.Namespace) -> int:  # noqa: PLR0915
         with _bad_rig():
             save_results(options.out, record)
     except IntegrationError as error:
-        raise BadRequest(f"{error}; a parameter makes no sense") from error
+        raise BadRequest(f"{error}; a parameter is invalid") from error
     for trial in trials:
         folder = options.out / trial.folder if len(trials) > 1 else options.out
         print(f"{trial.line()}: {folder}")
@@ -162,7 +164,7 @@ def _rig(options: argparse.Namespace) -> int:  # noqa: PLR0915
 
 @contextlib.contextmanager
 def _bad_rig() -> Iterator[None]:
-    """Turn a rig that makes no sense into one line for the user."""
+    """Turn an invalid rig into one line for the user."""
     from .orchestration.parameter_file import BadParameters
     from .plant.law import UnknownLaw
     from .rig.parameters import BadRig
@@ -175,13 +177,13 @@ def _bad_rig() -> Iterator[None]:
 
 
 def _list(machine: Machine, values: dict[str, float], told: ParameterFile | None) -> int:
-    """Print the machine's trials; of those that mean nothing for it, why."""
+    """Print the machine's trials; for trials that do not apply to it, print the reason."""
     from .rig.parameters import BadRig
     from .rig.setup import set_up
 
     for trial in machine.trials.values():
         try:
-            if not machine.is_axis:  # for that all of them are made
+            if not machine.is_axis:  # all of them are made for this
                 set_up(trial, machine, values, told=told)
             print(trial.line())
         except BadRig as error:

@@ -40,7 +40,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         help=f"{', '.join(CONTROLLERS)}, {OWN}",
     )
     what.add_argument(
-        "--system", type=Path, metavar="SSP", help="an .ssp with a plant and what commands it"
+        "--system", type=Path, metavar="SSP", help="an .ssp with a plant and its controller"
     )
     add_closed_loop_options(parser)
     parser.set_defaults(action=run)

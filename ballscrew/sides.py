@@ -1,4 +1,4 @@
-"""Whom an option means: the plant, every controller, or the one controller that it names."""
+"""Which part an option is for: the plant, every controller, or one controller."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .options import BadRequest, guard, read_named
 
 
 def mappings(options: argparse.Namespace, controllers: Sequence[str]) -> dict[str, dict[str, str]]:
-    """What ``--map`` says to each controller, ``plant.PORT`` and ``controller.PORT`` among it."""
+    """Port names of ``--map`` for each controller, also ``plant.PORT`` and ``controller.PORT``."""
 
     texts = read_named("--map", options.map, "THEIRS=OURS")
     found: dict[str, dict[str, str]] = {name: {} for name in controllers}
@@ -30,7 +30,7 @@ def mappings(options: argparse.Namespace, controllers: Sequence[str]) -> dict[st
 
 
 def _owners(port: str, plant: str, controllers: Sequence[str]) -> Sequence[str]:
-    """Controllers whose loops have a port of this name; where none has, wiring will say so."""
+    """Controllers whose loops have a port of this name; if none has it, wiring reports it."""
     if len(controllers) == 1:
         return controllers
     from .orchestration.parts import Part
@@ -44,7 +44,7 @@ def _owners(port: str, plant: str, controllers: Sequence[str]) -> Sequence[str]:
 
 
 def check_labels(option: str, parts: Sequence[str]) -> None:
-    """Refuse two parts of one name: options, tables and files could not tell them apart."""
+    """Reject two parts with the same name: options, tables and files could not distinguish them."""
     from .orchestration.parts import Part
 
     seen: dict[str, str] = {}
@@ -60,9 +60,9 @@ def check_labels(option: str, parts: Sequence[str]) -> None:
 
 
 def labels_of(controllers: Sequence[str]) -> dict[str, str]:
-    """Controllers by what they are called in options; those of the words for sides are not.
+    """Controllers by their names in options; the words for sides are not names.
 
-    Without its instruments, where no other is called so, too: ``pid`` for ``pid+position_encoder``.
+    Without its instruments, if no other has the same name: ``pid`` for ``pid+position_encoder``.
     """
     from .instruments import bare
     from .orchestration.parts import Part
@@ -77,7 +77,7 @@ def labels_of(controllers: Sequence[str]) -> dict[str, str]:
 def split_side(name: str, controllers: Sequence[str]) -> tuple[str, str]:
     """Side and name of ``SIDE.NAME``: plant, controller, or a controller's own; "" if it has none.
 
-    A file's name may have dots: the longest that fits is meant.
+    A file's name may have dots: the longest match is used.
     """
     sides = ("plant", "controller", *labels_of(controllers))
     side = max((s for s in sides if name.startswith(f"{s}.")), key=len, default="")
@@ -85,7 +85,7 @@ def split_side(name: str, controllers: Sequence[str]) -> tuple[str, str]:
 
 
 def meant(side: str, controllers: Sequence[str]) -> Sequence[str]:
-    """The controllers that a side's name means."""
+    """The controllers of a side's name."""
     if side == "controller":
         return controllers
     return [c for label, c in labels_of(controllers).items() if label == side]

@@ -1,4 +1,4 @@
-"""``ballscrew study``: tune controllers alike, judge them on what was never seen, compare."""
+"""``ballscrew study``: tune controllers in the same way, test them on unseen duties, compare."""
 
 from __future__ import annotations
 
@@ -23,22 +23,23 @@ _EXAMPLES = """examples:
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
-    """Add the sub-command to the command's sub-parsers, which make it a `parser_class`."""
+    """Add the sub-command to the sub-parsers of the command; its parser is a `parser_class`."""
     del parser_class
     parser = commands.add_parser(
         "study",
-        help="tune several controllers alike, judge them on other plants and duties, compare",
+        help="tune several controllers in the same way, test them on other plants and duties, and "
+        "compare them",
         description="Write report.html, study.json and runs.parquet (a row a run; runs.csv without "
-        "pyarrow). What is done is kept as it is done; a killed study goes on with --resume. Exit "
+        "pyarrow). Finished tasks are kept; an interrupted study continues with --resume. Exit "
         "code 1: done, but runs failed, or runs over FMUs differ.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("study", type=Path, metavar="STUDY.toml", help="what to do, see docs/study.md")
+    add("study", type=Path, metavar="STUDY.toml", help="study file, see docs/study.md")
     add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
     add_worker_options(parser)
-    add("--resume", action="store_true", help="finish the study that this folder holds")
+    add("--resume", action="store_true", help="finish the study in this folder")
     add("--json", action="store_true", help="print the answers as JSON")
     parser.set_defaults(action=_study)
 
@@ -77,7 +78,7 @@ def _show(result: SwapStudy, folder: Path) -> None:
 
 
 class _StudyProgress:
-    """What is done of each stage."""
+    """Progress of each stage."""
 
     def __init__(self) -> None:
         self.bar: Bar | None = None
@@ -85,7 +86,7 @@ class _StudyProgress:
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         tell(f"{stage}: {done} of {total} tasks")
-        tell_kept("tasks that are done are kept, go on with --resume")
+        tell_kept("finished tasks are kept, continue with --resume")
         if self.bar is None or stage != self.stage:
             self.finish()
             self.stage = stage

@@ -1,12 +1,12 @@
-"""The command runs in a child process, so that an interrupt ends it at once, whatever it does.
+"""The command runs in a child process, so that an interrupt always ends it at once.
 
-Compiled code that runs for minutes, a third-party library or a picture being drawn do not look for
-signals. The process that the user sees therefore does nothing but wait. At SIGINT or SIGTERM it
-ends the child, sees to it that the results folder holds one whole run, prints one line that says
-how far the work was, and exits with code 130. The child ends with it, however it ends.
+Compiled code that runs for minutes, third-party libraries and plotting do not check for
+signals. The process that the user sees therefore only waits. At SIGINT or SIGTERM it ends the
+child, makes sure that the results folder contains one complete run, prints one line about
+the progress, and exits with code 130. The child always ends together with it.
 
-Where the system has no such child, the command runs in the process that the user sees, and an
-interrupt is answered when Python code runs again.
+If the system does not support this, the command runs in the process that the user sees, and an
+interrupt is handled when Python code runs again.
 """
 
 from __future__ import annotations
@@ -31,26 +31,26 @@ from .orchestration.operating_system import (
 )
 
 INTERRUPTED = 130
-_BY_SIGNAL = 128  # and the signal's number, as shells have it
+_BY_SIGNAL = 128  # and the signal's number, as in shells
 _SCRATCH, _NEW = "ballscrew-run-", ".new"
 _HOW_FAR, _FOLDER, _KEPT = range(3)
 
-_told: Told | None = None  # what the child tells the other process
+_told: Told | None = None  # messages from the child to the other process
 _began = time.time()
 
 
 def tell(how_far: str) -> None:
-    """Say how far the command is, for the line that an interrupt prints."""
+    """Store the progress, for the line that an interrupt prints."""
     _say(_HOW_FAR, how_far.encode())
 
 
 def tell_folder(folder: Path) -> None:
-    """Say where the results go, so that an interrupt leaves one whole run there."""
+    """Store the results folder, so that an interrupt leaves one complete run there."""
     _say(_FOLDER, os.fsencode(os.path.abspath(folder)))
 
 
 def tell_kept(what: str) -> None:
-    """Say what an interrupt leaves of this run; nothing if this is never called."""
+    """Store what an interrupt leaves of this run; default: nothing."""
     _say(_KEPT, what.encode())
 
 
@@ -95,31 +95,31 @@ def interrupted() -> int:
 
 
 def _scratch_folder() -> str | None:
-    """Make a place for temporary files, since what is ended by a signal does not tidy up."""
+    """Make a folder for temporary files, since a process ended by a signal does not clean up."""
     try:
         new = tempfile.mkdtemp(_NEW, _SCRATCH)
-        lock(Path(new))  # until both processes end; nobody removes it where there are no locks
+        lock(Path(new))  # until both processes end; not removed if there are no locks
         folder = new.removesuffix(_NEW)
         os.rename(new, folder)
-    except OSError:  # nowhere to write: who needs a file will say so
+    except OSError:  # no writable folder: the code that needs a file reports it
         return None
     tempfile.tempdir = os.environ["TMPDIR"] = folder
     return folder
 
 
 def _remove_what_is_left(place: Path) -> None:
-    """Remove folders of commands that were killed; those of living ones are locked."""
+    """Remove folders of killed commands; folders of running commands are locked."""
     for folder in place.glob(f"{_SCRATCH}*"):
         if folder.suffix == _NEW:  # not locked yet
             continue
-        with contextlib.suppress(OSError):  # gone, nobody's folder, or locked
+        with contextlib.suppress(OSError):  # removed, another user's folder, or locked
             descriptor = lock_if_left(folder)
             shutil.rmtree(folder, ignore_errors=True)
             os.close(descriptor)
 
 
 def _tell_user(what: str) -> None:
-    """The one line of a command that was ended."""
+    """The one line about an interrupted command."""
     far = _heard(_HOW_FAR).decode("utf-8", "replace")
     far = f", {far}" if far else ""
     line = f"{what} after {time.time() - _began:.1f} s{far}; {_left()}"
@@ -128,7 +128,7 @@ def _tell_user(what: str) -> None:
 
 
 def _left() -> str:
-    """Finish or take back what the child left half written; say what is there."""
+    """Complete or undo what the child left half written; say what the folder contains."""
     where = _heard(_FOLDER)
     if not where:
         return "nothing was written"
@@ -139,7 +139,7 @@ def _left() -> str:
         notes = settle(folder)
         new = changed_since(folder, _began)
     except OSError as error:
-        return f"what {folder} holds is unknown: {error.strerror or error}"
+        return f"what {folder} contains is unknown: {error.strerror or error}"
     kept = _heard(_KEPT).decode("utf-8", "replace")
     if new:
         kept = f"all results were written to {folder}"

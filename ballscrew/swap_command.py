@@ -43,13 +43,14 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser.add_argument(
         "--sampled",
         metavar="PERIOD",
-        help="let every controller run on a computer: it reads at sample instants, so many seconds "
-        "apart, and holds its commands",
+        help="sample every controller with this period [s]: it reads at sample "
+        "instants and holds its commands",
     )
     parser.add_argument(
         "--noise",
         action="store_true",
-        help="let every controller measure through the instruments that fit it, with their errors: "
+        help="let every controller measure through the instruments that fit it, including their "
+        "errors: "
         f"{', '.join(INSTRUMENTS)}",
     )
     add_closed_loop_options(parser)
@@ -57,7 +58,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _loops(options: argparse.Namespace) -> list[Loop]:
-    """What to run, with every controller put into practice as the options say."""
+    """The controllers to run, sampled and with instruments as the options say."""
     from .orchestration.in_practice import in_practice
 
     option, asked = "--controllers", options.controllers
@@ -80,7 +81,7 @@ def _loops(options: argparse.Namespace) -> list[Loop]:
 
 
 def _refuse_another(options: argparse.Namespace, parameter: str) -> None:
-    """Refuse a sampling period by ``--set`` beside that of ``--sampled``."""
+    """Reject a sampling period by ``--set`` together with ``--sampled``."""
     for text in options.set:
         if text.partition("=")[0].strip().endswith(f".{parameter}"):
             raise BadRequest(f"--sampled {options.sampled} and --set {text}: expected one of them")

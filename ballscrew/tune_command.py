@@ -39,43 +39,52 @@ MOST = 100_000
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
-    """Add the sub-command to the command's sub-parsers, which make it a `parser_class`."""
+    """Add the sub-command to the sub-parsers of the command; its parser is a `parser_class`."""
     del parser_class
     parser = commands.add_parser(
         "tune",
-        help="gains of one controller for one machine, judged on a motion not tuned on",
-        description="Write parameters.toml with the gains, which run, swap and export take, "
+        help="find the gains of one controller for one machine, and test them on another motion",
+        description="Write parameters.toml with the gains, for run, swap and export, "
         "tuning.json, and pictures of motions and of the frequency response. Exit code 1: done, "
-        "but a run failed or is not converged, or the loop is unstable where it is linear.",
+        "but a run failed or is not converged, or the linearized loop is unstable.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("--controller", required=True, metavar="NAME", help=f"one of {', '.join(CONTROLLERS)}")
-    add("--plant", metavar="PART", help=f"in place of what --params describes, or ours: {PART}")
-    add_params(add, "values of the machine; --set wins over them")
+    add(
+        "--plant",
+        metavar="PART",
+        help=f"instead of the plant of --params or the default one: {PART}",
+    )
+    add_params(add, "parameter file of the machine; --set has priority")
     add(
         "--set",
         action="append",
         default=[],
         metavar="SIDE.NAME=VALUE",
-        help="a parameter, such as plant.m=40; a gain is where the search may begin",
+        help="a parameter, such as plant.m=40; a gain is a start of the search",
     )
     add(
         "--limit",
         metavar="U",
-        help="largest command, either sign, in its unit: N where the command is the force, else V "
-        "(default: voltage_limit of the parameter file; for axes 36 V)",
+        help="largest command, of either sign, in its unit: N if the command is a force, else "
+        "V (default: voltage_limit of the parameter file; for axes 36 V)",
     )
     add(
         "--reference",
         metavar="CSV|MOTION",
-        help="what to tune on, as run takes it (default: a step and a reversing move that the "
-        "limit allows)",
+        help="motion for the tuning, as in run (default: a step and a reversing move "
+        "within the limit)",
     )
-    add("--stop", metavar="SECONDS", help="length of --reference (default: its end and 0.5 s)")
-    add("--budget", default="100", metavar="N", help="candidates (default 100); twice are tried")
-    add("--seed", default="1", metavar="N", help="of the search (default 1)")
+    add("--stop", metavar="SECONDS", help="length of --reference (default: its end plus 0.5 s)")
+    add(
+        "--budget",
+        default="100",
+        metavar="N",
+        help="number of candidates (default 100); twice as many are tried",
+    )
+    add("--seed", default="1", metavar="N", help="seed of the search (default 1)")
     add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
     add("--json", action="store_true", help="print the figures as JSON")
     parser.set_defaults(action=_tune, map=[], limit_voltage=None, limit_current=None)
@@ -91,7 +100,7 @@ def _tune(options: argparse.Namespace) -> int:
         how["limit"] = read_number("--limit", options.limit)
     if options.stop is not None:
         if options.reference is None:
-            raise BadRequest("--stop is the length of --reference; give it, too")
+            raise BadRequest("--stop is the length of --reference; give --reference as well")
         how["stop"] = read_length("--stop", options.stop)
     (loop,) = read_loops(options, [options.controller], fmus=False)
     prepare_folder(options.out, [options.params, options.reference])
@@ -122,7 +131,7 @@ def _show(result: TunedGains, folder: Path) -> None:
 
 
 class _Progress:
-    """How many candidates are done."""
+    """Number of finished candidates."""
 
     def __init__(self) -> None:
         self.bar: Bar | None = None

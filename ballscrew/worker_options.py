@@ -1,4 +1,4 @@
-"""Where a command computes many tasks: processes of this machine, or Dask."""
+"""Workers of a command with many tasks: processes on this machine, or Dask."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOST_WORKERS = 1000
 def add_worker_options(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "--workers", metavar="N", help="processes of this machine (default: one a core)"
+        "--workers", metavar="N", help="processes on this machine (default: one per core)"
     )
     where.add_argument(
         "--dask", metavar="ADDRESS", help="a Dask scheduler, such as tcp://host:8786"
@@ -25,14 +25,14 @@ def add_worker_options(parser: argparse.ArgumentParser) -> None:
 
 
 def read_worker_count(options: argparse.Namespace) -> int:
-    """How many processes; raises `BadRequest` where that is no such number."""
+    """Number of processes; raises `BadRequest` for an invalid number."""
     if options.workers is None:
         return os.cpu_count() or 1
     return read_whole_number("--workers", options.workers, 1, MOST_WORKERS)
 
 
 def open_workers(options: argparse.Namespace, count: int) -> Workers:
-    """Dask where it is asked for, else so many processes; raises `WorkersLost`."""
+    """Dask if requested, else this number of processes; raises `WorkersLost`."""
     from .orchestration.workers import Dask, Processes
 
     return Dask(options.dask) if options.dask else Processes(count)

@@ -288,10 +288,9 @@ def compiled(folder: Path, name: str) -> Path:
     code = folder / name / "sources"
     headers = Path(fmpy.__file__).parent / "c-code"
     subprocess.run(
-        [
-            *f"gcc -O2 -shared -fPIC -I{code} -I{headers} {code}/all.c -o {folder}/{name}.so -lm".split()
-        ],
+        f"gcc -O2 -shared -fPIC -I. -I{headers} all.c -o {folder}/{name}.so -lm".split(),
         check=True,
+        cwd=code,
     )
     with zipfile.ZipFile(path, "a") as archive:
         archive.write(folder / f"{name}.so", f"binaries/linux64/{name}.so")

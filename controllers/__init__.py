@@ -1,4 +1,4 @@
-"""The controllers that are exported by name. Adding one is a file and a line here."""
+"""The controllers that are exported by name. To add one, add a file and a line here."""
 
 from importlib import import_module
 
@@ -24,16 +24,16 @@ CONTROLLERS = {
     "fuzzy_pd_i": "ballscrew.controllers.fuzzy_pd_i:fuzzy_pd_i",
     "relay": "ballscrew.controllers.relay:relay",
 }
-# takes a controller's place beside a plant without inputs; nothing to list, export or compare
+# used instead of a controller for a plant without inputs; not to be listed, exported or compared
 ALONE = {"none": "ballscrew.controllers.none:none"}
 
 
 def tunable(name: str) -> dict[str, tuple[float, float]]:
-    """What a study tunes of a controller, by parameter its range; empty where it states none.
+    """Ranges of the parameters of a controller that a study tunes; empty if it has none.
 
-    The ranges stand in the law's own file, as ``TUNABLE``; a sampled law is tuned as the continuous
-    one. Those of ``controller+feed_forward`` are the controller's and those of the feed-forward
-    that it has.
+    The ranges are in the law's own file, as ``TUNABLE``; a sampled law has the ranges of the
+    continuous one. ``controller+feed_forward`` has the ranges of the controller and of its
+    feed-forward.
     """
     law, has_forward = without_feed_forward(name)
     ranges: dict[str, tuple[float, float]] = {}

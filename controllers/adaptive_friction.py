@@ -2,16 +2,16 @@
 
 B. Friedland and Y.-J. Park, "On adaptive friction compensation", IEEE Transactions on Automatic
 Control 37, 1609 (1992), with their exponent mu = 2 and a sign that is smooth: for
-``m dv/dt = F - a S(v)``, ``S(v) = v/sqrt(v^2 + slow^2)``, where ``F`` is all force but this
-friction, the estimate
+``m dv/dt = F - a S(v)``, ``S(v) = v/sqrt(v^2 + slow^2)``, where ``F`` is the total force without
+this friction, the estimate
 
     a_hat = y - rate m v^2/2,   dy/dt = rate v (F - a_hat S(v))
 
 obeys ``d(a - a_hat)/dt = -rate v S(v) (a - a_hat)``, and ``v S(v) >= 0``: ``(a - a_hat)^2/2`` is a
-Lyapunov function, whatever the command does. Beyond the speed `slow` the error decays with the
-distance that is travelled, by ``exp(-rate distance)``; a block that stands teaches nothing. ``F``
-is known from the measured current: ``kt 2 pi p i - sigma2 v``. The command gets ``a_hat S(v)`` in
-volts.
+Lyapunov function for any command. Above the speed `slow` the error decays with the distance
+travelled, by ``exp(-rate distance)``; at rest the estimate does not change. ``F`` is
+computed from the measured current: ``kt 2 pi p i - sigma2 v``. ``a_hat S(v)``, in volts, is added
+to the command.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Any controller with feed-forward of the set-point's velocity and acceleration, and of friction.
 
-To the command comes what the axis needs for the desired motion,
+The voltage that the axis needs for the desired motion is added to the command,
 
     u_ff = Kvff v_d + Kaff a_d + Kfff S(v_d),    S(v) = v/sqrt(v^2 + Vff^2),
 
@@ -8,23 +8,23 @@ the inverse of the rigid axis with Coulomb friction, whose sign is smooth (M. To
 error tracking algorithm for digital control", Journal of Dynamic Systems, Measurement, and Control
 109, 65 (1987), for why a plant's inverse leaves no error; H. Olsson, K. J. Astrom, C. Canudas de
 Wit, M. Gafvert and P. Lischinsky, "Friction models and friction compensation", European Journal of
-Control 4, 176 (1998), for the friction). It is added within the law's own limit, so that an
-integral is tracked by the whole command and an observer is told the whole command.
+Control 4, 176 (1998), for the friction). It is added within the law's own limit,
+so that anti-windup and observers use the whole command.
 
-A law that damps by the measured velocity would hold against the desired motion. How v_d comes in
-there depends on what the law knows of the axis:
+A law with damping by the measured velocity would act against the desired motion. How v_d is
+used depends on the law's model of the axis:
 
-- one without a model of its own (`pid`, `lqi`, `nctf`, `fuzzy_pd_i`, `sliding_mode`,
+- a law without a model (`pid`, `lqi`, `nctf`, `fuzzy_pd_i`, `sliding_mode`,
   `super_twisting`) measures the velocity error ``v - v_d`` in place of ``v``;
-- one that has states beside its integral (`pid_dob`, `pid_lugre`, `adaptive_friction`) needs the
-  true velocity for its model; of its command each term ``-K v``, where ``K`` is a parameter,
+- a law with states in addition to its integral (`pid_dob`, `pid_lugre`, `adaptive_friction`) needs
+  the true velocity for its model; each term ``-K v`` of its command, where ``K`` is a parameter,
   becomes ``-K (v - v_d)``;
 - `p_pi` has v_d in its velocity loop already;
 - the linearizing laws (`iol`, `iol_true_acceleration`, `iol_observed`) cancel the axis' own forces,
   and an inverse of the axis would count them twice. Their demand ``-k2 a - k1 v - k0 (x - x_d)``
   gets ``k2 a_d + k1 v_d``, and nothing else: no parameter is added.
 
-A law that gives levels (`relay`) has no command that a voltage could be added to.
+A law with two levels (`relay`) has no command to which a voltage could be added.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ _COMMAND = (
 
 
 def acceleration_forward() -> float:
-    """Voltage by acceleration of the nominal axis [V*s^2/m]: of the mass, and, as friction grows
-    with the speed, of the current that the inductance delays."""
+    """Voltage per acceleration of the nominal axis [V*s^2/m]: for the mass and,
+    since friction grows with speed, for the inductance."""
     plant, sigma2 = rigid_axis(), _nominal("sigma2")
     return (plant.inertia + sigma2 * plant.electrical_time) / plant.force_per_volt
 
@@ -82,7 +82,7 @@ def feed_forward_parameters() -> tuple[Parameter, ...]:
             _nominal("Vs"),
             "m/s",
             "desired speed at which the feed-forward of friction is 0.71 of Kfff",
-            "the Stribeck velocity Vs: below, friction is that of bristles",
+            "the Stribeck velocity Vs: below this speed the bristles determine friction",
             minimum=1e-9,
         ),
     )
@@ -99,8 +99,8 @@ def with_feed_forward(law: Component) -> Component:
     Returns
     -------
     Component
-        With the inputs v_d and a_d, and the parameters of `feed_forward_parameters` but for a
-        linearizing law.
+        With the inputs v_d and a_d, and the parameters of `feed_forward_parameters`, except
+        for a linearizing law.
 
     Raises
     ------
@@ -129,19 +129,19 @@ def with_feed_forward(law: Component) -> Component:
 
 
 def is_linearizing(law: Component) -> bool:
-    """Whether its demand is the linear one of `linearization`, with the gains k0, k1 and k2."""
+    """Whether it has the linear demand of `linearization`, with the gains k0, k1 and k2."""
     return {*_DEMAND} <= {p.name for p in law.parameters}
 
 
 def _with_added_command(law: Component, acts_on_error: bool) -> Component:
-    """The law with `_COMMAND` added to what it commands.
+    """The law with `_COMMAND` added to its command.
 
     Parameters
     ----------
     law : Component
-        With all that `_COMMAND` is made of.
+        With all symbols of `_COMMAND`.
     acts_on_error : bool
-        Whether its velocity feedback is one of v - v_d already.
+        Whether its velocity feedback already uses v - v_d.
     """
     (output,) = law.outputs
     held = {symbol(d.name): d for d in law.discrete}.get(sp.sympify(output.value))
@@ -153,7 +153,7 @@ def _with_added_command(law: Component, acts_on_error: bool) -> Component:
     elif not acts_on_error:
         gains = {-symbol(p.name) * _V: symbol(p.name) for p in law.parameters}
         added += _V_D * sum(gains.get(term, 0) for term in sp.Add.make_args(command))
-    if limited and sp.diff(command, _W) == 1:  # it is in the command, and in how it is tracked
+    if limited and sp.diff(command, _W) == 1:  # it is in the command and in its anti-windup
         return law.substituted({**errors, _W: _W + added})
     whole = limit(command + added) if limited else command + added
     if held:
@@ -163,7 +163,7 @@ def _with_added_command(law: Component, acts_on_error: bool) -> Component:
 
 
 def _within_limit(value: sp.Expr) -> tuple[sp.Expr, bool]:
-    """What a command is before its limit, and whether it has one."""
+    """A command before its limit, and whether it has one."""
     if isinstance(value, sp.Piecewise):
         inner = value.args[-1].args[0]
         if value == limit(inner):

@@ -3,8 +3,8 @@
 J. Jantzen, "Foundations of Fuzzy Control", 2nd ed., Wiley (2013), chapter 4, the structure FPD+I:
 the position error and the velocity, each scaled to -1 ... 1, belong to five triangular sets that
 add up to one; a rule's weight is the product of its two memberships, its conclusion a number
-(Sugeno form of order zero), and the command is their weighted sum. The integral fills as far as the
-error belongs to "zero".
+(Sugeno form of order zero), and the command is their weighted sum. The integral grows in proportion
+to the membership of the error in "zero".
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ TUNABLE = {"range_e": (1e-3, 0.2), "range_v": (0.01, 2.0), "full": (5.0, 100.0),
 
 
 def memberships(value: sp.Expr) -> list[sp.Expr]:
-    """How far a scaled value belongs to each of the sets: triangles that add up to one."""
+    """Membership of a scaled value in each of the sets: triangles that add up to one."""
     left = [ramp(value, low, high) for low, high in itertools.pairwise(PEAKS)]
     return [a - b for a, b in itertools.pairwise((1, *left, 0))]
 
 
 def integral_gain(top_speed: float) -> tuple[float, float]:
-    """Ki [V/(m*s)] and the tracking time [s] for the PD that the rules are near zero.
+    """Ki [V/(m*s)] and the tracking time [s] for the PD controller that the rules equal near zero.
 
-    With its gains the rigid axis closes like a lag of ``(1 + b Kd)/(b Kp)``; the integral time is
-    four times this (SIMC).
+    With its gains the closed loop of the rigid axis is like a lag of ``(1 + b Kd)/(b Kp)``; the
+    integral time is four times this (SIMC).
     """
     steepness = float(RULES[2][3] / PEAKS[3]) * NOMINAL_VOLTAGE
     proportional, derivative = steepness / ERROR_RANGE, steepness / top_speed

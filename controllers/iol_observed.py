@@ -1,17 +1,17 @@
-"""Input-output linearization on what an encoder measures: all states observed.
+"""Input-output linearization with an encoder only: all states are observed.
 
-The observer is the plant's own equations with the controller's estimates, driven by the command
-that leaves the limit; the measured position corrects the observed one (D. G. Luenberger, "An
+The observer has the plant's own equations with the controller's estimates, driven by the
+command after the limit; the measured position corrects the observed one (D. G. Luenberger, "An
 introduction to observers", IEEE Transactions on Automatic Control 16, 596 (1971)):
 
     dx_hat/dt = v_hat + l (x - x_hat),
 
-and velocity, bristles and current follow their own equations. Friction and back-EMF make the axis
-forget its velocity, so their errors decay by themselves: in sliding with the plant's own two fast
+and velocity, bristles and current follow their own equations. Friction and back-EMF damp the
+velocity of the axis, so their errors decay by themselves: in sliding with the plant's own two fast
 poles, -3184 and -19 440 1/s, and that of the position with ``-l``. A correction of the velocity
-would be possible and is left out on purpose: it brings the position's error into the terms that the
-law cancels, five hundred times as large as what is left of them, and with friction a tenth off that
-loop does not come to rest.
+would be possible and is left out on purpose: it adds the position error to the terms that the law
+cancels, which are five hundred times as large as their difference; if friction differs by a tenth,
+that loop does not come to rest.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The voltage limit that controllers keep, and what their integrals do meanwhile.
+"""The voltage limit of controllers, and their anti-windup.
 
-An integral ``w`` [V] is tracked by back-calculation: to its own rate comes the part of the command
-that the limit cuts off, divided by the tracking time `Tt`. Source: K. J. Astrom and T. Hagglund,
+An integral ``w`` [V] has anti-windup by back-calculation: the part of the command beyond the limit,
+divided by the tracking time `Tt`, is added to its rate. Source: K. J. Astrom and T. Hagglund,
 "Advanced PID Control", ISA (2006), section 3.5.
 """
 

@@ -27,5 +27,5 @@ def pid_parameters() -> tuple[Parameter, ...]:
 
 
 def pid_integral(command: sp.Expr) -> State:
-    """The integral part of a law whose whole command is this."""
+    """The integral part of a law with this command."""
     return tracked_integral(symbol("Ki") * ERROR, command)

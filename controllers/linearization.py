@@ -1,7 +1,7 @@
 """Input-output linearization of the ball-screw axis (Eqs. 3.17-3.22 of the thesis).
 
-The law is derived from the plant's own equations by differentiation. With estimates in place of
-the friction parameters it cancels what it believes the plant does, and puts the poles at
+The law is derived from the plant's own equations by differentiation. With estimates instead of
+the friction parameters it cancels the estimated plant dynamics, and places the poles at
 ``-5, -6, -7`` 1/s.
 """
 
@@ -32,9 +32,9 @@ def input_output_linearization(acceleration: str = "estimated") -> Component:
     Parameters
     ----------
     acceleration : {"estimated", "true"}
-        Where the feedback takes the block's acceleration from: computed with the estimated friction
-        parameters, as a real controller must, or with the true ones, which are then parameters of
-        the controller, too, under the plant's names. The thesis does not say which it used.
+        Source of the block's acceleration: computed with the estimated friction parameters,
+        as in a real controller, or with the true ones, which are then also parameters of
+        the controller, under the plant's names. The thesis does not say which it used.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def estimates_of(
     tuple of Parameter
         The estimates, with the parameters' values as defaults.
     Parameter
-        The sharpness of the smooth sign, which belongs to the model and is not estimated.
+        The sharpness of the smooth sign, which is part of the model and is not estimated.
     """
     sharpness = next(p for p in friction.parameters if p.name == "Kv")
     known = [p for p in friction.parameters if p is not sharpness]
@@ -105,7 +105,8 @@ def estimates_of(
 def measurements_of(plant: Component) -> tuple[Input, ...]:
     """Controller inputs for all signals on which a law may act, and the set-point `x_d`.
 
-    Every controller has them all, used or not, so that one replaces the other without rewiring.
+    Every controller has them all, used or not, so that controllers can be exchanged without new
+    connections.
     """
     (command,) = plant.inputs
     outputs = [plant.output(name) for name in command.law]

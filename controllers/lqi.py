@@ -1,7 +1,7 @@
 """LQ state feedback with integral action.
 
-The plant's own equations are linearized about rest sliding: the block slides in one direction, so
-that Coulomb friction is constant and drops out, and the viscous part is left. For the states
+The plant's own equations are linearized about slow sliding: the block slides in one direction, so
+that Coulomb friction is constant and drops out, and the viscous part remains. For the states
 position error, velocity, current and the integral of the error, the gains minimize
 
     integral of (e/e_max)^2 + (v/v_max)^2 + (w/w_max)^2 + (u/u_max)^2
@@ -39,7 +39,7 @@ TUNABLE = {"Kx": (50.0, 5e4), "Kv": (0.0, 500.0), "Kc": (-50.0, 50.0), "Ki": (0.
 
 @dataclass(frozen=True)
 class LqDesign:
-    """The linear plant, the weights, and what follows.
+    """The linear plant, the weights, and the resulting gains.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ def lq_design() -> LqDesign:
 
 def lqi() -> Component:
     """`u` [V] from x, v, i and x_d."""
-    # the last digits are those of the linear algebra library; six are the same everywhere
+    # the last digits depend on the linear algebra library; six digits are the same everywhere
     gains = [float(f"{g:.6g}") for g in lq_design().gains]
     source = "Riccati equation of the axis in sliding; weights by Bryson's rule"
     error = symbol("x_d") - symbol("x")

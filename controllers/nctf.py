@@ -1,7 +1,7 @@
 """Nominal characteristic trajectory following (Eqs. 3.23-3.28 of the thesis), and its design.
 
-The thesis prints the inclination ``m = -h/A`` and divides by it; taken literally both gains are
-negative and the loop diverges. Its magnitude is meant.
+The thesis prints the inclination ``m = -h/A`` and divides by it; with this sign both gains are
+negative and the loop diverges. So the magnitude is used.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ TUNABLE = {"h": (0.01, 0.3), "c": (1.0, 500.0), "Kp": (10.0, 5e3), "Ki": (0.0, 5
 
 @dataclass(frozen=True)
 class NctfDesign:
-    """What the open-loop step gives, and the controller that follows from it.
+    """Results of the open-loop step, and the controller computed from them.
 
     Attributes
     ----------
@@ -46,8 +46,8 @@ class NctfDesign:
     proportional, integral : float
         Kp [V*s/m] and Ki [V/m].
     fit_error : float
-        Root mean square distance of the tanh to the simulated deceleration, as a share of h; NaN
-        where nothing was fitted.
+        Root mean square distance of the tanh to the simulated deceleration, as a share of
+        h; NaN if nothing was fitted.
     """
 
     mode: str
@@ -113,11 +113,11 @@ def design(
     Parameters
     ----------
     plant_parameters : mapping of str to float, optional
-        Parameters of the plant that are not nominal.
+        Parameters of the plant with other than nominal values.
     mode : {"printed", "fitted"}
-        ``printed`` keeps the thesis' h = 0.1193 m/s, reads A as the time until the speed is below
+        ``printed`` keeps the thesis' h = 0.1193 m/s, uses for A the time until the speed is below
         `stopped_speed`, and scales the thesis' tanh with it. ``fitted`` takes everything from the
-        simulated step: h is the steady speed, A the time until a percent of it is left, and c the
+        simulated step: h is the steady speed, A the time until it has fallen to 1 %, and c the
         least-squares fit of ``h tanh(c e)`` to speed against the distance still to go.
     stopped_speed : float
         For ``printed`` [m/s].
@@ -159,7 +159,9 @@ def _stopping(time: Vector, speed: Vector, threshold: float) -> float:
     """The time after which the magnitude stays below: the block springs back before it stops."""
     above = np.flatnonzero(np.abs(speed) >= threshold)
     if not len(above) or above[-1] + 1 == len(speed):
-        raise ValueError(f"the speed does not fall below {threshold:.3g} m/s for good within 1 s")
+        raise ValueError(
+            f"the speed does not fall below {threshold:.3g} m/s permanently within 1 s"
+        )
     k = above[-1] + 1
     share = (abs(speed[k - 1]) - threshold) / (abs(speed[k - 1]) - abs(speed[k]))
     return float(time[k - 1] + share * (time[k] - time[k - 1]))

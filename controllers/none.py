@@ -1,4 +1,4 @@
-"""No controller: what stands for one where a plant runs alone."""
+"""No controller, for a plant that runs alone."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ from ..solver.component import Component
 
 
 def none() -> Component:
-    """A component without signals. A plant that it can be connected with has no inputs."""
+    """A component without signals, for a plant without inputs."""
     return Component(name="none", description="No controller, the plant runs alone")

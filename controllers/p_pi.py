@@ -1,10 +1,11 @@
-"""Cascade of a position P and a velocity PI with feed-forward: what drives ship with.
+"""Cascade of a position P and a velocity PI with feed-forward: the usual controller in drives.
 
 The velocity loop is tuned by the SIMC rule for a lag with a delay (S. Skogestad, Journal of Process
-Control 13, 291 (2003)): it becomes a lag of the time `VELOCITY_TIME`. The position gain is that of
-critical damping of this lag behind an integrator, ``1/(4 VELOCITY_TIME)``. The feed-forward inverts
+Control 13, 291 (2003)): it becomes a lag of the time `VELOCITY_TIME`. The position gain gives
+critical damping of this lag with an integrator, ``1/(4 VELOCITY_TIME)``. The feed-forward inverts
 the axis without Coulomb friction: at the velocity ``v_d`` and the acceleration ``a_d`` it needs
-``v_d/b + (m R + sigma2 L)/(2 pi p kt) a_d`` volts, but for ``L m/(2 pi p kt)`` per unit of jerk.
+``v_d/b + (m R + sigma2 L)/(2 pi p kt) a_d`` volts, plus a neglected ``L m/(2 pi p kt)`` per unit of
+jerk.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from .linearization import measurements_of
 from .rigid_axis import rigid_axis
 
 VELOCITY_TIME = 0.11
-"""Closed-loop time of the velocity loop [s]: keeps an 8 cm step within the 36 V of the motor."""
+"""Closed-loop time of the velocity loop [s]: an 8 cm step stays within the 36 V of the motor."""
 
 TUNABLE = {"Kx": (0.5, 50.0), "Kp": (0.0, 500.0), "Ki": (100.0, 1e5)}
 

@@ -16,7 +16,7 @@ from .linearization import measurements_of
 from .rigid_axis import rigid_axis
 
 CLOSED_LOOP_TIME = 0.6
-"""Tuning parameter of the rule [s]: keeps an 8 cm step within the 36 V of the motor."""
+"""Tuning parameter of the rule [s]: an 8 cm step stays within the 36 V of the motor."""
 
 TUNABLE = {"Kp": (50.0, 5e4), "Ki": (0.0, 5e4), "Kd": (0.0, 500.0)}
 
@@ -38,7 +38,7 @@ def simc(
     Parameters
     ----------
     plant_parameters : mapping of str to float, optional
-        Parameters of the plant that are not nominal.
+        Parameters of the plant with other than nominal values.
     closed_loop_time : float
         The rule's one tuning parameter [s].
     """

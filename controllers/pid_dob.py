@@ -1,8 +1,8 @@
 """Position PID with a disturbance observer.
 
 The observer (K. Ohnishi, M. Shibata and T. Murakami, IEEE/ASME Transactions on Mechatronics 1, 56
-(1996)) compares the voltage that the rigid axis would need for the measured velocity with the one
-that it was given, behind the filter ``Q(s) = 1/(Tq s + 1)``:
+(1996)) compares the voltage that the rigid axis would need for the measured velocity with
+the actual one, through the filter ``Q(s) = 1/(Tq s + 1)``:
 
     d_hat = Q (v + lag dv/dt)/b - Q u
 
@@ -21,7 +21,7 @@ from .pid import TUNABLE as PID_TUNABLE
 from .rigid_axis import model_parameters, rigid_axis
 
 FILTER_RATIO = 20.0
-"""Time of the filter over the electrical one, which the observer's model leaves out."""
+"""Filter time divided by the electrical time constant, which the observer's model neglects."""
 
 TUNABLE = {**PID_TUNABLE, "Tq": (2e-4, 0.5)}
 

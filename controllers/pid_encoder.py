@@ -1,4 +1,4 @@
-"""The digital position PID with the position of an encoder, not the true one."""
+"""The digital position PID with the position of an encoder instead of the true one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["TUNABLE", "pid_encoder"]
 
 
 def pid_encoder() -> Component:
-    """`pid_sampled` behind the rig's encoder: it sees whole counts."""
+    """`pid_sampled` with the rig's encoder: it reads whole counts."""
     counts = encoder()
     named = replace(counts, outputs=(replace(counts.outputs[0], name="x_measured"),))
     return replace(

@@ -10,8 +10,8 @@ deflection is computed by their own equation, corrected by the position error,
 and the command gets ``F_hat`` in volts. The error of the observer and that of the position go to
 zero if ``(sigma1 s + sigma0)/(m s^2 + H(s))`` is strictly positive real, where ``H`` is what the
 rest of the command and the back-EMF do to the position error. ``r`` is the plant's own equation
-with estimates for its parameters. The viscous friction stays with the PID, whose tuning rule counts
-it.
+with estimates for its parameters. The viscous friction is left to the PID, whose tuning rule
+includes it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .rigid_axis import rigid_axis
 TUNABLE = {**PID_TUNABLE, "k": (0.0, 10.0)}
 
 LAST_SHARE = sp.Rational(1, 10)
-"""Of static friction: there the correction fades."""
+"""Share of static friction at which the correction decreases to zero."""
 
 
 def pid_lugre() -> Component:
@@ -40,7 +40,7 @@ def pid_lugre() -> Component:
     (bristles,) = friction.states
     hats, estimates, sharpness = estimates_of(friction)
     seen = {**hats, symbol("z"): symbol("z_hat")}
-    # what is left of static friction, as a share, in the direction in which the error corrects
+    # remaining share of static friction, in the direction of the correction
     room = 1 - sp.sign(ERROR) * symbol("sigma0_hat") * symbol("z_hat") / symbol("Fs_hat")
     bounded = ramp(room, sp.S.Zero, LAST_SHARE)
     rate = sp.sympify(bristles.derivative).xreplace(seen) + symbol("k") * ERROR * bounded

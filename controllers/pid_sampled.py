@@ -1,4 +1,4 @@
-"""The position PID as a digital controller runs it: sampled, on position alone, output held."""
+"""The digital position PID: sampled, with position only, output held."""
 
 from __future__ import annotations
 

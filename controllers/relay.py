@@ -1,8 +1,8 @@
 """Relay with hysteresis on the position.
 
-Ya. Z. Tsypkin, "Relay Control Systems", Cambridge University Press (1984). It gives ``level`` or
-``-level`` volts and changes over where the error has passed zero by ``width``; until the error is
-first beyond it, it gives none. An axis under it never rests: it swings about the set-point.
+Ya. Z. Tsypkin, "Relay Control Systems", Cambridge University Press (1984). The command is ``level``
+or ``-level`` volts and switches when the error has passed zero by ``width``; before the error first
+exceeds it, the command is zero. The axis never comes to rest: it oscillates around the set-point.
 """
 
 from __future__ import annotations

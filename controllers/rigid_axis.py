@@ -1,4 +1,4 @@
-"""What the tuning rules need of the axis: the rigid drive without Coulomb friction.
+"""Model of the axis for the tuning rules: the rigid drive without Coulomb friction.
 
 Its speed follows the voltage with the gain ``b`` and the lag ``(m + Jm (2 pi p)^2)/D``, where
 ``D = sigma2 + kt ke (2 pi p)^2 / R``; the electrical time constant ``L/R`` is neglected, or counts
@@ -22,7 +22,7 @@ class RigidAxis:
     Attributes
     ----------
     force_per_volt : float
-        Of the motor that stands still [N/V].
+        Of the motor at rest [N/V].
     damping : float
         By viscous friction and back-EMF [N*s/m].
     inertia : float
@@ -48,7 +48,7 @@ class RigidAxis:
 
 
 def rigid_axis(plant_parameters: Mapping[str, float] | None = None) -> RigidAxis:
-    """The rigid axis of the nominal plant, or of one with other parameters."""
+    """The rigid axis of the nominal plant, or of a plant with other parameters."""
     values = {p.name: p.default for p in axis().all_parameters} | dict(plant_parameters or {})
     angle = 2 * math.pi * values["p"]
     torque = values["kt"] * angle
@@ -61,7 +61,7 @@ def rigid_axis(plant_parameters: Mapping[str, float] | None = None) -> RigidAxis
 
 
 def model_parameters() -> tuple[Parameter, Parameter]:
-    """``b`` and ``lag`` of the nominal axis, as parameters of a law that is built on them."""
+    """``b`` and ``lag`` of the nominal axis, as parameters of a law that uses them."""
     axis_ = rigid_axis()
     source = "the plant's equations, rigid and without Coulomb friction"
     return (

@@ -1,4 +1,4 @@
-"""The continuous laws as a computer runs them."""
+"""The continuous laws, sampled."""
 
 from __future__ import annotations
 

@@ -3,8 +3,8 @@
 J.-J. E. Slotine and W. Li, "Applied Nonlinear Control", Prentice Hall (1991), section 7.2:
 ``u = u_eq - level sat(s/layer)``. Outside the layer ``|s|`` falls at ``(b/lag) level`` or, against
 friction, by ``(b/lag) (level - Fs R/(kt 2 pi p))``; within it ``s`` decays with the pole
-``(b/lag) level/layer``. The law has no integral: the block sticks where the friction holds what is
-left of the command, at errors up to ``Fs/(m slope pole)``.
+``(b/lag) level/layer``. The law has no integral: the block sticks if friction balances the
+remaining command, at errors up to ``Fs/(m slope pole)``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .sliding_surface import (
 )
 
 LEVEL_RATIO = 2.0
-"""Level over what static friction takes."""
+"""Ratio of the level to the voltage for static friction."""
 
 TUNABLE = {"slope": (0.5, 50.0), "level": (0.22, 36.0), "layer": (1e-4, 1.0)}
 

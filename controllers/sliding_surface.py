@@ -1,7 +1,7 @@
-"""The sliding variable of the position, and the voltage that keeps it where it is.
+"""The sliding variable of the position, and the voltage that keeps it constant.
 
 With ``s = v + slope (x - x_d)`` and the rigid axis ``lag dv/dt = b u - v``, ``ds/dt = 0`` needs
-``u_eq = (1 - lag slope) v / b``; every volt beside it changes ``s`` at ``b/lag``
+``u_eq = (1 - lag slope) v / b``; every additional volt changes ``s`` at ``b/lag``
 (V. Utkin, "Sliding Modes in Control and Optimization", Springer (1992)). On ``s = 0`` the error
 decays with ``slope``.
 """

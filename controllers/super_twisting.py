@@ -2,9 +2,9 @@
 
 A. Levant, "Sliding order and sliding accuracy in sliding mode control", International Journal of
 Control 58, 1247 (1993): ``ds/dt = -k1 sqrt(C |s|) sign(s) + y + d``, ``dy/dt = -k2 C sign(s)``
-comes to ``s = ds/dt = 0`` in finite time for every ``|dd/dt| <= C`` with ``k1 = 1.5`` and ``k2 =
-1.1`` (A. Levant, International Journal of Control 76, 924 (2003)). For ``C`` stands what bristles
-that bend at the Stribeck velocity do: ``sigma0 Vs/m``.
+reaches ``s = ds/dt = 0`` in finite time for every ``|dd/dt| <= C`` with ``k1 = 1.5`` and ``k2 =
+1.1`` (A. Levant, International Journal of Control 76, 924 (2003)). ``C`` is the rate caused by
+bristles that bend at the Stribeck velocity: ``sigma0 Vs/m``.
 
 Within ``|s| <= layer`` the root is the chord ``s/sqrt(layer)`` and the sign is ``s/layer``, so that
 the law has no infinite slope: there it is linear with the natural frequency

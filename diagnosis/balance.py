@@ -1,7 +1,7 @@
-"""What records leave of a drive's balances, in newtons, and what values and causes take from it.
+"""Residuals of a drive's balances, in newtons, and the effect of values and causes on them.
 
-A balance is told at the prior's force per unit of the command: a model whose forces and masses are
-all too small would else leave less than the true one, and a heavier model would seem to.
+A balance is scaled to the prior's force per unit of the command: otherwise a model with
+too small forces and masses would have smaller residuals than the true one.
 """
 
 from __future__ import annotations

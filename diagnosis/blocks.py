@@ -1,4 +1,4 @@
-"""Mean squares of signals, and their 95 % intervals from blocks of the signals drawn anew."""
+"""Mean squares of signals, and their 95 % intervals by resampling blocks of the signals."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What is built into a model, one after the other, each beside those before.
+"""Causes included in a model one after the other, each together with those before.
 
-Of each look the likeliest is built in, where something is wrong for certain. It is named only where
-it is certain itself, and that is told of the first.
+Of each look the most probable is built in, where something is wrong for certain. It is named only
+where it is certain itself, and that is told of the first.
 """
 
 from __future__ import annotations
@@ -77,14 +77,16 @@ def _suspects(members: Sequence[Likely]) -> list[Suspect]:
 def _taken(looked: Scored, members: Sequence[Likely], study: Study, name: str) -> Likely:
     suspect = next((s for s in looked.suspects if s.name == name), None)
     if suspect is None:
-        why = CAUSES[name].beyond(study.courses, study.model) or "no form of it fits"
+        why = CAUSES[name].beyond(study.courses, study.model) or (
+            "none of its forms fits the records"
+        )
         raise BadRecord(f"these records cannot show {name}: {why}")
     probability = next((m.probability for m in members if m.name == name), 0.0)
     return Likely(name, probability, suspect)
 
 
 def _repeats(found: Explained) -> bool:
-    """Whether more is left on data held out than laps of one motion differ by."""
+    """Whether the residual on held-out data is larger than the differences between laps."""
     if not laps_of(found.study.courses):
         return False
     left = residual(*built(found.study, found.forms, found.fit.amplitude[0]))

@@ -1,4 +1,4 @@
-"""What the causes that were found do to a closed loop, and to what its motion becomes."""
+"""Effect of the causes found on a closed loop, and on its long-term motion."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class LoopCourse:
     peak : float
         Largest magnitude of the command [V].
     becomes : str
-        What the motion becomes, as `ballscrew map` judges it.
+        Long-term motion, as in `ballscrew map`.
     evidence : str
     slowest : float or None
         Real part of the slowest eigenvalue where it comes to rest [1/s].
@@ -86,9 +86,9 @@ class ClosedLoopEffect:
     def says(self) -> str:
         """In a sentence."""
         changed = (
-            f"what the motion becomes stays: {self.prior.becomes}"
+            f"the kind of motion does not change: {self.prior.becomes}"
             if self.prior.becomes == self.extended.becomes
-            else f"the motion becomes: {self.extended.becomes}, not {self.prior.becomes}"
+            else f"the kind of motion changes: {self.extended.becomes}, not {self.prior.becomes}"
         )
         return (
             f"under {CONTROLLER} with its default gains the position differs by up to "
@@ -105,16 +105,18 @@ def closed_loop_effect(prior_model: Component, extended: Component) -> ClosedLoo
     Raises
     ------
     NoClosedLoop
-        If a plant does not go with the controller, or the solver gets no further.
+        If a plant does not fit the controller, or the solver cannot continue.
     """
     time = np.linspace(0.0, STOP, round(STOP / STEP) + 1)
     try:
         loops = [_loop(plant) for plant in (prior_model, extended)]
         return ClosedLoopEffect(time, *(_course(loop, time) for loop in loops))
     except (UnsupportedComponent, ContractError) as error:
-        raise NoClosedLoop(f"the plant does not run under {CONTROLLER}: {error}") from error
+        raise NoClosedLoop(
+            f"the plant does not fit the controller {CONTROLLER}: {error}"
+        ) from error
     except IntegrationError as error:
-        raise NoClosedLoop(f"the solver gets no further: {error}") from error
+        raise NoClosedLoop(f"the solver cannot continue: {error}") from error
 
 
 def _loop(plant: Component) -> Component:

@@ -1,4 +1,4 @@
-"""What a record's command is to a model: a voltage, or the current of a motor that is left out."""
+"""Kind of a record's command: a voltage, or the current of a motor that is not modelled."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
         if not all(currents):
             raise BadRecord(
                 f"{records[currents.index(True)].name}: has the current as its only command, and "
-                f"{records[currents.index(False)].name} does not; diagnose them apart"
+                f"{records[currents.index(False)].name} does not; diagnose them separately"
             )
         drive = driven_by_current(model)
         said = (
@@ -48,7 +48,7 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
         if record.command != VOLTAGE and model.has_motor:
             raise BadRecord(
                 f"{record.name}: u is a {record.command}, but the ball screw is driven by a "
-                'voltage; describe it as kind = "drive", whose force is gain*u'
+                'voltage; use kind = "drive", whose force is gain*u'
             )
     if model.has_motor:
         return list(records), model, []

@@ -1,4 +1,4 @@
-"""How well models do on a record: the force that they leave, and the position that they predict."""
+"""Errors of models on a record: of the force, and of the predicted position."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def compare_records(
     Raises
     ------
     BadRecord, BadParameters
-        With one line that says what cannot be used and why.
+        In one line: what cannot be used and why.
     """
     told = file.diagnosis
     if told is None:
@@ -98,7 +98,7 @@ def compare_records(
         progress(f"solving the {name} model" if told else "solving the model")
         found[name] = _along(courses, model, extras[name])
         if found[name].why:
-            notes.append(f"no position is predicted of the {name} model: {found[name].why}")
+            notes.append(f"no position is predicted with the {name} model: {found[name].why}")
     return _compared(courses, models, found, told, notes)
 
 
@@ -117,7 +117,7 @@ class _Extra:
 
 @dataclass(frozen=True)
 class _Found:
-    """What one model leaves, the records end to end, shape (n,); not all have a prediction."""
+    """Residuals of one model, the records end to end, shape (n,); not all have a prediction."""
 
     force: Vector
     required: Vector
@@ -129,7 +129,7 @@ class _Found:
 
 
 def _along(courses: Sequence[ModelledRecord], model: Drive, extra: _Extra) -> _Found:
-    """What a model leaves of the records."""
+    """Residuals of a model on the records."""
     added = extra.added
     required = [_required(c, model, u) for c, u in zip(courses, added.command, strict=True)]
     left = residual(courses, model, added)
@@ -297,7 +297,7 @@ def _end_to_end(courses: Sequence[ModelledRecord]) -> Vector:
 
 
 def _models(file: ParameterFile, told: Diagnosed) -> dict[str, Drive]:
-    """The three models, by name; causes that are forces stand beside the corrected one."""
+    """The three models, by name; forces of causes are added to the corrected one."""
 
     def model(where: str, values: Mapping[str, Value]) -> Drive:
         missing = [n for n in told.prior if n not in values]
@@ -329,7 +329,7 @@ def _commanded(record: Record, told: Diagnosed) -> Record:
     if record.command != told.command:
         raise BadRecord(
             f"{record.name}: u is a {record.command}, but the model was diagnosed with a "
-            f"{told.command} as u; take such a record, or say its unit with --unit u=UNIT"
+            f"{told.command} as u; use such a record, or give its unit with --unit u=UNIT"
         )
     return record
 

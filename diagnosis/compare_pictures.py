@@ -46,7 +46,7 @@ def compare_figure(found: Compared) -> Any:
             ".",
             ms=2.5,
             color=COLOURS[5],
-            label="record, where it moves",
+            label="record, while moving",
             rasterized=True,
         )
         for k, (name, left) in enumerate(t.left.items()):
@@ -63,9 +63,10 @@ def compare_figure(found: Compared) -> Any:
         position.set_ylabel("position [mm]")
         position.set_title("Position", loc="left")
         off.set_ylabel(f"error [{unit}]")
-        grey = "; grey: rests" if t.rests.any() else ""
+        grey = "; grey: at rest" if t.rests.any() else ""
         off.set_title(
-            f"Predicted less measured, each second from the recorded state{grey}", loc="left"
+            f"Predicted minus measured position, each second from the recorded state{grey}",
+            loc="left",
         )
         force.set_ylabel("force [N]")
         force.set_title("Force against the motion", loc="left")
@@ -93,7 +94,7 @@ def _largest(errors: dict[str, Vector]) -> float:
 
 
 def _broken(values: Vector, starts: npt.NDArray[np.bool_]) -> Vector:
-    """The line with a gap before each second, where the prediction begins anew."""
+    """The line with a gap before each second, where the prediction starts again."""
     return np.where(np.append(starts[1:], False), np.nan, values)
 
 

@@ -1,4 +1,4 @@
-"""The result of `compare`: what models leave of records, in newtons and metres."""
+"""The result of `compare`: residuals of models on records, in newtons and metres."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ ALL, REST = "all", "rest"
 
 @dataclass(frozen=True)
 class Left:
-    """What a model leaves of a part of the motion, root mean square; None where nothing is known.
+    """Rms residuals of a model in a part of the motion; None if not known.
 
     Attributes
     ----------
     force : Estimate or None
-        Force that the model does not have [N]; at rest, what is beyond its stiction.
+        Force missing in the model [N]; at rest, the force beyond its stiction.
     position : Estimate or None
         Error of the position predicted from the state at the start of each second [m].
     """
@@ -37,7 +37,7 @@ class Left:
 
 @dataclass(frozen=True)
 class Gain(Left):
-    """Share of the mean square of what is left under one model that another takes away."""
+    """Share of the mean square residual of one model that another model removes."""
 
     model: str
     over: str
@@ -83,15 +83,15 @@ class Traces:
 
 @dataclass(frozen=True)
 class Compared:
-    """How models do on records.
+    """Errors of models on records.
 
     Attributes
     ----------
     records : tuple of str
         Their names.
     diagnosed, causes : tuple of str
-        Where the file comes from a diagnosis: the records of that, and what ``corrected`` has in
-        it.
+        If the file comes from a diagnosis: its records, and the causes included in
+        ``corrected``.
     seconds : float
         Length of the records [s].
     friction : float
@@ -102,7 +102,7 @@ class Compared:
         By model and by part of the motion, all of it first: the one ``model`` of the file, or
         ``prior``, ``adjusted`` and ``corrected`` of a diagnosis.
     floor : Left
-        What noise of the instruments alone would leave.
+        Residuals by noise of the instruments alone.
     gains : tuple of Gain
         Of one model over another.
     notes : tuple of str
@@ -127,7 +127,7 @@ class Compared:
         """The result in a sentence."""
         *_, (name, parts) = self.models.items()
         whole, who = parts[ALL], "the model" if name == MODEL else f"the {name} model"
-        words = "no force is told"
+        words = "no force can be computed"
         if whole.force:
             share = 100 * whole.force.value / self.friction
             words = (
@@ -139,7 +139,7 @@ class Compared:
         return words
 
     def to_dict(self) -> dict[str, Any]:
-        """What goes into ``compare.json``."""
+        """Content of ``compare.json``."""
 
         def told(found: Left, force: str = "_N", position: str = "_m") -> dict[str, Any]:
             both = (("force", found.force, force), ("position", found.position, position))
@@ -171,5 +171,5 @@ class Compared:
 
 
 def length(metres: float) -> str:
-    """A length for a reader, in mm or um."""
+    """A length as text, in mm or um."""
     return f"{1e3 * metres:.2g} mm" if metres >= 1e-4 else f"{1e6 * metres:.2g} um"

@@ -1,4 +1,4 @@
-"""The parameter file that a diagnosis leaves: the values corrected, each with its source."""
+"""The parameter file written by a diagnosis: corrected values, each with its source."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .with_causes import FOUND, last_record, with_causes, with_law_of
 def corrected(
     result: Diagnosis, plant: Component | None, told: ParameterFile | None
 ) -> ParameterFile:
-    """The values that a diagnosis ends with, in place of those that it was told.
+    """The final values of a diagnosis, instead of the prior ones.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Given records of a drive and the model its user believes: what is wrong with it, and why."""
+"""Diagnosis of a drive's model by records: errors of the model, and their causes."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def diagnose(
     lead: float | None = None,
     take: str | None = None,
 ) -> Diagnosis:
-    """What a simulation of recorded runs gets wrong, why, and how much better it can be.
+    """Find the errors of a simulation of recorded runs, their causes, and the possible improvement.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def diagnose(
     params : path-like, optional
         The prior model, see `read_drive`; the nominal axis by default.
     law : str, optional
-        Friction law, in place of the file's.
+        Friction law, instead of the law in the file.
     mapping : mapping of str to str, optional
         ``theirs -> ours`` names of columns.
     progress : function of what is being done, optional
@@ -75,13 +75,13 @@ def diagnose(
     lead : float, optional
         Way of the screw per turn [m], where the parameter file has no `p`.
     take : str, optional
-        A cause of the catalogue to be built in, whatever the data say for it; what it gains on
-        data held out is measured as of any other.
+        A cause of the catalogue to include in the model in any case; its gain on held-out
+        data is measured like that of any other.
 
     Raises
     ------
     BadRecord, BadParameters
-        With one line that says what cannot be used and why.
+        In one line: what cannot be used and why.
     """
     told = (ParameterFile() if params is None else read_parameters(params)).with_lead(lead)
     records = read_drive_records(data, mapping, units, lead or told.lead)
@@ -100,9 +100,9 @@ def diagnose_records(
     notes += [TURNS] * prior_model.turns + check_identifiable(records)
     progress("fitting values")
     study = study_of(records, prior_model)
-    progress("looking for causes")
+    progress("searching for causes")
     found = explained(study, take)
-    progress("judging on data held out")
+    progress("testing on held-out data")
     held = held_out(found)
     corrected = _corrected(found)
     lowest = noise_floor(found, corrected.left)
@@ -112,8 +112,8 @@ def diagnose_records(
     _, interval = held.gain(held.none, held.all)
     fitted, final = level(held.none), level(held.all)
     unseen, why = max(
-        (AT_FLOOR * lowest.force, "twice what noise makes"),
-        (held.all.force_rms, "all that is left"),
+        (AT_FLOOR * lowest.force, "twice the noise"),
+        (held.all.force_rms, "the whole residual"),
     )
     # records that would not show a fault of half the friction clear nothing
     at_floor = lowest.has_current(held.all) and unseen < _TELLS * friction
@@ -123,23 +123,26 @@ def diagnose_records(
     notes += _notes(found, held, lowest)
     if verdict == NONE:  # silence is not safety
         notes.append(
-            f"not ruled out: a fault of up to {unseen:.3g} N ({100.0 * unseen / friction:.3g} % of "
+            f"not excluded: a fault of up to {unseen:.3g} N ({100.0 * unseen / friction:.3g} % of "
             f"the friction), which is {why}"
         )
         first = found.sets[-1][0]
         if first.suspect:
-            size = f"; --take {first.name} says its size" if first.name in CAUSES else ""
+            size = f"; --take {first.name} gives its size" if first.name in CAUSES else ""
             notes.append(
-                f"the likeliest is {first.name}, {100 * first.probability:.0f} %, but 3 in 100 "
-                f"faultless records look no more faultless{size}"
+                f"the most probable is {first.name}, {100 * first.probability:.0f} %, but 3 in "
+                f"100 faultless records look like this or worse{size}"
             )
     elif not found.built and unseen >= _TELLS * friction:
         notes.append(
-            f"these records clear nothing: a fault of up to {unseen:.3g} N, {why}, would not show"
+            f"these records do not exclude a fault: one of up to {unseen:.3g} N, {why}, would not "
+            "be visible"
         )
     cell = validation_signal(study.courses, prior_model, corrected.model, corrected.on_block)
     if cell is None and any("force" in r.signals for r in records):
-        notes.append("the load cell's `force` is not used: the model does not say where it sits")
+        notes.append(
+            "the load cell's `force` is not used: the model does not say where it is mounted"
+        )
     suspects = () if verdict == NONE else suspects
     return Diagnosis(
         verdict=verdict,
@@ -175,7 +178,7 @@ def diagnose_records(
 
 
 def _verdict(found: Explained, at_floor: bool, better: bool) -> str:
-    """By what is certain, and whether more than noise is left.
+    """Verdict from the certain causes, and from whether the residual is more than noise.
 
     Where laps of one motion tell what repeats, that is seen; elsewhere what is left is more than
     noise where it does not look like that of faultless records.
@@ -258,7 +261,9 @@ def _where(baseline: Level, lowest: Level, verdict: str) -> str:
         f"({_length(lowest.position)})"
     )
     if verdict == NONE:
-        return f"{size}; values within their tolerances leave no more than twice the noise."
+        return (
+            f"{size}; with values within their tolerances the residual is at most twice the noise."
+        )
     return f"{size}."
 
 
@@ -271,26 +276,27 @@ def _notes(found: Explained, held: HeldOut, lowest: NoiseFloor) -> list[str]:
     notes = []
     if lowest.repeated and left.force_rms > AT_FLOOR * lowest.force:
         notes.append(
-            f"what is left, {left.force_rms:.3g} N, is more than twice {lowest.force:.3g} N, which "
-            "is what laps differ by and an uncertain motion makes: a part of it may have a cause"
+            f"the residual, {left.force_rms:.3g} N, is more than twice {lowest.force:.3g} N, the "
+            "noise from differences between laps and the uncertain motion: a part of it may have "
+            "a cause"
         )
     elif found.none_ruled_out:
-        notes.append(
-            "what is left is not like noise: of faultless records 97 in 100 look more faultless"
-        )
+        notes.append("the residual is not like noise: of 100 faultless records 97 look better")
     if not lowest.has_current(left):
         notes.append(
-            "the motor's force by the voltage and by the current differ by "
-            f"{left.by_current_rms:.3g} N, where noise makes {lowest.by_current:.3g} N: look at "
-            "the units and signs of u and i, at R and at ke"
+            "the motor's forces computed from the voltage and from the current differ by "
+            f"{left.by_current_rms:.3g} N, but noise only makes {lowest.by_current:.3g} N: check "
+            "the units and signs of u and i, and the values of R and ke"
         )
     own = [f"{c.own_offset:+.3g} N in {c.record.name}" for c in study.courses if c.offset_name]
     if own:
-        notes.append(f"offsets beyond that of {study.courses[0].record.name}: {', '.join(own)}")
+        notes.append(
+            f"additional offsets to that of {study.courses[0].record.name}: {', '.join(own)}"
+        )
     ends = study.at_ends(found.fit.amplitude[0])
     if ends:
         notes.append(
-            f"at the end of what they can be: {', '.join(ends)}. A tolerance is too narrow, or "
-            "something without a name is made up for"
+            f"at their limit: {', '.join(ends)}. A tolerance is too narrow, "
+            "or they compensate for an unknown cause"
         )
     return notes

@@ -1,4 +1,4 @@
-"""The result of a diagnosis: what is wrong, why, how sure that is, and what would make it surer."""
+"""The result of a diagnosis: errors, causes, their certainty, and the next experiment."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ class Level:
 
 
 def holds(gain_interval: tuple[float, float], before: Level, after: Level) -> bool:
-    """Whether what was found is certainly better, on data held out, than the model without it.
+    """Whether the corrected model is certainly better on held-out data than the model without it.
 
     Parameters
     ----------
     gain_interval : tuple of float
-        95 % of the share of the mean square in force that goes.
+        95 % interval of the share of the mean square in force that is removed.
     before, after : Level
-        The residual on those data without and with what was found.
+        The residual on those data without and with the causes found.
     """
     return gain_interval[0] > 0.0 and after.position <= before.position
 
@@ -59,15 +59,15 @@ class SuspectFound:
     ----------
     name, says : str
     probability : float
-        Among all that was looked at.
+        Among all hypotheses.
     parameters : mapping of str to float
-        Its numbers, SI; empty of what is outside the catalogue.
+        Its numbers, SI; empty for a suspect outside the catalogue.
     intervals : mapping of str to (float, float)
         95 %, from leaving out one block of the records at a time.
     units : mapping of str to str
     force : float
-        What it does to a balance, root mean square: of forces, or of voltages, told as the force
-        that a voltage holds [N].
+        Its rms effect on a balance of forces, or of voltages
+        converted to a force [N].
     of_friction : float
         The same as a share of the friction.
     confirm : str
@@ -87,19 +87,19 @@ class SuspectFound:
 
 @dataclass(frozen=True)
 class FoundCause(SuspectFound):
-    """A suspect that is built in.
+    """A suspect that is included in the model.
 
     Attributes
     ----------
     certain : bool
-        Whether it is named; else it is the likeliest only.
+        Whether it is named; otherwise it is only the most probable one.
     gain_heldout : float
-        Share of the mean square of the force residual that it takes away, on data that neither its
-        choice nor its fit has seen, all other names given.
+        Share of the mean square of the force residual that it removes, on data not used
+        to select or fit it, with all other causes included.
     gain_interval : tuple of float
         95 %, by drawing seconds of the record again.
     gain_alone : float
-        The same share with no other given.
+        The same share without other causes.
     before, after : Level
         The residual on those data without and with it.
     """
@@ -122,16 +122,16 @@ class OutOfReach:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """What would tell more.
+    """The next experiment.
 
     Attributes
     ----------
     says : str
         What for.
     motion : Motion
-        What this machine is to do.
+        Motion of the machine.
     trial : str
-        What the virtual rig can do instead.
+        Trial of the virtual rig for the same purpose.
     """
 
     says: str
@@ -179,31 +179,31 @@ class Curves:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What a study found.
+    """Result of a study.
 
     Attributes
     ----------
     verdict : {"none", "explained", "partly", "unexplained"}
     where : str
-        Where the residual lives and how large it is, in a sentence.
+        Size of the residual, and the motion at which it occurs, in a sentence.
     floor, baseline_residual, adjusted_residual, final_residual : Level
         Of noise; of the prior model; with its values adjusted within their tolerances; with
-        the causes. The last two on data that neither choice nor fit has seen.
+        the causes. The last two are on held-out data.
     left_of_friction : float
-        What is left on those data at last, as share of the friction along the records: force by
-        the voltage, or what voltage and current differ by, whichever is more.
+        Final residual on those data, as share of the friction along the records: of the force from
+        the voltage, or the difference between voltage and current, whichever is larger.
     gain_interval : tuple of float
-        95 % of the share of the adjusted residual's mean square in force that goes.
+        95 % interval of the share of the adjusted residual's mean square in force that is removed.
     held_out : str
         What was held out, one at a time: "4 laps", "5 parts".
     causes : tuple of FoundCause
-        What is built in: causes of the catalogue, and what a recorder does to a signal, in the
+        Included causes: of the catalogue, and errors of recorded signals, in the
         order in which they were found.
     suspects : tuple of SuspectFound
-        What is possible beside those or in their place, the likeliest first: with them, of 100
-        records like those of the calibration 95 have the truth in it.
+        Other possible causes, in addition to or instead of those, the most probable first. Together
+        they contain the true cause in 95 of 100 records like those of the calibration.
     unnamed : tuple of str
-        Where structure lives that no cause has.
+        How a residual without a known cause varies.
     out_of_reach : tuple of OutOfReach
     next_experiment : NextExperiment or None
     prior, adjusted, corrected : Drive
@@ -218,7 +218,7 @@ class Diagnosis:
     noise : mapping of str to float
         What noise leaves of each balance, root mean square [N].
     load_cell : ValidationSignal or None
-        What the recorded ``force``, which takes no part, says of both models.
+        Comparison of both models with the recorded ``force``, which is not used for the diagnosis.
     notes : tuple of str
         Warnings.
     """
@@ -251,7 +251,7 @@ class Diagnosis:
     notes: tuple[str, ...] = field(default_factory=tuple)
 
     def to_dict(self) -> dict[str, Any]:
-        """What goes into ``diagnosis.json``."""
+        """Content of ``diagnosis.json``."""
         return {f.name: _plain(getattr(self, f.name)) for f in fields(self) if f.name not in _APART}
 
     def found(self) -> list[tuple[str, dict[str, float]]]:
@@ -278,7 +278,7 @@ _APART = ("prior", "adjusted", "corrected", "command", "command_shift", "curves"
 
 
 def _plain(value: Any) -> Any:
-    """What JSON holds of a value; levels are told with their units."""
+    """JSON form of a value; levels have their units."""
     if isinstance(value, Level):
         return {"force_N": value.force, "position_m": value.position}
     if isinstance(value, ValidationSignal):

@@ -1,7 +1,7 @@
 """Pictures of a diagnosis: for its page, drawn so that a browser can zoom them, and for papers.
 
 In the page a picture is a frame with ticks around a drawing of 1000 by 1000 units, whose view is
-what zooming changes; lines keep their width, and the ticks are drawn anew.
+what zooming changes; lines keep their width, and the ticks are drawn again.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def said(pictures: Iterable[Picture], words: Callable[[str], str]) -> list[Pictu
 def pictures_of(diagnosis: Diagnosis) -> list[Picture]:
     """What the page shows of the records."""
     time = end_to_end(diagnosis.curves)
-    corrected = "with all that was found" if diagnosis.unnamed else CORRECTED
+    corrected = "with all causes found" if diagnosis.unnamed else CORRECTED
     return [
         _force(diagnosis.curves, time, corrected),
         _residual_over_time(diagnosis, time, corrected),
@@ -106,8 +106,8 @@ def _force(c: Curves, time: Vector, corrected: str) -> Picture:
     return Picture(
         "force",
         "Force: measured and predicted",
-        "Friction and all else that opposes the motion, as the record asks for it and as each "
-        "model has it.",
+        "Friction and all other forces that oppose the motion: from the record, "
+        "and from each model.",
         _TIME,
         "force [N]",
         (
@@ -125,8 +125,8 @@ def _residual_over_time(diagnosis: Diagnosis, time: Vector, corrected: str) -> P
     return Picture(
         "residual_time",
         "Force residual over time",
-        f"Means over {SMOOTH:g} s; pale: every sample. "
-        f"Noise alone is {diagnosis.floor.force:.3g} N rms.",
+        f"Means over {SMOOTH:g} s; pale: "
+        f"every sample. Noise alone is {diagnosis.floor.force:.3g} N rms.",
         _TIME,
         "residual [N]",
         (
@@ -149,8 +149,8 @@ def _residual_over_position(c: Curves, corrected: str) -> Picture:
     return Picture(
         "residual_position",
         "Force residual over position, by direction",
-        "Means over parts of the travel. Friction changes sign with the direction, a load does "
-        "not.",
+        "Means over parts of the travel. Friction changes sign with the direction; a "
+        "load does not.",
         "position [mm]",
         "mean residual [N]",
         lines,
@@ -162,7 +162,7 @@ def _residual_over_velocity(c: Curves, corrected: str) -> Picture:
     return Picture(
         "residual_velocity",
         "Force residual over velocity",
-        "Means over neighbouring speeds, as many samples each.",
+        "Means over neighbouring speeds, with the same number of samples each.",
         "velocity [mm/s]",
         "mean residual [N]",
         tuple(
@@ -185,7 +185,7 @@ def _position_residual(diagnosis: Diagnosis, time: Vector, corrected: str) -> Pi
     return Picture(
         "position_residual",
         "Position residual over time",
-        "By how much a position predicted from the start of each second is wrong.",
+        "Error of the position predicted from the start of each second.",
         _TIME,
         f"residual [{unit}]",
         (
@@ -202,8 +202,8 @@ def _force_of_causes(c: Curves, time: Vector) -> list[Picture]:
     if np.any(c.cause):
         lines.append(Line("named causes", "cause", time, c.cause))
     if np.any(c.shape):
-        lines.append(Line("without a name", "shape", time, c.shape))
-    says = "What the named causes add to the model, and what is left without a name."
+        lines.append(Line("no known cause", "shape", time, c.shape))
+    says = "Force that the named causes add to the model, and the residual without a known cause."
     causes = Picture("causes", "Force of the causes", says, _TIME, "force [N]", tuple(lines))
     return [causes] if lines else []
 
@@ -215,7 +215,7 @@ def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:
         Picture(
             "loop",
             "Closed loop: position error",
-            "Distance to the set-point, for the prior plant and with the causes.",
+            "Distance to the set-point, for the prior plant and for the plant with the causes.",
             _TIME,
             "error [mm]",
             (
@@ -227,8 +227,8 @@ def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:
         ),
         Picture(
             "loop_difference",
-            "Closed loop: what the causes change",
-            "Position of the extended plant less that of the prior one.",
+            "Closed loop: effect of the causes",
+            "Position of the extended plant minus that of the prior one.",
             _TIME,
             "difference [µm]",
             (Line("difference", "cause", time, 1e6 * (effect.extended.x - effect.prior.x)),),

@@ -1,4 +1,4 @@
-"""A diagnosis as one page that opens without a network, for an engineer who has five minutes."""
+"""A diagnosis as one page that opens without a network, for a quick overview."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NOT_SHOWN = 1e-9  # relative change of a value that is the prior one
 _KINDS = {"ball_screw": "ball screw with a motor", "drive": "drive whose command is a force"}
 _NOISE = {
     "force_N": ("balance of force, rms", "N"),
-    "voltage_N": ("balance of voltage as the force that it holds, rms", "N"),
+    "voltage_N": ("balance of voltage, converted to a force, rms", "N"),
 }
 
 
@@ -71,7 +71,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
             levels=(
                 ("prior model", diagnosis.baseline_residual),
                 ("values adjusted within tolerance *", diagnosis.adjusted_residual),
-                ("with everything that was found *", diagnosis.final_residual),
+                ("with all causes found *", diagnosis.final_residual),
                 ("noise alone (floor)", diagnosis.floor),
             ),
             mistaken_for={
@@ -86,7 +86,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
             ],
             plotly=get_plotlyjs(),
             noise=_NOISE,
-            kind="body that turns, by a torque" if turns else _KINDS.get(kind, kind),
+            kind="rotating body, driven by a torque" if turns else _KINDS.get(kind, kind),
             controller=CONTROLLER,
             setpoint=SETPOINT,
             stop=STOP,

@@ -1,4 +1,4 @@
-"""The drive as its user believes it to be: a plant's values, and what they may be off by.
+"""The prior model of a drive: values of a plant, and their tolerances.
 
 What is linear (motor, inertia, viscous friction) goes into a filter; the rest of the friction law
 is integrated along the measured motion and enters the filter as a known force.
@@ -35,7 +35,7 @@ from ..solver.component import Component, symbol
 Vector = npt.NDArray[np.float64]
 
 TOLERANCE = 0.03
-"""Relative tolerance of a value of which nothing is said."""
+"""Relative tolerance of a value without a given tolerance."""
 BEND = ("dF_low", "V_mismatch")  # of friction at low speed, N and m/s; see stribeck_mismatch
 _PLANTS = {BALL_SCREW: bare_ball_screw, DRIVE: bare_direct_drive}
 _NEVER_ADJUSTED = ("L", "p", "Kv", "offset")
@@ -199,11 +199,11 @@ class Drive:
 
 
 def read_drive(path: Path | str | None = None, law: str | None = None) -> Drive:
-    """Read a parameter file as what is believed of a drive.
+    """Read a parameter file as the prior model of a drive.
 
-    What is not in it is the plant's default. The tolerance of a value is that in ``[tolerance]``,
+    Missing values are the plant's defaults. The tolerance of a value is that in ``[tolerance]``,
     else half of its interval, else `TOLERANCE`. Values that only a closed loop needs (amplifier,
-    initial states, controllers) and the table ``[found]``, of an extended plant, are left aside.
+    initial states, controllers) and the table ``[found]``, of an extended plant, are ignored.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def _check_tolerance(file: ParameterFile, adjusted: Iterable[str]) -> None:
     for name, share in file.tolerance.items():
         if name in _NEVER_ADJUSTED:
             raise BadParameters(
-                f"{file.path}: [tolerance] has {name}, which is never adjusted; leave it out"
+                f"{file.path}: [tolerance] has {name}, which is never adjusted; remove it"
             )
         if name not in adjusted:
             raise BadParameters(

@@ -1,8 +1,8 @@
-"""The motion that is asked for: one for all machines, in the size of the machine at hand.
+"""The proposed motion: one for all machines, scaled to the present machine.
 
-It goes over the whole travel once, there and back, and beside that swings to and fro, so that the
-block reverses at all places and at many speeds and accelerations. Nothing rests, as a rest tells of
-no force, and every part of it has all of this, as parts are held out one at a time.
+It goes over the whole travel once, forwards and backwards, with an oscillation added, so that the
+block reverses at all positions and at many speeds and accelerations. There are no rests, since they
+give no information on forces. Every part has all of this, since parts are held out one at a time.
 """
 
 from __future__ import annotations
@@ -51,7 +51,8 @@ class Motion:
     amplitude : float
         Half of what is between the smallest and the largest value.
     speeds : tuple of float
-        Largest speeds of going over the travel and of swinging, both ways [m/s].
+        Largest speeds of the motion over the travel and of the oscillation, in both directions
+        [m/s].
     record : tuple of str
         Columns, with our names.
     sampling : float
@@ -104,7 +105,7 @@ class Motion:
 
 
 def survey(reach: Reach, model: Drive, lasts: float) -> Motion:
-    """Over the travel and, swinging, to and fro at all places.
+    """Over the travel, with an oscillation at all positions.
 
     Parameters
     ----------
@@ -136,8 +137,9 @@ def survey(reach: Reach, model: Drive, lasts: float) -> Motion:
     time = np.asarray(rows * np.arange(len(values)), dtype=float)
     record = columns(model)
     says = (
-        f"there and back over {_mm(2.0 * over)} and beside that to and fro by up to "
-        f"{_mm(2.0 * swing)}, at {_hz(rate)} and {_hz(rate / _SLOWER)} by turns; from x = "
+        f"forwards and backwards over {_mm(2.0 * over)} and in addition forwards and backwards by "
+        "up to "
+        f"{_mm(2.0 * swing)}, at {_hz(rate)} and {_hz(rate / _SLOWER)} alternately; from x = "
         f"{_mm(float(values[0]))}, between {_mm(float(values.min()))} and "
         f"{_mm(float(values.max()))}, {time[-1]:.3g} s; record {', '.join(record)} every "
         f"{1e3 * reach.step:.3g} ms or faster"

@@ -1,4 +1,4 @@
-"""What is built into a model, and the sets of what else is possible."""
+"""Causes included in a model, and the sets of other possible causes."""
 
 from __future__ import annotations
 
@@ -50,17 +50,17 @@ class Explained:
 
     @property
     def variance(self) -> Vector:
-        """Of what is left, in each band that is used, per number [N^2]."""
+        """Of the residual, in each band that is used, per number [N^2]."""
         bands = self.study.bands
         counts = bands.counts[:, bands.used].sum(axis=0)
         return np.asarray(self.fit.squares[0].sum(axis=0) / counts + self.study.exact**2)
 
     @property
     def suspects(self) -> list[Likely]:
-        """What the truth may be beside what is built in or in its place, the likeliest first.
+        """Other possible causes, besides the included ones or instead of them, most probable first.
 
-        Where nothing else is the likeliest, a list of what is possible all the same would be no
-        answer.
+        If no other cause is the most probable result, the list
+        is empty.
         """
         names = {m.name for m in self.built}
         kept: dict[str, Likely] = {}
@@ -74,7 +74,7 @@ class Explained:
 
 
 def outside(found: Explained) -> Suspect | None:
-    """The free curve that follows what is left, where that is the likeliest; None elsewhere."""
+    """The free curve that follows the residual, if that is the most probable; else None."""
     first = found.sets[-1][0]
     return first.suspect if first.name == OUTSIDE else None
 

@@ -1,4 +1,4 @@
-"""A suspect for an answer: its numbers, their intervals and units, and its size in newtons."""
+"""A suspect for the result: its numbers, their intervals and units, and its size in newtons."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ Ends = dict[str, tuple[float, float]]
 
 _EXACT = 0.04  # relative, to which no size is known: laws and shapes are not exact
 _OUTSIDE_SAYS = (
-    "something that no cause of the catalogue is: friction or force that only a free curve follows"
+    "an unknown cause, not in the catalogue: friction or force that only a free curve describes"
 )
-_AGAIN = "the same motion again: does it repeat?"
+_AGAIN = "repeat the same motion: does the error repeat?"
 
 
 def level(found: Residual) -> Level:
@@ -56,7 +56,7 @@ def suspect_found(found: Explained, member: Likely, friction: float) -> SuspectF
 
 
 def found_cause(found: Explained, held: HeldOut, member: Likely, friction: float) -> FoundCause:
-    """What is built in, and what it gains on data held out."""
+    """An included cause, and its gain on held-out data."""
     before = held.without[member.name]
     gain, interval = held.gain(before, held.all)
     return FoundCause(
@@ -71,7 +71,7 @@ def found_cause(found: Explained, held: HeldOut, member: Likely, friction: float
 
 
 def _as_fitted(found: Explained, member: Likely) -> Likely:
-    """The member with the amplitudes that it has beside all that is named."""
+    """The member with its amplitudes when all named causes are included."""
     suspect, forms = member.suspect, found.forms
     assert suspect is not None
     form = suspect.form

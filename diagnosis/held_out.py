@@ -1,4 +1,4 @@
-"""What is left of blocks of a study on which neither values nor causes were fitted."""
+"""Residuals on held-out blocks of a study."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class HeldOut:
     squares : Blocks
         From which intervals are drawn: seconds, or eighths of short records.
     prior, none, all : Residual
-        Of the prior model, with values fitted, and with all that is named.
+        Of the prior model, with values fitted, and with all named causes.
     without, alone : dict of str to Residual
         With all names but one, and with one only.
     """

@@ -1,4 +1,4 @@
-"""A load cell between screw and block as a witness: it takes no part in a diagnosis."""
+"""A load cell between screw and block for validation: it is not used for the diagnosis."""
 
 from __future__ import annotations
 

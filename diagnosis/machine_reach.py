@@ -1,4 +1,4 @@
-"""What records show that a machine can do."""
+"""Range of a machine, from its records."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _HEADROOM = 0.5  # of the force that is left beside friction, used to accelerate
 
 @dataclass(frozen=True)
 class Reach:
-    """What records show that a machine can do.
+    """Range of a machine, from its records.
 
     Attributes
     ----------

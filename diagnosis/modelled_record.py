@@ -1,4 +1,4 @@
-"""One record on its way through a diagnosis: signals, motion, and the law along it."""
+"""One record in a diagnosis: signals, motion, and the law along it."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class ModelledRecord:
 
     @cached_property
     def slowest(self) -> float:
-        """Speed below which a motion is not told from rest [m/s]."""
+        """Speed below which a motion cannot be distinguished from rest [m/s]."""
         least = 2.0 * position_noise(self.record) / _LONGEST_REST
         return max(_SLOW * float(np.quantile(np.abs(self.v), 0.95)), least)
 

@@ -1,6 +1,6 @@
-"""A motion for the machine at hand after which fewer suspects are to be expected.
+"""A motion for the present machine that is expected to reduce the number of suspects.
 
-It stays within what the records show that the machine can do.
+It stays within the range of the machine that the records show.
 """
 
 from __future__ import annotations
@@ -46,18 +46,22 @@ def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
     longer = _LONGER if any(m.name in _SLOW for m in told) else 1.0
     motion = survey(reach, found.study.model, longer * reach.lasts)
     if quiet:
-        says = "these records show no fault; one that they do not move enough for may show in this"
+        says = "these records show no fault; this motion may show faults that need more motion"
     elif not told:
-        says = "structure is left that no cause has"
+        says = "part of the residual has no known cause"
     elif len(told) == 1:
         says = f"what would confirm {told[0].name}: {entry(told[0].name).confirm}"
     else:
         others = " or ".join(m.name for m in told[1:])
-        says = f"these records cannot tell {told[0].name} from {others}"
+        says = f"these records cannot distinguish {told[0].name} from {others}"
         alike = _alike(found, told, motion)
         if alike:
-            says += "; nor will this motion tell " + ", ".join(f"{a} from {b}" for a, b in alike)
-            says += f", and either corrects the model alike: {entry(alike[0][0]).confirm}"
+            says += "; this motion will not distinguish " + ", ".join(
+                f"{a} from {b}" for a, b in alike
+            )
+            says += (
+                f", and each of them corrects the model equally well: {entry(alike[0][0]).confirm}"
+            )
     return NextExperiment(says, motion, trial_for(told[0].name if told else UNNAMED))
 
 

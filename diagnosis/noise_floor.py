@@ -1,4 +1,4 @@
-"""The least that any model could leave of records, and whether what is left is that."""
+"""The smallest possible residual, and whether the residual is as small as that."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class NoiseFloor:
         return dict(of[c] for c in channels)
 
     def has(self, left: Residual) -> bool:
-        """Whether what is left, on data held out, is noise: at most twice the floor in newtons."""
+        """Whether the residual on held-out data is noise: at most twice the floor in newtons."""
         return left.force_rms <= AT_FLOOR * self.force and self.has_current(left)
 
     def has_current(self, left: Residual) -> bool:
@@ -63,7 +63,7 @@ def noise_floor(found: Explained, left: Residual) -> NoiseFloor:
     ----------
     found : Explained
     left : Residual
-        What the model with all that is named leaves.
+        Residual of the model with all named causes.
     """
     study = found.study
     courses, model = study.courses, study.model

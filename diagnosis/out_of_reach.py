@@ -1,4 +1,4 @@
-"""Causes that records could not have shown."""
+"""Causes that the records could not have shown."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def out_of_reach(found: Explained) -> tuple[OutOfReach, ...]:
         mine = [f for f in found.catalogue.forms if f.name == cause.name]
         shown = max((_shows(found, f, variance) for f in mine), default=0.0)
         if shown == 0.0:
-            out.append(OutOfReach(cause.name, "the motion gives it nothing to show at"))
+            out.append(OutOfReach(cause.name, "the motion does not excite it"))
         elif shown < SEEN:
             out.append(
                 OutOfReach(
                     cause.name,
-                    f"at {100 * SMALLEST:.0f} % of the friction it would stand out by "
-                    f"{shown:.2g} standard deviations only, and {SEEN:g} are asked for",
+                    f"at {100 * SMALLEST:.0f} % of the friction it would be visible with "
+                    f"{shown:.2g} standard deviations only; {SEEN:g} are required",
                 )
             )
     return tuple(out)

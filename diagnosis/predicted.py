@@ -108,6 +108,6 @@ def _states(model: Model, course: ModelledRecord, command: Vector) -> npt.NDArra
 
 
 def _let_go(model: Model) -> None:
-    """Forget whether the body stuck: its velocity and its forces say so anew, in the first mode."""
+    """Forget whether the body stuck: its velocity and forces decide again, in the first mode."""
     if model.kernel.modes:
         model.u[-1] = 0.0

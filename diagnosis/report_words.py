@@ -21,13 +21,13 @@ _SCALED = {"scale_of_u": "command", "scale_of_i": "current", "scale_of_x": "posi
 _TIMES = 2.0  # the friction, from where on a share is told as a multiple
 _FEW = 3  # suspects that a sentence lists
 DOES_NOT_HOLD = (
-    "What was found does not hold on data held out: there it may be worse than the adjusted model, "
-    "and must not be relied on."
+    "The result is not confirmed on held-out data: there it may be worse than the adjusted "
+    "model. Do not rely on it."
 )
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
-    """The verdict, for a reader who reads nothing else."""
+    """The verdict in one paragraph."""
     certain = [c for c in diagnosis.causes if c.certain]
     likeliest = [c for c in diagnosis.causes if not c.certain]
     explain = "explain" if len(certain) > 1 else "explains"
@@ -35,46 +35,47 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     lives = " and ".join(diagnosis.unnamed)
     if diagnosis.verdict == NONE:
         return (
-            "Nothing is wrong with the model that these records could show: with values within "
-            "their tolerances it leaves no more than twice the noise."
+            "These records show no error of the model: with values within "
+            "their tolerances the residual is at most twice the noise."
         )
     if diagnosis.verdict == EXPLAINED:
-        return (
-            f"{named} what the model gets wrong; no structure beyond noise is left."
-            f"{scale_sentence(certain)}"
-        )
+        return f"{named} the error of the model; the rest is noise.{scale_sentence(certain)}"
     if diagnosis.verdict == PARTLY and diagnosis.unnamed:
         return (
-            f"{named} part of what the model gets wrong; structure is left that no cause "
-            f"of the catalogue has: it lives {lives}.{scale_sentence(certain)}"
+            f"{named} part of the error of the model; the rest has no "
+            f"cause in the catalogue: it varies {lives}.{scale_sentence(certain)}"
             f"{_built_in(likeliest)}"
         )
     if diagnosis.verdict == PARTLY and does_not_hold(diagnosis):
-        return f"{named} the data best, and this does not hold: on data held out it may be worse."
+        return (
+            f"{named} the data best, but this is not confirmed: on held-out data the model may "
+            "be worse."
+        )
     if diagnosis.verdict == PARTLY:
         return (
-            f"{named} part of what the model gets wrong: on data held out "
+            f"{named} part of the error of the model: on held-out data "
             f"{diagnosis.final_residual.force:.3g} N of "
-            f"{diagnosis.adjusted_residual.force:.3g} N is left, more than twice "
-            f"the {diagnosis.floor.force:.3g} N that is noise."
+            f"{diagnosis.adjusted_residual.force:.3g} N remain, more than twice "
+            f"the {diagnosis.floor.force:.3g} N of noise."
             f"{scale_sentence(certain)}{_built_in(likeliest)}"
             f"{suspicion_sentence(diagnosis.suspects)}"
         )
-    lives = f" It lives {lives}." if lives else ""
+    lives = f" It varies {lives}." if lives else ""
     lives += _built_in(likeliest)
     suspects = suspicion_sentence(diagnosis.suspects)
     return (
-        f"{percent(diagnosis.left_of_friction)} of the friction is left, and no cause is "
-        f"certain: {diagnosis.final_residual.force:.3g} N on data held out, where "
-        f"noise makes {diagnosis.floor.force:.3g} N.{lives}{suspects}"
+        f"{percent(diagnosis.left_of_friction)} of the friction is unexplained, and no "
+        f"cause is certain: {diagnosis.final_residual.force:.3g} N on held-out data, "
+        f"with a noise of {diagnosis.floor.force:.3g} N.{lives}{suspects}"
     )
 
 
 SET = (
-    "of 100 records like those of the calibration, 95 have the truth among these and the names; of "
-    "others it is not known"
+    "for records like those of the calibration, the true cause is among these and the named ones "
+    "in 95 of 100 cases; for "
+    "other records the share is not known"
 )
-NAMED = "of 100 records like those of the calibration, at most 2 get a wrong name"
+NAMED = "for records like those of the calibration, at most 2 of 100 get a wrong name"
 
 
 def suspect_lines(suspects: Sequence[SuspectFound]) -> list[str]:
@@ -94,14 +95,14 @@ def suspect_lines(suspects: Sequence[SuspectFound]) -> list[str]:
 
 
 def suspicion_sentence(suspects: Sequence[SuspectFound]) -> str:
-    """What the set says, for a reader who reads nothing else; empty without one."""
+    """The set of suspects in a sentence; empty without one."""
     if not suspects:
         return ""
     names = [s.name.replace("_", " ") for s in suspects]
     if len(names) == 1:
         said = f" The suspect is {names[0]}."
     elif len(names) > _FEW:
-        said = f" There are {len(names)} suspects, the likeliest {names[0]}."
+        said = f" There are {len(names)} suspects, the most probable {names[0]}."
     else:
         said = f" It is one of {', '.join(names[:-1])} or {names[-1]}."
     return said + scale_sentence(suspects[:1])
@@ -112,15 +113,14 @@ def _built_in(likeliest: Sequence[SuspectFound]) -> str:
     if not likeliest:
         return ""
     verb = "are" if len(likeliest) > 1 else "is"
-    said = f" The likeliest, {names_of(likeliest)}, {verb} built in."
+    said = f" The most probable one, {names_of(likeliest)}, {verb} built in."
     return said + scale_sentence(likeliest)
 
 
 def scale_sentence(found: Sequence[SuspectFound]) -> str:
     """By which factor signals fit, where that is what is found."""
     return "".join(
-        f" The {_SCALED[s.name]} fits with a factor of {s.parameters[s.name]:.3g}: look at its "
-        "unit."
+        f" The {_SCALED[s.name]} fits with a factor of {s.parameters[s.name]:.3g}: check its unit."
         for s in found
         if s.name in _SCALED
     )
@@ -134,7 +134,7 @@ def of_friction(share: float) -> str:
 
 
 def does_not_hold(diagnosis: Diagnosis) -> bool:
-    """Whether, on data held out, what was found may be worse than the model without it."""
+    """Whether the corrected model may be worse on held-out data than the model without it."""
     found = bool(diagnosis.causes or diagnosis.unnamed)
     levels = diagnosis.adjusted_residual, diagnosis.final_residual
     return found and not holds(diagnosis.gain_interval, *levels)

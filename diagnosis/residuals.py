@@ -1,4 +1,4 @@
-"""What a model leaves unexplained, in force and in position, against what instruments can show."""
+"""Residuals of a model in force and in position, compared with the errors of the instruments."""
 
 from __future__ import annotations
 
@@ -78,8 +78,9 @@ def check_motion(courses: Sequence[ModelledRecord], model: Drive) -> None:
     if count < _FEWEST:
         names = ", ".join(c.record.name for c in courses)
         raise BadRecord(
-            f"{names}: only {count} of {all_there} parts of {courses[0].width} samples show a "
-            f"motion, expected {_FEWEST} at least: x rests, jumps from sample to sample or is noise"
+            f"{names}: only {count} of {all_there} parts of {courses[0].width} samples are "
+            f"in motion; expected {_FEWEST} at least: x is constant, jumps from sample to sample "
+            "or is noise"
         )
 
 
@@ -117,7 +118,7 @@ def _telling(course: ModelledRecord, model: Drive) -> Vector:
 
 
 def floor(courses: Sequence[ModelledRecord], model: Drive) -> Residual:
-    """What rounding and noise of the instruments leave by themselves: what reading anew changes.
+    """What rounding and noise of the instruments leave alone: the change by a repeated reading.
 
     The law's error along a motion that is not known better, see `force_variance`, is not in it.
     """
@@ -156,7 +157,7 @@ def at_samples(course: ModelledRecord, values: Vector) -> Vector:
 def _ahead(model: Drive, force: Vector, course: ModelledRecord) -> Vector:
     """Error of the position that comes of not knowing a force, from nothing at every second.
 
-    Where the drive rests, friction holds whatever acts, and no error grows. `compare` tells what
+    At rest, friction balances all forces, and no error grows. `compare` tells what
     the model itself does there.
     """
     step = course.step

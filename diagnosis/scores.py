@@ -1,4 +1,4 @@
-"""How well each suspect explains what a model leaves of records, on blocks that it has not seen.
+"""Scores of suspects: how well each explains the residuals of a model on held-out blocks.
 
 A suspect is a column beside those of the model's values, each of which costs what its tolerance
 says. Its score is the logarithm of the likelihood of blocks held out, less that without it.
@@ -39,7 +39,7 @@ Array = npt.NDArray[np.float64]
 OUTSIDE = "outside the catalogue"
 
 _OFTEN, _DEEP = 0.2, 1.25  # share of the samples, and of a limit, by which it cuts noise
-_LEAST = 1e-4  # of what is left, that is made smaller
+_LEAST = 1e-4  # of the residual, that is made smaller
 _AROUND_ONE, _SPREADS = 0.5, 10.0  # of the amplitude of a shape that has its size in its values
 _FEW = 20.0  # numbers of a band, up to which its share says little
 _AT_END = 0.99
@@ -234,7 +234,7 @@ class Catalogue:
         return [f for f in out if f is not None]
 
     def information(self, form: Form, variance: Vector) -> Vector:
-        """What records tell of each of a form's amplitudes, all values adjusted, shape (m,).
+        """What records tell of each of a form's amplitudes, all with adjusted values, shape (m,).
 
         One over the variance of its estimate, where each band has this much noise per number [N^2].
         """

@@ -1,4 +1,4 @@
-"""From scores to the smallest set of suspects that holds the truth with a known coverage.
+"""From scores to the smallest set of suspects that contains the true cause with a known coverage.
 
 Each suspect, nothing at all and something outside the catalogue get a utility that is linear in a
 few statistics of their scores, and so a probability (conditional logit; D. McFadden, "Conditional
@@ -50,7 +50,7 @@ class Likely:
     name : str
         Of a cause, of a signal, `OUTSIDE` or `NOTHING`.
     probability : float
-        Among all that was looked at.
+        Among all hypotheses.
     suspect : Suspect or None
         With its size; None of `NOTHING`.
     certain : bool
@@ -130,13 +130,13 @@ def probabilities(
 
 
 def likely(scored: Scored, something: bool = False) -> tuple[list[Likely], bool]:
-    """The set, the likeliest first, and whether there is something at all.
+    """The set, the most probable first, and whether there is an error at all.
 
     `something` is what is known of that already.
 
     The first is certain where it is so likely that of calibration records 2 % at most got a wrong
-    name (conformal risk control; A. Angelopoulos and others, 2022). That there is something is said
-    where nothing is less likely than of all but 3 % of faultless records.
+    name (conformal risk control; A. Angelopoulos and others, 2022). An error is reported if its
+    absence is less probable than for 97 % of faultless records.
     """
     table = _table()
     least = table["thresholds"]

@@ -1,6 +1,6 @@
-"""What a recorder may do to signals: a wrong scale, a wrong sign, a shifted time.
+"""Errors of recorded signals: a wrong scale, a wrong sign, a shifted time.
 
-They are suspects like the causes of the catalogue, but it is the record that they correct and not
+They are suspects like the causes of the catalogue, but they correct the record and not
 the plant.
 """
 
@@ -117,7 +117,7 @@ SIGNALS: dict[str, Signal] = {
     for s in (
         Signal(
             "scale_of_u",
-            "the recorded command has another scale",
+            "the recorded command has a wrong scale",
             _once,
             _scale_of_u,
             "measure the voltage at the motor with a meter",
@@ -125,39 +125,39 @@ SIGNALS: dict[str, Signal] = {
         ),
         Signal(
             "scale_of_i",
-            "the recorded current has another scale",
+            "the recorded current has a wrong scale",
             _with_current,
             _scale_of_i,
             "measure the current with a clamp",
         ),
         Signal(
             "scale_of_x",
-            "the recorded position has another scale",
+            "the recorded position has a wrong scale",
             _once,
             _scale_of_x,
-            "move by a way that is known and read the position",
+            "move by a known distance and read the position",
             smaller=lambda courses, shape, amplitudes: min(abs(1.0 + float(amplitudes[0])), 1.0),
         ),
         Signal(
             "sign_of_u",
-            "the recorded command has the other sign",
+            "the recorded command has the wrong sign",
             _once,
             _sign_of_u,
-            "command a small positive voltage and see which way the block goes",
+            "command a small positive voltage and check the direction of motion",
         ),
         Signal(
             "sign_of_x",
-            "the recorded position has the other sign",
+            "the recorded position has the wrong sign",
             _once,
             _sign_of_x,
             "move in +x by hand and read the position",
         ),
         Signal(
             "time_shift",
-            "the stamps of command and position are shifted against each other",
+            "the time stamps of command and position are shifted against each other",
             _shifts,
             _time_shift,
-            "record a step of the command: the current or the position answers at once",
+            "record a step of the command: the current or the position responds at once",
         ),
     )
 }

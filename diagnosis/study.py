@@ -100,7 +100,7 @@ class Study:
         return np.append(values, ends)
 
     def at_ends(self, amplitude: Vector) -> list[str]:
-        """Those of `values` that a fit leaves at the end of what they can be."""
+        """Those of `values` that are at their limit after a fit."""
         mean, spread = self.prior()
         off = np.abs(amplitude[: len(mean)] - mean)
         return [
@@ -314,7 +314,7 @@ def _adjusted(courses: list[ModelledRecord], prior_model: Drive) -> tuple[Study,
     bands = cut(courses, prior_model)
     if not bands.used.any() or bands.counts[:, bands.used].sum() < 30.0:
         names = ", ".join(c.record.name for c in courses)
-        raise BadRecord(f"{names}: next to no motion is shown: x rests, jumps or is noise")
+        raise BadRecord(f"{names}: almost no motion: x is constant, jumps or is noise")
     study = Study(courses, prior_model, prior_model, bands)
     for _ in range(2):  # Gauss-Newton
         study, fit = _moved(study)

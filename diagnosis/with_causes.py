@@ -1,4 +1,4 @@
-"""The plant with what a diagnosis found in it, as a component like any other."""
+"""The plant with the causes of a diagnosis, as an ordinary component."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .causes.presliding_hysteresis import NAME as BRISTLES
 from .causes.presliding_hysteresis import bristled
 from .drive import Drive, curve_of
 
-PRIOR = "prior, adjusted to measured data"
+PRIOR = "prior value, adjusted to measured data"
 FOUND = "found in measured data"
 
 _Number = TypeVar("_Number")
@@ -107,8 +107,8 @@ def last_record(values: Mapping[str, _Number]) -> dict[str, _Number]:
 def _able_to_stick(plant: Component) -> Component:
     """The plant with the modes of the classical law, its other forces by direction as well.
 
-    A cause that is a share of friction has a sign of the velocity in it, too: sliding, it is that
-    of the mode, and a body breaks away where it would be accelerated.
+    A cause that is a share of friction has a sign of the velocity in it, too: in sliding, this is
+    the sign of the mode, and a body breaks away where it would be accelerated.
     """
     moving = "vb" if "vb" in [s.name for s in plant.states] else "v"
     place = {"v": "x", "vb": "xb"}[moving]

@@ -145,7 +145,7 @@ def checks(study: Mapping[str, Any]) -> str:
     differ = [run for run in found if not run["agrees"]]
     unsure = sum(run["coupling"] not in ("", "trusted") for run in found)
     return (
-        f"{len(found)} runs were done again over FMUs, and {len(differ) or 'none'} came out "
+        f"{len(found)} runs were repeated over FMUs, and {len(differ) or 'none'} came out "
         f"differently{_which(differ)}.\nOf {unsure} of these the master does not say that every "
         "output is right "
         "within 1 %: its runs with shorter steps see other counts of the encoder, and the\ncurrent "

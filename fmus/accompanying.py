@@ -1,4 +1,4 @@
-"""What an FMU holds beside its description and its program: page, licences, picture, terminals."""
+"""Additional files of an FMU: documentation page, licences, picture, terminals."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def accompanying_files(kernel: Kernel, interface: Interface, fmi: int) -> dict[s
 
 
 def licence(package: str) -> bytes:
-    """The licence that an installed package came with."""
+    """The licence of an installed package."""
     files = distribution(package).files or []
     found = next(f for f in files if f.name == "LICENSE")
     return Path(str(found.locate())).read_bytes()

@@ -1,4 +1,4 @@
-"""Zip files: anybody's unpacked into a new folder, so that nothing lands beside it; ours packed."""
+"""Zip files: unpack any zip file safely into a new folder; pack our own."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import zipfile
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
-LARGEST = 2 * 1024**3  # bytes that an archive may unpack to
+LARGEST = 2 * 1024**3  # largest size of an unpacked archive in bytes
 MOST = 100_000  # files in it
 _FIXED_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 class BadArchive(ValueError):
-    """The file is no archive that can be unpacked here; the message says why, without its name."""
+    """The file cannot be unpacked; the message says why, without the file's name."""
 
 
 def unpack_archive(path: Path) -> Path:
-    """Unpack a zip file into a new temporary folder, which is the caller's to remove.
+    """Unpack a zip file into a new temporary folder, which the caller must remove.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def unpack_archive(path: Path) -> Path:
         if isinstance(error, BadArchive):
             raise
         raise BadArchive(f"cannot be read: {error}") from error
-    except Exception as error:  # zipfile meets damage with many kinds of errors
+    except Exception as error:  # zipfile raises many kinds of errors for damaged files
         raise BadArchive("is not a zip file") from error
     with archive:
         entries = archive.infolist()
@@ -54,7 +54,7 @@ def unpack_archive(path: Path) -> Path:
             )
         folder = Path(tempfile.mkdtemp(prefix="ballscrew-"))
         try:
-            # extractall writes what a symbolic link in the archive points to as plain text
+            # extractall writes the target of a symbolic link in the archive as plain text
             archive.extractall(folder)
         except OSError as error:
             shutil.rmtree(folder, ignore_errors=True)
@@ -71,11 +71,11 @@ def unpack_archive(path: Path) -> Path:
 def _check_name(name: str) -> None:
     parts = PurePosixPath(name.replace("\\", "/"))
     if parts.is_absolute() or ".." in parts.parts or ":" in name:
-        raise BadArchive(f"holds {name!r}, which climbs out of its folder; nothing was unpacked")
+        raise BadArchive(f"holds {name!r}, which is outside its folder; nothing was unpacked")
 
 
 def pack(files: Mapping[str, bytes]) -> bytes:
-    """A zip file's bytes, the same for the same files in the same order."""
+    """Bytes of a zip file; the same files in the same order give the same bytes."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         for name, data in files.items():

@@ -1,4 +1,4 @@
-"""What of this package goes into every FMU that pythonfmu makes."""
+"""Files of this package that are part of every FMU made by pythonfmu."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ RUNTIME = (
     "fmus/runtime.py",
     "fmus/process_end.py",
 )
-"""What of the package an FMU carries, in a package of its own whose name ends in its hash; with the
-compiled core for each platform that the package has it for."""
+"""The files that an FMU contains, as a separate package whose name ends in its hash;
+with the compiled core for each available platform."""
 
 
 @cache
 def carried_runtime() -> tuple[str, dict[str, bytes]]:
-    """Name and files of the package that an FMU carries."""
+    """Name and files of the package that an FMU contains."""
     top = Path(__file__).resolve().parents[1]
     cores = sorted(f"solver/c/{p.name}" for p in (top / "solver" / "c").glob("libcore*"))
     files = {name: (top / name).read_bytes() for name in (*RUNTIME, *cores)}

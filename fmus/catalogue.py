@@ -1,10 +1,10 @@
-"""Components by what a user calls them, and their FMUs kept ready on disk.
+"""Components by their names for users, and their FMUs in a cache on disk.
 
 A part is a name of the catalogue, a function of a user's file (``mine.py:pi``), either of them
-with feed-forward (``nctf+feed_forward``), as a computer runs it (``nctf+sampled``) and with the
-instruments that it measures through (``nctf+sampled+position_encoder``), or a component that was
-made a minute ago; all others are paths of FMUs. Behind all that may stand the units of a drive, as
-in ``pid+sampled+force``.
+with feed-forward (``nctf+feed_forward``), sampled (``nctf+sampled``) and with
+its instruments (``nctf+sampled+position_encoder``), or a component made in the program;
+all others are paths of FMUs. The name may end with the units of a drive, as in
+``pid+sampled+force``.
 """
 
 from __future__ import annotations
@@ -38,42 +38,42 @@ if TYPE_CHECKING:
     from ..solver.component import Component
 
 NAMES = {**PLANTS, **CONTROLLERS, **INSTRUMENTS}
-# what makes equations or files of components; named, since it is imported when it is needed
+# modules that make equations or files of components; by name, since they are imported when needed
 _EXPORT, _VARIATIONAL = "ballscrew.fmus.export", "ballscrew.fmus.variational"
 _CONNECT = "ballscrew.solver.connect"
 _MEASURED = "ballscrew.instruments.measured_through"
 _SAMPLED = "ballscrew.instruments.sample_and_hold"
 _INSTRUMENTS = "ballscrew.instruments"
 _OF_MOTOR = {"A", "ohm", "H"}
-OWN_LIMIT = "u_max"  # of a controller's command: the nominal amplifier's, in volts
+OWN_LIMIT = "u_max"  # parameters of a controller for the limit of the nominal amplifier, in volts
 _FORWARD = "ballscrew.controllers.feed_forward"
 
 
 class UnknownComponent(KeyError):
-    """A name that is not exported; the message lists those that are."""
+    """An unknown name; the message lists the known ones."""
 
     def __str__(self) -> str:
         return str(self.args[0])
 
 
 def has_equations(part: str) -> bool:
-    """Whether a part's name means equations; if not, it is the path of an FMU."""
+    """Whether a part's name has equations; if not, it is the path of an FMU."""
     name = bare(part)
     return name in NAMES | ALONE or names_file(name)
 
 
 def component(part: str | Component) -> Component:
-    """The component that a part means; made if it is a name of the catalogue.
+    """The component of a part; it is made if the part is a name of the catalogue.
 
-    Instruments sample with a controller that is sampled.
+    Instruments of a sampled controller are sampled with it.
 
     Raises
     ------
     UnknownComponent
     BadComponentFile
     ContractError
-        For instruments that do not go together with the controller, or one that cannot be sampled
-        or have feed-forward.
+        For instruments that do not fit the controller, or a controller that cannot be
+        sampled or have feed-forward.
     """
     if not isinstance(part, str):
         return part
@@ -96,9 +96,9 @@ def component(part: str | Component) -> Component:
 
 
 def in_units_of(part: str, plant: str) -> str:
-    """A controller or instrument of ours in the units of a drive of ours: ``pid+rotary+torque``.
+    """A built-in controller or instrument in the units of a built-in drive: ``pid+rotary+torque``.
 
-    Others, and those whose units are said already, are as they are.
+    Others, and those that already have units in their name, are not changed.
     """
     drive, units = without_units(plant)
     if bare(part) not in CONTROLLERS | INSTRUMENTS or part != without_units(part)[0]:
@@ -108,7 +108,7 @@ def in_units_of(part: str, plant: str) -> str:
 
 
 def _in_units(part: Component, units: str) -> Component:
-    """A part in the units of a drive; one that has a motor's values knows no other command."""
+    """A part in the units of a drive; a part with values of a motor has no other command."""
     from ..instruments import UNITS
     from ..solver.contract_error import ContractError
 
@@ -120,19 +120,21 @@ def _in_units(part: Component, units: str) -> Component:
     ]
     if of_motor and "V" in words:
         raise ContractError(
-            f"{part.name} is made for a motor's voltage, as its {of_motor[0]} says, and the "
-            f"drive's command is a {units.split('+')[-1]}; expected a part without such values"
+            f"{part.name} is made for the voltage of a motor, see its {of_motor[0]}, but the "
+            f"command of the drive is a {units.split('+')[-1]}; expected a part without such values"
         )
     told = part.in_units(words)
     if "V" in words and any(p.name == OWN_LIMIT for p in told.all_parameters):
-        told = told.with_defaults({OWN_LIMIT: UNLIMITED}, "none: that of the machine is not known")
+        told = told.with_defaults(
+            {OWN_LIMIT: UNLIMITED}, "none: the limit of the machine is not known"
+        )
     return told
 
 
 def put_into_practice(
     controller: Component, is_sampled: bool, instruments: Sequence[str]
 ) -> Component:
-    """The controller as a computer runs it, if so, behind instruments of these names.
+    """The controller, sampled if requested, with the instruments of these names.
 
     Raises
     ------
@@ -164,7 +166,7 @@ def put_into_practice(
 
 
 def name_of(part: str | Component) -> str:
-    """What to call a part in tables and files; raises as `component` does."""
+    """Name of a part in tables and files; raises as `component` does."""
     if not isinstance(part, str):
         return part.name
     name, part = bare(part), without_units(part)[0]
@@ -172,10 +174,10 @@ def name_of(part: str | Component) -> str:
 
 
 def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
-    """Under what kernels of a part are kept on disk: a name, and modules that its equations are in.
+    """Key of a part's kernels on disk: a name, and the modules with its equations.
 
-    Of a component that is not of the catalogue the name holds a hash of its equations. Raises as
-    `component` does.
+    For a component that is not in the catalogue, the name contains a hash of its equations. Raises
+    as `component` does.
     """
     if isinstance(part, str):
         plain, units = without_units(part)
@@ -210,7 +212,7 @@ def _place_of(name: str) -> str:
 
 
 def fmu_component(part: str | Component, plant: str = "", tangents: int = 0) -> Component:
-    """What an FMU of a part holds: see `fmu_kernel`; raises as `fmu` does."""
+    """Content of a part's FMU: see `fmu_kernel`; raises as `fmu` does."""
     if tangents:
         from .variational import variational
 
@@ -223,15 +225,15 @@ def fmu_component(part: str | Component, plant: str = "", tangents: int = 0) -> 
 
 
 def fmu_kernel(part: str | Component, plant: str = "", tangents: int = 0) -> Kernel:
-    """The compiled component of a part, from disk if there.
+    """The compiled component of a part, from disk if available.
 
     Parameters
     ----------
     part : str or Component
     plant : str
-        Of this plant and the part, a controller, the whole closed loop; empty: of no loop.
+        If given, the whole closed loop of this plant and the part, a controller; empty: no loop.
     tangents : int
-        How many the part carries, in place of the feedback law's ports.
+        Number of tangents of the part, instead of the ports of the feedback law.
     """
     name, modules = kept_as(part)
     made_by = _EXPORT
@@ -246,7 +248,7 @@ def fmu_kernel(part: str | Component, plant: str = "", tangents: int = 0) -> Ker
 
 
 def fmu(part: str | Component, plant: str = "", tangents: int = 0) -> Path:
-    """Path of the FMU of `fmu_kernel` in the user's cache, exported if it is not there yet.
+    """Path of the FMU of `fmu_kernel` in the user's cache; exported if it does not exist yet.
 
     Raises
     ------
@@ -256,7 +258,7 @@ def fmu(part: str | Component, plant: str = "", tangents: int = 0) -> Path:
 
 
 def stored_fmu(kernel: Kernel) -> Path:
-    """Path of a kernel's FMU, kept under a hash of all that goes into it."""
+    """Path of a kernel's FMU, kept under a hash of its complete content."""
     package, _ = carried_runtime()
     content = kernel.to_json() + package + fingerprint(_EXPORT)
     stem = kernel_cache.hashed_name(kernel.name, content)
@@ -271,7 +273,7 @@ def stored_fmu(kernel: Kernel) -> Path:
 def loop(controller: str | Component, plant: str = "plant") -> Component:
     """The whole closed loop of a plant and a controller, as one component.
 
-    It is called after the controller, ``<name>_loop``, and its set-point starts at `START_VALUE`.
+    It is named after the controller, ``<name>_loop``, and its set-point starts at `START_VALUE`.
 
     Raises
     ------

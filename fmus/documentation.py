@@ -12,7 +12,7 @@ from .interface import Interface, Variable
 if TYPE_CHECKING:
     from jinja2 import Template
 
-# Here and not in a file of its own: stored FMUs are known by a hash of the modules' text.
+# Here and not in a separate file: stored FMUs are identified by a hash of the modules' text.
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{{ kernel.name }}</title><style>
 body { font-family: sans-serif; max-width: 60rem; margin: 2rem auto; color: #222 }
@@ -49,7 +49,7 @@ def html_page(kernel: Kernel, interface: Interface) -> str:
 
 @functools.cache
 def _template() -> Template:
-    from jinja2 import Environment, StrictUndefined  # 50 ms that only exports take
+    from jinja2 import Environment, StrictUndefined  # takes 50 ms, needed only for exports
 
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     environment.filters["limits"] = _limits

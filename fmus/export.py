@@ -44,12 +44,12 @@ class Slave(ComponentSlave):
 
 
 def with_law_ports(component: Component) -> Component:
-    """The component with the feedback law's ports, on whichever side it stands."""
+    """The component with the ports of the feedback law, for a plant or a controller."""
     return report_law(accept_law(component))
 
 
 def export(component: Component, path: Path | str) -> Path:
-    """Export a component, from our list or made a minute ago, as an FMI 2.0 co-simulation FMU.
+    """Export a component as an FMI 2.0 co-simulation FMU.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def export(component: Component, path: Path | str) -> Path:
 
 
 def export_kernel(kernel: Kernel, path: Path | str) -> Path:
-    """Export a compiled component, law ports and all, as `export` does."""
+    """Export a compiled component with its law ports, as `export` does."""
     path = Path(path)
     interface = interface_of(kernel, kernel.name)
     package, carried = carried_runtime()
@@ -119,8 +119,8 @@ def _build(script: Path, others: list[Path], target: Path) -> Path:
     """Run pythonfmu's builder; leave `sys.path` and `sys.modules` as they were."""
     from pythonfmu import builder
 
-    # Where an FMU ran in this process first, its own copy of pythonfmu may be the one imported, and
-    # that has no binaries beside it: point the builder at the installed package.
+    # If an FMU ran in this process before, its own copy of pythonfmu may be imported,
+    # which has no binaries: use the builder of the installed package.
     builder.HERE = Path(str(distribution("pythonfmu").locate_file("pythonfmu")))
     paths, modules = list(sys.path), set(sys.modules)
     sys.path.insert(0, str(script.parent))
@@ -142,7 +142,7 @@ def _build(script: Path, others: list[Path], target: Path) -> Path:
 
 
 def _normalized(built: Path, ours: dict[str, bytes]) -> bytes:
-    """The FMU's bytes with our files among them, fixed order and fixed time stamps."""
+    """The FMU's bytes with our files added, in fixed order and with fixed time stamps."""
     with zipfile.ZipFile(built) as old:
         files = {name.replace(os.sep, "/"): old.read(name) for name in old.namelist()} | ours
     names = sorted(files, key=lambda n: (n != "modelDescription.xml", n))

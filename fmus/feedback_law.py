@@ -1,12 +1,13 @@
-"""The feedback law: what lets a linearizing controller be right across an FMI boundary.
+"""The feedback law: ports that make a linearizing controller accurate across an FMI boundary.
 
-A controller reports, beside `u`, the derivatives of `u` by each measured signal, the signals it was
-given, and du/dt from its own states. A plant applies, inside its own solver,
+A controller reports, in addition to `u`, the derivatives of `u` by each measured signal, the
+signals it was given, and du/dt from its own states. A plant applies, inside its own solver,
 
     u(t) = u + sum_y u_gain_y * (y(t) - u_ref_y) + u_rate * (t - t_k)
 
-with t_k the start of the communication step. All ports start at 0, so that an unconnected plant is
-an ordinary one that holds `u`. Both sides are derived from the component's equations.
+with t_k the start of the communication step. All ports start at 0, so that a plant without
+connected ports is an ordinary one that holds `u`. Both sides are derived from the component's
+equations.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ STEP_START = "t_step"
 
 
 def accept_law(plant: Component) -> Component:
-    """The plant with law ports on every input that names the outputs a law may act on."""
+    """The plant with law ports on every input for which outputs of a law are declared."""
     ports: list[Input] = []
     applied: dict[sp.Symbol, sp.Expr] = {}
     for command in (i for i in plant.inputs if i.law):
@@ -48,8 +49,8 @@ def accept_law(plant: Component) -> Component:
 def report_law(controller: Component) -> Component:
     """The controller with outputs for the derivatives, references and rate of each command.
 
-    The derivatives of a command that is held between samples are zero: it does not follow the
-    measurements. It has the ports all the same, so that it fits where another controller was.
+    The derivatives of a command that is held between samples are zero, since it does not
+    follow the measurements. The ports exist in any case, so that controllers can be exchanged.
     """
     measurements = [i for i in controller.inputs if i.role == "measurement"]
     if not measurements:
@@ -97,7 +98,7 @@ class _Port:
 
 
 def _law_ports(command: Input | Output, signals: Sequence[Input | Output]) -> list[_Port]:
-    """The ports of one command's law, the same on either side: gains, references, rate."""
+    """The ports of one command's law, the same on both sides: gains, references, rate."""
     u = command.name
     gains = [
         _Port(gain_port(u, y.name), _per(command.unit, y.unit), f"d{u}/d{y.name} of the law")

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 Image = npt.NDArray[np.uint8]
 
-SIZE = 128  # pixels; FMI 3.0 wants 100 at least
+SIZE = 128  # pixels; FMI 3.0 requires at least 100
 _WHITE, _DARK, _GREY, _BLUE = range(4)
 _COLOURS = bytes([255, 255, 255, 51, 51, 51, 170, 170, 170, 0, 114, 178])
 
@@ -43,7 +43,7 @@ def _draw_axis(image: Image, middle: int) -> None:
 
 
 def _draw_response(image: Image, bottom: int, height: int) -> None:
-    """A set-point that jumps, and what follows it."""
+    """A set-point step and the response."""
     along = np.arange(16, 114)
     follows = 1 - np.exp(-(along - 30).clip(0) / 14) * np.cos((along - 30).clip(0) / 12)
     for column, share in zip(along, follows, strict=True):

@@ -1,8 +1,8 @@
-"""Which FMI variables an exported component has, and where each lives in the FMU's memory.
+"""FMI variables of an exported component, and their places in the FMU's memory.
 
-All numbers of an FMU instance lie in one array: its variables, its state, the solver's memory, so
+All numbers of an FMU instance are in one array: its variables, its state, the solver's memory, so
 that saving and restoring are copies. Value references count the variables from 1 in the order of
-the model description, since some hosts take them for that; `Layout.places` says where each lives.
+the model description, since some hosts expect this; `Layout.places` has the place of each.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .tangent_ports import FRAME_ROLE, SET, SET_ROLE
 TOLERANCE = "solver_tolerance"
 MESSAGE = "message"
 START = "_start"
-TIME = "t"  # as equations call it
+TIME = "t"  # its name in equations
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,13 @@ def number_variables(variables: Iterable[Variable], first: int) -> tuple[Variabl
 
 @dataclass(frozen=True)
 class Layout:
-    """Offsets into the memory, and what the runtime must know beside the equations.
+    """Offsets into the memory, and other data that the runtime needs besides the equations.
 
     Attributes
     ----------
     places : list of int
-        Place of each value reference; `size`, which is no place, for those that are no number.
+        Place of each value reference; `size`, which is not a place, for variables that are not
+        numbers.
     names : dict of str to int
         Place of each variable.
     """
@@ -96,7 +97,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class Interface:
-    """The Real variables; the String ``message`` has the number behind a component's own."""
+    """The Real variables; the value reference of the String ``message`` follows after them."""
 
     variables: tuple[Variable, ...]
     layout: Layout
@@ -226,7 +227,8 @@ def _parameters(kernel: Kernel, first: int) -> Iterator[Variable]:
 
 
 def _starts(kernel: Kernel, first: int) -> Iterator[Variable]:
-    # a state's own nominal value scales the solver's absolute tolerance; a start is as its signal
+    # the nominal value of a state scales the solver's absolute tolerance; a start value has that of
+    # its signal
     shown = {o.uses[0]: o.nominal for o in kernel.outputs if len(o.uses) == 1}
     for k, s in enumerate((*kernel.states, *kernel.discrete)):
         yield Variable(
@@ -257,7 +259,7 @@ def _tolerance(place: int) -> Variable:
 
 
 def _frame(kernel: Kernel, states: int, free: int) -> dict[str, int]:
-    """Where an input with a new value (`ask`, last seen at `seen`) sets states from inputs."""
+    """States that are set from inputs at a new value of the input `ask` (last value in `seen`)."""
     asks = [k for k, i in enumerate(kernel.inputs) if i.role == FRAME_ROLE]
     if not asks:
         return {}

@@ -1,4 +1,4 @@
-"""Names of the feedback law's ports, the same on the plant's and on the controller's side."""
+"""Names of the feedback law's ports, the same for plant and controller."""
 
 from __future__ import annotations
 

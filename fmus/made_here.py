@@ -1,6 +1,6 @@
 """Which FMUs this program wrote on this machine, known by their content.
 
-They run in the master's own process. Anything else is a third-party program, whatever its name.
+They run in the master's own process. Every other FMU is treated as a third-party program.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from ..solver import kernel_cache
 
 
 def remember(path: Path) -> None:
-    """Note that this program wrote the FMU."""
-    # not noted, it runs in a process of its own: slower, and as right
+    """Store that this program wrote the FMU."""
+    # if not stored, it runs in its own process: slower, with the same results
     with contextlib.suppress(OSError):
         kernel_cache.write(_note(path), b"")
 
 
 def is_ours(path: Path) -> bool:
-    """Whether a file is, byte for byte, an FMU that this program wrote, wherever it lies."""
+    """Whether a file is, byte for byte, an FMU written by this program, in any folder."""
     try:
         return kernel_cache.is_whole(_note(path))
     except OSError:
@@ -29,12 +29,12 @@ def is_ours(path: Path) -> bool:
 
 
 def is_kept(path: Path) -> bool:
-    """Whether an FMU of the user's cache is there, as it was written."""
+    """Whether an FMU of the user's cache exists and is unchanged."""
     return kernel_cache.is_whole(path) and is_ours(path)
 
 
 def keep(path: Path, write: Callable[[], object]) -> Path:
-    """Let `write` put an FMU into the user's cache, in place of whatever is there.
+    """Let `write` put an FMU into the user's cache, and replace an old one.
 
     Raises
     ------

@@ -22,7 +22,7 @@ WriteNumber = Callable[[ET.Element, str, Attributes, Attributes], None]
 
 
 def model_description(kernel: Kernel, interface: Interface) -> bytes:
-    """The XML text of a readable FMU, the same for the same component in every process.
+    """The XML text of a readable FMU; the same component gives the same text in every process.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def description(kernel: Kernel, interface: Interface, guid: str, tool: str) -> E
 def root_of(
     fmi: str, model: str, token_name: str, token: str, kernel: Kernel, tool: str = TOOL
 ) -> ET.Element:
-    """The root element, without what only one version of FMI has."""
+    """The root element, without the attributes that only one version of FMI has."""
     return ET.Element(
         "fmiModelDescription",
         {
@@ -104,7 +104,7 @@ def write_definitions(
     kind : str
         Tag of a type.
     units : collection of str
-        That no variable of the interface has.
+        Units that no variable of the interface has.
     """
     used = {v.unit for v in interface.variables}.union(units)
     write_units(ET.SubElement(root, "UnitDefinitions"), used)
@@ -135,7 +135,7 @@ def attributes_of(v: Variable, calculated: Collection[str]) -> tuple[Attributes,
     Parameters
     ----------
     calculated : collection of str
-        Causalities of which initial values are said to be so.
+        Causalities whose initial values are marked as calculated.
     """
     about = {
         "name": v.name,

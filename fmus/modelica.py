@@ -1,7 +1,7 @@
-"""A component as readable Modelica: the equations themselves, for users who want to change them.
+"""A component as readable Modelica: the equations, for users who want to change them.
 
-Names, units, start values and outputs are those of the FMU. What happens at instants (modes,
-samples, delays) has no form here: Modelica's own events and synchronous clocks differ from ours.
+Names, units, start values and outputs are those of the FMU. Modes, samples and
+delays are not supported: events and synchronous clocks of Modelica differ from ours.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _RESERVED = frozenset(
 
 
 class _Printer(StrPrinter):  # type: ignore[misc]
-    """Expressions in Modelica's words."""
+    """Expressions in Modelica syntax."""
 
     def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:
         del rational
@@ -124,7 +124,7 @@ class _Printer(StrPrinter):  # type: ignore[misc]
         name = {sp.Abs: "abs", sp.ceiling: "ceil"}.get(kind, kind.__name__)
         return f"{name}({', '.join(map(self._print, expr.args))})"
 
-    # SymPy prints these by ways of their own
+    # SymPy has special methods for these
     _print_Abs = _print_sign = _print_floor = _print_ceiling = _print_Function  # noqa: N815
 
 
@@ -140,20 +140,21 @@ def modelica(part: Component, starts: Mapping[str, float] | None = None) -> str:
     Raises
     ------
     ContractError
-        If something of it happens at instants, or a name is a word of Modelica.
+        If it has modes, samples or delays, or a name is a keyword of Modelica.
     """
     instants = {"modes": part.modes, "samples": part.discrete, "delays": part.delays}
     for what, there in instants.items():
         if there:
             raise ContractError(
-                f"{part.name} has {what}, of which no Modelica is written; export it as an FMU"
+                f"{part.name} has {what}, which the Modelica export does not support; export it "
+                "as an FMU"
             )
     names = [p.name for p in part.all_parameters]
     names += [i.name for i in part.inputs] + [s.name for s in part.all_states]
     outputs = [o.name for o in part.all_outputs]
     for name in (part.name, *names, *outputs):
         if name in {"pi", *_RESERVED}:
-            raise ContractError(f"{part.name}: {name} is a word of Modelica; give it another name")
+            raise ContractError(f"{part.name}: {name} is a keyword of Modelica; use another name")
     states = {s.name: s for s in part.all_states}
     taken = {"pi", *_RESERVED, *names, *(s + START for s in states)}
     taken |= {*outputs}
@@ -224,7 +225,7 @@ def _forces(
 
 
 def _free(base: str, taken: set[str]) -> Iterator[str]:
-    """Names that nothing has: the base, then with numbers; each is taken then."""
+    """Unused names: the base, then with numbers; each is then marked as used."""
     for k in itertools.count():
         name = f"{base}{k or ''}"
         if name not in taken:
@@ -255,7 +256,7 @@ def _said(text: str) -> str:
 
 
 def _unit(unit: str) -> str:
-    """A unit as Modelica spells it: ``N.s/m`` for ``N*s/m``, ``m/s2`` for ``m/s^2``."""
+    """A unit in Modelica spelling: ``N.s/m`` for ``N*s/m``, ``m/s2`` for ``m/s^2``."""
     above, *below = unit.replace("^", "").replace("ohm", "Ohm").split("/")
     above = above.replace("*", ".")
     if not below:
@@ -265,7 +266,7 @@ def _unit(unit: str) -> str:
 
 
 def _equation(left: str, right: str) -> list[str]:
-    """An equation, in several lines where it is long."""
+    """An equation, in several lines if it is long."""
     return _wrapped(f"  {left} = {right};")
 
 

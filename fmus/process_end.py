@@ -1,9 +1,9 @@
 """Let a process that hosted a pythonfmu FMU end without a crash.
 
 The library of pythonfmu 0.7 releases its static interpreter state twice while the process ends, the
-second time after it is freed, which now and then aborts a process whose work was done. Releasing it
-once in good order, before the others, avoids that. This file stands alone: it also goes into every
-exported FMU.
+second time after it is freed, which sometimes aborts a process after its work is done. Releasing it
+once, before the others, avoids that. This file imports nothing of the package: it is also part of
+every exported FMU.
 """
 
 from __future__ import annotations
@@ -26,6 +26,6 @@ def end_cleanly(library: Path) -> None:
         handle = ctypes.CDLL(path)
         release = handle.finalizePythonInterpreter
     except (OSError, AttributeError):
-        return  # not a pythonfmu FMU, or one of another version: nothing to mend
+        return  # not a pythonfmu FMU, or one of another version: nothing to correct
     _LIBRARIES[path] = handle
     atexit.register(release)

@@ -1,4 +1,4 @@
-"""Open an FMU that may be anybody's: check it first, unpack it into a folder of its own."""
+"""Open an FMU of any origin: check it first, and unpack it into its own folder."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ WHOLE = (
 
 
 class FmuError(ValueError):
-    """The file is no FMU that can run here; the message says what is wrong with it."""
+    """The file is not an FMU that can run here; the message says what is wrong with it."""
 
 
 @dataclass(frozen=True)
 class NumberVariable:
-    """One scalar variable that is a number, a truth value or one of an enumeration.
+    """One scalar variable: a number, a Boolean or an item of an enumeration.
 
     Attributes
     ----------
     type : str
-        As its version of FMI calls it.
+        Name of the type in its version of FMI.
     unit : str
         Its own or that of its declared type; empty if none.
     direct : bool
-        Whether this output may follow inputs at once; True where the FMU does not say.
+        Whether this output may have direct feedthrough from inputs; True if the FMU does not say.
     sampled : bool
-        Whether it could lie between whole numbers, and is said to change at instants only.
+        Whether it is a real number that is declared as discrete.
     initially_from : tuple of str, optional
-        Inputs that this output depends on in initialization; None where the FMU does not say.
+        Inputs that this output depends on in initialization; None if the FMU does not say.
     items : dict of str to int
         Of an enumeration: the values by name.
     """
@@ -63,32 +63,32 @@ class NumberVariable:
 
     @property
     def is_real(self) -> bool:
-        """Whether its values may lie between whole numbers."""
+        """Whether it is a real number."""
         return self.type in REAL
 
 
 @dataclass(frozen=True)
 class Description:
-    """What the master needs of a modelDescription.xml.
+    """Data of a modelDescription.xml that the master needs.
 
     Attributes
     ----------
     fmi : int
         Version of FMI: 2 or 3.
     exchanges : bool
-        Whether it is for model exchange only, and needs a solver of ours.
+        Whether it is for model exchange only, and needs our solver.
     states, indicators : int
-        Numbers of continuous states and event indicators, as FMI 2.0 tells them.
+        Numbers of continuous states and event indicators, from FMI 2.0.
     units : dict of str to dict of str to str
-        Of each unit that is defined in base units, the attributes of its BaseUnit as they are
-        written: exponents, factor, offset.
+        For each unit that is defined in base units, the attributes of its BaseUnit
+        as written: exponents, factor, offset.
     message_reference : int, optional
-        Value reference of the String ``message`` in which our FMUs say why a step failed; an output
-        in those of earlier versions.
+        Value reference of the String ``message``, in which our FMUs say why a step failed;
+        in earlier versions an output.
     step_size : float, optional
         Of its default experiment [s].
     steps_vary : bool
-        Whether its communication steps may be of any length.
+        Whether its communication steps may vary in length.
     strings : dict of str to int
         Value references of the parameters that are Strings.
     """
@@ -113,7 +113,7 @@ class Description:
         return [v.name for v in self.variables if v.causality == causality]
 
     def unit(self, name: str) -> Unit | None:
-        """The unit of a variable; None where the FMU tells none."""
+        """The unit of a variable; None if the FMU does not give one."""
         unit = next(v.unit for v in self.variables if v.name == name)
         if not unit:
             return None
@@ -155,7 +155,7 @@ def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
     Raises
     ------
     FmuError
-        If the file is missing, is no FMU, climbs out of its folder, or cannot run here.
+        If the file is missing, is no FMU, contains a path outside its folder, or cannot run here.
     """
     path = Path(path)
     try:
@@ -176,7 +176,7 @@ def _read(path: Path, folder: Path) -> tuple[Description, Any]:
     from fmpy import read_model_description
 
     if not (folder / "modelDescription.xml").is_file():
-        raise FmuError(f"{path}: holds no modelDescription.xml, so it is no FMU")
+        raise FmuError(f"{path}: contains no modelDescription.xml, so it is not an FMU")
     try:
         version = _fmi_version(folder / "modelDescription.xml")
         if not re.fullmatch(r"2\.0|3\.\d+", version):
@@ -186,9 +186,7 @@ def _read(path: Path, folder: Path) -> tuple[Description, Any]:
     except FmuError:
         raise
     except (AttributeError, IndexError, KeyError, TypeError) as error:
-        raise FmuError(
-            f"{path}: modelDescription.xml lacks something that FMI requires ({error})"
-        ) from error
+        raise FmuError(f"{path}: modelDescription.xml is incomplete ({error})") from error
     except Exception as error:  # the parser raises many kinds
         reason = str(error) or type(error).__name__
         raise FmuError(f"{path}: modelDescription.xml cannot be read: {reason}") from error
@@ -202,7 +200,7 @@ def _read(path: Path, folder: Path) -> tuple[Description, Any]:
 def _find_binary(
     path: Path, folder: Path, description: Description, configurations: list[Any]
 ) -> None:
-    """Make sure that there is a library, compiled from the sources where there is none."""
+    """Make sure that there is a library; if there is none, compile it from the sources."""
     from fmpy import platform, platform_tuple, sharedLibraryExtension
 
     here = platform if description.fmi == 2 else platform_tuple
@@ -215,7 +213,7 @@ def _find_binary(
             compile_sources(folder, own[0], binary)
         except NotCompiled as error:
             raise FmuError(
-                f"{path}: has sources and no binary for this platform, and {error}"
+                f"{path}: has sources but no binary for this platform, and {error}"
             ) from error
     else:
         there = sorted(p.name for p in (folder / "binaries").glob("*") if p.is_dir())
@@ -226,7 +224,7 @@ def _find_binary(
 
 
 def _fmi_version(description: Path) -> str:
-    """What the root element says, before a parser of that version looks at the rest."""
+    """Data of the root element, before a parser of that version reads the rest."""
     _, root = next(ET.iterparse(description, events=("start",)))
     return str(root.get("fmiVersion", "of no version"))
 
@@ -236,7 +234,7 @@ def _described(path: Path, read: Any) -> Description:
     if kind is None:
         what = "scheduled execution only" if read.scheduledExecution else "neither"
         raise FmuError(f"{path}: is for {what}, expected co-simulation or model exchange")
-    # on states, too, outputs may be said to depend: they do not make it follow at once
+    # outputs may also depend on states: this is not direct feedthrough
     followers = {
         u.variable.name
         for u in read.outputs or ()
@@ -284,7 +282,7 @@ def _described(path: Path, read: Any) -> Description:
         )
     units = defined_units(read)
     for name, base in units.items():
-        Unit.defined(name, base)  # refuses what is no unit
+        Unit.defined(name, base)  # rejects an invalid unit
     return Description(
         int(read.fmiVersion[0]),
         read.coSimulation is None,
@@ -321,13 +319,13 @@ def _step_size(experiment: Any) -> float | None:
 
 
 def unit_name(variable: Any) -> str:
-    """The unit of a variable as fmpy read it, or of its declared type; empty if none."""
+    """The unit of a variable read by fmpy, or of its declared type; empty if none."""
     declared = variable.declaredType
     return str(variable.unit or (declared.unit if declared is not None else None) or "")
 
 
 def _undefined(name: str) -> Unit:
-    """A unit that the FMU does not define in base units, by its name, also as Modelica has it."""
+    """A unit that the FMU does not define in base units, by its name, also in Modelica spelling."""
     powers = re.sub(r"(?<=[A-Za-z])(-?\d)", r"^\1", name).replace(".", "*")
     try:
         exponents = base_exponents(powers)
@@ -337,7 +335,7 @@ def _undefined(name: str) -> Unit:
 
 
 def defined_units(read: Any) -> dict[str, dict[str, str]]:
-    """`Description.units` of a model description as fmpy read it."""
+    """`Description.units` of a model description read by fmpy."""
     return {
         unit.name: {
             key: str(value)

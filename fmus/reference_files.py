@@ -1,4 +1,4 @@
-"""What the FMI cross-check wants with an FMU: a reference solution, its options, its inputs."""
+"""Files for the FMI cross-check of an FMU: a reference solution, its options, its inputs."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ..solver.kernel import Kernel, Model
 from .model_description import STEP_SIZE
 
 STOP, INTERVAL, TOLERANCE = 2.0, 1e-2, 1e-9
-MOST_COLUMNS = 10  # what the cross-check recommends
+MOST_COLUMNS = 10  # recommended by the cross-check
 FOLDER = "reference"
-"""Where they lie, beside the FMUs."""
+"""Their folder, next to the FMUs."""
 _VOLTAGE, _SETPOINT = 5.0, 0.08  # V, m; constant, so that a host may hold or interpolate them
 
 
 def write_reference_files(files: Mapping[str, str], fmu: Path) -> None:
-    """Write what `reference_files` gave into the folder `FOLDER` beside an FMU.
+    """Write the result of `reference_files` into the folder `FOLDER` next to an FMU.
 
     Raises
     ------
@@ -35,17 +35,17 @@ def write_reference_files(files: Mapping[str, str], fmu: Path) -> None:
 def reference_files(kernel: Kernel) -> dict[str, str]:
     """Text of ``_ref.csv``, ``_ref.opt`` and, if it has inputs to be driven, ``_in.csv``.
 
-    They come from the user's cache where they are there.
+    They come from the user's cache if available.
 
     Parameters
     ----------
     kernel : Kernel
-        What the FMU holds; it is solved by itself, without the FMU.
+        Content of the FMU; it is solved alone, without the FMU.
 
     Raises
     ------
     IntegrationError, ArithmeticError, ValueError
-        If the solution leaves every bound.
+        If the solution diverges.
     """
     digest = hashlib.sha256(
         (kernel.to_json() + Path(__file__).read_text(encoding="utf-8")).encode()
@@ -87,12 +87,12 @@ def _starts(kernel: Kernel) -> dict[str, float]:
 
 
 def _drive(name: str, role: str) -> float | None:
-    """The constant value of an input in the reference; None leaves it at its start."""
+    """The constant value of an input in the reference; None: its start value."""
     return _SETPOINT if role == "reference" else _VOLTAGE if name == "u" else None
 
 
 def _course(kernel: Kernel, driven: dict[str, float]) -> list[tuple[float, dict[str, float]]]:
-    """Time and outputs at each interval; at a sample instant, as they were held up to there."""
+    """Time and outputs at each interval; at a sample instant, the values before it."""
     model = Model(kernel, tolerance=TOLERANCE)
     for name, value in driven.items():
         model.set_input(name, value)
@@ -112,6 +112,6 @@ def _course(kernel: Kernel, driven: dict[str, float]) -> list[tuple[float, dict[
 
 
 def _table(names: list[str], rows: list[list[float]]) -> str:
-    """As the cross-check wants it: names in double quotes, a comma between, nothing else."""
+    """In the format of the cross-check: names in double quotes, separated by commas."""
     head = ",".join(f'"{name}"' for name in names)
     return "\n".join([head, *(",".join(repr(float(v)) for v in row) for row in rows)]) + "\n"

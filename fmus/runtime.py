@@ -1,10 +1,10 @@
-"""What runs inside an exported FMU: a pythonfmu slave around generated equations.
+"""The program inside an exported FMU: a pythonfmu slave around generated equations.
 
-This file goes into every FMU with the few that it imports, see ``carried_runtime.py``, beside
-the generated equations; on the host it needs pythonfmu (which the FMU carries) and numpy.
+This file is part of every FMU, with the few files that it imports, see ``carried_runtime.py``, and
+the generated equations; on the host it needs pythonfmu (which the FMU contains) and numpy.
 
-Errors never leave as Python exceptions, because those reach the master without a text and may take
-its process down: they are logged, kept in the String ``message``, and fail the step.
+Errors are never raised as Python exceptions, because those reach the master without a text and may
+end its process: they are logged, kept in the String ``message``, and the step fails.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from .process_end import end_cleanly
 
 MAX_STEPS = 200_000
 _Saved = tuple[Any, Any, str, bool]  # memory, delayed signals, failure, whether it has started
-ROUND_OFF = 1e-9  # share of a sampling period within which two times are the same
+ROUND_OFF = 1e-9  # share of a sampling period within which two times are equal
 
 
 def system_of(file: Path, tapes: bytes, states: int) -> tuple[System | PlainSystem, str]:
-    """The equations in the compiled core; in plain Python where it is for another platform, or
-    where they were edited. The text says why.
+    """The equations in the compiled core; in plain Python if the core is for another platform, or
+    if the equations were edited. The text says why.
 
     Parameters
     ----------
@@ -118,8 +118,8 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
 
     # -- variables ---------------------------------------------------------------------------
 
-    # An exception that leaves a get or a set ends the host, and a get has no status: what is asked
-    # for by a wrong type is answered with no number, and the next step is refused.
+    # An exception in a get or a set ends the host, and a get has no status: a
+    # request with a wrong type returns NaN, and the next step fails.
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
         try:
@@ -133,7 +133,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
             self.memory[places] = values
         except (IndexError, KeyError):
             for vr in vrs:
-                self._place(vr, "cannot be set; it is no input and no parameter")
+                self._place(vr, "cannot be set; it is not an input or a parameter")
         self._stale = True
 
     def get_real(self, vrs: list[int]) -> list[float]:
@@ -147,7 +147,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         return values
 
     def _place(self, vr: int, wrong: str) -> int | None:
-        """Where a Real lies; None, and a failure, if there is no number: `wrong` of the message."""
+        """Place of a Real; None, and a failure with the text `wrong`, if there is none."""
         places = self.layout["places"]
         if 0 < vr < len(places) - 1:
             return int(places[vr])
@@ -164,7 +164,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
 
     def _fail_for_none(self, vrs: list[int], what: str) -> None:
         if vrs:
-            self._fail(f"{len(vrs)} {what} were named, there are none")
+            self._fail(f"{len(vrs)} {what} were given, but there are none")
 
     def get_integer(self, vrs: list[int]) -> list[int]:
         self._fail_for_none(vrs, "Integers")
@@ -189,13 +189,13 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self._take_frame()
         try:
             self._instance.out(self.memory[self.layout["time"]])
-        except Exception as error:  # of any kind, where the equations were edited
+        except Exception as error:  # of any kind, if the equations were edited
             self._y[:] = math.nan
             self._fail(f"outputs cannot be computed: {error}")
         self._stale = False
 
     def _take_frame(self) -> None:
-        """Let tangents take the values of their inputs, where a new frame is asked for."""
+        """Set tangents from their inputs, if a new frame is requested."""
         at = self.layout["frame"]
         if at and self.memory[at["ask"]] != self.memory[at["seen"]]:
             self.memory[at["seen"]] = self.memory[at["ask"]]
@@ -239,12 +239,12 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         if at["modes"]:
             self._held[-1] = 0.0
             self._settle()
-        if at["sample_time"] >= 0:  # samples count from t = 0, wherever the run begins
+        if at["sample_time"] >= 0:  # samples count from t = 0, also if the run begins later
             past = self.memory[at["time"]] / self.memory[at["sample_time"]]
             self.memory[at["samples"]] = math.ceil(past - ROUND_OFF)
 
     def _settle(self) -> None:
-        """Enter the mode that the start values and parameters lead to."""
+        """Enter the mode that follows from the start values and parameters."""
         time = self.memory[self.layout["time"]]
         try:
             status = self._system.settle(time, self._x, self._held, self._p, self._info)
@@ -262,7 +262,7 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
             self._log_failure()
             return False
         if not step_size > 0.0 or not math.isfinite(current_time + step_size):
-            self._fail(f"a step from t = {current_time} s by {step_size} s makes no sense")
+            self._fail(f"a step from t = {current_time} s by {step_size} s is invalid")
             return False
         at = self.layout
         self._take_frame()
@@ -286,14 +286,14 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         if status == NOT_FINITE:
             self._fail(f"the state is not finite at t = {t1:.9g} s")
         elif status == NO_DELAY:
-            self._fail("a delay lasts no time, expected a duration of more than 0 s")
+            self._fail("a delay is 0 s; expected more than 0 s")
         elif status != DONE:
             reached = self._info[REACHED]
             what = {
                 TOO_MANY_STEPS: f"{MAX_STEPS} internal steps were not enough",
                 CHATTER: "events follow each other without end",
             }.get(status, "the internal step became too small")
-            rest = "" if status == CHATTER else "; the solution leaves every bound"
+            rest = "" if status == CHATTER else "; the solution diverges"
             self._fail(f"{what} at t = {reached:.9g} s{rest}")
         return bool(status == DONE)
 

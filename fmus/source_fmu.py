@@ -1,4 +1,4 @@
-"""Compile an FMU that brings its sources and no binary for this platform."""
+"""Compile an FMU that has sources and no binary for this platform."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _STANDARDS = {
     "C17": "gnu17",
     "C18": "gnu17",
 }
-# the last two: functions have FMI's names, not those for linking many models into one program
+# the last two: functions have the names of FMI, without prefix
 _FLAGS = (
     "-O2",
     "-shared",
@@ -29,11 +29,11 @@ _FLAGS = (
 
 
 class NotCompiled(RuntimeError):
-    """The sources give no library here; the message says why, in one line."""
+    """The sources cannot be compiled to a library here; the message says why, in one line."""
 
 
 def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
-    """Put the library where the FMU would have brought it; compiled once for the same sources.
+    """Put the library where the FMU expects it; compiled once for the same sources.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
         Of the unpacked FMU.
     configuration : fmpy's BuildConfiguration
     binary : str
-        Where the library belongs, in that folder.
+        Path of the library in that folder.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
     except CompilerFailed as error:
         lines = str(error).splitlines()
         said = next((line for line in lines if "error" in line), lines[-1])
-        raise NotCompiled(f"they do not compile: {said.strip()[:300]}") from error
+        raise NotCompiled(f"the sources do not compile: {said.strip()[:300]}") from error
     except OSError as error:
         raise NotCompiled(f"the library cannot be written: {error}") from error
 
@@ -67,7 +67,7 @@ def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
 def _library(
     folder: Path, name: str, arguments: list[str], compiler: list[str], identifier: str
 ) -> Path:
-    """The library in the cache, made if it is not there."""
+    """The library in the cache; made if it does not exist."""
     digest = hashlib.sha256(repr((compiler, arguments, identifier)).encode())
     for file in sorted(p for p in (folder / "sources").rglob("*") if p.is_file()):
         digest.update(str(file.relative_to(folder)).encode())
@@ -83,9 +83,9 @@ def _library(
 
 
 def _with_prefix(library: bytes, identifier: str) -> list[str]:
-    """FMI's functions that a library has with its model's name before theirs, and not without.
+    """FMI functions that a library exports only with the model's name as prefix.
 
-    The headers of FMI 2.0 to 2.0.1 know no way to switch off a prefix that sources define.
+    The headers of FMI 2.0 to 2.0.1 cannot switch off a prefix that sources define.
     """
     found = re.findall(rb"\0(?:%s_)(fmi[23][A-Z]\w+)(?=\0)" % identifier.encode(), library)
     names = dict.fromkeys(name.decode() for name in found)
@@ -112,12 +112,13 @@ def _arguments(folder: Path, configuration: Any) -> list[str]:
     for source in sources:
         if not (folder / source).is_file():
             raise NotCompiled(f"{source} is not there")
-    headers = Path(fmpy.__file__).parent / "c-code"  # FMI's own, where the FMU leaves them out
+    # headers of FMI, if the FMU does not contain them
+    headers = Path(fmpy.__file__).parent / "c-code"
     return [*_FLAGS, *flags, f"-I{headers}", *sources]
 
 
 def _inside(name: str) -> str:
     place = PurePosixPath("sources", *PurePosixPath(name.replace("\\", "/")).parts)
     if place.is_absolute() or ".." in place.parts:
-        raise NotCompiled(f"{name!r} climbs out of their folder")
+        raise NotCompiled(f"{name!r} is outside their folder")
     return f"./{place}"

@@ -21,7 +21,7 @@ def with_start_values(
     values : mapping of str to float
         Each the name of a parameter, or of a state with ``_start``.
     sources : mapping of str to str
-        Where parameters' values come from; their descriptions say it.
+        Sources of parameter values, added to their descriptions.
     """
     return replace(
         kernel,
@@ -35,7 +35,7 @@ def with_start_values(
 
 
 def with_set_point(kernel: Kernel) -> Kernel:
-    """A copy whose set-point, of a controller or a loop, starts where a run by default goes."""
+    """A copy of a controller or a loop whose set-point starts at the default set-point of a run."""
     return replace(
         kernel,
         inputs=[

@@ -1,11 +1,11 @@
 """Write a closed loop of FMUs as one .ssp (System Structure and Parameterization).
 
-FMUs of FMI 2.0 make an SSP 1.0; with one of FMI 3.0 among them it is an SSP 2.0, which has the same
+FMUs of FMI 2.0 make an SSP 1.0; if one has FMI 3.0 it is an SSP 2.0, which has the same
 namespaces and elements.
 
-Instruments may stand between plant and controller. Both sides carry their feedback-law ports, so
-that any master which connects signals runs the loop with an error of second order. An annotation
-names OMSimulator's master: its executable aborts on a system without one.
+Instruments may be connected between plant and controller. Both sides have their feedback-law
+ports, so that any master that connects signals runs the loop with an error of second order. An
+annotation names the master of OMSimulator: its executable aborts without one.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from .set_point import DERIVATIVES, START_VALUE
 from .system_xml import BASE_UNITS
 
 PLANT, CONTROLLER = "plant", "controller"
-# One name for both sides' sets: masters that choose a set by name then find both.
+# The same name for the sets of both sides: masters that choose a set by name then find both.
 PARAMETERS = "parameters"
-SAMPLE_TIME = "sample_time"  # what sampled parts call their period
-MASTER_STEP = 2e-4  # s; OMSimulator's master at it: iol right to 3e-6 m, nctf to 6e-6 m
+SAMPLE_TIME = "sample_time"  # name of the period in sampled parts
+MASTER_STEP = 2e-4  # s; accuracy of OMSimulator's master with this step: iol 3e-6 m, nctf 6e-6 m
 
 _STANDARD = "http://ssp-standard.org/SSP1/"
 _NAMESPACES = {
@@ -46,7 +46,7 @@ _Units = dict[str, dict[str, str]]  # attributes of each unit's BaseUnit
 
 
 class CannotConnect(ValueError):
-    """The FMUs make no closed loop; the message says what is missing."""
+    """The FMUs do not form a closed loop; the message says what is missing."""
 
 
 @dataclass(frozen=True)
@@ -76,11 +76,11 @@ def export_system(
 ) -> Path:
     """Write a closed loop of FMUs as one .ssp, the same bytes for the same FMUs.
 
-    Ports of the same name meet: the plant's outputs and the controller's inputs, the controller's
-    outputs, law ports among them, and the plant's inputs. An instrument's ``x_measured`` goes where
-    ``x`` would go otherwise: to the instruments behind it and to the controller. SSP has no place
-    for a master's step size: OMSimulator finds `MASTER_STEP` in its annotation, others are told
-    otherwise.
+    Ports of the same name are connected: the plant's outputs to the controller's inputs, and
+    the controller's outputs, with law ports, to the plant's inputs. An instrument's ``x_measured``
+    replaces ``x`` for the instruments after it and for the controller. SSP has no element for the
+    step size of a master: OMSimulator finds `MASTER_STEP` in its annotation, other masters
+    need a setting.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ def export_system(
     name : str
         Name of the system.
     instruments : mapping of str to path-like, optional
-        FMUs by the names of their elements, in their order. What is sampled beside a controller
-        that is sampled gets its period.
+        FMUs by the names of their elements, in their order. With a sampled controller,
+        sampled instruments get its period.
     setpoint : float
         [m] Start of every input of the controller that the plant does not drive.
     stop : float
@@ -108,7 +108,7 @@ def export_system(
     FmuError
         If a file is no FMU.
     CannotConnect
-        If the parts do not meet, or a name or a number makes no sense.
+        If the parts cannot be connected, or a name or a number is invalid.
     OSError
         If the file cannot be written.
     """
@@ -142,8 +142,8 @@ def _side(name: str, path: Path | str) -> _Side:
     unpacked = unpack(path, runs_here=False)
     unpacked.remove()
     description = unpacked.description
-    # An Integer, a Boolean or a String is no signal of this loop, and SSP wants connectors only
-    # where something is connected.
+    # An Integer, a Boolean or a String is not a signal of this loop, and SSP needs
+    # connectors only for connections.
     variables = {
         v.name: v
         for v in description.variables
@@ -165,7 +165,7 @@ def _base_unit(given: dict[str, str]) -> dict[str, str]:
 
 
 def _period(side: _Side, controller: _Side) -> dict[str, float]:
-    """The controller's sampling period for a part that is sampled beside it."""
+    """The controller's sampling period for another sampled part."""
     sampled = all(SAMPLE_TIME in s.variables for s in (side, controller))
     period = controller.variables[SAMPLE_TIME].start if sampled else None
     return {} if period is None else {SAMPLE_TIME: period}
@@ -174,14 +174,15 @@ def _period(side: _Side, controller: _Side) -> dict[str, float]:
 def _signals(
     plant: _Side, instruments: Sequence[_Side]
 ) -> tuple[dict[str, _Port], list[_Connection]]:
-    """Where each signal is to be had behind all instruments, and what drives these."""
+    """Source of each signal after all instruments, and the sources of the instruments."""
     connections: list[_Connection] = []
     signals = {n: (PLANT, n) for n in plant.names("output")}
     for side in instruments:
         for n in side.names("input"):
             if n not in signals:
                 raise CannotConnect(
-                    f"nothing drives the input {n!r} of {side.path}: {plant.path} has the outputs "
+                    f"nothing is connected to the input {n!r} of {side.path}: {plant.path} has "
+                    "the outputs "
                     f"{', '.join(plant.names('output')) or 'none'}"
                 )
             connections.append((signals[n], (side.name, n)))
@@ -198,7 +199,7 @@ def _signals(
 def _connections(
     plant: _Side, instruments: Sequence[_Side], controller: _Side
 ) -> list[_Connection]:
-    """What drives what, see `export_system`; gains only where their references are too."""
+    """Connections, see `export_system`; gains only together with their references."""
     signals, connections = _signals(plant, instruments)
     measured = [n for n in signals if n in controller.names("input")]
     connections += [(signals[n], (CONTROLLER, n)) for n in measured]
@@ -208,8 +209,8 @@ def _connections(
         for command in plant.names("input")
         for signal in plant.names("output")
     }
-    # A gain without the signals it was computed at would be multiplied by the whole signal, and
-    # behind an instrument it was computed at others than the plant's.
+    # A gain without its reference signals would be multiplied by the whole signal, and
+    # after an instrument the references differ from the plant's signals.
     alone = {
         p
         for pair, (element, _) in pairs.items()
@@ -219,14 +220,16 @@ def _connections(
     commands = [n for n in shared if n not in alone]
     if not measured:
         raise CannotConnect(
-            f"{controller.path.name}: measures nothing of {plant.path.name}: its inputs are "
+            f"{controller.path.name}: its inputs do not fit the outputs of {plant.path.name}: its "
+            "inputs are "
             f"{', '.join(controller.names('input')) or 'none'}, the plant's outputs are "
             f"{', '.join(plant.names('output')) or 'none'}"
         )
     for side in instruments:
         if all(source[0] != side.name for source, _ in connections):
             raise CannotConnect(
-                f"nothing takes the outputs {', '.join(side.names('output')) or 'none'} of "
+                f"nothing is connected to the outputs {', '.join(side.names('output')) or 'none'} "
+                "of "
                 f"{side.path}; {controller.path} has the inputs "
                 f"{', '.join(controller.names('input'))}"
             )
@@ -234,7 +237,8 @@ def _connections(
     for name in plant.names("input"):
         if name not in law and name not in commands:
             raise CannotConnect(
-                f"nothing drives the input {name!r} of {plant.path.name}: {controller.path.name} "
+                f"nothing is connected to the input {name!r} of {plant.path.name}: "
+                f"{controller.path.name} "
                 f"has the outputs {', '.join(controller.names('output')) or 'none'}"
             )
     return connections + [((CONTROLLER, n), (PLANT, n)) for n in commands]
@@ -248,8 +252,8 @@ def _structure(
     stop: float,
 ) -> bytes:
     root = _root("ssd:SystemStructureDescription", version, name, "ssd", "ssc", "oms")
-    # No connectors of the system itself: libcosim and ecos refuse a connection that lacks an
-    # element's name on either end. Parameter sets per element: neither reads the system's.
+    # No connectors of the system itself: libcosim and ecos reject a connection without an
+    # element's name at both ends. Parameter sets per element: they do not read those of the system.
     system = ET.SubElement(root, "ssd:System", name=name)
     elements = ET.SubElement(system, "ssd:Elements")
     for side in sides:
@@ -304,7 +308,7 @@ def _write_component(parent: ET.Element, side: _Side) -> None:
 
 
 def _parameter_set(side: _Side, version: str, given: dict[str, float]) -> bytes:
-    """Every parameter at its default, and over them the values that are given."""
+    """Every parameter with its default or its given value."""
     values = {n: side.variables[n].start for n in side.names("parameter")}
     values |= {n: float(value) for n, value in given.items()}
     root = _root("ssv:ParameterSet", version, PARAMETERS, "ssv", "ssc")
@@ -346,7 +350,7 @@ def _write_units(root: ET.Element, tag: str, units: _Units) -> None:
 
 
 def _root(tag: str, version: str, name: str, *prefixes: str) -> ET.Element:
-    """The root element; libcosim and ecos look for these prefixes by their letters."""
+    """The root element; libcosim and ecos need exactly these prefixes."""
     spaces = {f"xmlns:{p}": _NAMESPACES[f"xmlns:{p}"] for p in prefixes}
     return ET.Element(tag, spaces | {"version": version, "name": name, "generationTool": TOOL})
 

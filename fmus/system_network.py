@@ -1,4 +1,4 @@
-"""The elements and connections of an SSP system, flattened: what drives which port, and how."""
+"""The elements and connections of an SSP system, flattened: source of each port, and conversion."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class SystemConnection:
 
 @dataclass(frozen=True)
 class SystemOutput:
-    """An output of the whole system that something drives; the target's element is empty."""
+    """A connected output of the whole system; the target's element is empty."""
 
     name: str
     unit: str
@@ -59,7 +59,7 @@ class SystemOutput:
 
 @dataclass(frozen=True)
 class Connector:
-    """What is known of a connector; `type` is empty and `unit` is None where nobody says."""
+    """Data of a connector; `type` is empty and `unit` is None if not given."""
 
     kind: str
     type: str
@@ -68,7 +68,7 @@ class Connector:
 
 @dataclass(frozen=True)
 class Component:
-    """An FMU of the system: what its connectors say, and what its own variables say."""
+    """An FMU of the system: data of its connectors, and of its own variables."""
 
     path: str
     node: ET.Element
@@ -89,7 +89,7 @@ class System:
 
 @dataclass(frozen=True)
 class Edge:
-    """A link of a chain of connections, from its source's view of the data flow."""
+    """A link of a chain of connections, in the direction of the data flow."""
 
     source: SystemPort
     scaling: Scaling
@@ -117,7 +117,7 @@ class Network:
     def add_system(self, node: ET.Element, path: str, levels: int = DEEPEST) -> System:
         """Add a system, its elements and their connections; return it."""
         if levels == 0:
-            raise BadSystem(f"systems lie more than {DEEPEST} deep within each other")
+            raise BadSystem(f"systems lie more than {DEEPEST} levels deep")
         system = System(path, node, self._connectors(node, path))
         self.places[path] = system
         elements = node.find(SSD + "Elements")
@@ -135,7 +135,7 @@ class Network:
                 system.children[name] = self._component(child, below)
             else:
                 raise BadSystem(
-                    f"element {below!r} is a {kind}; only components and systems are known here"
+                    f"element {below!r} is a {kind}; only components and systems are supported"
                 )
         for k, connection in enumerate(node.iterfind(f"{SSD}Connections/{SSD}Connection"), 1):
             self._connect(system, connection, f"connection {k} of {called(path)}")
@@ -145,7 +145,7 @@ class Network:
         where = f"element {path!r}"
         kind = node.get("type") or _FMU
         if kind != _FMU:
-            raise BadSystem(f"{where} is of type {kind}; only FMUs ({_FMU}) are known here")
+            raise BadSystem(f"{where} is of type {kind}; only FMUs ({_FMU}) are supported")
         fmu = self.file(node.get("source"), where)
         if fmu not in self._read_fmus:
             self._read_fmus[fmu] = _variables(fmu, where)
@@ -161,7 +161,9 @@ class Network:
                 raise BadSystem(f"{called(path)} has two connectors {name!r}")
             for child in entry:
                 if child.tag == SSC + "Dimension":
-                    raise BadSystem(f"{SystemPort(path, name)} is an array; only scalars are known")
+                    raise BadSystem(
+                        f"{SystemPort(path, name)} is an array; only scalars are supported"
+                    )
                 if child.tag.startswith(SSC):
                     kind = plain_type(child.tag.removeprefix(SSC))
                     unit = unit_in(child, self.units)
@@ -200,7 +202,7 @@ class Network:
             for end in ("start", "end")
         ]
         if node.get("startIndices") or node.get("endIndices"):
-            raise BadSystem(f"{where} is between parts of arrays; only scalars are known here")
+            raise BadSystem(f"{where} is between parts of arrays; only scalars are supported")
         (first, _), (second, _) = ends
         flows = [self._gives(port, own, where) for port, own in ends]
         if flows[0] == flows[1]:
@@ -208,7 +210,8 @@ class Network:
                 f"{where} joins {first} and {second}, which "
                 f"{'both give' if flows[0] else 'both take'} a value"
             )
-        # The standard's start and end do not tell the direction; the kinds of the connectors do.
+        # The start and end in the standard do not give the direction; the kinds of the connectors
+        # do.
         source, target = (first, second) if flows[0] else (second, first)
         edge = Edge(source, scaling_of(node, where), f"{where}, {source} to {target}")
         if target in self.edges:
@@ -241,7 +244,7 @@ class Network:
         return SystemPort(place.path, connector)
 
     def connector(self, port: SystemPort) -> Connector:
-        """What is known of a port; an FMU's own description fills what its connector leaves out."""
+        """Data of a port; missing data of a connector come from the FMU's own description."""
         place = self.places[port.element]
         if isinstance(place, System):
             return place.connectors[port.connector]
@@ -263,12 +266,12 @@ class Network:
         if said.unit and variable.unit and not said.unit.same_as(variable.unit):
             raise BadSystem(
                 f"{port} is in {said.unit.name!r}, but in {place.fmu.name} it is in "
-                f"{variable.unit.name!r}, which is another unit"
+                f"{variable.unit.name!r}, which is a different unit"
             )
         return Connector(variable.kind, variable.type, said.unit or variable.unit)
 
     def _gives(self, port: SystemPort, own: bool, where: str) -> bool:
-        """Whether a connector gives a value to a connection; `own` is the system's, from within."""
+        """Whether a connector is a source of a connection; `own`: of the system, from inside."""
         kind = self.connector(port).kind
         if kind not in ("input", "output", "parameter", "calculatedParameter"):
             raise BadSystem(
@@ -278,12 +281,12 @@ class Network:
         return (kind in ("output", "calculatedParameter")) != own
 
     def check_rings(self) -> None:
-        """Refuse connections that run from systems' connectors to themselves."""
+        """Reject connections that form a ring through connectors of systems."""
         for target in self.edges:
             port, passed = target, set()
             while port in self.edges and isinstance(self.places[port.element], System):
                 if port in passed:
-                    raise BadSystem(f"the connections through {port} run in a ring without an FMU")
+                    raise BadSystem(f"the connections through {port} form a ring without an FMU")
                 passed.add(port)
                 port = self.edges[port].source
 
@@ -307,13 +310,13 @@ class Network:
                 )
             else:
                 raise BadSystem(
-                    f"the system's output {target} is its input {connection.source}; nothing runs "
-                    "between them"
+                    f"the system's output {target} is its input {connection.source}; they cannot "
+                    "be connected directly"
                 )
         return connections, tuple(outputs)
 
     def _traced(self, target: SystemPort) -> SystemConnection | None:
-        """The whole way to a port; None if it begins nowhere or is no signal but a parameter."""
+        """The whole chain to a port; None if it has no source or is for a parameter."""
         chain, port = [], target
         while port in self.edges:
             chain.append(port)
@@ -329,7 +332,7 @@ class Network:
         if not kinds <= {"input", "output"}:
             raise BadSystem(
                 f"{self.edges[target].where}: {source} is of kind {ends[0].kind} and {target} of "
-                f"kind {ends[1].kind}; only outputs and inputs can be joined while a system runs"
+                f"kind {ends[1].kind}; only outputs and inputs can be connected while a system runs"
             )
         for end, connector in zip((source, target), ends, strict=True):
             if connector.type not in ("Real", "Integer", "Boolean", "Enumeration", ""):
@@ -343,7 +346,7 @@ class Network:
         return SystemConnection(source, target, signal.factor, signal.offset)
 
     def link(self, signal: Scaled, target: SystemPort) -> Scaled:
-        """A value that arrives at a port, after the last connection on its way."""
+        """A value at a port, after the last connection of its chain."""
         edge = self.edges[target]
         return signal.through(edge.scaling, self.connector(target).unit, edge.where)
 
@@ -359,11 +362,11 @@ def _variables(fmu: Path, where: str) -> dict[str, Connector]:
     from fmpy import read_model_description
 
     try:
-        with fmu.open("rb") as stream:  # which the parser leaves open where it is no zip file
+        with fmu.open("rb") as stream:  # which the parser does not close if it is not a zip file
             read: Any = read_model_description(stream, validate=False)
     except Exception as error:  # the parser raises many kinds
         reason = str(error) or type(error).__name__
-        raise BadSystem(f"{where}: {fmu.name} is no FMU that can be read: {reason}") from error
+        raise BadSystem(f"{where}: {fmu.name} is not an FMU that can be read: {reason}") from error
     if not str(read.fmiVersion).startswith(("2.", "3.")):
         raise BadSystem(f"{where}: {fmu.name} is FMI {read.fmiVersion}, expected FMI 2.0 or 3.0")
     units = {name: Unit.defined(name, base) for name, base in defined_units(read).items()}

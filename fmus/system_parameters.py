@@ -1,4 +1,4 @@
-"""The parameter bindings of an SSP system: which value reaches which variable of which FMU."""
+"""The parameter bindings of an SSP system: values for variables of FMUs."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Bindings:
     starts : dict
         Of the whole system's own inputs and parameters.
     ignored : list of str
-        Names that nothing answers to.
+        Names of unknown parameters.
     """
 
     def __init__(self, network: Network) -> None:
@@ -60,7 +60,7 @@ class Bindings:
         self.ignored: list[str] = []
 
     def bind(self, place: Component | System) -> None:
-        """Apply parameter sets, inner ones first, so that those further out have the last word."""
+        """Apply parameter sets, inner ones first, so that outer ones have priority."""
         if isinstance(place, System):
             for child in place.children.values():
                 self.bind(child)
@@ -93,18 +93,18 @@ class Bindings:
             for entry in renamed:
                 scaling = scaling_of(entry, f"{source}: the mapping of {parameter.name!r}")
                 self._set(place, entry.get("target", ""), parameter, scaling, source)
-            # A mapping renames what it lists; the rest keeps its names.
+            # A mapping renames the listed names; the others are unchanged.
             if not renamed:
                 self._set(place, parameter.name, parameter, Scaling(), source)
 
     def _document(
         self, node: ET.Element, holder: ET.Element | None, tag: str, kind: str, where: str
     ) -> tuple[ET.Element, str]:
-        """A parameter set or mapping, from its own file or from within, and what to call it."""
+        """A parameter set or mapping, from its own file or inline, and its name in messages."""
         if node.get("type", kind) != kind:
             raise BadSystem(f"{where} is of type {node.get('type')}, expected {kind}")
         if node.get("sourceBase", "SSD") != "SSD":
-            raise BadSystem(f"{where} lies in an FMU (sourceBase), which is not known here")
+            raise BadSystem(f"{where} is inside an FMU (sourceBase), which is not supported")
         if node.get("source") is not None:
             file = self._network.file(node.get("source"), where)
             return parse(file, tag), file.name
@@ -138,7 +138,7 @@ class Bindings:
             self._store(reached, parameter, scaled, where)
 
     def _reached(self, port: SystemPort, value: Scaled) -> Iterator[tuple[SystemPort, Scaled]]:
-        """The ports at which a value arrives that is set at this one, itself included."""
+        """The ports that get a value set at this port, including itself."""
         yield port, value
         if isinstance(self._network.places[port.element], System):
             for target, edge in self._network.edges.items():
@@ -169,7 +169,7 @@ class Bindings:
 
 
 def _found(place: Component | System, name: str) -> SystemPort | None:
-    """The port that a hierarchical name means, seen from an element."""
+    """The port of a hierarchical name, seen from an element."""
     if isinstance(place, Component):
         return SystemPort(place.path, name) if name in place.variables else None
     if name in place.connectors:

@@ -1,7 +1,7 @@
-"""Read an .ssp (System Structure and Parameterization), which may be anybody's, into plain data.
+"""Read an .ssp (System Structure and Parameterization) of any origin into plain data.
 
-Nested systems are flattened, connections followed through them to the FMUs' ports, units converted,
-and parameter sets resolved to the variables that they set.
+Nested systems are flattened: connections are followed through them to the ports of the FMUs, units
+are converted, and parameter sets are assigned to variables.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class SystemElement:
     Attributes
     ----------
     name : str
-        Names of the systems it lies in and its own, joined with dots.
+        Names of the enclosing systems and its own, joined with dots.
     fmu : Path
-        The file, in the folder that the system was unpacked to.
+        The file, in the folder of the unpacked system.
     start_values : dict of str to float
-        What parameter sets say of its variables, in the variables' units: a float for a Real, an
+        Values of its variables from parameter sets, in the variables' units: a float for a Real, an
         int for an Integer, a bool for a Boolean, a str for a String and for the name of an
         Enumeration's item.
     """
@@ -53,16 +53,16 @@ class SystemElement:
 
 @dataclass(frozen=True)
 class SystemInput:
-    """An input of the whole system; in `drives` the source's element is the empty string.
+    """An input of the whole system; in `drives` the element of the source is the empty string.
 
     Attributes
     ----------
     unit : str
         Empty if the system does not say.
     start : float, optional
-        What parameter sets say of it, in its own unit.
+        Its value from parameter sets, in its own unit.
     defined : Unit, optional
-        That unit, as far as the system defines it.
+        Definition of that unit, if the system has one.
     """
 
     name: str
@@ -87,8 +87,8 @@ class SystemStructure:
     start, stop : float
         [s] The default experiment; `stop` is None if it gives none.
     ignored : tuple of str
-        Parameters that name nothing in the system. The standard says to ignore them, since one set
-        may serve several systems; a user wants to know, since one may be misspelt.
+        Unknown parameters. The standard says to ignore them, since one set may be
+        for several systems; they are reported, since a name may be misspelt.
     """
 
     path: Path
@@ -116,13 +116,13 @@ def read_system(path: Path | str) -> SystemStructure:
     Returns
     -------
     SystemStructure
-        `remove` it when done.
+        Call `remove` at the end.
 
     Raises
     ------
     BadSystem
-        If the file is missing, is no .ssp, climbs out of its folder, contradicts itself, or needs
-        something that is not known here; the message says which.
+        If the file is missing, is no .ssp, contains a path outside its folder, is inconsistent,
+        or needs something that is not supported; the message says which.
     """
     path = Path(path)
     try:
@@ -142,7 +142,7 @@ def read_system(path: Path | str) -> SystemStructure:
 
 def _read(path: Path, folder: Path) -> SystemStructure:
     if not (folder / DESCRIPTION).is_file():
-        raise BadSystem(f"holds no {DESCRIPTION}, so it is no .ssp")
+        raise BadSystem(f"holds no {DESCRIPTION}, so it is not an .ssp")
     root = parse(folder / DESCRIPTION, SSD + "SystemStructureDescription")
     system = root.find(SSD + "System")
     if system is None:

@@ -21,12 +21,12 @@ BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
 class BadSystem(ValueError):
-    """The file is no system that can run here; the message says what is wrong with it."""
+    """The file is not a system that can run here; the message says what is wrong with it."""
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: base value = factor * value + offset; `exponents` is None where nobody defines it."""
+    """A unit: base value = factor * value + offset; `exponents` is None if it is not defined."""
 
     name: str
     exponents: tuple[int, ...] | None
@@ -56,7 +56,7 @@ class Unit:
         return self.exponents == (0,) * len(BASE_UNITS) and (self.factor, self.offset) == (1, 0)
 
     def same_as(self, other: Unit) -> bool:
-        """Whether values are the same numbers in both; where nobody defines one, by name."""
+        """Whether both units have the same numbers; undefined units are compared by name."""
         if self.exponents is None or other.exponents is None:
             return self.name == other.name
         return replace(self, name="") == replace(other, name="")
@@ -64,7 +64,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Scaling:
-    """What a connection or a mapping does to a value: target = factor * source + offset.
+    """Transformation of a connection or a mapping: target = factor * source + offset.
 
     Attributes
     ----------
@@ -79,14 +79,14 @@ class Scaling:
 
 @dataclass(frozen=True)
 class Scaled:
-    """A value along a chain: factor * (value at the chain's start) + offset, in a unit."""
+    """A value in a chain: factor * (value at the start of the chain) + offset, in a unit."""
 
     factor: float
     offset: float
     unit: Unit | None
 
     def through(self, scaling: Scaling, unit: Unit | None, where: str) -> Scaled:
-        """The value one link on, where it is in `unit`, or in the unit it had if that is None.
+        """The value after the next link, in `unit`, or in the previous unit if that is None.
 
         Raises
         ------
@@ -107,7 +107,7 @@ def conversion(before: Unit, after: Unit, where: str) -> tuple[float, float]:
     Raises
     ------
     BadSystem
-        If they measure different things, or nobody defines one of them.
+        If they are of different quantities, or one of them is not defined.
     """
     for unit in (before, after):
         if unit.exponents is None and before.name != after.name:
@@ -119,24 +119,24 @@ def conversion(before: Unit, after: Unit, where: str) -> tuple[float, float]:
         return 1.0, 0.0
     if before.exponents != after.exponents:
         raise BadSystem(
-            f"{where}: {before.name!r} cannot be converted to {after.name!r}: they measure "
-            "different things"
+            f"{where}: {before.name!r} cannot be converted to {after.name!r}: they are units "
+            "of different quantities"
         )
     return before.factor / after.factor, (before.offset - after.offset) / after.factor
 
 
 def parse(file: Path, tag: str) -> ET.Element:
-    """The root element of a file, which must be `tag` in a version that is known here.
+    """The root element of a file, which must be `tag` in a supported version.
 
     Raises
     ------
     BadSystem
-        If it cannot be read, is no XML, declares a document type, or is something else.
+        If it cannot be read, is not XML, declares a document type, or has another root element.
     """
 
     def refuse(*_: object) -> None:
-        # entities can grow without bound or reach for other files, and SSP needs none
-        raise BadSystem(f"{file.name} declares a document type, which SSP files have no use for")
+        # entities can grow without limit or read other files, and SSP needs none
+        raise BadSystem(f"{file.name} declares a document type, which is not allowed in SSP files")
 
     checker = expat.ParserCreate()
     checker.StartDoctypeDeclHandler = refuse
@@ -220,14 +220,14 @@ def scaling_of(node: ET.Element, where: str) -> Scaling:
         node.get("suppressUnitConversion", "false"), f"{where}: suppressUnitConversion"
     )
     for child in node:
-        # by its bare name: some tools write it in a namespace that is not the standard's
+        # by its local name: some tools write it in another namespace than the standard
         name = child.tag.rpartition("}")[2]
         if name == "LinearTransformation":
             factor = number(child.get("factor", "1"), f"{where}: the factor")
             offset = number(child.get("offset", "0"), f"{where}: the offset")
             return Scaling(factor, offset, converts)
         if name.endswith("Transformation"):
-            raise BadSystem(f"{where} has a {name}; only a LinearTransformation is known here")
+            raise BadSystem(f"{where} has a {name}; only a LinearTransformation is supported")
     return Scaling(1.0, 0.0, converts)
 
 

@@ -1,4 +1,4 @@
-"""Names of the ports that carry tangents, the same for their maker and their reader."""
+"""Names of the ports for tangents, the same for export and import."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def tangent_port(name: str, number: int) -> str:
 
 
 def set_port(tangent: str) -> str:
-    """Input with the value that a tangent of a state takes."""
+    """Input that sets a tangent of a state."""
     return tangent + SET
 
 
 def is_tangent_port(name: str, names: set[str]) -> bool:
-    """Whether a port belongs to the tangents of another of `names`, or to tangents as a whole."""
+    """Whether a port belongs to the tangents of one of `names`, or to all tangents."""
     if name in (FRAME, TRACE):
         return True
     match = _TANGENT.fullmatch(name.removesuffix(SET))

@@ -1,4 +1,4 @@
-"""Terminals of FMI 3.0: a plant and a controller are joined by two connections, not by fourteen."""
+"""Terminals of FMI 3.0: a plant and a controller need two connections instead of fourteen."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ COMMAND, MEASUREMENT = "command", "measurement"
 def terminals(interface: Interface) -> dict[str, list[str]]:
     """Members of each terminal by its name; none for a component without law ports.
 
-    ``command`` holds a command and its feedback law, ``measurement`` the signals that the law is
-    about.
+    ``command`` has a command and its feedback law, ``measurement`` the signals of
+    the law.
     """
     names = {v.name: v.causality for v in interface.variables}
     found: dict[str, list[str]] = {}
@@ -31,9 +31,9 @@ def terminals(interface: Interface) -> dict[str, list[str]]:
 def terminals_and_icons(interface: Interface) -> bytes:
     """The text of ``terminalsAndIcons/terminalsAndIcons.xml``; it has an icon in any case.
 
-    Members of the same name meet (matching rule ``bus``), so that a controller which has a law for
-    a signal that this plant lacks fits all the same: a gain is here with its reference, or not at
-    all.
+    Members of the same name are connected (matching rule ``bus``), so that a controller whose
+    law uses a signal that this plant does not have also fits: a gain is always together with its
+    reference.
     """
     root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     corners = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}

@@ -19,8 +19,8 @@ _SI: dict[str, dict[str, int]] = {
     "H": {"kg": 1, "m": 2, "s": -2, "A": -2},
 }
 DISPLAYED = {"m": {"mm": 1e3, "um": 1e6}, "m/s": {"mm/s": 1e3}}
-"""Factors of the units that people read a unit in: displayed value = factor * value."""
-_SMALL = 1e-4  # [m] lengths with a smaller nominal value are read in micrometres
+"""Factors of display units: displayed value = factor * value."""
+_SMALL = 1e-4  # [m] lengths with a smaller nominal value are displayed in micrometres
 TYPES = {
     "Position": ("Length", "m", "mm"),
     "Deflection": ("Length", "m", "um"),
@@ -46,10 +46,10 @@ def base_exponents(unit: str) -> dict[str, int]:
     """
     tokens = _TOKEN.findall(unit)
     if "".join(tokens) != unit.replace(" ", ""):
-        raise BadUnit(f"unit {unit!r} has characters that are no part of a unit")
+        raise BadUnit(f"unit {unit!r} has characters that are not allowed in a unit")
     result = _product(unit, tokens)
     if tokens:
-        raise BadUnit(f"unit {unit!r} does not parse at {tokens[0]!r}")
+        raise BadUnit(f"unit {unit!r} has a syntax error at {tokens[0]!r}")
     return {base: power for base, power in result.items() if power}
 
 
@@ -61,7 +61,7 @@ def type_of(unit: str, nominal: float) -> str:
 
 
 def write_units(parent: ET.Element, names: set[str]) -> None:
-    """Definitions of units by base units, with the units that they are displayed in."""
+    """Definitions of units by base units, with their display units."""
     for name in sorted(names):
         unit = ET.SubElement(parent, "Unit", name=name)
         powers = {base: str(power) for base, power in base_exponents(name).items()}

@@ -1,4 +1,4 @@
-"""What results of the generated equations are computed from, read off their text."""
+"""Inputs of the results of generated equations, from their text."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Uses:
 
 
 def uses_of(kernel: Kernel, name: str) -> defaultdict[str, Uses]:
-    """What each result of a function of the generated text is computed from."""
+    """Symbols that each result of a function of the generated text uses."""
     found: defaultdict[str, Uses] = defaultdict(Uses)
 
     def read(body: list[ast.stmt], known: dict[str, tuple[set[str], str]]) -> None:
@@ -66,7 +66,7 @@ def _read(value: ast.expr, known: dict[str, tuple[set[str], str]]) -> tuple[set[
 
 
 def initial_uses(kernel: Kernel, name: str) -> list[set[str]]:
-    """Names of the inputs, parameters and start values that results follow in initialization.
+    """Names of the inputs, parameters and start values that results depend on in initialization.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def initial_uses(kernel: Kernel, name: str) -> list[set[str]]:
 
 
 def _first_mode(kernel: Kernel) -> tuple[set[str], dict[str, set[str]]]:
-    """What chooses the first mode, and what states follow that are reset on the way there."""
+    """Symbols that determine the first mode, and the states that are reset before it."""
     if not kernel.modes:
         return set(), {}
     choice: set[str] = set().union(*(u.symbols for u in uses_of(kernel, "indicate").values()))
@@ -109,7 +109,7 @@ def _first_mode(kernel: Kernel) -> tuple[set[str], dict[str, set[str]]]:
 
 
 def _names(kernel: Kernel) -> dict[str, str]:
-    """Variables behind symbols; not those of delayed signals, which begin as they are told to."""
+    """Variables of symbols, except those of delayed signals, which have start values."""
     inputs = len(kernel.inputs)
     return {
         TIME: TIME,

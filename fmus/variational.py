@@ -1,16 +1,16 @@
-"""Tangent states, inputs and outputs beside the ordinary ones of a component.
+"""Tangent states, inputs and outputs in addition to the ordinary ones of a component.
 
-For each of a number of tangents, every state gains its tangent, every input and every output, too:
+For each tangent, every state, input and output gets a tangent variable:
 
     d/dt state_d1 = A state_d1 + B input_d1        output_d1 = C state_d1 + D input_d1
 
 with the partial derivatives at the present state and inputs. The feedback law's ports are
-differentiated like all others, so that tangents carried from FMU to FMU beside the signals are
-those of the coupled scheme itself. What comes out is a component and exports like any other.
+differentiated like all others, so that tangents exchanged between FMUs are those of
+the coupled scheme itself. The result is a component and is exported like any other.
 
-A master that orthonormalizes needs to set tangents on the way. An FMI master may only set inputs
-then, so each tangent of a state has an input for it, ``<state>_d<k>_set``; the tangents take these
-values when the input ``tangent_frame`` has a new value, before anything else happens.
+A master that orthonormalizes must set tangents during the run. An FMI master may then only set
+inputs, so each tangent of a state has an input for it, ``<state>_d<k>_set``; the tangents take
+these values when the input ``tangent_frame`` has a new value, before anything else happens.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ def variational(component: Component, tangents: int) -> Component:
     component : Component
         Without the feedback law's ports.
     tangents : int
-        How many; for a loop, as many as plant and controller have states together. At the start
-        tangent k is the k-th axis of the component's own states, and zero where there are fewer;
-        parameters ``<state>_d<k>_start`` change that.
+        Number of tangents; for a loop, the number of states of plant and controller together. At
+        the start tangent k is the k-th axis of the component's own states, and zero where there are
+        fewer; parameters ``<state>_d<k>_start`` change that.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def variational(component: Component, tangents: int) -> Component:
         new_outputs.append(Output(TRACE, "1", meaning, symbol(TRACE)))
         set_inputs.append(
             Input(
-                FRAME, "1", "a new value lets the tangents take the ..._set inputs", role=FRAME_ROLE
+                FRAME, "1", "a new value sets the tangents from the ..._set inputs", role=FRAME_ROLE
             )
         )
     return Component(
@@ -117,8 +117,9 @@ def _check(component: Component, tangents: int) -> None:
     ):
         if parts:
             raise UnsupportedComponent(
-                f"{component.name} has {what}; only what moves continuously and without events can "
-                "be exported with tangents. Take it without, or without FMUs (--via model)"
+                f"{component.name} has {what}; only a component without events and samples can "
+                "be exported with tangents. Export it without tangents, or use no FMUs (--via "
+                "model)"
             )
 
 
@@ -127,12 +128,12 @@ def _check_names(component: str, states: Sequence[str], outputs: Sequence[Output
     if hidden:
         raise UnsupportedComponent(
             f"{component} has a state and another output, both named {hidden[0]!r}: their "
-            "tangents would have one name, too"
+            "tangents would also have the same name"
         )
 
 
 def _tangent_of(state: State, k: int, row: int, rate: sp.Matrix) -> State:
-    """Tangent k of a state, which is the row-th."""
+    """Tangent k of the state in this row."""
     return State(
         tangent_port(state.name, k),
         state.unit,
@@ -157,19 +158,19 @@ def _set_input(tangent: State) -> Input:
     return Input(
         set_port(tangent.name),
         tangent.unit,
-        f"value that {tangent.name} takes with a new {FRAME}",
+        f"value that {tangent.name} gets with a new {FRAME}",
         nominal=tangent.nominal,
         role=SET_ROLE,
     )
 
 
 def _wired(port: Input) -> Input:
-    """The input without its part in a feedback law, whose ports are there already."""
+    """The input without its feedback law, whose ports already exist."""
     return replace(port, law=(), role="signal" if port.role == "measurement" else port.role)
 
 
 def _ordered(component: Component) -> Sequence[State]:
-    """States with their derivatives; those of force terms right behind the state they act on."""
+    """States with their derivatives; states of force terms follow the state they act on."""
     explicit = {
         s.name: replace(s, derivative=derivative)
         for s, derivative in zip(component.all_states, component.derivatives, strict=True)

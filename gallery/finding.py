@@ -61,7 +61,7 @@ BEGIN, END = "<!-- findings -->", "<!-- end of findings -->"
 
 
 def with_table(page: str, findings: Sequence[Finding]) -> str:
-    """A page with its table of findings made anew.
+    """A page with an updated table of findings.
 
     Raises
     ------

@@ -37,7 +37,9 @@ def fit_dahl(x: Vector, friction: Vector) -> dict[str, Interval]:
         If there are fewer than three samples or no motion.
     """
     if len(x) < 3 or not np.ptp(x) > 0:
-        raise ValueError(f"{len(x)} samples over {np.ptp(x) if len(x) else 0:.3g} m fit no curve")
+        raise ValueError(
+            f"{len(x)} samples over {np.ptp(x) if len(x) else 0:.3g} m do not fit a curve"
+        )
     level = max(float(np.median(np.abs(friction[np.abs(x) > 0.3 * np.abs(x).max()]))), 1e-6)
     rising = (np.abs(friction) > 0.2 * level) & (np.abs(friction) < 0.7 * level)
     ways = np.abs(x[rising & (np.abs(x) > 0)])
@@ -53,7 +55,7 @@ def fit_dahl(x: Vector, friction: Vector) -> dict[str, Interval]:
     early = int(np.count_nonzero(np.abs(x) < 2 * found[1] / found[0]))
     because = {
         "sigma": f"only {early} samples lie on the rise of the friction",
-        "Fc": "the motion ends before the friction levels out",
+        "Fc": "the motion ends before the friction becomes constant",
     }
     return {
         name: student_interval(

@@ -1,7 +1,7 @@
 """Our own estimator: a friction law integrated along the recorded motion, fitted to the force.
 
 The measured force is mass times acceleration plus the law's friction, later by an unknown part of a
-sampling interval, plus noise, rounded to the load cell's resolution: the likelihood is that of the
+sampling interval, plus noise, rounded to the load cell's resolution: it is the likelihood of the
 rounded samples. The error of the position goes into the spread of a sample by the slope of friction
 over displacement. Unknown besides the law's parameters, each with the spread that is known of it:
 

@@ -230,13 +230,13 @@ def intervals_of(
             continue
         if hardly_slides(fit, climb.problem.course, name):
             low, high, error = None, None, math.inf
-            method = "none: a parameter of sliding, from records that hardly slide"
+            method = "none: a parameter of sliding, but the records have almost no sliding"
         elif peak_unseen(fit, climb.problem.course, name):
             low, high, error = None, None, math.inf
-            method = "none: a parameter of break-away, which the records do not show"
+            method = "none: a parameter of break-away, but the records show no break-away"
         elif name in blurred:
             low, high, error = None, None, math.inf
-            method = "none: this element is not told from its neighbours"
+            method = "none: this element cannot be distinguished from its neighbours"
         elif drawn is not None:
             tail = 50 * (1 - CONFIDENCE)
             low, high = (float(b) for b in np.percentile(drawn[:, j], [tail, 100 - tail]))
@@ -264,7 +264,7 @@ def intervals_of(
 def profile_bounds(
     climb: Climb, fit: Fit, j: int, stretch: float
 ) -> tuple[float | None, float | None]:
-    """Where twice the loss of log-likelihood, all else fitted anew, first exceeds `stretch`."""
+    """Where twice the loss of log-likelihood, all else fitted again, first exceeds `stretch`."""
     centre = float(fit.coordinates[j])
     bounds: list[float | None] = []
     for sign in (-1.0, 1.0):

@@ -62,9 +62,10 @@ class FittedLaw:
 
         Logarithms, except for two laws. Bliman-Sorine's f1 and f2 grow together as eta nears one,
         while their difference and f2*(1 - eta) hardly change: these two, eps_f and eta's odds are
-        its coordinates. Maxwell slip's shares are one together, since a common factor is that of Fc
-        and Fs: their ratios to the last are its coordinates, and the last's own coordinate does
-        nothing. The mass is a logarithm, too; a constant force is its own coordinate [N], the last.
+        its coordinates. Maxwell slip's shares are one together, since a common factor is equivalent
+        to a factor of Fc and Fs: their ratios to the last are its coordinates, and the last's own
+        coordinate does nothing. The mass is a logarithm, too; a constant force is its own
+        coordinate [N], the last.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
 """Friction from what was measured: force less mass times acceleration, Eq. 2.3 of the thesis.
 
 Velocity and acceleration come from the position by a smoothing spline on the samples (least second
-differences: a friction's sudden stops are no oscillations), which looks both ways in time and
-therefore lags by nothing. It is as smooth as the
+differences: a friction's sudden stops are no oscillations), which uses samples before and after
+and therefore has no lag. It is as smooth as the
 noise of the position allows: residuals have the size of that noise, and where the position is
 counted they stay within a count. All signals are brought to the lag of the force.
 """
@@ -202,8 +202,8 @@ class _Readings:
     data, weights : ndarray, shape (n,)
         Readings [m] and what they count.
     edges, still : ndarray, shape (n - 1,)
-        What it counts that the mean of two neighbours is that of their readings, because a count
-        was passed between them, and that they are the same.
+        Weight of the condition that the mean of two neighbours equals that of their readings,
+        because a count was passed between them, and that they are the same.
     """
 
     data: Vector
@@ -345,9 +345,10 @@ def estimate_friction(record: Record) -> FrictionEstimate:
         f"velocity and acceleration from {name}: smoothing spline, no lag, half gain at "
         f"{motion.bandwidth:.3g} Hz",
         f"{name} lags by {1e3 * lag_position:.3g} ms and force by {1e3 * lag_force:.3g} ms "
-        + ("as recorded with the trial" if record.lags else "(nothing is said of filters)")
+        + ("as recorded with the trial" if record.lags else "(no filters stated)")
         + (
-            f"; {name} was shifted by {1e3 * (lag_position - lag_force):.3g} ms to the force's lag"
+            f"; {name} was shifted by {1e3 * (lag_position - lag_force):.3g} ms to match the "
+            "delay of the force"
             if lag_position != lag_force
             else "; nothing to shift"
         ),

@@ -1,7 +1,7 @@
-"""What given trials cannot tell, why, and which trial would.
+"""Parameters that given trials cannot identify, the reason, and a trial that would identify them.
 
-A trial that would do is found by calculation: its expected information at the fitted parameters is
-added to that of the records, and the first candidate that makes the parameter's interval narrow
+The trial is found by calculation: its expected information at the fitted parameters is added
+to that of the records, and the first candidate that makes the parameter's interval narrow
 enough is named.
 """
 
@@ -146,8 +146,9 @@ def candidates(fit: Fit, parameter: str, course: StackedRecords) -> list[Candida
         way = presliding_way(fit.law, fit.values, parameter[len(name) :]) / 4
         rate = 2 * math.pi * _SHAKEN
         shaken = CandidateTrial(
-            f"velocity {way * rate:.2g}*sin({rate:.3g} t) m/s, {2 * way:.2g} m to and fro in "
-            f"presliding, for 5 s, force and displacement (to {way * _FINE:.1g} m) sampled "
+            f"velocity {way * rate:.2g}*sin({rate:.3g} t) m/s, {2 * way:.2g} m forwards and "
+            f"backwards in presliding, for 5 s, force and displacement (to {way * _FINE:.1g} m) "
+            "sampled "
             "together at 2 kHz (their delay must be known to 0.15 ms)",
             (_sine(way * rate, rate),),
             5.0,
@@ -170,16 +171,16 @@ def _listed(speeds: Sequence[float]) -> str:
 def which_would_do(fit: Fit, parameter: str, course: StackedRecords) -> str:
     """The first candidate trial that would identify a parameter, or that none of them would."""
     if parameter == OFFSET:
-        return "the same motion in both directions would do"
+        return "the same motion in both directions would be enough"
     if parameter == MASS:
-        return "use a motion that accelerates harder, forwards and backwards"
+        return "use a motion with stronger acceleration, forwards and backwards"
     options, resolution = candidates(fit, parameter, course), course.resolution
     coordinates = _plausible(fit)
     for option in options:
         expected = _expected_error(fit, coordinates, option, parameter, resolution)
         if 2 * expected <= NARROW:
-            return f"{option.what} would do: expected within {200 * expected:.2g} %"
-    return f"of {len(options)} trials tried by calculation none would do alone"
+            return f"{option.what} would be enough: expected within {200 * expected:.2g} %"
+    return f"of {len(options)} trials tried by calculation none would be enough alone"
 
 
 def _plausible(fit: Fit) -> Vector:
@@ -261,25 +262,30 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
     if name == MASS:
         most = float(np.quantile(np.abs(course.inertial), 0.98))
         return (
-            f"it is not told by this motion: mass times acceleration reaches {most:.2g} N beside a "
-            f"friction of {float(np.quantile(np.abs(course.force - course.inertial), 0.98)):.2g} N"
+            f"this motion does not identify it: mass times acceleration reaches only {most:.2g} N "
+            "with "
+            "a friction of "
+            f"{float(np.quantile(np.abs(course.force - course.inertial), 0.98)):.2g} N"
         )
     if float(travelled.max()) < 3e-6:
-        return f"nothing moves {way}"
+        return f"there is no motion {way}"
     if fit.law.offset and len(ways(course)) == 1 and name in (OFFSET, "Fc", "Fs"):
-        return "the records move one way only, where a constant force and friction look alike"
+        return (
+            "the records move in one direction only, where a constant force and friction "
+            "cannot be distinguished"
+        )
     if name == OFFSET:
-        return f"too few samples show both directions for the noise of {fit.noise:.2g} N"
+        return f"too few samples in both directions for the noise of {fit.noise:.2g} N"
     values = fit.values
     if hardly_slides(fit, course, parameter):
         return (
-            f"the block hardly slides {way}: after it has broken away there is almost no way, or "
-            "too few speeds to tell the Stribeck curve's fall from the viscous slope"
+            f"the block hardly slides {way}: after break-away it moves almost no distance, or at "
+            "too few speeds to distinguish the fall of the Stribeck curve from the viscous slope"
         )
     if peak_unseen(fit, course, parameter):
         return (
-            f"break-away is not seen {way}: the largest force stays below it, or no peak of "
-            "static friction is told from sliding"
+            f"break-away is not visible {way}: the largest force is below it, or there "
+            "is no visible peak of static friction"
         )
     if name == "sigma1" and fit.law.name in BRISTLES:
         sigma0 = values[parameter.replace("sigma1", "sigma0")]
@@ -295,19 +301,20 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
         return _fall_unseen(course, speed, way, values[parameter])
     if name == "sigma2":
         return (
-            f"velocities {way} up to {float(np.quantile(speed, 0.99)):.2g} m/s do not tell the "
-            "viscous slope from the rest"
+            f"velocities {way} up to {float(np.quantile(speed, 0.99)):.2g} m/s do not distinguish "
+            "the viscous slope from the other terms"
         )
     if fit.law.name == "maxwell_slip" and name[:-1] in ("k", "alpha"):
         return (
-            f"element {name[-1]} holds too little for the load cell, or yields where its "
-            "neighbours may yield as well; the loading curve is known as a whole, not by elements"
+            f"element {name[-1]} has too small a force for the load cell, or slips "
+            "where its neighbours may slip as well; only the whole loading curve is known, not "
+            "its elements"
         )
     if fit.law.name == "maxwell_slip" and name == "C":
         lag = values[parameter.replace("C", "Fs")] / values[parameter]
         return (
-            f"slipping elements follow the curve within {1e3 * lag:.2g} ms: fast changes of "
-            "velocity while sliding, which would show it, are too few here"
+            f"slipping elements follow the curve within {1e3 * lag:.2g} ms: the records "
+            "have too few fast changes of velocity in sliding, which would show it"
         )
     if name in ("Fs", "Fc", "sigma0", "sigma", "alpha"):
         seen = {
@@ -315,28 +322,28 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
             "Fc": "sliding",
             "sigma0": "presliding",
             "sigma": "presliding",
-            "alpha": "the way from presliding to sliding",
+            "alpha": "the transition from presliding to sliding",
         }[name]
         return f"too few samples {way} show {seen} for the noise of {fit.noise:.2g} N"
     if fit.law.name != "bliman_sorine":
-        return f"too little of the motion {way} shows it for the noise of {fit.noise:.2g} N"
+        return f"too small a part of the motion {way} shows it for the noise of {fit.noise:.2g} N"
     return (
-        "f1, f2 and eta grow together with hardly a change of the friction (eta near one); only "
-        "the difference f1 - f2 and eps_f are seen well"
+        "f1, f2 and eta can grow together with almost no change of the friction (eta near one); "
+        "only the difference f1 - f2 and eps_f are well identified"
     )
 
 
 def _fall_unseen(course: StackedRecords, speed: Vector, way: str, scale: float) -> str:
-    """The reason why `Vs`, near `scale` [m/s], is not told."""
+    """The reason why `Vs`, near `scale` [m/s], is not identified."""
     begin = course.x[course.starts[:-1]][course.of_record()]
     sliding = (np.abs(course.x - begin) > 1e-4) & (speed > 0)
     if not np.any(sliding):
-        return f"nothing slides {way}"
+        return f"there is no sliding {way}"
     ordered = np.sort(speed[sliding])
     covered = np.cumsum(ordered)  # the way is what counts, not the time
     slowest = float(ordered[np.searchsorted(covered, 0.02 * covered[-1])])
     return (
-        f"once broken away the block slides {way} at {slowest:.2g} m/s or more for nearly all "
-        "of its way, where the curve has fallen already if Vs is near "
-        f"{scale:.2g} m/s; passing through in a sample or two tells too little"
+        f"after break-away the block slides at {way} at {slowest:.2g} m/s or more for nearly all "
+        "of its distance, where the curve has already fallen if Vs is near "
+        f"{scale:.2g} m/s; passing through lower speeds in one or two samples is not enough"
     )

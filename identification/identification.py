@@ -1,4 +1,4 @@
-"""Identification of a friction law: our estimator, and the thesis' formulas beside it."""
+"""Identification of a friction law: our estimator, and the formulas of the thesis."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ SIDES = {FORWARDS: "_pos", BACKWARDS: "_neg"}
 
 @dataclass(frozen=True)
 class Identification:
-    """What records tell of a law.
+    """Result of an identification.
 
     Attributes
     ----------
     parameters : dict of str to Interval
-        Of the law as it stands, and of the offset if it was asked for: our estimator on all
-        records.
+        Of the law, and of the offset if requested: our estimator on
+        all records.
     per_direction : dict of str to dict of str to Interval
         ``forwards``, ``backwards`` and ``averaged``, fitted apart with the offset of
         `parameters`; empty for one direction only.
@@ -45,17 +45,17 @@ class Identification:
     estimates : list of FrictionEstimate
     points : StribeckPoints
     left : LeftOver
-        What the law leaves of the force beyond its noise, and with what that goes.
+        Residual of the force beyond its noise, and its parts.
     time_shift : Interval or None
-        How much later the force comes than the motion [s]; where it is more than was known,
-        `records` are corrected by it. None where they do not tell.
+        Delay of the force relative to the motion [s]; if it is larger than known before,
+        `records` are corrected by it. None if it cannot be estimated.
     warnings : tuple of str
-        Why the result is not trusted; empty if it is.
+        Why the result is not trusted; empty if it is trusted.
     notes : tuple of str
     told : ParameterFile or None
-        What was known of the drive before; goes into the result's parameter file.
+        Prior values of the drive; they go into the result's parameter file.
     fixed : mapping of str to float
-        What was held.
+        Fixed values.
     """
 
     law: str
@@ -112,8 +112,8 @@ class Identification:
     def parameter_file(self) -> ParameterFile:
         """The law's values with their intervals; of `told`, what these records do not tell.
 
-        What is not identified has no value, unless `told` has one, and stands in a table with
-        the reason.
+        A parameter that is not identified has no value, unless `told` has one, and is in a
+        table with the reason.
         """
         given = self.told or ParameterFile()
         names = ", ".join(r.name for r in self.records)

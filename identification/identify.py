@@ -62,7 +62,7 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
         if name in together:
             others = ", ".join(n for n in together if n != name)
             raise CannotHold(
-                f"{name} of {law} is fitted together with {others} and cannot be held alone"
+                f"{name} of {law} is fitted together with {others} and cannot be fixed alone"
             )
         if name != OFFSET and name not in names:
             raise CannotHold(
@@ -72,7 +72,7 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
         if not math.isfinite(value) or (name != OFFSET and value <= 0):
             raise CannotHold(
                 f"{name} is {value:g}, expected a {'finite number' if name == OFFSET else 'number'}"
-                + ("" if name == OFFSET else " above 0; a small one leaves its effect out")
+                + ("" if name == OFFSET else " above 0; a small value removes its effect")
             )
     if offset and OFFSET in fixed:
         raise CannotHold(
@@ -80,8 +80,8 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
         )
     if offset and described.directional:
         raise CannotHold(
-            f"{law} has a friction of its own for each direction, from which a constant force is "
-            f"not told; hold {OFFSET} at a value"
+            f"{law} has separate friction for each direction, which cannot be distinguished "
+            f"from a constant force; fix {OFFSET} at a value"
         )
 
 
@@ -122,7 +122,7 @@ def identify(
     if law not in LAWS:
         raise UnknownLaw(f"no law {law!r} to identify; there are {', '.join(LAWS)}")
     if not records:
-        raise ValueError("no records to identify from")
+        raise ValueError("no records given; expected one or more")
     fixed = dict(fixed or {})
     check_held(law, fixed, offset)
     records = [replace(r, mass=1.0) for r in records] if mass else list(records)
@@ -166,11 +166,11 @@ def identify(
     if left.force > MISFIT * left.noise:
         warnings.append(
             f"the law leaves {left.force:.3g} N of the force unexplained, "
-            f"{left.force / left.noise:.3g} times what noise and sampling make of it; "
+            f"{left.force / left.noise:.3g} times the effect of noise and sampling; "
             + "; ".join(parts)
         )
     elif left.force > _SMALL * course.level:
-        notes.append(f"of the force that is left, {'; '.join(parts)}")
+        notes.append(f"of this, {'; '.join(parts)}")
     return Identification(
         law=law,
         records=tuple(records),
@@ -211,7 +211,7 @@ def _each_way(
         return _by_direction(judged, fit.law.parameters), []
     moved = ways(course)
     if len(moved) < 2:
-        return {}, [f"motion {moved[0]} only: nothing is known of the other direction"]
+        return {}, [f"motion {moved[0]} only: the other direction is not identified"]
     guess = {n: i.value for n, i in judged.items()}
     held = dict(fixed) | ({OFFSET: guess[OFFSET]} if OFFSET in guess else {})
     law = fit.law.name
@@ -228,7 +228,7 @@ def _of_mass(found: Interval, told: ParameterFile | None) -> list[str]:
     if found.low <= given.value <= found.high:
         return []
     return [
-        f"{MASS} of --params is {given.value:.4g} kg, these records say {found.value:.4g} kg"
+        f"{MASS} of --params is {given.value:.4g} kg, but these records give {found.value:.4g} kg"
         + gain_words(found.value, given.value)
     ]
 
@@ -244,13 +244,13 @@ def _remarks(
         pull = max(float(np.abs(r.force).max()) for r in foreign)
         notes.append(
             f"without trial.json, by name and --unit, positions cover up to {way:.3g} m, forces "
-            f"reach {pull:.3g} N, samples come every {foreign[0].step:.3g} s: if that is not so, "
-            "say the units"
+            f"reach {pull:.3g} N, samples come every {foreign[0].step:.3g} s: if this is "
+            "wrong, give the units"
         )
     if offset:
         notes.append(
-            "a constant force and a Coulomb friction that differs by direction look alike while "
-            "sliding: the offset is that of a friction that is the same both ways"
+            "in sliding, a constant force and a Coulomb friction that depends on direction "
+            "cannot be distinguished: the offset assumes the same friction in both directions"
         )
     if unkept:
         notes.append(
@@ -261,18 +261,18 @@ def _remarks(
     if law == "classical":
         notes.append(
             f"presliding stiffness: the law has none; {np.mean(~fit.spoken):.0%} of the samples, "
-            "where the block may stick, say nothing but how much force it stood"
+            "where the block may stick, only give a lower limit of the static friction"
         )
     if law not in KINDS:
         notes.append(
-            f"{law} has no fast form in c/laws.c: its equations are solved from sample to sample, "
-            "which takes longer"
+            f"{law} has no fast form in c/laws.c: its equations are solved from sample "
+            "to sample, which is slower"
         )
     if law in ("modified_lugre", "directional_lugre"):
-        notes.append("Kv is held at 1e8 s/m: no record here resolves |v| of 1e-8 m/s")
+        notes.append("Kv is fixed at 1e8 s/m: these records do not resolve |v| of 1e-8 m/s")
     if len({round(math.log(r.step), 2) for r in records}) > 1:
         rates = ", ".join(f"{1 / s:.4g} Hz" for s in sorted({r.step for r in records}))
-        notes.append(f"records of different rates ({rates}), each used at its own")
+        notes.append(f"records of different rates ({rates}), each is used at its own rate")
     return notes
 
 

@@ -1,4 +1,4 @@
-"""One identified parameter: its value, how far it can be trusted, and if not, why."""
+"""One identified parameter: its value, its interval, and why it is not identified."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Interval:
     identified : bool
         Whether the interval is within `NARROW` of the value to either side.
     because, would_do : str
-        Why it is not identified and which trial would do; empty where it is.
+        Why it is not identified and which trial would be enough; empty if it is identified.
     """
 
     value: float
@@ -80,7 +80,7 @@ def spread(values: Sequence[float] | Vector) -> Spread:
     """
     array = np.asarray(values, dtype=float)
     if len(array) < 2:
-        raise ValueError(f"a spread of {len(array)} values makes no sense, expected two at least")
+        raise ValueError(f"a spread of {len(array)} values given; expected at least two")
     mean, deviation = float(array.mean()), float(array.std(ddof=1))
     low, high = mean - 2 * deviation, mean + 2 * deviation
     outside = tuple(int(k) for k in np.flatnonzero((array < low) | (array > high)))

@@ -122,8 +122,8 @@ def friction_along(
     shifts : ndarray, shape (records,)
         Displacement of each record before its first sample, from a state without force [m].
     vibration : ndarray, shape (records,)
-        Mean speed of a motion to and fro that the samples do not show; it wears the deflection
-        down without getting anywhere [m/s].
+        Mean speed of a vibration that the samples do not show; it reduces the
+        deflection without net motion [m/s].
     """
     friction = np.empty(len(x))
     _library().friction_along(
@@ -144,7 +144,7 @@ def mean_friction_along(law: LawValues, x: Vector, v: Vector, step: float, parts
     """A law along one record, on average over the interval after each sample, shape (n,) [N].
 
     Between samples the motion is the cubic through both positions and velocities, in `parts` steps;
-    the last value is that of the interval before.
+    the last value repeats that of the previous interval.
 
     Parameters
     ----------

@@ -81,8 +81,8 @@ equations_of = cache(LawEquations)
 def motion_to_and_fro(friction: Law, name: str) -> Component:
     """The component: a law at a velocity `v`, and half of the time at a velocity `back`.
 
-    Both are the same where nothing vibrates; a body that vibrates goes to and fro so fast that what
-    is left of its motion is the mean of both rates.
+    Both are the same where nothing vibrates; a vibrating body changes direction so fast
+    that only the mean of both rates matters.
     """
     there, and_back = friction(symbol("v")), friction(symbol("back"))
     states = tuple(

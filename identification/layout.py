@@ -45,7 +45,7 @@ class StackedRecords:
     resolution, noise : float
         Resolution of the load cell and first guess of the noise before it [N].
     replays : ndarray, shape (examples, 3, n)
-        `x`, `v` and `inertial` as they are when rebuilt once more, see `replay`.
+        `x`, `v` and `inertial` after a second reconstruction, see `replay`.
     backlash : ndarray, shape (records,)
         How far corners may be wrong in the same way everywhere [m].
     still : ndarray of bool, shape (n,)
@@ -109,7 +109,7 @@ def lay_out(
     ----------
     records : sequence of Record
     estimates : sequence of FrictionEstimate, optional
-        What `estimate_friction` said of each, if it was asked already.
+        Results of `estimate_friction` for each, if already computed.
     """
     estimates = [estimate_friction(r) for r in records] if estimates is None else list(estimates)
     lengths = [len(r.force) for r in records]
@@ -166,7 +166,7 @@ def _rough(mass: float, motion: SmoothedMotion) -> Vector:
 
 
 def _may_stick(motion: SmoothedMotion) -> npt.NDArray[np.bool_]:
-    """Where a velocity cannot be told from none, or was smoothed together with such."""
+    """Where a velocity cannot be distinguished from zero, or was smoothed with such samples."""
     spread = 2 * math.pi * motion.bandwidth * motion.noise
     still = np.abs(motion.v) < max(_STILL * spread, 1e-9)
     still[[0, -1]] = True  # nobody knows what was before and after

@@ -1,4 +1,4 @@
-"""Where the force that a law leaves unexplained is: which part of the motion it goes with.
+"""Residual force of a law, divided by parts of the motion.
 
 Each part is a set of columns: the acceleration, the change of the force, a constant, steps over
 speed, over the way since a reversal, over the position. The part that predicts most of what is left
@@ -40,7 +40,7 @@ class Part:
     force : float
         Root mean square [N]; squares of the parts and of the noise sum up to the whole's.
     words : str
-        What it goes with, and what that points to.
+        Description of the part, and its probable reason.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Part:
 
 @dataclass(frozen=True)
 class LeftOver:
-    """What a law leaves of the force.
+    """Residual of the force.
 
     Attributes
     ----------
@@ -72,8 +72,8 @@ class LeftOver:
 def left_over(course: StackedRecords, fit: Fit, noise: float) -> LeftOver:
     """What a law leaves of the force of the records, by parts of the motion.
 
-    A sample counts by how well it is known: its variance is that of the noise, of what may happen
-    between samples, and of how well the motion is rebuilt.
+    A sample counts by how well it is known: its variance has parts from the noise, from the motion
+    between samples, and from the reconstruction of the motion.
 
     Parameters
     ----------
@@ -187,7 +187,8 @@ def _mass_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
     right = course.mass + float(told[0])
     return (
         f"with the acceleration: a mass of {right:.4g} kg instead of {course.mass:.4g} kg would "
-        "explain it (fit it: --mass fit), or a delay of the force" + gain_words(right, course.mass)
+        "explain it (fit the mass: --mass fit), or a delay of the "
+        "force" + gain_words(right, course.mass)
     )
 
 
@@ -197,21 +198,23 @@ def gain_words(right: float, given: float) -> str:
         return ""
     ratio = right / given
     return (
-        f"; if {given:.4g} kg is sure, the force is {ratio:.4g} times too large, or the lead or "
+        f"; if {given:.4g} kg is certain, the force is {ratio:.4g} times too large, or the lead or "
         f"the unit of the position is wrong by a factor of {math.sqrt(ratio):.4g}"
     )
 
 
 def _time_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
     del course, fit
-    return f"with the change of the force: it comes {1e3 * told[0]:.3g} ms later than the motion"
+    return (
+        f"with the change of the force: the force is {1e3 * told[0]:.3g} ms later than the motion"
+    )
 
 
 def _constant_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
     del course, fit
     return (
-        f"with a constant force of {told[0]:.3g} N: a load, gravity or the zero of the force "
-        "sensor (fit it: --offset)"
+        f"with a constant force of {told[0]:.3g} N: a load, gravity or the zero error of "
+        "the force sensor (fit it: --offset)"
     )
 
 
@@ -225,19 +228,23 @@ def _speed_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
     return (
         f"with the speed, most from {edges[0]:.3g} to {edges[1]:.3g} m/s: "
         + ("the Stribeck curve" if slow else "the viscous friction")
-        + " is of another shape than the law's, or each direction has a friction of its own"
+        + " has another shape than in the law, or friction depends on the direction"
     )
 
 
 def _reversal_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
     del told, course, fit
-    return "near reversals: presliding (bristles, other than the law's) or backlash"
+    return "near reversals: presliding that differs from the law, or backlash"
 
 
 def _travel_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
     del fit
     even, odd = told[:_PLACES], told[_PLACES:]
-    what = "friction" if np.ptp(odd) > np.ptp(even) else "a force that is the same both ways"
+    what = (
+        "friction"
+        if np.ptp(odd) > np.ptp(even)
+        else ("a force that is the same in both directions")
+    )
     return (
         f"with the position: {what} changes by {max(np.ptp(odd), np.ptp(even)):.3g} N over the "
         f"travel of {float(np.ptp(course.x)):.3g} m"

@@ -1,4 +1,4 @@
-"""The parts of a motion that an engineer asks for: where a model is right, and where it is not."""
+"""The parts of a motion for which errors of a model are given."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ Vector = npt.NDArray[np.float64]
 
 REST = "rest"
 PARTS = {
-    "reversals": "within 0.1 s of a change of direction, slower than a fifth of the fast speed",
-    "slow": "below half of the fast speed, reversals left out",
+    "reversals": "within 0.1 s of a change of direction, slower than one fifth of the fast speed",
+    "slow": "below half of the fast speed, without reversals",
     "fast": "from half of the fast speed on",
     "accelerating": "acceleration above its root mean square",
     "steady": "acceleration below that",
     "forwards": "towards +x",
     "backwards": "towards -x",
-    REST: "slower than is told from rest for 0.05 s or longer",
+    REST: "not distinguishable from rest for 0.05 s or longer",
 }
 """Each of the views by speed, by acceleration and by direction has every moving sample once."""
 

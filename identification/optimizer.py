@@ -27,7 +27,7 @@ _LONGEST_MOVE = 0.7  # of one iteration, in logarithms
 
 @dataclass
 class Point:
-    """All that is unknown.
+    """All unknowns.
 
     The law's coordinates, the delays, each record's displacement before its first sample, its
     errors of scale, linear and quadratic over its way, its vibration, the logarithm of the noise.

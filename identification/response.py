@@ -132,7 +132,10 @@ def frequency_response(record: Record) -> Response:
     if len(given) < _FEWEST:
         raise BadRecord(f"{record.name}: {len(given)} samples, expected at least {_FEWEST}")
     if not np.ptp(given) > 0 or not np.ptp(moved) > 0:
-        raise BadRecord(f"{record.name}: {name} or x does not change; expected a shaken drive")
+        raise BadRecord(
+            f"{record.name}: {name} or x does not change; expected a drive with a "
+            "multisine, chirp or noise"
+        )
     rate = 1.0 / record.step
     length = len(given) // _SEGMENTS
     how = {"fs": rate, "nperseg": length}

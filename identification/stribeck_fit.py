@@ -99,7 +99,7 @@ def fit_stribeck(points: StribeckPoints, sign: int) -> dict[str, Interval]:
     speed, pull = np.abs(points.velocity[side]), np.abs(points.friction[side])
     if len(speed) < 4:
         raise ValueError(
-            f"{len(speed)} points of the Stribeck curve in this direction, expected four at least: "
+            f"{len(speed)} points of the Stribeck curve in this direction; expected at least four: "
             "three constant velocities and a break-away force"
         )
     moving = speed > 0
@@ -133,14 +133,16 @@ def fit_stribeck(points: StribeckPoints, sign: int) -> dict[str, Interval]:
     blind = left < max(2 * error, 1e-3 * abs(fs - fc))
     bound = slowest / math.sqrt(math.log(max(abs(fs - fc) / max(2 * error, 1e-9), math.e)))
     because = {
-        "Vs": f"the slowest sliding velocity, {slowest:.3g} m/s, is beyond the curve's fall: any "
-        f"Vs below about {bound:.2g} m/s fits as well",
+        "Vs": f"the slowest sliding velocity, {slowest:.3g} m/s, is above the fall of the "
+        f"curve: any Vs below about {bound:.2g} m/s fits as well",
         "Fs": "there is no break-away point in this direction",
-        "Fc": "the velocities do not tell Coulomb friction from the fall of the curve",
-        "sigma2": "the velocities do not span enough to tell the viscous slope",
+        "Fc": "the velocities do not distinguish Coulomb friction from the fall of the curve",
+        "sigma2": "the range of velocities is too small for the viscous slope",
     }
     if freedom < 1:
-        because = dict.fromkeys(because, "four points for four parameters leave none to judge by")
+        because = dict.fromkeys(
+            because, "four points for four parameters leave none to estimate the error"
+        )
     intervals = {}
     for name, unit, k in (("Fc", "N", 0), ("Fs", "N", 1), ("Vs", "m/s", 2), ("sigma2", "N*s/m", 3)):
         spread = math.sqrt(covariance[k, k]) if covariance[k, k] >= 0 else math.inf

@@ -1,4 +1,4 @@
-"""What the thesis' own formulas give on records, and what is known to be wrong with it."""
+"""Estimates by the formulas of the thesis, and their known errors."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def thesis_estimates(
     points: StribeckPoints,
     law: str,
 ) -> dict[str, Any]:
-    """What the thesis' own formulas give on the records, and what is known to be wrong with it."""
+    """Estimates by the formulas of the thesis, and their known errors."""
     if law == "dahl":
         return _thesis_dahl(records, estimates)
     if law == "bliman_sorine":
@@ -79,8 +79,9 @@ def _thesis_lugre(
         if len(values) > 1:
             eq["spread"] = asdict(spread(values))
         eq["bias"] = (
-            "Eq. 2.14 takes presliding for a spring; on a true LuGre surface it gives "
-            "`true_sigma0_share` of sigma0, less the nearer the force is to Fs"
+            "Eq. 2.14 assumes that presliding is a spring; for a true LuGre surface it gives "
+            "only the share `true_sigma0_share` of sigma0, which decreases as the force "
+            "approaches Fs"
         )
         result["sigma0_eq_2_14"] = eq
         if static:
@@ -136,7 +137,7 @@ def _thesis_bliman_sorine(
         row: dict[str, Any] = {"record": record.name}
         branch = last_branch(estimate.motion.x)
         if branch is None:
-            row["no_solution"] = "the motion has no whole branch of a second cycle"
+            row["no_solution"] = "the motion has no complete branch of a second cycle"
         else:
             way = estimate.motion.x[branch] - estimate.motion.x[branch.start]
             sign = float(np.sign(way[-1]))

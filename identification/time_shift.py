@@ -1,8 +1,8 @@
-"""How much later than the motion a force is recorded, by the records alone.
+"""Delay of a recorded force relative to the motion, from the records alone.
 
 Filters, buses and loggers delay one signal more than another. The force is told by the
 acceleration, a curve over the speed in either direction, and steps over the way since a reversal:
-any friction, whatever its law. All are smoothed in the same way, so slowly that what the
+friction of any law. All are smoothed in the same way, so slowly that what the
 noise of a position leaves in its acceleration is gone and the values between samples are known.
 The delay of least squares is the one asked for; its error comes from pieces of the records.
 """

@@ -1,4 +1,4 @@
-"""Parameters that records do not show: no sliding, no break-away, elements that blur."""
+"""Parameters that records do not identify: no sliding, no break-away, similar elements."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def peak_unseen(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     """Whether a parameter is one of break-away, and the records do not show that.
 
     Either they end below it, so that it is but guessed from how the loading curve bends, as a
-    sensor's scale does, too; or no peak of static friction is told from sliding. Dahl's law bends
+    sensor's scale does, too; or no peak of static friction is visible. Dahl's law bends
     from the first, so that without its end its beginning is a guess as well.
     """
     name = without_direction(parameter)

@@ -1,9 +1,9 @@
-"""Instruments, each a component and an FMU of its own.
+"""Instruments, each a separate component and FMU.
 
 Those of the rig (Section 2.2 and Table 2.1) have their noise as an input, so that a seed outside
-decides it; where the thesis prints no figure, the parameter's source says what was assumed. Those
-of `INSTRUMENTS` stand between any plant and controller: their input has the name of the plant's
-signal, their output that name and `MEASURED`.
+determines it; if the thesis gives no value, the parameter's source says what was assumed. The
+instruments in `INSTRUMENTS` can be connected between any plant and controller: their input has the
+name of the plant's signal, their output that name with `MEASURED` added.
 """
 
 MEASURED = "_measured"
@@ -13,7 +13,7 @@ INSTRUMENTS = {
     "velocity_estimate": "ballscrew.instruments.velocity_estimate:velocity_estimate",
     "current_sensor": "ballscrew.instruments.current_sensor:current_sensor",
 }
-"""The instruments that are exported by name. Adding one is a file and a line here."""
+"""The instruments that are exported by name. To add one, add a file and a line here."""
 
 
 def without_instruments(part: str) -> tuple[str, tuple[str, ...]]:
@@ -26,7 +26,7 @@ def without_instruments(part: str) -> tuple[str, tuple[str, ...]]:
 
 
 SAMPLED = "sampled"
-"""Behind a controller's name: that it reads at sample instants and holds its commands."""
+"""Suffix of a controller's name: it reads at sample instants and holds its commands."""
 
 
 def without_sampling(controller: str) -> tuple[str, bool]:
@@ -41,11 +41,11 @@ UNITS = {
     "force": {"V": "N"},
     "torque": {"V": "N*m"},
 }
-"""Behind the name of a drive or a controller: other words for the units of its equations."""
+"""Suffix of the name of a drive or a controller: other names for the units of its equations."""
 
 
 def without_units(part: str) -> tuple[str, str]:
-    """The part of ``part+rotary+torque``, and what stands behind it of `UNITS`, with its signs."""
+    """The part of ``part+rotary+torque``, and its suffixes from `UNITS`, with their signs."""
     names = part.split("+")
     first = len(names)
     while first > 1 and names[first - 1] in UNITS:
@@ -55,7 +55,7 @@ def without_units(part: str) -> tuple[str, str]:
 
 
 FEED_FORWARD = "feed_forward"
-"""Behind a controller's name: that it uses the set-point's derivatives."""
+"""Suffix of a controller's name: it uses the derivatives of the set-point."""
 
 
 def without_feed_forward(controller: str) -> tuple[str, bool]:

@@ -7,7 +7,7 @@ from .sampling_period import sampling_period
 
 
 def acquisition() -> Component:
-    """The Quanser board: takes its channels at the same instant and holds them for a period."""
+    """The Quanser board: samples its channels at the same instant and holds them for a period."""
     channels = {
         "x_counted": ("x", "m", "position by the encoder", 1e-3),
         "force_read": ("force", "N", "force by the load cell", 1.0),

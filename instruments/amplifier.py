@@ -1,8 +1,8 @@
 """The amplifier between controller and motor: voltage and current limits.
 
-The current limit is that of a servo amplifier with a fast inner loop: near the limit it lowers the
-voltage so that the current approaches its bound with the time constant ``current_limit_time`` and
-never crosses it while the supply suffices.
+The current limit is modelled as in a servo amplifier with a fast inner loop: near the limit it
+lowers the voltage so that the current approaches the limit with the time constant
+``current_limit_time`` and never exceeds it if the supply voltage is sufficient.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ PARAMETERS = (
 
 
 def clip(value: sp.Expr, low: sp.Expr, high: sp.Expr) -> sp.Expr:
-    """A value held between two others."""
+    """A value limited by two others."""
     return sp.Piecewise((low, value < low), (high, value > high), (value, True))
 
 
 def applied_voltage(demand: sp.Expr) -> sp.Expr:
-    """What the amplifier puts on the motor for a demanded voltage, given the motor's state."""
+    """Voltage at the motor for a demanded voltage, given the motor's state."""
     current, limit = symbol("i"), symbol("current_limit")
     emf = symbol("ke") * 2 * sp.pi * symbol("p") * symbol("v")
     per_ampere = symbol("L") / symbol("current_limit_time")
@@ -61,6 +61,6 @@ def applied_voltage(demand: sp.Expr) -> sp.Expr:
 
 
 def with_amplifier(plant: Component) -> Component:
-    """The plant with its voltage input taken through an amplifier; without limits, the same."""
+    """The plant with an amplifier at its voltage input; without limits, the same plant."""
     u = symbol("u")
     return plant.substituted({u: applied_voltage(u)}, parameters=(*plant.parameters, *PARAMETERS))

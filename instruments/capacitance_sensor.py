@@ -9,22 +9,23 @@ from .sampling_period import sampling_period
 from .saturation import saturate
 
 CONVERSION_SAMPLES = 8
-"""Samples of the acquisition that one conversion of the AD7747 takes: 40 ms."""
+"""Samples of the acquisition during one conversion of the AD7747: 40 ms."""
 
 
 PER_PICOFARAD = 1e12
-"""The calibration's polynomial is in picofarads."""
+"""The polynomial of the calibration is in picofarads."""
 
 
 PLATES_TOUCH = 1e-6
-"""Separation that the plates never fall below [m]."""
+"""Smallest separation of the plates [m]."""
 
 
 def capacitance_sensor() -> Component:
-    """Displacement by the capacitance of two plates (Eqs. 2.1-2.2), converted by an AD7747.
+    """Displacement from the capacitance of two plates (Eqs. 2.1-2.2), converted by an AD7747.
 
     The converter averages over its conversion, gives the result in whole steps within its range,
-    and holds it for the next; the calibration's quadratic polynomial turns it into a displacement.
+    and holds it until the next one; the quadratic polynomial of the calibration turns it into a
+    displacement.
     """
     asked = symbol("separation") + symbol("x")
     gap = sp.Piecewise((asked, asked > PLATES_TOUCH), (PLATES_TOUCH, True))

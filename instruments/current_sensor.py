@@ -12,7 +12,7 @@ from .sample_and_hold import PERIOD
 def current_sensor() -> Component:
     """The motor's current with offset, gain error and noise, in whole steps of a converter.
 
-    It follows the current at once; its noise is new at every sample instant.
+    It has no delay; its noise has a new value at every sample instant.
     """
     step = symbol("step")
     seen = (1 + symbol("gain_error")) * symbol("i") + symbol("offset")

@@ -18,7 +18,7 @@ PHASE = Parameter(
 
 
 def counter_reading(position: sp.Expr, per_metre: sp.Expr, phase: sp.Expr) -> sp.Expr:
-    """A position as a counter gives it that is zero where it was turned on.
+    """A position as counted by a counter that is zero where it was turned on.
 
     Parameters
     ----------
@@ -27,16 +27,16 @@ def counter_reading(position: sp.Expr, per_metre: sp.Expr, phase: sp.Expr) -> sp
     per_metre : expression
         Counts per metre [1/m].
     phase : expression
-        Where between two counts the origin is, 0 to 1.
+        Place of the origin between two counts, 0 to 1.
     """
     return sp.floor(position * per_metre + phase) / per_metre
 
 
 def encoder() -> Component:
-    """Position of the block as the screw's angle gives it, in counts of the encoder (Eq. 2.4).
+    """Position of the block from the screw's angle, in counts of the encoder (Eq. 2.4).
 
-    The counter is zero where the power is turned on; ``phase`` says where between two counts that
-    was.
+    The counter is zero where the power is turned on; ``phase`` is the place of this point between
+    two counts.
     """
     per_metre = symbol("counts") * symbol("p")
     position = counter_reading(symbol("x"), per_metre, symbol("phase"))

@@ -1,4 +1,4 @@
-"""A command that arrives late: all of it after a delay, or smeared by a filter."""
+"""A late command: with a pure delay, or through a filter."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..solver.component import Component, Delay, Parameter, State, symbol
 
 
 def with_late_command(plant: Component, delay: Parameter) -> Component:
-    """The plant with its command `u` arriving `delay` [s] late; before that, none arrives.
+    """The plant with its command `u` delayed by `delay` [s]; before that the command is zero.
 
     Parameters
     ----------
@@ -31,14 +31,14 @@ def with_late_command(plant: Component, delay: Parameter) -> Component:
 def with_command_behind(
     plant: Component, time: Parameter, coefficients: Sequence[sp.Expr]
 ) -> Component:
-    """The plant with its command `u` behind a linear filter, settled at zero at first.
+    """The plant with its command `u` through a linear filter that starts at zero.
 
     Parameters
     ----------
     plant : Component
         Has an input `u`.
     time : Parameter
-        In which the coefficients are told; its minimum is more than 0.
+        Time unit of the coefficients; its minimum is more than 0.
     coefficients : sequence of expression
         Of the filter's denominator 1 + c1 s + c2 s^2 + ...; its numerator is 1.
     """
@@ -46,7 +46,7 @@ def with_command_behind(
     unit = next(i.unit for i in plant.inputs if i.name == "u")
     order = len(coefficients)
     names = ["u_filtered", *(f"u_filtered_rate{k}" for k in range(1, order))]
-    # rates are told per the filter's time, so that all states are as large as the command
+    # rates are per filter time, so that all states have the magnitude of the command
     parts = [symbol(n) for n in names]
     told = [q / scale**k for k, q in enumerate(parts)]
     left = u - parts[0] - sp.Add(*[c * r for c, r in zip(coefficients, told[1:], strict=False)])

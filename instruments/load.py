@@ -1,4 +1,4 @@
-"""What a machine does to its axis: a force over time, and a payload that it picks up."""
+"""Load of a machine on its axis: a force over time, and a payload that is picked up."""
 
 from __future__ import annotations
 
@@ -27,24 +27,25 @@ _PAYLOAD = (
 
 
 def with_load(plant: Component, balance: str = "v") -> Component:
-    """The plant under a force over time, with more mass from a time on.
+    """The plant with a force over time, and with more mass from a given time.
 
-    The force is a ramp from `load_time` on, over `load_rise`, to `load_force`, which it keeps; and
-    a sine. It is positive along the position and is the output ``load``. The payload comes with the
-    speed that the plant has: speed does not jump, and the momentum grows by that of the payload.
+    The force is a ramp that starts at `load_time`, lasts `load_rise` and ends at the constant
+    `load_force`, plus a sine. It is positive along the position and is the output ``load``. The
+    payload already has the speed of the plant: speed does not jump, and the momentum grows by that
+    of the payload.
 
     Parameters
     ----------
     plant : Component
-        Has a force balance and no modes that hold its state; of a plant that sticks as a whole body
-        (`plant.classical`), the load is added before the modes.
+        Has a force balance and no modes for its state; for a plant that sticks
+        (`plant.classical`), add the load before the modes.
     balance : str
         The state whose balance it is.
 
     Raises
     ------
     ContractError
-        If there is no such balance, or modes have equations of their own for it.
+        If there is no such balance, or modes have their own equations for it.
     """
     force, begin, rise = symbol("load_force"), symbol("load_time"), symbol("load_rise")
     share = sp.Piecewise(

@@ -9,9 +9,9 @@ from .saturation import saturate
 
 
 def load_cell() -> Component:
-    """Force between screw side and block, as the load cell and its converter give it."""
+    """Force between screw side and block, measured by the load cell and its converter."""
     resolution, capacity = symbol("resolution"), symbol("capacity")
-    # before the steps as well: compiled code counts them in 64 bits
+    # also before quantization: compiled code counts the steps in 64 bits
     felt = saturate(symbol("force") + symbol("noise"), 2 * capacity)
     steps = sp.floor(felt / resolution + sp.Rational(1, 2))
     return Component(

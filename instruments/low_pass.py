@@ -1,4 +1,4 @@
-"""The second-order low-pass filter of the rig's program."""
+"""The second-order low-pass filter of the rig's software."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .sampling_period import SAMPLE_TIME, sampling_period
 
 
 def low_pass(name: str, unit: str, meaning: str, cutoff: float, source: str) -> Component:
-    """A second-order low-pass filter as a program runs it: bilinear, exact at its cutoff.
+    """A digital second-order low-pass filter: bilinear, exact at its cutoff.
 
     Parameters
     ----------
@@ -20,9 +20,9 @@ def low_pass(name: str, unit: str, meaning: str, cutoff: float, source: str) -> 
     unit, meaning : str
         Of the signal.
     cutoff : float
-        Where the amplitude is 1/sqrt(2) [Hz].
+        Frequency at which the amplitude is 1/sqrt(2) [Hz].
     source : str
-        Where the cutoff comes from.
+        Source of the cutoff.
     """
     w = sp.tan(sp.pi * symbol("cutoff") * symbol("sample_time"))
     damping, signal = symbol("damping"), symbol("signal")
@@ -66,5 +66,5 @@ def low_pass(name: str, unit: str, meaning: str, cutoff: float, source: str) -> 
 
 
 def filter_lag(cutoff: float, damping: float = 0.5**0.5, period: float = SAMPLE_TIME) -> float:
-    """Delay [s] that the filter of `low_pass` gives to slow signals."""
+    """Delay [s] of slow signals by the filter of `low_pass`."""
     return damping * period / math.tan(math.pi * cutoff * period)

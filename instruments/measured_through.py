@@ -11,12 +11,12 @@ from . import MEASURED
 
 
 def measured_through(controller: Component, instruments: Sequence[Component]) -> Component:
-    """The controller with measurements as instruments give them.
+    """The controller with measurements from instruments.
 
-    An instrument's output ``x_measured`` takes the place of ``x`` for the instruments behind it in
-    the list, and for the controller: an encoder before a `velocity_estimate` is what that
-    differentiates. All that is sampled has one ``sample_time``. At a sample instant each part sees
-    what those before it give at that instant, not at the one before.
+    An instrument's output ``x_measured`` replaces ``x`` for the instruments after it in the
+    list, and for the controller: a `velocity_estimate` after an encoder differentiates the
+    output of the encoder. All sampled parts have one ``sample_time``. At a sample instant each part
+    reads the new values of the parts before it, not the previous ones.
 
     Parameters
     ----------
@@ -28,8 +28,8 @@ def measured_through(controller: Component, instruments: Sequence[Component]) ->
     Raises
     ------
     ContractError
-        If an instrument has modes, measures nothing that the parts behind it take, or samples at
-        another period.
+        If an instrument has modes, measures nothing that the parts after it use, or has
+        another sampling period.
     """
     names = [i.name for i in instruments]
     inputs = {i.name: i for i in controller.inputs}
@@ -53,12 +53,9 @@ def measured_through(controller: Component, instruments: Sequence[Component]) ->
 
 
 def _check(instrument: Component, before: Sequence[Component], behind: Sequence[Component]) -> None:
-    """Make sure that an instrument is one, and that something behind it takes what it gives."""
+    """Check that a component is an instrument, and that a part after it uses its output."""
     if instrument.name in [i.name for i in before]:
-        raise ContractError(
-            f"{instrument.name} stands there twice: what it has is declared as parameter and as "
-            "parameter"
-        )
+        raise ContractError(f"{instrument.name} is given twice; expected each instrument once")
     if instrument.modes:
         raise ContractError(f"{instrument.name} has modes; expected an instrument without")
     for output in instrument.all_outputs:

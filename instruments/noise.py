@@ -1,9 +1,9 @@
-"""Noise from a seed: its generator is part of the component, so every tool gets the same numbers.
+"""Noise from a seed: the generator is part of the component, so every tool gets the same numbers.
 
 The generator is the combined linear congruential one of P. L'Ecuyer, "Efficient and portable
 combined random number generators", Communications of the ACM 31, 742 (1988). Its period is about
 2.3e18. All its products stay below 2^53, so that doubles hold them exactly. G. E. P. Box and M. E.
-Muller's method makes normal numbers of it (Annals of Mathematical Statistics 29, 610 (1958)).
+Muller's method turns them into normal numbers (Annals of Mathematical Statistics 29, 610 (1958)).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..solver.component import DiscreteState, Parameter, symbol
 MODULI = (2147483563, 2147483399)
 MULTIPLIERS = (40014, 40692)
 SPREAD = (2021657, 1487629)
-"""By what a seed is multiplied, so that seeds next to each other begin far apart."""
+"""Factor of a seed, so that consecutive seeds begin far apart."""
 
 SEED = Parameter(
     "seed",
@@ -29,11 +29,11 @@ SEED = Parameter(
 
 
 def white_noise() -> tuple[DiscreteState, ...]:
-    """Standard normal noise `noise`, new at every sample instant, with its generator's memory.
+    """Standard normal noise `noise`, new at every sample instant, with its generator's states.
 
-    Needs the parameter `SEED`. The generator's states are whole numbers; zero says that it has
-    not begun. They go through `floor`, which changes no whole number, but has the derivative zero:
-    for tangents the noise comes from outside.
+    Needs the parameter `SEED`. The generator's states are whole numbers; zero means that it has
+    not started. They pass through `floor`, which does not change whole numbers but has the
+    derivative zero: for tangents the noise is an external signal.
     """
     seed = symbol("seed")
     first, second = [], []
@@ -59,6 +59,6 @@ def _memory(k: int) -> str:
 
 
 def _uniform(states: list[sp.Expr]) -> sp.Expr:
-    """A number between 0 and 1, and neither, from the generator's two states."""
+    """A number between 0 and 1, both excluded, from the generator's two states."""
     period = MODULI[0] - 1
     return (sp.floor(sp.Mod(states[0] - states[1] - 1, period)) + 1) / sp.Integer(MODULI[0])

@@ -1,4 +1,4 @@
-"""A linear encoder with sinusoidal signals that are interpolated."""
+"""A linear encoder with interpolated sinusoidal signals."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _SIGNAL = "an exposed linear encoder with 1 Vpp signals"
 def position_encoder() -> Component:
     """The position with the error of the interpolation, in whole steps of the resolution.
 
-    Offsets of the two signals give an error of one period of the signal, a difference of their
-    amplitudes and an angle between them that is not 90 degrees one of half a period.
+    Offsets of the two signals cause an error with the signal period; different amplitudes
+    and a phase other than 90 degrees cause an error with half the signal period.
     """
     angle = 2 * sp.pi * symbol("x") / symbol("signal_period")
     error = sp.Add(

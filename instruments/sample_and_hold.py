@@ -1,4 +1,4 @@
-"""A continuous law as a computer runs it: it reads at sample instants and holds its commands."""
+"""A sampled continuous law: it reads at sample instants and holds its commands."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ PERIOD = Parameter("sample_time", 1e-3, "s", "sampling period", "a common servo 
 
 
 def sampled(controller: Component, period: Parameter = PERIOD, delay: int = 0) -> Component:
-    """The controller between samplers of what it reads and holds of its commands.
+    """The controller with samplers at its inputs and holds at its outputs.
 
-    At a sample instant measurements and set-points are read, and the commands that follow from
-    them, and from the controller's own states then, are held until the next; with a `delay` they
-    are put out that many samples later, and nothing before. The states are not discretized by a
-    rule: between samples they follow their own equations with what was read, to the solver's
+    At a sample instant measurements and set-points are read, and the commands computed from
+    them and from the controller's states are held until the next instant; with a `delay` they
+    are output that many samples later, and zero before. The states are not discretized by a
+    rule: between samples they follow their own equations with the sampled inputs, to the solver's
     tolerance.
 
-    Modes that change outputs alone, as of a relay, are looked at the same instants: one event may
-    happen at each, before the command is computed.
+    Modes that change only outputs, as in a relay, are checked at the same instants: one event
+    may happen at each, before the command is computed.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ def sampled(controller: Component, period: Parameter = PERIOD, delay: int = 0) -
     period : Parameter
         The sampling period [s], a parameter of the result.
     delay : int
-        Time that the computation takes, in whole samples. For a part of a sample put the plant
-        behind `with_late_command`.
+        Computation time in whole samples. For a fraction of a sample use
+        `with_late_command` on the plant.
 
     Returns
     -------
@@ -50,8 +50,8 @@ def sampled(controller: Component, period: Parameter = PERIOD, delay: int = 0) -
     Raises
     ------
     ContractError
-        For a controller that is sampled already or has modes that change more than outputs, or a
-        delay that is no count.
+        For a controller that is already sampled or has modes that change more than outputs,
+        or a delay that is not a count.
     """
     if controller.discrete:
         raise ContractError(
@@ -96,7 +96,7 @@ def sampled(controller: Component, period: Parameter = PERIOD, delay: int = 0) -
 
 
 def _by_mode(controller: Component) -> tuple[dict[str, sp.Expr], tuple[DiscreteState, ...]]:
-    """Each output as it is after the event that is due, and the mode as a discrete state."""
+    """Each output after the event that is due, and the mode as a discrete state."""
     modes = controller.modes
     if not modes:
         return {o.name: sp.sympify(o.value) for o in controller.all_outputs}, ()
@@ -108,7 +108,7 @@ def _by_mode(controller: Component) -> tuple[dict[str, sp.Expr], tuple[DiscreteS
     names = [m.name for m in modes]
 
     def after(value: Callable[[Mode], sp.Expr]) -> sp.Expr:
-        """What depends on the mode, after the first of its events that is due."""
+        """Expressions that depend on the mode, after the first of its events that is due."""
         pieces = []
         for number, mode in enumerate(modes):
             chosen = value(mode)
@@ -128,7 +128,7 @@ def _by_mode(controller: Component) -> tuple[dict[str, sp.Expr], tuple[DiscreteS
 
 
 def _held(output: Output, delay: int) -> tuple[DiscreteState, ...]:
-    """What waits for so many samples, one memory each, and what is put out."""
+    """Commands that wait for this many samples, one memory each, and the command that is output."""
     names = [*(f"{output.name}_waiting{k}" for k in range(1, delay + 1)), f"{output.name}_held"]
     values = [sp.sympify(output.value), *map(symbol, names)]
     meanings = [*("computed, not put out yet" for _ in range(delay)), "since the last sample"]

@@ -1,4 +1,4 @@
-"""The range that an instrument cannot leave."""
+"""The range of an instrument."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ import sympy as sp
 
 
 def saturate(value: sp.Expr, limit: sp.Expr) -> sp.Expr:
-    """A value held within both signs of a limit."""
+    """A value limited to both signs of a limit."""
     return sp.Max(-limit, sp.Min(limit, value))

@@ -1,4 +1,4 @@
-"""The voltage that the axis is supplied with; numbers alone, so that they are soon there."""
+"""The supply voltage of the axis; numbers only, so that importing is fast."""
 
 UNLIMITED = 1e6
 NOMINAL_VOLTAGE = 36.0  # Table 2.1 [V]

@@ -1,4 +1,4 @@
-"""The velocity from positions, as a drive computes it."""
+"""The velocity computed from positions, as in a drive."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from .supply import UNLIMITED
 
 
 def velocity_estimate() -> Component:
-    """Difference of the last two positions over the period, behind a first-order filter.
+    """Difference of the last two positions divided by the period, with a first-order filter.
 
     The filter is the exact step of ``df/dt = 2 pi cutoff (difference - f)`` over a period. At the
-    first sample, without a position before it, the velocity is zero.
+    first sample, which has no previous position, the velocity is zero.
     """
     period, x, held = symbol("sample_time"), symbol("x"), symbol("v_held")
     difference = symbol("begun") * (x - symbol("x_last")) / period

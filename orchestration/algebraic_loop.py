@@ -24,8 +24,8 @@ SHORT = 1e-4, 1e-5  # of a communication step: what an output does by its states
 MOVED = 1e-3  # of a command's nominal value
 LASTS = 0.5  # of the gain, that is left at the shorter of the two
 _ADVICE = (
-    "let the plant update its outputs as soon as its inputs are set, as for model exchange, put a "
-    "filter or a delay into the loop, or join the two FMUs into one"
+    "let the plant update its outputs as soon as its inputs are set, as in model exchange, add "
+    "a filter or a delay to the loop, or combine the two FMUs into one"
 )
 
 
@@ -107,13 +107,13 @@ def with_ring_named(
     corrects = plant.can_save and loop.controller.can_save
     if gain < (WORST_CONTRACTION if corrects else 1.0):
         return run
-    return _named(run, f"answers itself with a gain of {gain:.3g}")
+    return _named(run, f"has a loop gain of {gain:.3g}")
 
 
 def _named(run: LoopRun, found: str) -> LoopRun:
     reason = (
-        "the plant's outputs and the controller's commands follow each other at once: this "
-        f"algebraic loop {found}, and no step cures that"
+        "the plant's outputs and the controller's commands depend on each other without "
+        f"delay: this algebraic loop {found}, and a smaller step does not help"
     )
     verdict = replace(run.verdict, trusted=False, reason=reason, advice=_ADVICE, step_helps=False)
     return replace(run, verdict=verdict)

@@ -106,7 +106,7 @@ def own_step(fmus: Mapping[str, Description]) -> float:
     sizes = {n: a.step_size for n, a in fmus.items() if not a.steps_vary and a.step_size}
     if len(set(sizes.values())) > 1:
         told = " and ".join(f"{Path(n).name} of {size:g} s" for n, size in sizes.items())
-        raise CouplingError(f"there is no step for all: {told} take steps of that length alone")
+        raise CouplingError(f"no common step exists: {told} allow only this step")
     return next(iter(sizes.values()), 0.0)
 
 
@@ -182,15 +182,15 @@ def _connection_notes(loop: Loop, plant: _Fmu, controller: _Fmu, wiring: Wiring)
     ):
         starts = {v.name: v.start or 0.0 for v in side.description.variables}
         notes += [
-            f"nothing drives the input {name!r} of {label}: it stays at {starts[name]:g}; "
-            f"--map {name}=NAME would connect it, --set {side.name}.{name}=VALUE gives it a value"
+            f"nothing is connected to the input {name!r} of {label}: it stays at {starts[name]:g}; "
+            f"--map {name}=NAME connects it, --set {side.name}.{name}=VALUE gives it a value"
             for name in free
             if name not in values
         ]
     called = names_on(CONTROLLER, wiring.references, loop.mapping)
     notes += [
-        f"the input {name!r} of {loop.label}, which nothing else drives, is taken for the "
-        f"set-point {SET_POINT}"
+        f"the input {name!r} of {loop.label}, which is not connected, is used "
+        f"as the set-point {SET_POINT}"
         for name, order in zip(wiring.references, wiring.orders, strict=True)
         if order == 0 and called[name] != SET_POINT
     ]
@@ -220,8 +220,8 @@ def _meet_samples(
     if period.seconds > 0:
         controller.sample_time = period.seconds
         notes += (
-            f"{loop.label} is sampled every {period.seconds:g} s, by {period.found}; it is "
-            "coupled so",
+            f"{loop.label} is sampled every {period.seconds:g} s, by {period.found}; the "
+            "coupling uses this period",
         )
     return notes
 
@@ -229,9 +229,9 @@ def _meet_samples(
 def fixed_step_notes(step: float, *fmus: _Fmu) -> tuple[str, ...]:
     """Notes of FMUs whose steps may not be as long as those of the run."""
     return tuple(
-        f"{fmu.path.stem} says that its steps have to be "
-        f"{f'of {size:g} s' if size else 'all of one length'}; this run and its checks take "
-        "others, so do not rely on the verdict alone"
+        f"{fmu.path.stem} requires steps "
+        f"{f'of {size:g} s' if size else 'of constant length'}; this run and its checks use "
+        "other steps, so do not rely on the verdict alone"
         for fmu in fmus
         if not fmu.description.steps_vary and (size := fmu.description.step_size) != step
     )
@@ -271,10 +271,13 @@ def _run_monolithic(loop: Loop, progress: Progress | None) -> LoopRun:
     for part in (loop.plant, loop.controller):
         if not part.has_equations:
             raise CouplingError(
-                f"the monolithic coupling needs the equations of {part}, and an FMU does not give "
-                f"them; it knows {', '.join(NAMES)}, and FILE.py:FUNCTION"
+                f"the monolithic coupling needs the equations of {part}, and an FMU has "
+                f"none; expected one of {', '.join(NAMES)}, and FILE.py:FUNCTION"
             )
     if loop.adaptive or loop.corrections or loop.mapping:
-        raise CouplingError("the monolithic coupling has no steps to adapt, correct or map")
+        raise CouplingError(
+            "the monolithic coupling has no communication steps or ports; remove "
+            "options for steps, corrections and --map"
+        )
     loop.check_values()
     return run_monolithic(loop, loop.step or min(FIRST_STEP, loop.stop), progress)

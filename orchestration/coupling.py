@@ -10,7 +10,7 @@
     its own solver (`fmus/feedback_law.py`): the interface-Jacobian coupling of Sicklinger et al.
     (2014) for a plant and a controller. Its second name on the command line is ``tangent``.
 
-Whatever the coupling, a step can be *corrected*: the **coupling residual** is the controller's true
+With any coupling, a step can be *corrected*: the **coupling residual** is the controller's true
 output at the end of the step less what the plant had applied there; the step is taken back and done
 again from the controller's true output at the start, with a ramp that ends on the true value. How
 far the plant's outputs move under the correction is the residual's effect.

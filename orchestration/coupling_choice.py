@@ -27,11 +27,11 @@ def choose_coupling(
     if wanted and wanted.law and not wiring.accepts_law:
         name = wanted.value.replace("jacobian", "Jacobian")
         raise CouplingError(
-            f"{name} coupling needs law ports on {plant.name} (u_gain_..., u_ref_..., u_rate) and "
-            "there are none; use gauss-seidel"
+            f"{name} coupling needs law ports on {plant.name} (u_gain_..., u_ref_..., u_rate) but "
+            "it has none; use gauss-seidel"
         )
     if wiring.is_empty:
-        return Coupling.JACOBI, f"{plant.name} runs alone, nothing is coupled"
+        return Coupling.JACOBI, f"{plant.name} runs alone; there is no coupling"
     if wanted is not None:
         return wanted, "as asked"
     if wiring.accepts_law:
@@ -42,12 +42,15 @@ def choose_coupling(
 def tangent_reason(loop: CoupledPair, wiring: Wiring) -> str:
     """Why the interface-Jacobian coupling was chosen, and what it knows of the controller."""
     if loop.answer is Answer.SAMPLED:
-        return "the plant has law ports; the controller is sampled and holds by itself"
+        return "the plant has law ports; the controller is sampled and holds its commands"
     if wiring.reports_law:
         return "the plant accepts the feedback law and the controller reports it"
     if loop.answer is Answer.DIRECT or loop.controller.can_save:
         return "the plant accepts the feedback law; the controller's derivatives are probed"
-    return "the plant has law ports, but the controller's derivatives cannot be had: it is held"
+    return (
+        "the plant has law ports, but the controller's derivatives are not available: its "
+        "command is held"
+    )
 
 
 def late_start(loop: CoupledPair, commands: Vector, names: list[str]) -> str:
@@ -68,7 +71,7 @@ def late_start(loop: CoupledPair, commands: Vector, names: list[str]) -> str:
     if not off[worst] > ACCURACY:
         return ""
     return (
-        f"{names[worst]} starts at {loop.given[worst]:.4g} and is {commands[0, worst]:.4g} once "
-        "the controller has done its first step, which jacobi does not wait for: give it that "
+        f"{names[worst]} starts at {loop.given[worst]:.4g} and is {commands[0, worst]:.4g} after "
+        "the first step of the controller, which jacobi does not use: give it that "
         "start value, or use --coupling gauss-seidel"
     )

@@ -126,7 +126,7 @@ class Bound:
         if self._fmu is None:
             return self._others.error if self._others else None
         said = {
-            PUT: f"refuses the values of {', '.join(self._inputs)}",
+            PUT: f"rejects the values of {', '.join(self._inputs)}",
             TAKE: f"cannot give {', '.join(self._outputs)}",
             MOVE: describe_end(status),
             SAVE: "cannot save its state",

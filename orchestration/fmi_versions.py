@@ -235,7 +235,7 @@ class Fmi2:
         return status
 
     def _end(self, reached: float, t: float, h: float) -> int:
-        self.ended = f"asked to end the simulation at t = {reached:g} s"
+        self.ended = f"requested the end of the simulation at t = {reached:g} s"
         if reached < t + h * (1 - 1e-9):
             raise Refused(self.ended, DISCARD)
         return 0
@@ -296,7 +296,9 @@ class Fmi3(Fmi2):
         if ends:
             return self._end(reached, t, h)
         if early:
-            raise Refused(f"stopped at t = {reached:g} s without being allowed to", DISCARD)
+            raise Refused(
+                f"stopped at t = {reached:g} s although early return is not allowed", DISCARD
+            )
         return 0
 
 

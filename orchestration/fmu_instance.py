@@ -36,13 +36,13 @@ Value: TypeAlias = "float | str"
 """Of a parameter: a number, or the text of a String."""
 
 SAMPLE_TIME = "sample_time"
-SHORTER = "it asks for shorter steps: use a smaller --step"
+SHORTER = "it needs shorter steps: use a smaller --step"
 
 
 def describe_end(status: int) -> str:
     """How a step ended with a status of FMI that is none of success."""
     words = {
-        DISCARD: "discards the step, as too long for it",
+        DISCARD: "rejects the step because it is too long",
         ERROR: "the step ended with an error",
         FATAL: "the step ended with a fatal error",
     }
@@ -61,8 +61,8 @@ class StepFailed(RuntimeError):
     def __init__(self, message: str, advice: str = "") -> None:
         super().__init__(message)
         self.advice = advice or (
-            "use a smaller --step; if it ends the same way, the loop itself is unstable or a "
-            "parameter is wrong"
+            "use a smaller --step; if the result is the same, the loop itself is "
+            "unstable or a parameter is wrong"
         )
 
 
@@ -259,7 +259,7 @@ class FmuInstance(AnyFmu):
                 except Refused as error:
                     raise self.failed(error.status, str(error)) from error
                 if (status := self._fmi.transfer("Set", ports)) > OK:
-                    raise self.failed(status, f"refuses the values of {', '.join(ports.names)}")
+                    raise self.failed(status, f"rejects the values of {', '.join(ports.names)}")
 
         return write
 

@@ -103,8 +103,8 @@ class Group:
     They are stepped one after the other, each with the newest values of those before it: in the
     order of the signals, and in every other step the other way round. Values that are held are too
     early for a member in one of the two steps and too late in the other, so that the first order of
-    that error goes. What answers at once, or samples, comes before what it feeds both ways: it
-    may jump at the start of a step. Outputs are named ``member.port``.
+    that error goes. A part with direct feedthrough or with samples is before the parts that it
+    feeds in both orders: it may jump at the start of a step. Outputs are named ``member.port``.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class Group:
     flags : ndarray of int, shape (2,)
         Whether inputs were set since outputs were read, and whether the next step goes back.
     lags : bool
-        Whether a step leaves old answers of what answers at once.
+        Whether a step leaves old answers of parts with direct feedthrough.
     """
 
     def __init__(
@@ -257,7 +257,7 @@ class Group:
         parts = dict(self._named_parts())
         self.there, self.back = [parts[m] for m in order], [parts[m] for m in back]
         self.flags[1] = self._turned
-        # what answers at once and is stepped before one that feeds it shows an old answer
+        # a part with direct feedthrough that is stepped before its source shows an old answer
         self.lags = any(
             f.member in at_once
             and f.source not in self.inputs
@@ -326,10 +326,10 @@ class Group:
         if not self._agree(before, ring):
             missed = np.max(np.abs(self.values[ring] - before))
             raise StepFailed(
-                f"the algebraic loop through {', '.join(names)} has no solution at the start: what "
-                f"goes in and what comes out are {missed:.3g} apart",
-                "each of its FMUs follows its inputs at once: look for a wrong sign or gain, or "
-                "put a delay into the loop",
+                f"the algebraic loop through {', '.join(names)} has no solution at the "
+                f"start: inputs and outputs differ by {missed:.3g}",
+                "each of its FMUs has direct feedthrough: check signs and "
+                "gains, or add a delay to the loop",
             )
 
     def _ring(self) -> list[int]:

@@ -41,7 +41,7 @@ class Practice:
         """What the user should know."""
         if not self.ideal:
             return ()
-        return (f"no instrument measures {', '.join(self.ideal)}: the true value is taken",)
+        return (f"no instrument measures {', '.join(self.ideal)}: the true value is used",)
 
 
 def practice_of(controller: Component, sampled: bool, noise: bool) -> Practice:
@@ -77,7 +77,8 @@ def practice_of(controller: Component, sampled: bool, noise: bool) -> Practice:
     if not instruments:
         there = ", ".join(o.name for n in INSTRUMENTS for o in component(n).outputs)
         raise ContractError(
-            f"{controller.name} measures {', '.join(measured) or 'nothing'}, and instruments give "
+            f"{controller.name} measures {', '.join(measured) or 'nothing'}, but the instruments "
+            "measure "
             f"{there}"
         )
     ideal = tuple(name for name in measured if name not in given)
@@ -115,13 +116,13 @@ def in_practice(
         return controller, {}, ()
     if not controller.has_equations:
         raise ContractError(
-            f"{controller} is an FMU and gives no equations that could be sampled or measure "
-            "through instruments; expected a name or FILE.py:FUNCTION"
+            f"{controller} is an FMU without equations; it cannot be sampled "
+            "or get instruments here; expected a name or FILE.py:FUNCTION"
         )
     plain, units = without_units(controller.name)
     base, own = without_instruments(plain)
     if noise and own:
-        raise ContractError(f"{controller} has instruments already; expected {base} alone")
+        raise ContractError(f"{controller} already has instruments; expected {base} alone")
     practice = practice_of(component(base), sampled is not None, noise)
     name = "+".join([base, *[SAMPLED] * practice.sampled, *own, *practice.instruments])
     period = {} if sampled is None else {practice.period: sampled}

@@ -100,7 +100,7 @@ class IsolatedInstance(AnyFmu):
             self._end()
             self._clean()
             words = self._printed.last_line()
-            told = f"{error}; its last words: {words}" if words else str(error)
+            told = f"{error}; its last output: {words}" if words else str(error)
             raise FmuError(told) from error
         except StepFailed as error:
             self._end()
@@ -207,8 +207,8 @@ class IsolatedInstance(AnyFmu):
         except TimeoutError:
             limit = f"{self.time_limit:g} s"
             call = Request.STEP if self._stepping else request
-            what = f"gave no answer to {call.name.lower()} within {limit}"
-            raise self._lost(what, "if it is only slow, give it a longer --time-limit") from None
+            what = f"did not answer the call {call.name.lower()} within {limit}"
+            raise self._lost(what, "if it is only slow, use a longer --time-limit") from None
         except (OSError, EOFError):
             raise self._lost(self._how_it_ended()) from None
         self._stepping = False
@@ -221,7 +221,7 @@ class IsolatedInstance(AnyFmu):
         raise StepFailed(text, SHORTER if status == DISCARDED else "")
 
     def _lost(
-        self, how: str, advice: str = "try that FMU alone: it failed by itself"
+        self, how: str, advice: str = "test this FMU alone: the error is in the FMU itself"
     ) -> StepFailed:
         self._dead = f"{self.name} ({self._fmu.path.name}) {how}"
         end_host(self._process)
@@ -231,9 +231,9 @@ class IsolatedInstance(AnyFmu):
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_FAREWELL)
         code = self._process.returncode
-        how = "has given up the connection" if code is None else how_ended(code)
+        how = "closed the connection" if code is None else how_ended(code)
         last = self._printed.last_line()
-        return f"{how}; its last words: {last}" if last else how
+        return f"{how}; its last output: {last}" if last else how
 
 
 class _Printed:

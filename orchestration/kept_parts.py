@@ -1,7 +1,7 @@
 """What is done of long work, a file for each task, kept in a folder until all of it is done.
 
-Each file carries the digest of what it is a part of: another work in the same folder never takes
-it, whatever was killed, or went on at once with another, before.
+Each file carries the digest of what it is a part of: another work in the same folder never
+uses it, even after interrupted or parallel runs.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class KeptParts:
         self.digest = digest
 
     def claim(self, work: str, resume: bool, refused: type[ValueError]) -> None:
-        """Refuse a folder that holds other parts than is said.
+        """Reject a folder that contains other parts than the given ones.
 
         Parameters
         ----------
@@ -46,11 +46,13 @@ class KeptParts:
         place = self.folder.parent
         found = {_digest(content) for path in self._files() if (content := _content(path))}
         if self.digest in found and not resume:
-            raise refused(f"{place} holds this {work}, begun; add --resume to go on with it")
+            raise refused(
+                f"{place} contains an unfinished run of this {work}; add --resume to continue it"
+            )
         if found and self.digest not in found:
-            raise refused(f"{place} holds another {work}; choose another folder, or remove it")
+            raise refused(f"{place} contains another {work}; choose another folder, or remove it")
         if resume and not found:
-            raise refused(f"{place} holds no {work} to go on with; leave out --resume to begin one")
+            raise refused(f"{place} contains no {work} to continue; remove --resume to start one")
 
     def read(self, name: str) -> Any:
         """What a task found; None where it is not done, or a disk lost the end of it."""

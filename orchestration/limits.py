@@ -14,7 +14,7 @@ TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS = 1e-8, 1e-6  # with exponents, and by t
 
 
 class BadParameter(ValueError):
-    """A parameter does not exist or has a value that makes no sense."""
+    """A parameter does not exist or has an invalid value."""
 
 
 def as_number(what: str, given: Any) -> float:

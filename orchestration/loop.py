@@ -108,7 +108,7 @@ class Loop(HowCoupled):
     Raises
     ------
     BadPart, BadComponentFile, BadParameter, BadReference
-        If a part, a number or the set-point makes no sense; the message says why.
+        If a part, a number or the set-point is invalid; the message says why.
 
     Examples
     --------
@@ -184,7 +184,7 @@ class Loop(HowCoupled):
     def set_point(self) -> float:
         """The constant set-point [m]; raises `BadParameter` where it moves."""
         if len(self.reference.values) > 1:
-            raise BadParameter("the set-point moves, expected a constant one")
+            raise BadParameter("the set-point is not constant; expected a constant one")
         return float(self.reference.values[0])
 
     def check_values(self) -> None:
@@ -198,7 +198,7 @@ class Loop(HowCoupled):
         self.controller.check_values("controller", self.controller_values)
 
     def parameters(self) -> ParameterFile:
-        """All parameters as they are used, as a parameter file that the next command reads.
+        """All parameters used, as a parameter file that the next command can read.
 
         What still has the value that it was `told` keeps its interval and source.
         """

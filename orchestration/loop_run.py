@@ -116,7 +116,7 @@ class RecordedLoop:
         self.failure = ""
 
     def begin(self) -> None:
-        """Take the controller's other outputs at the start anew."""
+        """Read the controller's other outputs at the start again."""
         self.outputs[0][0, len(self.loop.outputs) :] = self.loop.others()
 
     @property
@@ -150,9 +150,9 @@ class RecordedLoop:
 
 
 def bounds(nominal: Vector, start: Vector) -> Vector:
-    """How large outputs may become before a loop is said to diverge.
+    """Largest outputs before a loop counts as diverged.
 
-    A nominal value of 1 stands for one that is missing, unless most of the others are told.
+    A nominal value of 1 counts as missing, unless most of the others are given.
     Counts, pascals and absolute encoders lie far beyond it at rest.
     """
     size = np.maximum(np.maximum(nominal, 1.0), np.abs(np.nan_to_num(start)))
@@ -187,7 +187,7 @@ class RunLog:
     m : int
         Number of commands.
     keeps_commands : bool
-        Whether the commands at the end of each step are asked for and kept.
+        Whether the commands at the end of each step are requested and kept.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 """What a machine lets a controller do: motions that fit it, and gains that fit it.
 
 All is read off the plant's own equations, linearized about sliding at a constant speed. The ranges
-in which gains are tuned stand in the laws' files for the nominal axis. Another machine gets those
+of tuned gains are in the laws' files, for the nominal axis. Another machine gets those
 that do the same there: a gain in volts per metre is multiplied by how much more command the machine
 needs for a metre at the same frequency.
 """
@@ -119,8 +119,8 @@ class Machine:
                 return float(speed)
         needed = abs(self.sliding(speed)["u"])
         raise BadParameter(
-            f"the limit of the command is {self.limit:g}, and friction alone takes {needed:.3g} at "
-            f"{speed:.2g} m/s; expected a limit of at least twice as much"
+            f"the limit of the command is {self.limit:g}, but friction alone needs {needed:.3g} at "
+            f"{speed:.2g} m/s; expected a limit of at least twice this"
         )
 
     def command_per_metre(self, frequency: float) -> complex:
@@ -178,7 +178,7 @@ def limit_of(plant: Part, values: Mapping[str, float], asked: float | None) -> f
     Raises
     ------
     BadParameter
-        If nobody says it.
+        If it is not given.
     """
     given = values.get(LIMIT, UNLIMITED) if asked is None else asked
     if not given > 0:
@@ -244,7 +244,7 @@ def model_values(controller: Part, machine: Machine) -> dict[str, float]:
     motor = [p.name for p in MOTOR if p.name in known and p.name not in own]
     if motor:
         raise BadParameter(
-            f"{controller.label} is derived from an axis with a motor, and {machine.plant.label} "
+            f"{controller.label} is designed for an axis with a motor, but {machine.plant.label} "
             f"has no {', '.join(motor)}"
         )
     of_plant = {n: machine.values.get(n, p.default) for n, p in own.items()}

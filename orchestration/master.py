@@ -132,7 +132,10 @@ def run_loop(  # noqa: PLR0913
     ended = _Ended(main, co_runs, course, time, why, not missing)
     first = replace(_concluded(ended, names, commands, chosen, reason), played=played)
     if wiring.is_empty and first.verdict.trusted:
-        own = f"nothing is coupled; how exact {plant.name}'s own solver is, this run does not tell"
+        own = (
+            f"there is no coupling; this run does not check how accurate {plant.name}'s own "
+            "solver is"
+        )
         return replace(first, verdict=replace(first.verdict, reason=own))
     if not look_again or adaptive or why.reason or any(pair.failure for pair in co_runs):
         return with_ring_named(first, main.loop, parts.opened, wiring, start, step)
@@ -348,7 +351,7 @@ def _stop(why: int, t: float, main: RecordedLoop, bounds: Vector) -> Stop:
     if why == DIVERGES:
         worst = int(np.argmax(np.abs(main.loop.outputs) / bounds))
         name = list(main.loop.plant.outputs)[worst]
-        return Stop(f"the loop diverges: {name} leaves every bound at t = {t:.6g} s", diverged=True)
+        return Stop(f"the loop diverges: {name} exceeds its bound at t = {t:.6g} s", diverged=True)
     return Stop()
 
 
@@ -371,8 +374,8 @@ class _Ended:
             contraction, others = _grid_contraction(outputs, *others), others[:1]
         smaller = "use a smaller --step"
         if not coupling.law:
-            smaller += ", or --coupling interface-jacobian where both sides support it"
-        smaller += f"; this run had steps of {self.clock.used[1]:g} s"
+            smaller += ", or --coupling interface-jacobian if both sides support it"
+        smaller += f"; this run used steps of {self.clock.used[1]:g} s"
         loop = self.main.loop
         if coupling.late:
             smaller = late_start(loop, np.concatenate(self.course.commands), ours) or smaller

@@ -32,7 +32,8 @@ def check_memory(needed: float, what: str, remedy: str) -> None:
     room = available_memory()
     if room is not None and needed > room:
         raise NotEnoughMemory(
-            f"{what}, about {_shown(needed)} of memory, and {_shown(room)} are available; {remedy}"
+            f"{what}, about {_shown(needed)} of memory, but only {_shown(room)} is available; "
+            f"{remedy}"
         )
 
 

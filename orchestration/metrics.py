@@ -34,7 +34,7 @@ class Metrics:
     iae : float
         Integral of the absolute error [m*s], trapezoidal.
     rms_error, largest_error : float or None
-        Root mean square over the run and largest magnitude of set-point less position [m]; None if
+        Root mean square over the run and largest magnitude of set-point minus position [m]; None if
         the set-point is constant.
     """
 
@@ -52,7 +52,7 @@ class Metrics:
 
 
 def units_of_figures(units: Mapping[str, str]) -> dict[str, str]:
-    """The unit of each figure of a run, from those of its signals, or the axis' where none is said.
+    """The unit of each figure of a run, from its signals, or those of the axis if not given.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ class _Cvode(CVodeSolver):  # type: ignore[misc]
         if flag < 0:
             if self.error is not None:
                 raise self.error
-            raise Refused(f"CVODE gives up: {(self.error_info or [f'code {flag}'])[-1]}")
+            raise Refused(f"CVODE failed: {(self.error_info or [f'code {flag}'])[-1]}")
         if not self.discrete:
             self.set_x(self.px, self.nx)
         self.set_time(reached.value)
@@ -76,7 +76,7 @@ class _Held:
 class Integrator:
     """A model-exchange FMU as one that does steps. Between them it is in event mode.
 
-    Every step starts CVODE anew, so that it depends on nothing but the FMU's state. A time event at
+    Every step restarts CVODE, so that it depends only on the FMU's state. A time event at
     the end of a step is left to the next one where the FMU has inputs: these have their values of
     that time only then, and a sampled controller reads them in its event.
 

@@ -89,7 +89,7 @@ def lock_if_left(folder: Path) -> int:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if os.fstat(descriptor).st_uid != os.geteuid():
-            raise PermissionError(f"{folder} is another user's")
+            raise PermissionError(f"{folder} belongs to another user")
     except BaseException:
         os.close(descriptor)
         raise
@@ -100,12 +100,12 @@ def lock_if_left(folder: Path) -> int:
 
 
 def can_supervise() -> bool:
-    """Whether the command can run in a child process that is ended at once, whatever it does."""
+    """Whether the command can run in a child process that can always be ended at once."""
     return sys.platform.startswith("linux")
 
 
 def hold_interrupts() -> set[signal.Signals]:
-    """Let the signals that ask for an end wait until somebody can answer them, see `outcome`.
+    """Let the signals that ask for an end wait until a handler exists them, see `outcome`.
 
     Returns
     -------
@@ -347,7 +347,7 @@ def host_connection(descriptors: list[int]) -> socket.socket:
 
 
 def end_host(process: Popen[bytes]) -> None:
-    """End a process of `start_host`, with whatever it may have started itself."""
+    """End a process of `start_host`, and its child processes."""
     import subprocess
 
     if process.poll() is None:

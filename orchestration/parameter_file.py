@@ -29,12 +29,12 @@ KINDS = (BALL_SCREW, DRIVE, ROTARY, FMU)
 COMMANDS = ("voltage", "current", "force")
 COMMANDS_OF = {DRIVE: COMMANDS, ROTARY: ("voltage", "current", "torque")}
 """What the command of a drive may be, by its kind; of others it is theirs."""
-TURNS = "the body turns: N stands for N*m here, m for rad, and kg for kg*m^2"
+TURNS = "rotating body: here N means N*m, m means rad, and kg means kg*m^2"
 """What to say where `ParameterFile.sliding` was taken."""
 
 
 class BadParameters(ValueError):
-    """The parameter file makes no sense; the message says where, why and what to do."""
+    """The parameter file is invalid; the message says where, why and what to do."""
 
 
 @dataclass(frozen=True)
@@ -147,8 +147,8 @@ class ParameterFile:
         """
         if self.kind not in NOMINAL:
             raise BadParameters(
-                f"{self.path}: kind is {self.kind!r}, which is no plant of the catalogue; say "
-                "which plant the values are for, by --plant"
+                f"{self.path}: kind is {self.kind!r}, which is not a plant of the "
+                "catalogue; give the plant of these values with --plant"
             )
         return plant_of(self.law or DEFAULT_LAW, self.kind, self.command or COMMANDS[0])
 
@@ -172,16 +172,15 @@ class ParameterFile:
         if self.kind == ROTARY:
             if lead is not None:
                 raise BadParameters(
-                    f"--lead is of a screw, and {self.path} describes a body that turns without "
-                    "one; leave it out"
+                    f"--lead is for a screw, but {self.path} describes a rotating body "
+                    "without one; remove --lead"
                 )
             return self.sliding()
         if lead is None:
             return self
         if "p" in self.plant:
             raise BadParameters(
-                f"--lead and p of {self.path} both say what a turn of the screw is; expected one "
-                "of them"
+                f"--lead and p of {self.path} both give the lead of the screw; expected one of them"
             )
         if self.kind != BALL_SCREW:
             return self
@@ -317,7 +316,7 @@ def list_used(
     values : mapping of str to float
         Those that were given.
     told : mapping of str to Value
-        What a parameter file said; whatever still has its value keeps its interval and source.
+        Values of a parameter file; those that are not changed keep their interval and source.
     source : str
         Of values that no file told.
     """

@@ -48,7 +48,7 @@ _DIAGNOSIS_KEYS = (
 _VALUE_KEYS = ("value", "unit", "interval", "source")
 _FORMER = {
     "parameters": "the table of the plant's values is called [plant]",
-    "plant": 'what kind of plant it is says the key kind, as in kind = "drive"',
+    "plant": 'the kind of plant is the key kind, such as kind = "drive"',
 }
 
 
@@ -61,13 +61,13 @@ def read_parameters(path: Path | str) -> ParameterFile:
     Raises
     ------
     BadParameters
-        With one line that says what cannot be used and why.
+        In one line: what cannot be used and why.
     """
     path = Path(path)
     data = _toml(path)
     for key, hint in _FORMER.items():
         if key in data and not (key == "plant" and isinstance(data[key], dict)):
-            raise BadParameters(f"{path}: has {key!r} as older versions did; {hint}")
+            raise BadParameters(f"{path}: has {key!r} as in older versions; {hint}")
     known_name(f"{path}:", data, _KEYS)
     if data.get("format", FORMAT) != FORMAT:
         raise BadParameters(f"{path}: format is {data['format']!r}, expected {FORMAT!r}")
@@ -92,8 +92,8 @@ def read_parameters(path: Path | str) -> ParameterFile:
 def _command(path: Path, kind: str, given: Any) -> str:
     if kind not in COMMANDS_OF:
         raise BadParameters(
-            f"{path}: has the key command, and a plant of the kind {kind!r} has its own; leave it "
-            f"out, or say kind as one of {', '.join(COMMANDS_OF)}"
+            f"{path}: has the key command, and a plant of the kind {kind!r} has its own; "
+            f"remove it, or set kind to one of {', '.join(COMMANDS_OF)}"
         )
     command = _choice(path, "command", given, COMMANDS_OF[kind])
     return "" if command == COMMANDS[0] else command
@@ -105,9 +105,9 @@ def _toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise BadParameters(f"{path} cannot be read: {error.strerror or error}") from error
     except RecursionError:
-        raise BadParameters(f"{path} is no parameter file: it is nested too deep") from None
+        raise BadParameters(f"{path} is not a parameter file: it is nested too deeply") from None
     except ValueError as error:  # of TOML, of UTF-8, or an integer of too many digits
-        raise BadParameters(f"{path} is no TOML file: {error}") from error
+        raise BadParameters(f"{path} is not a TOML file: {error}") from error
 
 
 def _table(path: Path, name: str, given: Any) -> dict[str, Any]:
@@ -140,7 +140,7 @@ def _diagnosed(path: Path, given: Any) -> Diagnosed:
     known_name(f"{path}: [diagnosis]", table, _DIAGNOSIS_KEYS)
     missing = [key for key in _DIAGNOSIS_KEYS if key not in table]
     if missing:
-        raise BadParameters(f"{path}: [diagnosis] has no {missing[0]!r}, which diagnose writes")
+        raise BadParameters(f"{path}: [diagnosis] has no {missing[0]!r}; diagnose writes this key")
     records = table["records"]
     if not isinstance(records, list) or not all(isinstance(name, str) for name in records):
         raise BadParameters(f"{path}: [diagnosis] records is {records!r}, expected a list of names")

@@ -220,14 +220,17 @@ def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool 
     if rest and first in known:
         wrong = next((part for part in rest if part not in INSTRUMENTS), "")
         if wrong == FEED_FORWARD:
-            raise BadPart(f"{role} {name!r}: {FEED_FORWARD!r} comes right behind {first!r}, once")
+            raise BadPart(
+                f"{role} {name!r}: {FEED_FORWARD!r} must follow directly after {first!r}, once"
+            )
         if wrong == SAMPLED:
             raise BadPart(
-                f"{role} {name!r}: {SAMPLED!r} comes once, behind {first!r} and its feed-forward"
+                f"{role} {name!r}: {SAMPLED!r} must appear once, after {first!r} and its "
+                "feed-forward"
             )
         raise BadPart(
-            f"{role} {name!r}: no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}, and "
-            f"before them {FEED_FORWARD} and {SAMPLED}"
+            f"{role} {name!r}: no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}, "
+            f"and before them {FEED_FORWARD} and {SAMPLED}"
         )
     files = "FILE.py:FUNCTION nor the path of an FMU" if fmus else "FILE.py:FUNCTION"
     raise BadPart(

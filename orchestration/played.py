@@ -37,7 +37,7 @@ PLAYED = np.dtype(
         # places in the memory; negative where there is none
         *((name, np.int64) for name in ("discrete", *_PLACES)),
         ("is_new", np.int64),  # whether outputs are as the memory says
-        # what went wrong, for the slave to tell: a value that is no number, or a step
+        # what went wrong, for the slave to tell: a value that is not a number, or a step
         ("before", VECTOR),  # the memory before the last step
         *((name, np.int64) for name in ("bad_value", "bad_step", "reference")),
         *((name, float) for name in ("value", "t", "h")),

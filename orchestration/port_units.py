@@ -1,7 +1,7 @@
 """Units between a plant and a controller: one conversion for each port of the controller.
 
 What both sides declare by base units is converted; what both declare and cannot be converted is
-refused; where one side declares nothing, values pass as they are. The law's gains and rates, and
+rejected; if one side declares nothing, values are not converted. The law's gains and rates, and
 tangents, follow from the conversions of the signals and commands that they belong to.
 """
 
@@ -49,8 +49,8 @@ class PortUnits:
         if not self.one_sided:
             return ()
         return (
-            f"only one side tells the unit of {', '.join(self.one_sided)}: these values pass as "
-            "they are",
+            f"only one side gives the unit of {', '.join(self.one_sided)}: these values "
+            "are not converted",
         )
 
 
@@ -138,8 +138,8 @@ def _add_set_points(
         if order == 0 and len(known) == len(measured) and known and unit.exponents not in known:
             names = ", ".join(m.name for m in measured if m is not None)
             raise WiringError(
-                f"{controller.name}.{name} takes the set-point in {unit.name!r}, and nothing that "
-                f"{controller.name} measures is of that kind: it measures values in {names}"
+                f"{controller.name}.{name} has the set-point in {unit.name!r}, but no signal that "
+                f"{controller.name} measures is of this quantity: it measures values in {names}"
             )
     return untold
 

@@ -145,7 +145,7 @@ def sine(
 def triangle(
     amplitude: float = 1e-3, period: float = 1.0, duration: float = 20.0, start: float = 0.0
 ) -> Reference:
-    """To and fro at constant speed between 0 and `amplitude` [m], `period` [s] for both ways.
+    """Forwards and backwards at constant speed between 0 and `amplitude` [m]; `period` in s.
 
     Its velocity jumps at the turning points; the acceleration there is left out of what is fed
     forward.

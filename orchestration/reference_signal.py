@@ -98,13 +98,13 @@ class Reference:
             raise BadReference(f"{path}: has columns of different length, expected one")
         table = np.column_stack([columns[n] * _size(path, n, units.get(n, "")) for n in names])
         if not np.isfinite(table).all():
-            raise BadReference(f"{path}: holds values that are not finite")
+            raise BadReference(f"{path}: contains values that are not finite")
         rises = np.diff(table[:, 0])
         wrong = rises < 0
         wrong[1:] |= (rises[1:] == 0) & (rises[:-1] == 0)  # two rows at one time are a jump
         if wrong.any():
             k = int(np.argmax(wrong))
-            raise BadReference(f"{path}: time does not rise after {table[k, 0]:g} s")
+            raise BadReference(f"{path}: time does not increase after {table[k, 0]:g} s")
         given = dict(zip(names, table.T, strict=True))
         return cls(given["time"], *(given.get(name) for name in _COLUMNS))  # type: ignore[arg-type]
 

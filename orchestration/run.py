@@ -1,4 +1,4 @@
-"""Run a closed loop, however it is said."""
+"""Run a closed loop in any form."""
 
 from __future__ import annotations
 

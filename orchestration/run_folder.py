@@ -126,13 +126,13 @@ def _settle(folder: Path) -> list[str]:
     if not moved:
         return []
     return [
-        f"{', '.join(moved)} in {folder} {'is' if len(moved) == 1 else 'are'} not as ballscrew "
-        f"wrote {'it' if len(moved) == 1 else 'them'}; kept, with {KEPT} after the name"
+        f"{', '.join(moved)} in {folder} {'is' if len(moved) == 1 else 'are'} changed since "
+        f"ballscrew wrote {'it' if len(moved) == 1 else 'them'}; kept, with {KEPT} after the name"
     ]
 
 
 def _make_way(folder: Path, name: str, ours: set[str]) -> list[str]:
-    """Rename what stands in a result's place, or in that of its folders, and is not ours."""
+    """Rename foreign files that have the name of a result or of its folders."""
     moved = []
     for place in (*Path(name).parents, Path(name)):
         there = folder / place

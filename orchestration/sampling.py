@@ -79,8 +79,8 @@ def sampling_period(
         return Period(controller.description.step_size, "the step size of its default experiment")
     if declared:
         raise UnknownPeriod(
-            f"{controller.description.identifier} says that its commands are discrete, and not how "
-            f"often they change; call the parameter that is its period {SAMPLE_TIME}"
+            f"{controller.description.identifier} declares discrete commands "
+            f"without a period; name its period parameter {SAMPLE_TIME}"
         )
     return Period(0.0)
 
@@ -151,8 +151,8 @@ def _named(
     if description.step_size and low < description.step_size < high:
         return Period(description.step_size, "the step size of its default experiment")
     if np.ptp(np.diff(jumps)) == 0 and way % spaces == 0:
-        return Period(way // spaces * h, "its commands, which jump so often")
+        return Period(way // spaces * h, "the interval between jumps of its commands")
     raise UnknownPeriod(
         f"{description.identifier} holds its commands for about {way / spaces * h:.4g} s: it is "
-        f"sampled, and no parameter of it is that long; call its period {SAMPLE_TIME}"
+        f"sampled, but no parameter has this value; name its period parameter {SAMPLE_TIME}"
     )

@@ -43,9 +43,10 @@ def check_state(
         return ()
     fmu.can_save = False
     return (
-        f"{fmu.path.name} says that it saves its state and does not come back to it: it runs "
-        "without saved states (pythonfmu build --handle-state saves registered variables alone: "
-        "register all that do_step changes)",
+        f"{fmu.path.name} declares that it can save its state but does not restore it correctly: "
+        "it runs without saved states (pythonfmu build --handle-state saves only registered "
+        "variables: "
+        "register all variables that do_step changes)",
     )
 
 

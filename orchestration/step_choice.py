@@ -108,7 +108,7 @@ def choose_step(
             number = len(runs) - 1
             if run.played and bound:  # a longer step costs less, and may be near enough
                 number, run = _first_near(runs, bound, step)
-            why = "the first that was tried" if before is None else f"of {len(runs)} tried"
+            why = "the first step that was tried" if before is None else f"of {len(runs)} tried"
             return chosen(number, run, f"{why}, the first whose run is trusted")
         ended = _no_further(run, before, moved, moved_before, len(runs))
         foreseen = 2.0 * took[clock]
@@ -119,8 +119,8 @@ def choose_step(
         late = (_clocks() - began)[clock] + foreseen > LONGEST
         if not ended and before is not None and late:  # the first may have been looked at again
             ended = (
-                f"a step of {step / 2:g} s would take about {foreseen:.0f} s of computing; "
-                f"ask for it with --step {step / 2:g}"
+                f"a step of {step / 2:g} s would take about {foreseen:.0f} s of computing "
+                f"time; use it with --step {step / 2:g}"
             )
         if ended:
             run = replace(run, verdict=replace(run.verdict, advice=ended))
@@ -177,8 +177,8 @@ def _first_near(
         worst = max(shares, key=lambda name: shares[name])
         if shares[worst] <= ACCURACY and not _jumps(run):
             text = (
-                f"runs with steps down to {step:g} s, which come closer and closer, put no output "
-                f"further off than {worst} by {estimate[worst]:.2g}, "
+                f"runs with steps down to {step:g} s converge; the "
+                f"largest estimated error is in {worst} by {estimate[worst]:.2g}, "
                 f"{100 * shares[worst]:.2g} % of its range"
             )
             verdict = Verdict(True, text, "", estimate, run.verdict.contraction)
@@ -191,12 +191,12 @@ def only_step(run: LoopRun, step: float) -> tuple[LoopRun, StepChoice]:
     verdict = run.verdict
     if not verdict.trusted and verdict.step_helps and not run.stopped:
         advice = (
-            f"its FMUs take steps of {step:g} s alone: export them with a shorter step, or so that "
-            "they take any"
+            f"its FMUs take steps of {step:g} s only: export them with a shorter step, "
+            "or with variable steps"
         )
         run = replace(run, verdict=replace(verdict, advice=advice, step_helps=False))
     tried = ((step, verdict.word),)
-    return run, StepChoice(step, "the only one that its FMUs take", tried)
+    return run, StepChoice(step, "the only one that its FMUs accept", tried)
 
 
 def _differences(coarse: LoopRun, fine: LoopRun) -> Mapping[str, tuple[float, float]]:
@@ -230,7 +230,7 @@ def _judged_by_halving(
         return None
     text = (
         f"halving the step to {step:g} s moved no output by more than {100 * moved:.2g} % of its "
-        f"range ({worst}: {apart[worst][0]:.2g}); the halving before moved one by "
+        f"range ({worst}: {apart[worst][0]:.2g}); the previous halving moved one by "
         f"{100 * moved_before:.2g} %"
     )
     estimate = {name: to_come * size for name, (size, _) in apart.items()}
@@ -251,7 +251,7 @@ def _no_further(
         if abs(ends[0] - ends[1]) <= 0.02 * max(ends):
             return f"with steps of half the length it ends at the same time: {run.stopped}"
     if tried >= 4 and np.isfinite(moved_before) and moved > 0.9 * moved_before > 0.1:
-        return "shorter steps do not bring the runs closer to each other; shorten the run"
+        return "the runs do not converge with shorter steps; shorten the run"
     if tried >= LEVELS:
         return f"{tried} steps were tried"
     return ""

@@ -51,7 +51,7 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
     Raises
     ------
     BadSystem, FmuError, CouplingError, WiringError, BadParameter
-        If the file or what is asked makes no sense; the message says why.
+        If the file or the request is invalid; the message says why.
     StepFailed
         If a part refuses its initial values.
     """
@@ -109,7 +109,7 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
         limit = f"--set {loop.plant_name}.{LIMIT}="
         of_plant = {n: v for n, v in values[loop.plant_name].items() if not isinstance(v, str)}
         amplifier = amplifier_notes(run, fmus[loop.plant_name].parameters, of_plant, limit)
-    notes = [f"{name} names nothing in the system and was ignored" for name in system.ignored]
+    notes = [f"{name} is unknown in the system and was ignored" for name in system.ignored]
     fixed = fixed_step_notes(first, *fmus.values()) if own or choice is None else ()
     found = (note for state in states for note in state)
     return ClosedLoopResult(asked, run, (*notes, *found, *fixed, *amplifier), choice)
@@ -260,15 +260,13 @@ def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
     rest = [n for n in fmus if n != plant]
     goal = goal_of(system, fmus, rest)
     if asked.reference and not goal:
-        raise BadSystem(
-            f"{system.path}: has no input that a set-point could drive; set start values instead"
-        )
+        raise BadSystem(f"{system.path}: has no input for a set-point; set start values instead")
     inside = [c for c in system.connections if plant not in (c.source.element, c.target.element)]
     measured = [c for c in system.connections if c.source.element == plant != c.target.element]
     commands = [c for c in system.connections if c.target.element == plant != c.source.element]
     own = [c for c in system.connections if plant == c.source.element == c.target.element]
     if not commands:
-        raise BadSystem(f"{system.path}: nothing drives {plant!r}, which is taken as the plant")
+        raise BadSystem(f"{system.path}: nothing drives {plant!r}, so it is used as the plant")
 
     goals = [c for c, _ in goal]
     plain = len(rest) == 1 and not inside and _plain([*measured, *goals], once=True)

@@ -62,7 +62,7 @@ NOT_LINEAR = {
     "fuzzy_pd_i": "its rules have a kink at the set-point",
     "sliding_mode": "it switches at its surface",
     "super_twisting": "it switches at its surface",
-    "adaptive_friction": "its gain depends on what it has learned",
+    "adaptive_friction": "its gain depends on its adapted estimate",
 }
 
 Progress = Callable[[int, int], None]
@@ -76,7 +76,7 @@ class Gain:
     ----------
     name : str
     value, start : float
-        What was found, and from where the search began.
+        The value found, and the start of the search.
     unit : str
     low, high : float
         The range that was searched.
@@ -165,7 +165,7 @@ class TunedController:
             elif not motion.converged:
                 found.append(f"the run of the {motion.name} is not converged")
             if motion.peak_command > self.limit * (1 + 1e-9):
-                found.append(f"the {motion.name} asks for more than the limit")
+                found.append(f"the {motion.name} demands more than the limit")
             elif motion.figures.saturated_share > 0:
                 share = 100 * motion.figures.saturated_share
                 found.append(f"the command is at its limit for {share:.2g} % of the {motion.name}")
@@ -261,9 +261,9 @@ def tune_loop(
     limit : float, optional
         Largest command; default the plant's ``voltage_limit``, of an axis its 36 V.
     budget, seed : int
-        Candidates; as many again tell what more would gain.
+        Number of candidates; the same number again shows what more candidates would improve.
     progress : function of int and int, optional
-        Told how many candidates are done, and of how many.
+        Called with the number of finished candidates and the number of all.
 
     Raises
     ------
@@ -275,10 +275,12 @@ def tune_loop(
     gained = tunable(bare(loop.controller.name))
     if not gained:
         names = ", ".join(n for n in CONTROLLERS if tunable(n))
-        raise BadParameter(f"{loop.controller} has no gains to tune; those that have are {names}")
+        raise BadParameter(
+            f"{loop.controller} has no gains to tune; controllers with gains are {names}"
+        )
     if not loop.plant.has_equations:
         raise BadParameter(
-            f"{loop.plant} gives no equations to tune on; expected a plant with them"
+            f"{loop.plant} has no equations for tuning; expected a plant with equations"
         )
     loop.check_values()
     most = limit_of(loop.plant, loop.plant_values, limit)
@@ -457,11 +459,11 @@ class _Work:
             return (), (f"{part}: no margins, {reason}",)
         found, without = [], []
         if self.kernel.modes:
-            without.append("stuck: this friction law has no bristles, and the body does not move")
+            without.append("stuck: this friction law has no bristles, so the body does not move")
         for state, speed, plant, own in self._states:
             at = self._followed(gains, speed, own) if speed else own
             if at is None:
-                without.append(f"sliding at {speed:g} m/s: the loop does not slide steadily")
+                without.append(f"sliding at {speed:g} m/s: there is no steady sliding of the loop")
             else:
                 found.append(margins_of(self._open(gains, plant, at), state, speed))
         return tuple(found), tuple(without)

@@ -1,4 +1,4 @@
-"""What is said in newtons and metres of a body that turns, in its own units.
+"""Text in newtons and metres about a rotating body, converted to its own units.
 
 Records of such a body are read with a way of 2 pi a turn, so that a metre is a radian and a newton
 is a newton metre, to the last digit: only the words differ.

@@ -125,8 +125,8 @@ def verdict_of(
     if np.isfinite(contraction) and contraction > WORST_CONTRACTION:
         return Verdict(
             False,
-            f"correcting the coupling residual leaves {100 * contraction:.3g} % of it: the step is "
-            "too long for this loop to be cut between these parts",
+            f"one correction of the coupling residual leaves {100 * contraction:.3g} % of it: the "
+            "step is too long for co-simulation of these parts",
             smaller,
             estimate,
             contraction,
@@ -210,7 +210,7 @@ def second_verdict(
     if not share[worst] <= ACCURACY:
         reason = f"the coupling may have moved {found}, {by}; {100 * ACCURACY:g} % is allowed"
         return Verdict(False, reason, first.advice, estimate, first.contraction)
-    reason = f"the coupling moved no output further than {found}, {by}"
+    reason = f"the coupling moved no output by more than {found}, {by}"
     return Verdict(True, reason, "", estimate, first.contraction)
 
 

@@ -294,7 +294,7 @@ def follow(
             row = int(np.argmax(left.any(axis=1)))
             name, table = declared[int(np.argmax(share[row]))].name, table[: row + 1]
             when = f"t = {run.time[shown][row]:.6g} s"
-            stopped = f"the loop diverges: {name} leaves every bound at {when}"
+            stopped = f"the loop diverges: {name} exceeds its bound at {when}"
         pieces.append(table)
         if stopped:
             break
@@ -320,4 +320,4 @@ def _verdict(tight: _Course, loose: _Course, names: list[str]) -> Verdict:
     )
     if share <= ACCURACY:
         return Verdict(True, text, "", estimate)
-    return Verdict(False, text, "the motion hangs on round-off; shorten the run", estimate)
+    return Verdict(False, text, "the motion depends on round-off; shorten the run", estimate)

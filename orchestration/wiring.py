@@ -80,8 +80,8 @@ class Wiring:
         ):
             for name in sorted(driven.intersection(given)):
                 raise WiringError(
-                    f"{side}.{name} is an input that the loop drives, expected a parameter or an "
-                    "input that nothing drives"
+                    f"{side}.{name} is an input that is connected in the loop; expected a "
+                    "parameter or an input that is not connected"
                 )
 
     def plant_law(self) -> list[str]:
@@ -116,7 +116,8 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     ------
     WiringError
         If every command of the plant or every measurement of the controller stays unmatched, a
-        name of the mapping is no port, two ports would have one name, or the set-point is not told.
+        name of the mapping is no port, two ports would have one name, or the set-point is not
+        given.
     """
     mapping = dict(mapping or {})
     _check_mapping(plant, controller, mapping)
@@ -145,13 +146,14 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     missing = [n for n in needed.values() if n not in driven]
     if missing and not commands:
         raise WiringError(
-            f"nothing drives the input {missing[0]!r} of {plant.name}: {controller.name} has the "
+            f"nothing is connected to the input {missing[0]!r} of {plant.name}: {controller.name} "
+            "has the "
             f"outputs {', '.join(controller.outputs) or 'none'}"
             f"{nearest(missing[0], controller.outputs)}; use --map theirs=ours"
         )
     if not signals and (controller.inputs or controller.outputs):
         raise WiringError(
-            f"{controller.name} measures nothing of {plant.name}: its inputs are "
+            f"{controller.name} has no input that fits an output of {plant.name}: its inputs are "
             f"{', '.join(controller.inputs) or 'none'}, the plant's outputs are "
             f"{', '.join(plant.outputs)}; use --map theirs=ours"
         )
@@ -161,8 +163,8 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     goals = [n for n in rest if on_controller[n] == SET_POINT] or rest
     if len(goals) > 1:
         raise WiringError(
-            f"{controller.name} has the inputs {', '.join(goals)} that nothing of {plant.name} "
-            f"drives; say which is the set-point, as --map {goals[0]}={SET_POINT}"
+            f"{controller.name} has the inputs {', '.join(goals)} that are not connected "
+            f"to {plant.name}; give the set-point, such as --map {goals[0]}={SET_POINT}"
         )
     unconnected = tuple(n for n in rest if n not in goals)
     orders = (*(0 for _ in goals), *(DERIVATIVES[on_controller[n]] for n in derivatives))
@@ -227,6 +229,6 @@ def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, 
             if ours != theirs and (others or ours in taken):
                 whose = f"{side}'s port {others[0]!r}" if others else "a column of the results"
                 raise WiringError(
-                    f"--map {theirs}={ours} would hide {whose}, which has that name; map one of "
-                    "them to a name that is free"
+                    f"--map {theirs}={ours} has the same name as {whose}; map "
+                    "one of them to an unused name"
                 )

@@ -19,7 +19,7 @@ from .operating_system import pool
 AHEAD = 2  # tasks per worker that wait, so that memory stays bounded as maps grow
 SILENT = 50.0  # s without a heartbeat of any worker, so that it is told within a minute
 _NOISY = ("distributed", "tornado", "asyncio")
-_INSTALL = "install there the ballscrew that is installed here"
+_INSTALL = "install the same version of ballscrew there"
 CHECK = 2.0  # s between two questions who is alive
 
 
@@ -28,7 +28,7 @@ class WorkersLost(RuntimeError):
 
 
 class Workers(Protocol):
-    """Computes many tasks, in whatever order they finish."""
+    """Computes many tasks, in the order in which they finish."""
 
     def map(
         self, function: Callable[..., Any], tasks: Iterator[tuple[str, tuple[Any, ...]]]
@@ -70,7 +70,7 @@ class Processes:
                         yield waiting.pop(future), future.result()
             except BrokenProcessPool as error:
                 raise WorkersLost(
-                    "a worker process ended unexpectedly; finish the map with --resume"
+                    "a worker process ended unexpectedly; continue the map with --resume"
                 ) from error
             except GeneratorExit:
                 workers.shutdown(wait=False, cancel_futures=True)
@@ -111,10 +111,10 @@ class Dask:
             self.client = Client(address, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             why = str(error) or "silence"
-            raise WorkersLost(f"no Dask scheduler answers at {address}: {why}") from None
+            raise WorkersLost(f"no Dask scheduler responds at {address}: {why}") from None
         except Exception as error:  # what another program says is read as anything
             raise WorkersLost(
-                f"what answers at {address} is no Dask scheduler: {type(error).__name__} {error}"
+                f"the program at {address} is not a Dask scheduler: {type(error).__name__} {error}"
             ) from None
 
     def map(
@@ -176,7 +176,7 @@ class Dask:
         with contextlib.suppress(OSError, TimeoutError):
             told: Any = self.client.sync(_identity, self.address, callback_timeout=CHECK)
             seen = {name: float(worker["last_seen"]) for name, worker in told["workers"].items()}
-            why = "hears none of its workers" if seen else "has no worker: start one"
+            why = "has lost contact with its workers" if seen else "has no worker: start one"
             if self._seen_any and not seen:
                 why = f"has lost all workers: {_INSTALL}"
         if any(self._seen.get(name) != last for name, last in seen.items()):
@@ -192,9 +192,9 @@ class Dask:
 
         if isinstance(error, ImportError) or "deserializ" in str(error):
             why = error.__cause__ or error
-            return self._lost(f"cannot do it: {_INSTALL} ({why})")
+            return self._lost(f"cannot run the task: {_INSTALL} ({why})")
         if isinstance(error, KilledWorker):
-            return self._lost(f"has lost one worker after the other: {_INSTALL}")
+            return self._lost(f"lost its workers repeatedly: {_INSTALL}")
         if isinstance(error, CommClosedError | CancelledError):
             return self._lost("is gone")
         return error
@@ -203,7 +203,8 @@ class Dask:
         with contextlib.suppress(Exception):
             self.client.close(timeout=1)
         return WorkersLost(
-            f"the Dask scheduler at {self.address} {why}; what is done is kept, go on with --resume"
+            f"the Dask scheduler at {self.address} {why}; finished work is kept, continue with "
+            "--resume"
         )
 
     def close(self) -> None:
@@ -219,7 +220,7 @@ def _listens(address: str, timeout: float) -> None:
 
 
 async def _identity(address: str) -> Any:
-    """What a server of Dask says of itself; raises whatever another program's answer leads to."""
+    """Information from a Dask server; raises any exception caused by another program's answer."""
     from distributed import rpc
     from distributed.security import Security
 

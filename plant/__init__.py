@@ -1,6 +1,7 @@
 """The friction laws, and the plants that are exported by name.
 
-Adding a law is a file and a line in `LAWS`: the plant with it, the rig and the estimator follow.
+To add a law, add a file and a line in `LAWS`: the plant with it, the rig and the estimator then
+have it too.
 """
 
 from ..instruments import UNITS
@@ -16,20 +17,21 @@ LAWS = {
 }
 
 TURNING = UNITS["rotary"]
-"""Units of a body that turns, by those of one that slides."""
+"""Units of a rotating body, by the units of a sliding body."""
 
 DEFAULT_LAW = "modified_lugre"
 """The law of the nominal plant."""
 
 
 NOMINAL = {"ball_screw": "plant", "drive": "drive", "rotary_drive": "rotary_drive"}
-"""The plant of each kind with the nominal law; kinds are those of parameter files."""
+"""The plant of each kind with the nominal law; the kinds are those of parameter files."""
 
 
 def plant_of(law: str, kind: str = "ball_screw", command: str = "voltage") -> str:
     """Name of the plant with a law: ``plant`` with the nominal one, else ``plant_<law>``.
 
-    A drive whose command is no voltage has that behind its name, as ``drive_lugre+force``.
+    If the command of a drive is not a voltage, this is added to the name, as in
+    ``drive_lugre+force``.
     """
     name = NOMINAL[kind] if law == DEFAULT_LAW else f"{NOMINAL[kind]}_{law}"
     return name if command == "voltage" else f"{name}+{command}"

@@ -1,4 +1,4 @@
-"""The axis as it is exported: ball screw with a friction law behind an amplifier."""
+"""The exported axis: ball screw with a friction law, driven by an amplifier."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .modified_lugre import modified_lugre
 
 
 def axis(friction: Law = modified_lugre, name: str = "plant") -> Component:
-    """The axis with a friction law; as it stands, the nominal plant of this project."""
+    """The axis with a friction law; by default, the nominal plant of this project."""
     return replace(with_amplifier(ball_screw(friction)), name=name)
 
 

@@ -47,7 +47,7 @@ PARAMETERS = (
 def ball_screw(
     friction: Callable[[sp.Expr], ForceTerm] = modified_lugre, name: str = "ball_screw"
 ) -> Component:
-    """The axis from motor voltage `u` [V] to position `x` [m], with a friction law of choice.
+    """The axis from motor voltage `u` [V] to position `x` [m], with a given friction law.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def ball_screw(
         law's deflection `z` (without one, its states) and i.
     """
     axis = bare_ball_screw(friction, name)
-    # Sticking is a matter of the whole body: its modes hold velocity and position.
+    # Sticking is a property of the whole body: its modes keep velocity and position constant.
     return with_sticking(axis) if friction is classical else axis
 
 
@@ -115,13 +115,13 @@ def bare_ball_screw(
 
 
 def acted_on_of(friction: ForceTerm) -> tuple[str, ...]:
-    """What of a friction law a feedback law may act on: its `z`; without one, its states."""
+    """Signals of a friction law for a feedback law: its `z`; without one, its states."""
     states = tuple(s.name for s in friction.states)
     return ("z",) if "z" in {*states, *(o.name for o in friction.outputs)} else states
 
 
 def inner_outputs(friction: ForceTerm) -> tuple[Output, ...]:
-    """Outputs of what a feedback law may act on and the friction law does not put out itself."""
+    """Outputs for the signals of a feedback law that the friction law does not output itself."""
     shown = {o.name for o in friction.outputs}
     return tuple(
         Output(s.name, s.unit, s.meaning, symbol(s.name), nominal=s.nominal)

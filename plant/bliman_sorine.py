@@ -1,10 +1,10 @@
 """Bliman-Sorine friction: Eq. 1.4 of the thesis.
 
-Two linear systems in the distance travelled, a fast one of strength f1 and a slow one of strength
-f2 against it: friction rises over its sliding value f1 - f2 and comes back to it. From rest it
+Two linear systems in the distance travelled, a fast one of strength f1 and a slow one of opposite
+strength f2: friction rises above its sliding value f1 - f2 and returns to it. From rest it
 peaks at f1 - f2 + f2 (1 - eta) (eta f2/f1)^(eta/(1-eta)) (Eq. 2.18 prints 1/(1-eta)).
 
-No motion takes out more work than was put in if and only if the real part of the transfer function
+The law is passive if and only if the real part of the transfer function
 from sgn(v) to F, over distance, is nowhere negative: f1 >= f2 and f1 >= eta^2 f2.
 """
 

@@ -1,8 +1,9 @@
-"""Classical friction: sticking and sliding as modes of their own, after the thesis' Eq. 1.1.
+"""Classical friction: sticking and sliding are separate modes, after Eq. 1.1 of the thesis.
 
 Sliding, friction is a function of velocity that opposes it, F = s (g(|v|) + sigma2 |v|) with the
-Stribeck curve g of Eq. 1.8. Sticking, it is whatever keeps the body at rest, up to the break-away
-force. No deflection, no regularization: the change between the two is an event.
+Stribeck curve g of Eq. 1.8. In sticking, it is the force that keeps the body at rest, up to the
+break-away force. There is no deflection and no regularization: the change between the two is an
+event.
 """
 
 from __future__ import annotations
@@ -60,14 +61,15 @@ def with_sticking(
     Parameters
     ----------
     component : Component
-        Has a force balance of `velocity` with a term ``friction``, which opposes motion and says so
+        Has a force balance of `velocity` with a term ``friction``, which opposes motion
         by the sign of that state.
     velocity : str
-        The state that is zero where the body sticks: its speed relative to what it slides on.
+        The state that is zero while the body sticks: its velocity relative to the surface.
     position : str
-        The state that moves with `velocity`, and goes on as it does where that is zero.
+        The state that moves with `velocity`; in sticking its derivative is the one at zero
+        velocity.
     breakaway : expression, optional
-        Force up to which the body sticks [N]; by default that of sliding at no speed.
+        Force up to which the body sticks [N]; default: the sliding friction at zero velocity.
 
     Raises
     ------
@@ -85,8 +87,8 @@ def with_sticking(
         )
     if not term.force.has(sp.sign(v)):
         raise ContractError(
-            f"{component.name}: the term 'friction' has no sign({velocity}), by which friction "
-            "that sticks opposes sliding"
+            f"{component.name}: the term 'friction' has no sign({velocity}), which it "
+            "needs to oppose sliding"
         )
 
     def sliding(direction: int) -> sp.Expr:
@@ -118,7 +120,7 @@ def with_sticking(
         },
         outputs={"friction": held, "stuck": sp.Integer(1)},
         events=(
-            # a body that starts in motion, or is set in motion, does not stick
+            # a body that starts or is set in motion does not stick
             Event("moves forward", v, direction=1, next_mode=FORWARD),
             Event("moves backward", v, direction=-1, next_mode=BACKWARD),
             Event("breaks away forward", held - holds, direction=1, next_mode=FORWARD),

@@ -2,11 +2,11 @@
 
     dF/dx = sigma (1 - (F/Fc) sgn v)^alpha
 
-The power of a negative base, which round-off produces as F meets Fc, is taken as that of its
-magnitude with its sign, so that F comes back to Fc from either side; for alpha = 1 nothing changes.
-Below an exponent of one, F meets Fc after a finite way and with an infinite slope of the equation.
-The power is therefore b (b^2 + d^2)^((alpha-1)/2) with d = `ROUNDING`: exact for alpha = 1, else
-wrong where 1 - |F|/Fc is of the size of d only.
+If F reaches Fc, round-off can make the base negative. Its power is then the power of its magnitude
+with its sign, so that F returns to Fc from either side; for alpha = 1 this changes nothing. For
+exponents below one, F reaches Fc after a finite distance, where the slope of the equation is
+infinite. The power is therefore b (b^2 + d^2)^((alpha-1)/2) with d = `ROUNDING`: exact for alpha =
+1; otherwise inaccurate only if 1 - |F|/Fc is not much larger than d.
 """
 
 from __future__ import annotations

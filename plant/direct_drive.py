@@ -1,4 +1,4 @@
-"""A body that a force moves, ``gain*u``, with a friction law and nothing of the motor."""
+"""A body moved by a force ``gain*u``, with a friction law and without a motor model."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ PARAMETERS = (
 def direct_drive(
     friction: Callable[[sp.Expr], ForceTerm] = modified_lugre, name: str = "direct_drive"
 ) -> Component:
-    """The drive from its command `u` to position `x` [m], with a friction law of choice.
+    """The drive from its command `u` to position `x` [m], with a given friction law.
 
-    The command is in V; ``drive+force`` and so on of the catalogue have it in another unit.
+    The command is in V; ``drive+force`` and similar names of the catalogue have it in another unit.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def direct_drive(
 
 
 def drive(friction: Law = modified_lugre, name: str = "drive") -> Component:
-    """The drive as it is exported: its command may have a limit."""
+    """The exported drive: its command may have a limit."""
     return replace(with_command_limit(direct_drive(friction)), name=name)
 
 
@@ -97,9 +97,9 @@ def bare_direct_drive(
 
 
 def with_command_limit(plant: Component) -> Component:
-    """The plant with its command cut at ``voltage_limit``, either sign; without a limit, the same.
+    """The plant with its command limited to ``voltage_limit``; without a limit, the same.
 
-    The parameter is the amplifier's, so that a limit has one name for every plant.
+    The parameter has the name of the amplifier's limit, so that all plants have the same name.
     """
     u, limit = symbol("u"), symbol("voltage_limit")
     (parameter,) = (p for p in AMPLIFIER if p.name == limit.name)

@@ -1,10 +1,10 @@
-"""Modified LuGre friction with parameters of its own for either direction.
+"""Modified LuGre friction with separate parameters for each direction.
 
 Table 2.3 of the thesis identifies Fc, Fs, Vs and sigma2 for each direction and then averages them.
-Here they stay apart: names end in ``_pos`` for motion in +x and in ``_neg`` for motion in -x. The
-stiffness belongs to the side to which the bristles are bent, the sign of z, not to the direction of
-motion: otherwise the force would jump at each reversal, and a small oscillation could give out
-energy. With the same values for both directions the law is `modified_lugre`.
+Here they are kept separate: names end in ``_pos`` for motion in +x and in ``_neg`` for motion in
+-x. The stiffness depends on the direction in which the bristles are bent, the sign of z, not on the
+direction of motion: otherwise the force would jump at each reversal, and a small oscillation could
+generate energy. With the same values for both directions the law is `modified_lugre`.
 """
 
 from __future__ import annotations

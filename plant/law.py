@@ -1,11 +1,11 @@
-"""What a friction law is to the rest of the project, and what it promises.
+"""Interface of a friction law, and its claimed properties.
 
-A law is a function of the velocity that returns a `ForceTerm` with an output ``friction`` [N],
-positive where it opposes motion in +x, and, where the law has something like a deflection, a state
-or an output ``z`` [m]: the elastic part of the force divided by the stiffness at rest.
+A law is a function of the velocity that returns a `ForceTerm` with an output ``friction``
+[N], positive if it opposes motion in +x. If the law has a deflection, it also has a state or
+an output ``z`` [m]: the elastic part of the force divided by the stiffness at rest.
 
-Beside the function, each law's file has a `Claims` named ``CLAIMS``. The conformance suite holds
-the law to it; whoever needs a steady-state curve or a stiffness takes it from there.
+In addition to the function, each law's file has a `Claims` named ``CLAIMS``. The conformance suite
+tests the law against it; other modules take the steady-state curve and the stiffness from it.
 """
 
 from __future__ import annotations
@@ -26,24 +26,26 @@ Law = Callable[[sp.Expr], ForceTerm]
 
 @dataclass(frozen=True)
 class Claims:
-    """What a friction law promises, in symbols of its parameters and of the velocity ``v``.
+    """Claimed properties of a friction law, in symbols of its parameters and of the velocity ``v``.
 
     Attributes
     ----------
     steady_state : expression or None
-        Friction [N] after a long time at the constant velocity ``v``; None: there is no such value.
+        Friction [N] after a long time at the constant velocity ``v``; None: no such value exists.
     stiffness : expression or None
-        dF/dx [N/m] at no force and no deflection, for motion in the direction of ``v``; None:
-        rigid.
+        dF/dx [N/m] at zero force and zero deflection, for motion in the direction of ``v``;
+        None: rigid.
     passive_if : relation
-        Condition on the parameters under which no motion from the undeflected state ever takes out
-        more work than was put in.
+        Condition on the parameters under which the law is passive: no motion from the undeflected
+        state can extract more work than was put in.
     passive_above : expression
-        Speed [m/s] below which the motion may not linger (crossing it is fine) for that to hold.
+        Speed [m/s]; the condition is valid only for motion that does not stay below it (passing
+        through it is allowed).
     follows_path_only : bool
-        Friction depends on the path, not on how fast it is run through.
+        Friction depends on the path and not on the speed.
     lags : bool
-        At a velocity that swings without changing sign, friction is higher on the way up than down.
+        If the velocity oscillates without changing sign, friction is higher at rising velocity than
+        at falling velocity.
     breaks_away_sooner_when_loaded_faster : bool
         The largest friction before sliding falls as the loading rate grows.
     """
@@ -58,7 +60,7 @@ class Claims:
 
 
 class UnknownLaw(KeyError):
-    """A name that is no friction law; the message lists those that are."""
+    """An unknown friction law; the message lists the known ones."""
 
     def __str__(self) -> str:
         return str(self.args[0])
@@ -76,14 +78,14 @@ def law(name: str) -> Law:
 
 
 def turning(term: ForceTerm) -> ForceTerm:
-    """The term of a body that turns: the same numbers in N*m for N and in rad for m."""
+    """The term of a rotating body: the same numbers, in N*m instead of N and rad instead of m."""
     return cast("ForceTerm", in_units(term, TURNING))
 
 
 def with_each_law(
     make: Callable[[Law, str], Component], base: str
 ) -> Callable[[str], Callable[[], Component]]:
-    """What a module of plants answers to the names of `PLANTS`: ``<base>_<law>`` has that law.
+    """``__getattr__`` of a module of plants: ``<base>_<law>`` is the plant with that law.
 
     Parameters
     ----------
@@ -106,7 +108,7 @@ def with_each_law(
 
 
 def claims(name: str) -> Claims:
-    """What the friction law of this name promises.
+    """Claimed properties of the friction law of this name.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """LuGre friction as first published, with |v|: Eqs. 1.5-1.7 and 3.8 of the thesis.
 
 With a constant sigma1 the law is passive if and only if sigma2 >= sigma1 (Fs - Fc)/Fc (N. Barahanov
-and R. Ortega, IEEE Transactions on Automatic Control 45, 830 (2000)). The thesis' values, 173
-against 286, are outside: pulses of a metre per second get work out of bristles that were bent
+and R. Ortega, IEEE Transactions on Automatic Control 45, 830 (2000)). The values of the thesis,
+173 and 286, do not satisfy it: fast pulses of 1 m/s extract work from bristles that were bent
 slowly.
 """
 
@@ -43,7 +43,7 @@ def stribeck(velocity: sp.Expr) -> sp.Expr:
 PASSIVE_MARGIN = symbol("sigma2") - symbol("sigma1") * (
     sp.Max(symbol("Fs"), symbol("Fc")) / sp.Min(symbol("Fs"), symbol("Fc")) - 1
 )
-"""Viscous coefficient that is left when the bristles' damping pushes as hard as it can [N*s/m]."""
+"""Viscous coefficient minus the largest negative effect of the bristles' damping [N*s/m]."""
 
 CLAIMS = Claims(
     steady_state=stribeck(symbol("v")) * sp.sign(symbol("v")) + symbol("sigma2") * symbol("v"),

@@ -8,18 +8,18 @@ with the stiffness k_i and the share alpha_i of the Stribeck curve s(v):
     slipping: dF_i/dt = C (alpha_i sgn(v) - F_i/s(v))         until v changes sign,
     F = sum of F_i + sigma2 v
 
-Whether an element slips is a memory: two elements of equal force and speed differ in it. Instead of
-a switch it is a state here, q_i, that goes to sgn(v) over a distance of `MEMORY_LENGTH` once
-|F_i| is over alpha_i s(v) (by the share `OVERSHOOT` for half of the full rate), stays there while v
-keeps its sign, and returns to 0 over the same distance after a reversal. Below `TIPPING` it falls
-back to 0, above it goes on to sgn(v) of itself: an element that just meets a rising limit slips or
-sticks, never half. The element slips by the share max(0, q_i sgn v); the attraction fades out below
-`SLOWEST_SLIP`, so that nothing jumps at v = 0. What that changes against the law with switches is
-measured in ``tests/plant/test_maxwell_slip.py``: 0.4 mN of 2.35 N, at most.
+Whether an element slips is a memory: two elements of equal force and speed may differ in it.
+Instead of a switch it is a state here, q_i. It goes to sgn(v) over a distance of `MEMORY_LENGTH`
+once |F_i| is above alpha_i s(v) (half of the full rate at an excess of the share `OVERSHOOT`),
+stays there while v keeps its sign, and returns to 0 over the same distance after a reversal. Below
+`TIPPING` it returns to 0, above it continues to sgn(v): an element that just reaches a rising limit
+either slips or sticks. The element slips by the share max(0, q_i sgn v); the attraction decreases
+to zero below `SLOWEST_SLIP`, so that nothing jumps at v = 0. The difference to the law with
+switches is measured in ``tests/plant/test_maxwell_slip.py``: at most 0.4 mN of 2.35 N.
 
 The elements' own damping is left out. Slipping at less than C alpha_i/k_i (1 - Fc/Fs) may load an
-element faster than its spring would be, which is work for nothing: the law, as published, is sure
-to be passive only for motion that does not linger below that speed.
+element faster than its spring would be loaded, which generates energy: the published law is
+certainly passive only for motion that does not stay below that speed.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ _DEFAULT = {p.name: p.default for p in LUGRE}
 def _shares(elements: int) -> list[float]:
     """Shares of the Stribeck curve for elements of equal stiffness.
 
-    Loaded slowly from rest, LuGre's force is Fs (1 - exp(-u)) with u = sigma0 x/Fs; the elements'
-    is a polygon. It is made of the tangents to that curve where its slope is 1, 1 - 1/n, ..., 1/n,
-    0, so that stiffness and largest force are those of LuGre.
+    Loaded slowly from rest, the force of LuGre is Fs (1 - exp(-u)) with u = sigma0 x/Fs; that of
+    the elements is a polygon. The polygon consists of tangents to that curve where its slope is 1,
+    1 - 1/n, ..., 1/n, 0, so that stiffness and largest force are those of LuGre.
     """
 
     def moment(slope: float) -> float:
@@ -116,7 +116,7 @@ CLAIMS = Claims(
 def maxwell_slip(velocity: sp.Expr) -> ForceTerm:
     """The friction term of a body that moves with `velocity` [m/s]."""
     speed, curve = sp.Abs(velocity), stribeck(velocity)
-    moving = velocity / (speed + SLOWEST_SLIP)  # sgn(v), fading out at rest
+    moving = velocity / (speed + SLOWEST_SLIP)  # sgn(v), smooth at rest
     states, forces = [], []
     for i, (k, share) in enumerate(zip(_K, _ALPHA, strict=True), start=1):
         z, q = symbol(f"z{i}"), symbol(f"q{i}")
@@ -145,7 +145,7 @@ def maxwell_slip(velocity: sp.Expr) -> ForceTerm:
         meaning="generalized Maxwell-slip friction, opposing motion",
         states=tuple(states),
         parameters=PARAMETERS,
-        # a memory that switches is no signal: nobody could say how far it is off
+        # a memory that switches has no useful error measure
         outputs=(
             *(Output(s.name, s.unit, s.meaning, symbol(s.name), s.nominal) for s in states[::2]),
             Output(

@@ -1,8 +1,8 @@
-"""LuGre friction with a smooth |v|, after the thesis' Eqs. 3.9-3.10 and 3.16.
+"""LuGre friction with a smooth |v|, after Eqs. 3.9-3.10 and 3.16 of the thesis.
 
-Below |v| of about 1/Kv the bristles do not follow the motion. What was bent fast can be let go of
-slowly without relaxing, which gives out work: passivity needs, beside LuGre's condition, motion
-that does not linger at such speeds.
+Below |v| of about 1/Kv the bristles do not follow the motion. Bristles that were bent fast can be
+released slowly without relaxing, which generates energy: passivity needs, in addition to the
+condition of LuGre, motion that does not stay at such speeds.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ def smooth_sign(velocity: sp.Expr) -> sp.Expr:
 
 
 def lowest_passive_speed(largest: sp.Expr, least: sp.Expr, margin: sp.Expr) -> sp.Expr:
-    """Speed above which viscous losses outweigh what bristles that lag behind can give out [m/s].
+    """Speed above which viscous losses exceed the power that lagging bristles can return [m/s].
 
     That is at most |sigma0 z dz/dt| (1/S^2 - 1), with |sigma0 z| <= `largest` force [N], |dz/dt| <=
-    |v| (1 + `largest`/`least`) and 1/S^2 - 1 just above 4/(pi Kv |v|); against it stands `margin`
+    |v| (1 + `largest`/`least`) and 1/S^2 - 1 just above 4/(pi Kv |v|); it is compared with `margin`
     v^2, the margin in N*s/m.
     """
     return sp.sqrt(5 * largest * (1 + largest / least) / (sp.pi * symbol("Kv") * margin))

@@ -1,4 +1,4 @@
-"""A body that a torque turns, ``gain*u``, with a friction law: the direct drive in angles."""
+"""A body turned by a torque ``gain*u``, with a friction law: the direct drive in angles."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from .modified_lugre import modified_lugre
 def rotary_drive(friction: Law = modified_lugre, name: str = "rotary_drive") -> Component:
     """The drive from its command `u` to the angle `x` [rad] of a body of inertia `J`.
 
-    The numbers of the friction law are in N*m for N, and in rad for m.
+    The numbers of the friction law are in N*m instead of N, and rad instead of m.
     """
     return turned(drive(friction, name))
 
 
 def turned(slides: Component) -> Component:
-    """A direct drive as a body that turns: the same numbers, in rad for m and N*m for N."""
+    """A direct drive as a rotating body: the same numbers, in rad and N*m."""
     turns = slides.in_units(TURNING)
     parameters = tuple(
         replace(p, name="J", meaning="inertia of all that turns") if p.name == "m" else p

@@ -1,8 +1,8 @@
-"""A plant in two bodies: what the encoder sees, and the block with its friction.
+"""A plant with two bodies: the encoder's side, and the block with its friction.
 
-Between them is a spring, a gap, or both. A gap's sides are stiff and damped, and only push: their
-damping comes up over a depth of some nanometres instead of switching. The implicit solver follows
-that in as many steps as it needs for one body. With the contacts as events the same motion, to
+Between them is a spring, a gap, or both. The sides of a gap are stiff and damped, and only push:
+their damping increases over a depth of some nanometres instead of switching. The implicit solver
+needs as many steps for this as for one body. With contacts as events the same motion, equal to
 6 nm, took five times as long, and a law that sticks would have three times as many modes.
 """
 
@@ -24,7 +24,7 @@ from ..solver.component import (
 )
 
 ENCODER_SIDE = ("motor", "drive", "offset", "torque_ripple")
-"""Forces on what the encoder sees; all others act on the block."""
+"""Forces on the encoder's side; all others act on the block."""
 
 _FOUND = "found in measured data"
 STIFFNESS = Parameter(
@@ -38,29 +38,29 @@ SIDES = Parameter(
     "contact_stiffness", 1e8, "N/m", "of the gap's sides", "typical of a ball nut", minimum=1e3
 )
 _LEAST_ROTOR = 1e-12  # kg*m^2
-_DEPTH = sp.Float("1e-8")  # over which the sides' damping comes up [m]
+_DEPTH = sp.Float("1e-8")  # over which the sides' damping increases [m]
 SPRING_DAMPING = sp.Rational(1, 10)  # share of critical
 _CONTACT_DAMPING = sp.Integer(1)  # the same
 
 
 class OneBody(ValueError):
-    """The plant has nothing that could move beside the block; the message says what is missing."""
+    """The plant has no second body; the message says what is missing."""
 
 
 def with_spring(plant: Component) -> Component:
-    """The plant with a spring between encoder and block, its damping a tenth of critical.
+    """The plant with a spring between encoder and block; damping one tenth of critical.
 
     Parameters
     ----------
     plant : Component
-        Has one force balance, of `v`, and is not able to stick yet; or comes from `with_gap`, whose
-        sides then yield as the spring does.
+        Has one force balance, of `v`, and no sticking modes yet; or comes from `with_gap`, whose
+        sides then have the stiffness of the spring.
 
     Returns
     -------
     Component
-        The block's position and velocity are states `xb` [m] and `vb` [m/s], and it sticks by
-        these.
+        The block's position and velocity are states `xb` [m] and `vb` [m/s]; sticking
+        refers to these.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def with_spring(plant: Component) -> Component:
 
 
 def with_gap(plant: Component) -> Component:
-    """The plant with a gap between encoder and block, which hangs in its middle at first.
+    """The plant with a gap between encoder and block; it starts in the middle of the gap.
 
     Parameters and errors are those of `with_spring`.
     """
@@ -131,7 +131,7 @@ def _joined(plant: Component, spring: bool, gap: bool) -> Component:
 
 
 def joint_force(block: sp.Expr, spring: bool, gap: bool) -> sp.Expr:
-    """Force on the block of what joins the two [N]."""
+    """Force of the joint on the block [N]."""
     longer = symbol("x") - symbol("xb")
     faster = symbol("v") - symbol("vb")
     stiffness = symbol(STIFFNESS.name if spring else SIDES.name)
@@ -149,11 +149,11 @@ def joint_force(block: sp.Expr, spring: bool, gap: bool) -> sp.Expr:
 
 
 def _parted(plant: Component) -> Component:
-    """Two bodies that nothing joins yet."""
+    """Two bodies without a joint."""
     if [b.state for b in plant.balances] != ["v"] or plant.modes:
         raise ContractError(
             f"{plant.name}: only a plant with one force balance, of 'v', and without modes can be "
-            "parted; part it before it can stick"
+            "divided into two bodies; do this before adding sticking"
         )
     (whole,) = plant.balances
     if _has(plant, LOAD_STIFFNESS):
@@ -182,14 +182,14 @@ def _parted(plant: Component) -> Component:
 
 
 def _shares(plant: Component) -> tuple[Component, sp.Expr]:
-    """The plant, which may no longer lose its rotor, and the mass of the block."""
+    """The plant, whose rotor inertia must now be positive, and the mass of the block."""
     rotor = next((p for p in plant.parameters if p.name == "Jm"), None)
     if rotor is None:
         return plant, block_of(plant)
     if rotor.default < _LEAST_ROTOR:
         raise OneBody(
-            f"Jm is {rotor.default:g} kg*m^2: a spring or a gap before the block needs a rotor "
-            "that moves on the other side; give its inertia, Table 2.1 has 4.2e-7 kg*m^2"
+            f"Jm is {rotor.default:g} kg*m^2: a spring or a gap before the block needs a "
+            "rotor with inertia on the other side; give its inertia, Table 2.1 has 4.2e-7 kg*m^2"
         )
     parameters = tuple(
         replace(p, minimum=_LEAST_ROTOR) if p is rotor else p for p in plant.parameters
@@ -198,7 +198,7 @@ def _shares(plant: Component) -> tuple[Component, sp.Expr]:
 
 
 def block_of(plant: Component) -> sp.Expr:
-    """Mass that friction acts on; half of all where nobody told which part is where [kg]."""
+    """Mass on which friction acts; half of the total if the distribution is not known [kg]."""
     return symbol("m") if any(p.name == "Jm" for p in plant.parameters) else symbol("m") / 2
 
 

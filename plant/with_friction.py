@@ -24,7 +24,7 @@ def with_friction(
     own = isinstance(law, ForceTerm)
     sticks = own or law == "classical"
     if breakaway is not None and not sticks:
-        raise ValueError(f"breakaway is for friction that sticks as a mode, and {law} does not")
+        raise ValueError(f"breakaway is for friction with sticking as a mode, and {law} does not")
     term = with_outputs(law) if isinstance(law, ForceTerm) else law_of(law)(symbol(velocity))
     if not own and any(s.name == velocity and s.unit == "rad/s" for s in body.all_states):
         term = turning(term)

@@ -27,12 +27,12 @@ Rows = list[list[str]]
 
 _SEPARATORS = ("\t", ";", ",", "|", " ")
 _LOOKED_AT = 400  # lines of the file's second half that tell how it is written
-_DOTS = "the file has decimal commas: write a comma for each decimal point, and take other dots out"
-_COMMAS = "the file has decimal points: take the commas between thousands out"
+_DOTS = "the file has decimal commas: use commas only as decimal separators, and remove other dots"
+_COMMAS = "the file has decimal points: remove the commas between thousands"
 _LVM = "LabVIEW Measurement"
 _LVM_END = "***End_of_Header***"
 _MARK = "#"  # before remarks, and before names that are written as one
-_SHOWN = 40  # characters of a cell that is no number
+_SHOWN = 40  # characters of a cell that is not a number
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")  # 19.882 and 1.019.882,5
 _THOUSANDS_OF_POINTS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")  # 1,019,882.5
 _BETWEEN_DIGITS = re.compile(r"(?<=\d)['\u2019\u00a0\u202f](?=\d{3})")  # 1'019'882
@@ -51,7 +51,7 @@ class Table:
     units : dict of str to str
         What the file says of its columns' units, in its own words.
     lines : ndarray of int, shape (n,), or None
-        Where the rows stand in a text file, from 1 on.
+        Line numbers of the rows in a text file, starting at 1.
     group : str
         What the file calls this table, where it has several.
     numbers : dict of str to str
@@ -161,7 +161,7 @@ def _tables(path: Path, numbered: Sequence[tuple[int, str]], cut: bool = False) 
     """The tables in numbered lines, of which the last may be cut off."""
     numbered = [(k, t) for k, t in numbered if t.strip(" \t,;")]
     if not numbered:
-        raise BadRecord(f"{path}: is empty, expected a header row of names and rows of numbers")
+        raise BadRecord(f"{path}: is empty; expected a header row of names and rows of numbers")
     texts = [t for _, t in numbered]
     style, width, filled, firm = _style(path, texts)
     above: Rows = []
@@ -241,8 +241,8 @@ def _rows(
         return rows, lines, []
     kept = [k for k in range(len(rows)) if k not in out]
     first = int(lines[min(out)])
-    what = "line that is no row" if len(out) == 1 else "lines that are no rows"
-    note = f"{len(out)} {what} of the table left out, the first is line {first}"
+    what = "invalid line" if len(out) == 1 else "invalid lines"
+    note = f"{len(out)} {what} of the table left out; the first is line {first}"
     return [rows[k] for k in kept], lines[kept], [note]
 
 
@@ -280,7 +280,7 @@ def _segments(path: Path, numbered: Sequence[tuple[int, str]]) -> list[Table]:
 
 
 def _said(numbered: Sequence[tuple[int, str]]) -> dict[str, list[str]]:
-    """Lines of a name and what is said of it."""
+    """Lines of a name and its text."""
     cells = [re.split(r"[\t;]|,(?=\D)", text.strip()) for _, text in numbered]
     return {first: rest for first, *rest in cells if first}
 
@@ -289,7 +289,7 @@ def _text(path: Path, data: bytes) -> str:
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         encodings = ["utf-16"]
     elif b"\0" in data:
-        raise BadRecord(f"{path}: is no text table: it has zero bytes; save it as CSV")
+        raise BadRecord(f"{path}: is not a text table: it contains zero bytes; save it as CSV")
     else:
         encodings = ["utf-8-sig", "cp1252", "latin-1"]
     for encoding in encodings:
@@ -297,7 +297,7 @@ def _text(path: Path, data: bytes) -> str:
             return data.decode(encoding)
         except UnicodeDecodeError:
             continue
-    raise BadRecord(f"{path}: is no text table")
+    raise BadRecord(f"{path}: is not a text table")
 
 
 def _style(path: Path, texts: Sequence[str]) -> tuple[_Style, int, int, bool]:
@@ -329,7 +329,7 @@ def _style(path: Path, texts: Sequence[str]) -> tuple[_Style, int, int, bool]:
                 used = 1 + max(k for row in rows for k in range(usual) if k < len(row) and row[k])
     if best is None:
         raise BadRecord(
-            f"{path}: has no rows of numbers, expected columns with names, separated by tabs, "
+            f"{path}: has no rows of numbers; expected columns with names, separated by tabs, "
             "semicolons or commas"
         )
     return best, width, used, firm
@@ -361,7 +361,7 @@ def _header(
         twice = style.separator == "," and filled == 2 * len(header)
         raise BadRecord(
             f"{path}: names {len(header)} columns ({', '.join(header)}), but its rows have {filled}"
-            + ("; commas both between numbers and in them?" if twice else "")
+            + ("; are commas used both between numbers and as decimal separators?" if twice else "")
         )
     header = (header + [""] * width)[:width]
     header[0] = header[0].removeprefix(_MARK).lstrip()
@@ -369,7 +369,7 @@ def _header(
     parts = [names[a:b] for a, b in _parts(names)]
     twice_there = [n for part in parts for n, count in Counter(part).items() if count > 1]
     if twice_there:
-        raise BadRecord(f"{path}: the column {twice_there[0]!r} is there twice")
+        raise BadRecord(f"{path}: the column {twice_there[0]!r} occurs twice")
     said = block[0] if has_units else []
     return names, {n: _bare(u) for n, u in zip(names, said, strict=False) if _bare(u)}
 
@@ -438,19 +438,19 @@ def _numbers(
             if stamps < len(filled):
                 at = next(j for j, c in enumerate(cells) if c and not is_stamp(c))
                 raise BadRecord(
-                    f"{path}, row {lines[at]}, column {name!r}: {cells[at][:_SHOWN]!r} is no time "
-                    "of day, as others are"
+                    f"{path}, row {lines[at]}, column {name!r}: {cells[at][:_SHOWN]!r} is not a "
+                    "time of day, unlike the other cells"
                 )
             columns.append(seconds(cells))
             if columns[-1] is None:
                 raise BadRecord(
-                    f"{path}, column {name!r}: {filled[0]!r} may be of two days; write dates as "
+                    f"{path}, column {name!r}: {filled[0]!r} may be from two days; write dates as "
                     "2024-03-31 12:00:00"
                 )
             if dated.setdefault(name, filled[0]) != filled[0]:
                 raise BadRecord(
-                    f"{path}: columns {name!r} begin at {dated[name]} and {filled[0]}; write both "
-                    "in seconds from one time"
+                    f"{path}: columns {name!r} begin at {dated[name]} and {filled[0]}; write "
+                    "both in seconds from the same start time"
                 )
             continue
         numbers = [style.number(c) if c else math.nan for c in cells]
@@ -465,6 +465,8 @@ def _numbers(
             if number is None:
                 shown = cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "..."
                 why = f"; {_DOTS}" if style.comma and style.is_doubtful(cell) else ""
-                raise BadRecord(f"{path}, row {line}, column {name!r}: {shown!r} is no number{why}")
+                raise BadRecord(
+                    f"{path}, row {line}, column {name!r}: {shown!r} is not a number{why}"
+                )
         columns.append(np.array(numbers, dtype=float))
     return columns, dated

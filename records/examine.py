@@ -59,8 +59,8 @@ def examine(record: Record) -> Examination:
     x, name = record.x, record.name
     if np.ptp(x) == 0:
         raise BadRecord(
-            f"{name}: the position never changes ({x[0]:.6g} m): a drive that does not move says "
-            "nothing of its friction; record a motion both ways"
+            f"{name}: the position never changes ({x[0]:.6g} m): without motion nothing is "
+            "known about friction; record a motion in both directions"
         )
     command = "i" if record.current_alone else "u"
     values = record.signals[command]
@@ -72,9 +72,9 @@ def examine(record: Record) -> Examination:
     carries = _carries(x, record.step, resolution)
     if carries < 0.5 / record.step:
         notes.append(
-            f"{name}: the position carries nothing above {carries:.3g} Hz, of the "
-            f"{0.5 / record.step:.4g} Hz that its sampling has room for: it was filtered or "
-            "interpolated"
+            f"{name}: the position has no content above {carries:.3g} Hz, of the "
+            f"{0.5 / record.step:.4g} Hz possible with its sampling: it was "
+            "filtered or interpolated"
         )
     clipped = np.zeros(len(x), dtype=bool)
     for column in ("u", "i"):
@@ -84,12 +84,12 @@ def examine(record: Record) -> Examination:
             if np.mean(cut) > _CLIPPED:
                 notes.append(
                     f"{name}: {column} is at its largest value in {100 * np.mean(cut):.0f} % of "
-                    "the samples: clipped? What was cut off tells nothing"
+                    "the samples: clipped? Clipped samples give no information"
                 )
     if _moves_one_way(x):
         notes.append(
-            f"{name}: moves one way only: whatever shows at reversals, or differs by direction, "
-            "cannot be told from a constant force"
+            f"{name}: moves in one direction only: effects at reversals, or with the direction, "
+            "cannot be distinguished from a constant force"
         )
     return Examination(carries, resolution, clipped, tuple(notes))
 

@@ -44,14 +44,14 @@ _FORMATS = (
     _Format("a MAT-file", b"\1\0MI", read_mat, 124, "save it with -v7 or as CSV"),
     *(_Format("an HDF5 file", _HDF5, binary.read_hdf5, at) for at in (0, 512, 1024, 2048)),
     _Format("a TDMS file", b"TDSm", binary.read_tdms),
-    _Format("the index of a TDMS file", b"TDSh", instead="give the .tdms file beside it"),
+    _Format("the index of a TDMS file", b"TDSh", instead="use the .tdms file next to it"),
     _Format("an MDF file", b"MDF ", binary.read_mdf, instead="save it as MDF 4 or CSV"),
-    _Format("an MDF file that was not finished", b"UnFinMF ", binary.read_mdf),
+    _Format("an unfinished MDF file", b"UnFinMF ", binary.read_mdf),
     _Format("a Parquet file", b"PAR1", binary.read_parquet, extra="parquet"),
     _Format("an Arrow file", b"ARROW1", binary.read_arrow, extra="parquet"),
     _Format("a NumPy array", b"\x93NUMPY", binary.read_npy),
     _Format(
-        "an Excel workbook of before 2007", b"\xd0\xcf\x11\xe0", instead="save it as .xlsx or CSV"
+        "an Excel workbook from before 2007", b"\xd0\xcf\x11\xe0", instead="save it as .xlsx or CSV"
     ),
     _Format("a Feather file of version 1", b"FEA1", instead="save it as Parquet or CSV"),
     _Format("a Vector log", b"LOGG", instead="save it as MDF 4 (.mf4) or CSV"),
@@ -69,7 +69,7 @@ _FORMATS = (
     _Format("a netCDF file of version 3", b"CDF\2", instead="save it as netCDF 4 or CSV"),
     _Format("an HDF4 file", b"\x0e\x03\x13\x01", instead="save it as HDF5 or CSV"),
     *(
-        _Format("a Python pickle, which is never read as that runs code", bytes([0x80, k]))
+        _Format("a Python pickle, which is not read because it can run code", bytes([0x80, k]))
         for k in range(2, 6)
     ),
     _Format("a 7-Zip archive", b"7z\xbc\xaf\x27\x1c", instead="unpack it"),
@@ -96,7 +96,7 @@ def tables_in(path: Path, data: bytes, depth: int = 0) -> list[Table]:
         If there is none, or nothing here reads it.
     """
     if depth > _DEEPEST:
-        raise BadRecord(f"{path}: holds packed files in packed files; unpack it")
+        raise BadRecord(f"{path}: contains packed files within packed files; unpack it")
     for magic, (name, unpack) in _PACKED.items():
         if data.startswith(magic):
             try:

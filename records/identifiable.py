@@ -19,5 +19,7 @@ def check_identifiable(records: Sequence[Record]) -> list[str]:
     """
     channels = {tuple(sorted(set(r.signals) & {"i"})) for r in records}
     if len(channels) > 1:
-        raise BadRecord("some records have the current `i` and some not; diagnose them apart")
+        raise BadRecord(
+            "some records have the current `i` and some do not; diagnose them separately"
+        )
     return [note for record in records for note in examine(record).notes]

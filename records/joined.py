@@ -18,7 +18,7 @@ Vector = npt.NDArray[np.float64]
 def joined(
     path: Path, parts: Mapping[str, Table], times: Mapping[str, Table], needed: Collection[str]
 ) -> Table:
-    """One table of columns that stand in several.
+    """One table from columns of several tables.
 
     Its stamps are those of the slowest table of which a column is needed: nothing is made up
     between samples. Other columns are linear between theirs; what is slower and not needed stays
@@ -51,22 +51,23 @@ def joined(
             if len(values) != len(time):
                 raise BadRecord(
                     f"{path}: {part.group} has no column of time and {name} has {len(values)} "
-                    f"samples, where time has {len(time)}"
+                    f"samples, but time has {len(time)}"
                 )
             out[name] = values
             notes.append(
-                f"{name} of {part.group} has no time of its own: taken at that of the rest"
+                f"{name} of {part.group} has no time column: the time of the other columns is used"
             )
             continue
         if own.start != main.start:
             raise BadRecord(
-                f"{path}: times of {main.group} and {part.group} go from different dates "
-                f"({main.start or 'none'}, {own.start or 'none'}); write both in seconds from one"
+                f"{path}: times of {main.group} and {part.group} start at different dates "
+                f"({main.start or 'none'}, {own.start or 'none'}); write both in seconds from the "
+                "same start"
             )
         if len(own.columns["time"]) != len(values):
             raise BadRecord(
                 f"{path}: {name} of {part.group} has {len(values)} samples and its time "
-                f"{len(own.columns['time'])}; say which its time is, as --map TABLE/COLUMN=time"
+                f"{len(own.columns['time'])}; give its time column, such as --map TABLE/COLUMN=time"
             )
         stamps = own.columns["time"] * _scale(path, own.units.get("time", ""), unit)
         if np.array_equal(stamps, time):
@@ -82,14 +83,15 @@ def joined(
             out[name] = np.interp(time, stamps, values)
             share = "" if step > 0.95 * of_main else f", 1 in {of_main / step:.3g} of its samples"
             notes.append(
-                f"{name} of {part.group}, recorded every {step:.4g}{unit and ' ' + unit}, is taken "
-                f"linear at the stamps of {main.group}, every {of_main:.4g}{share}"
+                f"{name} of {part.group}, recorded every {step:.4g}{unit and ' ' + unit}, is "
+                f"interpolated linearly at the time stamps of {main.group}, every "
+                f"{of_main:.4g}{share}"
             )
         else:
             out[name] = np.full(len(time), np.nan)
             out[name][np.searchsorted(0.5 * (time[1:] + time[:-1]), stamps)] = values
     if not inside.any():
-        raise BadRecord(f"{path}: {', '.join(parts)} have no time in common")
+        raise BadRecord(f"{path}: {', '.join(parts)} do not overlap in time")
     units = {"time": unit} | {n: p.units[n] for n, p in parts.items() if n in p.units}
     columns = {n: v[inside] for n, v in {"time": time, **out}.items()}
     renamed = {n: t for p in [main, *parts.values()] for n, t in p.renamed.items()}
@@ -98,7 +100,7 @@ def joined(
 
 
 def _step(time: Table, first: Collection[str], parts: Mapping[str, Table]) -> float:
-    """Sampling interval of a table that a needed column stands in; else less than any."""
+    """Sampling interval of a table with a needed column; else less than any."""
     if time.group not in {parts[n].group for n in first}:
         return -1.0
     stamps = time.columns["time"]

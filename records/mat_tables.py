@@ -15,7 +15,8 @@ from .binary_tables import Array, table_of
 from .csv_table import Table
 
 _OBJECTS = (
-    "holds objects (timeseries, table, Dataset) that MATLAB alone reads; save their numbers, as "
+    "contains objects (timeseries, table, Dataset) that only MATLAB can read; save their numbers, "
+    "such as "
     "t = ts.Time; x = ts.Data; save('a.mat', 't', 'x')"
 )
 _UNIT = re.compile(r"\[([^\]|:#]+)(?:\|[^\]]*)?\]\s*$")  # at the end of a Modelica description
@@ -176,7 +177,9 @@ def _modelica(path: Path, found: Mapping[str, Array]) -> list[Table]:
     """A result of Dymola or OpenModelica: columns of `data_k` by number, with a sign."""
     lines = _lines(found["Aclass"])
     if len(lines) < 4 or lines[0] != "Atrajectory":
-        raise BadRecord(f"{path}: is a MAT-file of Modelica, but no result; save the result as CSV")
+        raise BadRecord(
+            f"{path}: is a MAT-file of Modelica, but not a result; save the result as CSV"
+        )
     turned = lines[3] == "binTrans"
     texts = {n: _lines(v.T if turned else v) for n, v in found.items() if v.dtype.kind == "U"}
     data = {n: v if turned else v.T for n, v in found.items() if n.startswith("data_")}

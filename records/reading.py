@@ -37,7 +37,7 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "force_ref": (FORCE, "torque"),
     "temperature": ("temperature",),
 }
-"""What each column may measure; the first is meant where nothing is said."""
+"""What each column may measure; the first is used if nothing is given."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ FORCE_RECORD = _Use(
     samples=20,
     believes=True,
     slowest=0.5,
-    if_slow="time goes in steps of {step:.4g}; if these are milliseconds say --unit time=ms, if "
-    "they are seconds say --unit time=s",
+    if_slow="time goes in steps of {step:.4g}; if these are milliseconds use --unit time=ms, "
+    "if they are seconds use --unit time=s",
     largest={
         "x [m]": (0.3, "mm"),  # the thread of the screw is 0.262 m long
         "x_fine [m]": (0.02, "um"),
@@ -77,8 +77,8 @@ DRIVE_RECORD = _Use(
     samples=200,
     believes=False,
     slowest=0.0499,  # at 20 Hz nothing of friction is seen
-    if_slow="sampled every {step:.4g} s, at {rate:.3g} Hz: too slow to see friction, expected at "
-    "least 100 Hz; if time is in milliseconds or microseconds, say --unit time=ms or time=us",
+    if_slow="sampled every {step:.4g} s, at {rate:.3g} Hz: too slow for friction; expected at "
+    "least 100 Hz; if time is in milliseconds or microseconds, use --unit time=ms or time=us",
     largest={
         "x [m]": (50.0, "mm"),
         "v [m/s]": (50.0, "rpm"),
@@ -118,7 +118,7 @@ def read_response_record(
     """
     records = _read(Path(path), RESPONSE_RECORD, mapping or {}, units or {}, lead)
     if len(records) > 1:
-        raise BadRecord(f"{path}: has gaps; a frequency response needs a record without")
+        raise BadRecord(f"{path}: has gaps; a frequency response needs a record without gaps")
     return records[0]
 
 
@@ -161,7 +161,8 @@ def _check_changes(record: Record, name: str, unit: str) -> None:
     if len(empty):
         raise BadRecord(
             f"{record.name}: {name} is empty or not a number in {len(empty)} of {len(values)} "
-            "samples; a column recorded at a lower rate? Bring all to one rate first"
+            "samples; was the column recorded at a lower rate? Resample all columns to one rate "
+            "first"
         )
     if np.ptp(values) == 0:
         raise BadRecord(
@@ -207,8 +208,8 @@ def _expanded(paths: Iterable[Path | str]) -> Iterator[Path]:
         inner = sorted(p.parent for p in path.glob("*/record.csv"))
         if not inner:
             raise BadRecord(
-                f"{path}: holds no record.csv, nor does a folder in it; expected a folder that "
-                "`ballscrew rig` wrote, or a file of measured data"
+                f"{path}: contains no record.csv, and no folder in it does; expected "
+                "a folder written by `ballscrew rig`, or a file of measured data"
             )
         yield from inner
 
@@ -310,9 +311,9 @@ def _known(
             continue
         period = int(np.diff(bad).max()) if len(bad) > 1 else 0
         hint = (
-            "; a column recorded at a lower rate? Bring all to one rate first"
+            "; was the column recorded at a lower rate? Resample all columns to one rate first"
             if len(bad) > samples / 3 and period <= 3
-            else "; cut these samples out at an end, or repair the record"
+            else "; remove these samples at an end of the record, or repair the record"
         )
         raise BadRecord(
             f"{name}: {column} is empty or not a number in {len(bad)} of {samples} samples, "
@@ -346,9 +347,9 @@ def _check_sizes(
         raise BadRecord(
             f"{name}: {column} {fault} for {unit}; "
             + (
-                f"if it is in {other} say --unit {column}={other}, if it is in {unit} say "
-                f"--unit {column}={unit}"
+                f"if it is in {other} use --unit {column}={other}, if it is in "
+                f"{unit} use --unit {column}={unit}"
                 if use.believes
-                else f"if it is in another unit, say so, as --unit {column}={other}"
+                else f"if it is in another unit, use --unit {column}={other}"
             )
         )

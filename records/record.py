@@ -69,7 +69,7 @@ class Record:
 
     @property
     def current_alone(self) -> bool:
-        """Whether the current `i` is all that is known of the command: there is no `u`."""
+        """Whether the current `i` is the only command: there is no `u`."""
         return "i" in self.signals and "u" not in self.signals
 
     @property

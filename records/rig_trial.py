@@ -36,7 +36,7 @@ def read_about(folder: Path) -> dict[str, Any]:
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise BadRecord(f"{path}: is no JSON: {error}") from error
+        raise BadRecord(f"{path}: is not JSON: {error}") from error
     if not isinstance(data, dict):
         raise BadRecord(f"{path}: expected a JSON object with the trial's description")
     return data
@@ -58,7 +58,7 @@ def described(record: Record, about: Mapping[str, Any], mass: float | None = Non
     BadRecord
         If `about` is not what a rig writes.
     """
-    unsaid = () if about else ("no trial.json: all columns are taken to have the same lag",)
+    unsaid = () if about else ("no trial.json: all columns are assumed to have the same lag",)
     record = replace(
         record,
         mass=_rig_mass(about) if mass is None else mass,
@@ -106,7 +106,7 @@ def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]
     except (ArithmeticError, LookupError, TypeError, ValueError, np.linalg.LinAlgError):
         raise BadRecord(
             "trial.json: expected `calibration` with `polynomial_m_per_pF` (three numbers), "
-            "`displacement_m` and `capacitance_F` (as many as were taken, all different)"
+            "`displacement_m` and `capacitance_F` (the same number of each, all different)"
         ) from None
     freedom = len(points) - 2
     error = math.sqrt(rest / freedom / float(np.sum((inverse[:, 1] - inverse[:, 1].mean()) ** 2)))

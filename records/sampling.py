@@ -46,15 +46,15 @@ def even_out(
     if len(back):
         k = int(back[0])
         raise BadRecord(
-            f"{name}: time goes backwards in row {row(k + 1)}: {time[k + 1]:.6g} s after "
-            f"{time[k]:.6g} s"
+            f"{name}: time decreases in row {row(k + 1)}: {time[k + 1]:.6g} s after {time[k]:.6g} s"
         )
     repeated = np.flatnonzero(steps == 0)
     if len(repeated) > HOLES * len(time):
         raise BadRecord(
-            f"{name}: time stands still in {len(repeated)} of {len(time)} samples, the first in "
-            f"row {row(int(repeated[0]) + 1)}: its stamps are coarser than the sampling; write "
-            "them with more digits"
+            f"{name}: time does not increase in {len(repeated)} of {len(time)} samples, the first "
+            "in "
+            f"row {row(int(repeated[0]) + 1)}: the time stamps are coarser than the sampling; "
+            "write them with more digits"
         )
     kept = {n: np.delete(v, repeated + 1) for n, v in signals.items()}
     time = kept["time"]
@@ -62,7 +62,7 @@ def even_out(
     step = float(np.median(steps))
     uneven = np.flatnonzero(np.abs(steps - step) > _JITTER * step)
     if not len(uneven):
-        said = f"{len(repeated)} samples with the stamp of another left out"
+        said = f"{len(repeated)} samples with a repeated time stamp were left out"
         return kept, float(time[-1] - time[0]) / (len(time) - 1), said if len(repeated) else ""
     instants = _instants(time, step)
     for _ in range(2):
@@ -73,17 +73,18 @@ def even_out(
     k = int(np.argmax(missing))
     if missing[k] > _LONGEST_GAP:
         raise BadRecord(
-            f"{name}: a gap of {steps[k]:.4g} s after {time[k]:.6g} s, where the sampling interval "
-            f"is {step:.4g} s ({np.sum(missing > _LONGEST_GAP)} such); cut the record into pieces "
-            "without gaps"
+            f"{name}: a gap of {steps[k]:.4g} s after {time[k]:.6g} s, but the sampling "
+            f"interval is {step:.4g} s ({np.sum(missing > _LONGEST_GAP)} such); divide the record "
+            "into "
+            "pieces without gaps"
         )
     holes = int(missing.sum())
     if holes > HOLES * len(time):
         k = int(uneven[0])
         raise BadRecord(
             f"{name}: uneven sampling: {steps[k]:.4g} s after {time[k]:.6g} s, elsewhere "
-            f"{step:.4g} s ({len(uneven)} such); resample evenly, or cut the record into pieces "
-            "without gaps"
+            f"{step:.4g} s ({len(uneven)} such); resample evenly, or divide the record "
+            "into pieces without gaps"
         )
     off = float(np.abs(time - start - step * instants).max())
     first = math.ceil((time[0] - start) / step - 1e-6)
@@ -93,8 +94,8 @@ def even_out(
     out = {n: _at(even, time, v, instants) for n, v in kept.items()}
     out["time"] = even
     said = (
-        f"{holes} samples missing, {len(repeated)} with the stamp of another, stamps up to "
-        f"{1e3 * off:.3g} ms off even instants: resampled every {1e3 * step:.4g} ms, linear "
+        f"{holes} samples missing, {len(repeated)} with a repeated time stamp, time stamps up to "
+        f"{1e3 * off:.3g} ms from an even grid: resampled every {1e3 * step:.4g} ms, linear "
         "between samples"
     )
     return out, step, said
@@ -125,7 +126,7 @@ def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[
     lost = 100 * (1 - sum(p.stop - p.start for p in long) / len(time))
     note = (
         f"{len(gaps)} gaps, the first of {steps[gaps[0]]:.4g} s after {time[gaps[0]]:.6g} s: the "
-        f"record was cut there into {len(long)} pieces of at least {lasts:g} s"
+        f"record was divided there into {len(long)} pieces of at least {lasts:g} s"
     )
     return long, note + (f"; {lost:.2g} % of its samples are in shorter ones" if lost else "")
 
@@ -133,7 +134,7 @@ def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[
 def _instants(time: Vector, step: float) -> npt.NDArray[np.int64]:
     """Numbers of the even instants that jittering stamps belong to, shape (n,).
 
-    Each stamp is told from where those before it were on average, so that jitter does not add up.
+    Each time stamp is estimated from the mean of the previous ones, so that jitter does not add up.
     """
     numbers = np.zeros(len(time), dtype=int)
     begun = time[:_BEGINNING]

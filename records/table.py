@@ -102,8 +102,8 @@ def choose(
     if whole:
         names = [t.group for t in whole]
         raise BadRecord(
-            f"{path}: has {len(whole)} tables with these columns: {listed(names)}; choose one, "
-            f"as --map {names[0]}/{_theirs('time', mapping)}=time"
+            f"{path}: has {len(whole)} tables with these columns: {listed(names)}; choose "
+            f"one, such as --map {names[0]}/{_theirs('time', mapping)}=time"
         )
     found: dict[str, list[Table]] = {}
     for table in tables:
@@ -116,15 +116,15 @@ def choose(
         if ours != "time" and len(parts) > 1:
             raise BadRecord(
                 f"{path}: has {_theirs(ours, mapping)!r} in {listed([t.group for t in parts])}; "
-                f"choose one, as --map {parts[0].group}/{_theirs(ours, mapping)}={ours}"
+                f"choose one, such as --map {parts[0].group}/{_theirs(ours, mapping)}={ours}"
             )
     lost = [t for t, ours in mapping.items() if ours in known and ours not in found]
     if lost or any(not {*names} & found.keys() for names in needed):
         there = listed([f"{t.group} ({listed(t.columns)})" for t in tables])
         what = f"a column {lost[0]!r}" if lost else f"the columns {_asked(needed, mapping)}"
         raise BadRecord(
-            f"{path}: none of its tables has {what}; there are {there}; say which is which, as "
-            f"--map TABLE/COLUMN={needed[-1][0]}"
+            f"{path}: none of its tables has {what}; there are {there}; assign them, "
+            f"such as --map TABLE/COLUMN={needed[-1][0]}"
         )
     first = {next(n for n in names if n in found) for names in needed}
     times = {t.group: t for t in found.pop("time")}
@@ -170,7 +170,7 @@ def rename(
     known: Sequence[str],
     needed: Sequence[Sequence[str]],
 ) -> Table:
-    """Columns under our names, in the order of ours, all of one length.
+    """Columns under our names, in the order of ours, of constant length.
 
     Parameters
     ----------
@@ -216,8 +216,8 @@ def rename(
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{n} {k}" for n, k in lengths.items())
         raise BadRecord(
-            f"{path}: columns of different length ({said} samples): recorded at different rates? "
-            "Bring them to one rate first"
+            f"{path}: columns of different length ({said} samples): recorded at different "
+            "rates? Resample them to one rate first"
         )
     units = {n: table.units[t] for n, t in theirs_of.items() if t in table.units}
     renamed = {n: t for n, t in theirs_of.items() if n != t}
@@ -232,7 +232,7 @@ def in_si(
 ) -> tuple[dict[str, Vector], dict[str, str], list[str]]:
     """A table's columns in SI units of a linear motion, what each measures, and notes.
 
-    Positions, and times, that begin anew after a turn or the counter's range go on.
+    Positions, and times, that restart after a turn or the counter's range are made continuous.
 
     Parameters
     ----------
@@ -261,16 +261,17 @@ def in_si(
             if name in table.renamed:
                 known = ", ".join(u for q in may_be for u in UNITS[q])
                 raise BadRecord(
-                    f"{table.path}: tells no unit of {table.renamed[name]!r}, which is {name} by "
-                    f"--map; say --unit {name}= with one of {known}, or with a number of them"
+                    f"{table.path}: gives no unit of {table.renamed[name]!r}, which is {name} by "
+                    f"--map; use --unit {name}= with one of {known}, or with a number of them"
                 )
             signals[name], measured[name] = values, may_be[0]
             continue
         if name not in units and quantity_of(said) not in may_be:
             known = ", ".join(u for q in may_be for u in UNITS[q])
             raise BadRecord(
-                f"{table.path}: the file says that {name} is in {said!r}; say --unit {name}= with "
-                f"one of {known}, or with a number of them, which is the size of one {said!r}"
+                f"{table.path}: the file says that {name} is in {said!r}; use --unit "
+                f"{name}= with one of {known}, or with a number of them, which is the size of one "
+                f"{said!r}"
             )
         conversion = Conversion(name, said, may_be, lead)
         if name in _POSITIONS:

@@ -53,7 +53,7 @@ UNITS = {
 ROTARY = {"angle": "length", "angular velocity": "velocity", "torque": "force"}
 """What a screw makes of the quantities of a rotation."""
 NO_UNIT = ("", "-", "1")
-"""What stands for no unit, or for one that nobody says."""
+"""Words for no unit, or for an unknown one."""
 _SPELLINGS = {
     "sec": "s",
     "m/s2": "m/s^2",
@@ -118,7 +118,7 @@ class Conversion:
         quantities : sequence of str
             What the column may measure.
         lead : float or None
-            Of the screw [m]; None where nobody told.
+            Of the screw [m]; None if not given.
 
         Raises
         ------
@@ -137,8 +137,8 @@ class Conversion:
         if self.quantity in ROTARY:
             if lead is None:
                 raise BadRecord(
-                    f"--unit {column}={text}: what this is along the screw depends on its lead; "
-                    "say --lead METRES, or give p (turns per metre) in --params"
+                    f"--unit {column}={text}: the conversion along the screw depends on "
+                    "its lead; use --lead METRES, or give p (turns per metre) in --params"
                 )
             per_metre = 2 * math.pi / lead
             self.factor *= per_metre if self.quantity == "torque" else 1.0 / per_metre

@@ -12,8 +12,8 @@ Vector = npt.NDArray[np.float64]
 
 VELOCITY = "v"
 INTEGRATED = (
-    "x is the integral of v: where the motion began is not known, and errors of v add up, so that "
-    "nothing is to be told by the place"
+    "x is the integral of v: the start position is not known, and errors of v add up, so that "
+    "effects of position cannot be identified"
 )
 _POSITIONS = {"x", "x_fine"}
 

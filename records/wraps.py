@@ -1,4 +1,4 @@
-"""Angles and counters that begin anew after a turn, made to go on."""
+"""Angles and counters that restart after a turn, made continuous."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _NEXT_TO = 3.0  # times the largest other step, up to which a step across the wr
 
 
 def unwrapped(name: str, values: Vector, turn: float | None) -> tuple[Vector, list[str]]:
-    """Values that go on where they began anew, and a note; as they are where they did not.
+    """Values made continuous at each restart, and a note; unchanged if there is no restart.
 
     They did where all of them lie within one turn, and steps of nearly a turn are as small as the
     others once the turn is taken off.
@@ -37,5 +37,7 @@ def unwrapped(name: str, values: Vector, turn: float | None) -> tuple[Vector, li
         out = values.copy()
         out[known] -= period * np.concatenate([[0.0], np.cumsum(turns)])
         size = _COUNTERS.get(period, "a turn")
-        return out, [f"{name} jumps by {size} {int(far.sum())} times: it wraps and was unwrapped"]
+        return out, [
+            f"{name} jumps by {size} {int(far.sum())} times: it wraps around and was unwrapped"
+        ]
     return values, []

@@ -55,7 +55,7 @@ def run_trial(
         Values that are not nominal: ``plant.sigma0`` or plain ``sigma0`` for the plant and its
         friction law, ``load_cell.resolution`` and so on for the other parts.
     seed : int
-        Decides all noise.
+        Seed of all noise.
     noise : Noise, optional
     tolerance : float
         Of the solver, relative.
@@ -230,7 +230,7 @@ def _notes(setup: Setup, record: dict[str, Vector], truth: dict[str, Vector]) ->
     if clipped.any():
         capacity = values["load_cell.capacity"]
         end = f"{capacity:.4g} {unit('N')}"
-        notes.append(f"the load cell is at the end of its range, {end}, {since(clipped)}")
+        notes.append(f"the load cell is at the limit of its range, {end}, {since(clipped)}")
     limited = np.abs(record["u"]) >= values[f"{PLANT}.voltage_limit"]
     if limited.any():
         limit = values[f"{PLANT}.voltage_limit"]
@@ -238,7 +238,7 @@ def _notes(setup: Setup, record: dict[str, Vector], truth: dict[str, Vector]) ->
     travel = values[f"{TRIAL}.travel"]
     beyond = np.abs(truth["x"]) > travel
     if beyond.any():
-        notes.append(f"the block runs off its travel, {travel:g} {unit('m')}, {since(beyond)}")
+        notes.append(f"the block exceeds its travel, {travel:g} {unit('m')}, {since(beyond)}")
     if "x_fine" in record:
         out = (truth["x"] < -POINTS[1] / 2) | (truth["x"] > POINTS[-1])
         if out.any():

@@ -47,12 +47,12 @@ SIZES = (
         "travel",
         0.131,
         "m",
-        "way from where trials begin to either end",
+        "distance from the start of trials to either end",
         "Table 2.1: half of the screw's thread",
         minimum=1e-9,
     ),
 )
-SIZED = "in the size of the machine, rig/machine.py"
+SIZED = "scaled to the machine, rig/machine.py"
 _RESOLUTION, _CAPACITY = 0.089, 44.5  # of the thesis' load cell [N], Table 2.1
 _ENCODERS = {True: (1 / (2 * math.pi), 2.0**20), False: (1000.0, 1000.0)}  # 20 bits a turn, or 1 um
 _SPARE = 0.8  # of the force at the command's limit, that sliding at the largest velocity may take
@@ -105,7 +105,7 @@ class Machine:
         return {f"{PLANT}.{p.name}": p for p in plant} | {f"{TRIAL}.{p.name}": p for p in sizes}
 
     def unit(self, unit: str) -> str:
-        """What stands in this machine for a unit of the thesis' axis."""
+        """Unit of this machine that corresponds to a unit of the thesis' axis."""
         return unit_in(unit, self.words)
 
     @property
@@ -161,7 +161,7 @@ class Machine:
 
     @property
     def noise(self) -> Noise:
-        """Of its instruments, where nothing else is said."""
+        """Of its instruments, by default."""
         return Noise(load_cell=Noise.load_cell * self.sizes["force"] / BREAK_AWAY)
 
     @property
@@ -210,12 +210,13 @@ class Machine:
             if self.limit < math.inf and self.viscous > 0:
                 raise BadRig(
                     f"{trial.name}: the drive gives {self.limit:.3g} {force} at the limit of its "
-                    f"command, and its friction is {self.sizes['force']:.3g} {force}: too little "
-                    "to slide; give a larger plant.voltage_limit"
+                    f"command, and its friction is {self.sizes['force']:.3g} {force}: too small "
+                    "for sliding; use a larger plant.voltage_limit"
                 )
             raise BadRig(
-                f"{trial.name} needs a velocity, and without viscous friction this drive has none "
-                f"of its own; give trial.speed, in {self.unit('m/s')}, as --set trial.speed=0.1"
+                f"{trial.name} needs a velocity, and without viscous friction this "
+                f"drive has no default; give trial.speed, in {self.unit('m/s')}, as --set "
+                "trial.speed=0.1"
             )
         reference = trial.reference()
         needed = float(np.abs(reference).max())
@@ -228,15 +229,15 @@ class Machine:
             needed += abs(self.values["offset"])
         if needed > self.limit:
             raise BadRig(
-                f"{trial.name} ({trial.asked}) takes {needed:.3g} {force}, and the drive gives "
-                f"{self.limit:.3g} {force} at the limit of its command; give a larger "
+                f"{trial.name} ({trial.asked}) takes {needed:.3g} {force}, but the drive gives "
+                f"{self.limit:.3g} {force} at the limit of its command; use a larger "
                 "plant.voltage_limit, or smaller trial.speed or trial.force"
             )
         if trial.duration < _OVER_TRAVEL * (1 - 1e-9):
             raise BadRig(
-                f"{trial.name} ({trial.asked}) is over in {trial.duration:.2g} s on the travel of "
-                f"{self.sizes['travel']:.3g} {self.unit('m')}; give a larger trial.travel or a "
-                "smaller trial.speed"
+                f"{trial.name} ({trial.asked}) ends after {trial.duration:.2g} s on the travel of "
+                f"{self.sizes['travel']:.3g} {self.unit('m')}; use a larger trial.travel "
+                "or a smaller trial.speed"
             )
         if trial.table in PRESLIDING:
             self._check_presliding(trial, values)
@@ -245,16 +246,16 @@ class Machine:
         stiffness = claims(self.law).stiffness
         if stiffness is None:
             raise BadRig(
-                f"{trial.name} is of presliding, which the law {self.law} does not have; give "
-                "another law, as --law lugre"
+                f"{trial.name} is for presliding, which the law {self.law} does not have; "
+                "use another law, such as --law lugre"
             )
         way = abs(trial.level) / self._number(stiffness)
         counts = way * values["encoder.counts"] * values["encoder.p"]
         if counts < _LEAST_COUNTS:
             least = math.ceil(values["encoder.counts"] * _LEAST_COUNTS / counts)
             raise BadRig(
-                f"{trial.name} goes over {way:.2g} {self.unit('m')}, {counts:.2g} counts of the "
-                f"encoder: too little to be seen; give encoder.counts of {least} or more"
+                f"{trial.name} covers {way:.2g} {self.unit('m')}, {counts:.2g} counts of "
+                f"the encoder: too small to be measured; use encoder.counts of {least} or more"
             )
 
 
@@ -285,7 +286,7 @@ def machine_of(
     for name in given.keys() & known.keys():
         check(name, given[name], known, law)
     if given.get(f"{PLANT}.gain") == 0.0:
-        raise BadRig("plant.gain is 0: no command moves this drive; expected another number")
+        raise BadRig("plant.gain is 0: a command does not move this drive; expected another number")
     values: dict[str, dict[str, float]] = {PLANT: {}, TRIAL: {}}
     for name, p in known.items():
         part, _, own = name.partition(".")

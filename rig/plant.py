@@ -23,8 +23,8 @@ ROTOR_INERTIA = 4.2e-7  # kg*m^2, Table 2.1
 _SET_HERE = {
     "Jm": (
         ROTOR_INERTIA,
-        "Table 2.1; the plants of ballscrew run, swap, lyapunov, map and diagnose have 0 unless a "
-        "parameter file or --set says otherwise",
+        "Table 2.1; in ballscrew run, swap, lyapunov, map and diagnose it is 0 unless a "
+        "parameter file or --set gives another value",
     ),
     "voltage_limit": (36.0, "Table 2.1: nominal voltage of the motor"),
     "current_limit": (5.0, "Maxon ADS 50/5: 5 A continuous"),
@@ -62,7 +62,7 @@ def rig_plant(
     force = Output(
         "force",
         "N",
-        "force that the drive puts on the block: friction + m dv/dt",
+        "force of the drive on the block: friction + m dv/dt",
         axis.output("friction").value + symbol("m") * axis.derivative("v"),
     )
     modes = tuple(

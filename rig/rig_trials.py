@@ -212,9 +212,9 @@ def _loading_rates(size: Sizes) -> list[Trial]:
 
     loading = size.loading or loading_voltage
     note = (
-        "the thesis applies constant voltages; on a rigid drive that gives no constant loading "
-        "rate, so the voltage rises as the nominal stuck block needs it; as the bristles yield, "
-        "the force rises more slowly; rates between the first and the last are not printed"
+        "the thesis applies constant voltages; on a rigid drive this gives no constant loading "
+        "rate, so the voltage is a ramp computed for the nominal stuck block; when the bristles "
+        "yield, the force rises more slowly; rates between the first and the last are not printed"
     )
     trials, what = [], "command" if size.loading else "voltage"
     for k, rate in enumerate(LOADING_RATES, start=1):

@@ -1,6 +1,6 @@
 """How the rig's parts are wired, once: for the compiled program and for the separate FMUs.
 
-The parts stand in the order of the signals. At each sample instant every part takes the newest
+The parts are in the order of the signals. At each sample instant every part takes the newest
 values of those before it; the plant, which is none of them, moves on to the next instant under the
 command that comes out.
 """

@@ -1,7 +1,7 @@
 """From a component to the source text of fast functions: value and Jacobian.
 
-The text is plain Python over ``math``. From it come tapes for the compiled core, operation by
-operation, and it goes into FMUs beside them.
+The text is plain Python over ``math``. The tapes for the compiled core are made from it,
+operation by operation. It is also part of FMUs.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _INDENT = "    "
 
 
 class _Printer(PythonCodePrinter):  # type: ignore[misc]
-    """Python over ``math``, with the few functions that Python's printer spells for people."""
+    """Python over ``math``, with the few functions that SymPy's printer writes only for readers."""
 
     def _print_sign(self, e: sp.Expr) -> str:
         x = self._print(e.args[0])
@@ -72,7 +72,7 @@ def as_python(expression: sp.Basic) -> str:
 def _function(
     header: str, unpack: dict[str, list[str]], by_mode: Sequence[dict[str, sp.Expr]]
 ) -> str:
-    """One generated function: the assignments of the one system, or of the mode that it is in."""
+    """One generated function: the assignments of the system, or of its present mode."""
     if len(by_mode) == 1:
         return "\n".join([header, *_assignments(unpack, by_mode[0], _INDENT)]) + "\n"
     lines = [header]
@@ -115,7 +115,7 @@ def _linearized(component: Component, mode: Mode | None) -> tuple[sp.Matrix, sp.
 
 
 def _rates_by_time(component: Component, expressions: Sequence[sp.Expr]) -> sp.Matrix:
-    """Partial derivatives by time, with delayed signals as what they are: functions of time."""
+    """Partial derivatives by time; delayed signals are functions of time."""
     rates = slopes(expressions, [TIME])
     for delay in component.delays:
         rates += slopes(expressions, [symbol(delay.name)]) * symbol(delay.rate)
@@ -134,7 +134,7 @@ def _outputs(component: Component, mode: Mode | None) -> list[sp.Expr]:
 
 
 def _events(component: Component, most: int) -> str:
-    """The functions about events, and for how many events they are."""
+    """The functions for events, and the number of events."""
     unpack = _places(component)
     modes = component.modes
     names = [m.name for m in modes]
@@ -180,7 +180,7 @@ def _events(component: Component, most: int) -> str:
 
 
 def _spread(component: Component, event: Event) -> sp.Expr:
-    """How far an indicator moves where states and inputs move by their nominals, time by 1 s."""
+    """Change of an indicator when states and inputs change by their nominals, and time by 1 s."""
     nominals = {symbol(s.name): s.nominal for s in component.all_states}
     nominals |= {symbol(i.name): i.nominal for i in component.inputs}
     nominals |= {symbol(d.name): d.nominal for d in component.delays}
@@ -206,7 +206,7 @@ def _slopes(component: Component, event: Event, unpack: dict[str, list[str]]) ->
 
 
 def _places(component: Component) -> dict[str, list[str]]:
-    """Which symbol stands where in the vectors x, u and p."""
+    """The place of each symbol in the vectors x, u and p."""
     return {
         "x": [s.name for s in component.all_states],
         "u": [
@@ -292,7 +292,7 @@ def generate(component: Component) -> Kernel:
 
 
 def _source(component: Component, unpack: dict[str, list[str]], most: int) -> str:
-    """The functions of a component in Python, with events of at most that number in a mode."""
+    """The functions of a component in Python, with at most this number of events in a mode."""
     modes: tuple[Mode | None, ...] = component.modes or (None,)
     linearized = [_linearized(component, m) for m in modes]
     updates = {f"d[{k}]": d.update for k, d in enumerate(component.discrete)}
@@ -337,9 +337,9 @@ def _check_durations(component: Component) -> None:
 
 
 def _delayed(component: Component, unpack: dict[str, list[str]]) -> list[str]:
-    """What delayed signals are now, how late they are, what they start from, their nominals.
+    """Values of the delayed signals, their delays, start values and nominals.
 
-    And how many there are, the place of the first in u, and the length of u.
+    Also their number, the place of the first in u, and the length of u.
     """
     rows = [d.expression for d in component.delays]
     rows += [d.duration for d in component.delays]

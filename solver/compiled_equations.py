@@ -1,7 +1,7 @@
-"""Equations that a C compiler has made faster, kept on disk under a hash of their text.
+"""Equations compiled by a C compiler for speed, kept on disk under a hash of their text.
 
-A tape has the same numbers, some five times slower, and needs no compiler and no waiting: what is
-long, as a map, is worth half a second of compiling.
+A tape gives the same numbers about five times slower, and needs no compiler and no waiting. Long
+computations, such as a map, are worth half a second of compiling.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ void fill_system(System *s)
 
 
 def compile_equations(module: str, source: str, states: int) -> bool:
-    """Compile a generated text, unless it is compiled already; whether it is.
+    """Compile a generated text unless it is compiled already; return whether it is compiled.
 
     Parameters
     ----------
     module : str
-        Its name, which no other text has.
+        Its unique name.
     source : str
     states : int
     """

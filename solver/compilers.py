@@ -16,7 +16,7 @@ _LONGEST = 900.0  # seconds; the first time for a platform, ziglang compiles its
 
 
 class CompilerFailed(RuntimeError):
-    """A compiler that is there does not compile; the message holds its own words in one block."""
+    """A compiler was found but it fails; the message contains the compiler's own output."""
 
 
 @dataclass(frozen=True)
@@ -28,15 +28,15 @@ class Platform:
     folder : dict of int to str
         Name of its folder in ``binaries``, by version of FMI.
     target : str
-        What ziglang calls it; of Linux with the oldest C library that it can ask for.
+        Its name in ziglang; for Linux with the oldest C library that ziglang supports.
     system, machines : str, tuple of str
-        As Python's `platform` has them, in lower case the latter.
+        As in Python's `platform`; the machines in lower case.
     wheel : str
-        What a wheel for it is named.
+        Platform tag of its wheel.
     flags : tuple of str
-        Of the compiler.
+        Flags of the compiler.
     readable : bool
-        Whether pythonfmu's FMUs run there, which carry the core for each platform of that kind.
+        Whether FMUs of pythonfmu run there; they carry the core for each such platform.
     """
 
     folder: dict[int, str]
@@ -111,14 +111,14 @@ def platforms_of(fmi: int) -> tuple[str, ...]:
 
 
 def this_platform() -> str:
-    """Name of the platform this runs on; empty if it is none of `PLATFORMS`."""
+    """Name of this platform; empty if it is not in `PLATFORMS`."""
     here = platform.system(), platform.machine().lower()
     kinds = PLATFORMS.items()
     return next((n for n, p in kinds if p.system == here[0] and here[1] in p.machines), "")
 
 
 def own_platform() -> str:
-    """Name of the platform this runs on; empty if FMI 2.0 has none for it."""
+    """Name of this platform in FMI 2.0; empty if it has none."""
     return name if (name := this_platform()) in platforms_of(2) else ""
 
 
@@ -135,7 +135,7 @@ def cross_compiler(name: str) -> list[str]:
     """The command of ziglang that compiles for a platform from any other; empty without it."""
     if not importlib.util.find_spec("ziglang"):
         return []
-    # its sanitizer would bring in a library of its own
+    # its sanitizer would add a library
     target = ["-target", PLATFORMS[name].target, "-fno-sanitize=undefined"]
     return [sys.executable, "-m", "ziglang", "cc", *target]
 
@@ -173,7 +173,7 @@ def compile_in(
     stem: str,
     compiler: Sequence[str] | None = None,
 ) -> bytes:
-    """The shared library for a platform, of files that lie in a folder, where it is made, too.
+    """The shared library for a platform, made from the files of a folder and in that folder.
 
     Parameters
     ----------
@@ -181,11 +181,11 @@ def compile_in(
     name : str
         As in `compile_library`.
     arguments : sequence of str
-        Flags and sources, as the compiler is run in that folder.
+        Flags and sources; the compiler runs in that folder.
     stem : str
         As in `compile_library`.
     compiler : sequence of str, optional
-        The command that compiles; left out: what `compiler_for` finds.
+        The command that compiles; default: the one found by `compiler_for`.
 
     Raises
     ------

@@ -1,10 +1,11 @@
 """The component contract: what a plant, a controller or an instrument is made of.
 
-A component is equations and the meaning of their symbols, nothing else. It does not know how it
-will be solved, exported or coupled. `docs/contract.md` shows six components written with it.
+A component contains equations and the meaning of their symbols, nothing else. It is independent of
+how it is solved, exported or coupled. `docs/contract.md` shows six components written with it.
 
-Expressions are SymPy expressions whose free symbols are found by *name*: a parameter, an input, a
-state, a delayed signal or the time ``t``. Make symbols with `symbol`, so that assumptions agree.
+Expressions are SymPy expressions whose free symbols are identified by *name*: a parameter, an
+input, a state, a delayed signal or the time ``t``. Make symbols with `symbol`, so that assumptions
+agree.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ Number = float | int
 
 
 def symbol(name: str) -> sp.Symbol:
-    """The real symbol of this name, as every component uses it."""
+    """The real symbol of this name, in the form that every component uses."""
     return sp.Symbol(name, real=True)
 
 
@@ -34,7 +35,7 @@ TIME = symbol("t")
 
 
 def unit_in(unit: str, words: Mapping[str, str]) -> str:
-    """A unit with other words in place of its own: ``V*s/m`` is ``N*s/m`` where V is N."""
+    """A unit with some unit names replaced: ``V*s/m`` becomes ``N*s/m`` if V becomes N."""
     return re.sub("[A-Za-z]+", lambda word: words.get(word[0], word[0]), unit)
 
 
@@ -55,7 +56,7 @@ class Parameter:
     minimum, maximum : float, optional
         Inclusive bounds of the values that make sense.
     nominal : float, optional
-        Typical magnitude; zero: that of the default.
+        Typical magnitude; zero: the magnitude of the default.
     """
 
     name: str
@@ -76,14 +77,14 @@ class Input:
     ----------
     name, unit, meaning : str
     start : float
-        Value while nothing is connected.
+        Value if nothing is connected.
     nominal : float
         Typical magnitude.
     role : {"signal", "measurement", "reference", "reference_derivative", "internal"}
-        A controller's ``measurement`` takes part in the feedback law, its ``reference`` does not;
-        nor does a ``reference_derivative``, which is called ``v_d`` or ``a_d`` beside a set-point
-        ``x_d``, and zero while nothing drives it;
-        ``internal`` inputs are set by the FMU itself and are no FMI variables.
+        A controller's ``measurement`` is part of the feedback law, its ``reference`` and
+        ``reference_derivative`` are not. A ``reference_derivative`` is called ``v_d`` or ``a_d``
+        for a set-point ``x_d``, and is zero if nothing is connected; ``internal`` inputs are set by
+        the FMU itself and are no FMI variables.
     law : tuple of str
         For an actuated input of a plant: the outputs on which a feedback law may act.
     """
@@ -101,8 +102,8 @@ class Input:
 class State:
     """A continuous state; `derivative` may be None where a `ForceBalance` supplies it.
 
-    ``nominal`` is the magnitude below which errors do not matter, times the solver's tolerance:
-    it scales the absolute tolerance.
+    ``nominal`` is a typical magnitude: the absolute tolerance of the solver is the
+    relative tolerance times ``nominal``.
     """
 
     name: str
@@ -138,7 +139,7 @@ class Output:
 class ForceTerm:
     """A named force in a balance, with the states and parameters that only it needs.
 
-    A cause found in data adds or replaces one term, and gets its parameters, Jacobian and FMU
+    A cause found in data adds or replaces one term; its parameters, Jacobian and FMU come
     from the same equations as everything else.
     """
 
@@ -161,19 +162,19 @@ class ForceBalance:
 
 @dataclass(frozen=True)
 class Event:
-    """What ends a mode, or resets states within it.
+    """Event that ends a mode, or resets states within it.
 
     Parameters
     ----------
     indicator : expression
     direction : {1, -1, 0}
-        1: the event is due where the indicator is positive, which is at its crossing upwards, and
-        also at once where a mode begins, or an input jumps, beyond it. -1: likewise where it is
-        negative. 0: a change of sign in either direction, and nothing else.
+        1: the event happens when the indicator is positive: at its upward crossing, or
+        at once if it is positive when a mode begins or an input jumps. -1: the same for a
+        negative indicator. 0: only at a change of sign, in either direction.
     reset : mapping of str to expression
-        States to their values after the event, all computed from those before it.
+        States and their values after the event, all computed from the values before it.
     next_mode : str, optional
-        Left out: the mode stays.
+        Default: the mode does not change.
     """
 
     name: str
@@ -192,8 +193,8 @@ class Mode:
     Parameters
     ----------
     signs : mapping of str to {-1, 0, 1}
-        States whose sign does not change before an event ends the mode. Where another component is
-        connected, its ``sign`` and ``Abs`` of them are taken from here: they jump with the event.
+        States whose sign does not change before an event ends the mode. In a connected component,
+        ``sign`` and ``Abs`` of these states use these signs, so that they jump with the event.
     """
 
     name: str
@@ -226,19 +227,19 @@ class Mode:
 
 @dataclass(frozen=True)
 class Delay:
-    """A symbol `name` that is `expression` as it was `duration` seconds ago, and `start` before.
+    """A symbol `name`: `expression` as it was `duration` seconds ago, and `start` before that.
 
     Parameters
     ----------
     name : str
     expression : expression
     duration : expression
-        Of parameters and numbers only; more than 0 [s].
+        Contains parameters and numbers only; more than 0 [s].
     unit : str
     start : float
-        What the signal is until `duration` has passed.
+        Value of the signal until `duration` has passed.
     nominal : float
-        Typical magnitude, which scales the tolerance of what is kept of the signal.
+        Typical magnitude, which scales the tolerance of the stored signal.
     """
 
     name: str
@@ -255,7 +256,7 @@ class Delay:
 
 
 def in_units(thing: Any, words: Mapping[str, str]) -> Any:
-    """A part of the contract, or several, with other words in all units, see `unit_in`."""
+    """A part of the contract, or several, with unit names replaced, see `unit_in`."""
     if isinstance(thing, tuple):
         return tuple(in_units(part, words) for part in thing)
     if not is_dataclass(thing) or isinstance(thing, type):
@@ -267,7 +268,7 @@ def in_units(thing: Any, words: Mapping[str, str]) -> Any:
 
 
 def _spelled(thing: object) -> str:
-    """Every letter of a part of the contract, numbers in expressions to their last digit."""
+    """Complete text of a part of the contract, with all digits of the numbers."""
     if is_dataclass(thing):
         parts = [_spelled(getattr(thing, f.name)) for f in fields(thing)]
         return f"{type(thing).__name__}({', '.join(parts)})"
@@ -322,7 +323,7 @@ class Component:
 
     @cached_property
     def digest(self) -> str:
-        """Hash of all that the component says: what differs in anything has another."""
+        """Hash of the complete component; any difference gives another hash."""
         return hashlib.sha256(_spelled(self).encode()).hexdigest()[:16]
 
     @cached_property
@@ -373,7 +374,7 @@ class Component:
             raise ContractError(f"{self.name}: no force balance of {balance!r}")
         if any(balance in mode.derivatives for mode in self.modes):
             raise ContractError(
-                f"{self.name}: its modes have equations of their own for {balance!r}, which a new "
+                f"{self.name}: its modes have their own equations for {balance!r}, which a new "
                 "force would not reach; add forces before the modes"
             )
         changed = []
@@ -388,7 +389,7 @@ class Component:
         return replace(self, balances=tuple(changed))
 
     def with_defaults(self, values: Mapping[str, float], source: str) -> Component:
-        """A copy with other default values of parameters, and where they come from."""
+        """A copy with other default values of parameters, and their sources."""
         known = {p.name for p in self.all_parameters}
         for name in values:
             if name not in known:
@@ -419,14 +420,14 @@ class Component:
         return replace(self, **{**self.equations_with(replacements), **changes})
 
     def in_units(self, words: Mapping[str, str]) -> Component:
-        """A copy whose units have other words: the same numbers are then of other quantities."""
+        """A copy with unit names replaced: the same numbers are then of other quantities."""
         told: Component = in_units(self, words)
         return told
 
     def prefixed(self, prefix: str) -> Component:
         """A copy whose parameters, states and discrete states are named ``prefix + name``.
 
-        Inputs and outputs keep their names: they are how components meet.
+        Inputs and outputs keep their names, since components are connected by them.
         """
 
         def rename(parts: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -524,7 +525,7 @@ class Component:
         for name in balanced:
             if name not in kinds["state"] or balanced.count(name) > 1:
                 raise ContractError(
-                    f"{self.name}: {name!r} has {balanced.count(name)} force balances and is "
+                    f"{self.name}: {name!r} has {balanced.count(name)} force balances and in "
                     f"{'a' if name in kinds['state'] else 'no'} state; expected one of a state"
                 )
         self._check_modes(kinds["state"])
@@ -552,8 +553,8 @@ class Component:
                     )
                 if symbol(free) not in symbols_in(sp.sympify(expression)):
                     raise ContractError(
-                        f"{self.name}: {where} uses a symbol {free!r} with other assumptions; "
-                        "make it with solver.component.symbol"
+                        f"{self.name}: {where} uses a symbol {free!r} with other "
+                        "assumptions; make it with ballscrew.symbol"
                     )
 
     def _check_modes(self, states: list[str]) -> None:
@@ -602,11 +603,11 @@ class Component:
                 )
 
     def used_symbols(self) -> frozenset[sp.Symbol]:
-        """The symbols that stand in any equation."""
+        """The symbols in all equations."""
         return frozenset().union(*(symbols_in(sp.sympify(e)) for _, e in self.expressions()))
 
     def expressions(self) -> Iterable[tuple[str, sp.Expr]]:
-        """Every equation, and where it stands in words."""
+        """Every equation, and its place in words."""
         for state, derivative in zip(self.all_states, self.derivatives, strict=True):
             yield f"the derivative of {state.name}", derivative
         for output in self.all_outputs:

@@ -1,8 +1,8 @@
 """A component from a user's own Python file, named ``path/to/file.py:function``.
 
 The file is run as Python runs a script: its folder comes first on the path, so that it can import
-what lies beside it. Afterwards nothing of it is left in `sys.path` and `sys.modules`, so that two
-files of one name, or two helpers of one name in two folders, never meet.
+files next to it. Afterwards `sys.path` and `sys.modules` are restored, so that two
+files, or two helpers in two folders, may have the same name.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ if TYPE_CHECKING:
     from .component import Component
 
 _LOADED: dict[str, Component] = {}
-_LOCK = threading.RLock()  # the path and the modules are those of the whole process
+_LOCK = threading.RLock()  # the path and the modules belong to the whole process
 
 
 class BadComponentFile(ValueError):
-    """A Python file gives no component; the message is one line for the user."""
+    """A Python file does not return a component; the message is one line for the user."""
 
 
 def names_file(part: str) -> bool:
-    """Whether a part's name means a Python file: ``FILE.py:FUNCTION``, or half of that."""
+    """Whether a part's name is a Python file: ``FILE.py:FUNCTION``, or one half of this."""
     return _split(part)[0].endswith(".py")
 
 
 def read_component(part: str) -> Component:
-    """Run the file as it is now, call the function without arguments, and return what it made.
+    """Run the file, call the function without arguments, and return its component.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def read_component(part: str) -> Component:
     Raises
     ------
     BadComponentFile
-        Naming the file, and the line where there is one.
+        With the name of the file, and the line if there is one.
     """
     path, function = _split(part)
     with _LOCK:
@@ -59,9 +59,9 @@ def read_component(part: str) -> Component:
 
 
 def load_component(part: str) -> Component:
-    """The component as it was when it was last read; read now if it never was.
+    """The component from the last reading of the file; read now if it was not read before.
 
-    All of one run sees the same equations, also if the file is edited meanwhile.
+    One run uses the same equations everywhere, even if the file is edited meanwhile.
 
     Raises
     ------
@@ -71,14 +71,15 @@ def load_component(part: str) -> Component:
 
 
 def remember_component(part: str, made: Component) -> None:
-    """Take what another process read from a file for what is in it."""
+    """Use what another process read from a file as its content."""
     _LOADED[part] = made
 
 
 def name_in_memory(made: Component) -> str:
-    """A part's name for a component that no file has; what has the same equations has the same.
+    """A part's name for a component without a file; the same equations give the same name.
 
-    It reads like a file's function, so that all that takes names takes it, in other processes too.
+    It looks like a file's function, so that it is accepted wherever names are, also in other
+    processes.
     """
     part = f"in memory/{made.digest}.py:{made.name}"
     remember_component(part, made)
@@ -86,7 +87,7 @@ def name_in_memory(made: Component) -> str:
 
 
 def _split(part: str) -> tuple[str, str]:
-    """Path and function; no function where the name has none."""
+    """Path and function; no function if the name has none."""
     path, colon, function = part.rpartition(":")
     return (path, function) if colon and path.endswith(".py") else (part, "")
 
@@ -103,11 +104,11 @@ def _run(path: Path, function: str) -> Component:
         raise BadComponentFile(f"{path} cannot be read: {error.strerror}") from None
     module = ModuleType(f"component_file_{path.stem}")
     module.__file__ = str(folder / path.name)
-    # what the file prints is no result of the command
+    # output of the file is not a result of the command
     with _importable(folder), contextlib.redirect_stdout(sys.stderr):
         sys.modules[module.__name__] = module  # dataclasses look their module up there
         try:
-            # compiled here, since Python's own cache takes an edit within a second for none
+            # compiled here, since Python's own cache misses an edit within the same second
             exec(compile(source, str(path), "exec"), module.__dict__)
         except (Exception, SystemExit) as error:
             _refuse(path, folder, error, "it cannot be imported")
@@ -138,14 +139,14 @@ def _function(path: Path, module: ModuleType, name: str) -> Callable[[], object]
     has = f"it has {', '.join(own)}" if own else "it has none"
     if not name:
         raise BadComponentFile(
-            f"{path}: say which of its functions makes the component, as {path}:FUNCTION; {has}"
+            f"{path}: give the function that makes the component, such as {path}:FUNCTION; {has}"
         )
     if not hasattr(module, name):
         hint = nearest(name, own) or f"; {has}"
         raise BadComponentFile(f"{path} has no function {name!r}{hint}")
     made: object = getattr(module, name)
     if not callable(made):
-        of = "is a Component itself" if isinstance(made, Component) else f"is {made!r}"
+        of = "is a Component" if isinstance(made, Component) else f"is {made!r}"
         raise BadComponentFile(
             f"{path}: {name} {of}; expected a function without arguments that returns a Component"
         )
@@ -161,13 +162,13 @@ def _function(path: Path, module: ModuleType, name: str) -> Callable[[], object]
 
 
 def _refuse(path: Path, folder: Path, error: BaseException, what: str) -> NoReturn:
-    """Say in one line what went wrong, and where in the user's own files."""
+    """Say in one line what failed, and where in the user's own files."""
     frames = [(f.filename, f.lineno) for f in traceback.extract_tb(error.__traceback__)]
     if isinstance(error, SyntaxError) and error.filename:
         frames.append((error.filename, error.lineno))
     said = error.msg if isinstance(error, SyntaxError) else str(error)
     text = " ".join(said.split())
-    if not isinstance(error, ContractError):  # whose text says all
+    if not isinstance(error, ContractError):  # whose text is complete
         kind = type(error).__name__
         text = f"{what}: {kind}: {text}" if text else f"{what}: {kind}"
     shown = {str(path): path}
@@ -181,10 +182,10 @@ def _refuse(path: Path, folder: Path, error: BaseException, what: str) -> NoRetu
 
 @contextlib.contextmanager
 def _importable(folder: Path) -> Iterator[None]:
-    """Let modules beside a file be imported, and leave path and modules as they were.
+    """Let modules next to a file be imported, and restore path and modules afterwards.
 
-    A module that was imported before from elsewhere, and has the name of one beside the file, is
-    out of sight meanwhile. Python's own and installed ones are not: others hold parts of them.
+    An imported module from elsewhere with the name of one next to the file is hidden
+    meanwhile. Python's own and installed modules are not hidden: other modules refer to them.
     """
     paths, before, writes = list(sys.path), dict(sys.modules), sys.dont_write_bytecode
     above = {name: name.partition(".")[0] for name in before}

@@ -1,4 +1,4 @@
-"""Connect a plant and a controller, whose signals meet by name: the whole closed loop."""
+"""Connect a plant and a controller by signal name: the whole closed loop."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ _REFERENCES = ("reference", "reference_derivative")
 def connect(plant: Component, controller: Component) -> Component:
     """The closed loop of a plant and a controller as one component.
 
-    Signals meet by name: the controller's measurements take the plant's outputs, the plant's
-    inputs take the controller's outputs.
+    Signals are connected by name: the plant's outputs to the controller's measurements, the
+    controller's outputs to the plant's inputs.
 
     Parameters
     ----------

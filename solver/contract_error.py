@@ -1,7 +1,7 @@
-"""The error of a component that contradicts itself; apart, so that to name it costs no SymPy."""
+"""The error of an inconsistent component, in its own file: importing it needs no SymPy."""
 
 from __future__ import annotations
 
 
 class ContractError(ValueError):
-    """A component contradicts itself; the message names it and the offending part."""
+    """A component is inconsistent; the message names it and the wrong part."""

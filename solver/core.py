@@ -1,6 +1,7 @@
-"""The compiled core: one library for all systems, which plays their equations from tapes.
+"""The compiled core: one library for all systems, which evaluates their equations from tapes.
 
-This file stands alone: it also goes into every exported FMU, which carries the library, too.
+This file imports nothing of the package: it is also part of every exported FMU, together with the
+library.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 # how an integration ends
 DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, DIVERGED, STIFF, NO_MEMORY, NOT_FINITE = range(8)
 NO_ROOM, NO_DELAY = 8, 9
-# what it leaves, see ``Info`` in ``c/stepper.h``
+# numbers that it returns, see ``Info`` in ``c/stepper.h``
 NEXT_STEP, ACCEPTED, REJECTED, REACHED, EVENTS, STATUS, LAST_ERROR = range(7)
 INFO_SIZE = 7
 FUNCTIONS = "rhs jac out sample indicate spread kind react slopes delayed".split()
@@ -26,7 +27,8 @@ PIECES = 5
 FIRST_ROOM = 32  # steps
 STAGES = 8  # of the stiff stepper
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-LIBRARY = f"libcore{SUFFIX}"  # those for other platforms have these in their names, see `library`
+# libraries for other platforms have these in their names, see `library`
+LIBRARY = f"libcore{SUFFIX}"
 _OPERATION_SIZE = 10  # bytes
 _HEAD = 6 + 2 * len(FUNCTIONS)  # numbers
 
@@ -144,12 +146,12 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
 def library() -> Any:
     """The core's functions, loaded once from the first file beside this one that can be loaded.
 
-    An FMU is carried to other platforms, and carries the core for several.
+    An FMU may run on other platforms, and contains the core for several.
 
     Raises
     ------
     OSError
-        If this platform can load none.
+        If no file can be loaded on this platform.
     """
     loaded = _first_loaded(Path(__file__).parent / "c")
     for name, types in _SIGNATURES.items():
@@ -178,7 +180,7 @@ def _compiled(path: str) -> Any:
 
 
 def at(array: Any) -> int:
-    """Address of the first number of an array of floats, rows without gaps; an address stays."""
+    """Address of a contiguous array of floats; an address is returned unchanged."""
     if type(array) is int:
         return array
     if array.dtype == np.float64:
@@ -191,14 +193,14 @@ def at(array: Any) -> int:
 
 
 def new_history(delays: int, held: int) -> Any:
-    """A history in which nothing has been, with room for some steps."""
+    """An empty history, with room for some steps."""
     history = np.zeros(DURATIONS + delays + held + FIRST_ROOM * step_size(delays))
     history[ROOM] = FIRST_ROOM
     return history
 
 
 def roomier(history: Any, delays: int, held: int) -> Any:
-    """The same history with room for twice as many steps."""
+    """The same history with twice as much room."""
     more = np.zeros(len(history) + int(history[ROOM]) * step_size(delays))
     more[: len(history)] = history
     more[ROOM] = 2 * history[ROOM]
@@ -206,7 +208,7 @@ def roomier(history: Any, delays: int, held: int) -> Any:
 
 
 def step_size(delays: int) -> int:
-    """Numbers that a step leaves in a history."""
+    """Numbers that a step stores in a history."""
     return 2 + (PIECES + 1) * delays
 
 
@@ -214,8 +216,8 @@ class System:
     """The equations of a component and the stiff stepper, with its scratch memory.
 
     Vectors x, u and p are the states, the held values (inputs, discrete states, the mode) and the
-    parameters, shapes (states,), (held,) and (parameters,). What stays where it is can be given by
-    its address, see `at`.
+    parameters, shapes (states,), (held,) and (parameters,). Arrays that are not moved in memory can
+    be given by their address, see `at`.
 
     Parameters
     ----------
@@ -232,7 +234,8 @@ class System:
 
     def __init__(self, tapes: bytes, equations: str = "") -> None:
         self._core = library()
-        data = np.frombuffer(tapes + bytes(-len(tapes) % 8)).copy()  # numbers stand at whole eights
+        # numbers are aligned to eight bytes
+        data = np.frombuffer(tapes + bytes(-len(tapes) % 8)).copy()
         start = data.ctypes.data
         head = data.view(np.int32)[:_HEAD].tolist()
         self.states, self.held, self.events, self.delays, first = head[:5]
@@ -269,18 +272,18 @@ class System:
         self._jac = _LINEARIZED(self._system.jac)
 
     def forget(self) -> None:
-        """Let nothing have been before: delayed signals have their start values."""
+        """Clear the history: delayed signals have their start values."""
         if self.delays:
             self.remember(new_history(self.delays, self.held))
 
     def remember(self, history: Any) -> None:
-        """Let delayed signals be what a copy of `history` says."""
+        """Set the history of delayed signals from a copy of `history`."""
         if self.delays:
             self.history = history.copy()
             self._delays.history = at(self.history)
 
     def make_room(self) -> None:
-        """Let the history hold twice as many steps."""
+        """Double the room of the history."""
         self.remember(roomier(self.history, self.delays, self.held))
 
     def rhs(self, t: float, x: Any, u: Any, p: Any, dx: Any) -> None:
@@ -304,7 +307,7 @@ class System:
         self._indicate(self.address, t, at(x), at(u), at(p), at(g))
 
     def settle(self, t: float, x: Any, u: Any, p: Any, info: Any) -> int:
-        """Let every event happen that is due now; `DONE` or `CHATTER`."""
+        """Handle every event that is due now; return `DONE` or `CHATTER`."""
         return int(
             self._core.core_settle(
                 self.address, t, at(x), at(u), at(p), self._work_address, at(info)
@@ -338,8 +341,8 @@ class System:
         info : ndarray, shape (INFO_SIZE,)
             ``info[NEXT_STEP]`` is the step to try first (0: choose one) and on return the step that
             the error control would take next; accepted and rejected steps and events are added up.
-            The error control's memory is kept where a call ends for want of steps, so that calls of
-            one step each walk as one call of many.
+            The memory of the error control is kept if a call ends at `max_steps`, so that many
+            calls of one step each give the same result as one call.
         max_steps : int
             Most steps, accepted or rejected, that this call may take.
 
@@ -370,7 +373,7 @@ class System:
             t0 = float(info[REACHED])
 
     def instance(self, x: Any, u: Any, p: Any, y: Any, atol: Any, info: Any) -> Instance:
-        """The system with memory that stays where it is; see `advance` and `out`."""
+        """The system with fixed memory; see `advance` and `out`."""
         return Instance(
             self,
             _Instance(self.address, self._work_address, *map(at, (x, u, y, p, atol, info))),
@@ -399,7 +402,7 @@ class System:
         states, outputs : ndarray, shape (m, ...)
             The first state is given.
         given : tuple of two ndarrays, shape (m, k), or None
-            What the first `k` of `u` are before each time, and at it.
+            Values of the first `k` of `u` before each time, and at it.
         samples : tuple of (ndarray of bool, shape (m,), without gaps, or None), int, int
             At which times the discrete states are updated, where in `u` they begin, and how many
             there are.
@@ -442,7 +445,7 @@ class System:
 
 
 class Instance:
-    """A system with its memory: what an FMU steps, twice as soon as by arrays."""
+    """A system with its memory, for the steps of an FMU; twice as fast as with arrays."""
 
     def __init__(self, system: System, given: _Instance, info: Any) -> None:
         self._system, self._given, self._info = system, given, info
@@ -450,7 +453,7 @@ class Instance:
         self._step, self._output = system._core.core_step, system._core.core_output
 
     def advance(self, t0: float, t1: float, rtol: float, max_steps: int) -> int:
-        """As `System.advance`; `NOT_FINITE` where it ends with a state that is no number."""
+        """As `System.advance`; `NOT_FINITE` if it ends with a state that is not finite."""
         status = int(self._step(self.address, t0, t1, rtol, max_steps))
         while status == NO_ROOM:
             self._system.make_room()

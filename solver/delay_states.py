@@ -1,10 +1,10 @@
-"""Delayed signals as states at nodes along each delay, for tangents, exponents and returns.
+"""Delayed signals as states at nodes along each delay, for tangents and Poincare sections.
 
-A component with delays has as many tangent directions as there are functions. Here what a signal
-was within its delay is the polynomial through its values at Chebyshev's nodes, which change as the
-signal travels: the pseudospectral discretization (D. Breda et al., SIAM J. Appl. Dyn. Syst. 15, 1
-(2016)). Of signals without jumps the leading exponents converge with the number of nodes faster
-than any power of it; those behind them are of the nodes and not of the delay.
+A component with delays has infinitely many tangent directions. Here the history of a
+signal within its delay is the polynomial through its values at Chebyshev nodes, which change
+with time: the pseudospectral discretization (D. Breda et al., SIAM J. Appl. Dyn. Syst. 15, 1
+(2016)). For signals without jumps the leading exponents converge faster than any power of
+the number of nodes; the remaining exponents are artefacts of the nodes.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ NODES = 16
 
 
 def with_delay_states(component: Component, nodes: int = NODES) -> Component:
-    """The same component with what its delayed signals were among the states, and no delays.
+    """The same component without delays: the history of delayed signals is part of the states.
 
     Parameters
     ----------
     component : Component
-        The new states are named after the delayed signals, ``<name>_1`` being the youngest value
+        The new states are named after the delayed signals: ``<name>_1`` is the newest value
         and ``<name>_<nodes>`` the delayed signal itself.
     nodes : int
-        Per delay. Exponents and frequencies up to some ``nodes / 4`` over the delay are right.
+        Per delay. Exponents and frequencies up to about ``nodes / 4`` over the delay are accurate.
 
     Raises
     ------
     UnsupportedComponent
-        For discrete states, whose jumps no polynomial follows.
+        For discrete states, whose jumps a polynomial cannot represent.
     """
     if component.delays and component.discrete:
         raise UnsupportedComponent(

@@ -1,4 +1,4 @@
-"""Files of results: written whole or not at all, and strict JSON."""
+"""Files of results: written completely or not at all, and strict JSON."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from typing import Any
 
 _UMASK = os.umask(0o022)
 os.umask(_UMASK)
-_PATIENCE = 2.0  # s, for who reads what Windows is to replace
+_PATIENCE = 2.0  # s, waiting for readers of a file that Windows is to replace
 _PAUSE = 0.02  # s
 
 
 @contextlib.contextmanager
 def naming(place: Path) -> Iterator[None]:
-    """Let an error of the system, such as a full disk, say where; raises it."""
+    """Add the file name to an error of the system, such as a full disk; raises it."""
     try:
         yield
     except OSError as error:
@@ -31,10 +31,10 @@ def naming(place: Path) -> Iterator[None]:
 
 
 def replace(source: Path | str, target: Path | str) -> None:
-    """Rename, in place of what has that name; raises OSError.
+    """Rename, and replace a file of that name; raises OSError.
 
-    Windows refuses while somebody has the old file open, such as another worker that reads it or a
-    virus scanner: that is waited for.
+    Windows refuses while the old file is open in another process, such as a worker or a virus
+    scanner: this function waits for it.
     """
     deadline = time.monotonic() + _PATIENCE
     while True:
@@ -48,7 +48,7 @@ def replace(source: Path | str, target: Path | str) -> None:
 
 
 def temporary_folder(purpose: str) -> tempfile.TemporaryDirectory[str]:
-    """A folder that goes at the end of a ``with``; what Windows has loaded from it stays."""
+    """A folder that is removed at the end of a ``with``; libraries loaded by Windows remain."""
     windows = sys.platform == "win32"
     return tempfile.TemporaryDirectory(
         prefix=f"ballscrew-{purpose}-", ignore_cleanup_errors=windows
@@ -56,9 +56,9 @@ def temporary_folder(purpose: str) -> tempfile.TemporaryDirectory[str]:
 
 
 def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
-    """Write beside, then rename: a reader sees the old content or the new, never half.
+    """Write a temporary file, then rename it: a reader sees the old content or the new, never half.
 
-    What is large may come in pieces.
+    Large content may be given in pieces.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
@@ -66,7 +66,8 @@ def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
         with naming(path), os.fdopen(handle, "wb") as stream:
             stream.writelines([data] if isinstance(data, bytes) else data)
             stream.flush()
-            os.fsync(stream.fileno())  # else a power cut may leave the new name without content
+            # otherwise a power failure may leave an empty file of the new name
+            os.fsync(stream.fileno())
         os.chmod(name, 0o666 & ~_UMASK)
         replace(name, path)
     except BaseException:

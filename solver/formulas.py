@@ -1,4 +1,4 @@
-"""Equations for a page: MathML that browsers show without a script, in parts that fit in a line."""
+"""Equations for a page: MathML that browsers show without a script, in parts that fit on a line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NAMEABLE = (sp.Expr, Boolean)
 
 
 class _Printer(MathMLPresentationPrinter):  # type: ignore[misc]
-    """SymPy's, with branches behind a brace and signs that are text, not tags."""
+    """The printer of SymPy, with branches after a brace and signs as text, not tags."""
 
     def mathml_tag(self, e: Any) -> str:
         tag = str(super().mathml_tag(e))
@@ -58,7 +58,7 @@ def formula(expression: sp.Basic) -> str:
 
 
 def _character(entity: str) -> str:
-    """A character by its number, which XML knows, too; not those that are no text."""
+    """A character by its number, valid in XML too; control characters are left out."""
     if entity in ("lt", "gt", "amp"):
         return f"&{entity};"
     return f"&#{ord(html5[entity + ';'])};"
@@ -71,12 +71,12 @@ def label(text: str) -> str:
 
 
 class Writer:
-    """Writes right-hand sides, and names what is too long for a line.
+    """Writes right-hand sides, and gives names to parts that are too long for a line.
 
     Parameters
     ----------
     taken : set of str
-        Names that no part may have.
+        Names that are already used.
     """
 
     def __init__(self, taken: set[str]) -> None:
@@ -85,7 +85,7 @@ class Writer:
         self._parts: dict[sp.Basic, sp.Symbol] = {}
 
     def line(self, expression: sp.Basic) -> list[str]:
-        """MathML of each term of a sum, so that a page can begin a new line between them."""
+        """MathML of each term of a sum, so that a page can break the line between them."""
         terms = [self._shortened(t) for t in sp.Add.make_args(sp.sympify(expression))]
         total = sp.Add(*terms, evaluate=False) if len(terms) > 1 else terms[0]
         if not isinstance(total, sp.Add):
@@ -124,7 +124,7 @@ class Writer:
 
 
 def _signs(e: sp.Basic) -> float:
-    """About how wide an expression is, in letters."""
+    """Approximate width of an expression, in letters."""
     if isinstance(e, sp.Symbol):
         return 1.0 + len(e.name)
     if not e.args:

@@ -1,8 +1,8 @@
-"""The functions that an equation may hold, and their derivatives, stated where they have kinks.
+"""The functions that an equation may contain, and their derivatives, defined also at kinks.
 
-Both kinds of FMU take what is in `FUNCTIONS`, and nothing else. Derivatives are taken by `slope`
-and `slopes`, which know what holds at a kink or a jump: there the derivative is the mean of those
-on either side, and a jump or an infinite slope counts as none. So no derivative is NaN or a delta
+Both kinds of FMU support exactly the functions in `FUNCTIONS`. Derivatives are taken by
+`slope` and `slopes`. At a kink the derivative is the mean of the derivatives on both sides; the
+contribution of a jump or an infinite slope is zero. So no derivative is NaN or a delta
 function where its equation has a value.
 """
 
@@ -36,9 +36,9 @@ FUNCTIONS: dict[type[sp.Basic], str] = {
     sp.Piecewise: "at a border: value and derivative of the piece that holds there",
     sp.Pow: "at base 0: derivative 0 where the exponent is between 0 and 1, as of sqrt",
 }
-"""Functions by class, and what is stated of them where they have a kink or a jump.
+"""Functions by class, and their value and derivative at a kink or a jump.
 
-Sums, products, comparisons, `And`, `Or`, `Not`, numbers and symbols are supported besides.
+Sums, products, comparisons, `And`, `Or`, `Not`, numbers and symbols are also supported.
 """
 
 _PARTS = (
@@ -51,7 +51,7 @@ _PARTS = (
     sp.And,
     sp.Or,
     sp.Not,
-    sp.ITE,  # what SymPy makes of a Piecewise within a condition
+    sp.ITE,  # SymPy's form of a Piecewise within a condition
     BooleanTrue,
     BooleanFalse,
     ExprCondPair,
@@ -76,7 +76,7 @@ def slope(expression: sp.Expr, by: sp.Symbol) -> sp.Expr:
 
 @cache
 def symbols_in(expression: sp.Basic) -> frozenset[sp.Symbol]:
-    """The symbols of an expression; parts that it shares with others are gone through once."""
+    """The symbols of an expression; shared parts are searched once."""
     if isinstance(expression, sp.Symbol):
         return frozenset({expression})
     return frozenset().union(*map(symbols_in, expression.args))
@@ -111,7 +111,7 @@ def _replaced(expression: sp.Expr, table: dict[type[sp.Basic], Any]) -> sp.Expr:
 
 
 class _Marked(sp.Function):  # type: ignore[misc]
-    """One of SymPy's functions that is not evaluated and knows its derivatives."""
+    """A SymPy function that is not evaluated and has its own derivatives."""
 
     is_extended_real = True
 
@@ -121,7 +121,7 @@ class _Marked(sp.Function):  # type: ignore[misc]
 
 
 class _Level(_Marked):
-    """Constant but for jumps."""
+    """Constant except at jumps."""
 
     def fdiff(self, argindex: int = 1) -> sp.Expr:
         return sp.Integer(0)
@@ -185,7 +185,7 @@ class _Power(_Marked):
     def fdiff(self, argindex: int = 1) -> sp.Expr:
         base, exponent = self.args
         zero = sp.Eq(base, 0)
-        # what is not chosen is computed all the same, where it is shared
+        # a branch that is not chosen is still computed if it is shared
         other = sp.Piecewise((1, zero), (base, True))
         if argindex == 2:
             return sp.Piecewise((0, zero), (other**exponent * sp.log(other), True))

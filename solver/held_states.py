@@ -1,4 +1,4 @@
-"""Discrete states as states that stand still between samples, for tangents and returns."""
+"""Discrete states as states, constant between samples, for tangents and Poincare sections."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import sympy as sp
 
 from .component import Component, Event, Mode, State
 
-_NEVER = sp.Integer(-1)  # an indicator that is never positive: the clock alone makes it happen
+_NEVER = sp.Integer(-1)  # an indicator that is never positive: only the clock triggers it
 
 
 def with_held_states(component: Component) -> Component:
     """The same component with its discrete states among the states.
 
-    Their derivatives are zero, and their update is the first event of every mode, where
-    `follow_tangents` and `follow_returns` look for it at the multiples of the sample time.
+    Their derivatives are zero, and their update is the first event of every mode;
+    `follow_tangents` and `follow_returns` trigger it at the multiples of the sample time.
 
     Parameters
     ----------
     component : Component
-        With discrete states; the names of the new states are theirs.
+        With discrete states; the new states have the same names.
     """
     held = tuple(
         State(d.name, d.unit, d.meaning, sp.Integer(0), d.start, d.nominal)

@@ -22,7 +22,7 @@ from .component import (
 from .functions import symbols_in
 
 Values = dict[str, sp.Expr]
-"""Signals in terms of states, parameters and outer inputs: outputs by ``part.output``."""
+"""Signals as functions of states, parameters and outer inputs; outputs by ``part.output``."""
 Table = dict[sp.Expr, sp.Expr]
 
 
@@ -36,24 +36,24 @@ def interconnect(
 ) -> Component:
     """Join components into one component.
 
-    At a sample instant a part sees what the parts that feed it give at that instant. Where sampled
-    parts feed each other in a circle, the first of them in `parts` sees what was before. There is a
-    mode for each choice of one mode of every part.
+    At a sample instant a part reads the new values of the parts that feed it. If sampled
+    parts form a circle, the first of them in `parts` reads the previous value. There is one
+    mode for each combination of modes of the parts.
 
     Parameters
     ----------
     parts : mapping of str to Component
-        By name. Parameters and states are called ``<part>_<name>``; those of a part whose name is
-        empty keep theirs. All that is sampled has one period, the parameter of the first.
+        By name. Parameters and states are called ``<part>_<name>``; for a part with an empty name
+        they keep their names. All sampled parts have one period, the parameter of the first.
     connections : mapping of str to str
-        Inputs and what they take: ``"part.input": "part.output"``, or the name of an outer input.
-        Inputs that no equation uses may be left out.
+        Inputs and their sources: ``"part.input": "part.output"``, or the name of an outer
+        input. Inputs that no equation uses may be left out.
     inputs : sequence of str or Input
-        Outer inputs. A name alone gets unit and meaning from the first input that takes it.
+        Outer inputs. For a name, unit and meaning are those of the first input connected to it.
     outputs : mapping of str to str
         Outer outputs: ``"name": "part.output"``.
     name, description : str, optional
-        Of the component; if left out, they are made of those of the parts.
+        Of the component; default: combined from those of the parts.
 
     Returns
     -------
@@ -62,9 +62,9 @@ def interconnect(
     Raises
     ------
     ContractError
-        If a connection names what is not there, an input takes nothing, outputs depend on each
-        other at once in a circle, parts sample at different periods, or a delay or a discrete state
-        takes a signal that modes change.
+        If a connection uses an unknown name, an input is not connected, there is
+        an algebraic loop, parts have different sampling periods, or the input of a delay or
+        discrete state depends on the mode.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def interconnect(
         kind: tuple(chain.from_iterable(own[kind] for own in fields.values()))
         for kind in ("states", "discrete", "delays", "balances")
     }
-    # an output of a term is one of the whole only if it is asked for
+    # an output of a term is an output of the whole only if requested
     joined["balances"] = tuple(
         replace(b, terms=tuple(replace(t, outputs=()) for t in b.terms)) for b in joined["balances"]
     )
@@ -108,7 +108,7 @@ def interconnect(
 
 
 class _Join:
-    """Parts with their own names, and what each of their inputs takes."""
+    """Parts with their own names, and the source of each of their inputs."""
 
     def __init__(
         self,
@@ -125,7 +125,7 @@ class _Join:
         self.connections, self.outputs = dict(connections), dict(outputs)
         for taker, source in (self.connections | self.outputs).items():
             if source not in self.given and (taker in outputs or source not in self.outer):
-                raise ContractError(f"{taker} takes {source!r}, which no part gives")
+                raise ContractError(f"{taker} takes {source!r}, which is not an output of any part")
         for port in self.connections:
             if port not in self.ports:
                 there = ", ".join(self.ports) or "none"
@@ -133,16 +133,16 @@ class _Join:
         used = {n: part.used_symbols() for n, part in parts.items()}
         for port, of in self.ports.items():
             if port not in connections and symbol(of.name) in used[_owner(port)]:
-                raise ContractError(f"{port} takes nothing; it needs a connection")
+                raise ContractError(f"{port} is not connected; it needs a connection")
 
     def outer_input(self, name: str) -> Input:
-        """What the first input is that takes it; laws act on the outputs that can be seen."""
+        """The first input connected to it; laws act on the outputs that are available."""
         for port, source in self.connections.items():
             if source == name:
                 law = {f"{_owner(port)}.{signal}" for signal in self.ports[port].law}
                 seen = tuple(n for n, shown in self.outputs.items() if shown in law)
                 return replace(self.ports[port], name=name, law=seen)
-        raise ContractError(f"no input takes the outer input {name!r}")
+        raise ContractError(f"no input is connected to the outer input {name!r}")
 
     def values(self, modes: Mapping[str, Mode]) -> Values:
         """All signals, in these modes of the parts.
@@ -161,8 +161,8 @@ class _Join:
                 first, *_ = owners = [_owner(s) for s in path[path.index(source) :]]
                 names = " and ".join(self.parts[n].name for n in dict.fromkeys(owners))
                 raise ContractError(
-                    f"{names}: {self.given[source].name!r} depends on the {first}'s input at once, "
-                    "which makes an algebraic loop"
+                    f"{names}: {self.given[source].name!r} depends on the {first}'s input without "
+                    "delay, which makes an algebraic loop"
                 )
             n, output = _owner(source), self.given[source].name
             value = self.parts[n].output(output).value
@@ -177,7 +177,7 @@ class _Join:
         return found
 
     def table(self, part: str, values: Values) -> Table:
-        """What a part's inputs are, as far as it is known, and its period."""
+        """The known inputs of a part, and its period."""
         sources = {i: self.connections.get(f"{part}.{i.name}") for i in self.parts[part].inputs}
         table = {symbol(i.name): values[s] for i, s in sources.items() if s in values}
         if (period := self.parts[part].sample_time) and self.period:
@@ -198,7 +198,8 @@ class _Join:
                 if between in feeding[n]:
                     feeding[n] |= feeding[between]
         new: Table = {}
-        # a part has more that feed it than each of those, but for a circle, where all have as many
+        # a part has more sources than each of its sources has, except in a circle, where the
+        # numbers are equal
         for n in sorted(self.parts, key=lambda n: len(feeding[n])):
             at_sample = {s: e.xreplace(new) for s, e in tables[n].items()}
             updated = tuple(
@@ -209,7 +210,7 @@ class _Join:
             yield n, updated
 
     def modes(self, common: Values) -> Iterator[Mode]:
-        """Each choice of a mode for every part, with all its equations."""
+        """Each combination of modes of the parts, with all its equations."""
         for choice in product(*(part.modes or (Mode(""),) for part in self.parts.values())):
             chosen = dict(zip(self.parts, choice, strict=True))
             values = self.values(chosen)
@@ -227,8 +228,8 @@ class _Join:
                 for event in mode.events:
                     to = event.next_mode and _joint_name(chosen | {n: Mode(event.next_mode)})
                     events.append(replace(event, next_mode=to))
-            # Without, a law that takes the sign of a velocity jumps where the plant's mode ends,
-            # and is there neither the one before the event nor the one after it.
+            # Otherwise a law with the sign of a velocity jumps at the end of the plant's mode,
+            # and its value there is neither the one before the event nor the one after it.
             told: dict[sp.Expr, sp.Expr] = {}
             for name, sign in signs.items():
                 state = symbol(name)
@@ -237,7 +238,7 @@ class _Join:
             yield Mode(_joint_name(chosen), rates, seen, tuple(events), signs).changed(told)
 
     def _check_held(self, n: str, table: Table, common: Table) -> None:
-        """What is delayed or sampled has one expression, whatever the mode."""
+        """A delayed or sampled signal has the same expression in all modes."""
         moded = {s for s in table if table[s] != common[s]}
         part = self.parts[n]
         held = [(d.name, "delays", d.expression) for d in part.delays]
@@ -245,8 +246,8 @@ class _Join:
         for name, what, expression in held:
             if moded & symbols_in(sp.sympify(expression)):
                 raise ContractError(
-                    f"{part.name}: {name!r} {what} a signal that modes change; give it a state of "
-                    "its own"
+                    f"{part.name}: {name!r} {what} a signal that depends on the mode; "
+                    "give it its own state"
                 )
 
 
@@ -259,7 +260,7 @@ def _joint_name(modes: Mapping[str, Mode]) -> str:
 
 
 def _common_period(parts: Iterable[Component]) -> Parameter | None:
-    """The sampling period of the first that is sampled; None if none is."""
+    """The sampling period of the first sampled part; None if no part is sampled."""
     sampled = [(part.name, part.sample_time) for part in parts if part.sample_time]
     for name, period in sampled:
         first, common = sampled[0]

@@ -1,6 +1,6 @@
-"""A compiled component: tables of what its symbols mean, and fast functions over arrays.
+"""A compiled component: tables of its symbols, and fast functions over arrays.
 
-Nothing here needs SymPy, so that a process that finds its kernels on disk starts quickly.
+Nothing here needs SymPy, so that a process with its kernels on disk starts quickly.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ Flags = npt.NDArray[np.bool_]
 
 DEFAULT_TOLERANCE = 1e-8
 PLANT, CONTROLLER = "plant_", "controller_"
-"""What names of a whole loop's parts begin with, see `connect`."""
+"""Prefixes of the names of a loop's parts, see `connect`."""
 MAX_STEPS = 200_000
 
 
 class IntegrationError(RuntimeError):
-    """The stepper could not go on; the message says when and why.
+    """The stepper could not continue; the message says when and why.
 
     Attributes
     ----------
@@ -89,11 +89,11 @@ class OutputInfo:
 
 @dataclass(frozen=True)
 class Kernel:
-    """A component as tables and source text; plain data, so it can be stored and compared.
+    """A component as tables and source text; plain data that can be stored and compared.
 
-    ``events`` are those of the mode that has most. ``module`` is the name of the equations' module,
-    ending in a hash of its text, ``source``; ``delays`` are the delayed signals; ``tapes`` are the
-    same equations for the compiled core, see `tape.record_tape`, in base 64.
+    ``events`` is the largest number of events in a mode. ``module`` is the name of the equations'
+    module, ending in a hash of its text, ``source``; ``delays`` are the delayed signals; ``tapes``
+    are the same equations for the compiled core, see `tape.record_tape`, in base 64.
     """
 
     name: str
@@ -131,11 +131,11 @@ class Kernel:
         return cls(**data)
 
     def system(self) -> core.System:
-        """The equations as the compiled core calls them, with scratch memory of their own."""
+        """The equations in the form that the compiled core calls, with their own scratch memory."""
         return core.System(self._tapes, equations=self._compiled)
 
     def compile(self) -> None:
-        """Make the equations faster with a C compiler, where there is one; the numbers stay."""
+        """Compile the equations with a C compiler, if there is one; the numbers do not change."""
         from .compiled_equations import compile_equations
 
         if compile_equations(self.module, self.source, len(self.states)):
@@ -143,7 +143,7 @@ class Kernel:
 
     @property
     def quantized(self) -> bool:
-        """Whether an equation holds a staircase, `floor` or `ceiling`."""
+        """Whether an equation contains a quantizer, `floor` or `ceiling`."""
         return "math.floor(" in self.source or "math.ceil(" in self.source
 
     @cached_property
@@ -157,7 +157,7 @@ class Kernel:
 
     @cached_property
     def _compiled(self) -> str:
-        """File of the compiled equations; empty where there is none."""
+        """File of the compiled equations; empty if there is none."""
         path = compiled_path(self.module)
         return str(path) if is_whole(path) else ""
 
@@ -173,7 +173,7 @@ class Trajectory:
     states : dict of str to ndarray, shape (m,)
     outputs : dict of str to ndarray, shape (m,)
     steps, events : int
-        Internal steps of the stiff solver, and events, of the model so far.
+        Number of internal steps of the stiff solver, and of events, so far.
     """
 
     time: Vector
@@ -184,7 +184,7 @@ class Trajectory:
 
 
 class Model:
-    """A kernel with values: parameters, state, held inputs, and a clock-less stiff solver.
+    """A kernel with values: parameters, state, held inputs, and a stiff solver without a clock.
 
     Parameters
     ----------
@@ -194,19 +194,19 @@ class Model:
     tolerance : float
         Relative tolerance; the absolute one is this times each state's nominal value.
     system : core.System, optional
-        The kernel's, of another model that is done with it.
+        The kernel's system from another model that is no longer used.
 
     Attributes
     ----------
     stiff : bool
-        Whether its rates have been found too far apart for an explicit solver.
+        Whether it was found too stiff for an explicit solver.
     watch : function or None
         See `spectrum.Watch`.
 
     Raises
     ------
     KeyError
-        For a name that is neither.
+        For an unknown name.
     """
 
     def __init__(
@@ -223,7 +223,7 @@ class Model:
         self.x = np.array([s.start for s in kernel.states])
         self.system.forget()
         held = [i.start for i in kernel.inputs] + [d.start for d in kernel.discrete]
-        held += [0.0] * (2 * len(kernel.delays))  # what delayed signals are, and their rates
+        held += [0.0] * (2 * len(kernel.delays))  # values of delayed signals, and their rates
         self.u = np.array(held + [0.0] * bool(kernel.modes), dtype=float)
         parameters = {p.name: k for k, p in enumerate(kernel.parameters)}
         starts = {f"{s.name}_start": k for k, s in enumerate(kernel.states)}
@@ -268,7 +268,7 @@ class Model:
         return self.kernel.modes[int(self.u[-1])] if self.kernel.modes else ""
 
     def settle(self, t: float) -> None:
-        """Let every event happen that is due now, as after a jump of an input.
+        """Handle every event that is due now, for example after a jump of an input.
 
         Raises
         ------
@@ -326,15 +326,15 @@ class Model:
         times : array_like, shape (m,)
             Not decreasing [s].
         given : tuple of two ndarrays, shape (m, k), optional
-            What the first `k` inputs are before each of these times, and at it; they stay as they
-            are if left out.
+            Values of the first `k` inputs before each of these times, and at
+            it; default: unchanged.
         sampled : ndarray of bool, shape (m,), optional
-            At which of the times discrete states change. Default: at none.
+            At which of the times discrete states are updated. Default: at none.
 
         Raises
         ------
         IntegrationError
-            If the tolerance cannot be met somewhere.
+            If the tolerance cannot be met.
         """
         grid = np.ascontiguousarray(times, dtype=float)
         if self.kernel.delays:
@@ -358,7 +358,7 @@ class Model:
     def _simulated_by_rows(
         self, grid: Vector, given: tuple[Matrix, Matrix] | None, sampled: Flags | None
     ) -> Trajectory:
-        """As `simulate`: a history may need more room between two steps."""
+        """As `simulate`; a history may need more room between two steps."""
         states = np.empty((len(grid), len(self.x)))
         outputs = np.empty((len(grid), len(self.kernel.outputs)))
         for row, t in enumerate(grid):
@@ -400,13 +400,13 @@ def describe_failure(
         )
     if status == core.CHATTER:
         return (
-            f"{name}: events follow each other without end at t = {reached:.9g} s; two modes lead "
-            "to each other there, a reset leaves its own condition true, or the time between them "
-            "goes to zero"
+            f"{name}: events follow each other without end at t = {reached:.9g} s; two modes "
+            "switch to each other, a reset does not end its own condition, or the time between "
+            "events goes to zero"
         )
     if status == core.NO_DELAY:
-        return f"{name}: a delay lasts no time, expected a duration of more than 0 s"
+        return f"{name}: a delay is 0 s; expected more than 0 s"
     return (
         f"{name}: the internal step fell to {info[core.NEXT_STEP]:.3g} s at "
-        f"t = {reached:.9g} s; the solution leaves every bound, or the parameters make no sense"
+        f"t = {reached:.9g} s; the solution diverges, or a parameter value is wrong"
     )

@@ -1,7 +1,7 @@
-"""A per-user folder for what need not be made twice.
+"""A per-user cache folder.
 
-Code is loaded from it, so that it is used only where nobody but its user, and root, can write. What
-is kept has a digest beside it: what is damaged counts as missing, and is made anew.
+Code is loaded from it, so it is used only if nobody except its user and root can write to it.
+Each entry has a digest: a damaged entry counts as missing and is made again.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ _UNREADABLE = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # lin
 
 
 def folder() -> Path:
-    """The cache folder: the user's, or this process' own where that cannot be used."""
+    """The cache folder of the user; if it cannot be used, one of this process."""
     place, fault = usual_folder()
     return _private_folder() if fault else place
 
 
 def usual_folder() -> tuple[Path, str]:
-    """The per-user cache folder, and why it cannot be used; empty where it can.
+    """The per-user cache folder, and why it cannot be used; empty if it can.
 
-    ``BALLSCREW_CACHE`` overrides the platform's place.
+    ``BALLSCREW_CACHE`` overrides the default place of the platform.
     """
     try:
         if os.environ.get("BALLSCREW_CACHE"):
@@ -47,15 +47,15 @@ def usual_folder() -> tuple[Path, str]:
             place = Path.home() / "Library" / "Caches" / "ballscrew"
         else:
             place = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ballscrew"
-    except RuntimeError:  # a user without a home
+    except RuntimeError:  # a user without a home folder
         return Path(), "no cache folder can be written"
-    place = Path(os.path.realpath(place))  # a link may lead elsewhere the next moment
+    place = Path(os.path.realpath(place))  # a link may change its target later
     return place, _fault(place)
 
 
 @cache
 def _fault(place: Path) -> str:
-    """Why a folder cannot be used; it is made if it can."""
+    """Why a folder cannot be used; it is created if possible."""
     if not can_be_written(place):
         return "no cache folder can be written"
     for own in (place, *(Path(os.path.realpath(place / name)) for name in _FOLDERS)):
@@ -66,9 +66,9 @@ def _fault(place: Path) -> str:
 
 
 def _who_else_writes(place: Path, sticky: bool = False) -> str:
-    """Who else can write a file or folder, in words; empty where nobody can, or nothing is there.
+    """Which other users can write a file or folder, in words; empty if none, or no such file.
 
-    In a `sticky` folder, as ``/tmp``, others write, but cannot take the place of what is there.
+    In a `sticky` folder such as ``/tmp`` others can write, but cannot replace existing files.
     """
     if sys.platform == "win32":  # a user's profile is closed to others
         return ""
@@ -86,23 +86,23 @@ def _who_else_writes(place: Path, sticky: bool = False) -> str:
 
 
 def entry(kind: str, name: str) -> Path:
-    """Where something is kept: a kind of `COMPONENTS` and the like, and a name."""
+    """Path of an entry: its kind, such as `COMPONENTS`, and its name."""
     return folder() / kind / name
 
 
 def read(path: Path) -> bytes | None:
-    """What an entry holds; None if it is not there, not as it was written, or not the user's."""
+    """Content of an entry; None if it is missing, changed, or of another user."""
     data, digest = _content(path), _content(_digest_of(path))
     return data if digest is not None and digest == _digest(data) else None
 
 
 def is_whole(path: Path) -> bool:
-    """Whether an entry is there, and as it was written."""
+    """Whether an entry exists and is unchanged."""
     return read(path) is not None
 
 
 def write(path: Path, data: bytes) -> None:
-    """Keep an entry, in place of whatever is there.
+    """Store an entry, and replace an old one.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def seal(path: Path, data: bytes | None = None) -> None:
 
 
 def make_way(path: Path) -> None:
-    """Make an entry's folder, and remove what no file can take the place of; raises OSError."""
+    """Make an entry's folder, and remove a folder of the entry's name; raises OSError."""
     for place in (path.parent.parent, path.parent):
         if os.path.lexists(place) and not place.is_dir():
             place.unlink()
@@ -133,7 +133,7 @@ def make_way(path: Path) -> None:
 
 
 def _make(place: Path) -> None:
-    """Make a folder and those above it that only this user can open, whatever the umask."""
+    """Make a folder and its parents so that only this user can open them, for any umask."""
     for missing in reversed([p for p in (place, *place.parents) if not p.exists()]):
         missing.mkdir(exist_ok=True)
         missing.chmod(stat.S_IRWXU)
@@ -148,11 +148,11 @@ def _digest(data: bytes | None) -> bytes:
 
 
 def _content(path: Path) -> bytes | None:
-    """What a file holds that nobody else can write."""
+    """Content of a file that nobody else can write."""
     try:
         with open(os.open(path, os.O_RDONLY | _UNREADABLE), "rb") as stream:
             if who := _who_else_writes(path):
-                print(f"note: an entry of the cache is made anew: {who}", file=sys.stderr)
+                print(f"note: an entry of the cache is made again: {who}", file=sys.stderr)
             elif stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
                 return stream.read()
     except OSError:
@@ -161,25 +161,25 @@ def _content(path: Path) -> bytes | None:
 
 
 def compiled_path(module: str) -> Path:
-    """Where the compiled equations of a module are, if they are anywhere."""
+    """Path of the compiled equations of a module, if they exist."""
     return entry(EQUATIONS, f"{module}_{_way_of_compiling()}.so")
 
 
 @cache
 def _way_of_compiling() -> str:
-    """Hash of what decides how equations are compiled: those of another version are not taken."""
+    """Hash of everything that affects compiled equations; other versions are not used."""
     here = Path(__file__).parent
     names = ("c/system.h", "translation.py", "compiled_equations.py", "compilers.py")
     return hashlib.sha256(b"\0".join((here / n).read_bytes() for n in names)).hexdigest()[:8]
 
 
 def hashed_name(stem: str, text: str) -> str:
-    """A module name that no other content can have."""
+    """A module name that is unique for this content."""
     return f"{stem}_{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
 
 def can_be_written(place: Path) -> bool:
-    """Whether a folder is there, or can be made, and takes files."""
+    """Whether a folder exists, or can be made, and is writable."""
     try:
         _make(place)
     except OSError:

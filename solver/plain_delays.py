@@ -1,6 +1,6 @@
-"""Delayed signals for the stepper in plain Python; see ``c/delays.h``, of which it is the same.
+"""Delayed signals for the stepper in plain Python; the same method as in ``c/delays.h``.
 
-This file stands alone but for `core`: both go into every exported FMU.
+This file imports only `core`: both are part of every exported FMU.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ UNRESOLVED = 1e-4
 
 
 class PlainDelays:
-    """The functions of a generated text, which are given delayed signals, and their history.
+    """The functions of a generated text, with delayed signals and their history.
 
     Parameters
     ----------
@@ -46,13 +46,13 @@ class PlainDelays:
         self.history = new_history(count, held)
 
     def make_room(self) -> None:
-        """Let the history hold twice as many steps."""
+        """Double the room of the history."""
         self.history = roomier(self.history, self.count, self.held)
 
     # -- the functions ---------------------------------------------------------------------------
 
     def __getattr__(self, name: str) -> Any:
-        """A function of the text that is given the delayed signals."""
+        """A function of the text with the delayed signals filled in."""
         plain = getattr(self.plain, name)
 
         def late(t: float, x: Any, u: Any, p: Any, *rest: Any) -> None:
@@ -76,11 +76,11 @@ class PlainDelays:
         return self._steps + k * self._size
 
     def _same(self, t: float) -> float:
-        """By how much two times near t may differ and be one."""
+        """Largest difference of two times near t that count as equal."""
         return SAME_TIME * (abs(t) + abs(float(self.history[END])))
 
     def _step_of(self, t: float) -> int:
-        """The last of the steps that began before t, or at it; -1 if none did."""
+        """The last step that began before or at t; -1 if there is none."""
         low, high = -1, int(self.history[COUNT])
         while high - low > 1:
             middle = (low + high) // 2
@@ -93,7 +93,7 @@ class PlainDelays:
     def _look_back(self, t: float, x: Any, u: Any, p: Any) -> None:
         h = self.history
         count, end, same = int(h[COUNT]), float(h[END]), self._same(t)
-        # where a step begins, signals are as they go on from there; within it, as they were before
+        # at the start of a step, signals have their values after it; within it, those before
         side = same if t <= end + same else -same
         told: list[float] = []
         for j in range(self.count):
@@ -114,7 +114,7 @@ class PlainDelays:
             u[self.first + self.count + j] = PIECES * slope / (after - begin)
 
     def begin(self, t0: float, x: Any, u: Any, p: Any) -> bool:
-        """Make ready for steps from t0; False if a delay lasts no time."""
+        """Prepare steps from t0; False if a delay is zero."""
         h = self.history
         durations = self._delayed(t0, x, u, p)[self.count : 2 * self.count]
         h[DURATIONS : DURATIONS + self.count] = durations
@@ -125,7 +125,7 @@ class PlainDelays:
         return True
 
     def has_room(self) -> bool:
-        """Whether there is room for one more step; what is too old makes room."""
+        """Whether there is room for one more step; old steps are removed first."""
         h = self.history
         count = int(h[COUNT])
         if count < int(h[ROOM]):
@@ -141,7 +141,7 @@ class PlainDelays:
         return True
 
     def latest_end(self, t: float, t1: float) -> float:
-        """Where a step from t has to end at the latest."""
+        """Latest end of a step from t."""
         h = self.history
         same, count, end = 2.0 * self._same(t), int(h[COUNT]), t1
         for j in range(self.count):
@@ -151,10 +151,10 @@ class PlainDelays:
                 if h[self._step(k) + 1] <= SMOOTH:
                     end = min(end, float(h[self._step(k)]) + duration)
                     break
-        return end if end < t1 - same else t1  # round-off leaves no sliver of a step
+        return end if end < t1 - same else t1  # no tiny step because of round-off
 
     def _level_from_before(self, t: float) -> float:
-        """Order of the derivative that jumps where a step begins now, as steps before it tell."""
+        """Order of the derivative that jumps at the start of this step, from earlier steps."""
         h, same, level = self.history, 2.0 * self._same(t), NO_JUMP
         for j in range(self.count):
             then = t - float(h[DURATIONS + j])
@@ -175,7 +175,7 @@ class PlainDelays:
         p: Any,
         rtol: float,
     ) -> float:
-        """Write the signals of a step behind the known ones; their error by the tolerance."""
+        """Write the signals of a step after the known ones; return error over tolerance."""
         known = self.history
         step = self._step(int(known[COUNT]))
         apart = 0.0
@@ -196,7 +196,7 @@ class PlainDelays:
         return apart if h > UNRESOLVED * shortest else 0.0
 
     def keep(self, t: float, end: float, x: Any, u: Any, p: Any) -> None:
-        """Count the step that `follow` has written last among the known ones."""
+        """Add the step that `follow` has written last to the known ones."""
         h = self.history
         count = int(h[COUNT])
         step = self._step(count)
@@ -219,7 +219,7 @@ class PlainDelays:
 
 
 def _through(values: list[float], z: float) -> tuple[float, float]:
-    """The polynomial through equally distant values, and its derivative by z, their number."""
+    """The polynomial through equidistant values, and its derivative by the index z."""
     c = list(values)
     for order in range(1, PIECES + 1):
         for k in range(PIECES, order - 1, -1):

@@ -17,13 +17,13 @@ Matrix = npt.NDArray[np.float64]
 
 FARTHEST = 1e6  # times a state's nominal value
 APART = 1000.0  # ratio of rates up to which the explicit pair is tried
-ZERO = 1e-9  # share of the fastest rate below which one is none
+ZERO = 1e-9  # share of the fastest rate below which a rate counts as zero
 Watch = Callable[[float, Vector | None], bool]
-"""Told of the time that a long computation has reached and of its tangents' growth; whether it ends
-there."""
-PIECE = 2000  # samples between two looks at the watch
-WATCHED = "the time for computing is used up"
-SLOW = 0.3  # change in a step, over its length, of a tangent that is collocated
+"""Called with the time reached by a long computation and its tangents' growth; returns whether
+to stop."""
+PIECE = 2000  # samples between two calls of the watch
+WATCHED = "the computing time is used up"
+SLOW = 0.3  # relative change of a collocated tangent in one step
 
 
 @dataclass
@@ -33,7 +33,7 @@ class Spectrum:
     Attributes
     ----------
     time : ndarray, shape (m,)
-        [s]; ends early where the motion could not be followed.
+        [s]; ends early if the motion could not be computed further.
     states : ndarray, shape (m, n)
     growth : ndarray, shape (m, count)
         Logarithms of the lengths of the orthonormalized tangents since the start [nats].
@@ -41,13 +41,13 @@ class Spectrum:
         Integral of the trace of the Jacobian over time, with the logarithms of the determinants of
         the events' saltation matrices [nats]: with all tangents followed, the sum of `growth`.
     frame : ndarray, shape (count, n)
-        The orthonormal tangents at the end, a row each.
+        The orthonormal tangents at the end, one per row.
     events : int
-        Events met.
+        Number of events.
     failure : str
         Why the motion ends early; empty if it does not.
     diverged : bool
-        Whether it ends early because a state left every bound.
+        Whether it ends early because a state diverged.
     """
 
     time: Vector
@@ -63,7 +63,7 @@ class Spectrum:
     def exponents(self) -> Vector:
         """Finite-time exponents at the end [nats/s], in the order of the tangents.
 
-        NaN where the motion ends before the second time.
+        NaN if the motion ends before the second time.
         """
         span = self.time[-1] - self.time[0]
         return self.growth[-1] / span if span > 0 else np.full(self.growth.shape[1], np.nan)
@@ -78,22 +78,22 @@ def follow_tangents(
 ) -> Spectrum:
     """Follow a model from its present state, and `count` tangents with it.
 
-    What has no modes and is not stiff is followed by an explicit pair, all else by the stiff step.
+    A model without modes that is not stiff uses an explicit pair, all others the stiff step.
 
     Parameters
     ----------
     model : Model
-        Its state, inputs and mode are moved on.
+        Its state, inputs and mode are changed.
     times : array_like, shape (m,)
         Rising [s].
     count : int, optional
-        How many tangents, the slowest to shrink first; all if left out. Few are cheaper than all
-        where the others are much faster.
+        Number of tangents, those that shrink slowest first; default: all. A few tangents are
+        cheaper than all if the others shrink much faster.
     frame : array_like, shape (count, n), optional
-        The tangents at the start, a row each, orthonormal; the states' axes if left out.
-        Finite-time exponents depend on them.
+        The tangents at the start, one per row, orthonormal; default: the axes of the
+        states. Finite-time exponents depend on them.
     farthest : float
-        A state beyond this many times its nominal magnitude has diverged.
+        A state of more than this many times its nominal magnitude counts as diverged.
 
     Returns
     -------
@@ -102,8 +102,8 @@ def follow_tangents(
     Raises
     ------
     ValueError
-        For a count or frame that does not fit the states, or for discrete states or delayed signals
-        that are none of the states; see `with_held_states` and `with_delay_states`.
+        If count or frame do not fit the states, or discrete states or delayed signals
+        are not among the states; see `with_held_states` and `with_delay_states`.
     """
     check_all_are_states(model)
     n = len(model.x)
@@ -122,7 +122,7 @@ def follow_tangents(
         return _walk(model, grid, rows, farthest, collocating=True)
     start, held, info = model.x.copy(), model.u.copy(), model.info.copy()
     run = _walk(model, grid, rows.copy(), farthest, collocating=False)
-    # The slow ones again, by themselves, where they are slow beside others.
+    # The slow ones again, separately, if they are much slower than others.
     mean_step = (run.time[-1] - grid[0]) / max(1.0, model.info[core.ACCEPTED] - info[core.ACCEPTED])
     with np.errstate(invalid="ignore"):
         slow = np.abs(run.exponents) * mean_step <= SLOW
@@ -140,7 +140,7 @@ def follow_tangents(
 
 
 def check_all_are_states(model: Model) -> None:
-    """Refuse discrete states and delayed signals, which tangents and returns know nothing of.
+    """Reject discrete states and delayed signals, which tangents do not support.
 
     Raises
     ------
@@ -149,23 +149,23 @@ def check_all_are_states(model: Model) -> None:
     held = model.kernel.discrete
     if held:
         raise ValueError(
-            f"{model.kernel.name} has the discrete state {held[0].name}, expected it among the "
-            "states, by with_held_states"
+            f"{model.kernel.name} has the discrete state {held[0].name}; expected it among "
+            "the states, by with_held_states"
         )
     late = model.kernel.delays
     if late:
         raise ValueError(
-            f"{model.kernel.name} has the delayed signal {late[0].name}, expected it among the "
-            "states, by with_delay_states"
+            f"{model.kernel.name} has the delayed signal {late[0].name}; expected it among "
+            "the states, by with_delay_states"
         )
 
 
 def _may_be_explicit(model: Model, t: float) -> bool:
-    """Whether the rates of a model's motion look near enough to each other for an explicit pair.
+    """Whether the rates of a model's motion are close enough for an explicit pair.
 
-    Looked at are the Jacobian where the motion begins and at its states' magnitudes to either side.
-    Where it stands still exponentials are exact, and nothing else is asked for. What was stiff once
-    is not looked at again.
+    The Jacobian is checked at the start of the motion and at the magnitudes of its states on
+    either side. At rest exponentials are exact, and no check is needed. A model that was stiff
+    once is not checked again.
     """
     kernel = model.kernel
     if kernel.modes or model.stiff:
@@ -174,7 +174,7 @@ def _may_be_explicit(model: Model, t: float) -> bool:
     seen = []
     for shift in (1.0, 0.0, -1.0):
         matrix = model.jacobian(t, model.x + shift * nominal)
-        if not np.all(np.isfinite(matrix)):  # outside of what the equations are for
+        if not np.all(np.isfinite(matrix)):  # outside the range of the equations
             if shift == 0.0:
                 return False
             continue
@@ -188,7 +188,7 @@ def _may_be_explicit(model: Model, t: float) -> bool:
 
 
 def _stride(model: Model, grid: Vector, frame: Matrix, farthest: float) -> Spectrum | None:
-    """As `_walk`, by the explicit pair; None, and the model as it was, where that is too stiff."""
+    """As `_walk`, with the explicit pair; None, and the model unchanged, if it is too stiff."""
     before = model.info.copy()
     nominal = model.kernel.nominal
     run = _followed(model, grid, frame, farthest, nominal, explicitly=True)
@@ -271,12 +271,12 @@ def _watched(
     growth: Matrix,
     trace: Vector,
 ) -> tuple[int, bool]:
-    """Walk over the grid in pieces, cut at samples.
+    """Compute over the grid in pieces that end at samples.
 
     Returns
     -------
     int, bool
-        The rows that were reached, and whether the watch has ended it.
+        The number of rows reached, and whether the watch stopped it.
     """
     period = model.sample_time
     for row in range(1, len(grid)):
@@ -298,7 +298,7 @@ def _watched(
 
 
 def _failure(model: Model, state: Vector, end: float) -> tuple[str, bool]:
-    """Why the last call did not reach its end, if so, and whether the state diverged."""
+    """Why the last call did not reach its end, or empty, and whether the state diverged."""
     kernel, status = model.kernel, int(model.info[core.STATUS])
     if status == core.DONE:
         return "", False
@@ -307,12 +307,12 @@ def _failure(model: Model, state: Vector, end: float) -> tuple[str, bool]:
     size = np.abs(state) / kernel.nominal
     worst = kernel.states[int(np.argmax(np.nan_to_num(size, nan=np.inf)))].name
     reached = model.info[core.REACHED]
-    return f"{kernel.name} diverges: {worst} leaves every bound at t = {reached:.6g} s", True
+    return f"{kernel.name} diverges: {worst} exceeds its bound at t = {reached:.6g} s", True
 
 
 @dataclass(frozen=True)
 class Returns:
-    """Where a motion crossed a plane upwards.
+    """Points at which a motion crossed a plane upwards.
 
     Attributes
     ----------
@@ -320,7 +320,7 @@ class Returns:
         [s]
     states : ndarray, shape (k, n)
     low, high : ndarray, shape (n,)
-        Least and largest values of the states on the way.
+        Least and largest values of the states during the motion.
     end : float
         The time that was reached [s].
     failure : str
@@ -345,19 +345,19 @@ def follow_returns(
     Parameters
     ----------
     model : Model
-        Its state and mode are moved on.
+        Its state and mode are changed.
     coordinate, level : int, float
         The plane: where this state has this value.
     most : int
-        0: no plane is looked for, and steps are as long as the tolerance lets them be.
+        0: no plane is searched, and steps are as long as the tolerance allows.
 
-    A sampled system is looked at from sample to sample: its returns are the first samples beyond
+    A sampled system is checked from sample to sample: its crossings are the first samples beyond
     the plane, with the states before the update.
 
     Raises
     ------
     ValueError
-        For discrete states or delayed signals that are none of the states; see `with_held_states`
+        If discrete states or delayed signals are not among the states; see `with_held_states`
         and `with_delay_states`.
     """
     check_all_are_states(model)

@@ -1,4 +1,4 @@
-"""Quantizers: the staircase as it is, and what it is on average over where its steps lie."""
+"""Quantizers: the staircase, and its mean over the positions of its steps."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from .functions import symbols_in
 
 
 def dithered_average(component: Component) -> Component:
-    """The component with each staircase replaced by its mean over all places of its steps.
+    """The component with each staircase replaced by its mean over all positions of its steps.
 
     The mean of ``floor(e + d)`` over a dither d that is spread evenly over one step, from -1/2 to
     1/2, is ``e - 1/2``; of ``ceiling(e + d)`` it is ``e + 1/2`` (e.g. B. Widrow and I. Kollar,
-    Quantization Noise, Cambridge 2008). A staircase itself has no derivative that says anything
-    about stability: it is zero, but for jumps.
+    Quantization Noise, Cambridge 2008). The derivative of a staircase itself says nothing
+    about stability: it is zero except at jumps.
 
-    What only parameters decide, or whole numbers alone as in a generator of noise, is no staircase
-    of a signal, and stays.
+    Staircases of parameters, or of whole numbers as in a noise generator,
+    are not changed.
     """
     whole, given = _whole_states(component), {symbol(p.name) for p in component.all_parameters}
     half = sp.Rational(1, 2)
@@ -40,7 +40,7 @@ def _whole_states(component: Component) -> set[sp.Symbol]:
 
 
 def _is_whole(expression: sp.Expr, whole: set[sp.Symbol]) -> bool:
-    """Whether an expression is a whole number where these symbols are."""
+    """Whether an expression is a whole number if these symbols are."""
     if isinstance(expression, sp.floor | sp.ceiling):
         return True
     if isinstance(expression, sp.Piecewise):

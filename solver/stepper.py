@@ -1,8 +1,9 @@
 """The compiled core's stiff stepper, written a second time in plain Python.
 
-An FMU made by pythonfmu runs on it where its equations were edited, or where the core's library
-cannot be loaded. It is the core's oracle: both give the same numbers. It is some forty times
-slower. This file stands alone but for `core` and `plain_delays`: all go into every exported FMU.
+An FMU made by pythonfmu uses it if its equations were edited, or if the core's library cannot be
+loaded. It is also the reference for tests of the core: both give the same numbers. It is about
+forty times slower. This file imports only `core` and `plain_delays`: all are part of every exported
+FMU.
 
 The method is Rodas5P (G. Steinebach, BIT Numer. Math. 63, 27 (2023)): eight stages, order five
 with an embedded fourth-order solution, stiffly accurate, L-stable, one matrix factorization a
@@ -145,7 +146,7 @@ WITHIN = (
 # kinds of events: a crossing either way; one that changes the mode; one that only resets the state
 EITHER, CHANGES_MODE, RESETS = 0, 1, 2
 MOST_AT_ONCE = 64  # events at one instant
-INSIDE = 4  # parts of a step at whose ends a crossing is looked for
+INSIDE = 4  # parts of a step at whose ends crossings are searched
 
 Row = list[float]
 
@@ -153,7 +154,7 @@ Row = list[float]
 def factorize(w: list[Row], pivots: list[int]) -> bool:
     """Replace a square matrix by its LU factors with row pivoting; False if singular.
 
-    On the diagonal stand the inverses of the pivots.
+    The diagonal has the inverses of the pivots.
     """
     n = len(w)
     for k in range(n):
@@ -196,7 +197,7 @@ class PlainSystem:
     functions : mapping or namespace of str to function
         Those of `core.FUNCTIONS`.
     states, events : int
-        Numbers of states, and of the events of the mode that has most.
+        Number of states, and largest number of events in a mode.
     """
 
     def __init__(self, functions: Any, states: int, events: int) -> None:
@@ -235,7 +236,7 @@ class PlainSystem:
     # -- steps -----------------------------------------------------------------------------------
 
     def _linearize(self, t: float, x: Row) -> None:
-        """The Jacobian here; what depends on no state is free of the others' round-off."""
+        """The Jacobian here; entries that depend on no state have no round-off from others."""
         matrix, self._by_time = np.zeros((self.states, self.states)), [0.0] * self.states
         self.f.jac(t, x, self._u, self._p, matrix, self._by_time)
         self._jacobian = matrix.tolist()
@@ -249,7 +250,7 @@ class PlainSystem:
     def _attempt(self, t: float, h: float, x: Row) -> tuple[float, Row]:
         """One step from `x`: the error estimate in units of the tolerance, and the new state.
 
-        The error is infinite where there is no step.
+        The error is infinite if the step fails.
         """
         n = self.states
         w = [[-value for value in row] for row in self._jacobian]
@@ -292,7 +293,7 @@ class PlainSystem:
         return math.sqrt(total / (n or 1)), new
 
     def _dense(self, q: float) -> Row:
-        """The state at the share `q` of the step that was attempted last."""
+        """The state at the share `q` of the last attempted step."""
         x, new, k = self._taken
         if q in (0.0, 1.0):
             return new if q else x
@@ -332,7 +333,7 @@ class PlainSystem:
         self._u, self._p, self._atol, self._rtol = u, p, list(atol), rtol
         smallest = 1e-13 * max(abs(t0), abs(t1), span)
         h = float(info[NEXT_STEP])
-        if not h > smallest or h > span:  # the step before may have been a sliver
+        if not h > smallest or h > span:  # the previous step may have been tiny
             h = span
         t = t0
         last_error = float(info[LAST_ERROR]) if info[LAST_ERROR] > 0.0 else 1e-4
@@ -340,7 +341,7 @@ class PlainSystem:
         fresh = True  # the Jacobian belongs to the present point
         rejected_before = False
         last_event = -math.inf  # when
-        still = 0  # events since time last moved on between two of them
+        still = 0  # events since time last advanced between two of them
         for _ in range(max_steps):
             if late and not late.has_room():
                 late.make_room()
@@ -349,7 +350,7 @@ class PlainSystem:
             if h < smallest and h < remaining:
                 info[NEXT_STEP], info[REACHED] = h, t
                 return STEP_TOO_SMALL
-            # A last step of a sliver would cost as much as a whole one: stretch or halve instead.
+            # A tiny last step would cost as much as a full one: stretch or halve instead.
             final = False
             planned = h
             if h >= remaining * 0.99999:
@@ -415,7 +416,7 @@ class PlainSystem:
     # -- events ----------------------------------------------------------------------------------
 
     def settle(self, t: float, x: Any, u: Any, p: Any, info: Any) -> int:
-        """Let every event happen that is due now; `DONE` or `CHATTER`."""
+        """Handle every event that is due now; return `DONE` or `CHATTER`."""
         if self.events == 0:
             return DONE
         fired = [False] * self.events
@@ -440,10 +441,10 @@ class PlainSystem:
         return CHATTER
 
     def _due_at(self, t: float, x: Row, before: Row) -> int:
-        """The event whose indicator is furthest past zero and was not before; -1 if none is.
+        """The event whose indicator is furthest past zero and was not before; -1 if there is none.
 
-        `before` holds the signs at the start of the step: an event that was due then, or watches
-        either way and starts on zero, is not looked for.
+        `before` holds the signs at the start of the step: an event that was due then, or has
+        direction 0 and starts at zero, is not searched.
         """
         g = [0.0] * self.events
         self.f.indicate(t, x, self._u, self._p, g)
@@ -460,18 +461,18 @@ class PlainSystem:
     def _locate(self, t: float, h: float, x: Row, end: Row) -> tuple[float, Row, int]:
         """The part of a step that ends at its first event: length, state there, and the event.
 
-        The whole step and -1 if there is none. The crossing is bracketed to the last digits of the
-        time by doing the step again, shorter: the event is met with the accuracy of the step
-        itself. An event that changes the mode, or that watches either way, happens just after the
-        crossing; one that only resets the state just before it, so that the reset finds its
-        indicator on the side it came from.
+        The whole step and -1 if there is none. The crossing is bracketed to the last digits
+        of the time by repeating the step with shorter lengths, so the event has the accuracy
+        of the step itself. An event that changes the mode, or has direction 0, happens just after
+        the crossing; one that only resets the state happens just before it, so that the reset finds
+        its indicator on the original side.
         """
         before = [0.0] * self.events
         self.f.indicate(t, x, self._u, self._p, before)
         for k in range(self.events):
             if self.f.kind(self._u, k) == EITHER:
                 before[k] = 1.0 if before[k] > 0.0 else (-1.0 if before[k] < 0.0 else 0.0)
-        # Hermite's cubic through both ends shows crossings that come and go within the step.
+        # The cubic Hermite polynomial through both ends shows two crossings within one step.
         first, last = self._rates(t, x), self._rates(t + h, end)
         high = -1.0
         for part in range(1, INSIDE):
@@ -490,7 +491,7 @@ class PlainSystem:
                     break
         if high < 0.0:
             if self._due_at(t + h, end, before) < 0:
-                if self._late:  # shorter attempts have taken the place of its stages
+                if self._late:  # shorter attempts have overwritten its stages
                     self._attempt(t, h, x)
                 return h, end, -1
             high = h
@@ -515,7 +516,7 @@ class PlainSystem:
 class EditedSystem(PlainSystem):
     """A system whose text was edited.
 
-    Its slopes are differences of its derivatives: nobody edits ``jac`` beside ``rhs``.
+    Its Jacobian is computed by differences: a user edits ``rhs`` and not ``jac``.
     """
 
     def _linearize(self, t: float, x: Row) -> None:

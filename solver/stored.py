@@ -1,4 +1,4 @@
-"""Kernels kept on disk, so that a second process neither derives nor prints equations again.
+"""Kernels kept on disk, so that a second process does not derive and print equations again.
 
 A kernel is kept under a hash of the sources that its equations come from: the modules that make the
 component, and all modules of this package that those import.
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 _TOP = Path(__file__).parents[1]
 _GENERATOR = "ballscrew.solver.codegen"
 _FROM = re.compile(r"^[ \t]*from[ \t]+(\.*)([\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)", re.M)
-_NAMED = re.compile(r'"(ballscrew(?:\.\w+)+):\w+"')  # "module:function", as lists of parts have it
+_NAMED = re.compile(r'"(ballscrew(?:\.\w+)+):\w+"')  # "module:function", as in the lists of parts
 
 
 @cache
 def sources_of(module: str) -> dict[str, Path]:
-    """A module of this package and all those that it imports, and these import; their files."""
+    """Files of a module of this package and of all modules that it imports, or they import."""
     found: dict[str, Path] = {}
     waiting = [module]
     while waiting:
@@ -43,7 +43,7 @@ def sources_of(module: str) -> dict[str, Path]:
 
 
 def _file_of(module: str) -> Path | None:
-    """None where there is no such module, but a name within one; nothing is imported."""
+    """None if this is not a module but a name within one; nothing is imported."""
     stem = _TOP.joinpath(*module.split(".")[1:])
     files = stem.with_name(stem.name + ".py"), stem / "__init__.py"
     return next((f for f in files if f.is_file()), None)
@@ -64,7 +64,7 @@ def _imported(module: str, file: Path) -> Iterator[str]:
 
 @cache
 def fingerprint(*modules: str) -> str:
-    """Hash of all that decides what is generated: sources of these modules, and SymPy's version."""
+    """Hash of all that affects the generated text: these modules, and SymPy's version."""
     sources = {n: f for m in (_GENERATOR, *modules) for n, f in sources_of(m).items()}
     digest = hashlib.sha256(version("sympy").encode())
     for name in sorted(sources):
@@ -73,14 +73,14 @@ def fingerprint(*modules: str) -> str:
 
 
 def stored_kernel(name: str, make: Callable[[], Component], *modules: str) -> Kernel:
-    """The kernel of the component that `make` builds; `name` must determine what it builds.
+    """The kernel of the component that `make` builds; `name` must be unique for it.
 
     Parameters
     ----------
     name : str
         An identifier, unique among all callers.
     make : function without arguments
-        Called only when the kernel is not on disk yet.
+        Called only if the kernel is not on disk yet.
     *modules : str
         Modules of this package that the component's equations come from.
     """

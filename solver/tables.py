@@ -1,4 +1,4 @@
-"""Tables of results: Parquet where pyarrow is installed, CSV with the same columns where not."""
+"""Tables of results: Parquet if pyarrow is installed, else CSV with the same columns."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class NoPyarrow(BadTable):
 
 
 def table_path(folder: Path, stem: str) -> Path:
-    """The table in a folder, in the form that it has there; where it will be, if it is not."""
+    """Path of the table in a folder, in its present format, or the path to write it to."""
     parquet, text = folder / f"{stem}.parquet", folder / f"{stem}.csv"
     if parquet.is_file() or (importlib.util.find_spec("pyarrow") and not text.is_file()):
         return parquet
@@ -31,7 +31,7 @@ def table_path(folder: Path, stem: str) -> Path:
 
 
 def write_table(folder: Path, stem: str, pieces: Iterable[Columns]) -> Path:
-    """Write a table of rows that come in pieces, of which one at a time is in memory.
+    """Write a table of rows given in pieces; one piece at a time is in memory.
 
     Returns
     -------
@@ -73,12 +73,12 @@ def _write_csv(path: Path, pieces: Iterable[Columns]) -> None:
 
 
 def read_table(path: Path) -> dict[str, list[Any]]:
-    """The columns that `write_table` has written; a word that is empty is None, in either form.
+    """The columns written by `write_table`; an empty word is None in both formats.
 
     Raises
     ------
     BadTable
-        If the file is damaged, or Parquet without pyarrow.
+        If the file is damaged, or is Parquet and there is no pyarrow.
     """
     if path.suffix == ".csv":
         try:

@@ -1,7 +1,7 @@
-"""Generated equations as lists of operations that the compiled core plays, see ``c/tape.h``.
+"""Generated equations as lists of operations that the compiled core runs, see ``c/tape.h``.
 
-A tape needs no compiler: it is there as soon as the equations are. Its operations are those of the
-generated text, in the same order, so that it gives the same numbers as that text compiled.
+A tape needs no compiler. Its operations are those of the generated text, in
+the same order, so that it gives the same numbers as the compiled text.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _COMPARED: dict[type[ast.AST], tuple[str, bool]] = {  # the second: with its sid
     ast.NotEq: ("NOT_EQUAL", False),
 }
 _CONSTANTS = {"pi": math.pi, "e": math.e, "inf": math.inf}
-# where the vectors stand that a function is given
+# places of the vectors given to a function
 _VECTORS = {
     "x": 0,
     "u": 1,
@@ -116,7 +116,7 @@ def functions(source: str) -> dict[str, ast.FunctionDef]:
 
 @dataclass
 class _Line:
-    """An operation on values that are numbered in the order in which they come."""
+    """An operation on values that are numbered in order."""
 
     operation: str
     to: int = -1
@@ -287,7 +287,7 @@ def record(function: ast.FunctionDef, width: int) -> Tape:
 
 
 def _registers(recorder: _Recorder) -> dict[int, int]:
-    """Where each value is kept: time and event, the constants, then registers used again."""
+    """Register of each value: time and event, the constants, then reused registers."""
     constants = [value for value, _ in recorder.constants.values()]
     places = {0: 0, 1: 1, **{v: _GIVEN + k for k, v in enumerate(constants)}}
     last: dict[int, int] = {}
@@ -301,7 +301,7 @@ def _registers(recorder: _Recorder) -> dict[int, int]:
     for value, k in last.items():
         ends.setdefault(k, []).append(value)
     for k, line in enumerate(recorder.lines):
-        # operands are read before the result is written, so that it may take the place of one
+        # operands are read before the result is written, so the result may replace one of them
         for value in ends.get(k, ()):
             if places[value] >= fixed:
                 free.append(places[value])

@@ -1,7 +1,7 @@
 """The generated equations, which are plain Python over ``math``, as C.
 
 Writing them in C term by term keeps the order of every operation, so that they give the numbers of
-the tapes, and needs no derivation anew.
+the tapes, and no new derivation is needed.
 """
 
 from __future__ import annotations
@@ -63,12 +63,12 @@ def in_c(function: ast.FunctionDef, width: int, name: str = "") -> str:
     width : int
         Columns of matrices.
     name : str, optional
-        Name in C, if it is to be another.
+        Name in C, if different.
 
     Raises
     ------
     UnsupportedComponent
-        If there is something in it that C has no function for.
+        If it contains something for which C has no function.
     """
     head = _HEADS[function.name]
     if name:

@@ -1,7 +1,7 @@
-"""Folders that can be written, also for a user without a home.
+"""Folders that can be written, also for a user without a home folder.
 
-Then everything goes to the folder of `kernel_cache`, which is a private one, removed at the end,
-where nothing else can be written.
+Without a home, everything goes to the folder of `kernel_cache`; if no other folder is writable,
+this is a private one that is removed at the end.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from . import kernel_cache
 
 @cache
 def ready() -> None:
-    """Name a folder to matplotlib that it can write; to be called before it is used.
+    """Give matplotlib a writable folder; to be called before matplotlib is used.
 
-    It is named in the environment, so that processes which this one starts share it. So is how much
-    SymPy remembers: deriving a component asks for more than its usual thousand results again.
+    It is set in the environment, so that child processes share it. The size of SymPy's cache
+    is also set there: deriving a component needs more than the usual thousand results.
     """
     os.environ.setdefault("SYMPY_CACHE_SIZE", "20000")
     if not os.environ.get("MPLCONFIGDIR") and not _matplotlib_has_folders():
@@ -27,8 +27,8 @@ def ready() -> None:
     if fault := kernel_cache.usual_folder()[1]:
         _name("BALLSCREW_CACHE", kernel_cache.folder())
         print(
-            f"note: {fault}; equations are derived anew every time; "
-            "set BALLSCREW_CACHE to a folder that only you can write",
+            f"note: {fault}; equations are derived again every "
+            "time; set BALLSCREW_CACHE to a folder that only you can write",
             file=sys.stderr,
         )
 

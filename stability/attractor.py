@@ -42,7 +42,7 @@ BLOCKS = 240  # parts of a run over which exponents are averaged
 PATIENT = 3  # looks at many returns that still shrink or grow
 CREEP = 0.7  # share of a creep's way that a sixteenth of the time may take
 ONE_WAY = 0.99  # share of its range that a state is from where it was, if it goes one way
-STEADY = 1.5  # times as far as before a bounded motion may swing when it is watched for longer
+STEADY = 1.5  # times as large as before a bounded motion may swing when it is watched for longer
 CERTAIN = 4.0  # standard errors
 ASIDE = 0.37  # of a period beyond a return, or half a cycle after one: no event is expected there
 SHARPER = 0.01  # of the tolerance, for the exponents of a cycle
@@ -50,7 +50,7 @@ SHARPER = 0.01  # of the tolerance, for the exponents of a cycle
 
 # what would decide
 LONGER_RUN, EXPONENTS = "a longer run", "the exponents"
-OTHER_SOLVER = "a solver that gets beyond that point"
+OTHER_SOLVER = "a solver that can continue beyond this point"
 
 
 class Kind(StrEnum):
@@ -116,7 +116,7 @@ def classify_attractor(
     Parameters
     ----------
     model : Model
-        Its state and mode are moved on.
+        Its state and mode are changed.
     time : float
         The present [s].
     span : float
@@ -175,7 +175,7 @@ def classify_attractor(
 
 
 def _ended(passes: Returns, so_far: Attractor | None) -> Attractor:
-    """The verdict where the solver gets no further: flight, or what was known until then."""
+    """The verdict where the solver cannot continue: divergence, or the result until then."""
     if passes.diverged:
         return _run_away(passes)
     if so_far is None:
@@ -208,13 +208,13 @@ def _restless(
     amplitude = _ranges(model, passes)
     nominal = model.kernel.nominal
     way = (passes.high - passes.low) / nominal
-    text = f"no rest and {len(passes.time)} returns that do not close until t = {time:.4g} s"
+    text = f"no rest and {len(passes.time)} returns, none of them periodic, until t = {time:.4g} s"
     undecided = Attractor(Kind.UNDECIDED, text, LONGER_RUN, amplitude=amplitude)
     if len(passes.time) >= FEW:
         return undecided
     if model.kernel.modes:
         winding = _winding(model, time, (passes.end - seen.end) / 16.0) if events < FEW else ""
-        text = f"{winding}; in all it met {events} events, and {text}"
+        text = f"{winding}; in total there were {events} events; {text}"
         return replace(undecided, kind=Kind.WINDING, evidence=text) if winding else undecided
     share = float(way.max())
     early = float(((seen.high - seen.low) / nominal)[np.argmax(way)])
@@ -225,7 +225,8 @@ def _restless(
     if not creeping or equilibrium_near(model, time) is None:
         return undecided
     text += (
-        f"; all the while it stays near equilibria and moves by {share:.2g} nominal magnitudes at "
+        f"; during this time it stays near equilibria and moves by {share:.2g} nominal magnitudes "
+        "at "
         f"most, by {early:.2g} in the first sixteenth of the time"
     )
     return replace(undecided, kind=Kind.CREEPING, evidence=text)
@@ -250,8 +251,8 @@ def _winding(model: Model, time: float, span: float) -> str:
         return ""
     rate = moved[widest] / (onward.end - time)
     return (
-        f"at t = {time:.4g} s it is in mode {mode!r}: {', '.join(still)} stand still, while "
-        f"{', '.join(goes)} go one way, {names[widest]} by {rate:.3g} a second"
+        f"at t = {time:.4g} s it is in mode {mode!r}: {', '.join(still)} are constant, while "
+        f"{', '.join(goes)} move in one direction, {names[widest]} by {rate:.3g} per second"
     )
 
 
@@ -259,7 +260,7 @@ def _one_way(passes: Returns) -> bool:
     """Whether what differs most between the returns grows or falls from each to the next.
 
     So does a swing on its way to or from a cycle or rest, however slowly. On a torus or in chaos it
-    goes both ways, so that no exponents over a finite time are needed to tell the two apart.
+    goes in both directions, so that finite-time exponents are not needed to distinguish the two.
     """
     size = passes.high - passes.low
     size[size == 0.0] = np.inf
@@ -283,7 +284,7 @@ def _without_exponents(model: Model, passes: Returns) -> Attractor:
     share = after[wide] / amplitude[wide] if amplitude[wide] else np.inf
     text += (
         f"; over {LONGER:g} times as long again {wide} swings by {after[wide]:.4g} to either side, "
-        f"{share:.3g} times as far as before"
+        f"{share:.3g} times as large as before"
     )
     kind = Kind.BOUNDED if share <= STEADY else Kind.UNDECIDED
     return Attractor(kind, text, "" if kind is Kind.BOUNDED else LONGER_RUN, amplitude=after)
@@ -374,7 +375,7 @@ def _rest(
 
 
 def _listed(texts: list[str]) -> str:
-    """All of them, but for those of the nodes along delays, which are many."""
+    """All of them, except those of the nodes along delays, which are many."""
     rest = len(texts) - LISTED
     return ", ".join(texts[:LISTED]) + (f" and {rest} more" if rest > 0 else "")
 
@@ -499,7 +500,10 @@ def _closed(
     kind, would = Kind.CYCLE, ""
     if zeros > alone and limit[0] <= 1e-3 / period:
         kind = Kind.UNDECIDED
-        text += f"; {zeros} cannot be told from zero: it closes but may be one of many side by side"
+        text += (
+            f"; {zeros} cannot be distinguished from zero: the orbit is closed but may be one "
+            "of a family"
+        )
         would = "whether a disturbed motion returns to the same orbit"
     return Attractor(
         kind,
@@ -615,10 +619,12 @@ def _unclosed(
     moving = drifts or change > STEADY_RETURNS
     neutral, unsure = _neutral(run)
     if moving:
-        text += "; each return that is whole periods later goes the same way" if drifts else ""
-        would = "a longer run, in which the returns have come to where they go"
+        text += (
+            ("; returns that are whole periods apart move in the same direction") if drifts else ""
+        )
+        would = "a longer run, in which the returns have converged"
     elif unsure:
-        would = "exponents that are known better: how many of them are zero is open"
+        would = "more accurate exponents: the number of zero exponents is not certain"
     elif model.sample_time and neutral == 1 and len(limit) > 1:
         # From sample to sample there is no direction of time: the one zero is the cycle's phase.
         between = float(np.mean(np.diff(more.time)))

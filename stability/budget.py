@@ -9,10 +9,10 @@ from .attractor import EXPONENTS, LONGER, LONGER_RUN, Attractor, Kind, classify_
 FOLLOWED, CREPT = 90.0, 22.0  # run lengths for which what is undecided, or creeps, is looked at
 MOST_STEPS = 500_000  # of the solver: what took as many is looked at no longer
 BUDGET = (
-    f"budget of a cell: its motion is followed on for {FOLLOWED:g} run lengths ({CREPT:g} where it "
+    f"budget of a cell: its motion is continued for {FOLLOWED:g} run lengths ({CREPT:g} if it "
     f"creeps), or until its solver has taken {MOST_STEPS} steps"
 )
-BUDGET_OVER_FMUS = "budget of a cell: the run until --stop, nothing beyond"
+BUDGET_OVER_FMUS = "budget of a cell: the run until --stop"
 
 
 def becomes(model: Model, time: float, stop: float) -> Attractor:
@@ -24,7 +24,7 @@ def becomes(model: Model, time: float, stop: float) -> Attractor:
     Parameters
     ----------
     model : Model
-        Its state and mode are moved on.
+        Its state and mode are changed.
     time, stop : float
         The present, and the run's length, in which the budget is counted [s].
     """

@@ -1,4 +1,4 @@
-"""One cell of a map: a loop with these parameters is run, and what becomes of it is told."""
+"""One cell of a map: run a loop with these parameters, and classify its long-term motion."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .map_plan import MapPlan, kernel_of
 
 LAST = 0.1  # share of the run over which the oscillation is measured
 REASONS = {  # of undecided cells, by what would decide
-    LONGER_RUN: "neither rest nor returns that close until the budget is used up",
-    EXPONENTS: "returns that do not close",
-    OTHER_SOLVER: "the solver does not get further",
+    LONGER_RUN: "no rest and no periodic returns until the budget is used up",
+    EXPONENTS: "returns that are not periodic",
+    OTHER_SOLVER: "the solver cannot continue",
 }
-NO_DESIGN = "no controller can be designed on this plant"
+NO_DESIGN = "no controller can be designed for this plant"
 _BITS = 1.0 / math.log(2.0)
 
 
@@ -33,7 +33,7 @@ def model_at(
 
 @dataclass(frozen=True)
 class Cell:
-    """What becomes of one loop.
+    """Long-term motion of one loop.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ def reason_of(motion: Attractor) -> str:
     if motion.kind is not Kind.UNDECIDED:
         return ""
     would = motion.would_decide
-    return f"{REASONS.get(would, f'what would decide is {would}')}: {motion.evidence}"
+    return f"{REASONS.get(would, f'needed for a decision: {would}')}: {motion.evidence}"
 
 
 def stuck_growth(plan: MapPlan, x: float, y: float) -> float:

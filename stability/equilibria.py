@@ -116,8 +116,8 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
 def stands(model: Model, time: float, span: float, state: Vector, within: float) -> bool:
     """Whether time alone leaves an equilibrium where it is, and in its mode, for so long.
 
-    The equations are asked at many instants, since the solver, whose steps are long where nothing
-    moves, may step over the moment in which a force that swings moves a body that sticks. The
+    The equations are asked at many instants, since the solver, whose steps are long where there is
+    no motion, may step over the moment in which a force that swings moves a body that sticks. The
     instants are no grid: one might be at the same phase of each period.
 
     Parameters

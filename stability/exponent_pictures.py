@@ -46,9 +46,9 @@ def convergence_figure(run: LyapunovRun) -> Any:
         first = rates[:, 0] * time
         drift.plot(time, first, color=COLOURS[0])
         drift.set_ylabel(
-            r"$\lambda_1 t$ [bits]: flat for a neutral direction,"
+            r"$\lambda_1 t$ [bits]: constant for a neutral direction,"
             "\n"
-            r"rising with chaos, falling with rest"
+            r"rising for chaos, falling for rest"
         )
         drift.set_xlabel("time [s]")
         figure.align_ylabels()

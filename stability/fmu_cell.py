@@ -26,7 +26,7 @@ from .tangents_over_fmus import ACCURACY, TangentRun
 
 POSITION = "x"
 _BITS = 1.0 / math.log(2.0)
-REFUSED = "a part refuses these values"
+REFUSED = "a part rejects these values"
 
 
 def run_fmu_cell(

@@ -161,12 +161,12 @@ def _has_tangents(part: Part) -> bool:
 
 
 def over_fmus(loop: Loop, exponents: bool) -> OverFmus:
-    """A map's `OverFmus`, with the digests of the FMUs as they are now.
+    """A map's `OverFmus`, with the digests of the present FMUs.
 
     Raises
     ------
     UnsupportedComponent
-        If exponents are asked for, and there are no tangents of a part by name.
+        If exponents are requested, and a part of the catalogue has no tangents.
     FmuError, OSError
     """
     parts = {"plant": loop.plant, "controller": loop.controller}

@@ -71,6 +71,6 @@ def loop_lyapunov(
     order = loop_order(kernel)
     run = lyapunov(make, loop.stop, tolerance, None, order, loop.title, watching, average)
     if loop_kernel(*parts).delays:
-        text = f"{run.method}; {NODES} nodes along each delay, whose own exponents come last"
+        text = f"{run.method}; {NODES} nodes along each delay, whose own exponents are last"
         return replace(run, method=text)
     return run

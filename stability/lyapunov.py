@@ -41,7 +41,7 @@ MORE_TIME = "more time for computing (--budget), a shorter --stop, or a coarser 
 SAME = 1e-2  # relative difference up to which periods and amplitudes are the same
 ONE_SOLVER = "one solver"
 AVERAGED = (
-    "one solver; exponents of the quantizers' dithered average, verdict of the exact staircase"
+    "one solver; exponents of the quantizers' average with dither, verdict of the exact quantizers"
 )
 _BITS = 1.0 / math.log(2.0)
 FIRST = ("x", "v")  # states of the axis that come first in the frame, as in the thesis
@@ -197,7 +197,7 @@ class Watching:
     Parameters
     ----------
     progress : function of a text, optional
-        Told what is being done.
+        Called with the current step of the work.
     budget : float, optional
         Processor time [s]; no limit if left out.
     """
@@ -255,13 +255,13 @@ def lyapunov(
         When its time is used up, the exponents are those of the time that was reached, and the
         verdict is drawn from the motion alone, as in maps, for which half as much time is given.
     average : Maker, optional
-        Of a quantized model: its dithered average. The exponents are the average's. What the motion
-        becomes, and what it does to finite perturbations, is that of the exact staircase.
+        Of a quantized model: its dithered average. The exponents are the average's. The long-term
+        motion, and the effect of finite perturbations, are computed with the exact quantizers.
 
     Raises
     ------
     ValueError
-        For a time or tolerance that makes no sense.
+        For an invalid time or tolerance.
     """
     if not (stop > 0.0 and math.isfinite(stop)):
         raise ValueError(f"the stop time is {stop} s, expected more than 0")
@@ -294,7 +294,7 @@ def lyapunov(
             follow_returns(onward, 0.0, stop, 0, np.inf, 0)
         else:
             onward.x[:], onward.u[:] = model.x, model.u
-        watch.says(onward, f"what the motion becomes after {stop:g} s")
+        watch.says(onward, f"the long-term motion after {stop:g} s")
         motions.append(classify_attractor(onward, stop, stop, exponents=average is None))
         if watch.over:
             break
@@ -318,13 +318,13 @@ def lyapunov(
 def _by_motion(make: Maker, stop: float, run: Spectrum, watch: Watching) -> Attractor:
     """The verdict from the motion alone, at two tolerances, where exponents take too long."""
     assert watch.budget is not None
-    spent = f"the exponents were followed until t = {run.time[-1]:.4g} s of {stop:g} s, when "
-    spent += f"{watch.budget:g} s of computing were used up"
+    spent = f"the exponents were computed until t = {run.time[-1]:.4g} s of {stop:g} s, when "
+    spent += f"{watch.budget:g} s of computing time were used up"
     more = Watching(watch.progress, 0.5 * watch.budget)
     motions: list[Attractor] = []
     for share in (1.0, TIGHTER):
         model = make(COARSEST * share)
-        more.says(model, "what the motion becomes, without exponents")
+        more.says(model, "the long-term motion, without exponents")
         # a sampled motion takes its time: what is known after some of it suffices, as in a map
         brief = min(stop, BRIEF * model.sample_time) if model.sample_time else stop
         for now, then in pairwise(np.linspace(0.0, brief, PARTS + 1).tolist()):
@@ -347,7 +347,7 @@ def _ended(run: Spectrum, model: Model) -> Attractor:
     """The verdict on a motion that could not be followed to its end."""
     if run.diverged:
         return Attractor(Kind.DIVERGES, run.failure, since=float(model.info[REACHED]))
-    return Attractor(Kind.UNDECIDED, run.failure, "a solver that gets beyond that point")
+    return Attractor(Kind.UNDECIDED, run.failure, "a solver that can continue beyond this point")
 
 
 def agree(first: Attractor, second: Attractor, how: str = "a tenth of the tolerance") -> Attractor:
@@ -371,7 +371,7 @@ def agree(first: Attractor, second: Attractor, how: str = "a tenth of the tolera
         return Attractor(
             Kind.UNDECIDED,
             f"{how} changes the verdict: {text}",
-            "tighter ones, until two in a row agree",
+            "tighter ones, until two in succession agree",
         )
     if first.limit is None or second.limit is None or second.limit_error is None:
         return second

@@ -28,7 +28,7 @@ def loop_lyapunov_over_fmus(
     """Exponents of a closed loop from its FMUs and their master.
 
     Of two parts of the catalogue the errors of the exponents are their distances to those of one
-    solver, and the verdict is that of the equations, which follow the motion far beyond `stop`.
+    solver, and the verdict comes from the equations, whose motion is computed far beyond `stop`.
     Of a loop with a file there are no equations: the errors are what a finer run moves, the
     verdict is what the signals tell until its end, and no limits are known.
 
@@ -50,8 +50,8 @@ def loop_lyapunov_over_fmus(
     if loop.plant.has_equations and loop.controller.has_equations:
         if held_loop_kernel(loop.plant.name, loop.controller.name).sample_time:
             raise NoExponents(
-                f"{loop.controller.own_name} is sampled, and no FMU has tangents of a sampled "
-                "part; use the equations, --via model"
+                f"{loop.controller.own_name} is sampled, and FMUs of sampled parts "
+                "have no tangents; use the equations, --via model"
             )
         known = loop_lyapunov(loop, watching=Watching(progress))
     try:
@@ -65,7 +65,7 @@ def loop_lyapunov_over_fmus(
                     known, spectrum=_spectrum(run), tighter=known.spectrum, method=method
                 )
             if progress:
-                progress(f"the FMUs over {stop:g} s, once more and finer")
+                progress(f"the FMUs over {stop:g} s, again with finer steps")
             return LyapunovRun(
                 list(run.states),
                 _spectrum(run),
@@ -73,7 +73,8 @@ def loop_lyapunov_over_fmus(
                 signal_motion(run, parts.nominal(loop.mapping), run.growth[:, 0]),
                 math.nan,
                 loop.title,
-                f"{method}; finite-time only: without equations nothing is known beyond {stop:g} s",
+                f"{method}; finite-time only: without equations the motion is not known beyond "
+                f"{stop:g} s",
             )
     except (TangentsImpossible, UnsupportedComponent) as error:
         raise NoExponents(str(error)) from error

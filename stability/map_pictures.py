@@ -60,7 +60,7 @@ def map_figure(plan: MapPlan, folder: Path) -> Any:
     unit = position_unit(plan)
     factor, shown = (1e6, "[µm]") if unit == "m" else (1.0, f"[{unit}]" if unit != "1" else "")
     goal = "zero" if plan.loop.controller.is_none else "the set-point"
-    distance, swing = f"Distance to {goal} at the end", "Swing at the end"
+    distance, swing = f"Distance to {goal} at the end", "Amplitude at the end"
     panels: list[tuple[str, str, Any]] = [
         (distance, f"|error of x| {shown}", np.abs(column("final_error")) * factor),
         (swing, f"amplitude of x {shown}", column("oscillation_amplitude") * factor),
@@ -80,7 +80,7 @@ def map_figure(plan: MapPlan, folder: Path) -> Any:
             rasterized=True,
         )
         met = [Patch(color=COLOUR[k], label=k.value) for n, k in enumerate(kinds) if n in verdict]
-        axes[0].set_title(f"{plan.loop.label}: how the motion ends")
+        axes[0].set_title(f"{plan.loop.label}: motion at the end")
         line = _draw_boundary(axes[0], plan)
         figure.legend(handles=met + line, loc="outside lower center", ncols=len(met) + len(line))
         for place, (title, label, values) in zip(axes[1:], panels, strict=True):

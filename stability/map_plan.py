@@ -31,7 +31,7 @@ SETPOINT, DESIGN = "setpoint", "design"
 
 
 class BadMap(ValueError):
-    """A map that makes no sense; the message says what was got and what was expected."""
+    """An invalid map; the message says what was got and what was expected."""
 
 
 @lru_cache(maxsize=8)
@@ -117,22 +117,24 @@ class MapPlan:
         check_memory(
             float(min(PER_CELL * self.cells, MOST_BYTES)),
             f"{self.x.count} x {self.y.count} cells need",
-            "map fewer points, or one part after another",
+            "use fewer points, or several maps",
         )
         if self.fmus is None and self.exponents and kernel_of(self).quantized:
             raise BadMap(
-                f"{loop.controller.label} or {loop.plant.label} quantizes a signal, and a "
-                "staircase has no tangents; map it without --exponents, and see lyapunov for "
-                "single loops"
+                f"{loop.controller.label} or {loop.plant.label} quantizes a signal, "
+                "and a quantizer has no tangents; map it without --exponents, or use "
+                "lyapunov for single loops"
             )
         if (self.x.side, self.x.parameter) == (self.y.side, self.y.parameter):
             raise BadMap(f"--x and --y are both {self.x.parameter}; expected two parameters")
         if self.fmus is None and PLANT + "x" not in [s.name for s in kernel_of(self).states]:
-            raise BadMap(f"{loop.plant.label} has no state x, whose motion a map judges")
+            raise BadMap(f"{loop.plant.label} has no state x; a map evaluates the motion of x")
         given = {"plant": loop.plant_values, "controller": loop.controller_values}
         for axis in (self.x, self.y):
             if axis.parameter in given.get(axis.side, {}):
-                raise BadMap(f"{axis.name} is given a value and is an axis; expected one of them")
+                raise BadMap(
+                    f"{axis.name} is given as a value and as an axis; expected one of them"
+                )
             about = _about(axis, loop)
             low, high = (about.minimum, about.maximum) if about else (-math.inf, math.inf)
             if axis.low < low or axis.high > high:
@@ -179,7 +181,7 @@ class MapPlan:
         Raises
         ------
         ValueError
-            If no controller can be designed on this plant.
+            If no controller can be designed for this plant.
         """
         loop = self.loop
         plant, controller = dict(loop.plant_values), dict(loop.controller_values)
@@ -235,14 +237,14 @@ def _owner(name: str, loop: Loop) -> tuple[str, str]:
     side, dot, own = name.partition(".")
     if dot and side == DESIGN:
         if loop.controller.name != "nctf":
-            raise BadMap(f"{name!r}: only nctf is designed on a plant, and this is {theirs_is}")
+            raise BadMap(f"{name!r}: only nctf is designed for a plant, but this is {theirs_is}")
         if own in ours:
             return DESIGN, own
     elif dot and side in ("plant", "controller"):
         if own in (ours if side == "plant" else theirs):
             return side, own
     elif name in theirs and name in ours:
-        raise BadMap(f"both sides have {name!r}: say controller.{name} or plant.{name}")
+        raise BadMap(f"both sides have {name!r}: use controller.{name} or plant.{name}")
     elif name in theirs:
         return "controller", name
     elif name in ours:

@@ -49,21 +49,21 @@ class ProbedController:
         name = self.instance.name
         if self.side.answer is not Answer.DIRECT:
             raise TangentsImpossible(
-                f"{name} answers {self.side.answer.value}; tangents need a controller whose output "
-                "follows its inputs at once: compute it where it is read, or give its equations as "
-                "FILE.py:FUNCTION"
+                f"{name} answers {self.side.answer.value}; tangents need a controller with "
+                "direct feedthrough: compute its output when it is read, or give its "
+                "equations as FILE.py:FUNCTION"
             )
         if self.side.m != 1:
-            raise TangentsImpossible(f"{name} has {self.side.m} commands; one can be probed")
+            raise TangentsImpossible(f"{name} has {self.side.m} commands; expected one for probing")
         responses, fading = self._response(t, h, signals, reference)
         if np.any(responses):
-            self.states = [f"{name}: what its state adds to {self.wiring.commands[0][0]}"]
+            self.states = [f"{name}: the part of its state in {self.wiring.commands[0][0]}"]
             self._note_rates(h, responses, fading)
             slow, fast = float(np.min(fading)), float(np.max(fading))
             if fast - slow > 1e-3 * max(abs(slow), abs(fast)):
                 self.remarks.append(
-                    "it answers different signals with different rates, so it has more than one "
-                    "state: only one can be reached and the others are left out"
+                    "its rates for different signals differ, so it has more than "
+                    "one state: only one can be probed and the others are ignored"
                 )
 
     def bind(self, side: Struct, whole: Struct, count: int, reference: Vector) -> tuple[Bound, ...]:
@@ -112,7 +112,9 @@ class ProbedController:
         if self.states:
             responses, fading = self._response(t, h, signals[0], self._reference)
             if not len(fading):
-                raise StepFailed(f"{self.instance.name}: its state cannot be seen any more")
+                raise StepFailed(
+                    f"{self.instance.name}: its state is no longer visible in the output"
+                )
             strongest = self._note_rates(h, responses, fading)
             self._added[:] = strongest * self._added + signals[1:] @ responses
         self.side.advance(t, h, signals[0], self._reference)
@@ -132,7 +134,7 @@ class ProbedController:
         Returns
         -------
         two ndarrays, shapes (n,) and (number of signals that add anything,)
-            Volts, or whatever the command is, per unit of the signal; shares that are left after
+            Volts, or the unit of the command, per unit of the signal; shares that are left after
             one more step.
         """
         state = self.instance.save()

@@ -40,10 +40,10 @@ def signal_motion(
 ) -> Attractor:
     """What the motion of a coupled run becomes.
 
-    Rest and cycles are told from the last three tenths of the run, nothing beyond. Whether rest is
+    Rest and cycles are judged from the last three tenths of the run only. Whether rest is
     one of a line of equilibria shows in the first tangent alone: at rest it neither grows nor falls
-    where a direction is neutral. What stood still before for as long, and moved again, is not at
-    rest: a mass that sticks until its force swings back.
+    where a direction is neutral. If it stopped before for as long and moved again, it is not
+    at rest: a mass that sticks until its force swings back.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def signal_motion(
     if run.diverged:
         return Attractor(Kind.DIVERGES, run.stopped, since=float(run.time[-1]))
     if run.stopped:
-        return Attractor(Kind.UNDECIDED, run.stopped, "a run that gets beyond that point")
+        return Attractor(Kind.UNDECIDED, run.stopped, "a run that continues beyond this point")
     names, table = list(run.outputs), np.column_stack(list(run.outputs.values()))
     least = LEAST * np.array([nominal[n] for n in names])
     scale = np.maximum(np.ptp(table, axis=0), least)
@@ -75,8 +75,9 @@ def signal_motion(
     if rests and earlier >= present > 0.0:
         return Attractor(
             Kind.UNDECIDED,
-            f"all outputs have stood still for {present:.4g} s, and they have before, for "
-            f"{earlier:.4g} s, and moved again",
+            f"all outputs have been constant for {present:.4g} s; before this they were constant "
+            "for "
+            f"{earlier:.4g} s and then moved again",
             "a longer run",
         )
     if rests:
@@ -87,14 +88,14 @@ def signal_motion(
     cycle = _cycle(run, names, table, widest)
     return cycle or Attractor(
         Kind.UNDECIDED,
-        "neither rest nor returns that close: over the last tenth of the run "
+        "no rest and no periodic returns: over the last tenth of the run "
         f"{names[widest]} moves by {last:.2g} of its range",
         "a longer run, or the equations (--via model)",
     )
 
 
 def _stands(time: Vector, rows: npt.NDArray[np.float64]) -> tuple[float, float]:
-    """How long outputs stand still at the end, and at most before, but for the begin [s]."""
+    """Duration of rest of the outputs at the end, and the longest before, without the start [s]."""
     still = np.concatenate([[False], np.abs(np.diff(rows, axis=0)).max(axis=1) <= STILL, [False]])
     ends = np.flatnonzero(np.diff(still.astype(np.int8)))
     begins, ends = ends[::2], ends[1::2]
@@ -115,7 +116,7 @@ def _rest(run: Signals, moves: str, growth: Vector | None) -> Attractor:
     if grown < -DECAYED:
         return Attractor(Kind.FIXED_POINT, f"{text}: no direction is neutral")
     if grown > 0.0:
-        return Attractor(Kind.UNDECIDED, f"{text}: a disturbance may leave", "a longer run")
+        return Attractor(Kind.UNDECIDED, f"{text}: a disturbance may grow", "a longer run")
     return Attractor(Kind.REST, text)
 
 

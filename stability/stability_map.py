@@ -1,4 +1,4 @@
-"""Maps: what becomes of a closed loop over a grid of two of its parameters.
+"""Maps: long-term motion of a closed loop over a grid of two of its parameters.
 
 A map is cut into chunks of cells, each computed alone and written as soon as it is there, so that a
 killed run goes on where it was. Cells at borders between verdicts, and a random share of the rest,
@@ -67,7 +67,8 @@ def plan_map(
     Raises
     ------
     BadMap
-        If an axis makes no sense, the FMUs cannot be coupled, or these parts have no exponents.
+        If an axis is invalid, the FMUs cannot be coupled, or exponents of these parts cannot be
+        computed.
     BadParameter, FmuError, NotEnoughMemory
     """
     tolerance = tolerance or (TOLERANCE_OF_MAPS if exponents else TOLERANCE_OF_MOTIONS)

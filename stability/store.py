@@ -96,9 +96,9 @@ def claim_folder(plan: MapPlan, folder: Path, parts: KeptParts, resume: bool) ->
     except (ValueError, TypeError, KeyError):
         same = False
     if not same:
-        raise BadMap(f"{folder} holds another map; choose another folder, or remove it")
+        raise BadMap(f"{folder} contains another map; choose another folder, or remove it")
     if not resume:
-        raise BadMap(f"{folder} holds this map already; add --resume to go on with it")
+        raise BadMap(f"{folder} already contains this map; add --resume to continue it")
     try:
         figures = (found[name] for name in SUMMARY)
         return replace(MapSummary(plan, *figures), undecided=found.get("undecided", {}))
@@ -121,7 +121,7 @@ def load(parts: KeptParts, name: str) -> Columns:
     """The columns of a chunk that is done."""
     columns: Columns | None = parts.read(name)
     if columns is None:
-        raise BadMap(f"{parts.folder / name} is gone: another command finished this map meanwhile")
+        raise BadMap(f"{parts.folder / name} is missing: another command has finished this map")
     return columns
 
 

@@ -183,8 +183,8 @@ def _check_saving(*instances: Instance) -> None:
     for instance in instances:
         if not instance.can_save:
             raise TangentsImpossible(
-                f"{instance.name} cannot save and restore its state, which tangents need here; "
-                "export it so that it can (pythonfmu build --handle-state)"
+                f"{instance.name} cannot save and restore its state, which tangents need "
+                "here; export it with this capability (pythonfmu build --handle-state)"
             )
 
 
@@ -201,8 +201,8 @@ def _check_tangents(sides: Sequence[Side], count: int) -> None:
     for side in sides:
         if side.states and side.tangents < count:
             raise TangentsImpossible(
-                f"{side.instance.name} carries {side.tangents} tangents and {count} are followed; "
-                f"export it with {count} (export --variational --tangents {count})"
+                f"{side.instance.name} carries {side.tangents} tangents, but {count} are "
+                f"needed; export it with {count} (export --variational --tangents {count})"
             )
 
 
@@ -210,21 +210,23 @@ def _stated(c: Side | ProbedController, accuracy: float) -> str:
     """What to say of the error."""
     if isinstance(c, Side):
         how = (
-            f"chosen so that correcting them changes no tangent's growth by much more than "
+            f"chosen so that a correction changes the growth of each tangent by at most about "
             f"{accuracy:g} nats and {RELATIVE:g} of it"
             if accuracy < math.inf
-            else "all as long as asked for, whether that is short enough or not"
+            else "all of the requested length, without a check of the accuracy"
         )
         return f"tangents exact for the coupled scheme; steps were {how}"
     lost = [
-        "the gains' change along a tangent is left to the correction of each step, and what comes "
-        "by differences has about half the digits: expect errors of a few thousandths where "
-        "tangents with ports have less than one"
+        "the change of the gains along a tangent is only in the correction of each step, and "
+        "numbers from differences have about half the digits: expect errors of a few thousandths, "
+        "and "
+        "less than one thousandth for tangents with ports"
     ]
     if c.states:
         lost.append(
-            "a state of the controller is followed by what it adds to the command, in the "
-            "command's unit, so that finite-time exponents differ by a constant over the time"
+            "a state of the controller is represented by its contribution to the command, "
+            "in the command's unit, so that finite-time exponents differ by a constant divided by "
+            "the time"
         )
     return "; ".join([*lost, *c.remarks])
 
@@ -246,8 +248,8 @@ def _unmet(trail: _Trail) -> str:
     if not trail.unmet:
         return ""
     return (
-        f"; {trail.unmet} of {len(trail.times) - 1} steps were as short as they get and changed "
-        "more: where these matter the exponents are wrong by more"
+        f"; {trail.unmet} of {len(trail.times) - 1} steps had the shortest length and still "
+        "changed more: the exponents may have larger errors there"
     )
 
 
@@ -317,6 +319,6 @@ class _Joint:
         elif why != GOES_ON:
             beyond = np.nan_to_num(np.abs(outputs[-1]) / bound, nan=np.inf)
             name = names[int(np.argmax(beyond))]
-            stopped = f"the loop diverges: {name} leaves every bound at t = {clock.now:.6g} s"
+            stopped = f"the loop diverges: {name} exceeds its bound at t = {clock.now:.6g} s"
         unmet = int(trail.record.unmet)
         return _Trail(times[:, 0], outputs, growth, trace[:, 0], stopped, why == DIVERGES, unmet)

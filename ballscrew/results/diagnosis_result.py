@@ -1,4 +1,4 @@
-"""What a simulation of records gets wrong, and why."""
+"""Errors of a simulation of records, and their causes."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class DiagnosisResult(Result, Diagnosis):
-    """What a simulation of records gets wrong, and why; see `ballscrew.diagnose`."""
+    """Errors of a simulation of records, and their causes; see `ballscrew.diagnose`."""
 
     @property
     def trusted(self) -> bool:
-        """Whether all structure is explained, or there is none, and it holds on data held out."""
+        """Whether all of the residual but noise is explained, confirmed on held-out data."""
         from ..diagnosis.report_words import does_not_hold
 
         return self.verdict in (NONE, EXPLAINED) and not does_not_hold(self)
@@ -39,7 +39,7 @@ class DiagnosisResult(Result, Diagnosis):
 
         rows = (
             ("residual of the prior model, rms", self.baseline_residual),
-            ("residual with values adjusted, rms", self.adjusted_residual),
+            ("residual with with adjusted values, rms", self.adjusted_residual),
             ("residual with causes, rms", self.final_residual),
             ("noise alone, rms", self.floor),
         )
@@ -48,9 +48,9 @@ class DiagnosisResult(Result, Diagnosis):
         for cause in self.causes:
             low, high = cause.gain_interval
             yield (
-                cause.name if cause.certain else f"{cause.name} (likeliest, not certain)",
-                f"takes {100 * cause.gain_heldout:.3g} % of the mean square on data held out "
-                f"[{100 * low:.3g}, {100 * high:.3g}]",
+                cause.name if cause.certain else f"{cause.name} (most probable, not certain)",
+                f"takes {100 * cause.gain_heldout:.3g} % of the mean square on "
+                f"held-out data [{100 * low:.3g}, {100 * high:.3g}]",
             )
         for suspect in self.suspects:
             told = of_friction(suspect.of_friction)
@@ -72,9 +72,9 @@ class DiagnosisResult(Result, Diagnosis):
         return as_it_moves(with_causes(self.corrected, self.found()), self.corrected)
 
     def to_pandas(self) -> Any:
-        """A row for each parameter of what is built in: value, interval, unit, gain held out.
+        """A row for each parameter of the included causes: value, interval, unit, held-out gain.
 
-        A number that only tells the form has no interval (NaN).
+        A number that only describes a form has no interval (NaN).
         """
         unknown = (float("nan"), float("nan"))
         rows = [

@@ -1,4 +1,4 @@
-"""How models do on records, beside each other."""
+"""Errors of several models on records."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .result import Result, table_of
 
 @dataclass(frozen=True, repr=False)
 class ModelComparison(Result, Compared):
-    """How models do on records, beside each other; see `ballscrew.compare`."""
+    """Errors of several models on records; see `ballscrew.compare`."""
 
     def pictures(self) -> dict[str, Any]:
         from ..diagnosis.compare_pictures import compare_figure
@@ -32,7 +32,7 @@ class ModelComparison(Result, Compared):
             )
 
     def to_pandas(self) -> Any:
-        """A row for each model and part of the motion: what is left, root mean square."""
+        """A row for each model and part of the motion: rms of the residual."""
         rows = [
             (name, part, e and e.value, p and p.value)
             for name, parts in self.models.items()

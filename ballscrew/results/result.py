@@ -1,4 +1,4 @@
-"""What every result does besides holding its numbers: files, figures, tables, notebooks."""
+"""Common functions of all results: files, figures, tables, notebooks."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from ..orchestration.turning_words import words_for
 
 
 class Result:
-    """What every result does besides holding its numbers."""
+    """Common functions of all results."""
 
     @classmethod
     def of(cls, computed: Any) -> Self:
-        """The result with the fields of what was computed."""
+        """The result with the fields of the computed object."""
         return cls(**{f.name: getattr(computed, f.name) for f in fields(computed)})
 
     def pictures(self) -> dict[str, Any]:
-        """Matplotlib figures by the names of their files, the most telling first."""
+        """Matplotlib figures by the names of their files, the most important first."""
         raise NotImplementedError
 
     def headline(self) -> str:
-        """The result in one sentence, with what weakens it."""
+        """The result in one sentence, with its limitations."""
         raise NotImplementedError
 
     def facts(self) -> Iterable[tuple[str, str]]:
@@ -38,7 +38,7 @@ class Result:
         Parameters
         ----------
         folder : path-like
-            Made where it is not there.
+            Created if it does not exist.
         pictures : bool
             Whether to write the figures, too.
 
@@ -56,11 +56,11 @@ class Result:
                     write_figure(in_words(figure, self._words), folder, stem)
 
     def plot(self) -> Any:
-        """The figure that tells most, a `matplotlib.figure.Figure`."""
+        """The most important figure, a `matplotlib.figure.Figure`."""
         return in_words(next(iter(self.pictures().values())), self._words)
 
     def say(self, text: str) -> str:
-        """A text for a reader, in N*m and rad if this is of a body that turns."""
+        """A text, in N*m and rad if this is about a rotating body."""
         return self._words(text)
 
     @property
@@ -79,7 +79,7 @@ class Result:
 
 
 def table_of(data: Any, index: str | None = None) -> Any:
-    """A pandas table; pandas is asked for only here."""
+    """A pandas table; pandas is imported only here."""
     try:
         import pandas as pd
     except ImportError as error:

@@ -16,7 +16,7 @@ class RigRecord(Result, TrialRecord):
 
     @property
     def trusted(self) -> bool:
-        """Whether no instrument was past its range."""
+        """Whether all instruments were within their range."""
         return not self.notes
 
     def pictures(self) -> dict[str, Any]:

@@ -22,11 +22,11 @@ class SwapStudy(Result, StudyResult):
 
     @property
     def trusted(self) -> bool:
-        """Whether no run failed, and none came out differently over FMUs."""
+        """Whether no run failed, and all repeated runs over FMUs gave the same result."""
         return not self.disagreed and not any(any(a.failed.values()) for a in self.answers)
 
     def headline(self) -> str:
-        """Who wins, then what weakens that, then the size of the study."""
+        """The best controller, then limitations, then the size of the study."""
         entrants, duties = len(self.plan.entrants), len(self.plan.judged_duties)
         runs = self.figures["rms_error"].size
         size = f"{entrants} controllers, {duties} duties, {runs} runs"
@@ -36,18 +36,18 @@ class SwapStudy(Result, StudyResult):
     def facts(self) -> Iterable[tuple[str, str]]:
         for answer in self.answers:
             if not answer.order:
-                yield answer.duty, "no controller came through"
+                yield answer.duty, "no controller completed its runs"
                 continue
             first = answer.order[0]
             text = f"{first} ({length(self.mean('rms_error', first, answer.duty))} rms)"
             if len(answer.best) > 1:
-                text += f"; not told from it: {', '.join(answer.best[1:])}"
+                text += f"; not distinguished from it: {', '.join(answer.best[1:])}"
             yield answer.duty, text
         worst = max((c.apart for c in self.checks.values() if c.apart >= 0), default=0.0)
         text = f"{len(self.checks)} runs, at most {length(worst)} apart"
         if self.not_converged:
             text += f"; the coupling of {self.not_converged} not converged"
-        yield "again over FMUs", text
+        yield "repeated over FMUs", text
 
     def save(self, folder: Path | str, pictures: bool = True) -> None:
         """Write ``study.json``, the table of runs and, by default, the report and its picture."""

@@ -34,13 +34,13 @@ class TunedGains(Result, TunedController):
     def headline(self) -> str:
         judged = self.motions[-1].figures
         said = [
-            f"{self.loop.title}: on a motion not tuned on, the error is "
+            f"{self.loop.title}: on a motion not used for tuning, the error is "
             f"{_length(judged.rms_error)} rms and {_length(judged.peak_error)} at most"
         ]
         said += [_margins(m) for m in self.margins]
         said += self.no_margins
         weak = self.weaknesses
-        return "; ".join(said) + (f". What weakens it: {', '.join(weak)}" if weak else "")
+        return "; ".join(said) + (f". Limitations: {', '.join(weak)}" if weak else "")
 
     def facts(self) -> Iterable[tuple[str, str]]:
         for g in self.gains:
@@ -61,7 +61,7 @@ class TunedGains(Result, TunedController):
 
 
 def _length(value: float) -> str:
-    """A length as people read it."""
+    """A length in a readable unit."""
     return f"{1e6 * value:.3g} um" if abs(value) < 1e-3 else f"{1e3 * value:.3g} mm"
 
 

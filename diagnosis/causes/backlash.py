@@ -12,7 +12,7 @@ _GAPS = 1e-6 * 2.0 ** np.arange(1.0, 10.75, 0.5)  # [m]
 
 CAUSE = Cause(
     "backlash",
-    "the screw turns through a gap before it takes the block along",
+    "backlash: at each reversal the screw turns through a gap before it moves the block",
     (
         joint(
             "gap",
@@ -22,7 +22,7 @@ CAUSE = Cause(
             sure=0.2,
         ),
     ),
-    confirm="reverse slowly with the current recorded: it falls to nothing until the gap is closed",
+    confirm="reverse slowly and record the current: it is near zero until the gap is closed",
     mistaken_for=("compliance", "parameter_error", "unexplained"),
     trial="2.4/1",
 )

@@ -1,4 +1,4 @@
-"""What a cause is to a diagnosis: what it would do to a record, and what it does to the plant."""
+"""Interface of a cause: its effect on a record, and its effect on the plant."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def of_command(courses: Courses, shape: Shape, amplitudes: Vector) -> float:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """One way in which machines have a cause, told from others by the names of its values.
+    """One form of a cause, distinguished from other forms by the names of its values.
 
     Attributes
     ----------
@@ -117,17 +117,17 @@ class Cause:
     ----------
     name : str
     says : str
-        What it is, for an engineer, in a clause.
+        Description for an engineer, in a clause.
     mechanisms : tuple of Mechanism
     confirm : str
         What would confirm it.
     mistaken_for : tuple of str
     beyond : function of (courses, model) to str or None
-        Why these records cannot show it at all.
+        Why these records cannot show it.
     on_screw : bool
         Its force acts on the screw's side, where a load cell before the block does not feel it.
     smaller : function of (courses, shape, amplitudes) to a number, optional
-        By how much it makes all that is left smaller, were that noise, such as `of_command`.
+        By how much it makes the whole residual smaller, were that noise, such as `of_command`.
     trial : str
         The trial of `ballscrew rig` that shows it there.
     """
@@ -251,7 +251,7 @@ def voltage(
     Parameters
     ----------
     changed : mapping of Symbol to expression
-        What stands in the winding's balance in place of ``u`` or ``R``.
+        Expressions that replace ``u`` or ``R`` in the winding's balance.
     parameters : tuple of Parameter
         The first is its amplitude. A plant that has them all has such an equation already.
     sure : float, optional

@@ -31,7 +31,7 @@ def _grid(courses: Courses, model: Drive) -> list[Values]:
 def _load_grid(courses: Courses, model: Drive) -> list[Values]:
     """Stiffnesses at which the load swings within what the samples show, half octaves.
 
-    None where nobody told which part of the mass is the load.
+    None if it is not known which part of the mass is the load.
     """
     if not model.values.get("Jm"):
         return []
@@ -68,7 +68,8 @@ CAUSE = Cause(
             LOAD_STIFFNESS.name,
         ),
     ),
-    confirm="a sensor on the block beside the encoder: the two part when the force reverses",
+    confirm="a sensor on the block in addition to the encoder: their readings differ when the "
+    "force reverses",
     mistaken_for=("parameter_error", "backlash"),
     trial="presliding",
 )

@@ -57,9 +57,9 @@ _WITH_TEMPERATURE = force(
 )
 CAUSE = Cause(
     "friction_drift",
-    "friction changes in the course of the record",
+    "friction changes during the record",
     (*map(_drifting, in_time("friction", "drift_time")), _WITH_TEMPERATURE),
-    confirm="the same motion again and again, with a thermometer: friction follows it",
+    confirm="repeat the same motion and record the temperature: friction follows the temperature",
     mistaken_for=("resistance_drift", "position_trend_friction"),
     trial="viscous/1",
 )

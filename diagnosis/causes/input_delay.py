@@ -1,8 +1,8 @@
 """A command that arrives late: all of it at once, or smeared by a filter or a mean.
 
-The plant has a delay or a filter as an instrument before it. A recorded command is held from sample
-to sample, and what becomes of it is known exactly as a mean over each interval: an expression in
-time has no such step.
+The plant has a delay or a filter as an instrument before it. A recorded command is held from
+sample to sample, so its mean over each interval is known exactly; an expression in time
+has no such steps.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ CAUSE = Cause(
             _behind([_WINDOW / 2, _WINDOW**2 / 12]),
         ),
     ),
-    confirm="a step of the command with the current recorded: the current begins late",
+    confirm="record the current during a step of the command: the current starts late",
     mistaken_for=("unmodelled_inertia",),
     trial="2.10/1",
 )

@@ -10,7 +10,8 @@ CAUSE = Cause(
     "load_bias",
     "a constant force acts on the block",
     (force({parameter("load", "N", "constant force against motion in +x"): sp.Integer(1)}),),
-    confirm="the force that just moves the block, both ways: the two differ, at all speeds alike",
+    confirm="measure the force that just moves the block in both directions: the two differ, by "
+    "the same amount at all speeds",
     mistaken_for=("direction_asymmetry",),
     trial="viscous",
 )

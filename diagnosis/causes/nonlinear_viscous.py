@@ -18,13 +18,13 @@ _QUADRATIC = force(
 )
 _POWER = force(
     {
-        parameter("F_power", "N", "friction at viscous_speed beyond the model's"): _V
+        parameter("F_power", "N", "friction at viscous_speed minus that of the model"): _V
         / symbol("viscous_speed")
         * (sp.sqrt(_V**2 + _SLOWEST**2) / symbol("viscous_speed")) ** (symbol("viscous_power") - 1)
     },
     (
         parameter("viscous_power", "1", "power of the speed", 1.0),
-        parameter("viscous_speed", "m/s", "speed at which the force is told", 1.0),
+        parameter("viscous_speed", "m/s", "speed at which the force is given", 1.0),
     ),
     lambda courses, model: [
         {"viscous_power": power, "viscous_speed": fast_speed(courses)} for power in _POWERS
@@ -36,14 +36,14 @@ _THINNING = force(
         * sp.Abs(_V)
         / (sp.Abs(_V) + symbol("V_viscous"))
     },
-    (parameter("V_viscous", "m/s", "speed at which half of that change has come", 1.0),),
+    (parameter("V_viscous", "m/s", "speed at which half of that change is reached", 1.0),),
     lambda courses, model: [{"V_viscous": k * fast_speed(courses)} for k in _CHANGES],
 )
 CAUSE = Cause(
     "nonlinear_viscous",
     "friction at high speed is not proportional to the speed",
     (_QUADRATIC, _POWER, _THINNING),
-    confirm="constant speeds up to the highest: friction over speed is bent",
+    confirm="constant speeds up to the highest: friction over speed is not a straight line",
     mistaken_for=("stribeck_mismatch", "direction_asymmetry"),
     trial="viscous",
 )

@@ -28,6 +28,6 @@ CAUSE = Cause(
     "parameter_error",
     "a value of the model is wrong",
     (Mechanism((), _at, _grid),),
-    confirm="measure that value by itself",
+    confirm="measure that value separately",
     mistaken_for=("unmodelled_inertia", "compliance", "stribeck_mismatch"),
 )

@@ -20,7 +20,7 @@ def _swinging(per_metre: str, harmonics: tuple[int, ...]) -> Mechanism:
             ): changing(_SHARE, wave.course)
             for wave in waves(per_metre, harmonics)
         },
-        (parameter(per_metre, "1/m", "swings per metre", 1.0), viscous_share(_SHARE)),
+        (parameter(per_metre, "1/m", "periods per metre", 1.0), viscous_share(_SHARE)),
         lambda courses, model: either_way(periods(courses, model, per_metre, _TURNS), _SHARE),
         per_record=True,
     )
@@ -28,9 +28,10 @@ def _swinging(per_metre: str, harmonics: tuple[int, ...]) -> Mechanism:
 
 CAUSE = Cause(
     "position_periodic_friction",
-    "friction swings along the travel, as with the turn of the screw",
+    "friction varies periodically along the travel, for example once per turn of the screw",
     (_swinging("periods_per_metre", (1,)), _swinging("double_periods_per_metre", (1, 2))),
-    confirm="move slowly over a few turns both ways: the swing changes sign with the direction",
+    confirm="move slowly over a few turns in both directions: the periodic part changes sign with "
+    "the direction",
     mistaken_for=("torque_ripple",),
     trial="2.3.1/1",
 )

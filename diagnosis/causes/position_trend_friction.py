@@ -11,8 +11,8 @@ from .travel import changing, either_way, middle_and_half, viscous_share
 
 _SHARE = "trend_viscous_share"
 _WORN_FROM = (-0.4, 0.0, 0.4)  # of half the travel
-_BEYOND = "share of friction at the travel's end beyond its middle"
-_AT_BOTH = "share of friction at both ends beyond the middle"
+_BEYOND = "friction at the end of the travel minus that in its middle, as a share"
+_AT_BOTH = "friction at both ends minus that in the middle, as a share"
 
 
 def _over_travel(middle: str, half: str, amplitudes: dict[tuple[str, str], int]) -> Mechanism:
@@ -47,13 +47,13 @@ def _ends(courses: Courses, model: Drive) -> list[Values]:
 _INTO = (symbol("x") - symbol("x_worn")) / symbol("way_worn")
 _END = force(
     {
-        parameter("friction_worn", "1", "share of friction at the worn end beyond the rest"): (
+        parameter("friction_worn", "1", "additional friction at the worn end, as a share"): (
             changing(_SHARE, (_INTO + sp.Abs(_INTO)) / 2)
         )
     },
     (
         parameter("x_worn", "m", "where the worn part begins"),
-        parameter("way_worn", "m", "from there to the end, negative to -x", 1.0),
+        parameter("way_worn", "m", "length from there to the end; negative: towards -x", 1.0),
         viscous_share(_SHARE),
     ),
     _ends,
@@ -70,7 +70,8 @@ CAUSE = Cause(
         ),
         _END,
     ),
-    confirm="slow runs over the whole travel both ways: the width between them changes along it",
+    confirm="slow runs over the whole travel in both directions: the difference of the forces "
+    "changes along the travel",
     mistaken_for=("friction_drift", "unexplained"),
     trial="2.3.1/16",
 )

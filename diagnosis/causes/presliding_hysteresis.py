@@ -38,14 +38,15 @@ def _at(courses: Courses, model: Drive, values: Values) -> Shape:
 
 
 def _beyond(courses: Courses, model: Drive) -> str | None:
-    return None if model.law == "classical" else "the prior law has presliding of its own"
+    return None if model.law == "classical" else "the prior law already has presliding"
 
 
 _STIFFNESS = parameter("sigma0", "N/m", "stiffness of the bristles", 1e6)
 _RATIO = parameter("damping_ratio", "1", "damping of the bristles, share of the critical one", 1.0)
 CAUSE = Cause(
     NAME,
-    "the force comes up over a way after each reversal, which the law does not know",
+    "presliding: after each reversal the force rises over a distance, which the law does not "
+    "describe",
     (
         Mechanism((_STIFFNESS,), _at, _grid, refined="sigma0"),
         Mechanism(
@@ -57,7 +58,7 @@ CAUSE = Cause(
             refined="sigma0",
         ),
     ),
-    confirm="small slow movements to and fro: force over position is a loop",
+    confirm="small slow movements forwards and backwards: force over position is a hysteresis loop",
     mistaken_for=("compliance", "backlash"),
     beyond=_beyond,
     trial="presliding",

@@ -12,7 +12,7 @@ _R = symbol("R")
 def _drifting(how: InTime) -> Mechanism:
     return voltage(
         {_R: _R * (1 + symbol(how.change) * how.course)},
-        (parameter(how.change, "1", "share by which the resistance grows"), how.constant),
+        (parameter(how.change, "1", "relative increase of the resistance"), how.constant),
         how.grid,
         how.refined,
     )
@@ -20,9 +20,10 @@ def _drifting(how: InTime) -> Mechanism:
 
 CAUSE = Cause(
     "resistance_drift",
-    "the motor's resistance changes in the course of the record",
+    "the motor's resistance changes during the record",
     tuple(map(_drifting, in_time("R", "warming_time"))),
-    confirm="record the current: voltage over current at standstill, before and after",
+    confirm="record the current: compare voltage over current at standstill, before and after the "
+    "run",
     mistaken_for=("friction_drift",),
     beyond=lambda courses, model: None if model.has_motor else "the model has no motor",
     trial="viscous/1",

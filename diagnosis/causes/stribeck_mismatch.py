@@ -16,7 +16,7 @@ from .cause import ENGAGED, Cause, Courses, Shape, Values, force, parameter
 _SPEEDS = 14
 _SMALL = 0.05  # of the friction: a bend so small that its effect is proportional to it
 _DEEPEST = 0.9  # of the friction, that a bend may take from it
-_BEYOND = "friction at low speed beyond the model's"
+_BEYOND = "friction at low speed minus that of the model"
 _FALLEN = "speed by which it has fallen to 1/e"
 # Stribeck's own curve from one to nothing, as the law along a record has it
 _BEND = stribeck(symbol("v")).xreplace(
@@ -72,8 +72,8 @@ _EXPONENTIAL = force(
 )
 CAUSE = Cause(
     "stribeck_mismatch",
-    "friction at low speed rises or falls otherwise than the model's curve",
+    "friction at low speed has another curve than that of the model",
     (replace(_ADDED, at=_at, extend=_extend), _EXPONENTIAL),
-    confirm="constant speeds, close together where the curve bends: Table 2.3's experiment",
+    confirm="constant speeds, closely spaced where the curve changes: the experiment of Table 2.3",
     mistaken_for=("nonlinear_viscous", "parameter_error"),
 )

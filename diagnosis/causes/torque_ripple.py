@@ -17,7 +17,7 @@ def _swinging(
             * wave.course
             for wave in waves(per_metre, harmonics)
         },
-        (parameter(per_metre, "1/m", "swings per metre", 1.0),),
+        (parameter(per_metre, "1/m", "periods per metre", 1.0),),
         lambda courses, model: periods(courses, model, per_metre, tried),
         per_record=True,
     )
@@ -26,13 +26,13 @@ def _swinging(
 _ONE = sp.Integer(1)
 CAUSE = Cause(
     "torque_ripple",
-    "the drive's force swings with the motor's angle, whichever way it turns",
+    "the drive's force varies periodically with the motor's angle, the same in both directions",
     (
         _swinging("ripples_per_metre", "ripple", "N", _ONE, (1,), range(1, 9)),
         _swinging("double_ripples_per_metre", "ripple", "N", _ONE, (1, 2), range(1, 5)),
         _swinging("constant_ripples_per_metre", "constant_ripple", "1", -ACTING, (1,), range(1, 7)),
     ),
-    confirm="move slowly over a few turns both ways: the swing keeps its sign",
+    confirm="move slowly over a few turns in both directions: the periodic part keeps its sign",
     mistaken_for=("position_periodic_friction",),
     on_screw=True,
     trial="2.3.1/1",

@@ -32,7 +32,7 @@ _HARMONICS, _BESIDE = 4, 3.0  # of rounding, and how far around each
 def viscous_share(name: str) -> Parameter:
     """How much of the viscous friction goes along with the dry: lubricant may be the same
     everywhere while the surfaces are not."""
-    return parameter(name, "1", "share of the viscous friction that changes, too")
+    return parameter(name, "1", "share of the viscous friction that changes as well")
 
 
 def changing(name: str, course: sp.Expr) -> sp.Expr:
@@ -149,7 +149,7 @@ class _Beats(NamedTuple):
         return cls(speed * course.step * course.width, [abs(s - round(s)) for s in of_window])
 
     def have(self, swing: float, around: float) -> bool:
-        """Whether a number of swings per metre is seen as one of them, or as close to it."""
+        """Whether a number of periods per metre is seen as one of them, or as close to it."""
         share = abs(swing * self.way - round(swing * self.way))
         return any(abs(share - own) < around * self.way for own in self.shares)
 

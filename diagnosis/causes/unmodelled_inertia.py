@@ -13,7 +13,8 @@ CAUSE = Cause(
             lambda courses, model, values: Shape(("m",), values=values, freed=("m",)),
         ),
     ),
-    confirm="accelerate hard both ways at the same speeds: force over acceleration",
+    confirm="accelerate strongly in both directions at the same speeds: plot force over "
+    "acceleration",
     mistaken_for=("parameter_error", "input_delay"),
     trial="2.6/9",
 )

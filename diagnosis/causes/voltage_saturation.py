@@ -52,7 +52,7 @@ _MOST = sp.Max(_LIMIT - symbol("supply_resistance") * sp.Abs(symbol("i")), 0)
 _HARD = parameter("voltage_limit", "V", "largest voltage, either sign", 1e6)
 CAUSE = Cause(
     "voltage_saturation",
-    "the amplifier gives less than the largest commands ask for",
+    "the amplifier gives less voltage than the largest commands demand",
     (
         voltage(
             {_U: clip(_U, -_LIMIT, _LIMIT)},
@@ -65,7 +65,7 @@ CAUSE = Cause(
         ),
         voltage(
             {_U: _SCALE * sp.tanh(_U / _SCALE)},
-            (parameter("voltage_scale", "V", "voltage that a bent amplifier comes near to", 1e6),),
+            (parameter("voltage_scale", "V", "limiting voltage of a nonlinear amplifier", 1e6),),
             lambda courses, model: [
                 {"voltage_scale": _largest(courses) * float(k)} for k in _SCALES
             ],
@@ -76,7 +76,11 @@ CAUSE = Cause(
             {_U: clip(_U, -_MOST, _MOST)},
             (
                 _HARD,
-                parameter("supply_resistance", "Ohm", "by which the limit sags with the current"),
+                parameter(
+                    "supply_resistance",
+                    "Ohm",
+                    "resistance by which the limit falls with the current",
+                ),
             ),
             _sags,
             "voltage_limit",

@@ -1,1 +1,1 @@
-"""FMUs that hold compiled C and need no Python on the host, twins of those that pythonfmu makes."""
+"""FMUs with compiled C that need no Python on the host; else equal to those of pythonfmu."""

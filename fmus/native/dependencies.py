@@ -1,4 +1,4 @@
-"""What each unknown depends on, read off the generated equations, for the model description."""
+"""Dependencies of each unknown, from the generated equations, for the model description."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Dependencies:
 
 
 def dependencies_of(model: NativeModel) -> Dependencies:
-    """What derivatives, outputs and event indicators depend on."""
+    """Dependencies of derivatives, outputs and event indicators."""
     kernel = model.kernel
     states, inputs = len(kernel.states), len(kernel.inputs)
     columns: dict[str, tuple[int, Variable]] = {
@@ -71,7 +71,7 @@ def dependencies_of(model: NativeModel) -> Dependencies:
 
 
 def _kinds(model: NativeModel) -> dict[Entry, str]:
-    """Of each partial derivative that is not zero everywhere; those of modes may differ."""
+    """Kind of each partial derivative that is not zero everywhere; modes may differ."""
     if model.kernel.modes:
         return {}
     uses = uses_of(model.partials, "out")

@@ -76,7 +76,7 @@ def _describe_derivatives(root: ET.Element, model: NativeModel) -> None:
     assert initial is not None
     for variables, results in ((model.state_variables, "states"), (model.derivatives, "rhs")):
         for variable, names in zip(variables, initial_uses(model.kernel, results), strict=True):
-            if variable.causality == "local":  # states that are outputs are there already
+            if variable.causality == "local":  # states that are outputs are already listed
                 known = sorted(int(index[n]) for n in names - {TIME})
                 unknown = ET.SubElement(initial, "Unknown", index=index[variable.name])
                 unknown.set("dependencies", " ".join(map(str, known)))
@@ -86,12 +86,12 @@ def _describe_derivatives(root: ET.Element, model: NativeModel) -> None:
 def write_dependencies(
     unknown: ET.Element, used: Sequence[Dependency], time: int | None = None
 ) -> None:
-    """What an unknown depends on, by value reference, which in FMI 2.0 is the place as well.
+    """Dependencies of an unknown, by value reference, which in FMI 2.0 is also the index.
 
     Parameters
     ----------
     time : int, optional
-        The time's, where it is a variable.
+        Value reference of the time, if it is a variable.
     """
     known = ((d.known.reference if d.known else time, d.kind) for d in used)
     named = sorted((place, kind) for place, kind in known if place is not None)

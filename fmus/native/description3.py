@@ -31,7 +31,7 @@ _CAN = {
 
 
 def build_description(identifier: str) -> bytes:
-    """What a tool needs to know to compile the sources."""
+    """Information for tools that compile the sources."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
     files = ET.SubElement(configuration, "SourceFileSet", language="C99")

@@ -1,4 +1,4 @@
-"""Turn components into FMUs that hold compiled C, beside their sources."""
+"""Turn components into FMUs with compiled C and its sources."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class NativeFmu:
     ----------
     path : Path
     compiled : tuple of str
-        Platforms that it holds a binary for.
+        Platforms with a binary.
     missing : tuple of str
-        Platforms that no compiler was there for; the sources are in the FMU all the same.
+        Platforms without a compiler; the sources are in the FMU in any case.
     """
 
     path: Path
@@ -49,7 +49,7 @@ class NativeFmu:
             return ""
         held = f"binaries for {', '.join(self.compiled)}" if self.compiled else "sources only"
         return (
-            f"{self.path}: no C compiler for {', '.join(self.missing)}, so it holds {held}; "
+            f"{self.path}: no C compiler for {', '.join(self.missing)}, so it contains {held}; "
             "install a compiler, or the package ziglang, which compiles for all platforms"
         )
 
@@ -72,8 +72,8 @@ def export_native(
     fmi : {2, 3}
         Version of FMI.
     platforms : sequence of str, optional
-        Some of ``linux64``, ``win64``, ``darwin64``, and with FMI 3.0 of ``aarch64-linux``,
-        ``aarch64-windows``, ``aarch64-darwin``; left out: this one.
+        One or more of ``linux64``, ``win64``, ``darwin64``, and with FMI 3.0 ``aarch64-linux``,
+        ``aarch64-windows``, ``aarch64-darwin``; default: this platform.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def export_native(
     UnsupportedComponent
         If this version cannot solve the component, or C has no function for its equations.
     CompilerFailed
-        If a compiler is there but fails.
+        If a compiler was found but fails.
     OSError
         If the file cannot be written.
     """
@@ -92,7 +92,7 @@ def export_native(
 def write_native(
     model: NativeModel, path: Path | str, fmi: int, platforms: Sequence[str] | None = None
 ) -> NativeFmu:
-    """As `export_native`, of a component that is compiled already."""
+    """As `export_native`, for a compiled component."""
     path = Path(path)
     wanted = tuple(platforms if platforms is not None else filter(None, [own_platform()]))
     for name in wanted:

@@ -1,7 +1,7 @@
 """The partial derivatives of a component's derivatives and outputs by its states and inputs.
 
-They are what directional and adjoint derivatives are sums of. They go through the same code
-generator as everything else: as the outputs of a component that has nothing but them.
+Directional and adjoint derivatives are sums of them. They use the same code
+generator as everything else: they are the only outputs of a component.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Entry:
 
 
 def entry_of(name: str) -> Entry:
-    """What the output of this name, of a component made by `partials`, is."""
+    """Meaning of the output of this name, for a component made by `partials`."""
     _, row, column = name.rsplit("_", 2)
     return Entry(int(row), int(column))
 

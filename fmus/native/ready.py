@@ -1,4 +1,4 @@
-"""FMUs of the catalogue for runs of our own: native ones where there is a compiler."""
+"""FMUs of the catalogue for runs of this program: native ones if there is a compiler."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ class ReadyFmu:
 
 
 def ready_fmu(name: str, tangents: int = 0) -> ReadyFmu:
-    """The FMU of this name in the user's cache, made if it is not there yet.
+    """The FMU of this name in the user's cache; made if it does not exist yet.
 
     Parameters
     ----------
     name : str
         Of the catalogue.
     tangents : int
-        How many it carries; 0 for the ordinary FMU.
+        Number of tangents; 0 for the ordinary FMU.
 
     Raises
     ------
     UnknownComponent
     UnsupportedComponent
-        If there are no tangents of it.
+        If it cannot have tangents.
     """
     try:
         return ReadyFmu(_native(name, tangents), NATIVE)
@@ -51,7 +51,7 @@ def ready_fmu(name: str, tangents: int = 0) -> ReadyFmu:
 
 
 def _native(name: str, tangents: int) -> Path:
-    """Raises CompilerFailed also where there is no compiler."""
+    """Raises CompilerFailed also if there is no compiler."""
     kernel = fmu_kernel(name, tangents=tangents)
     content = kernel.to_json() + _way_of_making()
     stem = kernel_cache.hashed_name(f"{kernel.name}_native", content)
@@ -67,7 +67,7 @@ def _native(name: str, tangents: int) -> Path:
 
 @cache
 def _way_of_making() -> str:
-    """Hash of what decides what is written besides the equations: Python and C sources."""
+    """Hash of everything except the equations that affects the FMU: Python and C sources."""
     digest = hashlib.sha256(fingerprint("ballscrew.fmus.native.export").encode())
     for folder in (resources.files(__package__) / "c", resources.files(solver) / "c"):
         for file in sorted(folder.iterdir(), key=lambda f: f.name):

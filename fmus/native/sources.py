@@ -28,7 +28,7 @@ _EQUATIONS = ("rhs", "jac", "out", "sample", "indicate", "spread", "kind", "reac
 
 @dataclass(frozen=True)
 class NativeModel:
-    """A component as a native FMU needs it.
+    """A component in the form that a native FMU needs.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class NativeModel:
     interface : Interface
         The variables of the pythonfmu build, then states that are no outputs, then derivatives.
     state_variables : tuple of Variable
-        One per state: the output that is equal to it, or a variable of its own.
+        One per state: the output that is equal to it, or an additional variable.
     derivatives : tuple of Variable
         One per state.
     """
@@ -70,9 +70,9 @@ class NativeModel:
 
     @property
     def exchanges(self) -> bool:
-        """Whether it can be for model exchange: not where inputs set states, nor with delays.
+        """Whether it supports model exchange: not if inputs set states, and not with delays.
 
-        A host that solves for the states does not say what they were within its steps.
+        A host that solves for the states does not give their values within its steps.
         """
         return not (self.interface.layout.frame or self.kernel.delays)
 
@@ -89,7 +89,7 @@ def native_model(component: Component) -> NativeModel:
 
 
 def catalogued_model(part: str | Component, plant: str = "", tangents: int = 0) -> NativeModel:
-    """The model of `catalogue.fmu_kernel`, from disk where it is there already."""
+    """The model of `catalogue.fmu_kernel`, from disk if available."""
     kernel = fmu_kernel(part, plant, tangents)
     maker = resources.files(__package__).joinpath("partials.py").read_text(encoding="utf-8")
     stored = hashed_name(f"partials_{kernel.name}", maker + kernel.to_json())
@@ -153,7 +153,7 @@ def _model(kernel: Kernel, derived: Kernel) -> NativeModel:
 
 
 def _states_of_outputs(kernel: Kernel) -> list[int]:
-    """Number of the state that each output is equal to, in every mode; -1 where it is none."""
+    """Number of the state that each output is equal to, in every mode; -1 if there is none."""
     found: list[set[int]] = [set() for _ in kernel.outputs]
 
     def read(body: Sequence[ast.stmt]) -> None:
@@ -175,7 +175,7 @@ def _states_of_outputs(kernel: Kernel) -> list[int]:
 
 
 def is_intermediate(variable: Variable) -> bool:
-    """Whether a host can look at it within a step of co-simulation."""
+    """Whether a host can read it within a step of co-simulation."""
     moves = variable.variability == "continuous"
     return moves and variable.causality in ("output", "local")
 
@@ -188,7 +188,7 @@ def sources(model: NativeModel, fmi: int, token: str) -> dict[str, str]:
     model : NativeModel
     fmi : {2, 3}
     token : str
-        What a host must give at instantiation.
+        Token that a host must give at instantiation.
     """
     folder = resources.files(__package__) / "c"
     names = (*_PARTS, MAIN[fmi], f"fmi{fmi}_declarations.h")

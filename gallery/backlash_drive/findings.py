@@ -154,7 +154,7 @@ def motion(law: str, gain: float, stop: float, step: float, start: float = 2e-5)
 
 @cache
 def cycle(gain: float) -> Any:
-    """What becomes of the drive with a position gain [1/s]."""
+    """Long-term motion of the drive with a position gain [1/s]."""
     return ballscrew.lyapunov(
         TABLE_LOOP, DRIVE, stop=2.0, reference=0.0, controller_values={"Kx": gain}
     ).motion

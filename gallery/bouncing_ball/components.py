@@ -1,7 +1,7 @@
 """A ball that falls on a rigid floor, x'' = -g, and leaves it with a share of its speed.
 
-Its end rule is that of the Reference-FMUs: a bounce that would leave the floor slower than `v_min`
-is the last, and the ball rests.
+Its end rule is the one of the Reference-FMUs: a bounce that would leave the floor slower than
+`v_min` is the last, and the ball rests.
 """
 
 from ballscrew import Component, Event, Mode, Output, Parameter, State, symbol

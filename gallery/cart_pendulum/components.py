@@ -2,7 +2,7 @@
 
 Of the pendulum's two equations the one across the rod holds no force of the cart: with the speed of
 the bob across the rod, q = l th' + v cos(th), it is q' = g sin(th) - v th' sin(th). So friction
-stands in the balance of the cart alone, whatever its law.
+is only in the balance of the cart, for any law.
 """
 
 import sympy as sp

@@ -110,7 +110,7 @@ def motion(plant: str, stop: float, step: float, angle: float = 0.05) -> Any:
 
 @cache
 def becomes(plant: str, friction: float | None = None) -> Any:
-    """What becomes of the loop, with Coulomb and static friction of so many newtons."""
+    """Long-term motion of the loop, with these values of Coulomb and static friction [N]."""
     values: Mapping[str, float] = {"Fc": friction, "Fs": friction} if friction else {}
     return ballscrew.lyapunov(BALANCE, plant, stop=30.0, reference=0.0, plant_values=values).motion
 

@@ -1,4 +1,4 @@
-"""What becomes of a DC motor with friction under P, PD and PID control of its angle."""
+"""Long-term motion of a DC motor with friction under P, PD and PID control of its angle."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
     m x'' + k x + F sign(x') = P cos(w t),    w = b sqrt(k/m)
 
-Where it stands, friction is whatever holds it, up to F.
+At rest, friction is the force that holds it, up to F.
 """
 
 import sympy as sp

@@ -130,7 +130,7 @@ def rates(known: Turning) -> Vector:
 
 @cache
 def motion(b: float, f: float, periods: float = 20.0, x: float = 0.0) -> Any:
-    """What becomes of the motion that begins at x at rest, and its exponents."""
+    """Long-term motion from rest at x, and its exponents."""
     return ballscrew.lyapunov(
         "none",
         OSCILLATOR,
@@ -314,8 +314,8 @@ def picture() -> Any:
         plane.plot(list(BORDERS), [first_stop(b) for b in BORDERS], "o", color=COLOURS[1], ms=5)
         for where, text, colour in (
             ((0.42, 0.72), "with stops", "white"),
-            ((0.75, 0.98), "stands for ever", "black"),
-            ((0.96, 0.22), "grows for ever", "black"),
+            ((0.75, 0.98), "stays at rest", "black"),
+            ((0.96, 0.22), "grows without limit", "black"),
         ):
             upright = {"rotation": 90} if text.startswith("grows") else {}
             plane.text(*where, text, fontsize=9, color=colour, **upright)

@@ -166,7 +166,7 @@ def escape(law: str, sliding: Sliding, swing: float = SMALL) -> float:
 def jams(**values: float) -> float:
     """Angle below which sliding at a given normal force leaves its velocity without turning [rad].
 
-    The pull's weight is such that the normal force is that of a level spring.
+    The pull's weight is such that the normal force is the same as with a level spring.
     """
 
     def rate(psi: float) -> float:

@@ -79,7 +79,7 @@ def holds(law: str, angle: float, mismatch: float) -> bool:
 
 
 def outcome(law: str, mismatch: float, damping: float, start: float = START) -> int:
-    """What becomes of a start from rest: 0, it rests; 1, it swings for ever; 2, it diverges."""
+    """Result of a start from rest: 0, it rests; 1, it oscillates; 2, it diverges."""
     q, angle = decay(damping), start
     for _ in range(10_000):
         if holds(law, angle, mismatch):
@@ -124,7 +124,7 @@ def motion(
 
 @cache
 def cycle(law: str, model: float, damping: float) -> Any:
-    """What becomes of it."""
+    """Its long-term motion."""
     return ballscrew.lyapunov(
         law, SERVO, stop=40.0, reference=0.0, controller_values=_gains(model, damping)
     ).motion

@@ -1,4 +1,4 @@
-"""What becomes of Van der Pol's oscillator."""
+"""Long-term motion of Van der Pol's oscillator."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def findings() -> list[Finding]:
             "second exponent, mu = 0.1 [nats/s]",
             float(weak.motion.limit[1]),
             "1/s",
-            "averaging over a period gives -mu, but for terms in mu^3",
+            "averaging over a period gives -mu, except for terms in mu^3",
         ),
     ]
 

@@ -2,7 +2,7 @@
  * does not want to go through Python at each call; made by `played.py`, after initialization. */
 #include <stdlib.h>
 
-#define SAME_TIME 1e-9 /* share of a sampling period within which two times are the same */
+#define SAME_TIME 1e-9 /* share of a sampling period within which two times are equal */
 #define MOST_STEPS 200000
 #define REFUSED 3 /* FMI status */
 
@@ -18,7 +18,7 @@ typedef struct {
     /* places in the memory; negative where there is none */
     int64_t discrete, parameters, states, tolerance, time, samples, step_start, sample_time;
     int64_t is_new; /* whether outputs are as the memory says */
-    /* what went wrong, for the slave to tell: a value that is no number, or a step */
+    /* what went wrong, for the slave to tell: a value that is not a number, or a step */
     Vector before; /* the memory before the last step */
     int64_t bad_value, bad_step, reference;
     double value, t, h;

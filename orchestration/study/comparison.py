@@ -1,4 +1,4 @@
-"""Means with intervals over plants, and whether two controllers can be told apart."""
+"""Means with intervals over plants, and whether two controllers differ significantly."""
 
 from __future__ import annotations
 

@@ -44,9 +44,9 @@ class Figures:
         Half the range of the position in the last quarter of the last rest [m], and its period [s];
         zero and NaN where there are fewer than two whole cycles in it.
     hunting : float
-        1 where it hunts there: to and fro two times or more, with an amplitude of more than a count
-        of the position sensor. 0 where it does not: it stays within a count. NaN where neither can
-        be said: it creeps, goes to and fro by less than a count, or there is no rest.
+        1 if it hunts there: two oscillations or more, with an amplitude of more than a count
+        of the position sensor. 0 where it does not: it stays within a count. NaN if this cannot
+        be decided: it creeps, oscillates by less than a count, or there is no rest.
     steady_error : float
         Mean error there [m].
     failed : float
@@ -149,7 +149,7 @@ def _after_reversals(course: Course, error: Vector, step: float) -> float:
 
 
 def _hunting(position: Vector, step: float) -> tuple[float, float]:
-    """Amplitude and period of a position that goes to and fro, else zero and NaN."""
+    """Amplitude and period of an oscillating position, else zero and NaN."""
     middle = (position.max() + position.min()) / 2
     above = position > middle
     upward = np.flatnonzero(~above[:-1] & above[1:])

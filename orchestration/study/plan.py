@@ -94,7 +94,7 @@ class Tuning:
     plants : int
         Drawn plants on which each candidate runs, beside the nominal one.
     seeds : int
-        Times that each is tuned anew, so that the luck of a tuning is known.
+        Number of repeated tunings of each, so that the scatter of a tuning is known.
     limits : dict of str to float
         Largest values of figures, see `Figures`, which a tuned controller is to keep.
     """
@@ -225,7 +225,7 @@ def read_plan(path: Path | str) -> Plan:
     except (OSError, UnicodeDecodeError) as error:
         raise BadPlan(f"{path}: cannot be read: {error}") from error
     except tomllib.TOMLDecodeError as error:
-        raise BadPlan(f"{path}: is no TOML: {error}") from error
+        raise BadPlan(f"{path}: is not a TOML file: {error}") from error
     try:
         machine = _machine(table, Path(path).parent)
         return _plan(table, machine)
@@ -264,8 +264,8 @@ def _plan(table: dict[str, Any], machine: Mapping[str, float]) -> Plan:
     known = {f.name for f in fields(Plan)} - elsewhere
     if "voltage_limit" in table:
         raise BadPlan(
-            "voltage_limit is called command_limit now, in the unit of the plant's command: V of a "
-            "motor's amplifier, N where the command is a force; rename it"
+            "voltage_limit is now called command_limit, in the unit of the plant's command: "
+            "V for a motor's amplifier, N if the command is a force; rename it"
         )
     check_names("the study", table, known)
     own = cache(partial(_own, dict(table), machine)) if machine else None
@@ -358,26 +358,31 @@ def _tuning(given: dict[str, Any], limits: Mapping[str, Any]) -> Tuning:
 def _check(plan: Plan) -> None:
     for kind, duties in (("tune on", plan.tuning_duties), ("judge by", plan.judged_duties)):
         if not duties:
-            raise BadPlan(f"has no duty to {kind}; say `tune = true` in some and not in others")
+            raise BadPlan(
+                f"has no duty to {kind}; set `tune = true` for some of them and not for others"
+            )
     seen = {d.reference for d in plan.tuning_duties}
     for duty in plan.judged_duties:
         if duty.reference in seen:
-            raise BadPlan(f"duty {duty.name} is judged by a motion that is tuned on")
+            raise BadPlan(
+                f"duty {duty.name} is for testing but has the motion of a tuning duty; "
+                "use another motion"
+            )
     if not plan.period and (plan.instruments or plan.delay):
-        raise BadPlan("instruments and a delay need a sampling period, and period is 0")
+        raise BadPlan("instruments and a delay need a sampling period, but period is 0")
     for duty in plan.tuning_duties:
         if not duty.signal().values.any():
-            raise BadPlan(f"duty {duty.name} does not move, and gives nothing to tune on")
+            raise BadPlan(f"duty {duty.name} has no motion and cannot be used for tuning")
     if plan.sobol & (plan.sobol - 1):
         raise BadPlan(f"sensitivity: sobol is {plan.sobol}, expected a power of two")
     if plan.sobol and not plan.variations:
         raise BadPlan("sensitivity: nothing is varied; add a [[vary]], or leave out sobol")
     names = [d.name for d in plan.duties]
     if len(set(names)) < len(names):
-        raise BadPlan("two duties have one name")
+        raise BadPlan("two duties have the same name")
     columns = [v.name for v in plan.variations]
     if len(set(columns)) < len(columns):
-        raise BadPlan("two [[vary]] vary the same parameters; leave one out")
+        raise BadPlan("two [[vary]] vary the same parameters; remove one")
     for name, value, least in (
         ("period", plan.period, 0.0),
         ("command_limit", math.inf if plan.command_limit is None else plan.command_limit, 1e-9),

@@ -10,7 +10,7 @@ from ...solver.nearest import nearest
 
 
 class BadPlan(ValueError):
-    """A study file that makes no sense; the message says what was got and what was expected."""
+    """An invalid study file; the message says what was got and what was expected."""
 
 
 def as_table(where: str, given: Any) -> dict[str, Any]:
@@ -34,7 +34,7 @@ def as_range(where: str, name: str, given: Any) -> tuple[float, float]:
     if len(pair) != 2 or len(numbers) != 2:
         raise BadPlan(f"{where}: {name} is {given!r}, expected two finite numbers")
     if not numbers[0] < numbers[1]:
-        raise BadPlan(f"{where}: {name} is {given!r}, an empty range; the lower bound goes first")
+        raise BadPlan(f"{where}: {name} is {given!r}, an empty range; give the lower bound first")
     return numbers[0], numbers[1]
 
 

@@ -115,7 +115,8 @@ def _courses(study: StudyResult, duty: str) -> list[dict[str, Any]]:
     factor, unit = scale(peaks.values())
     far = {n for n, p in peaks.items() if p > _FAR_OFF * statistics.median(peaks.values())}
     hidden = (
-        f" Not drawn until you click on it, since it is far off: {', '.join(sorted(far))}."
+        " Hidden until you click on its name, since it is far from the others: "
+        f"{', '.join(sorted(far))}."
         if far
         else ""
     )
@@ -144,7 +145,7 @@ def _courses(study: StudyResult, duty: str) -> list[dict[str, Any]]:
             "layout": _layout({"title": {"text": "time [s]"}}, {"title": {"text": axis}}),
         }
 
-    errors = f"set-point less position [{unit}]"
+    errors = f"set-point minus position [{unit}]"
     return [
         figure("course", "Error over time", errors, lambda c: [factor * e for e in c.error]),
         figure(
@@ -173,7 +174,7 @@ def _error_against_effort(study: StudyResult, duty: str) -> dict[str, Any]:
     return {
         "name": f"effort{[d.name for d in study.plan.judged_duties].index(duty)}",
         "title": f"Error against effort: {duty}",
-        "says": "Down and to the left is better. What is missing failed.",
+        "says": "Points further down and to the left are better. Missing points are failed runs.",
         "data": traces,
         "layout": _layout(x, y),
     }

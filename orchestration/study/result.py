@@ -64,7 +64,7 @@ class DutyAnswer:
     order : tuple of str
         Controllers by their geometric mean error, the best first; those that failed are left out.
     best : tuple of str
-        The first, and all that cannot be told from it.
+        The first, and all that are not significantly different from it.
     failed : dict of str to int
         Failed runs by controller.
     """
@@ -92,7 +92,7 @@ class StudyResult:
     sensitivities : dict of str to Sensitivity
         Of the rms error, by controller.
     checks : dict of Run to FmuCheck
-        Runs that were done again over FMUs.
+        Runs that were repeated over FMUs.
     sobol : dict
         Sobol indices of the rms error by controller, duty and what was varied; empty where not
         asked, and at a duty where a run failed.

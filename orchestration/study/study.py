@@ -63,8 +63,8 @@ def do_study(
     """
     if sys.flags.optimize > 1:
         raise BadPlan(
-            "the package cma, which tunes, needs docstrings; leave out -OO, or set "
-            "PYTHONOPTIMIZE to less than 2"
+            "the package cma, which is used for tuning, needs docstrings; remove "
+            "-OO, or set PYTHONOPTIMIZE to less than 2"
         )
     loops = loops_of(plan)
     parts = _parts(plan, loops, folder / PARTS)
@@ -130,7 +130,7 @@ def tuned_and_judged(
 
 
 def runs_again(plan: Plan) -> list[Run]:
-    """A random twentieth of the runs, at least one: those that are done again over FMUs."""
+    """A random twentieth of the runs, at least one: finished runs to repeat over FMUs."""
     entrants, duties = plan.entrants, plan.judged_duties
     shape = len(entrants), plan.tuning.seeds, len(duties), plan.plants
     runs = math.prod(shape)

@@ -67,7 +67,7 @@ def limit_of(plan: Plan, kernel: Kernel) -> float:
 
 
 def check_controller(entrant: Entrant, kernel: Kernel) -> None:
-    """Make sure that all that is set or tuned is there, and stays in its range.
+    """Check that all parameters that are set or tuned exist and stay in their range.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def check_plants(plan: Plan, kernel: Kernel) -> None:
     if plan.command_limit is not None and PLANT + LIMIT not in [p.name for p in kernel.parameters]:
         raise BadPlan(
             f"command_limit is {plan.command_limit:g}, and {plan.plant} has no parameter {LIMIT} "
-            "that would hold it; leave command_limit out, or put the plant behind "
+            "for it; remove command_limit, or wrap the plant with "
             "plant.direct_drive.with_command_limit"
         )
     for duty in plan.duties:

@@ -17,12 +17,12 @@ FAR = 2.0  # times the least cost that is known of a controller: a tuning that e
 def sentence(study: StudyResult) -> str:
     """Who wins how many duties, and where it does not.
 
-    A duty is won by the controller with the smallest error, also where others cannot be told from
-    it; how often that is so is said.
+    A duty is won by the controller with the smallest error, also if others are not significantly
+    different; the number of such duties is given.
     """
     judged = [a for a in study.answers if a.order]
     if not judged:
-        return "No controller came through any duty"
+        return "No controller completed any duty"
     firsts = [a.order[0] for a in judged]
     # the most duties; of two with as many the one that is named first in the study
     winner = max((e.name for e in study.plan.entrants), key=firsts.count)
@@ -30,7 +30,7 @@ def sentence(study: StudyResult) -> str:
     text = f"{winner} wins {len(won)} of {len(study.answers)} duties"
     shared = [a.duty for a in won if len(a.best) > 1]
     if shared:
-        text += f", {len(shared)} of them together with others that cannot be told from it"
+        text += f", {len(shared)} of them together with others that are not significantly different"
     lost = [a for a in study.answers if a not in won]
     if lost:
         text += f"; it does not win {_listed(_by_winner(lost))}"
@@ -42,7 +42,7 @@ def _by_winner(answers: Iterable[DutyAnswer]) -> list[str]:
     for a in answers:
         by.setdefault(a.order[0] if a.order else "", []).append(a.duty)
     return [
-        f"{_listed(duties)} ({name} does)" if name else f"{_listed(duties)} (nobody does)"
+        f"{_listed(duties)} ({name} does)" if name else f"{_listed(duties)} (no controller does)"
         for name, duties in by.items()
     ]
 
@@ -61,10 +61,10 @@ def weaknesses(study: StudyResult) -> list[str]:
         tried = len(study.tunings[name])
         found.append(
             f"tuning of {name} FAILED in {len(costs)} of {tried} tries: it ended at a cost of "
-            f"{max(costs):.3g}, and {least:.3g} was found with more budget or another seed"
+            f"{max(costs):.3g}, but {least:.3g} was found with more budget or another seed"
         )
     for name in untuned(study):
-        found.append(f"tuning of {name} found nothing better than its published values")
+        found.append(f"tuning of {name} found no better values than the published ones")
     changed = overtaken(study)
     for name in dict.fromkeys(n for names in changed.values() for n in names):
         duties = [d for d, names in changed.items() if name in names]
@@ -103,8 +103,8 @@ def gain(study: StudyResult, name: str) -> float:
 def overtaken(study: StudyResult) -> dict[str, tuple[str, ...]]:
     """By duty who would have the smallest error, if errors fell as costs do with twice the budget.
 
-    Without those that cannot be told from the first as it is. Duties where nothing changes are left
-    out.
+    Without those that are not significantly different from the first. Duties where nothing changes
+    are left out.
     """
     found = {}
     for answer in study.answers:

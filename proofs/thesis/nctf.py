@@ -168,7 +168,7 @@ def _design_claims(f: Figures) -> list[Claim]:
             "the loop settles as printed",
             not r["literal_ran_away"],
             f"Misprint of a sign. With m as printed both gains are negative (Kp = {-r['Kp']:.1f}) "
-            "and the loop diverges: a state leaves every bound at t = "
+            "and the loop diverges: a state exceeds its bound at t = "
             f"{1e3 * r['literal_ran_away_at']:.2f} ms.",
         ),
         Claim(

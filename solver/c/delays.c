@@ -7,13 +7,13 @@ static double *step_at(const Delays *d, const System *s, int k)
     return d->history + HISTORY_HEAD(d->count, s->held) + (size_t)k * STEP_SIZE(d->count);
 }
 
-/* By how much two times near t may differ and be one. */
+/* Largest difference of two times near t that count as equal. */
 static double same_instant(const Delays *d, double t)
 {
     return SAME_TIME * (fabs(t) + fabs(d->history[END]));
 }
 
-/* The last of the steps that began before t, or at it; -1 if none did. */
+/* The last step that began before or at t; -1 if there is none. */
 static int step_of(const System *s, double t)
 {
     const Delays *const d = s->delays;
@@ -54,7 +54,7 @@ static void look_back(const System *s, double t, const double *x, const double *
     const int count = (int)d->history[COUNT];
     int asked = 0;
     const double end = d->history[END], same = same_instant(d, t);
-    /* where a step begins, signals are as they go on from there; within it, as they were before */
+    /* at the start of a step, signals have their values after it; within it, those before */
     const double side = t <= end + same ? same : -same;
     for (int j = 0; j < d->count; j++) {
         const double then = t - d->history[DURATIONS + j];
@@ -130,7 +130,7 @@ static double latest_end(const System *s, double t, double t1)
             }
         }
     }
-    return end < t1 - same ? end : t1; /* round-off leaves no sliver of a step */
+    return end < t1 - same ? end : t1; /* no tiny step because of round-off */
 }
 
 /* Order of the derivative that jumps where a step begins now, as the steps before it tell. */

@@ -49,7 +49,7 @@ static int begin_history(const System *s, double t0, const double *x, const doub
 /* Whether there is room for one more step; what lies further back than any delay makes room. */
 static int has_room(const System *s);
 
-/* Where a step from t has to end at the latest. */
+/* Latest end of a step from t. */
 static double latest_end(const System *s, double t, double t1);
 
 #endif

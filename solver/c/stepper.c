@@ -4,7 +4,7 @@
 
 #define GAMMA 0.21193756319429014
 #define FEW 6    /* states, whose matrices hardly have zeros to look for */
-#define INSIDE 4 /* parts of a step at whose ends a crossing is looked for */
+#define INSIDE 4 /* parts of a step at whose ends crossings are searched */
 #define A6 -7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, \
            0.030198172008377946
 
@@ -286,7 +286,7 @@ static double locate(const System *s, double t, double h, const double *x, const
     const int n = s->states;
     const size_t size = (size_t)n * sizeof(double);
     look_before(s, t, x, u, p, work->before);
-    /* Hermite's cubic through both ends shows crossings that come and go within the step. */
+    /* The cubic Hermite polynomial through both ends shows two crossings within one step. */
     memcpy(work->end, work->stage, size);
     s->rhs(s, t + h, work->end, u, p, work->slope);
     double high = -1.0;
@@ -377,7 +377,7 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
     }
     const double smallest = SMALLEST * larger(larger(fabs(t0), fabs(t1)), span);
     double h = info->next_step;
-    if (!(h > smallest) || h > span) /* the step before may have been a sliver */
+    if (!(h > smallest) || h > span) /* the previous step may have been tiny */
         h = span;
     double t = t0;
     double last_error = info->last_error > 0.0 ? info->last_error : 1e-4;
@@ -399,7 +399,7 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
             info->reached = t;
             return STEP_TOO_SMALL;
         }
-        /* A last step of a sliver would cost as much as a whole one: stretch or halve instead. */
+        /* A tiny last step would cost as much as a full one: stretch or halve instead. */
         int final = 0;
         const double planned = h;
         if (h >= remaining * 0.99999) {

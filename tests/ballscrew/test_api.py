@@ -350,7 +350,7 @@ def test_over_fmus_exponents_and_maps_are_those_of_the_command_and_their_wrong_u
             ballscrew.lyapunov("pid", stop=0.2, **wrong)
         with pytest.raises(ValueError, match=r"step"):
             ballscrew.stability_map("pid", **axes, folder=tmp_path, stop=0.2, **wrong)
-    with pytest.raises(ValueError, match=r"two: an \.ssp is run only; give a Loop"):
+    with pytest.raises(ValueError, match=r"two: an \.ssp can only be run; give a Loop"):
         ballscrew.lyapunov(ballscrew.SystemLoop("two.ssp"), stop=0.2)
     by_component = ballscrew.lyapunov(ballscrew.component("pid"), stop=0.2, step=1e-3)
     assert by_component.exponents == pytest.approx(over.exponents, rel=1e-12)

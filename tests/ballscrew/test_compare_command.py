@@ -119,7 +119,7 @@ def test_requests_that_make_no_sense_are_one_line(files, tmp_path):
         ((record, "--params", controller), "there is no 'mass'"),
         ((record, "--params", params, "--unit", "u=A"), "u is a current, but the mod"),
         ((record, "--params", params, "--unit", "u=N"), "u is a force, but the model"),
-        ((record, "--params", params, "--lead", "0.001"), "both say what a turn of the screw is"),
+        ((record, "--params", params, "--lead", "0.001"), "both give the lead of the screw"),
         ((record, "--params", params, "--out", record), "is a file, expected a folder"),
     ):
         code, printed, said = run("compare", *arguments)

@@ -174,7 +174,7 @@ def test_no_option_that_takes_a_part_is_left_out_here():
         (["--loop", "pid", "--plant", LAW], "my_law has no output 'x', pid measures it; it has u"),
         (
             ["--ssp", "--component", "pid", "--plant", LAW],
-            "pid.fmu: measures nothing of my_law.fmu",
+            "pid.fmu: its inputs do not fit the outputs of my_law.fmu",
         ),
         (["--loop", "pid", "--plant", "hand.fmu"], "--plant 'hand.fmu' is neither one of plant"),
     ],

@@ -60,7 +60,9 @@ def test_an_error_of_our_own_is_70_with_one_line_and_a_file_to_report(
     monkeypatch.setattr("ballscrew.orchestration.run.run_closed_loop", fails)
     assert main(RUN) == 70
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"ballscrew: an error in ballscrew itself, please report {cache}")
+    assert line.startswith(
+        f"ballscrew: this is an error in ballscrew itself; please report {cache}"
+    )
     assert type(error).__name__ in line
     assert "test_exit_codes.py, line" in line
     text = (cache / "error.txt").read_text()
@@ -113,5 +115,5 @@ def test_without_docstrings_and_assertions_commands_work_or_say_why_not(tmp_path
     study = Path(__file__).parents[1] / "data" / "small_study.toml"
     done = shell(f"study {study} --workers 1 --out study", tmp_path, **optimized)
     assert done.returncode == 2
-    assert "leave out -OO" in done.stderr
+    assert "remove -OO" in done.stderr
     assert len(done.stderr.splitlines()) == 1

@@ -62,14 +62,14 @@ def test_an_ssp_has_no_place_for_the_values_of_both_as_one_part(tmp_path, capsys
     assert main(run) == 0
     told = ["--params", str(tmp_path / "run" / "parameters.toml")]
     assert main(["export", "--ssp", "--only", NAME, *told, "--out", str(tmp_path / "ssp")]) == 2
-    assert "an .ssp has its instruments apart" in capsys.readouterr().err
+    assert "in an .ssp its instruments are separate parts" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("name", "line"),
     [
         ("pid_sampled+camera", "no instrument 'camera'; there are position_encoder, "),
-        ("pid_sampled+position_encoder+position_encoder", "is declared as parameter and as"),
+        ("pid_sampled+position_encoder+position_encoder", "is given twice"),
         ("position_encoder", "'position_encoder' is neither one of iol, "),
     ],
 )

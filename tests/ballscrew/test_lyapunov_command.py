@@ -111,7 +111,7 @@ def test_exponents_that_take_too_long_end_with_what_is_known_and_a_verdict(tmp_p
     figures = json.loads(told.out)
     assert 0.0 < figures["time_s"] < 300.0
     assert f"until t = {figures['time_s']:g} s, not 300 s" in told.err
-    assert "2 s of computing were used up; from the motion alone: " in figures["evidence"]
+    assert "2 s of computing time were used up; from the motion alone: " in figures["evidence"]
     assert figures["verdict"] == "stuck on a line of equilibria"
     assert figures["rest"]["plant_x"] == pytest.approx(0.08, abs=1e-5)
     assert set(figures["exponents_error_bits_per_s"]) == {None}
@@ -143,7 +143,7 @@ def test_a_loop_that_runs_away_before_the_first_estimate_says_when(tmp_path):
         (["--controller", "iol", "--via", "fmu", "--step", "0"], "--step is 0"),
         (["--controller", "iol", "--step", "1e-3"], "--step is for --via fmu"),
         (["--controller", "iol", "--map", "a=x"], "--map is for --via fmu"),
-        (["--controller", "mine.fmu"], "an FMU gives no equations; add --via fmu"),
+        (["--controller", "mine.fmu"], "an FMU has no equations; add --via fmu"),
         (["--controller", "mine.fmu", "--via", "fmu"], "mine.fmu: no such file"),
         (
             ["--controller", "PID_FMU", "--via", "fmu", "--map", "q=x"],
@@ -200,7 +200,7 @@ def test_map_writes_what_it_promises_and_refuses_to_overwrite(tmp_path, capsys):
         ([*X, *Y, "--via", "fmu", "--dask", "tcp://127.0.0.1:1"], "use --workers"),
         ([*X, *Y, "--via", "fmu", "--plant", "none.fmu"], "none.fmu: no such file"),
         ([*X, "--y", "Kx=1:2:2", "--via", "fmu"], "neither iol nor plant has 'Kx'"),
-        ([*X, *Y, "--dask", "tcp://127.0.0.1:1"], "no Dask scheduler answers"),
+        ([*X, *Y, "--dask", "tcp://127.0.0.1:1"], "no Dask scheduler responds"),
     ],
 )
 def test_map_answers_bad_input_with_one_line(arguments, words, tmp_path, capsys):

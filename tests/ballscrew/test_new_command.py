@@ -50,7 +50,7 @@ def test_nothing_is_overwritten(tmp_path, monkeypatch, capsys, there):
     Path(there).write_text("mine\n", encoding="utf-8")
     assert main(["new", "controller", "mine"]) == 2
     heard = capsys.readouterr().err
-    assert heard == f"ballscrew: {there} is there already; choose another NAME or --out\n"
+    assert heard == f"ballscrew: {there} exists already; choose another NAME or --out\n"
     assert [p.name for p in tmp_path.iterdir()] == [there]
     assert Path(there).read_text(encoding="utf-8") == "mine\n"
 
@@ -63,8 +63,8 @@ def test_nothing_is_overwritten(tmp_path, monkeypatch, capsys, there):
         ("../mine", "expected an identifier"),
         ("__main__", "expected an identifier"),
         ("", "expected an identifier"),
-        ("pid", "which means a part already"),
-        ("plant", "which means a part already"),
+        ("pid", "which is already the name of a part"),
+        ("plant", "which is already the name of a part"),
         ("json", "which is a module of this Python"),
         ("ballscrew", "which is a module of this Python"),
     ],

@@ -83,7 +83,7 @@ def test_the_chain_goes_by_files_alone(chain):
 
 def test_the_rig_says_that_its_rotor_is_none_of_the_others(chain, loops):
     assert chain.files[0].plant["Jm"].value == 4.2e-7
-    assert "have 0 unless" in chain.files[0].plant["Jm"].source
+    assert "it is 0 unless" in chain.files[0].plant["Jm"].source
     assert written(loops.nominal).plant["Jm"].value == 0.0
 
 
@@ -185,11 +185,11 @@ def test_swap_and_map_write_what_they_used(axis, tmp_path):
         ("[plant.m]\nvalue = 1\nuint = 'kg'", "there is no 'uint', did you mean unit"),
         ("[plant.m]\nunit = 'kg'", "[plant] m has no value"),
         ("[plant]\nm = " + "9" * 400, "expected a finite number"),
-        ("m = " + "[" * 5000, "nested too deep"),
+        ("m = " + "[" * 5000, "nested too deeply"),
         ("[controller.pid]\nKpp = 1", "[controller.pid] there is no 'Kpp', did you mean Kp"),
         ("[controler.pid]\nKp = 1", "there is no 'controler', did you mean controller"),
         ('format = "ballscrew-parameters 2"', "expected 'ballscrew-parameters 1'"),
-        ('kind = "fmu"', "kind is 'fmu', which is no plant of the catalogue"),
+        ('kind = "fmu"', "kind is 'fmu', which is not a plant of the catalogue"),
     ],
 )
 def test_what_makes_no_sense_is_one_line(axis, tmp_path, text, said):

@@ -166,11 +166,11 @@ def test_workers_of_a_map_take_the_equations_that_it_began_with(mine):
     [
         (["run", "--controller", "a/mine.py:mak"], "--controller: a/mine.py has no function 'mak'"),
         (["run", "--controller", "pid", "--plant", "c.py:f"], "--plant: there is no file c.py"),
-        (["run", "--controller", "a/mine.py"], "say which of its functions makes the component"),
+        (["run", "--controller", "a/mine.py"], "give the function that makes the component"),
         (["run", "--controller", "a/mine.py:odd", *SHORT], "'volt' is not known"),
         (
             ["run", "--controller", "a/mine.py:deaf", *SHORT],
-            "nothing drives the input 'u' of",
+            "nothing is connected to the input 'u' of",
         ),
         (
             ["run", "--controller", "a/mine.py:deaf", "--coupling", "monolithic", *SHORT],
@@ -195,7 +195,10 @@ def test_workers_of_a_map_take_the_equations_that_it_began_with(mine):
         (["export", "--component", "a/mine.py:odd"], "'volt' is not known"),
         (["export", "--loop", "a/mine.py:mak"], "--loop: a/mine.py has no function 'mak'"),
         (["export", "--loop", "a/mine.py:deaf"], "deaf has no output 'u', plant needs it"),
-        (["export", "--ssp", "--component", "a/mine.py:deaf"], "nothing drives the input 'u' of"),
+        (
+            ["export", "--ssp", "--component", "a/mine.py:deaf"],
+            "nothing is connected to the input 'u' of",
+        ),
         (
             ["export", "--component", "a/mine.py:make", "./a/mine.py:make"],
             "--component: a/mine.py:make and ./a/mine.py:make are both called pid_a; rename one",

@@ -115,10 +115,10 @@ def test_the_first_line_says_errors_margins_and_what_weakens_them(here, capsys):
     ("words", "said"),
     [
         ("--controller p_pi --params axis.toml", "--limit"),
-        ("--controller p_pi --params axis.toml --limit 90", "friction alone takes"),
+        ("--controller p_pi --params axis.toml --limit 90", "friction alone needs"),
         ("--controller p_pi --params axis.toml --limit 0", "more than 0"),
         ("--controller p_pi --params axis.toml --limit much", "expected a number"),
-        ("--controller none --params axis.toml --limit 500", "those that have are"),
+        ("--controller none --params axis.toml --limit 500", "controllers with gains are"),
         ("--controller lqi --params axis.toml --limit 500", "no output 'i'"),
         ("--controller p_pi --stop 1", "--reference"),
         ("--controller p_pi --reference step:length=1", "step has no 'length'"),

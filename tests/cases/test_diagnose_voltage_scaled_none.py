@@ -27,7 +27,7 @@ def test_the_line_to_line_voltage_taken_for_the_phases_is_named_with_its_size(tm
     folder = case("diagnose_voltage_scaled_none", tmp_path)
     done = ballscrew(folder, "diagnose run.csv --params axis.toml --lead 0.001 --out out")
     assert done.returncode == 0
-    assert done.stdout.startswith("explained: scale_of_u explains what the model gets wrong")
+    assert done.stdout.startswith("explained: scale_of_u explains the error of the model")
     (size,) = re.findall(r"^  scale_of_u +([0-9.]+) ", done.stdout, re.MULTILINE)
     assert float(size) == pytest.approx(1.0 / math.sqrt(3.0), rel=0.01)
     assert (folder / "out" / "report.html").is_file()

@@ -17,7 +17,7 @@ def test_it_stays_at_its_start_value_with_a_note_or_at_the_one_that_is_given(tmp
         return table["x"][-1], answer.stderr
 
     free, said = end()
-    assert "note: nothing drives the input 'F_load' of cart_ld: it stays at 0" in said
+    assert "note: nothing is connected to the input 'F_load' of cart_ld: it stays at 0" in said
     assert "--set plant.F_load=VALUE" in said
     pushed, said = end("--set plant.F_load=0.5")
     assert "F_load" not in said
@@ -29,5 +29,5 @@ def test_an_input_that_the_loop_drives_takes_no_value(tmp_path):
     folder = case("disturbance_input_of_plant", tmp_path)
     answer = ballscrew(folder, f"{LOOP} --set plant.u=1")
     assert answer.returncode == 2
-    assert "plant.u is an input that the loop drives" in answer.stderr
+    assert "plant.u is an input that is connected in the loop" in answer.stderr
     assert len(answer.stderr.splitlines()) == 1

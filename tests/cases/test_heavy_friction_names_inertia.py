@@ -1,4 +1,4 @@
-"""Records that are exactly their model's, with a white force of 60 N: noise is all that is left."""
+"""Records that are exactly their model's, with a white force of 60 N: noise is all of it."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def test_inches_in_brackets_become_metres(tmp_path):
 def test_any_other_word_there_is_refused_with_what_to_say(tmp_path, unit):
     file = case("record_unit_in_brackets_unknown", tmp_path) / "run.csv"
     file.write_text(file.read_text().replace("[in]", f"[{unit}]"))
-    with pytest.raises(BadRecord, match=f"x is in '{unit}'; say --unit x= with one of m, "):
+    with pytest.raises(BadRecord, match=f"x is in '{unit}'; use --unit x= with one of m, "):
         read_drive_records([file], {f"x [{unit}]": "x"})
     (record,) = read_drive_records([file], None, {"x": "in"})
     assert np.abs(record.x).max() == pytest.approx(0.0199, abs=1e-4)

@@ -20,6 +20,6 @@ def test_a_step_that_was_asked_for_is_told_in_words(tmp_path):
     folder = case("step_discarded", tmp_path)
     done = ballscrew(folder, f"{RUN} --step 1e-3")
     assert done.returncode == 1
-    assert "discards the step" in done.stdout + done.stderr
+    assert "rejects the step" in done.stdout + done.stderr
     assert "smaller --step" in done.stdout + done.stderr
     assert "FMI status" not in done.stdout + done.stderr

@@ -20,4 +20,4 @@ def test_the_rows_are_read_by_number_or_by_name_and_the_last_line_is_told(tmp_pa
     (record,) = read_drive_records([file], mapping, units)
     assert (record.step, len(record.time)) == (pytest.approx(1e-3), 1500)
     assert (record.x[1], record.u[1]) == pytest.approx((0.358127e-3, 3.984011))
-    assert record.notes[0].startswith("1 line that is no row of the table left out")
+    assert record.notes[0].startswith("1 invalid line of the table left out")

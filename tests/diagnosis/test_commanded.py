@@ -131,5 +131,5 @@ def test_current_alone_is_diagnosed_and_compared_in_any_units(signals, tmp_path)
 def test_a_lead_that_is_said_twice_is_one_line(tmp_path):
     params = tmp_path / "screw.toml"
     params.write_text("[plant]\np = 1000.0\n")
-    with pytest.raises(BadParameters, match="both say what a turn of the screw is"):
+    with pytest.raises(BadParameters, match="both give the lead of the screw"):
         diagnose([tmp_path / "no.csv"], params, lead=1e-3)

@@ -165,7 +165,7 @@ def test_the_file_says_all_of_it_again_when_it_is_read(tmp_path):
     ("text", "said"),
     [
         ("diagnosis = 3", r"expected a table \[diagnosis\]"),
-        ("[diagnosis]\nrecords = []", r"\[diagnosis\] has no 'command', which diagnose writes"),
+        ("[diagnosis]\nrecords = []", r"\[diagnosis\] has no 'command'; diagnose writes this key"),
         ("[diagnosis]\nrecord = []", "there is no 'record', did you mean records"),
     ],
 )

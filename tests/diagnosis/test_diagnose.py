@@ -103,7 +103,7 @@ def test_nothing_hidden_is_called_nothing():
     assert found.verdict == "none"
     assert found.causes == ()
     assert all(abs(change) <= 0.03 + 1e-9 for change in found.adjustments.values())
-    (said,) = (n for n in found.notes if n.startswith("not ruled out: a fault of up to "))
+    (said,) = (n for n in found.notes if n.startswith("not excluded: a fault of up to "))
     assert float(said.split()[8]) >= 2.0 * found.floor.force * 0.99
 
 
@@ -142,7 +142,7 @@ def test_the_last_digits_of_a_record_do_not_change_the_answer():
 def test_a_value_at_the_end_of_its_tolerance_is_said():
     record = strong_record({at.KT: 1.12 * NOMINAL["kt"] * TURN})  # kt and R are believed within 3 %
     found = diagnose_records([record], nominal())
-    (note,) = (n for n in found.notes if n.startswith("at the end of what they can be: "))
+    (note,) = (n for n in found.notes if n.startswith("at their limit: "))
     assert "kt" in note
 
 
@@ -160,7 +160,7 @@ def test_each_record_may_have_an_offset_of_its_own(tmp_path):
     ]
     found = diagnose_records(parts, prior_model)
     assert not found.causes
-    (note,) = (n for n in found.notes if n.startswith("offsets beyond that of first: "))
+    (note,) = (n for n in found.notes if n.startswith("additional offsets to that of first: "))
     assert float(note.split()[5]) == pytest.approx(more, rel=0.1)  # friction noise lasts
 
 
@@ -230,7 +230,7 @@ def test_two_causes_that_a_record_cannot_tell_apart_are_both_in_the_answer(tmp_p
     _, found = found_in_world(tmp_path, "linear_drive", ("load_bias",), 82000)
     assert {"load_bias", "direction_asymmetry"} <= answer_of(found)
     assert not [c for c in found.causes if c.certain]
-    assert found.next_experiment.says.startswith("these records cannot tell ")
+    assert found.next_experiment.says.startswith("these records cannot distinguish ")
 
 
 def test_a_drive_that_stands_still_is_no_record():

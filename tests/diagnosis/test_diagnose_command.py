@@ -116,7 +116,7 @@ def test_structure_that_no_cause_has_gives_exit_code_one(tmp_path):
     code, printed, _ = run("diagnose", record, "--params", parameters, "--out", out)
     assert code == 1
     assert printed.startswith("unexplained: ")
-    assert "without a name: structure that lives with position" in printed
+    assert "no cause found: the remaining error varies with position" in printed
     assert "next experiment: " in printed
     assert "  ballscrew rig " in printed
     written = {p.name for p in out.glob("[!.]*")}
@@ -150,7 +150,7 @@ def test_requests_that_make_no_sense_are_one_line(diagnosed, tmp_path):
         ((record, "--map", "volts=u", *given), "there is no column 'volts'"),
         ((record, "--law", "modified_lugr", *given), "did you mean modified_lugre?"),
         ((record, "--params", tmp_path / "no.toml", "--out", out), "cannot be read"),
-        ((record, "--params", record, "--out", out), "is no TOML file"),
+        ((record, "--params", record, "--out", out), "is not a TOML file"),
         ((record, "--params", params, "--out", record), "is a file, expected a folder"),
     ):
         assert words in bad(*arguments), arguments
@@ -207,10 +207,10 @@ def test_units_and_lead_are_asked_for_in_one_line(diagnosed, tmp_path):
     screw.write_text("[plant]\np = 200.0\n")
     record, out = diagnosed.record, tmp_path / "out"
     for arguments, words in (
-        (("--params", drive, "--unit", "x=deg"), "say --lead METRES"),
+        (("--params", drive, "--unit", "x=deg"), "use --lead METRES"),
         (("--params", drive, "--unit", "x=inch"), "expected one of m, cm, mm"),
         (("--params", drive, "--lead", "0"), "--lead is 0, expected a number of metres above 0"),
-        (("--params", screw, "--lead", "0.005"), "both say what a turn of the screw is"),
+        (("--params", screw, "--lead", "0.005"), "both give the lead of the screw"),
         (("--params", screw, "--unit", "u=N"), "u is a force, but the ball screw is driven by a"),
     ):
         assert words in bad(record, *arguments, "--out", out), arguments
@@ -265,7 +265,7 @@ def test_nothing_is_certain_on_a_slow_record_of_the_rig(tmp_path, trial, seed, b
     out = ("--out", tmp_path / "out", "--json")
     code, printed, said = run("diagnose", rig / "record.csv", *given, *out)
     if code == 2:  # a motion too short to hold parts of it out
-        assert "next to no motion is shown" in said
+        assert "almost no motion" in said
         return
     told = json.loads(printed)
     assert code == (0 if told["verdict"] in ("none", "explained") else 1)

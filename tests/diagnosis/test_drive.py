@@ -85,12 +85,12 @@ def test_another_law_takes_what_it_knows_of_the_file(written):
         ("[plant]\nFc = inf", "Fc is inf, expected a finite number"),
         ("[plant]\nm = -1", "m is -1 kg, expected 1e-06 to inf .mass of the block"),
         ("found = 3", r"found is 3, expected a table \[found\]"),
-        ("[parameters]\nm = 1", r"older versions did; the table .* is called \[plant\]"),
-        ('plant = "drive"', 'as in kind = "drive"'),
-        ("[tolerance]\nKv = 0.1", "Kv, which is never adjusted; leave it out"),
+        ("[parameters]\nm = 1", r"in older versions; the table .* is called \[plant\]"),
+        ('plant = "drive"', 'such as kind = "drive"'),
+        ("[tolerance]\nKv = 0.1", "Kv, which is never adjusted; remove it"),
         ("[tolerance]\nm = 3", "the tolerance of m is 3, expected a share of its value"),
         ('kind = "drive"\n[plant]\nR = 2', r"\[plant\] there is no 'R'"),
-        ("m = = 3", "is no TOML file"),
+        ("m = = 3", "is not a TOML file"),
     ],
 )
 def test_what_makes_no_sense_is_one_line(written, text, said):

@@ -75,4 +75,4 @@ def test_a_drive_whose_cell_sits_nobody_knows_where_says_so():
     signals = {"time": time, "u": u, "x": x + 1e-6 * random.standard_normal(4000), "force": u}
     found = diagnose_records([check_record("made", signals)], model)
     assert found.load_cell is None
-    assert any("does not say where it sits" in note for note in found.notes)
+    assert any("does not say where it is mounted" in note for note in found.notes)

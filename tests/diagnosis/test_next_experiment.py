@@ -129,7 +129,7 @@ def test_records_of_which_each_has_a_phase_of_its_own_are_asked_for_one_more():
     assert found.verdict == "unexplained"
     assert "torque_ripple" in {c.name for c in found.causes} | {s.name for s in found.suspects}
     asked = found.next_experiment
-    assert "these records cannot tell" in asked.says
+    assert "these records cannot distinguish" in asked.says
     assert np.abs(asked.motion.values).max() <= 0.012
 
 
@@ -148,4 +148,6 @@ def test_what_no_motion_of_this_kind_tells_apart_is_said_and_that_the_correction
     assert {"load_bias", "direction_asymmetry"} <= members
     says = found.next_experiment.says
     pair = "load_bias from direction_asymmetry|direction_asymmetry from load_bias"
-    assert re.search(f"nor will this motion tell ({pair}), and either corrects the model", says)
+    assert re.search(
+        f"this motion will not distinguish ({pair}), and each of them corrects the model", says
+    )

@@ -106,7 +106,7 @@ def test_a_wrong_model_is_not_cleared_where_x_jumps_or_moves_at_random(made):
 )
 def test_a_position_that_shows_no_motion_is_refused(x):
     signals = strong_record({}, samples=6_000).signals | {"x": x}
-    with pytest.raises(BadRecord, match=r"parts of .* samples show a motion, expected 50 at least"):
+    with pytest.raises(BadRecord, match=r"parts of .* samples are in motion; expected 50 at least"):
         diagnose_records([check_record("made", signals)], nominal())
 
 

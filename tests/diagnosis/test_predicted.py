@@ -159,7 +159,7 @@ def test_a_diagnosis_lets_no_error_grow_at_rest(stuck):
 
 @pytest.mark.parametrize("noise", [0.0, 1e-6], ids=["exact", "encoder of 1 um"])
 def test_the_true_bristles_keep_their_force_at_rest(noise):
-    """A load that swings below break-away bends the bristles by some 24 um, and nothing slides."""
+    """A load that swings below break-away bends the bristles by some 24 um without sliding."""
     time = STEP * np.arange(9 * SECOND)
     u = command(LOAD * np.cos(2 * math.pi * 0.8 * (time - 3.0)))
     values = {**TRUTH, **BRISTLES}
@@ -200,7 +200,7 @@ def test_causes_that_no_plant_can_have_predict_nothing(stuck):
     record, _ = stuck
     drive = Drive(DRIVE, "lugre", {**TRUTH, **BRISTLES})
     predictor = Predictor(drive, {"presliding_hysteresis": {"sigma0": 1e6}})
-    with pytest.raises(NotPredicted, match="prior law has presliding of its own"):
+    with pytest.raises(NotPredicted, match="prior law already has presliding"):
         predictor(lay_along(record, drive), np.zeros(len(record.x)))
 
 

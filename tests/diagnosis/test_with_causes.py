@@ -175,7 +175,7 @@ def test_all_causes_at_once_are_one_plant():
     for name in names:
         for parameter in FOUND[name]:
             assert sources[parameter] == "found in measured data"
-    assert sources["kt"] == "prior, adjusted to measured data"
+    assert sources["kt"] == "prior value, adjusted to measured data"
     assert generate(with_law_ports(plant)).modes == ["stuck", "forward", "backward"]
 
 

@@ -211,7 +211,7 @@ def _broken(tapes):
 def test_a_delay_that_lasts_no_time_fails_with_one_line(files, kind):
     instance = FmuInstance(files["late_loop", kind], "late")
     instance.initialize({"tau": 0.0}, 1.0)
-    with pytest.raises(StepFailed, match="a delay lasts no time, expected a duration of more than"):
+    with pytest.raises(StepFailed, match="a delay is 0 s; expected more than"):
         instance.step(0.0, 1e-3)
     instance.close()
 
@@ -252,5 +252,5 @@ def test_the_documentation_shows_what_is_late_and_by_how_much():
 
 
 def test_tangents_over_fmus_are_refused_in_one_line():
-    with pytest.raises(UnsupportedComponent, match=r"^late_loop has delays; only what moves"):
+    with pytest.raises(UnsupportedComponent, match=r"^late_loop has delays; only a component"):
         variational(LOOP, 2)

@@ -88,7 +88,7 @@ def test_events_without_end_fail_the_step_with_the_reason(tmp_path):
     back = Event("back", symbol("u") - 1, direction=1, next_mode="a")
     component = Component(
         "flipping",
-        "two modes that lead to each other",
+        "two modes switch to each other",
         inputs=(Input("u", "1", "signal"),),
         states=(State("x", "1", "time", TIME * 0 + 1),),
         outputs=(Output("x", "1", "time", symbol("x")),),

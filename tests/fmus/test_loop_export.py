@@ -307,7 +307,7 @@ def test_a_controller_that_cannot_be_connected_is_one_line(tmp_path, capsys, mon
         (["iol", "--only", "iol"], "--loop and --only: expected one of them"),
         (["iol", "--ssp"], "--loop and --ssp: expected one of them"),
         (["iol", "--variational"], "--loop and --variational: expected one of them"),
-        (["iol", "--fmi", "3"], "--fmi makes no sense without --native"),
+        (["iol", "--fmi", "3"], "--fmi needs --native"),
         (["iol", "--native", "--fmi", "1"], "--fmi is '1', expected one of 2, 3"),
     ],
 )

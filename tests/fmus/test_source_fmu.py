@@ -58,7 +58,7 @@ def broken(name, data):
     [
         (broken, "do not compile: ./sources/fmi3.c:"),
         (build(b'"C99"', b'"C++17"'), "they are in C++17, expected C"),
-        (build(b'"fmi3.c"', b'"../../fmi3.c"'), "'../../fmi3.c' climbs out of their folder"),
+        (build(b'"fmi3.c"', b'"../../fmi3.c"'), "'../../fmi3.c' is outside their folder"),
         (build(b'"fmi3.c"', b'"other.c"'), "./sources/other.c is not there"),
         (build(b'Identifier="pid"', b'Identifier="other"'), "has no binary for this platform"),
     ],

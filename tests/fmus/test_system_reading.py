@@ -412,7 +412,7 @@ def test_what_is_no_system_is_refused(tmp_path, options, text):
 
 def test_an_archive_that_climbs_out_or_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
     files = TWO | {"../outside.txt": "x"}
-    assert "climbs out of its folder" in refusal(tmp_path, ELEMENTS, files)
+    assert "is outside its folder" in refusal(tmp_path, ELEMENTS, files)
     assert not (tmp_path.parent / "outside.txt").exists()
     monkeypatch.setattr("ballscrew.fmus.archive.LARGEST", 1000)
     assert "would unpack to" in refusal(tmp_path, ELEMENTS, TWO | {"zeros": "0" * 2000})
@@ -478,7 +478,7 @@ MANY = """<ssd:Connectors>
         ({"start": "a.x"}, "joins a.x and b.x, which both take a value"),
         ({"start": "both"}, "joins both of kind inout"),
         ({"start": "in", "end": "out"}, "the system's output out is its input in"),
-        ({"start": "a.y", "end": "b.length"}, "only outputs and inputs can be joined"),
+        ({"start": "a.y", "end": "b.length"}, "only outputs and inputs can be connected"),
         ({"start": "a.words"}, "a.words is of type String; only numbers and truth values"),
         ({"attributes": 'suppressUnitConversion="maybe"'}, "expected true or false"),
         ({"inside": '<ssc:LinearTransformation factor="nan"/>'}, "the factor is 'nan'"),
@@ -543,7 +543,7 @@ def test_a_connector_that_contradicts_its_fmu_is_refused(tmp_path, connector, te
 @pytest.mark.parametrize(
     ("unit", "text"),
     [
-        ("N", "'N' cannot be converted to 'm': they measure different things"),
+        ("N", "'N' cannot be converted to 'm': they are units of different quantities"),
         ("ell", "the unit 'ell' is not defined, so 'ell' cannot be converted to 'm'"),
     ],
 )
@@ -582,7 +582,7 @@ def test_a_parameter_value_that_cannot_be_set_is_refused(tmp_path, content, text
     [
         ('source="gone.ssv"', "which is not in the archive"),
         ('source="resources/a.fmu"', "a.fmu is no XML"),
-        ('source="start.ssv" sourceBase="component"', "lies in an FMU"),
+        ('source="start.ssv" sourceBase="component"', "is inside an FMU"),
         ('source="start.ssv" type="text/csv"', "is of type text/csv"),
         ("", "has neither a source nor a ParameterSet in it"),
     ],

@@ -62,16 +62,16 @@ READS = [
     ("slave.getReal([at['x'], at['message']])[1]", "got nan", "message is a String, not a number"),
     (f"slave.getReal([{NUMBER_OF_NONE}])[0]", "got nan", f"value reference {NUMBER_OF_NONE}"),
     ("slave.getReal([0])[0]", "got nan", "value reference 0"),
-    ("slave.getInteger([at['x']])[0]", "got 0", "Integers were named, there are none"),
-    ("slave.getBoolean([at['x']])[0]", "got 0", "Booleans were named, there are none"),
+    ("slave.getInteger([at['x']])[0]", "got 0", "Integers were given, but there are none"),
+    ("slave.getBoolean([at['x']])[0]", "got 0", "Booleans were given, but there are none"),
     ("slave.getString([at['x']])[0]", "got b''", "no String has the value reference"),
 ]
 WRITES = [
     ("slave.setReal([at['message']], [1.0])", "message cannot be set"),
     (f"slave.setReal([{NUMBER_OF_NONE}], [1.0])", f"value reference {NUMBER_OF_NONE}"),
-    ("slave.setInteger([at['u']], [1])", "Integers were named, there are none"),
-    ("slave.setBoolean([at['u']], [True])", "Booleans were named, there are none"),
-    ("slave.setString([at['message']], ['all is well'])", "Strings that can be set were named"),
+    ("slave.setInteger([at['u']], [1])", "Integers were given, but there are none"),
+    ("slave.setBoolean([at['u']], [True])", "Booleans were given, but there are none"),
+    ("slave.setString([at['message']], ['all is well'])", "Strings that can be set were given"),
 ]
 
 

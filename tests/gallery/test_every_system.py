@@ -112,7 +112,7 @@ def test_the_gallery_begins_with_six_pictures_that_link_to_its_pages():
     [
         (["van_der_pool", "--out", "x"], "did you mean van_der_pol"),
         (["van_der_pol"], "--out is missing"),
-        (["--out", "x"], "expected its NAME"),
+        (["--out", "x"], "give its NAME"),
     ],
 )
 def test_a_request_that_makes_no_sense_gets_one_line(arguments, said, capsys):

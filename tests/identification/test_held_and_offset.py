@@ -91,7 +91,7 @@ def test_one_direction_tells_no_offset_and_it_is_said():
     result = identify(mostly_forwards(1)[:2], "dahl", offset=True)
     offset = result.parameters["offset"]
     assert not offset.identified
-    assert "one way only" in offset.because
+    assert "one direction only" in offset.because
     assert "both directions" in offset.would_do
     assert not result.trusted
 
@@ -128,7 +128,7 @@ def test_an_offset_that_is_known_is_held():
         ("dahl", {"offset": float("nan")}, False, "expected a finite number"),
         ("dahl", {"offset": 1.0}, True, "held at 1 N and fitted"),
         ("bliman_sorine", {"f1": 1.0}, False, "fitted together with f2, eta"),
-        ("maxwell_slip", {"alpha1": 0.2}, False, "cannot be held alone"),
+        ("maxwell_slip", {"alpha1": 0.2}, False, "cannot be fixed alone"),
         ("directional_lugre", {"Fc": 1.0}, False, "no parameter 'Fc'"),
         ("directional_lugre", {}, True, "hold offset at a value"),
     ],

@@ -57,9 +57,7 @@ def test_a_stranger_s_files_give_parameters_a_file_and_pictures(data, tmp_path, 
         assert {"value", "unit", "standard_error", "method"} <= set(entry)
     assert set(told["per_direction"]) == {"forwards", "backwards", "averaged"}
     assert len(told["thesis"]["eqs_2_5_to_2_7"]) == 4
-    assert any(
-        "nothing is said of filters" in line for line in told["friction_estimation"][data[0]]
-    )
+    assert any("no filters stated" in line for line in told["friction_estimation"][data[0]])
     file = read_parameters(tmp_path / "parameters.toml")
     assert file.law == "dahl"
     for name in DAHL:
@@ -83,7 +81,7 @@ def test_a_rotary_record_gives_the_same_parameters_by_the_lead(data, tmp_path):
         paths[-1].write_text("\n".join(lines))
     names = ("--map", "t=time", "--map", "angle=x", "--map", "torque=force")
     given = (*map(str, paths), "--law", "dahl", *names, "--out", str(tmp_path / "out"))
-    with pytest.raises(BadRequest, match="say --lead METRES"):
+    with pytest.raises(BadRequest, match="use --lead METRES"):
         run(*given)
     assert run(*given, "--lead", str(lead)) == 0
     told = json.loads((tmp_path / "out" / "identified.json").read_text())
@@ -122,7 +120,7 @@ def test_bad_requests_are_one_line(data, tmp_path):
             "expected one of m, cm",
         ),
         ((data[0], "--law", "dahl", *FOREIGN, "--unit", "x=inch"), "given as mm and as inch"),
-        ((data[0], "--law", "dahl", *FOREIGN, "--fix", "sigma"), "nobody says its value"),
+        ((data[0], "--law", "dahl", *FOREIGN, "--fix", "sigma"), "it has no value"),
         ((data[0], "--law", "dahl", *FOREIGN, "--fix", "sigma=stiff"), "expected a number"),
         ((data[0], "--law", "dahl", *FOREIGN, "--fix", "sigma=-1"), "expected a number above 0"),
         ((data[0], "--law", "dahl", *FOREIGN, "--fix", "F=1"), "no parameter 'F'"),

@@ -133,6 +133,6 @@ def test_maxwell_slip_comes_back_as_far_as_its_elements_are_told_apart(tmp_path)
     # 0.034 of 2.35 N is less than the load cell's resolution of 0.089 N
     for name in ("k1", "alpha1"):
         assert not result.parameters[name].identified
-        assert "element 1 holds too little" in result.parameters[name].because
+        assert "element 1 has too small a force" in result.parameters[name].because
     shares = sum(result.parameters[f"alpha{k}"].value for k in range(1, 5))
     assert shares == pytest.approx(1.0)

@@ -145,8 +145,8 @@ def test_a_plant_that_shows_only_in_its_step_what_it_does_at_once_is_named(can_s
 
     result, choice = choose_step(run_at, 0.01)
     assert not result.verdict.trusted
-    assert "algebraic loop answers itself with a gain of 2" in result.verdict.reason
-    assert "no step cures that" in result.verdict.reason
+    assert "algebraic loop has a loop gain of 2" in result.verdict.reason
+    assert "a smaller step does not help" in result.verdict.reason
     assert len(choice.tried) == 1
 
 

@@ -69,7 +69,7 @@ def test_a_hang_ends_at_the_time_limit_with_a_line_and_what_was_computed(tmp_pat
     assert run(hang, tmp_path / "out", "--time-limit", "2") == 1
     assert time.monotonic() - start < 30
     line = one_line_on_stopping(capsys.readouterr())
-    assert "controller (Hang.fmu) gave no answer to step within 2 s" in line
+    assert "controller (Hang.fmu) did not answer the call step within 2 s" in line
     assert float(rows(tmp_path / "out")[-1]["time"]) == pytest.approx(0.05, abs=2e-3)
 
 
@@ -83,7 +83,7 @@ def test_a_hang_ends_at_the_time_limit_with_a_line_and_what_was_computed(tmp_pat
             "import sys; print('the last words', file=sys.stderr, flush=True); " + SEGFAULT,
             "the last words",
         ),
-        ("while True: pass", "gave no answer to open within 3 s"),
+        ("while True: pass", "did not answer the call open within 3 s"),
     ],
 )
 def test_an_fmu_that_does_not_open_is_a_bad_request(tmp_path, capsys, at_start, words):

@@ -32,7 +32,7 @@ def test_what_no_work_wrote_is_not_taken(tmp_path, text):
     ("kept", "resume", "refused"),
     [
         ((), False, ""),
-        ((), True, "no work to go on with"),
+        ((), True, "no work to continue"),
         (("own",), False, "add --resume"),
         (("own",), True, ""),
         (("other",), False, "another work"),

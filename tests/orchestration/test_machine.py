@@ -104,7 +104,7 @@ def test_a_limit_is_asked_for_only_where_nobody_says_it():
 
 
 def test_a_limit_that_friction_takes_is_refused():
-    with pytest.raises(BadParameter, match="friction alone takes"):
+    with pytest.raises(BadParameter, match="friction alone needs"):
         _ = Machine(Part("drive_lugre"), HEAVY, 100.0).speed
 
 

@@ -53,7 +53,7 @@ def test_a_run_with_its_verdict_steps_its_two_fmus_alone(monkeypatch):
 
 @pytest.fixture(scope="module")
 def blow_up(tmp_path_factory):
-    """An FMU whose state leaves every bound at t = 1 / u."""
+    """An FMU whose state diverges at t = 1 / u."""
     x, u = symbol("x"), symbol("u")
     part = Component(
         "blow_up",

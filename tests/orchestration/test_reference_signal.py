@@ -26,14 +26,14 @@ def test_two_rows_at_one_time_are_a_jump(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is empty, expected a header row of names"),
+        ("", "is empty; expected a header row of names"),
         ("time,y\n0,1\n", "has the columns time, y, expected"),
         ("time,x_d\n", "has no rows of numbers"),
-        ("time,x_d\n0,0\n1,abc\n", "row 3, column 'x_d': 'abc' is no number"),
+        ("time,x_d\n0,0\n1,abc\n", "row 3, column 'x_d': 'abc' is not a number"),
         ("time,x_d\n0,0\n1\n", "row 3: 1 cells, expected 2"),
         ("time,x_d\n0,0\n1,nan\n", "not finite"),
-        ("time,x_d\n0,0\n1,1\n0.5,2\n", "time does not rise after 1 s"),
-        ("time,x_d\n0,0\n1,1\n1,2\n1,3\n", "time does not rise after 1 s"),
+        ("time,x_d\n0,0\n1,1\n0.5,2\n", "time does not increase after 1 s"),
+        ("time,x_d\n0,0\n1,1\n1,2\n1,3\n", "time does not increase after 1 s"),
     ],
 )
 def test_bad_files_are_refused_with_the_place(tmp_path, text, message):

@@ -180,7 +180,7 @@ def test_a_port_that_only_one_of_several_has_must_be_there_somewhere(hand, tmp_p
 def test_an_input_that_nothing_drives_is_said_and_stays(hand, tmp_path):
     given = ("--map", "pos=x", *SHORT, "--setpoint", "0.05", "--out", tmp_path)
     _, _, said = command("run", "--controller", hand, *given)
-    note = "nothing drives the input 'load' of Hand: it stays at 0; --map load=NAME"
+    note = "nothing is connected to the input 'load' of Hand: it stays at 0; --map load=NAME"
     assert f"note: {note}" in said
     figures = json.loads((tmp_path / "metrics.json").read_text())
     assert any(note in n for n in figures["notes"])
@@ -197,7 +197,7 @@ def test_a_set_point_by_another_name_is_taken_and_said(folder):
 
 def test_two_candidates_for_the_set_point_are_refused(folder):
     path = built(folder, "Two", HAND.replace("x_d", "goal").format(name="Two"))
-    with pytest.raises(WiringError, match="say which is the set-point, as --map goal=x_d"):
+    with pytest.raises(WiringError, match="give the set-point, such as --map goal=x_d"):
         run_closed_loop(Loop(str(path), mapping={"pos": "x"}, stop=0.01, step=1e-3))
     mapping = {"pos": "x", "goal": "x_d"}
     result = run_closed_loop(Loop(str(path), mapping=mapping, stop=0.01, step=1e-3))
@@ -218,7 +218,7 @@ def by_name(folder):
     ("name", "changes", "found"),
     [
         ("Ts", {}, "its parameter Ts"),
-        ("Silent", {"told": False}, "its commands, which jump so often"),
+        ("Silent", {"told": False}, "the interval between jumps of its commands"),
     ],
 )
 def test_a_sampled_controller_is_known_by_how_it_moves(folder, by_name, name, changes, found):
@@ -255,7 +255,7 @@ def test_an_uneven_period_that_nothing_tells_is_refused(folder, tmp_path):
         "run", "--controller", path, "--stop", "0.1", "--step", "1e-3", "--out", tmp_path
     )
     assert "it is sampled" in said
-    assert "call its period sample_time" in said
+    assert "name its period parameter sample_time" in said
 
 
 def test_discrete_commands_whose_period_is_not_to_be_had_are_refused(folder, tmp_path):
@@ -263,12 +263,12 @@ def test_discrete_commands_whose_period_is_not_to_be_had_are_refused(folder, tmp
     said = refused(
         "run", "--controller", path, "--stop", "0.1", "--step", "1e-3", "--out", tmp_path
     )
-    assert "its commands are discrete" in said
-    assert "call the parameter that is its period sample_time" in said
+    assert "declares discrete commands" in said
+    assert "name its period parameter sample_time" in said
 
 
 def test_steps_that_may_not_vary_are_told(folder):
     text = HAND.format(name="Fixed")
     path = built(folder, "Fixed", text, canHandleVariableCommunicationStepSize=False)
     result = run_closed_loop(Loop(str(path), mapping={"pos": "x"}, stop=0.01, step=1e-3))
-    assert any("steps have to be all of one length" in n for n in result.notes)
+    assert any("requires steps of constant length" in n for n in result.notes)

@@ -79,7 +79,7 @@ def test_differences_that_are_small_but_do_not_shrink_are_not_trusted() -> None:
 def test_runs_that_end_at_the_same_time_are_not_refined_on() -> None:
     run, choice = choose_step(
         lambda h, _again: made_up(
-            h, np.arange(3.0), False, "the loop diverges: x leaves every bound"
+            h, np.arange(3.0), False, "the loop diverges: x exceeds its bound"
         )
     )
     assert not run.verdict.trusted

@@ -77,7 +77,7 @@ def test_a_stranger_that_cannot_be_taken_back_is_held_and_judged_by_smaller_step
     third_party, finely
 ):
     result = run_closed_loop(Loop(third_party("Held", False), mapping=MAP, stop=1.0, step=1e-3)).run
-    assert "it is held" in result.coupling_reason
+    assert "its command is held" in result.coupling_reason
     assert result.effect_rate_max == {}
     assert np.isfinite(result.verdict.contraction)
     fine = finely("Held2", False)
@@ -90,7 +90,7 @@ def test_a_stranger_that_cannot_be_taken_back_is_held_and_judged_by_smaller_step
 
 def test_ports_that_do_not_match_are_named_with_the_nearest(third_party):
     path = third_party("Unmapped", True)
-    with pytest.raises(WiringError, match=r"nothing drives the input 'u'.*voltage.*--map"):
+    with pytest.raises(WiringError, match=r"nothing is connected to the input 'u'.*voltage.*--map"):
         run_closed_loop(Loop(path, stop=0.01, step=1e-3))
     with pytest.raises(WiringError, match=r"measures nothing"):
         run_closed_loop(Loop(path, mapping={"voltage": "u"}, stop=0.01, step=1e-3))

@@ -94,7 +94,7 @@ def test_what_weakens_a_result_is_said(tuned):
         return replace(tuned, **changes)
 
     beyond = weak(motions=(replace(step, peak_command=1.1 * LIMIT), *others))
-    assert "the step asks for more than the limit" in beyond.weaknesses
+    assert "the step demands more than the limit" in beyond.weaknesses
     rough = weak(motions=(replace(step, converged=False), *others))
     assert "the run of the step is not converged" in rough.weaknesses
     assert not rough.trusted
@@ -140,12 +140,12 @@ def test_a_sampled_controller_is_tuned_at_its_period():
 
 
 def test_a_controller_without_gains_to_tune_is_refused_with_those_that_have():
-    with pytest.raises(BadParameter, match=r"those that have are .*pid.*p_pi"):
+    with pytest.raises(BadParameter, match=r"controllers with gains are .*pid.*p_pi"):
         tune_loop(Loop(replace(pid(), name="mine"), "drive_lugre"), limit=LIMIT)
 
 
 def test_what_a_machine_does_not_measure_is_refused():
     from ballscrew.solver.contract_error import ContractError
 
-    with pytest.raises(ContractError, match="made for a motor's voltage"):
+    with pytest.raises(ContractError, match="made for the voltage of a motor"):
         tune_loop(heavy("lqi"), limit=LIMIT, budget=2)

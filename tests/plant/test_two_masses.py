@@ -153,5 +153,5 @@ def test_the_rotor_cannot_be_taken_away_later():
 
 
 def test_a_plant_that_sticks_already_is_refused():
-    with pytest.raises(ContractError, match="part it before it can stick"):
+    with pytest.raises(ContractError, match="do this before adding sticking"):
         with_spring(ball_screw(classical))

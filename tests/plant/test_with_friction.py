@@ -102,7 +102,7 @@ def test_friction_that_cannot_stick_is_refused_with_the_reason():
     smooth = ForceTerm("friction", -sp.tanh(symbol("v")), "smooth friction")
     with pytest.raises(ValueError, match=r"has no sign\(v\)"):
         with_friction(block_on_belt(), smooth)
-    with pytest.raises(ValueError, match="for friction that sticks as a mode, and dahl does not"):
+    with pytest.raises(ValueError, match="for friction with sticking as a mode, and dahl does not"):
         with_friction(block_on_belt(), "dahl", breakaway=sp.Float(1.0))
 
 

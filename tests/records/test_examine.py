@@ -82,7 +82,9 @@ def test_what_a_filter_or_interpolation_left_of_a_position_is_said(x, least, mos
     assert seen.resolution == 0.0
     assert least <= seen.carries <= most
     (note,) = seen.notes
-    assert f"the position carries nothing above {seen.carries:.3g} Hz, of the 500 Hz" in note
+    assert (
+        f"the position has no content above {seen.carries:.3g} Hz, of the 500 Hz possible" in note
+    )
 
 
 def test_an_exact_motion_with_friction_is_not_taken_for_filtered():

@@ -105,7 +105,7 @@ def test_tdms_channels_of_two_rates_come_to_the_slower_one_and_it_is_said(tmp_pa
     np.testing.assert_allclose(record.x, X[::4], atol=1e-12)
     np.testing.assert_allclose(record.u, U[::4], atol=1e-9)
     (note,) = record.notes
-    assert "u of drive (0.001 s), recorded every 0.001 s, is taken linear" in note
+    assert "u of drive (0.001 s), recorded every 0.001 s, is interpolated linearly" in note
     assert note.endswith("every 0.004, 1 in 4 of its samples")
 
 
@@ -162,7 +162,7 @@ def test_numpys_files_without_running_code(tmp_path):
     with pytest.raises(BadRecord, match="is a NumPy array that cannot be read"):
         read(tmp_path / "c.npy")
     (tmp_path / "d.pkl").write_bytes(pickle.dumps(GIVEN))
-    with pytest.raises(BadRecord, match="is a Python pickle, which is never read as that runs"):
+    with pytest.raises(BadRecord, match="is a Python pickle, which is not read because it can run"):
         read(tmp_path / "d.pkl")
 
 
@@ -204,7 +204,9 @@ def test_of_two_tables_with_the_columns_one_is_to_be_chosen(tmp_path):
         for t, x, u in zip(TIME, X, U, strict=True):
             sheet.append([float(t), size * float(x), float(u)])
     book.save(tmp_path / "a.xlsx")
-    words = "has 2 tables with these columns: first, second; choose one, as --map first/time=time"
+    words = (
+        "has 2 tables with these columns: first, second; choose one, such as --map first/time=time"
+    )
     with pytest.raises(BadRecord, match=words):
         read(tmp_path / "a.xlsx")
     record = read(tmp_path / "a.xlsx", {"second/time": "time"})
@@ -214,12 +216,15 @@ def test_of_two_tables_with_the_columns_one_is_to_be_chosen(tmp_path):
 @pytest.mark.parametrize(
     ("first", "words"),
     [
-        (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an Excel workbook of before 2007; save it as .xlsx"),
-        (b"TDSh\0\0", "the index of a TDMS file; give the .tdms file"),
+        (
+            b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1",
+            "an Excel workbook from before 2007; save it as .xlsx",
+        ),
+        (b"TDSh\0\0", "the index of a TDMS file; use the .tdms file"),
         (b"SQLite format 3\0", "a database"),
         (b"ULog\x01\x12\x35\0", "a PX4 log"),
         (b"LOGG\x90\0\0\0", "a Vector log; save it as MDF 4"),
-        (b"\0\1\2\3\4\5", "no text table: it has zero bytes"),
+        (b"\0\1\2\3\4\5", "not a text table: it contains zero bytes"),
     ],
 )
 def test_other_formats_are_refused_by_name_with_what_to_save(tmp_path, first, words):

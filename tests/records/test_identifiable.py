@@ -22,9 +22,9 @@ def test_sound_records_have_no_doubts():
 def test_doubts_of_each_record_are_said_with_what_was_done_on_reading():
     notes = check_identifiable([record(notes=("resampled",)), record("other", x=0.1 * TIME)])
     assert notes[0] == "mine: resampled"
-    assert notes[1].startswith("other: moves one way only")
+    assert notes[1].startswith("other: moves in one direction only")
 
 
 def test_records_with_and_without_a_current_are_not_one_study():
-    with pytest.raises(BadRecord, match="some records have the current `i` and some not"):
+    with pytest.raises(BadRecord, match="some records have the current `i` and some do not"):
         check_identifiable([record(), record(i=SWINGS["u"])])

@@ -51,7 +51,9 @@ def test_asynchronous_stamps_are_put_to_the_slower_ones_where_both_are_known(tmp
     np.testing.assert_allclose(record.x, x_at(of_u), atol=1e-6)
     np.testing.assert_allclose(record.u, u_at(of_u), atol=1e-12)
     (note,) = record.notes
-    assert note.startswith("x of axis, recorded every 1 ms, is taken linear at the stamps of drive")
+    assert note.startswith(
+        "x of axis, recorded every 1 ms, is interpolated linearly at the time stamps of drive"
+    )
     assert note.endswith("every 2.5, 1 in 2.5 of its samples")
 
 
@@ -72,7 +74,7 @@ def test_a_slow_signal_that_is_not_needed_stays_at_its_samples(tmp_path):
 @pytest.mark.parametrize(
     ("of_u", "unit", "words"),
     [
-        (TIME + 10.0, "s", "x, u have no time in common"),
+        (TIME + 10.0, "s", "x, u do not overlap in time"),
         (TIME, "ticks", "its times are in 's' and 'ticks'|its times are in 'ticks' and 's'"),
         (TIME[::-1], "s", "time of drive does not rise|goes backwards"),
     ],
@@ -91,7 +93,7 @@ def test_tables_whose_dates_begin_apart_are_refused(tmp_path):
             stamps = begin + (1e6 * TIME + late).round().astype("m8[us]")
             channels = [ChannelObject(name, "t", stamps), ChannelObject(name, column, values)]
             writer.write_segment(channels)
-    with pytest.raises(BadRecord, match="times of a and b go from different dates"):
+    with pytest.raises(BadRecord, match="times of a and b start at different dates"):
         read(tmp_path / "a.tdms")
 
 

@@ -149,5 +149,7 @@ def test_objects_are_refused_with_what_to_save(tmp_path):
         item.attrs["MATLAB_class"] = np.bytes_("timeseries")
         item.attrs["MATLAB_object_decode"] = np.int32(3)
 
-    with pytest.raises(BadRecord, match=r"holds objects .* save their numbers, as t = ts\.Time"):
+    with pytest.raises(
+        BadRecord, match=r"contains objects .* save their numbers, such as t = ts\.Time"
+    ):
         read_tables(mat73(tmp_path / "a.mat", series))

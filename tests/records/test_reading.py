@@ -90,8 +90,8 @@ def test_the_current_alone_is_a_command_and_a_force_is_one(tmp_path):
         ({"x": "V"}, "--unit x=V: expected one of m"),
         ({"x": "0*m"}, "--unit x=0[*]m: expected one of m"),
         ({"speed": "rpm"}, "columns are time, u, x"),
-        ({"x": "deg"}, "say --lead METRES"),
-        ({"u": "N*m"}, "say --lead METRES"),
+        ({"x": "deg"}, "use --lead METRES"),
+        ({"u": "N*m"}, "use --lead METRES"),
     ],
 )
 def test_units_that_make_no_sense_are_refused(tmp_path, units, words):
@@ -134,7 +134,7 @@ def test_a_unit_in_brackets_that_nobody_knows_has_to_be_said(tmp_path, column, u
     heads = {c: brackets.format(c, unit) if c == column else c for c in given}
     path = write(tmp_path / "a.csv", given, ",".join(heads.values()))
     for mapping in ({}, {heads[column]: column}, {column: column}):
-        with pytest.raises(BadRecord, match=f"{column} is in '{unit}'; say --unit {column}= with"):
+        with pytest.raises(BadRecord, match=f"{column} is in '{unit}'; use --unit {column}= with"):
             read(path, mapping=mapping)
     base = {"x": "m", "u": "V", "i": "A", "force": "N", "time": "s"}[column]
     record = read(path, units={column: f"2*{base}"})
@@ -149,7 +149,7 @@ def test_a_unit_of_the_file_that_nobody_knows_has_to_be_said(tmp_path):
     ]
     path = tmp_path / "a.csv"
     path.write_text("\n".join(lines))
-    with pytest.raises(BadRecord, match="the file says that u is in '%'; say --unit u="):
+    with pytest.raises(BadRecord, match="the file says that u is in '%'; use --unit u="):
         read(path)
     assert read(path, units={"u": "0.01*N"}).u.max() == pytest.approx(0.03, rel=1e-3)
 
@@ -159,7 +159,7 @@ def test_slow_records_and_times_that_are_no_seconds_are_refused(factor):
     signals = MOTION | {"time": factor * TIME}
     if factor < 1e3:  # a motion recorded at 20 Hz, or 10 Hz
         signals = {n: v[:500] for n, v in signals.items()}
-    with pytest.raises(BadRecord, match=r"too slow to see friction, .* --unit time=ms"):
+    with pytest.raises(BadRecord, match=r"too slow for friction; .* --unit time=ms"):
         check_record("mine", signals)
 
 
@@ -174,7 +174,7 @@ def test_missing_repeated_and_jittering_samples_are_put_right_and_said():
     np.testing.assert_allclose(np.diff(record.time), record.step, rtol=1e-9)
     np.testing.assert_allclose(record.x, 0.1 * np.sin(3 * record.time), atol=2e-6)
     (note,) = record.notes
-    assert "1 with the stamp of another" in note
+    assert "1 with a repeated time stamp" in note
     assert "stamps up to 0.3" in note or "stamps up to 0.4" in note
     assert "resampled every 1 ms" in note
 
@@ -201,7 +201,7 @@ def test_slower_instruments_values_stay_where_they_were_when_samples_are_missing
     ("keep", "words"),
     [
         (np.r_[0:500, 550:2000], "a gap of 0.051 s after 0.499 s"),
-        (np.r_[0:500, 499:100:-1, 500:2000], "time goes backwards in row 502"),
+        (np.r_[0:500, 499:100:-1, 500:2000], "time decreases in row 502"),
         (np.repeat(np.arange(2000), 2), "its stamps are coarser than the sampling"),
         (np.flatnonzero(np.arange(2000) % 4 < 2), "uneven sampling"),
     ],
@@ -221,14 +221,16 @@ def test_a_record_with_gaps_is_its_pieces(tmp_path):
     np.testing.assert_allclose(first.x, given["x"][:2000], atol=1e-9)
     np.testing.assert_allclose(second.time, time[3000:], atol=1e-9)
     (note,) = second.notes
-    assert note.startswith("2 gaps, the first of 0.501 s after 1.999 s: the record was cut there")
+    assert note.startswith(
+        "2 gaps, the first of 0.501 s after 1.999 s: the record was divided there"
+    )
     assert note.endswith("into 2 pieces of at least 1 s; 2 % of its samples are in shorter ones")
 
 
 def test_a_record_whose_pieces_are_all_too_short_is_refused(tmp_path):
     keep = np.r_[0:500, 600:1100, 1200:1700]
     path = write(tmp_path / "a.csv", {n: v[keep] for n, v in MOTION.items()})
-    with pytest.raises(BadRecord, match=r"a gap of 0.101 s .* cut the record into pieces"):
+    with pytest.raises(BadRecord, match=r"a gap of 0.101 s .* divide the record into pieces"):
         read(path)
 
 
@@ -278,7 +280,7 @@ def test_a_column_of_another_name_without_a_unit_is_asked_for_it(tmp_path, unit)
     table[f"q [{unit}]" if unit else "q"] = table.pop("x")
     path = write(tmp_path / "a.csv", table)
     said = complaint(path, mapping={"q": "x"})
-    assert "tells no unit of 'q', which is x by --map; say --unit x= with one of m, cm, mm" in said
+    assert "gives no unit of 'q', which is x by --map; use --unit x= with one of m, cm, mm" in said
     assert read_force_records([path], {"q": "x"}, {"x": "m"})
 
 
@@ -302,10 +304,10 @@ def test_a_mapped_column_that_is_not_there_is_named(tmp_path):
         ("short", "too short: 5 samples"),
         ("constant position", "x is constant"),
         ("constant force", "force is constant"),
-        ("backwards", "time goes backwards in row 52"),
+        ("backwards", "time decreases in row 52"),
         ("slow column", "lower rate"),
-        ("text", "'abc' is no number"),
-        ("twice", "is there twice"),
+        ("text", "'abc' is not a number"),
+        ("twice", "occurs twice"),
         ("empty", "is empty"),
         ("ragged", "row 3: 2 cells, expected 3"),
     ],

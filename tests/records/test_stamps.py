@@ -50,11 +50,11 @@ def test_stamps_with_decimal_commas_and_columns_without_a_name(tmp_path):
 
 def test_days_and_months_that_may_be_either_are_refused(tmp_path):
     stamps = ["3/4/2024 23:59", "3/4/2024 23:59", "4/4/2024 00:00", "4/4/2024 00:01"]
-    with pytest.raises(BadRecord, match=r"'3/4/2024 23:59' may be of two days; write dates as"):
+    with pytest.raises(BadRecord, match=r"'3/4/2024 23:59' may be from two days; write dates as"):
         read(tmp_path, stamps)
 
 
 def test_a_cell_that_is_no_stamp_among_stamps_is_named_with_its_line(tmp_path):
     stamps = ["12:00:00", "noon", "12:00:02", "12:00:03"]
-    with pytest.raises(BadRecord, match="row 3, column 'time': 'noon' is no time of day"):
+    with pytest.raises(BadRecord, match="row 3, column 'time': 'noon' is not a time of day"):
         read(tmp_path, stamps)

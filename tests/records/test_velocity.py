@@ -67,7 +67,7 @@ def test_a_force_record_of_the_velocity_is_read_by_its_units(tmp_path):
 
 def test_per_cent_of_a_torque_that_nobody_told_are_refused(tmp_path):
     path = export(tmp_path / "a.csv")
-    with pytest.raises(BadRecord, match=r"force is in '%'; say --unit force= .* one '%'"):
+    with pytest.raises(BadRecord, match=r"force is in '%'; use --unit force= .* one '%'"):
         read_force_records([path], {**NAMES, TORQUE: "force"}, lead=LEAD)
 
 

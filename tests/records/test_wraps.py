@@ -34,7 +34,7 @@ def test_angles_of_one_turn_go_on(tmp_path, unit, turn, from_minus):
     np.testing.assert_allclose(record.x - record.x[0], X - X[0], atol=1e-9)
     (note,) = record.notes
     assert note.startswith("x jumps by a turn ")
-    assert note.endswith(" times: it wraps and was unwrapped")
+    assert note.endswith(" times: it wraps around and was unwrapped")
 
 
 @pytest.mark.parametrize("bits", [16, 32])
@@ -50,7 +50,7 @@ def test_a_counter_of_time_goes_on(tmp_path):
     ticks = (np.round(1e6 * TIME) + 2**32 - 5e5) % 2**32
     record = read(tmp_path, X, "m", ticks, "us")
     np.testing.assert_allclose(np.diff(record.time), 1e-3, rtol=1e-6)
-    assert record.notes == ("time jumps by 2^32 1 times: it wraps and was unwrapped",)
+    assert record.notes == ("time jumps by 2^32 1 times: it wraps around and was unwrapped",)
 
 
 @pytest.mark.parametrize("fault", ["more than a turn", "one wrong sample", "a step"])

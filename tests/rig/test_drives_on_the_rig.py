@@ -183,13 +183,13 @@ def test_the_largest_velocity_is_one_that_the_machine_can_do(files, limit, trave
 @pytest.mark.parametrize(
     ("name", "trial", "given", "said"),
     [
-        ("linear", "2.4/1", {"plant.voltage_limit": 90.0}, "gives 90 N .* too little to slide"),
+        ("linear", "2.4/1", {"plant.voltage_limit": 90.0}, "gives 90 N .* too small for sliding"),
         ("linear", "2.2/13", {"plant.voltage_limit": 100.0}, "takes 107 N, and .* gives 100 N"),
         ("linear", "2.4/1", {"plant.sigma2": 0.0}, "needs a velocity.* give trial.speed, in m/s"),
         ("joint", "2.4/1", {"plant.sigma2": 0.0}, "give trial.speed, in rad/s"),
         ("linear", "viscous/51", {"trial.speed": 1.0}, "over in 0.6 s on the travel of 0.6 m"),
-        ("linear", "2.8/1", {}, "1.9 counts of the encoder.*give encoder.counts of 2089 or more"),
-        ("joint", "presliding", {}, "the law classical does not have; give another law"),
+        ("linear", "2.8/1", {}, "1.9 counts of the encoder.*use encoder.counts of 2089 or more"),
+        ("joint", "presliding", {}, "the law classical does not have; use another law"),
         ("linear", "2.4/1", {"plant.gain": 0.0}, "plant.gain is 0"),
         ("joint", "2.4/1", {"capacitance_sensor.area": 1.0}, "has no 'capacitance_sensor.area'"),
         ("joint", "2.4/1", {"trial.sped": 1.0}, "it has trial.speed, trial.force, trial.travel"),
@@ -206,7 +206,7 @@ def test_the_list_has_the_machine_s_trials_and_says_what_is_refused(files):
     assert code == 0
     lines = {line.split()[0]: line for line in printed.splitlines()}
     assert "constant velocity 0.5 rad/s" in lines["viscous/1"]
-    assert "refused: presliding/1 is of presliding" in lines["presliding/1"]
+    assert "refused: presliding/1 is for presliding" in lines["presliding/1"]
 
 
 def test_a_file_of_another_kind_is_refused_in_one_line(tmp_path):

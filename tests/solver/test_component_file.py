@@ -127,7 +127,11 @@ def test_what_a_file_prints_is_no_result(tmp_path, capsys):
         ("import broken\n", "make", "broken.py, line 2: it cannot be imported: SyntaxError: "),
         (GAIN, "mak", "mine.py has no function 'mak'; nearest: make"),
         (GAIN, "other", "mine.py has no function 'other'; it has make"),
-        (GAIN, "", "say which of its functions makes the component, as mine.py:FUNCTION; it has m"),
+        (
+            GAIN,
+            "",
+            "give the function that makes the component, such as mine.py:FUNCTION; it has m",
+        ),
         ("make = 3\n", "make", "mine.py: make is 3; expected a function without arguments"),
         ("def make(gain): ...\n", "make", "missing a required argument: 'gain'; give it a default"),
         ("def make(): return [1.5]\n", "make", "make() returned [1.5], which is a list; expected"),

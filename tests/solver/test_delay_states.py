@@ -114,7 +114,7 @@ def test_all_delays_of_a_component_become_states():
 
 def test_what_has_delays_is_not_followed_as_if_it_had_none():
     model = Model(generate(scalar(-LATE, 1.0)))
-    told = "scalar has the delayed signal late, expected it among the states, by with_delay_states"
+    told = "scalar has the delayed signal late; expected it among the states, by with_delay_states"
     with pytest.raises(ValueError, match=told):
         follow_tangents(model, [0.0, 1.0])
     with pytest.raises(ValueError, match=told):

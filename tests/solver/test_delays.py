@@ -373,7 +373,9 @@ def test_a_delay_of_a_signal_that_modes_change_is_refused():
         outputs=(Output("u", "1", "command", -LATE),),
         delays=(Delay("late", X, sp.Integer(1)),),
     )
-    with pytest.raises(ContractError, match="'controller_late' delays a signal that modes change"):
+    with pytest.raises(
+        ContractError, match="'controller_late' delays a signal that depends on the mode"
+    ):
         connect(moded, controller)
 
 

@@ -385,7 +385,7 @@ def test_two_masses_that_stick_have_nine_modes_and_move_as_each_alone():
 def test_an_output_that_follows_at_once_is_a_loop_only_where_it_comes_back():
     wires = {"one.a": "two.y", "two.a": "three.y", "three.a": "one.y"}
     gains = {n: replace(gain(0), name=n) for n in ("one", "two", "three")}
-    line = "^one and two and three: 'y' depends on the one's input at once, which makes an algebra"
+    line = "^one and two and three: 'y' depends on the one's input without delay, which makes"
     with pytest.raises(ContractError, match=line):
         interconnect(gains, wires, [], {})
     whole = interconnect(gains | {"two": hold("two")}, wires, [], {"y": "one.y"})
@@ -396,12 +396,15 @@ def test_an_output_that_follows_at_once_is_a_loop_only_where_it_comes_back():
 @pytest.mark.parametrize(
     ("change", "line"),
     [
-        ({"connections": {"one.a": "u", "two.a": "on.y"}}, "two.a takes 'on.y', which no part"),
+        (
+            {"connections": {"one.a": "u", "two.a": "on.y"}},
+            "two.a takes 'on.y', which is not an output of any part",
+        ),
         ({"connections": {"one.a": "u", "two.b": "one.y"}}, "no part has an input 'two.b'; there"),
-        ({"connections": {"one.a": "u"}}, "two.a takes nothing; it needs a connection"),
-        ({"inputs": ["u", "w"]}, "no input takes the outer input 'w'"),
-        ({"inputs": []}, "one.a takes 'u', which no part gives"),
-        ({"outputs": {"y": "u"}}, "y takes 'u', which no part gives"),
+        ({"connections": {"one.a": "u"}}, "two.a is not connected; it needs a connection"),
+        ({"inputs": ["u", "w"]}, "no input is connected to the outer input 'w'"),
+        ({"inputs": []}, "one.a takes 'u', which is not an output of any part"),
+        ({"outputs": {"y": "u"}}, "y takes 'u', which is not an output of any part"),
         (
             {
                 "parts": {
@@ -433,7 +436,7 @@ def test_a_sampler_of_a_signal_that_modes_change_is_refused():
         outputs=(Output("y", "1", "y", sp.Integer(0)),),
         modes=(Mode("off"), Mode("on", outputs={"y": sp.Integer(1)})),
     )
-    with pytest.raises(ContractError, match="'hold_d' samples a signal that modes change"):
+    with pytest.raises(ContractError, match="'hold_d' samples a signal that depends on the mode"):
         interconnect({"switch": switch, "hold": hold("hold")}, {"hold.a": "switch.y"}, [], {})
 
 

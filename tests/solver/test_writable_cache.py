@@ -12,7 +12,7 @@ import pytest
 
 import ballscrew
 
-# root becomes a user without a home, who can read everything and write nearly nothing
+# root becomes a user without a home folder folder, who can read everything and write nearly nothing
 NOBODY = "setpriv --reuid 65534 --regid 65534 --clear-groups"
 NOBODY += " --inh-caps +dac_read_search --ambient-caps +dac_read_search"
 AS_NOBODY = NOBODY.split() if os.getuid() == 0 and shutil.which("setpriv") else []

@@ -72,7 +72,7 @@ def test_two_frequencies_with_a_common_period_close_but_are_no_cycle_that_attrac
 ) -> None:
     motion = becomes(two_circles(), w=ratio)
     assert motion.kind is Kind.UNDECIDED, motion.evidence
-    assert "one of many side by side" in motion.evidence
+    assert "one of a family" in motion.evidence
 
 
 @pytest.mark.parametrize("w", [0.9, 1.1, 1.3, 1.6, 2.2])

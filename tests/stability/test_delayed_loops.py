@@ -106,7 +106,7 @@ def test_a_loop_with_a_delay_is_stable_up_to_its_gain(gain: float) -> None:
     assert run.motion.limit is not None
     exact = np.sort([lambertw(-0.7 * gain, k).real / 0.7 for k in range(-5, 6)])[::-1]
     assert run.motion.limit[:3] == pytest.approx(exact[:3], abs=1e-6)
-    assert run.method == "one solver; 16 nodes along each delay, whose own exponents come last"
+    assert run.method == "one solver; 16 nodes along each delay, whose own exponents are last"
 
 
 def test_a_loop_that_is_sampled_and_has_delays_is_refused_in_one_line() -> None:

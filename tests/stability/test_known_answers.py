@@ -210,7 +210,7 @@ def test_a_ball_that_loses_nothing_bounces_for_ever_and_on_no_cycle_of_its_own()
     before = model.tolerance
     motion = classify_attractor(model, 0.0, 10.0)
     assert motion.kind is Kind.UNDECIDED, motion.evidence
-    assert "one of many side by side" in motion.evidence
+    assert "one of a family" in motion.evidence
     np.testing.assert_allclose(motion.limit, [0.0, 0.0], atol=1e-9)
     assert model.tolerance == before
 

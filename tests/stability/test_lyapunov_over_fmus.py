@@ -98,7 +98,7 @@ def test_a_plain_export_of_a_controller_with_a_state_is_probed(native, fmi):
     expected = np.sort(loop_lyapunov(Loop("pid", stop=STOP)).exponents)[::-1]
     assert run.exponents.sum() == pytest.approx(expected.sum(), rel=1e-4)
     assert run.exponents[-1] == pytest.approx(expected[-1], rel=2e-3)
-    assert "differ by a constant over the time" in run.method
+    assert "differ by a constant divided by the time" in run.method
     assert run.sum_rule_error() is None  # a third-party FMU tells no trace
 
 

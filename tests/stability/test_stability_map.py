@@ -100,7 +100,7 @@ def test_a_loop_that_rests_late_is_followed_on_until_it_does_where_another_solve
         atol=1e-9,
     )
     assert end.success
-    assert np.ptp(end.y, axis=1).max() < 1e-6  # nominal magnitudes: nothing moves any more
+    assert np.ptp(end.y, axis=1).max() < 1e-6  # nominal magnitudes: there is no motion any more
     assert end.y[0, -1] * nominal[0] == pytest.approx(study.loop.set_point, abs=1e-6)
 
 
@@ -132,7 +132,7 @@ def test_a_cell_without_a_controller_says_so():
     y = read_axis("plant.sigma2=1:2:2", Loop("nctf"))
     found = run_cell(MapPlan(Loop("nctf", stop=1.0), x, y), 1e4, 1.0, 1e-6)
     assert found.verdict is Kind.UNDECIDED
-    assert found.reason.startswith("no controller can be designed on this plant: ")
+    assert found.reason.startswith("no controller can be designed for this plant: ")
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def prescribed_motion(friction: Law, name: str = "prescribed_motion") -> Compone
 
 
 def _switched(term: ForceTerm) -> ForceTerm:
-    """The term with its signs as cases: the velocity moves with time, and d sgn/dt is no number."""
+    """The term with its signs as cases: the velocity moves with time, and d sgn/dt is none."""
 
     def cases(expression: sp.Expr) -> sp.Expr:
         return sp.sympify(expression).replace(

@@ -14,7 +14,7 @@
 #include "stepper.c"
 
 #define AT_LEAST_1(n) ((n) > 0 ? (n) : 1) /* C has no arrays of length zero */
-#define ROUND_OFF 1e-9    /* share of a sampling period within which two times are the same */
+#define ROUND_OFF 1e-9    /* share of a sampling period within which two times are equal */
 #define MAX_STEPS 200000
 #define MOST_SAMPLES 1e6  /* sample instants in one step */
 #define LONGEST_TEXT 512
@@ -216,7 +216,7 @@ static void scale_tolerances(Instance *c)
         c->atol[i] = NOMINAL[i] * c->now.memory[AT_TOLERANCE];
 }
 
-/* Let tangents take the values of their inputs, where a new frame is asked for. */
+/* Set tangents from their inputs, if a new frame is requested. */
 static void take_frame(Instance *c)
 {
 #ifdef FRAME_ASK
@@ -356,7 +356,7 @@ static void initialize_states(Instance *c)
             DONE)
             fail(c, "events follow each other without end at t = %.9g s", TIME(c));
     }
-    if (AT_SAMPLE_TIME >= 0) /* samples count from t = 0, wherever the run begins */
+    if (AT_SAMPLE_TIME >= 0) /* samples count from t = 0, also if the run begins later */
         memory[AT_SAMPLES] =
             ceil(TIME(c) / memory[AT_SAMPLE_TIME < 0 ? 0 : AT_SAMPLE_TIME] - ROUND_OFF);
 }
@@ -545,7 +545,7 @@ static Status set_numbers(Instance *c, const uint32_t *references, size_t n, con
         if (!v)
             return ERROR;
         if (v->what != INPUT && v->what != PARAMETER && !settable_state(c, v))
-            return refuse(c, "%s cannot be set; it is no input and no parameter", v->name);
+            return refuse(c, "%s cannot be set; it is not an input or a parameter", v->name);
         if (v->what == PARAMETER && c->now.started)
             return refuse(c, "parameter %s cannot be set any more; set it before initialization ends",
                           v->name);
@@ -606,7 +606,7 @@ static Status advance(Instance *c, double t0, double t1)
     case CHATTER:
         return fail(c, "events follow each other without end at t = %.9g s", reached);
     case NO_DELAY:
-        return fail(c, "a delay lasts no time, expected a duration of more than 0 s");
+        return fail(c, "a delay is 0 s; expected more than 0 s");
     default:
         return fail(c, "the internal step became too small at t = %.9g s; %s", reached, rest);
     }
@@ -664,7 +664,7 @@ static Status take_step(Instance *c, double t, double step)
     if (stopped(c))
         return ERROR;
     if (!(step > 0.0) || !isfinite(t + step))
-        return fail(c, "a step from t = %g s by %g s makes no sense", t, step);
+        return fail(c, "a step from t = %g s by %g s is invalid", t, step);
     take_frame(c);
     if (STEP_START >= 0)
         c->now.memory[STEP_START < 0 ? 0 : STEP_START] = t;

@@ -83,7 +83,7 @@ CALL(GetString, ANY, (REFERENCED, const char *values[]), get_failure(c, referenc
 /* Numbers that are not Real, and Strings that could be set: there are none. */
 #define NONE_OF(name, constant, type, what)                                                        \
     CALL(name, ANY, (REFERENCED, constant type values[]),                                          \
-         n ? refuse(c, "%lu %s were named, there are none", (unsigned long)n, what) : OK)
+         n ? refuse(c, "%lu %s were given, but there are none", (unsigned long)n, what) : OK)
 NONE_OF(GetInteger, , fmi2Integer, "Integers")
 NONE_OF(GetBoolean, , fmi2Boolean, "Booleans")
 NONE_OF(SetInteger, const, fmi2Integer, "Integers")

@@ -46,7 +46,7 @@ def test_courses_are_as_near_to_co_simulation_as_its_own_perturbed_ones(name, fm
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_a_body_breaks_away_whatever_round_off_the_solver_left_in_its_velocity(native, fmi):
     host = ExchangeHost(native("plant_classical", fmi), {}, 1e-6, np.random.default_rng(0))
-    force = host.slope(0.0, np.zeros(3)).copy()  # stuck: nothing moves
+    force = host.slope(0.0, np.zeros(3)).copy()  # stuck: there is no motion
     assert force.tolist() == [0.0, 0.0, 0.0]
     for current, left in ((0.011, 2.6e-25), (-0.011, 2.6e-25), (0.011, -2.6e-25)):
         host.put_states(0.0, np.array([0.0, left, current]))

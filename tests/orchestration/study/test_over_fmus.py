@@ -1,4 +1,4 @@
-"""A run of a study again over FMUs: what the master says of it."""
+"""A run of a study repeated over FMUs: what the master says of it."""
 
 import json
 from dataclasses import asdict

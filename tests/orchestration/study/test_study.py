@@ -162,7 +162,7 @@ def test_a_study_over_dask_gives_the_same_numbers(plan, result, tmp_path):
 
 
 def test_a_folder_of_another_study_is_left_alone(plan, folder, result):
-    with pytest.raises(BadPlan, match="add --resume to go on"):
+    with pytest.raises(BadPlan, match="add --resume to continue"):
         do_study(plan, folder, Processes(1))
     with pytest.raises(BadPlan, match="holds another study"):
         do_study(replace(plan, seed=2), folder, Processes(1), resume=True)
@@ -227,7 +227,7 @@ def test_an_interrupt_says_what_is_kept_and_before_the_first_part_nothing_blocks
         time.sleep(0.001)
     ending = interrupted(command, signal.SIGINT)
     assert ending.fault() == ""
-    assert "tasks that are done are kept, go on with --resume" in ending.said
+    assert "finished tasks are kept, continue with --resume" in ending.said
 
 
 def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, folder, result):
@@ -238,7 +238,7 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
     assert main(given) == 0
     printed = capsys.readouterr().out
     assert "2 controllers, 1 duties, 12 runs" in printed
-    assert "again over FMUs" in printed
+    assert "repeated over FMUs" in printed
     assert {p.name for p in out.iterdir()} >= {
         "report.html",
         "study.json",
@@ -293,7 +293,11 @@ def test_a_browser_draws_the_page_zooms_and_asks_for_nothing(result, tmp_path):
         ("Kp =", "Kpp =", "no parameter 'Kpp'; there are Kd, Ki, Kp"),
         ("[controllers.pid]", '[controllers.pid]\ncomponent = "no.py:f"', "there is no file no.py"),
         ("plants = 3", 'plants = 3\nplant = "no.py:f"', "there is no file no.py"),
-        ("plants = 3", "plants = 3\nvoltage_limit = 36.0", "voltage_limit is called command_limit"),
+        (
+            "plants = 3",
+            "plants = 3\nvoltage_limit = 36.0",
+            "voltage_limit is now called command_limit",
+        ),
         ("plants = 3", 'plants = 3\ninstruments = ["encodr"]', "no instrument 'encodr'"),
         ("uniform = [0.7, 1.3]", "uniform = [-1.0, 1.0]", "Fc would be -1"),
         ("uniform = [0.7, 1.3]", "normal = [1.0, 3.0]", "Fc would be -"),

@@ -92,7 +92,7 @@ def test_more_budget_that_would_change_the_order_is_said():
 
 def test_a_tuning_that_finds_nothing_is_said():
     found = study(ERRORS, {"p_pi": FINE, "pid": [(1.0, 1.0), (1.0, 1.0)]})
-    assert weaknesses(found) == ["tuning of pid found nothing better than its published values"]
+    assert weaknesses(found) == ["tuning of pid found no better values than the published ones"]
 
 
 def test_failed_runs_are_said_and_lose_the_duty():
@@ -100,4 +100,4 @@ def test_failed_runs_are_said_and_lose_the_duty():
     assert sentence(found).startswith("p_pi wins 2 of 4 duties; it does not win move and steps")
     assert weaknesses(found) == ["1 runs FAILED, of p_pi"]
     none = study(ERRORS, {"p_pi": FINE, "pid": FINE}, [(n, d) for n in ERRORS for d in ERRORS[n]])
-    assert sentence(none) == "No controller came through any duty"
+    assert sentence(none) == "No controller completed any duty"
