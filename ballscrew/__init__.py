@@ -4,7 +4,7 @@ import os.path
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-# Installed, the parts stand inside this package. In a checkout they stand beside it, and Python
+# When installed, the parts are inside this package. In a checkout they are next to it, and Python
 # started there finds this folder first.
 if not os.path.isdir(os.path.join(__path__[0], "solver")):
     __path__.append(os.path.dirname(__path__[0]))
