@@ -91,8 +91,8 @@ def loop(proof: Mapping[str, Any]) -> list[str]:
 def ablation(proof: Mapping[str, Any]) -> list[str]:
     """The scores without each of their pieces."""
     lines = [
-        "| without | clear effects: the right cause has the best score | distinguished from faultless "
-        "ones | seconds, median |",
+        "| without | clear effects: the right cause has the best score | distinguished from "
+        "faultless ones | seconds, median |",
         "|---|---|---|---|",
     ]
     for piece, found in proof["without"].items():
