@@ -1,10 +1,10 @@
-"""Make the tables and the picture of ``swap-study.md`` anew from two finished studies.
+"""Write the tables and the picture of ``swap-study.md`` from two finished studies.
 
 ballscrew study docs/examples/swap_study.toml --out out/study
 ballscrew study docs/examples/swap_study_ideal.toml --out out/ideal
 python docs/write_swap_study.py out/study out/ideal
 
-The second folder may be left out: the table of ideal sensors then stays as it is.
+Without the second folder the table of ideal sensors is not changed.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def _rms(study: Mapping[str, Any], duty: str, name: str) -> str:
 
 
 def verdict(study: Mapping[str, Any]) -> str:
-    """The study's own sentence, and what weakens it."""
+    """The study's first sentence, and what weakens it."""
     return "\n".join([f"**{study['verdict']}.**", "", *(f"- {w}" for w in study["weaknesses"])])
 
 
@@ -63,7 +63,7 @@ def answers(study: Mapping[str, Any]) -> str:
         else:
             cells += ["-", "-"]
         rows.append(cells)
-    head = "duty", "best", "rms error (90 %)", "not told from it", "next", "rms error (90 %)"
+    head = "duty", "best", "rms error (90 %)", "not different from it", "next", "rms error (90 %)"
     return table(head, rows)
 
 
@@ -81,7 +81,7 @@ def errors(study: Mapping[str, Any]) -> str:
 
 
 def tunings(study: Mapping[str, Any]) -> str:
-    """What tuning did, and what it was paid with."""
+    """Costs before and after tuning, and the effort."""
     first = next(iter(study["means"]))
     rows = []
     for name, found in study["tunings"].items():
@@ -123,7 +123,7 @@ def hunting(study: Mapping[str, Any]) -> str:
         rows.append([f"`{name}`", ", ".join(cells) or "none"])
     plan = study["plan"]
     runs = plan["plants"] * plan["tuning"]["seeds"]
-    return f"Of {runs} runs each, where any does:\n\n" + table(
+    return f"Of {runs} runs each; motions without hunting are left out:\n\n" + table(
         ("controller", "hunts at rest after"), rows
     )
 
@@ -133,31 +133,30 @@ def size(study: Mapping[str, Any]) -> str:
     plan = study["plan"]
     tuning = plan["tuning"]
     return (
-        f"All are tuned alike on two motions that are not among these: {tuning['seeds']} times, "
+        f"All are tuned in the same way on two other motions: {tuning['seeds']} times, "
         f"with {tuning['budget']} candidates.\nMeans are geometric, over {plan['plants']} plants "
         f"and {tuning['seeds']} tunings; in brackets 90 % intervals over plants and noise."
     )
 
 
 def checks(study: Mapping[str, Any]) -> str:
-    """What came of the runs over FMUs."""
+    """Result of the runs over FMUs."""
     found = study["over_fmus"]
     differ = [run for run in found if not run["agrees"]]
     unsure = sum(run["coupling"] not in ("", "trusted") for run in found)
     return (
-        f"{len(found)} runs were repeated over FMUs, and {len(differ) or 'none'} came out "
-        f"differently{_which(differ)}.\nOf {unsure} of these the master does not say that every "
-        "output is right "
-        "within 1 %: its runs with shorter steps see other counts of the encoder, and the\ncurrent "
-        "follows each count."
+        f"{len(found)} runs were repeated over FMUs, and {len(differ) or 'none'} differed"
+        f"{_which(differ)}.\nFor {unsure} of these the master's verdict is not converged (1 %): "
+        "its runs with shorter steps read other counts of the encoder, and the\ncurrent follows each "
+        "count."
     )
 
 
 def _which(runs: list[Mapping[str, Any]]) -> str:
     """Which runs differ, and by how much."""
     named = (
-        f"`{run['controller']}` at {run['duty']}, {1e9 * run['apart']:.2g} nm apart where "
-        f"{1e9 * run['allowed']:.2g} nm are allowed"
+        f"`{run['controller']}` at {run['duty']}, by {1e9 * run['apart']:.2g} nm, with a limit of "
+        f"{1e9 * run['allowed']:.2g} nm"
         for run in runs
     )
     return f" ({'; '.join(named)})" if runs else ""
@@ -178,7 +177,7 @@ def sensitivities(study: Mapping[str, Any]) -> str:
 
 
 def thesis_step() -> str:
-    """The thesis' step of 8 cm with friction as known, 20 % less and 20 % more."""
+    """The thesis' step of 8 cm with nominal friction, 20 % less and 20 % more."""
     practice = "+sampled+position_encoder+velocity_estimate+current_sensor"
     rows = []
     for name in STEPPED:
@@ -195,7 +194,7 @@ def thesis_step() -> str:
                 )
                 cells.append(_outcome(run))
             rows.append(cells)
-    head = ("controller", "sensors", "friction as known", "20 % less", "20 % more")
+    head = ("controller", "sensors", "nominal friction", "20 % less", "20 % more")
     return table(head, rows)
 
 

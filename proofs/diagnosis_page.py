@@ -1,7 +1,7 @@
-"""The figures of ``docs/diagnosis.md``, out of the stored proofs.
+"""The figures of ``docs/diagnosis.md``, from the stored proofs.
 
-``python proofs/diagnosis_page.py`` writes them between the page's marks; a test holds the page to
-them.
+``python proofs/diagnosis_page.py`` writes them between the page's marks; a test compares the
+page with them.
 """
 
 from __future__ import annotations
@@ -13,41 +13,41 @@ from provenance import ROOT, stored
 
 PAGE = ROOT / "docs" / "diagnosis.md"
 ASKED = {
-    "truth in the set": ("truth in the answer, all records", "95 %"),
-    "truth in the set, clear effects": ("truth in the answer, clear effects", "95 %"),
-    "named rightly, clear effects": ("clear effects: named rightly", "65 %"),
-    "the likeliest is right, clear effects": ("clear effects: the likeliest is right", "-"),
+    "truth in the set": ("all records: the right cause is in the answer", "95 %"),
+    "truth in the set, clear effects": ("clear effects: the right cause is in the answer", "95 %"),
+    "named rightly, clear effects": ("clear effects: named correctly", "65 %"),
+    "the likeliest is right, clear effects": ("clear effects: the most likely cause is right", "-"),
     "at most two with the truth, clear effects": (
-        "clear effects: at most two members, with the truth",
+        "clear effects: at most two members, one of them right",
         "85 %",
     ),
     "named wrongly, of records with effects": ("records with effects: a wrong name", "at most 2 %"),
     "named wrongly, faultless": ("faultless records: a name", "at most 2 %"),
     "faultless, nothing is ruled out": (
-        "faultless records: something is said to be wrong",
+        "faultless records: a fault is reported",
         "at most 3 %",
     ),
-    "clear effects, nothing is ruled out": ("clear effects: the same", "-"),
+    "clear effects, nothing is ruled out": ("clear effects: a fault is reported", "-"),
 }
 
 
 def per_cent(share: Mapping[str, Any]) -> str:
-    """A share and of how many records."""
+    """A share and its number of records."""
     if not share["records"]:
         return "-"
     return f"{100 * share['share']:.1f} % of {share['records']}"
 
 
 def bounds(share: Mapping[str, Any]) -> str:
-    """Wilson's."""
+    """Bounds of Wilson's interval."""
     low, high = (100 * b for b in share["wilson_95"])
     return f"{low:.1f} to {high:.1f} %"
 
 
 def sets(proof: Mapping[str, Any], of: str) -> list[str]:
-    """What the sets hold."""
+    """How often the sets contain the right cause."""
     found = proof[of]
-    lines = ["| | found | 95 % by Wilson | aimed for |", "|---|---|---|---|"]
+    lines = ["| | found | 95 % interval (Wilson) | target |", "|---|---|---|---|"]
     for key, (says, asked) in ASKED.items():
         lines.append(f"| {says} | {per_cent(found[key])} | {bounds(found[key])} | {asked} |")
     size = found["mean number of suspects, clear effects"]
@@ -58,8 +58,8 @@ def sets(proof: Mapping[str, Any], of: str) -> list[str]:
 def worlds(proof: Mapping[str, Any]) -> list[str]:
     """The same of each world."""
     lines = [
-        "| world, the worst first | truth in the answer | clear effects: members, mean | named "
-        "rightly |",
+        "| world, the worst first | right cause in the answer | clear effects: members, mean | "
+        "named correctly |",
         "|---|---|---|---|",
     ]
     for world, found in proof["worlds, the worst first"].items():
@@ -89,10 +89,10 @@ def loop(proof: Mapping[str, Any]) -> list[str]:
 
 
 def ablation(proof: Mapping[str, Any]) -> list[str]:
-    """What the scores do without each of their pieces."""
+    """The scores without each of their pieces."""
     lines = [
-        "| without | clear effects, the truth has the best score | told from faultless ones | "
-        "seconds, median |",
+        "| without | clear effects: the right cause has the best score | distinguished from "
+        "faultless ones | seconds, median |",
         "|---|---|---|---|",
     ]
     for piece, found in proof["without"].items():
