@@ -1,4 +1,4 @@
-"""Figures on the pages are those of the stored proofs, and one that is not stops the docs' build."""
+"""Figures on pages are those of the stored proofs; one that is not stops the build of the docs."""
 
 from __future__ import annotations
 
@@ -61,9 +61,7 @@ def test_a_changed_number_on_a_page_is_found_and_put_right(pages):
     before = readme.read_text(encoding="utf-8")
     changed(readme, "of 1400 random", "of 1300\nrandom")
     (line,) = claims.check(pages)
-    assert line == (
-        "README.md: 1300 has to be 1400: of 1300 random loops no wrong one was trusted"
-    )
+    assert line == ("README.md: 1300 has to be 1400: of 1300 random loops no wrong one was trusted")
     claims.check(pages, write=True)
     assert claims.check(pages) == []
     assert readme.read_text(encoding="utf-8") == before.replace("of 1400 random", "of 1400\nrandom")
