@@ -49,7 +49,7 @@ def stop_on_stale_figures(app):
     """No site with a figure that its proof no longer has."""
     stale = claims.check(Path(app.srcdir).parent)
     if stale:
-        raise ValueError("\n".join(["figures that are not those of now:", *stale]))
+        raise SystemExit("\n".join(["figures that are not those of now:", *stale]))
 
 
 def add_ages(app, docname, source):

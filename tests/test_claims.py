@@ -95,7 +95,7 @@ def test_the_build_of_the_site_stops_on_a_changed_number(conf, pages):
     app = SimpleNamespace(srcdir=str(pages / "docs"))
     conf.stop_on_stale_figures(app)
     changed(pages / "docs" / "systems.md", "of 82 wrong", "of 83 wrong")
-    with pytest.raises(ValueError, match="83 has to be 82"):
+    with pytest.raises(SystemExit, match="83 has to be 82"):
         conf.stop_on_stale_figures(app)
 
 
