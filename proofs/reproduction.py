@@ -1,9 +1,9 @@
 """Chapter 3 of the thesis beside what this program gets.
 
 Writes ``docs/reproduction.md`` and the figures it is made of, ``docs/proof/reproduction.json``.
-Everything but the thesis' own numbers is computed here. ``--only PART`` computes one part and prints
-its lines of the page, ``--page`` writes the page from the stored figures, ``--pictures`` draws
-Figs. 3.4 to 3.24 into ``docs/images/reproduction``.
+Everything but the thesis' own numbers is computed here. ``--only PART`` computes one part and
+prints its lines of the page, ``--page`` writes the page from the stored figures, ``--pictures``
+draws Figs. 3.4 to 3.24 into ``docs/images/reproduction``.
 """
 
 from __future__ import annotations
@@ -77,19 +77,21 @@ def page(report: Figures) -> str:
     lines = [
         "# Chapter 3 of the thesis beside this program",
         "",
-        f"{len(counted)} numbers and statements that Chapter 3 prints, each beside what this "
-        f"program gets: {agree} agree, {len(counted) - agree} differ. {len(claims) - len(counted)} "
-        'more lines, marked "not counted", compare with nothing that the thesis prints or claims. '
-        'All in the column "here", and every '
-        "number in an explanation that is not the thesis' own, was computed by `python "
-        f"proofs/reproduction.py` (commit {report['commit'][:12]} of {report['committed'][:10]}); "
-        "the figures are in [proof/reproduction.json](proof/reproduction.json).",
+        f"{len(counted)} numbers and statements of Chapter 3 stand beside what this program gets: "
+        f"{agree} agree, {len(counted) - agree} differ. {len(claims) - len(counted)} more lines "
+        "are "
+        'marked "not counted": the thesis prints nothing that they could be compared with. The '
+        'column "here", and every number in an explanation that is not the thesis\' own, was '
+        f"computed by `python proofs/reproduction.py` (commit {report['commit'][:12]} of "
+        f"{report['committed'][:10]}). The figures are in "
+        "[proof/reproduction.json](proof/reproduction.json). The pictures show Figs. 3.4 to 3.24 "
+        "as this program computes them. What is black in them is what the thesis says or prints.",
         "",
         "Exponents are in bits/s. The first tangent vectors are the identity in the order x, v, "
-        "z, i, controller, in SI units. Where nothing else is said the step is 8 cm from rest, 20 "
-        "s long, and the linearizing controller takes x1'' from its estimates. \"Stands\", "
-        '"swings" and "diverges" are said of the last two of 20 s; swinging means more than '
-        f"{1e6 * SWING:g} um to either side.",
+        "z, i, controller, in SI units. If nothing else is said, the step is 8 cm from rest and "
+        "20 s long, and the linearizing controller computes x1'' from its estimates. \"Stands\", "
+        '"swings" and "diverges" describe the last two of 20 s. A loop swings if x moves by more '
+        f"than {1e6 * SWING:g} um to either side.",
         "",
     ]
     extra = {4: solver_table, 6: exponent_tables}

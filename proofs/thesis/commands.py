@@ -27,9 +27,10 @@ _COMMANDS = {
     f"ballscrew run --controller nctf {_STEP} --out out/nctf": "D7 D8 D10",
     f"ballscrew run --controller iol {_STEP} {_SYSTEM_1} --out out/system_1": "E3",
     "ballscrew lyapunov --controller iol --stop 300 --out out/limits": "A3",
-    f"ballscrew lyapunov --controller iol --stop 20 {_SYSTEM_1} --out out/exponents_1": "E4",
-    f"ballscrew lyapunov --controller iol --stop 20 {_SYSTEM_2} --out out/exponents_2": "E9 E11 E12",
-    f"ballscrew lyapunov --controller iol --stop 300 {_SYSTEM_2} --out out/exponents_300": "E10",
+    f"ballscrew lyapunov --controller iol --stop 20 {_SYSTEM_1} --out out/system_1_20": "E4",
+    f"ballscrew lyapunov --controller iol --stop 20 {_SYSTEM_2} --out out/system_2_20": "E9 E11 "
+    "E12",
+    f"ballscrew lyapunov --controller iol --stop 300 {_SYSTEM_2} --out out/system_2_300": "E10",
     f"ballscrew lyapunov --controller nctf --stop 300 {_NCTF_70} --out out/nctf_70": "G5",
     f"ballscrew lyapunov --controller nctf --stop 300 {_NCTF_130} --out out/nctf_130": "G6",
 }

@@ -268,15 +268,22 @@ def system_2() -> Any:
     return figure
 
 
+KINDS = ("stands", "swings", "diverges")
+
+
+def kinds_of(across: Any, up: Any) -> Any:
+    """What loops do, as places in `KINDS`: a row for each sigma1_hat, a column for sigma0_hat."""
+    return np.array([[KINDS.index(end_of(a, b).kind) for a in across] for b in up])
+
+
 def plane() -> Any:
     box = parameters()["region_1"]
     across, up = np.linspace(*box["sigma0_hat"], 34), np.linspace(*box["sigma1_hat"], 57)
-    kinds = ("stands", "swings", "diverges")
-    cells = np.array([[kinds.index(end_of(a, b).kind) for a in across] for b in up])
+    cells = kinds_of(across, up)
     figure, ((axes,),) = new_figure(1, 1, (8.0, 5.2))
     colours = ("#666666", "#56B4E9", "#E69F00")
     axes.pcolormesh(across - SIGMA0, up, cells, cmap=ListedColormap(colours), shading="nearest")
-    for k, kind in enumerate(kinds):
+    for k, kind in enumerate(KINDS):
         share = f"{kind} ({100 * np.mean(cells == k):.0f} %)"
         axes.plot([], [], "s", ms=10, color=colours[k], label=share)
     axes.axvline(RUNAWAY - SIGMA0, color="black", lw=1.5, ls="--")
