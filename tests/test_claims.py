@@ -29,7 +29,7 @@ claims = loaded("claims")
 @pytest.fixture
 def pages(tmp_path):
     """A copy of all pages that claim something."""
-    for name in {claim["page"] for claim in claims.FILE["claim"]}:
+    for name in {claim["page"] for claim in claims.claims()}:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, tmp_path / name)
     return tmp_path
@@ -136,6 +136,7 @@ def test_every_proof_has_its_command_in_the_makefile():
         ("len /none | no", "no"),
         ("len /rows | none", "3"),
         ("/a/n | word", "twelve"),
+        ("/a/n | Word", "Twelve"),
         ("/rows/1/kind", "x"),
         ("/key with~1slash", "7"),
     ],
