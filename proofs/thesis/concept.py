@@ -53,8 +53,9 @@ def concept_claims(f: Figures) -> list[Claim]:
             f"limits of the linearizing loop from 2, 4, 8 and 12 cm differ by {spread:.1g} bits/s",
             "limits within 1e-3 bits/s",
             spread <= 1e-3,
-            "True of the limits only. What is printed are values at a finite time: over 20 s the "
-            f"largest exponent times time is {early[0]:.2f}, {early[1]:.2f}, {early[2]:.2f} and "
+            "This is true of the limits only. The thesis prints values at a finite time. After "
+            f"20 s the largest exponent times time is {early[0]:.2f}, {early[1]:.2f}, "
+            f"{early[2]:.2f} and "
             f"{early[3]:.2f} bits from 2, 4, 8 and 12 cm.",
         ),
         Claim(
@@ -65,13 +66,13 @@ def concept_claims(f: Figures) -> list[Claim]:
             "bits by the vector that comes first",
             "the same within 1 %",
             max(frames) - min(frames) <= 0.01 * abs(min(frames)),
-            "In the limit it may. At the times used here the exponents are a constant over time, "
-            "and the constant depends on the vector that is orthonormalized first: "
+            "In the limit this is right. At the times used here an exponent is a constant divided "
+            "by the time. The constant depends on the vector that is orthonormalized first: "
             + ", ".join(
                 f"{name.split('_')[-1]} first {value:.2f}"
                 for name, value in c["first_state_of_frame"].items()
             )
-            + " bits. The printed tables fit x first, the identity in the order of Table 3.2.",
+            + " bits. The printed tables fit x first, which is the order of Table 3.2.",
         ),
         Claim(
             "3.2",
@@ -81,14 +82,15 @@ def concept_claims(f: Figures) -> list[Claim]:
             f"{iol['asymptotic_bits_per_s'][0]:g} in the limit",
             "largest limit below 0",
             iol["asymptotic_bits_per_s"][0] < 0.0,
-            "At rest S(v) is 0 and the bristles do not creep: every deflection below Fs/sigma0 = "
+            "At rest S(v) is 0 and the bristles do not creep. Every deflection below Fs/sigma0 = "
             f"{1e6 * NOMINAL['Fs'] / SIGMA0:.1f} um is an equilibrium, and the direction along "
             "this line is neutral. The limits are "
             + numbers(iol["asymptotic_bits_per_s"])
             + " (linearizing) and "
             + numbers(nc["asymptotic_bits_per_s"])
-            + " bits/s (NCTF). A negative largest exponent at a finite time is c/t with c = "
-            f"{iol['lambda1_times_t_bits']:.3f} and {nc['lambda1_times_t_bits']:.3f} bits: it is "
-            "no sign of an isolated fixed point, and a zero none of a cycle.",
+            + " bits/s (NCTF). At a finite time t the largest exponent is c/t with c = "
+            f"{iol['lambda1_times_t_bits']:.3f} and {nc['lambda1_times_t_bits']:.3f} bits. So a "
+            "negative value does not show an isolated fixed point, and a zero does not show a "
+            "cycle.",
         ),
     ]

@@ -76,7 +76,7 @@ def linearization_claims(f: Figures) -> list[Claim]:
             r["peak_voltage_time"],
             "s",
             0.02,
-            f"A flat top: at 0.32 s the voltage is {r['voltage_at_0_32_s']:.2f} V, "
+            f"The peak is flat: at 0.32 s the voltage is {r['voltage_at_0_32_s']:.2f} V. That is "
             f"{1e3 * (r['peak_voltage'] - r['voltage_at_0_32_s']):.0f} mV below the peak.",
         ),
         Claim(
@@ -96,9 +96,10 @@ def linearization_claims(f: Figures) -> list[Claim]:
             "is possible",
             "nothing faster within 35 V",
             r["settling_with_these_poles"] >= r["settling_time_2pct"],
-            f"Poles {r['poles_times']:.3f} times as far out (coefficients "
+            f"With poles {r['poles_times']:.3f} times as far out (coefficients "
             f"{18 * r['poles_times']:.2f}, {107 * r['poles_times'] ** 2:.1f}, "
-            f"{210 * r['poles_times'] ** 3:.1f}) just reach 35 V and settle "
+            f"{210 * r['poles_times'] ** 3:.1f}) the voltage just reaches 35 V, and the loop "
+            "settles "
             f"{1e3 * (r['settling_time_2pct'] - r['settling_with_these_poles']):.0f} ms sooner.",
         ),
         Claim(

@@ -86,8 +86,8 @@ def model_claims(f: Figures) -> list[Claim]:
             p["back_emf"],
             "V*s/rad",
             0.005,
-            "The two should be one number; the table's rounding leaves "
-            f"{100 * (p['back_emf'] / NOMINAL['kt'] - 1):.2f} % between them.",
+            "The two should be the same number. The rounding in the table leaves a difference of "
+            f"{100 * (p['back_emf'] / NOMINAL['kt'] - 1):.2f} %.",
             relative=True,
         ),
         Claim(
@@ -98,7 +98,7 @@ def model_claims(f: Figures) -> list[Claim]:
             f"{1e6 * apart['nctf']:.2g} um (NCTF) over 20 s",
             "within 0.1 % of the step",
             max(apart.values()) <= 1e-3 * SETPOINT,
-            f"Of the step that is {100 * apart['iol'] / SETPOINT:.2g} %. But the linearizing "
-            "loop's offsets in Section 3.5.1 are of the same tens of micrometres.",
+            f"That is {100 * apart['iol'] / SETPOINT:.2g} % of the step. But the offsets of the "
+            "linearizing loop in Section 3.5.1 are tens of micrometres, too.",
         ),
     ]

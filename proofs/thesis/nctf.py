@@ -129,7 +129,7 @@ def _design_claims(f: Figures) -> list[Claim]:
             f"{100 * p['step_share_of_35_V']:.1f} % of 35 V",
             "within 1 %",
             abs(p["step_share_of_35_V"] - 0.85) <= 0.01,
-            "Of the 36 V that Table 2.1 prints for the same motor it is "
+            "Table 2.1 prints 36 V for the same motor. That would be "
             f"{100 * p['step_share_of_36_V']:.1f} %.",
         ),
         number(
@@ -139,9 +139,9 @@ def _design_claims(f: Figures) -> list[Claim]:
             o["speed"],
             "m/s",
             1e-4,
-            f"It takes {o['voltage_for_printed_speed']:.3f} V to get {PRINTED_H} m/s. With the "
-            "back-EMF constant set to the torque constant h is "
-            f"{o['speed_with_ke_equal_to_kt']:.5f} m/s: closer, but not it either.",
+            f"{o['voltage_for_printed_speed']:.3f} V would give {PRINTED_H} m/s. If the back-EMF "
+            "constant equals the torque constant, h is "
+            f"{o['speed_with_ke_equal_to_kt']:.5f} m/s. That is closer, but not the printed value.",
         ),
         Claim(
             "3.4.2.1, Fig. 3.7",
@@ -151,9 +151,9 @@ def _design_claims(f: Figures) -> list[Claim]:
             "a percent is left between 0.09 and 0.11 s",
             0.09 <= o["time_to_a_percent"] <= 0.11,
             f"After {1e3 * o['time_to_a_percent']:.2g} ms and {1e6 * o['way_to_a_percent']:.3g} um "
-            "the block has stopped but for the relaxing bristles. 0.1 s is when the creep has "
-            f"fallen to {abs(o['speed_after_A']):.3g} m/s; the printed mode of the design uses "
-            'this as the thesis\' "static". Thresholds of '
+            "the block has stopped. Only the bristles still relax. After 0.1 s the creep has "
+            f"fallen to {abs(o['speed_after_A']):.3g} m/s. The printed mode of the design takes "
+            'this speed as the thesis\' "static". Thresholds of '
             + ", ".join(f"{t} m/s" for t in by_threshold)
             + " give "
             + ", ".join(f"{1e3 * v[1]:.3g}" for v in by_threshold.values())
@@ -167,8 +167,8 @@ def _design_claims(f: Figures) -> list[Claim]:
             f"|m| gives Kp = {r['Kp']:.1f} V*s/m, Ki = {r['Ki']:.0f} V/m",
             "the loop settles as printed",
             not r["literal_ran_away"],
-            f"Misprint of a sign. With m as printed both gains are negative (Kp = {-r['Kp']:.1f}) "
-            "and the loop diverges: a state exceeds its bound at t = "
+            f"The sign is a misprint. With m as printed both gains are negative (Kp = "
+            f"{-r['Kp']:.1f}), and the loop diverges: a state exceeds its bound at t = "
             f"{1e3 * r['literal_ran_away_at']:.2f} ms.",
         ),
         Claim(
@@ -178,16 +178,18 @@ def _design_claims(f: Figures) -> list[Claim]:
             f"{fitted['coefficient']:.4g} 1/m",
             "within 5 %",
             abs(fitted["coefficient"] - PRINTED_C) <= 0.05 * PRINTED_C,
-            "No deceleration that ends within A can give 13.25: at h the block would get at most "
-            f"h A = {1e3 * o['farthest_way_within_A']:.2f} mm in this time, and there the printed "
-            f"tanh is {o['tanh_there']:.3f} where the measured one is still up to 1. Nor is its "
-            f"slope, h c = {o['slope_of_the_tanh']:.3f} 1/s, the inclination |m| = "
-            f"{abs(p['nctf']['m']):.3f}. A design from the simulated step alone (mode `fitted`: A "
+            "A deceleration that ends within A cannot give 13.25. At the speed h the block moves "
+            "at "
+            f"most h A = {1e3 * o['farthest_way_within_A']:.2f} mm in this time. There the printed "
+            f"tanh is {o['tanh_there']:.3f}, and the measured one can still be up to 1. The slope "
+            f"of the printed tanh, h c = {o['slope_of_the_tanh']:.3f} 1/s, is not the inclination "
+            f"|m| = {abs(p['nctf']['m']):.3f} either. A design from the simulated step alone (mode "
+            "`fitted`: A "
             f"= {1e3 * fitted['stopping_time']:.2f} ms, Kp = {fitted['proportional']:.2f} V*s/m) "
-            "makes a controller that settles after "
+            "gives a controller that settles after "
             f"{f['coasting']['fitted_run']['settling_time_2pct']:.1f} s with "
-            f"{1e3 * f['coasting']['fitted_run']['overshoot']:.0f} mm overshoot. The printed one "
-            "is used from here on; read with the threshold it has A = "
+            f"{1e3 * f['coasting']['fitted_run']['overshoot']:.0f} mm overshoot. From here on the "
+            "printed design is used. With the threshold above its A is "
             f"{printed['stopping_time']:.5f} s.",
         ),
     ]
@@ -204,8 +206,8 @@ def _run_claims(r: Figures) -> list[Claim]:
             f"{1e3 * r['overshoot']:.3f} mm",
             "below 0.1 % of the step",
             r["overshoot"] <= 1e-3 * SETPOINT,
-            f"There is one of {100 * r['overshoot'] / SETPOINT:.2f} % of the step, too small for a "
-            "picture of the whole step.",
+            f"The overshoot is {100 * r['overshoot'] / SETPOINT:.2f} % of the step. A picture of "
+            "the whole step does not show it.",
         ),
         Claim(
             "3.4.2.2, Fig. 3.9",
@@ -230,8 +232,8 @@ def _run_claims(r: Figures) -> list[Claim]:
             f"{r['voltage_at_start']:.2f} V at the start, {r['second_peak']:.2f} V at the second",
             "at most 35 V",
             r["peak_voltage"] <= 35.0,
-            "The first sample is Kp h tanh(c 0.08 m) by the thesis' own numbers: "
-            f"{r['Kp'] * PRINTED_H * math.tanh(PRINTED_C * SETPOINT):.2f} V, "
+            "The first sample is Kp h tanh(c 0.08 m). The thesis' own numbers give "
+            f"{r['Kp'] * PRINTED_H * math.tanh(PRINTED_C * SETPOINT):.2f} V. That is "
             f"{r['peak_voltage'] - 35.0:.2f} V above the 35 V of the text and "
             f"{36.0 - r['peak_voltage']:.2f} V below the 36 V of Table 2.1.",
         ),

@@ -116,8 +116,9 @@ def plane_claims(f: Figures) -> list[Claim]:
             "The edge depends a little on sigma1_hat: "
             + ", ".join(f"{v:.3f} at {float(k):.6g}" for k, v in edges["runaway_by_sigma1"].items())
             + " N*s/m. Beyond the first of these all loops diverge. The printed value is a point "
-            f"of the grid, {steps[0]:.2f} steps of {GRID_1} from the nominal. It is no property of "
-            "the parameters alone but the edge of a basin: with set-points of "
+            f"of the grid: it is {steps[0]:.2f} steps of {GRID_1} from the nominal value. The edge "
+            "is the border of a basin of attraction, so it depends on more than the parameters: "
+            "with set-points of "
             + ", ".join(f"{100 * float(k):g}" for k in edges["runaway_by_setpoint"])
             + " cm it is at "
             + ", ".join(f"{v:.2f}" for v in edges["runaway_by_setpoint"].values())
@@ -151,8 +152,8 @@ def plane_claims(f: Figures) -> list[Claim]:
             f"They come to rest, off the set-point by up to {1e6 * q['largest_offset_left']:.0f} "
             f"um. With the loose tolerances above, on a grid of {solvers['loops']} of these loops, "
             f"RK45 makes {100 * solvers['RK45 1e-06']:.0f} % swing by more than 1 um "
-            f"({100 * solvers['RK45 1e-05']:.0f} % by more than 10 um) and BDF "
-            f"{100 * solvers['BDF 1e-06']:.0f} % ({100 * solvers['BDF 1e-05']:.0f} %), where this "
+            f"({100 * solvers['RK45 1e-05']:.0f} % by more than 10 um). BDF makes "
+            f"{100 * solvers['BDF 1e-06']:.0f} % swing ({100 * solvers['BDF 1e-05']:.0f} %). This "
             f"program finds {100 * solvers['this program 1e-06']:.0f} %.",
         ),
         number(
@@ -162,10 +163,10 @@ def plane_claims(f: Figures) -> list[Claim]:
             least,
             "N*s/m",
             GRID_1,
-            f"Also a point of the grid, {steps[1]:.2f} steps from the nominal; the tolerance is "
-            "one step. Where swinging begins depends on sigma0_hat - sigma0: "
+            f"This is a point of the grid, too: {steps[1]:.2f} steps from the nominal value. The "
+            "tolerance is one step. Where swinging begins depends on sigma0_hat - sigma0: "
             + ", ".join(f"{v:.3f} at {k}" for k, v in cycles.items())
-            + f" N/m. With the true x1'' the least is {min(cycles_true):.3f}.",
+            + f" N/m. With the true x1'' the least value is {min(cycles_true):.3f}.",
             digits=6,
         ),
         Claim(
@@ -175,9 +176,9 @@ def plane_claims(f: Figures) -> list[Claim]:
             _kinds(low),
             "none stands",
             low["stands"] == 0.0,
-            f"Right of nominal sigma0_hat it holds: {100 * low_right['stands']:.0f} % of "
+            f"Right of the nominal sigma0_hat this is true: {100 * low_right['stands']:.0f} % of "
             f"{low_right['loops']} loops stand. Left of it {100 * low_left['stands']:.0f} % of "
-            f"{low_left['loops']} do, at an offset: the difference of the line on the left side.",
+            f"{low_left['loops']} stand, at an offset from the set-point, as said above.",
         ),
         Claim(
             "3.5.1.3, Fig. 3.18",
@@ -186,8 +187,9 @@ def plane_claims(f: Figures) -> list[Claim]:
             _kinds(above),
             "within a factor of 2",
             above["swings"] >= 0.5 * above["stands"],
-            f"Here {100 * above['swings']:.1f} % swing. This, too, is within reach of a solver's "
-            "error: right of nominal sigma0_hat, with the loose tolerances, RK45 and BDF make "
+            f"Here {100 * above['swings']:.1f} % swing. The error of a solver can make this "
+            "difference, too. Right of the nominal sigma0_hat, with the loose tolerances, RK45 and "
+            "BDF make "
             f"{100 * loose['swinging_shares']['right of nominal']['RK45 1e-06']:.0f} and "
             f"{100 * loose['swinging_shares']['right of nominal']['BDF 1e-06']:.0f} % swing by "
             "more than 1 um, this program "
@@ -211,9 +213,11 @@ def plane_claims(f: Figures) -> list[Claim]:
             "both below 0.01 %",
             edges["runaway_by_sigma1"][_nominal_key(edges)] < 1.0001 * SIGMA0
             and q["first_swing_off_sigma0"] < 1e-4 * SIGMA0,
-            "The controller cancels friction many times its own terms. While the block is stuck "
-            f"the last coefficient of the loop is 210 + {stiff:.2f} (sigma0_hat - sigma0): "
-            f"{-210 / stiff:.3f} N/m ({100 * 210 / stiff / SIGMA0:.1g} %) makes it vanish. With "
+            "The controller cancels friction terms that are much larger than its own terms. While "
+            f"the block is stuck, the last coefficient of the loop is 210 + {stiff:.2f} "
+            "(sigma0_hat "
+            f"- sigma0). A difference of {-210 / stiff:.3f} N/m ({100 * 210 / stiff / SIGMA0:.1g} "
+            "%) makes it zero. With "
             f"the true x1'' the first runaway of the region is at {lowest_true:.3f} N/m.",
         ),
     ]

@@ -29,6 +29,21 @@ VARIANTS = {"estimated": "iol", "true": "iol_true_acceleration"}
 
 
 # The thesis' own numbers.
+NOMINAL_VOLTAGE = 35.0  # V, 3.4.1.2
+
+
+PEAK = (0.32, 33.0)  # Fig. 3.5, s and V, "approximately"
+
+
+STEADY = 1.5  # Fig. 3.5: the voltage is steady from here on, s
+
+
+SECOND_PEAK = 0.3  # Fig. 3.10: time of the second peak, s, "approximately"
+
+
+STEADY_NCTF = 2.2  # Fig. 3.10: the voltage is steady from here on, s
+
+
 SYSTEM_1 = (66967.331, 355.76)  # 3.5.1.1: sigma0_hat, sigma1_hat
 
 

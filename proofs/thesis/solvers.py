@@ -88,7 +88,7 @@ def solver_table(f: Figures) -> list[str]:
         rows.append(f"| {method} | {rtol}, {atol} | {texts[0]} | {texts[1]} |")
     return [
         "**Integration and 3.5.1.2.** Half the range of x in the last two of 20 s, and the offset "
-        "from the set-point at the end, by solver (scipy's but for the first):",
+        "from the set-point at the end. All solvers but the first are scipy's:",
         "",
         *rows,
     ]

@@ -93,8 +93,8 @@ def _first_system(f: Figures) -> list[Claim]:
             f"{1e6 * 2 * here['swing']:.2g} um in two seconds",
             "within 10 um",
             abs(here["offset"]) < 1e-5 and here["kind"] == "stands",
-            f"Verdict of this program: {one['verdict']}. The block is stuck; what still moves is "
-            f"the creep of the bristles, {1e9 * here['swing']:.0f} nm/s on average.",
+            f"This program's verdict is: {one['verdict']}. The block is stuck. Only the bristles "
+            f"still creep, by {1e9 * here['swing']:.0f} nm/s on average.",
         ),
         Claim(
             "3.5.1.1, Fig. 3.13",
@@ -103,9 +103,9 @@ def _first_system(f: Figures) -> list[Claim]:
             "after 20 s " + numbers(one["exponents_bits_per_s"]) + " bits/s",
             "all below 0",
             max(one["exponents_bits_per_s"]) < 0.0,
-            f"At a finite time. After 300 s the largest is {one_long['lambda1_at_300_s']:.4f} "
-            f"bits/s, {one_long['lambda1_at_20_s'] / one_long['lambda1_at_300_s']:.1f} times less: "
-            "it goes to zero with time.",
+            f"After 300 s the largest is {one_long['lambda1_at_300_s']:.4f} bits/s. That is "
+            f"{one_long['lambda1_at_20_s'] / one_long['lambda1_at_300_s']:.1f} times smaller: it "
+            "goes to zero with time.",
         ),
         number(
             "3.5.1.1, Fig. 3.13",
@@ -114,18 +114,18 @@ def _first_system(f: Figures) -> list[Claim]:
             one_long["lambda1_at_300_s"],
             "bits/s",
             0.03,
-            "A matter of time: after the 20 s of the text it is "
+            "The value depends on the time. After the 20 s of the text it is "
             f"{one_long['lambda1_at_20_s']:.4f}, and it passes the printed value at "
-            f"{one_long['last_below_printed']:.0f} s. At 300 s, which fits Tables 3.3-3.4, it is "
-            f"{one_long['lambda1_at_300_s']:.5f} with estimates inside x1'' and "
-            f"{true_long['lambda1_at_300_s']:.5f} with the true x1'' (which passes the printed "
-            f"value at {true_long['last_below_printed']:.0f} s); with sigma0_hat at a true 100.001 "
-            f"% it is {s['system_1_estimated_as_percent_at_300_s']:.5f}. The block creeps through "
-            "the turnover of S(v), so that the value hangs on the accuracy: with tolerances of "
+            f"{one_long['last_below_printed']:.0f} s. At 300 s, the time that fits Tables 3.3-3.4, "
+            f"it is {one_long['lambda1_at_300_s']:.5f} with estimates inside x1''. With the true "
+            f"x1'' it is {true_long['lambda1_at_300_s']:.5f} and passes the printed value at "
+            f"{true_long['last_below_printed']:.0f} s. With sigma0_hat at a true 100.001 % it is "
+            f"{s['system_1_estimated_as_percent_at_300_s']:.5f}. The block creeps where S(v) "
+            "changes its sign, so the value depends on the accuracy: with tolerances of "
             + ", ".join(tolerances)
             + " it is "
             + ", ".join(f"{v:.5f}" for v in tolerances.values())
-            + ". What remains cannot be decided.",
+            + ". The rest cannot be decided.",
             relative=True,
         ),
         Claim(
@@ -135,8 +135,8 @@ def _first_system(f: Figures) -> list[Claim]:
             f"{s['seconds_system_1']:.2g} s (all four over 20 s)",
             "no claim to compare: another computer",
             True,
-            f"{SECONDS_1 / s['seconds_system_1']:,.0f} times less, on another computer and by a "
-            "stiff method whose tangents use the exact Jacobian.",
+            f"That is {SECONDS_1 / s['seconds_system_1']:,.0f} times less. The computer is another "
+            "one, and the method is a stiff one whose tangents use the exact Jacobian.",
             printed=False,
         ),
     ]
@@ -148,7 +148,7 @@ def _parameter_claims(
     """Estimates of sigma0 and sigma1, as percentages and as values."""
     why = f"The printed value is {found['sigma0_percent']:.5f} % of the nominal one."
     if where == "3.5.1.1":
-        why += " The values, not the percentages, are used here."
+        why += " This page uses the values, not the percentages."
     return [
         number(
             where,
@@ -191,15 +191,15 @@ def _second_system(f: Figures) -> list[Claim]:
             f"({1e6 * (two_true['rest']['plant_x'] - SETPOINT):+.1f} um with the true x1'')",
             "a cycle",
             two["verdict"] == "limit cycle",
-            f"The motion dies: in the last two of 20 s it is {1e6 * here['swing']:.1g} um to "
-            "either side. A solver's error can keep it alive. Dormand and Prince's pair (scipy's "
-            "RK45; ode45 is the same pair) with a relative tolerance of 1e-3 and an absolute of "
-            f"1e-6 for all states makes it swing by {default[1]:.0f} um, and by {tight[1]:.1g} um "
-            "with tolerances a thousand times tighter; the deflection itself is "
-            f"{1e6 * two['rest']['plant_z']:.0f} um, so that 1e-6 is "
+            f"The motion dies out: in the last two of 20 s it is {1e6 * here['swing']:.1g} um to "
+            "either side. The error of a solver can keep it alive. Scipy's RK45 (Dormand and "
+            "Prince's pair, as ode45) with a relative tolerance of 1e-3 and an absolute one of "
+            f"1e-6 for all states makes it swing by {default[1]:.0f} um. With tolerances a "
+            f"thousand times smaller it swings by {tight[1]:.1g} um. The deflection itself is "
+            f"{1e6 * two['rest']['plant_z']:.0f} um, and 1e-6 is "
             f"{100 * 1e-6 / two['rest']['plant_z']:.0f} % of it. With the same loose tolerances "
-            f'the system of 3.5.1.1 swings by {default[0]:.2g} um only: rest and "cycle" as '
-            "printed. See the table of solvers below.",
+            f"the system of 3.5.1.1 swings by {default[0]:.2g} um only. So a loose solver gives "
+            'the rest and the "cycle" that are printed. The table of solvers is below.',
         ),
         Claim(
             "3.5.1.2, Fig. 3.17",
@@ -213,9 +213,9 @@ def _second_system(f: Figures) -> list[Claim]:
                 for a, b in zip(two_long["exponents_at_300_s"][:2], SPECTRUM_2[:2], strict=False)
             )
             <= 2e-3,
-            "A zero and a small negative number are what a line of equilibria has, too: 0 along "
-            f"the line and {limit[1] / BITS:.2g} 1/s for the creep onto it. But the estimates need "
-            f"{-two['lambda1_times_t_bits'] / 1e-3:.0f} s to fall to 0.001 bits/s, so that a "
+            "A line of equilibria has a zero and a small negative number, too: 0 along the line, "
+            f"and {limit[1] / BITS:.2g} 1/s for the creep towards it. But the finite-time values "
+            f"need {-two['lambda1_times_t_bits'] / 1e-3:.0f} s to fall to 0.001 bits/s. So the "
             "printed 0 does not come from 20 or 300 s of the motion found here.",
         ),
         number(
@@ -225,9 +225,9 @@ def _second_system(f: Figures) -> list[Claim]:
             limit[2],
             "bits/s",
             0.02,
-            "Third and fourth are the ringing of the stuck block, a pair of eigenvalues with the "
-            f"real part {limit[2] / BITS:.3f} 1/s: both limits are {limit[2]:.2f} bits/s. After 20 "
-            f"s they are {two['exponents_bits_per_s'][2]:.2f} and "
+            "The third and the fourth belong to the ringing of the stuck block, a pair of "
+            f"eigenvalues with the real part {limit[2] / BITS:.3f} 1/s. Both limits are "
+            f"{limit[2]:.2f} bits/s. After 20 s they are {two['exponents_bits_per_s'][2]:.2f} and "
             f"{two['exponents_bits_per_s'][3]:.1f} bits/s.",
             relative=True,
         ),
@@ -259,9 +259,9 @@ def _sum_of_exponents(two: Figures, two_long: Figures) -> Claim:
             abs(two_long["trace_at_300_s"] / printed_sum - 1.0),
         )
         <= 0.01,
-        f"While the block slides the bristles contract fast: the slide adds {slide:.0f} bits "
-        f"to the sum. Averaged in, {printed_sum:.2f} would be reached after "
-        f"{slide / (printed_sum - rest_trace) / 3600:.1f} hours. Either the transient was left "
-        "out, or the fast direction was lost between two orthonormalizations; the stuck "
-        f"loop's sum is {rest_trace / BITS:.2f} 1/s.",
+        f"While the block slides, the bristles contract fast: the slide adds {slide:.0f} bits "
+        f"to the sum. With the slide included, the mean would be {printed_sum:.2f} after "
+        f"{slide / (printed_sum - rest_trace) / 3600:.1f} hours. So either the transient was left "
+        "out, or the fast direction was lost between two orthonormalizations. The sum of the "
+        f"stuck loop is {rest_trace / BITS:.2f} 1/s.",
     )

@@ -148,8 +148,8 @@ def _two_systems(f: Figures) -> list[Claim]:
             + " bits/s",
             "settles, all below 0",
             run["settling_time_2pct"] is not None and max(run["exponents_bits_per_s"]) < 0.0,
-            f"Verdict of this program: {run['verdict']}, with a limit of "
-            f"{run['asymptotic_bits_per_s'][0]:g}. Redesigned on the perturbed plant, A = "
+            f"This program's verdict is: {run['verdict']}, with a limit of "
+            f"{run['asymptotic_bits_per_s'][0]:g}. The design on the perturbed plant has A = "
             f"{run['A']:.4f} s.",
         )
         for k, share, figures, run in ((1, 70, "3.19-3.21", one), (2, 130, "3.22-3.24", two))
@@ -164,10 +164,10 @@ def _two_systems(f: Figures) -> list[Claim]:
             f"x differs by up to {1e3 * t['x_apart']:.1f} mm",
             "within 1 % of the step",
             t["x_apart"] <= 0.01 * SETPOINT,
-            f"The perturbed sigma0 gives A = {one['A']:.4f} and {two['A']:.4f} s, so other gains "
-            "and another tanh. With sigma1 alone perturbed the two differ by "
-            f"{1e3 * t['x_apart_sigma0_alone']:.2f} mm: as in the tables, the print looks as if "
-            "sigma0 had been left alone.",
+            f"The perturbed sigma0 gives A = {one['A']:.4f} and {two['A']:.4f} s, so the gains "
+            "and the tanh differ. With sigma1 alone perturbed, the two systems differ by "
+            f"{1e3 * t['x_apart_sigma0_alone']:.2f} mm. So sigma0 seems to have been left alone "
+            "here, as in the tables.",
         ),
     ]
 
@@ -187,11 +187,13 @@ def _printed_cells(t: Figures, coasting: Figures, alone: Vector, both: Vector) -
             f"{alone[0]:.5f} to {alone[-1]:.5f} bits/s with sigma0 left alone, t = 300 s",
             "each row within 2 %",
             bool(off.max() <= 0.02),
-            f"Row by row below; the largest difference is {100 * off.max():.1f} %, in the row "
-            f"{PERCENT[int(off.argmax())]} %. The stopping time that would give the printed value "
-            f"there is {1e3 * t['A_needed'][int(off.argmax())]:.2f} ms instead of "
-            f"{1e3 * t['sigma0_alone'][int(off.argmax())]['A']:.2f} ms. It rests on the threshold "
-            f"of {STOPPED_SPEED:g} m/s, chosen so that the nominal plant has A = 0.1 s.",
+            f"The rows are below. The largest difference is {100 * off.max():.1f} %, in the row "
+            f"{PERCENT[int(off.argmax())]} %. A stopping time of "
+            f"{1e3 * t['A_needed'][int(off.argmax())]:.2f} ms instead of "
+            f"{1e3 * t['sigma0_alone'][int(off.argmax())]['A']:.2f} ms would give the printed "
+            "value "
+            f"there. This rests on the threshold of {STOPPED_SPEED:g} m/s. It was chosen so that "
+            "the nominal plant has A = 0.1 s.",
         ),
         Claim(
             "3.5.2, Tables 3.3-3.4",
@@ -202,10 +204,10 @@ def _printed_cells(t: Figures, coasting: Figures, alone: Vector, both: Vector) -
             "nominal cell at 20 s within 1 %",
             abs(t["lambda1_at_20_s"] / ROWS[middle] - 1.0) <= 0.01,
             "At rest the largest exponent times time is a constant, "
-            f"{t['lambda1_at_20_s'] * STOP:.4f} bits with A = 0.1 s: the printed -0.0134, as "
+            f"{t['lambda1_at_20_s'] * STOP:.4f} bits with A = 0.1 s. The printed -0.0134, as "
             f"rounded, is its value at {t['time_of_nominal_cell'][0]:.0f} to "
-            f"{t['time_of_nominal_cell'][2]:.0f} s. All thirteen rows together fit "
-            f"{t['best_time']:.0f} s best.",
+            f"{t['time_of_nominal_cell'][2]:.0f} s. A time of {t['best_time']:.0f} s "
+            "fits all thirteen rows best.",
         ),
         Claim(
             "3.5.2.3, Tables 3.3-3.4",
@@ -217,13 +219,15 @@ def _printed_cells(t: Figures, coasting: Figures, alone: Vector, both: Vector) -
             bool(np.ptp(both[centre]) <= 0.01 * abs(both[centre][centre])),
             f"On the perturbed plant the stopping time is {stops[centre][0]:.3f} s at 70 % and "
             f"{stops[centre][-1]:.3f} s at 130 % of sigma0, and the controller follows it. Another "
-            "threshold does not mend it. A at 130 % over A at 70 %, of sigma0 and of sigma1, is "
+            "threshold does not change this. The ratio of A at 130 % to A at 70 %, for sigma0 and "
+            "for "
+            "sigma1, is "
             + "; ".join(
                 f"{by_sigma0[v][2] / by_sigma0[v][0]:.4f}, {by_sigma1[v][2] / by_sigma1[v][0]:.4f} "
                 f"at {v} m/s"
                 for v in by_sigma0
             )
-            + ". The printed columns ask for 1 and the rows for "
+            + ". The printed columns need a ratio of 1. The rows need "
             f"{t['A_needed'][-1] / t['A_needed'][0]:.4f}. The tables fit a sigma0 that was not "
             "perturbed.",
         ),
@@ -235,7 +239,8 @@ def _printed_cells(t: Figures, coasting: Figures, alone: Vector, both: Vector) -
             f"{alone[-1]:.4f} with sigma0 left alone",
             "the same sign",
             bool(both[COARSE.index(MISPRINT[0])][COARSE.index(MISPRINT[1])] > 0),
-            f"A misprint: the sign. The rest of the row is {ROWS[-1]}, and the text says that all "
+            f"The sign is a misprint. The rest of the row is {ROWS[-1]}, and the text says that "
+            "all "
             "are negative.",
         ),
     ]
@@ -255,7 +260,7 @@ def _trends(ways: list[Figures], alone: Vector, both: Vector) -> list[Claim]:
             f"{both.max():.4f}",
             "all of the cells computed",
             bool((both < 0).all()),
-            "At 300 s. In the limit they are all 0; the verdicts rest on the motion.",
+            "This is at 300 s. In the limit all of them are 0. The verdicts rest on the motion.",
         ),
         Claim(
             "3.5.2.3",
@@ -276,7 +281,7 @@ def _trends(ways: list[Figures], alone: Vector, both: Vector) -> list[Claim]:
             ),
             "the order of settling is not that of the exponents",
             quickest != lowest,
-            "The exponents here are those of the way to rest divided by the time of the run; they "
+            "The exponents here come from the way to rest, divided by the time of the run. They "
             f"vary by a factor of {both.min() / both.max():.1f} over the tables.",
         ),
     ]

@@ -21,10 +21,10 @@ def undecided(f: Figures) -> list[str]:
     rows = zip(t["sigma0_alone"], ROWS, strict=True)
     worst = max(abs(cell["lambda1"] / printed - 1) for cell, printed in rows)
     return [
-        "The thesis' solver, step and tolerances. They are not named. Loose tolerances reproduce "
-        f"the swing of 3.5.1.2 ({1e6 * swings[1]['swing']:.0f} um with RK45 at 1e-3 and 1e-6, "
-        f"{1e6 * loose['systems']['BDF 0.001 1e-06'][1]['swing']:.2g} um with BDF), which shows "
-        "that integration can have made it, not that it did.",
+        "The thesis' solver, step and tolerances. They are not named. Loose tolerances give the "
+        f"swing of 3.5.1.2 ({1e6 * swings[1]['swing']:.0f} um with RK45 at 1e-3 and 1e-6, "
+        f"{1e6 * loose['systems']['BDF 0.001 1e-06'][1]['swing']:.2g} um with BDF). So "
+        "integration can have made it. This does not show that it did.",
         "Whether x1'' inside Eq. 3.21 comes from the estimates or from the true parameters. "
         f"Offsets in 3.5.1.2 are {1e6 * ours['offset']:.1f} and {1e6 * true['offset']:.1f} um, the "
         "largest exponent of 3.5.1.1 at 300 s "
@@ -32,21 +32,22 @@ def undecided(f: Figures) -> list[str]:
         f"{s['system_1_true_long']['lambda1_at_300_s']:.5f} bits/s (printed {LARGEST_1}), the "
         f"critical values {low['estimated']:.3f} and {low['true']:.3f} N/m, "
         f"{cycles['estimated']:.3f} and {cycles['true']:.3f} N*s/m. The estimates are nearer each "
-        f"time, by less than the grid of {GRID_1} in the last two.",
+        f"time. In the last two the difference is less than the grid of {GRID_1}.",
         "How long the exponents were followed. The text says 20 s; the nominal cell of Table 3.3 "
         f"fits {t['time_of_nominal_cell'][1]:.0f} s, Fig. 3.13 "
         f"{s['system_1_estimated_long']['last_below_printed']:.0f} s.",
         'What counted as "static" in reading A, and how 13.25 was fitted. The threshold of '
-        f"{STOPPED_SPEED:g} m/s is chosen to give 0.1 s and fits the rows within {100 * worst:.1f} "
-        "%; another rule may fit as well.",
+        f"{STOPPED_SPEED:g} m/s was chosen to give 0.1 s. It fits the rows within "
+        f"{100 * worst:.1f} "
+        "%. Another rule may fit as well.",
         "Whether sigma0 was perturbed at all for Tables 3.3-3.4. With it the row 100 % would run "
         f"from {t['both'][COARSE.index(100)][0]['lambda1']:.4f} to "
         f"{t['both'][COARSE.index(100)][-1]['lambda1']:.4f}.",
         "The motor's nominal voltage: 35 V in the text, 36 V in Table 2.1. The NCTF loop's first "
-        f"{f['nctf']['voltage_at_start']:.2f} V lie between.",
-        "By what rule loops were sorted in Fig. 3.18. Here one swings if x moves by more than "
+        f"{f['nctf']['voltage_at_start']:.2f} V lie between the two.",
+        "The rule by which loops were sorted in Fig. 3.18. Here a loop swings if x moves by more "
+        "than "
         f"{1e6 * SWING:g} um to either side in the last two of 20 s. By this rule "
         f"{100 * q['shares']['all']['swings']:.1f} % of the region swing.",
-        "Everything that Figs. 3.4-3.24 show beyond the numbers in the text: the pictures are not "
-        "at hand.",
+        "What Figs. 3.4-3.24 show beyond the text. The thesis' pictures are not at hand.",
     ]
