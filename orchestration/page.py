@@ -27,7 +27,6 @@ Figure = dict[str, Any]
 
 REPORT = "report.html"
 MOST = 4000  # points of a curve
-THINNED = f"Curves are thinned to {MOST} points; every peak is kept."
 _HERE = "ballscrew.orchestration"
 _LOOKS = {"measured": (5.0, 0.5), "faint": (1.0, 0.4), "dots": (5.0, 0.8)}
 _DASHES = {"dashed": "dash", "dotted": "dot", "dashdot": "dashdot"}
@@ -120,6 +119,8 @@ class Picture:
     ----------
     height : float, optional
         Half the range of y that is shown at first; None: all of it.
+    span : tuple of two floats, optional
+        The range of y that is shown at first.
     log : bool
         Whether y is logarithmic.
     """
@@ -131,6 +132,7 @@ class Picture:
     y_label: str
     lines: tuple[Line, ...]
     height: float | None = None
+    span: tuple[float, float] | None = None
     log: bool = False
 
 
@@ -160,23 +162,29 @@ def level(label: str, time: Vector, height: float) -> Line:
 
 def plotly_figure(picture: Picture) -> Figure:
     """A picture as plotly's JSON; the page has the colours, as they follow light and dark."""
-    y_axis: Figure = {"title": {"text": picture.y_label}, "automargin": True}
+    y_axis: Figure = {"title": {"text": picture.y_label}}
     if picture.log:
         y_axis |= {"type": "log", "exponentformat": "power"}
     if picture.height is not None:
         y_axis["range"] = _range(picture)
+    if picture.span is not None:
+        y_axis["range"] = list(picture.span)
     return {
         "name": picture.name,
         "title": picture.title,
         "says": picture.says,
         "data": [_trace(line) for line in picture.lines],
-        "layout": {
-            "xaxis": {"title": {"text": picture.x_label}, "automargin": True},
-            "yaxis": y_axis,
-            "showlegend": True,
-            "legend": {"orientation": "h", "yref": "container", "y": 0.0, "yanchor": "bottom"},
-            "margin": {"l": 0, "r": 8, "t": 36, "b": 0},
-        },
+        "layout": layout({"title": {"text": picture.x_label}}, y_axis) | {"showlegend": True},
+    }
+
+
+def layout(x: Figure, y: Figure) -> Figure:
+    """The layout of a figure with these axes, its legend below."""
+    return {
+        "xaxis": {"automargin": True, **x},
+        "yaxis": {"automargin": True, **y},
+        "legend": {"orientation": "h", "yref": "container", "y": 0.0, "yanchor": "bottom"},
+        "margin": {"l": 0, "r": 8, "t": 36, "b": 0},
     }
 
 
@@ -198,8 +206,8 @@ def _trace(line: Line) -> Figure:
         "name": line.label,
         "meta": style[0],
         "opacity": opacity,
-        "x": _numbers(x),
-        "y": _numbers(y),
+        "x": numbers(x),
+        "y": numbers(y),
     }
     if "dots" in style:
         return trace | {"mode": "markers", "marker": {"size": size}}
@@ -210,7 +218,7 @@ def _trace(line: Line) -> Figure:
     return trace | {"mode": "lines", "line": {"width": size, "dash": dash}}
 
 
-def _numbers(values: Vector) -> dict[str, str]:
+def numbers(values: Vector) -> dict[str, str]:
     """As plotly reads them, in a third of the characters of decimals; gaps stay NaN."""
     small = np.clip(values, -_LARGEST, _LARGEST).astype("<f4")
     return {"dtype": "f4", "bdata": base64.b64encode(small.tobytes()).decode()}

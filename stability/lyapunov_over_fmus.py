@@ -74,6 +74,7 @@ def loop_lyapunov_over_fmus(
                 math.nan,
                 loop.title,
                 f"{method}; finite-time only: without equations nothing is known beyond {stop:g} s",
+                loop=loop,
             )
     except (TangentsImpossible, UnsupportedComponent) as error:
         raise NoExponents(str(error)) from error

@@ -6,7 +6,7 @@ import math
 import statistics
 from typing import TYPE_CHECKING, Any
 
-from ..page import page
+from ..page import layout, page
 from .figures import UNITS
 from .lengths import length, scale
 from .pictures import COLOURS, mark_of
@@ -72,15 +72,6 @@ def _colour(k: int) -> str:
     return f"c{k % len(COLOURS)}"
 
 
-def _layout(x: dict[str, Any], y: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "xaxis": {"automargin": True, **x},
-        "yaxis": {"automargin": True, **y},
-        "margin": {"l": 0, "r": 8, "t": 36, "b": 0},
-        "legend": {"orientation": "h", "yref": "container", "y": 0.0, "yanchor": "bottom"},
-    }
-
-
 def _error_over_duties(study: StudyResult) -> dict[str, Any]:
     duties = [d.name for d in study.plan.judged_duties]
 
@@ -96,7 +87,7 @@ def _error_over_duties(study: StudyResult) -> dict[str, Any]:
         "title": "Error at each duty",
         "says": "Geometric mean over all plants and tunings.",
         "data": traces,
-        "layout": _layout({"type": "category"}, y),
+        "layout": layout({"type": "category"}, y),
     }
 
 
@@ -135,7 +126,7 @@ def _courses(study: StudyResult, duty: str) -> list[dict[str, Any]]:
             "title": f"{title}: {duty}",
             "says": "On the nominal plant, each with its best tuning." + hidden,
             "data": traces,
-            "layout": _layout({"title": {"text": "time [s]"}}, {"title": {"text": axis}}),
+            "layout": layout({"title": {"text": "time [s]"}}, {"title": {"text": axis}}),
         }
 
     errors = f"set-point less position [{unit}]"
@@ -169,7 +160,7 @@ def _error_against_effort(study: StudyResult, duty: str) -> dict[str, Any]:
         "title": f"Error against effort: {duty}",
         "says": "Down and to the left is better. What is missing failed.",
         "data": traces,
-        "layout": _layout(x, y),
+        "layout": layout(x, y),
     }
 
 
