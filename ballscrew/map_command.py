@@ -32,9 +32,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "map",
         help="stability maps over two parameters of plant or controller",
         description="Write report.html, map.parquet (a row a cell: the two parameters, verdict, "
-        "final_error, lambda1_bits_per_s, oscillation_amplitude, reason of an undecided one; map.csv without "
-        "pyarrow), map.json and a picture. Chunks are written as they are done; a killed run goes "
-        "on with --resume.",
+        "final_error, lambda1_bits_per_s, oscillation_amplitude, reason of an undecided one; "
+        "map.csv without pyarrow), map.json and a picture. Chunks are written as they are done; a "
+        "killed run goes on with --resume.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

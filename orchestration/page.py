@@ -185,6 +185,7 @@ def layout(x: Figure, y: Figure) -> Figure:
         "yaxis": {"automargin": True, **y},
         "legend": {"orientation": "h", "yref": "container", "y": 0.0, "yanchor": "bottom"},
         "margin": {"l": 0, "r": 8, "t": 36, "b": 0},
+        "separators": ".",  # none between thousands
     }
 
 

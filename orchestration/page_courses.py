@@ -25,7 +25,8 @@ _DASHES = ("", " dashed", " dotted", " dashdot")
 def pictures_of_run(run: LoopRun) -> list[Picture]:
     """A picture of each signal, and of the position error, until all of them rest."""
     end = until_rest(run)
-    pictures, names = [], states_of(run)
+    pictures: list[Picture] = []
+    names = states_of(run)
     commands = [n for n in run.commands if n not in names]
     for name in (*names[:1], *commands, *names[1:]):
         how, values = shown_signal([run], name), signals_of(run)[name]
@@ -77,8 +78,7 @@ def pictures_of_runs(labels: Sequence[str], runs: Sequence[LoopRun]) -> list[Pic
 
 def style_of(number: int) -> str:
     """The style of a run among several, the same in all pictures of its page."""
-    colour, dash = number % COLOURS_OF_PAGES, number // COLOURS_OF_PAGES % len(_DASHES)
-    return f"c{colour}{_DASHES[dash]}"
+    return f"c{number % COLOURS_OF_PAGES}{_DASHES[number % len(_DASHES)]}"
 
 
 def _error(run: LoopRun, end: float) -> Picture:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Vector = npt.NDArray[np.float64]
 
 _BITS = 1.0 / math.log(2.0)
-_NEUTRAL = "flat for a neutral direction,\nrising with chaos, falling with rest"
+_NEUTRAL = "flat for a neutral direction, rising with chaos, falling with rest"
 _TRANSIENT = 0.25  # of the time, whose estimates a picture does not show at first
 
 
@@ -57,7 +57,7 @@ def pictures_of_exponents(run: LyapunovRun) -> list[Picture]:
             )
         )
     drift = (Line("exponent 1 times time", "c0", time, rates[:, 0] * time),)
-    what = _NEUTRAL.replace("\n", " ").capitalize() + "."
+    what = f"{_NEUTRAL.capitalize()}."
     label = "exponent 1 times time [bits]"
     title = "Whether the largest exponent is zero"
     return [*pictures, Picture("drift", title, what, "time [s]", label, drift)]
@@ -134,7 +134,8 @@ def convergence_figure(run: LyapunovRun) -> Any:
         axes.legend(loc="upper right", ncols=2)
         first = rates[:, 0] * time
         drift.plot(time, first, color=COLOURS[0])
-        drift.set_ylabel(f"exponent 1 times time [bits]: {_NEUTRAL}")
+        drift.set_ylabel("exponent 1 times time [bits]")
+        drift.set_title(_NEUTRAL.capitalize())
         drift.set_xlabel("time [s]")
         figure.align_ylabels()
     return figure

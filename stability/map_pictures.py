@@ -41,6 +41,7 @@ Boundary = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[n
 
 _BOUNDARY_POINTS = 48
 BOUNDARY = "limit of stability while the block is stuck (Routh-Hurwitz)"
+_SHORT = "limit while stuck"  # for telephones
 _AROUND_ZERO = ("#7f3b08", "#fdb863", "#f7f7f7", "#b2abd2", "#2d004b")  # PuOr, for all eyes
 MOST_CELLS = 200  # along each side of a map on its page
 
@@ -165,7 +166,8 @@ def page_figures(plan: MapPlan, folder: Path) -> list[Figure]:
         zero = {"start": 0.0, "end": 0.0, "size": 1.0, "coloring": "none"}
         look = {"color": "#000", "dash": "dash", "width": 2}
         grid = {"x": found[0].tolist(), "y": found[1].tolist(), "z": _grid(found[2])}
-        more = {"name": BOUNDARY, "showlegend": True, "hoverinfo": "skip"}
+        says = f"{says} Dashed: {BOUNDARY}.".strip()
+        more = {"name": _SHORT, "showlegend": True, "hoverinfo": "skip"}
         line = [{"type": "contour", **grid, "contours": zero, "line": look, **more}]
 
     def figure(name: str, title: str, says: str, traces: list[Figure]) -> Figure:
@@ -203,7 +205,7 @@ def page_figures(plan: MapPlan, folder: Path) -> list[Figure]:
         low, high = panel.range()
         values = np.maximum(panel.values[thin], panel.least or low)
         bar: Figure = {"title": {"text": panel.label, "side": "right"}, "thickness": 14}
-        colours = "Viridis"
+        colours: Any = "Viridis"
         if panel.least:
             low, high, values = np.log10(low), np.log10(high), np.log10(values)
             ticks = list(range(math.ceil(low), math.floor(high) + 1))

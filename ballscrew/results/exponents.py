@@ -36,6 +36,9 @@ class Exponents(Reported, LyapunovRun):
     def headline(self) -> str:
         return f"{self.label}: {self.motion.kind.value} ({self.motion.evidence})"
 
+    def verdict_and_reason(self) -> tuple[str, str]:
+        return f"{self.label}: {self.motion.kind.value}", self.motion.evidence
+
     def doubts(self) -> Iterable[str]:
         if not self.decided:
             yield f"Undecided; what would decide: {self.motion.would_decide}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -26,7 +26,7 @@ class Table:
 
     title: str
     columns: tuple[str, ...]
-    rows: list[tuple[str, ...]]
+    rows: Sequence[tuple[str, ...]]
     changed: frozenset[int] = frozenset()
 
 
@@ -43,10 +43,13 @@ class Reported(Result):
 
     kind: ClassVar[str]
     function: ClassVar[str]
-    trusted: bool
+
+    def verdict_and_reason(self) -> tuple[str, str]:
+        """The headline of the page, and what it rests on."""
+        return self.headline(), ""
 
     def doubts(self) -> Iterable[str]:
-        """What weakens the result, beside what its headline says."""
+        """What weakens the result, beside its reason."""
         raise NotImplementedError
 
     def page_pictures(self) -> list[Figure]:
@@ -64,18 +67,19 @@ class Reported(Result):
     def report(self, command: str = "") -> str:
         """The page as text; `command` is what made the result, if it was not Python."""
         pictures = self.page_pictures()
+        headline, reason = self.verdict_and_reason()
         return page(
             __package__,
             "report.html.jinja",
             pictures,
             pictures=pictures,
             kind=self.kind,
-            trusted=self.trusted,
-            headline=self.say(self.headline()),
+            trusted=self.trusted,  # type: ignore[attr-defined]
+            headline=headline,
+            reason=reason,
             doubts=list(self.doubts()),
             figures=self.tables(),
             values=self.values_used(),
-            png=", ".join(f"{name}.png" for name in self.pictures()),
             command=command,
             function=self.function,
         )
@@ -138,29 +142,20 @@ def _unit_in(name: str) -> str:
 def values_of(loop: Loop | SystemLoop, coupled: bool = True) -> list[Table]:
     """The settings of a loop, and the values of its parts; not `coupled` ones have one solver."""
     if isinstance(loop, SystemLoop):
-        values = [(name, told(value)) for name, value in loop.values.items()]
-        named = Table("Given to the system; its file says the others", ("value", ""), values)
+        given = [(name, told(value)) for name, value in loop.values.items()]
+        named = Table("Given to the system; its file says the others", ("name", "value"), given)
         return [_settings(loop, {"system": loop.label}, coupled), named]
     file = loop.parameters()
     parts = {"plant": loop.plant.label, "controller": loop.controller.label}
     tables = [_settings(loop, parts, coupled)]
     own = file.controllers[loop.controller.label]
-    for title, known, values, given in (
-        (
-            f"Plant {loop.plant.label}",
-            loop.plant.settable(loop.plant_values),
-            {**file.plant, **file.found},
-            loop.plant_values,
-        ),
-        (
-            f"Controller {loop.controller.label}",
-            loop.controller.settable(loop.controller_values),
-            own,
-            loop.controller_values,
-        ),
+    for side, part, values, given in (
+        ("Plant", loop.plant, {**file.plant, **file.found}, loop.plant_values),
+        ("Controller", loop.controller, own, loop.controller_values),
     ):
         if values:
-            tables.append(_values_table(title, known, values, given))
+            title = f"{side} {part.label}"
+            tables.append(_values_table(title, part.settable(given), values, given))
     return tables
 
 
@@ -183,14 +178,20 @@ def _values_table(
     return Table(title, _COLUMNS, rows, frozenset(changed))
 
 
+def _unit_of_goal(loop: Loop | SystemLoop) -> str:
+    """Of the position, where the plant's equations say it; a set-point is always in SI units."""
+    if isinstance(loop, SystemLoop) or not loop.plant.has_equations:
+        return "[SI]"
+    return next((o.unit for o in loop.plant.kernel.outputs if o.name == "x"), "m")
+
+
 def _settings(loop: Loop | SystemLoop, parts: Mapping[str, str], coupled: bool) -> Table:
     goal = loop.reference
     if goal is None:
         said = "as the file says"
-    elif len(goal.values) > 1:
-        said = f"moves, {goal.values[0]:.6g} to {goal.values[-1]:.6g} in SI units"
     else:
-        said = f"{goal.values[0]:.6g} in SI units"
+        ends = sorted({float(goal.values.min()), float(goal.values.max())})
+        said = " to ".join(quantity(value, _unit_of_goal(loop)) for value in ends)
     length = "as the file says" if loop.stop is None else f"{loop.stop:g} s"
     rows = {**parts, "set-point": said, "length": length}
     if coupled:

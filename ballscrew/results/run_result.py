@@ -28,6 +28,9 @@ class RunResult(Reported, ClosedLoopResult):
     def headline(self) -> str:
         return f"{self.loop.label}, {self.run.verdict.word}: {self.run.verdict.reason}"
 
+    def verdict_and_reason(self) -> tuple[str, str]:
+        return f"{self.loop.label}: {self.run.verdict.word}", self.run.verdict.reason
+
     def doubts(self) -> Iterable[str]:
         return filter(None, (self.run.stopped, self.run.verdict.advice, *self.notes))
 
