@@ -506,7 +506,9 @@ def stability_map(  # noqa: PLR0913
     processes = _processes(workers)
     plan = plan_map(_followed_loop(loop, asked), x, y, exponents, tolerance)
     summary = make_map(plan, Path(folder), processes, resume, refine)
-    return StabilityMap(summary, Path(folder))
+    found = StabilityMap(summary, Path(folder))
+    found.add_report()
+    return found
 
 
 def swap_study(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import io
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -63,6 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     try:
         options = command_parser().parse_args(arguments)
+        given = sys.argv[1:] if arguments is None else arguments
+        options.command = shlex.join(["ballscrew", *map(str, given)])  # for pages
         os.environ["BALLSCREW_SVG"] = "1" if getattr(options, "svg", False) else ""
         code = int(options.action(options))
         print(end="", flush=True)

@@ -31,8 +31,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser = commands.add_parser(
         "lyapunov",
         help="Lyapunov exponents of a closed loop, and what its motion becomes",
-        description="Write lyapunov.json, lyapunov.csv (the running estimates), parameters.toml "
-        "and a picture of their convergence. Exit code 1: computed, but the verdict is undecided.",
+        description="Write report.html, lyapunov.json, lyapunov.csv (the running estimates), "
+        "parameters.toml and a picture of their convergence. Exit code 1: computed, but the "
+        "verdict is undecided.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -70,7 +71,7 @@ def _lyapunov(options: argparse.Namespace) -> int:
 
     def save(folder: Path) -> None:
         loop.parameters().save(folder)
-        result.save(folder)
+        result.save(folder, command=options.command)
 
     save_results(options.out, save)
     figures = result.figures()
@@ -98,4 +99,4 @@ def _show(figures: dict[str, Any], folder: Path) -> None:
     if figures["sum_rule_error"] is not None:
         print(f"  sum rule: off by {figures['sum_rule_error']:.2g} of the sum")
     print(f"  {figures['evidence']}")
-    print(f"lyapunov.json, lyapunov.csv, parameters.toml, lyapunov.png in {folder}")
+    print(f"report.html, lyapunov.json, lyapunov.csv, parameters.toml, lyapunov.png in {folder}")

@@ -31,10 +31,10 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser = commands.add_parser(
         "map",
         help="stability maps over two parameters of plant or controller",
-        description="Write map.parquet (a row a cell: the two parameters, verdict, final_error, "
-        "lambda1_bits_per_s, oscillation_amplitude, reason of an undecided one; map.csv without "
-        "pyarrow), map.json and a picture. Finished chunks are written at once; an interrupted run "
-        "continues with --resume.",
+        description="Write report.html, map.parquet (a row a cell: the two parameters, verdict, "
+        "final_error, lambda1_bits_per_s, oscillation_amplitude, reason of an undecided one; "
+        "map.csv without pyarrow), map.json and a picture. Finished chunks are written at once; an "
+        "interrupted run continues with --resume.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -86,6 +86,9 @@ def _map(options: argparse.Namespace) -> int:
         again, refine = options.resume, options.refine
         summary = guard(lambda: make_map(plan, options.out, workers, again, refine, progress))
         progress.finish()
+        from .results.map_result import StabilityMap
+
+        notes = StabilityMap(summary, options.out).add_report(options.command)
     except (BadMap, NotEnoughMemory, WorkersLost) as error:
         raise BadRequest(str(error)) from error
     except OSError as error:
@@ -94,7 +97,7 @@ def _map(options: argparse.Namespace) -> int:
             f"cannot write{where}: {error.strerror or error}; finished work is kept, "
             "continue with --resume"
         ) from error
-    print_notes(summary.notes)
+    print_notes([*summary.notes, *notes])
     figures = summary.figures()
     if options.json:
         print(json.dumps(figures))
@@ -120,7 +123,7 @@ def _show(figures: dict[str, Any], folder: Path) -> None:
     )
     if figures["undecided"]:
         print(figures["budget"])
-    files = f"{table_path(folder, 'map').name}, map.json, parameters.toml, map.png"
+    files = f"{table_path(folder, 'map').name}, map.json, parameters.toml, map.png, report.html"
     if figures["borders"]:
         files = f"borders.csv ({figures['borders']} places), " + files
     print(f"{files} in {folder}")

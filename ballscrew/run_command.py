@@ -30,6 +30,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser = commands.add_parser(
         "run",
         help="run a closed loop",
+        description="Write report.html, trajectory.csv, metrics.json, parameters.toml and "
+        "pictures.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -60,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
     progress = Progress(loop.stop)
     result = guard(lambda: api.run(loop, progress=progress))
     progress.finish()
-    save_results(options.out, result.save)
+    save_results(options.out, lambda folder: result.save(folder, command=options.command))
     figures = result.figures()
     if options.json:
         print(json.dumps(finite_or_null(figures)))

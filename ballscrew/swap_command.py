@@ -33,6 +33,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser = commands.add_parser(
         "swap",
         help="run several controllers on the same plant and compare them",
+        description="Write report.html, comparison.csv, comparison.json, comparison.png, "
+        "parameters.toml and a trajectory of each controller.",
         epilog="examples:\n  ballscrew swap --controllers iol mine.py:pi hand.fmu --out out/swap\n"
         "  ballscrew swap --controllers iol_observed pid --sampled 1e-3 --noise --out out/real\n",
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -97,14 +99,14 @@ def swap_controllers(options: argparse.Namespace) -> int:
     progress = Progress(loops[0].stop)
     result = guard(lambda: api.swap(loops, progress=lambda name, t: progress(t, name)))
     progress.finish()
-    save_results(options.out, result.save)
+    save_results(options.out, lambda folder: result.save(folder, command=options.command))
     if options.json:
         print(json.dumps(finite_or_null([r.figures() for r in result.results])))
     else:
         units = units_of_figures(result.results[0].run.units)
         print(comparison_table([r.figures() for r in result.results], units))
-        files = ["comparison.csv", "comparison.json", "comparison.png", "parameters.toml"]
-        print(f"{', '.join([*files, *result.trajectories])} in {options.out}")
+        files = ["report.html", "comparison.csv", "comparison.json", "comparison.png"]
+        print(f"{', '.join([*files, 'parameters.toml', *result.trajectories])} in {options.out}")
     for r in result.results:
         for note in r.notes:
             print(f"note: {r.loop.label}: {note}", file=sys.stderr)

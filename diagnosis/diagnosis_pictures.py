@@ -1,8 +1,4 @@
-"""Pictures of a diagnosis: for its page, drawn so that a browser can zoom them, and for papers.
-
-In the page a picture is a frame with ticks around a drawing of 1000 by 1000 units, whose view is
-what zooming changes; lines keep their width, and the ticks are drawn again.
-"""
+"""Pictures of a diagnosis: for its page, where they zoom, and for papers."""
 
 from __future__ import annotations
 
@@ -14,11 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..orchestration.page import Line, Picture, level, thinned
 from ..orchestration.pictures import COLOURS, STYLE, drawing, in_words, new_figure, write_figure
 from ..orchestration.turning_words import words_for
 from .closed_loop_effect import SETPOINT, ClosedLoopEffect
 from .diagnosis import Curves, Diagnosis
-from .page_pictures import Line, Picture, level, thinned
 
 Vector = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
+from ..orchestration.page import page, plotly_figure, write_page
 from ..orchestration.turning_words import page_in_turning_units, words_for
-from ..solver.files import write_atomically
 from . import report_words as words
 from .causes import CAUSES
 from .closed_loop_effect import CONTROLLER, SETPOINT, STOP, ClosedLoopEffect
 from .diagnosis import Diagnosis, names_of
 from .diagnosis_pictures import pictures_of, pictures_of_loop, said
 from .experiment_motions import COMMAND_FILE
-from .page_pictures import plotly_figure
 
-REPORT = "report.html"
 _TEMPLATE = "report.html.jinja"
 _NOT_SHOWN = 1e-9  # relative change of a value that is the prior one
 _KINDS = {"ball_screw": "ball screw with a motor", "drive": "drive whose command is a force"}
@@ -45,72 +41,57 @@ def save_report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection, folder: Pa
     OSError
         If it cannot be written.
     """
-    write_atomically(folder / REPORT, report(diagnosis, closed_loop).encode())
+    write_page(folder, report(diagnosis, closed_loop))
 
 
 def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
     """The page as text."""
-    from plotly.offline import get_plotlyjs
-
     effect, kind = closed_loop.effect, diagnosis.prior.kind
     turns = diagnosis.prior.turns
     words_of_it = words_for(diagnosis.notes)
     pictures = said(pictures_of(diagnosis), words_of_it)
     loop_pictures = said(pictures_of_loop(effect) if effect else [], words_of_it)
-    page = (
-        _environment(diagnosis.prior.units)
-        .get_template(_TEMPLATE)
-        .render(
-            d=diagnosis,
-            loop=closed_loop,
-            headline=words.verdict_sentence(diagnosis),
-            coverage=words.SET,
-            naming=words.NAMED,
-            unreliable=words.DOES_NOT_HOLD if words.does_not_hold(diagnosis) else "",
-            named=names_of(diagnosis.causes),
-            levels=(
-                ("prior model", diagnosis.baseline_residual),
-                ("values adjusted within tolerance *", diagnosis.adjusted_residual),
-                ("with all causes found *", diagnosis.final_residual),
-                ("noise alone (floor)", diagnosis.floor),
-            ),
-            mistaken_for={
-                c.name: CAUSES[c.name].mistaken_for if c.name in CAUSES else ()
-                for c in diagnosis.causes
-            },
-            pictures=pictures,
-            loop_pictures=loop_pictures,
-            figures=[
-                {"name": p.name, "title": p.title, **plotly_figure(p)}
-                for p in (*pictures, *loop_pictures)
-            ],
-            plotly=get_plotlyjs(),
-            noise=_NOISE,
-            kind="rotating body, driven by a torque" if turns else _KINDS.get(kind, kind),
-            controller=CONTROLLER,
-            setpoint=SETPOINT,
-            stop=STOP,
-            command_file=COMMAND_FILE,
-            version=version("ballscrew"),
-        )
+    text = page(
+        __package__,
+        _TEMPLATE,
+        [plotly_figure(p) for p in (*pictures, *loop_pictures)],
+        _filters(diagnosis.prior.units),
+        d=diagnosis,
+        loop=closed_loop,
+        headline=words.verdict_sentence(diagnosis),
+        coverage=words.SET,
+        naming=words.NAMED,
+        unreliable=words.DOES_NOT_HOLD if words.does_not_hold(diagnosis) else "",
+        named=names_of(diagnosis.causes),
+        levels=(
+            ("prior model", diagnosis.baseline_residual),
+            ("values adjusted within tolerance *", diagnosis.adjusted_residual),
+            ("with all causes found *", diagnosis.final_residual),
+            ("noise alone (floor)", diagnosis.floor),
+        ),
+        mistaken_for={
+            c.name: CAUSES[c.name].mistaken_for if c.name in CAUSES else ()
+            for c in diagnosis.causes
+        },
+        pictures=pictures,
+        loop_pictures=loop_pictures,
+        noise=_NOISE,
+        kind="rotating body, driven by a torque" if turns else _KINDS.get(kind, kind),
+        controller=CONTROLLER,
+        setpoint=SETPOINT,
+        stop=STOP,
+        command_file=COMMAND_FILE,
     )
-    return page_in_turning_units(page) if turns else page
+    return page_in_turning_units(text) if turns else text
 
 
-def _environment(units: Mapping[str, str]) -> Environment:
-    """Where the template is, and how it writes numbers and sentences."""
-    made = Environment(
-        loader=PackageLoader(__package__, ""),
-        autoescape=True,  # of what other people's files say
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
+def _filters(units: Mapping[str, str]) -> dict[str, Callable[..., Any]]:
+    """How the template writes numbers and sentences."""
     plain = (words.as_share, words.micro, words.of_friction, words.percent, words.rig_command)
-    made.filters |= {f.__name__: f for f in (*plain, words.times)} | {
+    return {f.__name__: f for f in (*plain, words.times)} | {
         "change": lambda change: f"{100 * change:+.2g} %" if abs(change) > _NOT_SHOWN else "0",
         "interval": lambda ends: words.interval(*ends),
         "metres": words.length,
         "sentence": words.sentence_for_page,
         "unit": lambda name: units[name],
     }
-    return made

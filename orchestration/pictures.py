@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..solver.files import write_atomically
+from .shown_units import labelled, shown_unit
 from .thinning import rows_over_plane, rows_over_time
 
 if TYPE_CHECKING:
@@ -45,27 +47,57 @@ STYLE: Any = {
 RESTING = 5e-3  # share of a signal's range within which it stays at rest
 # margins of a run's pictures, and the room between two rows [in]
 _LEFT, _RIGHT, _TOP, _BOTTOM, _BETWEEN = 0.95, 0.2, 0.4, 0.6, 0.2
-# name and unit of the signal: label, factor to the unit shown, unit shown
-_SHOWN = {
-    ("x", "m"): ("position $x$", 1e2, "cm"),
-    ("v", "m/s"): ("velocity $v$", 1e2, "cm/s"),
-    ("z", "m"): ("bristles $z$", 1e6, "µm"),
-    ("i", "A"): ("current $i$", 1e3, "mA"),
-    ("friction", "N"): ("friction", 1.0, "N"),
-    ("u", "V"): ("motor voltage $u$", 1.0, "V"),
-    **{("u", unit): ("command $u$", 1.0, unit) for unit in ("A", "N", "N*m")},
+# name and unit of the signal: what it is called
+_CALLED = {
+    ("x", "m"): "position x",
+    ("x", "rad"): "angle x",
+    ("v", "m/s"): "velocity v",
+    ("v", "rad/s"): "angular velocity v",
+    ("z", "m"): "bristles z",
+    ("i", "A"): "current i",
+    ("friction", "N"): "friction",
+    ("friction", "N*m"): "friction",
+    ("u", "V"): "motor voltage u",
+    **{("u", unit): "command u" for unit in ("A", "N", "N*m")},
 }
-_USUAL = dict(reversed(_SHOWN.keys()))  # units where an FMU says none: the first of each
+_USUAL = dict(reversed(_CALLED.keys()))  # units where an FMU says none: the first of each
+_STATES = ("x", "v", "z", "i", "friction")
+_COLOUR = {"x": 0, "u": 1, "v": 2, "z": 3, "i": 4, "friction": 5}  # in all pictures of a run
 
 
-def _axis(name: str, unit: str = "") -> tuple[str, float, str]:
-    unit = unit or _USUAL.get(name, "")
-    return _SHOWN.get((name, unit), (name, 1.0, "" if unit == "1" else unit))
+@dataclass(frozen=True)
+class Shown:
+    """A signal as pictures show it: what it is called, the factor to the unit shown, that unit."""
+
+    called: str
+    factor: float
+    unit: str
+
+    @property
+    def label(self) -> str:
+        return labelled(self.called, self.unit)
 
 
-def _label(name: str, unit: str = "") -> str:
-    text, _, shown = _axis(name, unit)
-    return f"{text} [{shown}]" if shown else text
+def shown_signal(runs: Sequence[LoopRun], name: str) -> Shown:
+    """How a signal is shown that several runs have, with one unit for all."""
+    unit = runs[0].units.get(name, "") or _USUAL.get(name, "")
+    values = np.concatenate([signals_of(run)[name] for run in runs])
+    return Shown(_CALLED.get((name, unit), name), *shown_unit(values, unit))
+
+
+def signals_of(run: LoopRun) -> dict[str, Any]:
+    """Outputs and commands by name."""
+    return {**run.outputs, **run.commands}
+
+
+def states_of(run: LoopRun) -> list[str]:
+    """The outputs that pictures show: those of an axis, or all where it is none."""
+    return [n for n in _STATES if n in run.outputs] or list(run.outputs)
+
+
+def colour_of(run: LoopRun, name: str) -> int:
+    """Number of a signal's colour, the same in all pictures of a run."""
+    return _COLOUR.get(name, list(signals_of(run)).index(name)) % len(COLOURS)
 
 
 @contextmanager
@@ -177,31 +209,31 @@ def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
     with mpl.rc_context(STYLE):
         if "x" in run.outputs:
             figure, ((axes,),) = new_figure(1, 1, (8, 4.2), fixed_margins=True)
-            _draw_course(axes, run, "x", 0, "position")
+            _draw_course(axes, run, "x", "position")
             if not run.alone:
-                _draw_set_point(axes, run, label="set-point")
+                _draw_set_point(axes, run, shown_signal([run], "x").factor, until_rest(run))
             axes.set_title(title)
             axes.legend(loc="best")
             figures["position"] = figure
         if "u" in run.commands:
             figure, ((axes,),) = new_figure(1, 1, (8, 4.2), fixed_margins=True)
-            _draw_course(axes, run, "u", 1, "voltage")
+            _draw_course(axes, run, "u", "voltage")
             peak = int(np.argmax(np.abs(run.commands["u"])))
+            how = shown_signal([run], "u")
+            highest = how.factor * run.commands["u"][peak]
             axes.annotate(
-                f"{run.commands['u'][peak]:.1f} {_axis('u', run.units.get('u', ''))[2]} at "
-                f"{run.time[peak]:.3f} s",
-                (run.time[peak], run.commands["u"][peak]),
+                f"{highest:.1f} {how.unit} at {run.time[peak]:.3f} s",
+                (run.time[peak], highest),
                 xytext=(25, -6),
                 textcoords="offset points",
                 arrowprops={"arrowstyle": "-", "color": "#555555"},
             )
             axes.set_title(title)
             figures["voltage"] = figure
-        shown: list[str] = [n for n in ("x", "v", "z", "i", "friction") if n in run.outputs]
-        shown = shown or list(run.outputs)
+        shown = states_of(run)
         figure, axes_grid = new_figure(len(shown), 1, (8, 2.0 * len(shown)), fixed_margins=True)
         for k, n in enumerate(shown):
-            _draw_course(axes_grid[k][0], run, n, k, n)
+            _draw_course(axes_grid[k][0], run, n, n)
             if k < len(shown) - 1:
                 axes_grid[k][0].set_xlabel("")
                 axes_grid[k][0].tick_params(labelbottom=False)
@@ -216,19 +248,21 @@ def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
     return figures
 
 
-def _draw_course(axes: Any, run: LoopRun, name: str, colour: int, label: str) -> None:
-    unit = run.units.get(name, "")
-    _, factor, _ = _axis(name, unit)
-    values = {**run.outputs, **run.commands}[name]
+def _draw_course(axes: Any, run: LoopRun, name: str, label: str) -> None:
+    how, values = shown_signal([run], name), signals_of(run)[name]
     end = until_rest(run)
     moving = run.time <= end
     shown = rows_over_time(run.time[moving], values[moving])
-    style = {"color": COLOURS[colour % len(COLOURS)], "label": label}
-    axes.plot(run.time[shown], values[shown] * factor, **style)
-    rest = f", at rest from here to {run.time[-1]:g} s" if end < run.time[-1] else ""
-    axes.set_xlabel(f"time [s]{rest}")
-    axes.set_ylabel(_label(name, unit))
+    style = {"color": COLOURS[colour_of(run, name)], "label": label}
+    axes.plot(run.time[shown], values[shown] * how.factor, **style)
+    axes.set_xlabel(_time_label(end, run.time[-1]))
+    axes.set_ylabel(how.label)
     axes.margins(x=0.01)
+
+
+def _time_label(end: float, stop: float) -> str:
+    rest = f", at rest from here to {stop:g} s" if end < stop else ""
+    return f"time [s]{rest}"
 
 
 def until_rest(run: LoopRun) -> float:
@@ -241,23 +275,20 @@ def until_rest(run: LoopRun) -> float:
     return float(1.25 * last if 0.0 < 1.5 * last < run.time[-1] else run.time[-1])
 
 
-def _draw_set_point(axes: Any, run: LoopRun, **style: Any) -> None:
-    _, factor, _ = _axis("x", run.units.get("x", ""))
-    moving = run.time <= until_rest(run)
+def _draw_set_point(axes: Any, run: LoopRun, factor: float, end: float) -> None:
+    moving = run.time <= end
     shown = rows_over_time(run.time[moving], run.reference[moving])
-    axes.plot(
-        run.time[shown], run.reference[shown] * factor, color="#555555", lw=1, ls=":", **style
-    )
+    style: dict[str, Any] = {"color": "#555555", "lw": 1, "ls": ":", "label": "set-point"}
+    axes.plot(run.time[shown], run.reference[shown] * factor, **style)
 
 
 def _draw_phase(figure: Any, axes: Any, run: LoopRun) -> None:
     from matplotlib.collections import LineCollection
 
-    _, of_x, shown_x = _axis("x", run.units.get("x", ""))
-    _, of_v, _ = _axis("v", run.units.get("v", ""))
+    position, velocity = shown_signal([run], "x"), shown_signal([run], "v")
     error = run.outputs["x"] - (0.0 if run.alone else run.reference)
-    speed = run.outputs["v"] * of_v
-    points = np.column_stack([error * of_x, speed])
+    speed = run.outputs["v"] * velocity.factor
+    points = np.column_stack([error * position.factor, speed])
     # colours span the motion, not the rest after it
     span = np.maximum(np.ptp(points, axis=0), 1e-12)
     moved = np.cumsum(np.hypot(*(np.diff(points, axis=0) / span).T))
@@ -282,9 +313,9 @@ def _draw_phase(figure: Any, axes: Any, run: LoopRun) -> None:
     axes.autoscale_view()
     axes.plot(*points[0], "o", color=COLOURS[0], label="start")
     axes.plot(*points[-1], "X", color=COLOURS[1], ms=9, label="end")
-    across = "$x$" if run.alone else "position error $x - x_d$"
-    axes.set_xlabel(f"{across} [{shown_x}]" if shown_x else across)
-    axes.set_ylabel(_label("v", run.units.get("v", "")))
+    across = position.called if run.alone else "position less set-point"
+    axes.set_xlabel(labelled(across, position.unit))
+    axes.set_ylabel(velocity.label)
     axes.legend(loc="best")
     figure.colorbar(lines, ax=axes, label="time [s]", extend="max")
 
@@ -296,11 +327,10 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
     with mpl.rc_context(STYLE):
         figure, grid = new_figure(3, 1, (9, 9))
         position, fine, voltage = (row[0] for row in grid)
-        units = results[0].run.units
-        of_x, of_u = units.get("x", ""), units.get("u", "")
-        _, factor, _ = _axis("x", of_x)
-        finer, least = (1e6, "[µm], 1 nm at least") if of_x in ("m", "") else (1.0, f"[{of_x}]")
-        ends = []
+        runs = [result.run for result in results]
+        of_x, of_u = shown_signal(runs, "x"), shown_signal(runs, "u")
+        finer = 1e6 if (runs[0].units.get("x") or "m") == "m" else 1.0
+        least = "[µm], 1 nm at least" if finer > 1.0 else f"[{runs[0].units['x']}]"
         for k, result in enumerate(results):
             run = result.run
             label = result.loop.label.replace("+", "\n+")  # long names leave no room for curves
@@ -309,33 +339,30 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
             style = {"color": COLOURS[k % len(COLOURS)], "ls": DASHES[k % len(DASHES)]}
             distance = finer * np.maximum(np.abs(run.outputs["x"] - run.reference), 1e-9)
             for axes, values in (
-                (position, run.outputs["x"] * factor),
+                (position, run.outputs["x"] * of_x.factor),
                 (fine, distance),
-                (voltage, run.commands["u"]),
+                (voltage, run.commands["u"] * of_u.factor),
             ):
                 shown = rows_over_time(run.time, values)
                 name = label if axes is position else "_nolegend_"
                 axes.plot(run.time[shown], values[shown], label=name, **style)
             peak = int(np.argmax(np.abs(run.commands["u"])))
+            highest = of_u.factor * run.commands["u"][peak]
             voltage.plot(
                 run.time[peak],
-                run.commands["u"][peak],
+                highest,
                 "o",
                 color=style["color"],
-                label=f"{run.commands['u'][peak]:.1f} {_axis('u', of_u)[2]} at "
-                f"{run.time[peak]:.3g} s",
+                label=f"{highest:.1f} {of_u.unit} at {run.time[peak]:.3g} s",
             )
-            settled = result.figures().get("settling_time_2pct")
-            ends.append(1.6 * settled if settled else run.time[-1])
-        run = results[0].run
-        _draw_set_point(position, run)
-        position.set_ylabel(_label("x", of_x))
+        end, stop = max(map(until_rest, runs)), max(run.time[-1] for run in runs)
+        _draw_set_point(position, runs[0], of_x.factor, end)
+        position.set_ylabel(of_x.label)
         position.set_title("Controllers on the same plant")
         fine.set_yscale("log")
         fine.set_ylabel(f"distance to the set-point\n{least}")
-        voltage.set_ylabel(_label("u", of_u))
-        voltage.set_xlabel("time [s]")
-        end = min(max(ends), run.time[-1])
+        voltage.set_ylabel(of_u.label)
+        voltage.set_xlabel(_time_label(end, stop))
         for axes in (position, fine, voltage):
             axes.set_xlim(-0.02 * end, end)  # what happens at once stands apart from the frame
         for axes, title in ((position, ""), (voltage, "peak")):  # beside the curves, never over

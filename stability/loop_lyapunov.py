@@ -72,5 +72,5 @@ def loop_lyapunov(
     run = lyapunov(make, loop.stop, tolerance, None, order, loop.title, watching, average)
     if loop_kernel(*parts).delays:
         text = f"{run.method}; {NODES} nodes along each delay, whose own exponents are last"
-        return replace(run, method=text)
-    return run
+        run = replace(run, method=text)
+    return replace(run, loop=loop)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,9 @@ from .attractor import CLOSED, Attractor, Kind, classify_attractor
 from .budget import becomes
 from .equilibria import sample_after
 from .finite_perturbations import PerturbationGrowth, perturbation_growth
+
+if TYPE_CHECKING:
+    from ..orchestration.loop import Loop
 
 Vector = npt.NDArray[np.float64]
 Maker = Callable[[float], Model]
@@ -72,6 +75,8 @@ class LyapunovRun:
         How the tangents were followed.
     perturbations : sequence of PerturbationGrowth
         Of a quantized loop: what its exact motion does to finite perturbations.
+    loop : Loop, optional
+        Whose motion it is.
     """
 
     names: list[str]
@@ -82,6 +87,7 @@ class LyapunovRun:
     label: str = ""
     method: str = ONE_SOLVER
     perturbations: Sequence[PerturbationGrowth] = ()
+    loop: Loop | None = None
 
     @property
     def exponents(self) -> Vector:

@@ -75,6 +75,7 @@ def loop_lyapunov_over_fmus(
                 loop.title,
                 f"{method}; finite-time only: without equations the motion is not known beyond "
                 f"{stop:g} s",
+                loop=loop,
             )
     except (TangentsImpossible, UnsupportedComponent) as error:
         raise NoExponents(str(error)) from error

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..orchestration.page import Figure, layout, numbers
 from ..orchestration.pictures import STYLE, drawing, new_figure, write_figure
+from ..orchestration.shown_units import labelled, shown_unit
 from ..solver.kernel import PLANT
 from ..solver.tables import read_table, table_path
 from .attractor import Kind
@@ -32,7 +36,14 @@ COLOUR = {
     Kind.WINDING: "#882255",
     Kind.UNDECIDED: "#000000",
 }
+Boundary = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]
+"""Coordinates along x and y, and the growth of the loop while stuck, shape (y, x)."""
+
 _BOUNDARY_POINTS = 48
+BOUNDARY = "limit of stability while the block is stuck (Routh-Hurwitz)"
+_SHORT = "limit while stuck"  # for telephones
+_AROUND_ZERO = ("#7f3b08", "#fdb863", "#f7f7f7", "#b2abd2", "#2d004b")  # PuOr, for all eyes
+MOST_CELLS = 200  # along each side of a map on its page
 
 
 @drawing()
@@ -41,12 +52,36 @@ def save_map_picture(plan: MapPlan, folder: Path) -> None:
     write_figure(map_figure(plan, folder), folder, "map")
 
 
-def map_figure(plan: MapPlan, folder: Path) -> Any:
-    """A figure of the map's table in `folder`: verdicts, distances, swings, exponents."""
-    import matplotlib as mpl
-    from matplotlib.colors import ListedColormap, LogNorm
-    from matplotlib.patches import Patch
+@dataclass(frozen=True)
+class Panel:
+    """One number of each cell.
 
+    Attributes
+    ----------
+    title, label : str
+    values : ndarray, shape (y.count, x.count)
+    least : float
+        Of a logarithmic scale; 0 of a linear one around zero.
+    """
+
+    title: str
+    label: str
+    values: npt.NDArray[np.float64]
+    least: float = 0.0
+
+    def range(self) -> tuple[float, float]:
+        """What the colours span."""
+        finite = self.values[np.isfinite(self.values)]
+        if self.least:
+            finite = finite[finite > 0.0]
+            low, high = (finite.min(), finite.max()) if len(finite) else (self.least, self.least)
+            return max(float(low), self.least), max(float(high), 10 * self.least)
+        bound = (float(np.percentile(np.abs(finite), 99)) if len(finite) else 0.0) or 1.0
+        return -bound, bound
+
+
+def _verdicts_and_panels(plan: MapPlan, folder: Path) -> tuple[npt.NDArray[np.int64], list[Panel]]:
+    """Places in `COLOUR` of the verdicts, and the panels beside them, of the table in `folder`."""
     table = read_table(table_path(folder, TABLE))
     shape = (plan.y.count, plan.x.count)
 
@@ -54,20 +89,34 @@ def map_figure(plan: MapPlan, folder: Path) -> Any:
         return np.array(table[name], dtype=float).reshape(shape)
 
     kinds = list(COLOUR)
-    verdict = np.array([kinds.index(Kind(v)) for v in table["verdict"]])
-    verdict = verdict.reshape(shape)
-    xs, ys = plan.x.values(), plan.y.values()
+    verdict = np.array([kinds.index(Kind(v)) for v in table["verdict"]]).reshape(shape)
+    distance, swing = np.abs(column("final_error")), column("oscillation_amplitude")
     unit = position_unit(plan)
-    factor, shown = (1e6, "[µm]") if unit == "m" else (1.0, f"[{unit}]" if unit != "1" else "")
     goal = "zero" if plan.loop.controller.is_none else "the set-point"
-    distance, swing = f"Distance to {goal} at the end", "Amplitude at the end"
-    panels: list[tuple[str, str, Any]] = [
-        (distance, f"|error of x| {shown}", np.abs(column("final_error")) * factor),
-        (swing, f"amplitude of x {shown}", column("oscillation_amplitude") * factor),
-    ]
+    least = 1e-10 if unit == "m" else 1e-4  # a tenth of a nanometre is no motion
+    panels = []
+    for title, label, values in (
+        (f"Distance to {goal} at the end", "distance", distance),
+        ("Amplitude at the end", "amplitude", swing),
+    ):
+        factor, shown = shown_unit(values, unit)
+        panels.append(Panel(title, labelled(label, shown), factor * values, factor * least))
     rate = column("lambda1_bits_per_s")
     if np.isfinite(rate).any():
-        panels.append(("Largest Lyapunov exponent", r"$\lambda_1$ [bits/s]", rate))
+        panels.append(Panel("Largest Lyapunov exponent", "exponent [bits/s]", rate))
+    return verdict, panels
+
+
+def map_figure(plan: MapPlan, folder: Path) -> Any:
+    """A figure of the map's table in `folder`: verdicts, distances, swings, exponents."""
+    import matplotlib as mpl
+    from matplotlib.colors import ListedColormap, LogNorm
+    from matplotlib.patches import Patch
+
+    kinds = list(COLOUR)
+    verdict, panels = _verdicts_and_panels(plan, folder)
+    found = _boundary(plan)
+    xs, ys = plan.x.values(), plan.y.values()
     with mpl.rc_context({**STYLE, "axes.grid": False}):
         figure, (axes,) = new_figure(1, 1 + len(panels), (5.6 * (1 + len(panels)), 5.4))
         axes[0].pcolormesh(
@@ -81,26 +130,18 @@ def map_figure(plan: MapPlan, folder: Path) -> Any:
         )
         met = [Patch(color=COLOUR[k], label=k.value) for n, k in enumerate(kinds) if n in verdict]
         axes[0].set_title(f"{plan.loop.label}: motion at the end")
-        line = _draw_boundary(axes[0], plan)
+        line = _draw_boundary(axes[0], found)
         figure.legend(handles=met + line, loc="outside lower center", ncols=len(met) + len(line))
-        for place, (title, label, values) in zip(axes[1:], panels, strict=True):
-            norm = None
-            style: dict[str, Any] = {"cmap": "viridis"}
-            if title in (distance, swing):
-                least = 1e-10 * factor  # a tenth of a nanometre is no motion
-                finite = values[np.isfinite(values) & (values > 0)]
-                if len(finite):
-                    norm = LogNorm(max(finite.min(), least), max(finite.max(), 10 * least))
-                values = np.maximum(values, least)
-            else:
-                known = np.abs(values[np.isfinite(values)])
-                bound = (float(np.percentile(known, 99)) if len(known) else 0.0) or 1.0
-                values = np.maximum(values, -bound)  # minus infinity, too
-                style = {"cmap": "PuOr", "vmin": -bound, "vmax": bound}
-            image = place.pcolormesh(xs, ys, values, norm=norm, rasterized=True, **style)
-            figure.colorbar(image, ax=place, label=label.strip())
-            place.set_title(title)
-            _draw_boundary(place, plan)
+        for place, panel in zip(axes[1:], panels, strict=True):
+            low, high = panel.range()
+            values = np.maximum(panel.values, panel.least or low)  # minus infinity, too
+            style: dict[str, Any] = {"cmap": "PuOr", "vmin": low, "vmax": high}
+            if panel.least:
+                style = {"cmap": "viridis", "norm": LogNorm(low, high)}
+            image = place.pcolormesh(xs, ys, values, rasterized=True, **style)
+            figure.colorbar(image, ax=place, label=panel.label)
+            place.set_title(panel.title)
+            _draw_boundary(place, found)
         for place in axes:
             place.set_xlabel(_label(plan, plan.x.name))
             place.ticklabel_format(useOffset=False, axis="both")
@@ -109,33 +150,113 @@ def map_figure(plan: MapPlan, folder: Path) -> Any:
     return figure
 
 
+def page_figures(plan: MapPlan, folder: Path) -> list[Figure]:
+    """The panels of the map as plotly's figures, for its page."""
+    kinds = list(COLOUR)
+    verdict, panels = _verdicts_and_panels(plan, folder)
+    every = [max(1, -(-axis.count // MOST_CELLS)) for axis in (plan.y, plan.x)]
+    thin = slice(None, None, every[0]), slice(None, None, every[1])
+    says = ""
+    if max(every) > 1:
+        says = f"Drawn is one cell of {every[1]} along x and one of {every[0]} along y; "
+        says += "map.png and the table have all."
+    found = _boundary(plan)
+    line: list[Figure] = []
+    if found is not None:
+        zero = {"start": 0.0, "end": 0.0, "size": 1.0, "coloring": "none"}
+        look = {"color": "#000", "dash": "dash", "width": 2}
+        grid = {"x": found[0].tolist(), "y": found[1].tolist(), "z": _grid(found[2])}
+        says = f"{says} Dashed: {BOUNDARY}.".strip()
+        more = {"name": _SHORT, "showlegend": True, "hoverinfo": "skip"}
+        line = [{"type": "contour", **grid, "contours": zero, "line": look, **more}]
+
+    def figure(name: str, title: str, says: str, traces: list[Figure]) -> Figure:
+        x, y = (
+            {"title": {"text": _label(plan, axis.name)}, "exponentformat": "none"}
+            for axis in (plan.x, plan.y)
+        )
+        shown = layout(x, y) | {"showlegend": True}
+        data = [*traces, *line]
+        return {"name": name, "title": title, "says": says, "data": data, "layout": shown}
+
+    place = {"x": plan.x.values()[thin[1]].tolist(), "y": plan.y.values()[thin[0]].tolist()}
+    image: Figure = {"type": "heatmap", **place, "showscale": False}
+    steps = [
+        [(k + end) / len(kinds), COLOUR[kind]] for k, kind in enumerate(kinds) for end in (0, 1)
+    ]
+    words = [[kinds[k].value for k in row] for row in verdict[thin].tolist()]
+    cells = {"z": verdict[thin].tolist(), "text": words, "hoverinfo": "x+y+text"}
+    scale = {"colorscale": steps, "zmin": -0.5, "zmax": len(kinds) - 0.5}
+    met = [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "x": [None],
+            "y": [None],
+            "name": kind.value,
+            "marker": {"color": COLOUR[kind], "symbol": "square", "size": 12},
+        }
+        for k, kind in enumerate(kinds)
+        if k in verdict
+    ]
+    title = f"{plan.loop.label}: how the motion ends"
+    figures = [figure("verdict", title, says, [image | cells | scale, *met])]
+    for number, panel in enumerate(panels):
+        low, high = panel.range()
+        values = np.maximum(panel.values[thin], panel.least or low)
+        bar: Figure = {"title": {"text": panel.label, "side": "right"}, "thickness": 14}
+        colours: Any = "Viridis"
+        if panel.least:
+            low, high, values = np.log10(low), np.log10(high), np.log10(values)
+            ticks = list(range(math.ceil(low), math.floor(high) + 1))
+            bar |= {"tickvals": ticks, "ticktext": [f"{10.0**k:g}" for k in ticks]}
+        else:
+            colours = [[k / 4, c] for k, c in enumerate(_AROUND_ZERO)]
+        scale = {"colorscale": colours, "zmin": float(low), "zmax": float(high)}
+        cells = {"z": _grid(values), "showscale": True, "colorbar": bar, "hoverinfo": "x+y+z"}
+        if panel.least:  # z is a logarithm
+            text = [[f"{v:.4g}" for v in row] for row in panel.values[thin].tolist()]
+            cells |= {"text": text, "hoverinfo": "x+y+text"}
+        figures.append(figure(f"panel{number}", panel.title, says, [image | cells | scale]))
+    return figures
+
+
+def _grid(values: npt.NDArray[np.float64]) -> Figure:
+    """A table of numbers as plotly reads it."""
+    return numbers(values) | {"shape": f"{values.shape[0]}, {values.shape[1]}"}
+
+
 def _label(plan: MapPlan, name: str) -> str:
     from .map_plan import axis_unit
 
     unit = axis_unit(plan, name)
-    return f"{name} [{unit}]" if unit not in ("", "1") else name
+    return labelled(name, "" if unit == "1" else unit)
 
 
-def _draw_boundary(axes: Any, plan: MapPlan) -> list[Any]:
+def _draw_boundary(axes: Any, found: Boundary | None) -> list[Any]:
     """The line on which the loop, while stuck, neither falls nor grows."""
     from matplotlib.lines import Line2D
 
+    if found is None:
+        return []
+    axes.contour(*found, levels=[0.0], colors="black", linewidths=1.6, linestyles="--")
+    return [Line2D([], [], color="black", ls="--", lw=1.6, label=BOUNDARY)]
+
+
+def _boundary(plan: MapPlan) -> Boundary | None:
+    """None where the growth nowhere changes its sign, or the criterion does not hold."""
     from .cell import stuck_growth
     from .map_plan import DESIGN, kernel_of
 
     if plan.fmus is not None:
-        return []  # an FMU gives no Jacobian of the whole loop
+        return None  # an FMU gives no Jacobian of the whole loop
     if PLANT + "Kv" not in [p.name for p in kernel_of(plan).parameters]:
-        return []  # the criterion is one of friction with a smooth sign
+        return None  # the criterion is one of friction with a smooth sign
     if DESIGN in (plan.x.side, plan.y.side):
-        return []  # a design for each of its points would take longer than the map
+        return None  # a design for each of its points would take longer than the map
     if kernel_of(plan).sample_time:
-        return []  # the criterion is one of continuous feedback
+        return None  # the criterion is one of continuous feedback
     xs = np.linspace(plan.x.low, plan.x.high, _BOUNDARY_POINTS)
     ys = np.linspace(plan.y.low, plan.y.high, _BOUNDARY_POINTS)
     growth = np.array([[stuck_growth(plan, float(x), float(y)) for x in xs] for y in ys])
-    label = "limit of stability while the block is stuck (Routh-Hurwitz)"
-    if not (growth.min() < 0.0 < growth.max()):
-        return []
-    axes.contour(xs, ys, growth, levels=[0.0], colors="black", linewidths=1.6, linestyles="--")
-    return [Line2D([], [], color="black", ls="--", lw=1.6, label=label)]
+    return (xs, ys, growth) if growth.min() < 0.0 < growth.max() else None

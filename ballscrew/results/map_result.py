@@ -7,14 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..orchestration.page import Figure
 from ..orchestration.pictures import drawing, write_figure
+from ..orchestration.run_folder import write_run
 from ..solver.tables import read_table, table_path
 from ..stability.store import TABLE, MapSummary
-from .result import Result, table_of
+from .reported import Reported, Table, figures_table, values_of
+from .result import table_of
 
 
 @dataclass(frozen=True, repr=False)
-class StabilityMap(Result):
+class StabilityMap(Reported):
     """A map over two parameters, in its folder; see `ballscrew.stability_map`.
 
     Attributes
@@ -27,6 +30,7 @@ class StabilityMap(Result):
 
     summary: MapSummary
     folder: Path
+    kind, function = "Map", "ballscrew.stability_map"
 
     @property
     def trusted(self) -> bool:
@@ -45,14 +49,48 @@ class StabilityMap(Result):
             f"of the tolerance {s.disagreed} of {s.checked} have another verdict"
         )
 
+    def doubts(self) -> Iterable[str]:
+        s = self.summary
+        if s.random_disagreed:
+            yield f"Away from borders, {s.random_disagreed} of {s.random_checked} cells changed."
+        yield from (f"{n} cells are undecided: {reason}" for reason, n in s.undecided.items())
+        yield from s.notes
+
+    def page_pictures(self) -> list[Figure]:
+        from ..stability.map_pictures import page_figures
+
+        return page_figures(self.summary.plan, self.folder)
+
+    def tables(self) -> list[Table]:
+        figures = self.summary.figures()
+        counts = [(verdict, str(n)) for verdict, n in figures.pop("verdicts").items()]
+        del figures["study"]  # the values used
+        return [
+            Table("Verdicts", ("verdict", "cells"), counts),
+            figures_table("map.json", figures, {}),
+        ]
+
+    def values_used(self) -> list[Table]:
+        plan = self.summary.plan
+        rows = [
+            (side, axis.name, f"{axis.low:.9g}", f"{axis.high:.9g}", str(axis.count))
+            for side, axis in (("x", plan.x), ("y", plan.y))
+        ]
+        axes = Table("Axes", ("axis", "parameter", "from", "to", "points"), rows)
+        return [axes, *values_of(plan.loop, plan.fmus is not None)]
+
+    def add_report(self, command: str = "") -> list[str]:
+        """Write the page into the map's own folder; returns notes as `write_run` does."""
+        return write_run(self.folder, lambda stage: self.save_report(stage, command), adds=True)
+
     def facts(self) -> Iterable[tuple[str, str]]:
         for verdict, count in sorted(self.summary.verdicts.items(), key=lambda row: -row[1]):
             yield verdict, f"{count} of {self.summary.plan.cells}"
         for reason, count in self.summary.undecided.items():
             yield f"undecided: {reason}", f"{count}"
 
-    def save(self, folder: Path | str, pictures: bool = True) -> None:
-        """Copy the map's files to another folder, and draw it there."""
+    def save(self, folder: Path | str, pictures: bool = True, command: str = "") -> None:
+        """Copy the map's files to another folder, draw it there, and write its page."""
         import shutil
 
         folder = Path(folder)
@@ -63,6 +101,7 @@ class StabilityMap(Result):
         if pictures:
             with drawing():
                 write_figure(self.plot(), folder, "map")
+            self.save_report(folder, command)
 
     def columns(self) -> dict[str, list[Any]]:
         """The map's table by column, a value for each cell: along `x` first, then along `y`."""

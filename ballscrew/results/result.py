@@ -86,7 +86,3 @@ def table_of(data: Any, index: str | None = None) -> Any:
         raise ImportError("to_pandas needs pandas: pip install pandas") from error
     table = pd.DataFrame(data)
     return table if index is None else table.set_index(index)
-
-
-def with_unit(value: float | None, unit: str) -> str:
-    return "-" if value is None else f"{value:.6g} {unit}".rstrip()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import statistics
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+from ..page import layout, page
 from .figures import UNITS
 from .lengths import length, scale
 from .pictures import COLOURS, mark_of
@@ -25,19 +25,18 @@ _FAR_OFF = (
 
 def report(study: StudyResult) -> str:
     """The page as text; its headline says who wins, and the line below what weakens that."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-    from plotly.offline import get_plotlyjs
-
-    made = Environment(
-        loader=PackageLoader(__package__, ""),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
-    made.filters["number"] = number
-    made.filters["metres"] = length
     duties = [d.name for d in study.plan.judged_duties]
-    return made.get_template("report.html.jinja").render(
+    figures = [
+        _error_over_duties(study),
+        *(course for d in duties for course in _courses(study, d)),
+        *(_error_against_effort(study, d) for d in duties),
+    ]
+    return page(
+        __package__,
+        "report.html.jinja",
+        figures,
+        {"number": number, "metres": length},
+        figures=figures,
         study=study,
         headline=sentence(study),
         weaknesses=weaknesses(study),
@@ -46,13 +45,6 @@ def report(study: StudyResult) -> str:
         names=[e.name for e in study.plan.entrants],
         answers=study.answers,
         shown={d: [(n, *_scale(study, n, d)) for n in MEASURED] for d in duties},
-        figures=[
-            _error_over_duties(study),
-            *(course for d in duties for course in _courses(study, d)),
-            *(_error_against_effort(study, d) for d in duties),
-        ],
-        plotly=get_plotlyjs(),
-        version=version("ballscrew"),
     )
 
 
@@ -71,21 +63,13 @@ def _scale(study: StudyResult, figure: str, duty: str) -> tuple[float, str]:
 
 
 def _trace(k: int, name: str, **data: Any) -> dict[str, Any]:
-    marker = {
-        "color": COLOURS[k % len(COLOURS)],
-        "symbol": _SYMBOLS[mark_of(k)],
-        "size": 9,
-    }
-    return {"type": "scatter", "mode": "markers", "name": name, "marker": marker, **data}
+    marker = {"symbol": _SYMBOLS[mark_of(k)], "size": 9}
+    trace = {"type": "scatter", "mode": "markers", "name": name, "meta": _colour(k)}
+    return trace | {"marker": marker, **data}
 
 
-def _layout(x: dict[str, Any], y: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "xaxis": {"automargin": True, **x},
-        "yaxis": {"automargin": True, **y},
-        "margin": {"t": 10, "r": 10},
-        "legend": {"orientation": "h", "y": -0.25},
-    }
+def _colour(k: int) -> str:
+    return f"c{k % len(COLOURS)}"
 
 
 def _error_over_duties(study: StudyResult) -> dict[str, Any]:
@@ -103,7 +87,7 @@ def _error_over_duties(study: StudyResult) -> dict[str, Any]:
         "title": "Error at each duty",
         "says": "Geometric mean over all plants and tunings.",
         "data": traces,
-        "layout": _layout({"type": "category"}, y),
+        "layout": layout({"type": "category"}, y),
     }
 
 
@@ -130,7 +114,8 @@ def _courses(study: StudyResult, duty: str) -> list[dict[str, Any]]:
                 "type": "scatter",
                 "mode": "lines",
                 "name": entrant.name,
-                "line": {"color": COLOURS[k % len(COLOURS)], "dash": dash_of(k), "width": 1.5},
+                "meta": _colour(k),
+                "line": {"dash": dash_of(k), "width": 1.5},
                 "x": courses[entrant.name].time,
                 "y": values(courses[entrant.name]),
             }
@@ -142,7 +127,7 @@ def _courses(study: StudyResult, duty: str) -> list[dict[str, Any]]:
             "title": f"{title}: {duty}",
             "says": "On the nominal plant, each with its best tuning." + hidden,
             "data": traces,
-            "layout": _layout({"title": {"text": "time [s]"}}, {"title": {"text": axis}}),
+            "layout": layout({"title": {"text": "time [s]"}}, {"title": {"text": axis}}),
         }
 
     errors = f"set-point minus position [{unit}]"
@@ -176,7 +161,7 @@ def _error_against_effort(study: StudyResult, duty: str) -> dict[str, Any]:
         "title": f"Error against effort: {duty}",
         "says": "Points further down and to the left are better. Missing points are failed runs.",
         "data": traces,
-        "layout": _layout(x, y),
+        "layout": layout(x, y),
     }
 
 

@@ -32,8 +32,8 @@ from ballscrew.diagnosis.drive import Drive
 from ballscrew.diagnosis.experiment_motions import Motion
 from ballscrew.diagnosis.load_cell import ValidationSignal
 from ballscrew.diagnosis.next_experiment import trial_for
-from ballscrew.diagnosis.page_pictures import MOST, plotly_figure, thinned
 from ballscrew.diagnosis.report_words import rig_command, suspect_lines
+from ballscrew.orchestration.page import MOST, plotly_figure, thinned
 
 pytestmark = pytest.mark.xdist_group("diagnosis")
 browser = pytest.mark.skipif(PROGRAM is None, reason="no chromium here: apt-get install chromium")

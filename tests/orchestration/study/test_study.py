@@ -139,11 +139,12 @@ def test_the_courses_are_those_of_the_nominal_plant_under_the_best_tuning(plan, 
 
 def test_a_controller_has_one_colour_in_every_figure_of_the_page(result):
     page = report(SwapStudy.of(result))
-    figures = json.loads(re.search(r"^const figures = (.*);$", page, re.M)[1])
+    figures = json.loads(re.search(r"^  const FIGURES = (.*);$", page, re.M)[1])
     assert [f["name"] for f in figures] == ["errors", "course0", "command0", "effort0"]
     for figure in figures:
-        colours = {t["name"]: (t.get("marker") or t["line"])["color"] for t in figure["data"]}
-        assert colours == dict(zip(("pid", "nctf"), COLOURS, strict=False))
+        assert {t["name"]: t["meta"] for t in figure["data"]} == {"pid": "c0", "nctf": "c1"}
+    for k, colour in enumerate(COLOURS):  # of the page that is light, as of pictures
+        assert "#" + re.search(rf"--c{k}: #(\w+)", page)[1].ljust(6, "0") == colour
 
 
 def test_a_study_that_goes_on_after_a_kill_gives_the_same_numbers(plan, folder, result, tmp_path):
