@@ -115,6 +115,7 @@ def guard(action: Any) -> Any:
     """Run and turn what the user can mend into one line."""
     from .fmus.catalogue import UnknownComponent
     from .fmus.reading import FmuError
+    from .fmus.sandbox import NoSandbox
     from .fmus.system_reading import BadSystem
     from .fmus.units import BadUnit
     from .orchestration.couplings import UnknownCoupling
@@ -132,6 +133,7 @@ def guard(action: Any) -> Any:
         return action()
     except (
         FmuError,
+        NoSandbox,
         BadSystem,
         WiringError,
         CouplingError,

@@ -143,7 +143,7 @@ class UnpackedFmu:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
+def unpack(path: Path | str, *, runs_here: bool = True, sandbox: bool = False) -> UnpackedFmu:
     """Check and unpack an FMU of FMI 2.0 or 3.0, for co-simulation or model exchange.
 
     Parameters
@@ -151,6 +151,9 @@ def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
     path : path-like
     runs_here : bool
         Whether it must have a binary for this platform, or sources that compile to one.
+    sandbox : bool
+        Whether they are compiled in a sandbox: a text of theirs may take in any file that the
+        compiler can read.
 
     Raises
     ------
@@ -165,7 +168,7 @@ def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
     try:
         description, read = _read(path, folder)
         if runs_here:
-            _find_binary(path, folder, description, read.buildConfigurations)
+            _find_binary(path, folder, description, read.buildConfigurations, sandbox)
         return UnpackedFmu(path, description, folder)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
@@ -200,7 +203,11 @@ def _read(path: Path, folder: Path) -> tuple[Description, Any]:
 
 
 def _find_binary(
-    path: Path, folder: Path, description: Description, configurations: list[Any]
+    path: Path,
+    folder: Path,
+    description: Description,
+    configurations: list[Any],
+    sandbox: bool,
 ) -> None:
     """Make sure that there is a library, compiled from the sources where there is none."""
     from fmpy import platform, platform_tuple, sharedLibraryExtension
@@ -212,7 +219,7 @@ def _find_binary(
     own = [c for c in configurations if c.modelIdentifier == description.identifier]
     if own:
         try:
-            compile_sources(folder, own[0], binary)
+            compile_sources(folder, own[0], binary, sandbox)
         except NotCompiled as error:
             raise FmuError(
                 f"{path}: has sources and no binary for this platform, and {error}"
