@@ -95,6 +95,7 @@ def check_sandbox() -> None:
     ------
     NoSandbox
     """
+    _own_folders()
     _try_out(_bwrap())
 
 
@@ -143,7 +144,9 @@ def _words(bwrap: str, scratch: Path, fmu: Path | None) -> list[str]:
 
 def _own_folders() -> list[str]:
     """Folders of the interpreter and of this package, where no other that is seen holds them."""
-    package = str(Path(__file__).parents[2])
+    import ballscrew
+
+    package = str(Path(ballscrew.__file__).parents[1])
     folders = {os.path.abspath(p) for p in (sys.prefix, sys.base_prefix, package)}
     home = Path(os.path.realpath(os.path.expanduser("~")))
     own: list[str] = []
