@@ -14,6 +14,7 @@ from third_party_fmus import proportional
 
 from ballscrew.cli import main
 from ballscrew.fmus import sandbox
+from ballscrew.orchestration import isolated
 from ballscrew.orchestration.fmu_instance import StepFailed
 from ballscrew.orchestration.isolated import IsolatedInstance
 from ballscrew.orchestration.loop import Loop
@@ -300,3 +301,31 @@ def test_all_that_is_asked_of_bubblewrap(tmp_path, fake):
     assert words[words.index("--bind") + 1] == str(scratch)
     at = words.index(str(unpacked))
     assert words[at - 1 : at + 2] == ["--ro-bind", str(unpacked), "/fmu"]
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        "run --controller FMU --step 1e-3",
+        "run --controller pid --isolate --step 1e-3",
+        "run --system SSP --step 1e-3",
+        "swap --controllers pid FMU --step 1e-3",
+        "lyapunov --controller FMU --via fmu",
+    ],
+)
+def test_each_command_runs_all_files_in_it(asked, tmp_path, monkeypatch, native):
+    needs_sandbox()
+    assert main(["export", "--ssp", "--only", "pid", "--out", str(tmp_path)]) == 0
+    (ssp,) = tmp_path.rglob("*.ssp")
+    starts = []
+
+    def started(module, folder, prints, before=(), start=isolated.start_host):
+        starts.append(bool(before))
+        return start(module, folder, prints, before)
+
+    monkeypatch.setattr(isolated, "start_host", started)
+    asked = asked.replace("FMU", str(native("pid"))).replace("SSP", str(ssp))
+    options = ["--sandbox", "--stop", "0.01", "--out", str(tmp_path / "out")]
+    assert main([*asked.split(), *options]) in (0, 1)
+    assert len(starts) > (" pid " in asked and "--isolate" in asked) + ("SSP" in asked)
+    assert all(starts)
