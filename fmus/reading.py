@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree as ET
 
 from .archive import BadArchive, unpack_archive
+from .model_xml import BadXml, check_file
 from .source_fmu import NotCompiled, compile_sources
 from .system_xml import BASE_UNITS, Unit
 from .units import BadUnit, base_exponents
@@ -181,13 +181,18 @@ def _read(path: Path, folder: Path) -> tuple[Description, Any]:
     if not (folder / "modelDescription.xml").is_file():
         raise FmuError(f"{path}: holds no modelDescription.xml, so it is no FMU")
     try:
-        version = _fmi_version(folder / "modelDescription.xml")
+        root = check_file(folder / "modelDescription.xml")
+        version = root.get("fmiVersion", "of no version")
         if not re.fullmatch(r"2\.0|3\.\d+", version):
             raise FmuError(f"{path}: is FMI {version}, expected FMI 2.0 or 3.0")
+        if (build := folder / "sources" / "buildDescription.xml").is_file():
+            check_file(build)
         read = read_model_description(str(folder), validate=False)
         description = _described(path, read)
     except FmuError:
         raise
+    except BadXml as error:
+        raise FmuError(f"{path}: {error}") from error
     except (AttributeError, IndexError, KeyError, TypeError) as error:
         raise FmuError(
             f"{path}: modelDescription.xml lacks something that FMI requires ({error})"
@@ -230,12 +235,6 @@ def _find_binary(
             f"{path}: has no binary for this platform, expected {binary}; it has binaries for "
             f"{', '.join(there) or 'none'}"
         )
-
-
-def _fmi_version(description: Path) -> str:
-    """What the root element says, before a parser of that version looks at the rest."""
-    _, root = next(ET.iterparse(description, events=("start",)))
-    return str(root.get("fmiVersion", "of no version"))
 
 
 def _described(path: Path, read: Any) -> Description:
