@@ -96,11 +96,7 @@ def read_hdf5(path: Path, data: bytes) -> list[Table]:
     import h5py
 
     def own(group: Any, name: str, kind: type) -> bool:
-        # a link, or a set whose numbers are elsewhere, would read another file of the user's
-        link = group.get(name, getlink=True)
-        if isinstance(link, h5py.ExternalLink) or group.get(name, getclass=True) is not kind:
-            return False
-        return kind is h5py.Group or not (group[name].external or group[name].is_virtual)
+        return group.get(name, getclass=True) is kind and is_within(group[name], file)
 
     def inside(group: Any) -> Iterator[Any]:
         yield group
@@ -117,6 +113,14 @@ def read_hdf5(path: Path, data: bytes) -> list[Table]:
             arrays = {n: s[()] for n, s in sets.items() if s.shape and s.dtype.kind in "fiubV"}
             tables.append(table_of(path, arrays, units, group.name.strip("/")))
     return [t for t in tables if t.columns]
+
+
+def is_within(item: Any, file: Any) -> bool:
+    """Whether an item of an HDF5 file has its numbers there: others read files of the user's."""
+    import h5py
+
+    elsewhere = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
+    return bool(item.file.filename == file.filename and not elsewhere)
 
 
 def read_tdms(path: Path, data: bytes) -> list[Table]:
