@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
 LARGEST = 2 * 1024**3  # largest size of an unpacked archive in bytes
+LARGEST_OF_ALL = 8 * 1024**3  # the same, for all archives of one system together
 MOST = 100_000  # files in it
 _FIXED_TIME = (1980, 1, 1, 0, 0, 0)
 
@@ -66,6 +67,12 @@ def unpack_archive(path: Path) -> Path:
                 raise
             raise BadArchive(f"is damaged: {error or type(error).__name__}") from error
     return folder
+
+
+def unpacked_size(path: Path) -> int:
+    """Bytes that an archive says it unpacks to; raises BadZipFile, OSError."""
+    with zipfile.ZipFile(path) as archive:
+        return sum(entry.file_size for entry in archive.infolist())
 
 
 def _check_name(name: str) -> None:

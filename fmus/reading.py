@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree as ET
 
 from .archive import BadArchive, unpack_archive
+from .model_xml import BadXml, check_file
 from .source_fmu import NotCompiled, compile_sources
 from .system_xml import BASE_UNITS, Unit
 from .units import BadUnit, base_exponents
@@ -143,7 +143,7 @@ class UnpackedFmu:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
+def unpack(path: Path | str, *, runs_here: bool = True, sandbox: bool = False) -> UnpackedFmu:
     """Check and unpack an FMU of FMI 2.0 or 3.0, for co-simulation or model exchange.
 
     Parameters
@@ -151,6 +151,9 @@ def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
     path : path-like
     runs_here : bool
         Whether it must have a binary for this platform, or sources that compile to one.
+    sandbox : bool
+        Whether they are compiled in a sandbox: a text of theirs may take in any file that the
+        compiler can read.
 
     Raises
     ------
@@ -165,7 +168,7 @@ def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
     try:
         description, read = _read(path, folder)
         if runs_here:
-            _find_binary(path, folder, description, read.buildConfigurations)
+            _find_binary(path, folder, description, read.buildConfigurations, sandbox)
         return UnpackedFmu(path, description, folder)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
@@ -178,13 +181,18 @@ def _read(path: Path, folder: Path) -> tuple[Description, Any]:
     if not (folder / "modelDescription.xml").is_file():
         raise FmuError(f"{path}: contains no modelDescription.xml, so it is not an FMU")
     try:
-        version = _fmi_version(folder / "modelDescription.xml")
+        root = check_file(folder / "modelDescription.xml")
+        version = root.get("fmiVersion", "of no version")
         if not re.fullmatch(r"2\.0|3\.\d+", version):
             raise FmuError(f"{path}: is FMI {version}, expected FMI 2.0 or 3.0")
+        if (build := folder / "sources" / "buildDescription.xml").is_file():
+            check_file(build)
         read = read_model_description(str(folder), validate=False)
         description = _described(path, read)
     except FmuError:
         raise
+    except BadXml as error:
+        raise FmuError(f"{path}: {error}") from error
     except (AttributeError, IndexError, KeyError, TypeError) as error:
         raise FmuError(f"{path}: modelDescription.xml is incomplete ({error})") from error
     except Exception as error:  # the parser raises many kinds
@@ -198,7 +206,11 @@ def _read(path: Path, folder: Path) -> tuple[Description, Any]:
 
 
 def _find_binary(
-    path: Path, folder: Path, description: Description, configurations: list[Any]
+    path: Path,
+    folder: Path,
+    description: Description,
+    configurations: list[Any],
+    sandbox: bool,
 ) -> None:
     """Make sure that there is a library; if there is none, compile it from the sources."""
     from fmpy import platform, platform_tuple, sharedLibraryExtension
@@ -210,7 +222,7 @@ def _find_binary(
     own = [c for c in configurations if c.modelIdentifier == description.identifier]
     if own:
         try:
-            compile_sources(folder, own[0], binary)
+            compile_sources(folder, own[0], binary, sandbox)
         except NotCompiled as error:
             raise FmuError(
                 f"{path}: has sources but no binary for this platform, and {error}"
@@ -221,12 +233,6 @@ def _find_binary(
             f"{path}: has no binary for this platform, expected {binary}; it has binaries for "
             f"{', '.join(there) or 'none'}"
         )
-
-
-def _fmi_version(description: Path) -> str:
-    """Data of the root element, before a parser of that version reads the rest."""
-    _, root = next(ET.iterparse(description, events=("start",)))
-    return str(root.get("fmiVersion", "of no version"))
 
 
 def _described(path: Path, read: Any) -> Description:

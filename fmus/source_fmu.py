@@ -10,6 +10,7 @@ from typing import Any
 
 from ..solver import kernel_cache
 from ..solver.compilers import CompilerFailed, compile_in, compiler_for, own_platform
+from .sandbox import command as sandboxed
 
 _STANDARDS = {
     "C89": "gnu90",
@@ -32,7 +33,7 @@ class NotCompiled(RuntimeError):
     """The sources cannot be compiled to a library here; the message says why, in one line."""
 
 
-def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
+def compile_sources(folder: Path, configuration: Any, binary: str, sandbox: bool = False) -> None:
     """Put the library where the FMU expects it; compiled once for the same sources.
 
     Parameters
@@ -42,10 +43,12 @@ def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
     configuration : fmpy's BuildConfiguration
     binary : str
         Path of the library in that folder.
+    sandbox : bool
+        Whether the compiler sees no files of the user's.
 
     Raises
     ------
-    NotCompiled
+    NotCompiled, NoSandbox
     """
     name = own_platform()
     compiler = compiler_for(name) if name else []
@@ -53,7 +56,8 @@ def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
         raise NotCompiled("no C compiler was found; install one, or the package ziglang")
     identifier = str(configuration.modelIdentifier)
     try:
-        made = _library(folder, name, _arguments(folder, configuration), compiler, identifier)
+        arguments = _arguments(folder, configuration)
+        made = _library(folder, name, arguments, compiler, identifier, sandbox)
         (folder / binary).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(made, folder / binary)
     except CompilerFailed as error:
@@ -64,20 +68,26 @@ def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
         raise NotCompiled(f"the library cannot be written: {error}") from error
 
 
-def _library(
-    folder: Path, name: str, arguments: list[str], compiler: list[str], identifier: str
+def _library(  # noqa: PLR0913
+    folder: Path,
+    name: str,
+    arguments: list[str],
+    compiler: list[str],
+    identifier: str,
+    sandbox: bool,
 ) -> Path:
-    """The library in the cache; made if it does not exist."""
-    digest = hashlib.sha256(repr((compiler, arguments, identifier)).encode())
+    """The library in the cache, made if it does not exist."""
+    digest = hashlib.sha256(repr((compiler, arguments, identifier, sandbox)).encode())
     for file in sorted(p for p in (folder / "sources").rglob("*") if p.is_file()):
         digest.update(str(file.relative_to(folder)).encode())
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     made = kernel_cache.entry(kernel_cache.COMPILED, digest.hexdigest())
     if not kernel_cache.is_whole(made):
-        library = compile_in(folder, name, arguments, "compiled")
+        command = [*sandboxed(folder), *compiler] if sandbox else compiler
+        library = compile_in(folder, name, arguments, "compiled", command)
         if names := _with_prefix(library, identifier):
             named = [f"-Wl,--defsym={plain}={identifier}_{plain}" for plain in names]
-            library = compile_in(folder, name, [*arguments, *named], "compiled")
+            library = compile_in(folder, name, [*arguments, *named], "compiled", command)
         kernel_cache.write(made, library)
     return made
 

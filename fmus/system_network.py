@@ -9,6 +9,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree as ET
 
+from .model_xml import check_archive
 from .reading import defined_units, unit_name
 from .system_xml import (
     SSC,
@@ -363,6 +364,7 @@ def _variables(fmu: Path, where: str) -> dict[str, Connector]:
 
     try:
         with fmu.open("rb") as stream:  # which the parser does not close if it is not a zip file
+            check_archive(stream)
             read: Any = read_model_description(stream, validate=False)
     except Exception as error:  # the parser raises many kinds
         reason = str(error) or type(error).__name__

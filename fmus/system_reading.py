@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from .archive import BadArchive, unpack_archive
+from .archive import LARGEST_OF_ALL, BadArchive, unpack_archive, unpacked_size
 from .system_network import Component, Network, SystemConnection, SystemOutput, SystemPort
 from .system_parameters import Bindings
 from .system_xml import SSD, BadSystem, Unit, number, parse, units_of
@@ -161,6 +161,12 @@ def _read(path: Path, folder: Path) -> SystemStructure:
     )
     if not elements:
         raise BadSystem(f"{DESCRIPTION} holds no component")
+    size = sum(unpacked_size(e.fmu) for e in elements)  # each element has a folder of its own
+    if size > LARGEST_OF_ALL:
+        raise BadSystem(
+            f"its FMUs would unpack to {size / 1024**3:.1f} GiB, expected at most "
+            f"{LARGEST_OF_ALL / 1024**3:.0f} GiB"
+        )
     inputs = tuple(
         SystemInput(
             name,

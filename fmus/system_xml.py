@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
-from xml.parsers import expat
 
 from ..solver.nearest import nearest
+from .model_xml import BadXml, check_file
 
 # Versions 1.0 and 2.0 have the same namespaces.
 SSC, SSD, SSM, SSV = (
@@ -133,22 +133,14 @@ def parse(file: Path, tag: str) -> ET.Element:
     BadSystem
         If it cannot be read, is not XML, declares a document type, or has another root element.
     """
-
-    def refuse(*_: object) -> None:
-        # entities can grow without limit or read other files, and SSP needs none
-        raise BadSystem(f"{file.name} declares a document type, which is not allowed in SSP files")
-
-    checker = expat.ParserCreate()
-    checker.StartDoctypeDeclHandler = refuse
     try:
-        data = file.read_bytes()
-        checker.Parse(data, True)
-        root = ET.fromstring(data)
+        check_file(file)
+        root = ET.fromstring(file.read_bytes())
     except OSError as error:
         raise BadSystem(f"{file.name} cannot be read: {error.strerror or error}") from error
-    except (expat.ExpatError, ET.ParseError, LookupError, ValueError) as error:
-        if isinstance(error, BadSystem):
-            raise
+    except BadXml as error:
+        raise BadSystem(str(error)) from error
+    except (ET.ParseError, LookupError, ValueError) as error:
         raise BadSystem(f"{file.name} is no XML: {error}") from error
     check_root(root, tag, file.name)
     return root

@@ -56,13 +56,14 @@ def run_pair(loop: Loop, progress: Progress | None = None) -> ClosedLoopResult:
         nonlocal notes
         with contextlib.ExitStack() as opened:
 
-            def opened_fmu(path: Path, side: str) -> _Fmu:
-                instance = open_fmu(path, side, loop.isolate, loop.time_limit)
+            def opened_fmu(part: Part, side: str) -> _Fmu:
+                sandbox = loop.sandbox and (bool(loop.isolate) or not part.has_equations)
+                instance = open_fmu(part.fmu(), side, loop.isolate, loop.time_limit, sandbox)
                 opened.callback(instance.close)
                 return instance
 
-            plant = opened_fmu(loop.plant.fmu(), "plant")
-            controller = opened_fmu(loop.controller.fmu(), "controller")
+            plant = opened_fmu(loop.plant, "plant")
+            controller = opened_fmu(loop.controller, "controller")
             run, found = run_parts(loop, plant, controller, step, progress, look_again, tries)
         notes = *loop.notes, *found
         return run

@@ -385,10 +385,13 @@ def inputs_of(description: Description) -> list[str]:
 
 
 def open_source(
-    owner: object, source: Path | str | UnpackedFmu
+    owner: object, source: Path | str | UnpackedFmu, sandbox: bool = False
 ) -> tuple[UnpackedFmu, Callable[[], object]]:
-    """The FMU unpacked, and how to remove a folder made for `owner`, which ends with it anyway."""
+    """The FMU unpacked, and how to remove a folder made for `owner`, which ends with it anyway.
+
+    In a `sandbox` its sources are compiled, where it has no binary.
+    """
     if isinstance(source, UnpackedFmu):
         return source, lambda: None
-    fmu = unpack(source)
+    fmu = unpack(source, sandbox=sandbox)
     return fmu, weakref.finalize(owner, fmu.remove)

@@ -12,8 +12,11 @@ import contextlib
 import json
 import math
 import os
+import shutil
+import stat
 import struct
 import subprocess
+import tempfile
 import threading
 import weakref
 from collections.abc import Mapping, Sequence
@@ -25,6 +28,7 @@ import numpy.typing as npt
 
 from ..fmus.made_here import is_ours
 from ..fmus.reading import FmuError, UnpackedFmu
+from ..fmus.sandbox import FMU, check_sandbox, command
 from . import isolated_host
 from .fmu_instance import (
     SHORTER,
@@ -37,7 +41,7 @@ from .fmu_instance import (
     inputs_of,
     open_source,
 )
-from .isolated_host import DISCARDED, OK, REFUSED, Request, receive, send
+from .isolated_host import DISCARDED, FAILED, OK, REFUSED, Request, receive, send
 from .limits import TIME_LIMIT
 from .operating_system import end_host, how_ended, start_host
 
@@ -57,17 +61,29 @@ class IsolatedInstance(AnyFmu):
         Instance name; also what the FMU is called in messages.
     time_limit : float
         Longest time that any one call may take [s].
+    sandbox : bool
+        Whether that process runs in the sandbox of `ballscrew.fmus.sandbox`. It ends with the
+        thread that opens the instance.
 
     Raises
     ------
+    NoSandbox
+        If there is none here.
     FmuError
         If the file is no FMU that can run here, or its process does not survive opening it.
     """
 
     def __init__(
-        self, source: Path | str | UnpackedFmu, name: str, time_limit: float = TIME_LIMIT
+        self,
+        source: Path | str | UnpackedFmu,
+        name: str,
+        time_limit: float = TIME_LIMIT,
+        sandbox: bool = False,
     ) -> None:
-        self._fmu, self._clean = open_source(self, source)
+        if sandbox:
+            check_sandbox()
+        self._fmu, self._clean = open_source(self, source, sandbox)
+        self._sandbox = sandbox
         self.name = name
         self.time_limit = time_limit
         description = self._fmu.description
@@ -83,14 +99,19 @@ class IsolatedInstance(AnyFmu):
         self._stepping = False
         self._dead = ""
         self._printed = _Printed()
+        folder, seen_as, before = self._fmu.folder, str(self._fmu.folder), list[str]()
+        scratch = None
+        if sandbox:
+            scratch = folder = Path(tempfile.mkdtemp(prefix="ballscrew-scratch-"))
+            seen_as, before = FMU, command(folder, self._fmu.folder)
         self._socket, self._process, held = start_host(
-            isolated_host.__name__, self._fmu.folder, self._printed.descriptor
+            isolated_host.__name__, folder, self._printed.descriptor, before
         )
         self._socket.settimeout(time_limit)
-        self._end = weakref.finalize(self, _ended, self._process, self._socket, held)
+        self._end = weakref.finalize(self, _ended, self._process, scratch, self._socket, held)
         request = {
             "path": str(self._fmu.path),
-            "folder": str(self._fmu.folder),
+            "folder": seen_as,
             "description": description.to_dict(),
             "name": name,
         }
@@ -131,7 +152,10 @@ class IsolatedInstance(AnyFmu):
         StepFailed
             If the FMU refuses, or its process does not survive.
         """
-        (told,) = struct.unpack("<d", self._ask(Request.LEAVE_INITIALIZATION))
+        data = self._ask(Request.LEAVE_INITIALIZATION)
+        if len(data) != 8:
+            raise self._lost(f"gave {len(data)} bytes for its sample time")
+        (told,) = struct.unpack("<d", data)
         self.sample_time = told or self.sample_time
 
     def writer(self, names: Sequence[str]) -> Writer:
@@ -178,14 +202,14 @@ class IsolatedInstance(AnyFmu):
             self._tell(Request.RELEASE, state)
 
     def reopened(self) -> IsolatedInstance:
-        other = IsolatedInstance(self._fmu, self.name, self.time_limit)
+        other = IsolatedInstance(self._fmu, self.name, self.time_limit, self._sandbox)
         other.sample_time, other.can_save = self.sample_time, self.can_save
         return other
 
     def close(self) -> None:
         if self._end.alive and not self._dead:
             self._socket.settimeout(min(self.time_limit, _FAREWELL))
-            with contextlib.suppress(OSError, StepFailed):
+            with contextlib.suppress(OSError, StepFailed, FmuError):
                 self._ask(Request.CLOSE)
                 self._process.wait(_FAREWELL)
         self._end()
@@ -212,7 +236,7 @@ class IsolatedInstance(AnyFmu):
         except (OSError, EOFError):
             raise self._lost(self._how_it_ended()) from None
         self._stepping = False
-        status, rest = answer[0], answer[1:]
+        status, rest = answer[0] if answer else FAILED, answer[1:]
         if status == OK:
             return rest
         text = " ".join(rest.decode("utf-8", "replace").split())
@@ -231,6 +255,10 @@ class IsolatedInstance(AnyFmu):
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_FAREWELL)
         code = self._process.returncode
+        if (
+            self._sandbox and code is not None and code > 128
+        ):  # bubblewrap adds 128 to a signal's number
+            code = 128 - code
         how = "closed the connection" if code is None else how_ended(code)
         last = self._printed.last_line()
         return f"{how}; its last output: {last}" if last else how
@@ -258,20 +286,38 @@ class _Printed:
 
 
 def open_fmu(
-    path: Path, name: str, isolate: bool | None = None, time_limit: float = TIME_LIMIT
+    path: Path,
+    name: str,
+    isolate: bool | None = None,
+    time_limit: float = TIME_LIMIT,
+    sandbox: bool = False,
 ) -> FmuInstance | IsolatedInstance:
     """Open an FMU in a process of its own if asked, or by default if it was not written here.
 
+    In a `sandbox` it has one, whoever wrote it.
+
     Raises
     ------
-    FmuError
+    FmuError, NoSandbox
     """
+    if sandbox:
+        return IsolatedInstance(path, name, time_limit, sandbox)
     if is_ours(path) if isolate is None else not isolate:
         return FmuInstance(path, name)
     return IsolatedInstance(path, name, time_limit)
 
 
-def _ended(process: subprocess.Popen[bytes], *files: Any) -> None:
+def _ended(
+    process: subprocess.Popen[bytes],
+    scratch: Path | None,
+    *files: Any,
+) -> None:
     end_host(process)
     for file in files:
         file.close()
+    if scratch:
+        for place, folders, _ in os.walk(scratch):
+            for folder in (os.path.join(place, name) for name in folders):
+                if not os.path.islink(folder):
+                    os.chmod(folder, stat.S_IRWXU)  # it may have left one that nobody can enter
+        shutil.rmtree(scratch, ignore_errors=True)

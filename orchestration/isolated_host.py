@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import enum
 import json
+import math
 import os
 import socket
 import struct
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -54,15 +56,19 @@ def receive(connection: socket.socket) -> bytes:
     TimeoutError
         If the connection has a time limit and it has passed.
     """
-    (size,) = struct.unpack("<I", _exactly(connection, 4))
+    limit = connection.gettimeout()
+    end = math.inf if limit is None else time.monotonic() + limit
+    (size,) = struct.unpack("<I", _exactly(connection, 4, end))
     if size > _LARGEST:
         raise EOFError
-    return _exactly(connection, size)
+    return _exactly(connection, size, end)
 
 
-def _exactly(connection: socket.socket, size: int) -> bytes:
+def _exactly(connection: socket.socket, size: int, end: float) -> bytes:
     data = connection.recv(size)
     while len(data) < size:
+        if time.monotonic() > end:  # each piece begins a limit of its own
+            raise TimeoutError
         more = connection.recv(size - len(data))
         if not more:
             raise EOFError

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..fmus.catalogue import in_units_of
+from ..fmus.sandbox import check_sandbox
 from ..fmus.set_point import START_VALUE
 from ..instruments import bare, without_units
 from ..plant import DESCRIBED
@@ -47,6 +48,7 @@ class HowCoupled:
     adaptive: bool = False
     isolate: bool | None = None
     time_limit: float = TIME_LIMIT
+    sandbox: bool = False
 
     def _resolve(self, **given: Any) -> None:
         for name, value in given.items():
@@ -61,6 +63,13 @@ class HowCoupled:
         )
         if self.step is not None:
             self._resolve(step=check_step("step", self.step, stop))
+        if self.sandbox:
+            if self.isolate is False or self.coupling is Coupling.MONOLITHIC:
+                what = "isolate=False" if self.isolate is False else "the monolithic coupling"
+                raise BadParameter(
+                    f"sandbox and {what}: a sandbox is for FMUs in processes of their own"
+                )
+            check_sandbox()
 
 
 @dataclass(frozen=True)
@@ -98,6 +107,9 @@ class Loop(HowCoupled):
         Whether FMUs run each in a process of its own. Default: those that were not written here.
     time_limit : float
         Longest time that one call of an FMU in a process of its own may take [s].
+    sandbox : bool
+        Whether FMUs that are files run in a sandbox: without network and the user's files. Parts by
+        name are this program's own code, and run there only with ``isolate=True``.
 
     Attributes
     ----------
@@ -107,6 +119,8 @@ class Loop(HowCoupled):
 
     Raises
     ------
+    NoSandbox
+        If a sandbox is asked for, and none can be had here.
     BadPart, BadComponentFile, BadParameter, BadReference
         If a part, a number or the set-point is invalid; the message says why.
 
@@ -148,6 +162,7 @@ class Loop(HowCoupled):
             adaptive: bool = ...,
             isolate: bool | None = ...,
             time_limit: float = ...,
+            sandbox: bool = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -251,7 +266,7 @@ class SystemLoop(HowCoupled):
     values : mapping of str to float
         Parameters and start values as ``element.variable``, over those of the file. Text is for a
         String, an Enumeration's item by name, or a number.
-    step, coupling, corrections, adaptive, isolate, time_limit
+    step, coupling, corrections, adaptive, isolate, time_limit, sandbox
         As in `Loop`. With ``jacobi`` and ``gauss-seidel`` wired feedback-law ports are signals like
         any others, as other masters have them.
     """
@@ -276,6 +291,7 @@ class SystemLoop(HowCoupled):
             adaptive: bool = ...,
             isolate: bool | None = ...,
             time_limit: float = ...,
+            sandbox: bool = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:

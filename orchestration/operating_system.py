@@ -17,7 +17,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 if TYPE_CHECKING:
@@ -265,7 +265,7 @@ def _end_with_parent() -> None:
 
 
 def start_host(
-    module: str, folder: Path, prints: int
+    module: str, folder: Path, prints: int, before: Sequence[str] = ()
 ) -> tuple[socket.socket, Popen[bytes], BinaryIO]:
     """Start a fresh interpreter that runs ``main(connection)`` of a module of this package.
 
@@ -278,6 +278,8 @@ def start_host(
         Its working directory.
     prints : int
         Descriptor of what it prints to, which is closed here.
+    before : sequence of str
+        Words before the command; none on Windows.
 
     Returns
     -------
@@ -303,7 +305,7 @@ def start_host(
             f"connection = host_connection({descriptors}); "
             f"from {module} import main; main(connection)"
         )
-        command = [sys.executable, "-P", "-c", code]
+        command = [*before, sys.executable, "-P", "-c", code]
         return subprocess.Popen(command, stdout=prints, stderr=prints, cwd=folder, **how)
 
     ours, theirs = socket.socketpair()
@@ -342,6 +344,8 @@ def host_connection(descriptors: list[int]) -> socket.socket:
         end_when_closed(0)
         return connection
     theirs, until = descriptors
+    if os.getpgrp() != os.getpid():  # a child of what `start_host` was told to put before it
+        os.setpgid(0, 0)
     end_when_closed(until, whole_group=True)
     return socket.socket(fileno=theirs)
 

@@ -97,9 +97,9 @@ class Part:
         Raises
         ------
         FmuError
-            If it is no FMU that can run here.
+            If it is no FMU of a kind that can run here.
         """
-        unpacked = unpack(self.name)
+        unpacked = unpack(self.name, runs_here=False)  # its sources are compiled where it runs
         unpacked.remove()
         return unpacked.description
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import gc
 import io
+import re
 import sys
 import traceback
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,14 @@ Vector = npt.NDArray[np.float64]
 Array = npt.NDArray[Any]
 
 _WIDEST = 1000  # columns of a matrix; larger ones are pictures
+_FUNCTIONS = (
+    "sin cos tan arcsin arccos arctan arctan2 asin acos atan sinh cosh tanh exp expm1 log log10 "
+    "log1p sqrt abs floor ceil where"
+)
+_FORMULA = re.compile(
+    rf"(?:[\s+\-*/^%(),<>=!&|~]|\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
+    rf"|\b(?:[Xx]1*|INF|NaN|{_FUNCTIONS.replace(' ', '|')})\b)*"
+)
 
 
 def table_of(
@@ -86,21 +95,32 @@ def read_hdf5(path: Path, data: bytes) -> list[Table]:
     """Each group that holds numbers is a table."""
     import h5py
 
+    def own(group: Any, name: str, kind: type) -> bool:
+        return group.get(name, getclass=True) is kind and is_within(group[name], file)
+
     def inside(group: Any) -> Iterator[Any]:
         yield group
         for name in group:
-            if group.get(name, getclass=True) is h5py.Group:
+            if own(group, name, h5py.Group):
                 yield from inside(group[name])
 
     tables = []
     with h5py.File(io.BytesIO(data), "r") as file:
         for group in inside(file):
-            sets = {n: group[n] for n in group if group.get(n, getclass=True) is h5py.Dataset}
+            sets = {n: group[n] for n in group if own(group, n, h5py.Dataset)}
             told = {n: s.attrs.get("units", s.attrs.get("unit", "")) for n, s in sets.items()}
             units = {n: u.decode() if isinstance(u, bytes) else str(u) for n, u in told.items()}
             arrays = {n: s[()] for n, s in sets.items() if s.shape and s.dtype.kind in "fiubV"}
             tables.append(table_of(path, arrays, units, group.name.strip("/")))
     return [t for t in tables if t.columns]
+
+
+def is_within(item: Any, file: Any) -> bool:
+    """Whether an item of an HDF5 file has its numbers there: others read files of the user's."""
+    import h5py
+
+    elsewhere = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
+    return bool(item.file.filename == file.filename and not elsewhere)
 
 
 def read_tdms(path: Path, data: bytes) -> list[Table]:
@@ -135,9 +155,15 @@ def read_tdms(path: Path, data: bytes) -> list[Table]:
 def read_mdf(path: Path, data: bytes) -> list[Table]:
     """Each group of channels is a table, with its master channel as ``time``."""
     from asammdf import MDF
+    from asammdf.blocks import v2_v3_blocks, v4_blocks
 
+    # to this the library gives a formula of the file that is none of numbers, and it runs it
+    v2_v3_blocks.lambdify = v4_blocks.lambdify = _refuse_formula
     try:
         with MDF(io.BytesIO(data)) as file:
+            for group in file.groups:
+                for channel in group.channels:
+                    _check_formulas(channel.conversion)
             tables = [_of_mdf(path, file, k) for k in range(len(file.groups))]
     except Exception as error:
         # what the library leaves half made fails again when it is deleted, and Python prints that
@@ -147,6 +173,21 @@ def read_mdf(path: Path, data: bytes) -> list[Table]:
         sys.unraisablehook = hook
         raise
     return [t for t in tables if t.columns]
+
+
+def _check_formulas(conversion: Any) -> None:
+    """Refuse a formula that is more than a function of the raw value."""
+    formula = getattr(conversion, "formula", "")
+    formula = formula.decode("latin-1") if isinstance(formula, bytes) else str(formula)
+    if not _FORMULA.fullmatch(formula):
+        raise ValueError(f"the formula {formula[:80]!r} of a channel is no function of its values")
+    for block in (getattr(conversion, "referenced_blocks", None) or {}).values():
+        if hasattr(block, "formula"):
+            _check_formulas(block)
+
+
+def _refuse_formula(*_: Any, **__: Any) -> NoReturn:
+    raise ValueError("the formula of a channel cannot be computed")
 
 
 def _of_mdf(path: Path, file: Any, k: int) -> Table:

@@ -12,6 +12,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from . import binary_tables as binary
 from .bad_record import BadRecord
@@ -20,6 +21,7 @@ from .mat_tables import read_mat, read_mat73
 
 _CSV = "save it as CSV"
 _DEEPEST = 3  # packed files within packed files
+_LARGEST = 1024**3  # bytes that a packed file may unpack to
 
 
 @dataclass(frozen=True)
@@ -80,10 +82,10 @@ _FORMATS = (
     _Format("a picture", b"\x89PNG", instead="save its numbers as CSV"),
     _Format("a picture", b"\xff\xd8\xff", instead="save its numbers as CSV"),
 )
-_PACKED: dict[bytes, tuple[str, Callable[[bytes], bytes]]] = {
-    b"\x1f\x8b": ("a gzip file", gzip.decompress),
-    b"\xfd7zXZ\0": ("an xz file", lzma.decompress),
-    b"BZh": ("a bzip2 file", bz2.decompress),
+_PACKED: dict[bytes, tuple[str, Callable[..., Any]]] = {
+    b"\x1f\x8b": ("a gzip file", gzip.open),
+    b"\xfd7zXZ\0": ("an xz file", lzma.open),
+    b"BZh": ("a bzip2 file", bz2.open),
 }
 
 
@@ -97,12 +99,14 @@ def tables_in(path: Path, data: bytes, depth: int = 0) -> list[Table]:
     """
     if depth > _DEEPEST:
         raise BadRecord(f"{path}: contains packed files within packed files; unpack it")
-    for magic, (name, unpack) in _PACKED.items():
+    for magic, (name, unpacked) in _PACKED.items():
         if data.startswith(magic):
             try:
-                data = unpack(data)
+                with unpacked(io.BytesIO(data)) as stream:
+                    data = stream.read(_LARGEST + 1)
             except (OSError, EOFError, ValueError, lzma.LZMAError) as error:
                 raise _damaged(path, name, error, "pack it again") from error
+            _check_size(path, len(data))
             return tables_in(path, data, depth + 1)
     if data.startswith(b"PK\3\4"):
         return _in_zip(path, data, depth)
@@ -144,6 +148,7 @@ def _in_zip(path: Path, data: bytes, depth: int) -> list[Table]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             names = [n for n in archive.namelist() if not n.endswith("/")]
+            _check_size(path, sum(entry.file_size for entry in archive.infolist()))
             if "xl/workbook.xml" in names:
                 return _read(path, data, _XLSX)
             if names and all(n.endswith(".npy") for n in names):
@@ -159,6 +164,14 @@ def _in_zip(path: Path, data: bytes, depth: int) -> list[Table]:
     raise BadRecord(
         f"{path}: is a ZIP archive of {len(names)} files; unpack it and give one of them"
     )
+
+
+def _check_size(path: Path, size: int) -> None:
+    if size > _LARGEST:
+        raise BadRecord(
+            f"{path}: unpacks to more than {_LARGEST / 1024**3:.0f} GiB; if that is right, unpack "
+            "it and give the file within"
+        )
 
 
 def _is_mat4(data: bytes) -> bool:

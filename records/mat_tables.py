@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .bad_record import BadRecord
-from .binary_tables import Array, table_of
+from .binary_tables import Array, is_within, table_of
 from .csv_table import Table
 
 _OBJECTS = (
@@ -50,6 +50,8 @@ def _plain(file: Any, item: Any) -> Any:
     """A value of a file of version 7.3 as `loadmat` gives those of others."""
     import h5py
 
+    if not is_within(item, file):
+        return np.array([])
     if isinstance(item, h5py.Group):
         fields = {n: _plain(file, item[n]) for n in item}
         cells = [n for n in item if isinstance(item[n], h5py.Dataset) and _is_part(item[n])]

@@ -105,20 +105,21 @@ def opened_parts(loop: Loop, tangents: int) -> Iterator[FmuParts]:
     Parameters
     ----------
     loop : Loop
-        An FMU of it that was not written here runs in a process of its own.
+        An FMU of it that was not written here runs in a process of its own, in a sandbox if the
+        loop says so.
     tangents : int
         How many those by name carry: `ALL`, or 0 for ordinary FMUs.
 
     Raises
     ------
-    FmuError, UnsupportedComponent
+    FmuError, NoSandbox, UnsupportedComponent
     """
     with contextlib.ExitStack() as opened:
 
         def opened_file(side: str, part: Part) -> _Instance | None:
             if part.has_equations:
                 return None
-            instance = open_fmu(part.fmu(), side)
+            instance = open_fmu(part.fmu(), side, sandbox=loop.sandbox)
             opened.callback(instance.close)
             check_state(instance, {}, *TRIAL)
             return instance

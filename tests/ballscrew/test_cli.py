@@ -238,6 +238,10 @@ def test_what_makes_no_sense_gets_one_clear_line_and_exit_code_two(
     assert "Traceback" not in heard.err
 
 
+BOMB = b'<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
+FOREIGN = b'<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>'
+
+
 def without_binaries(name, data):
     return None if name.startswith("binaries/linux64") else data
 
@@ -251,6 +255,10 @@ def in_description(old, new):
         return data.replace(old, new) if name == "modelDescription.xml" else data
 
     return change
+
+
+def too_large(name, data):
+    return data + b" " * (257 << 20) if name == "modelDescription.xml" else data
 
 
 @pytest.mark.parametrize(
@@ -273,6 +281,9 @@ def in_description(old, new):
         (in_description(b'fmiVersion="2.0"', b'fmiVersion="9.0"'), "is FMI 9.0, expected FMI 2.0"),
         (in_description(b"</ModelVariables>", b""), "modelDescription.xml cannot be read"),
         (in_description(b"CoSimulation", b"Cosimulation"), "expected co-simulation"),
+        (in_description(b"<fmiModel", BOMB + b"<fmiModel"), "declares a document type"),
+        (in_description(b"<fmiModel", FOREIGN + b"<fmiModel"), "declares a document type"),
+        (too_large, "expected at most 256"),
         (in_description(b'Identifier="pid"', b'Identifier="../pid"'), "expected a name in C"),
     ],
 )
@@ -283,7 +294,10 @@ def test_files_that_are_no_fmu_are_refused_in_one_line(tmp_path, capsys, fmus, c
     if isinstance(change, bytes):
         path.write_bytes(change)
     else:
-        with zipfile.ZipFile(fmus["pid"]) as good, zipfile.ZipFile(path, "w") as bad:
+        with (
+            zipfile.ZipFile(fmus["pid"]) as good,
+            zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as bad,
+        ):
             if isinstance(change, str):
                 bad.writestr(change, "")
             for name in good.namelist():

@@ -418,6 +418,11 @@ def test_an_archive_that_climbs_out_or_unpacks_to_too_much_is_refused(tmp_path, 
     assert "would unpack to" in refusal(tmp_path, ELEMENTS, TWO | {"zeros": "0" * 2000})
 
 
+def test_a_small_file_of_many_large_fmus_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("ballscrew.fmus.system_reading.LARGEST_OF_ALL", 100)
+    assert "its FMUs would unpack to" in refusal(tmp_path, ELEMENTS)
+
+
 @pytest.mark.parametrize(
     ("attributes", "text"),
     [

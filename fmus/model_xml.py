@@ -1,0 +1,83 @@
+"""What is asked of a third party's XML before a parser that builds trees sees it.
+
+Entities can grow without bound or reach for other files. No FMU and no system needs them, so that
+a file that declares a document type is refused; it would have to do so before its first element.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import zipfile
+from pathlib import Path
+from typing import BinaryIO, cast
+from xml.parsers import expat
+
+LARGEST = 256 * 1024**2  # bytes; a tree of them is some ten times as large
+_PIECE = 1 << 16
+_DESCRIPTIONS = ("modelDescription.xml", "sources/buildDescription.xml")
+
+
+class BadXml(ValueError):
+    """The file is no XML that is read here; the message says why."""
+
+
+def first_element(stream: BinaryIO, name: str) -> dict[str, str]:
+    """Attributes of the first element.
+
+    Parameters
+    ----------
+    stream : binary file
+    name : str
+        What the file is called in messages.
+
+    Raises
+    ------
+    BadXml
+        If it declares a document type, or what stands before the first element is no XML.
+    """
+    found: list[dict[str, str]] = []
+
+    def refuse(*_: object) -> None:
+        raise BadXml(f"{name} declares a document type, which FMUs and systems have no use for")
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler = lambda _, attributes: found.append(attributes)
+    try:
+        while not found:
+            piece = stream.read(_PIECE)
+            parser.Parse(piece, not piece)
+    except (expat.ExpatError, LookupError, ValueError) as error:
+        if isinstance(error, BadXml):
+            raise
+        if not found:  # what is wrong further on, the parser of the whole says
+            raise BadXml(f"{name} is no XML: {error}") from error
+    return found[0]
+
+
+def check_file(file: Path) -> dict[str, str]:
+    """As `first_element`, of a file; also whether it is too large for a tree.
+
+    Raises
+    ------
+    BadXml
+    OSError
+    """
+    check_size(file.stat().st_size, file.name)
+    with file.open("rb") as stream:
+        return first_element(stream, file.name)
+
+
+def check_size(size: int, name: str) -> None:
+    """Refuse what is too large for a tree; raises `BadXml`."""
+    if size > LARGEST:
+        raise BadXml(f"{name} has {size / 1024**2:.0f} MiB, expected at most {LARGEST >> 20}")
+
+
+def check_archive(stream: BinaryIO) -> None:
+    """As `check_file`, of the descriptions in an FMU that is not unpacked; anything else passes."""
+    with contextlib.suppress(zipfile.BadZipFile), zipfile.ZipFile(stream) as archive:
+        for name in {*_DESCRIPTIONS} & {*archive.namelist()}:
+            check_size(archive.getinfo(name).file_size, name)
+            with archive.open(name) as content:
+                first_element(cast("BinaryIO", content), name)

@@ -1,0 +1,142 @@
+"""A third-party controller that tries to harm its user, and what shows what it could do."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from third_party_fmus import proportional
+
+from ballscrew.fmus.sandbox import NoSandbox, check_sandbox
+
+ACTS = """
+import os, pathlib, signal, socket
+
+def plants(folder):
+    def act():
+        pathlib.Path(folder, "planted").write_text("planted")
+    return act
+
+def tells():
+    with socket.create_connection(("127.0.0.1", {port}), 2) as connection:
+        connection.sendall(b"hello")
+
+def reads():
+    with open({secret!r}) as stream:
+        assert stream.read() == "the secret"
+
+def lists():
+    assert os.listdir({home!r})
+
+def kills():
+    os.kill({victim}, signal.SIGKILL)
+
+def knows():
+    os.environ["THE_SECRET"]
+
+acts = dict(tells=tells, reads=reads, lists=lists, kills=kills, knows=knows)
+acts |= {{name: plants(folder) for name, folder in {folders!r}.items()}}
+
+def act():
+    done = []
+    while acts:  # once in a process
+        name, function = acts.popitem()
+        try:
+            function()
+            done.append(name)
+        except Exception:
+            pass
+    return done
+"""
+FOLDERS = ("home", "out", "here", "temporary")
+EVERYTHING = {"tells", "reads", "lists", "kills", "knows", *FOLDERS}
+
+
+class World:
+    """Places and things of a user that an FMU has no business with.
+
+    Attributes
+    ----------
+    folders : dict of str to Path
+        Of these, ``here`` is where the user is, and ``out`` is for results.
+    """
+
+    def __init__(self, folder: Path, server: socket.socket, victim: subprocess.Popen) -> None:
+        self.folders = {name: folder / name for name in FOLDERS}
+        for place in self.folders.values():
+            place.mkdir()
+        self.secret = self.folders["home"] / "secret"
+        self.secret.write_text("the secret")
+        self.server, self.victim = server, victim
+
+    def hostile(self, in_step: str, name: str = "Hostile") -> Path:
+        """An FMU whose module ``hostile`` acts; innocent but for the lines of its step."""
+        text = ACTS.format(
+            port=self.server.getsockname()[1],
+            secret=str(self.secret),
+            home=str(self.folders["home"]),
+            victim=self.victim.pid,
+            folders={name: str(place) for name, place in self.folders.items()},
+        )
+        folder = self.folders["home"].parent / name
+        modules = {"hostile": text}
+        return proportional(folder, name, head="import hostile\n", in_step=in_step, modules=modules)
+
+    def harm(self) -> set[str]:
+        """What was done, as seen from outside."""
+        found = {n for n, place in self.folders.items() if (place / "planted").exists()}
+        self.server.setblocking(False)
+        try:
+            self.server.accept()[0].close()
+            found.add("tells")
+        except BlockingIOError:
+            pass
+        try:
+            self.victim.wait(1)
+            found.add("kills")
+        except subprocess.TimeoutExpired:
+            pass
+        return found
+
+
+@contextmanager
+def world(folder: Path, patch: pytest.MonkeyPatch):
+    """A `World`, with the home folder, the variables and the place of its user."""
+    victim = subprocess.Popen(["sleep", "300"])
+    try:
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            made = World(folder, server, victim)
+            patch.setenv("HOME", str(made.folders["home"]))
+            patch.setenv("THE_SECRET", "the secret")
+            patch.chdir(made.folders["here"])
+            yield made
+    finally:
+        victim.kill()
+        victim.wait()
+
+
+def needs_sandbox() -> None:
+    """Skip, and say so, where there is no sandbox."""
+    try:
+        check_sandbox()
+    except NoSandbox as error:
+        pytest.skip(
+            f"needs bubblewrap, as Debian's package of that name, and a system that lets it: {error}"
+        )
+
+
+def processes_with(word: str) -> list[str]:
+    """Processes that live and have this among the words of their command."""
+    found = []
+    for place in Path("/proc").iterdir():
+        try:
+            words = (place / "cmdline").read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if word.encode() in words and place.name != str(os.getpid()):
+            found.append(place.name)
+    return found

@@ -1,0 +1,203 @@
+"""No record, table, parameter file or other file of numbers runs code, whatever it holds."""
+
+import bz2
+import gzip
+import json
+import lzma
+import os
+import pickle
+import zipfile
+
+import numpy as np
+import pytest
+
+from ballscrew.cli import main
+from ballscrew.records import formats
+from ballscrew.records.bad_record import BadRecord
+
+T = np.arange(50) / 100
+
+
+class Bomb:
+    def __init__(self, code):
+        self.code = code
+
+    def __reduce__(self):
+        return exec, (self.code,)
+
+
+def mdf(version):
+    def write(path, code):
+        from asammdf import MDF, Signal
+
+        place = "+".join(f"chr({ord(letter)})" for letter in code)  # the library changes an x
+        formula = f"2*X1+__import__('os').mkdir({place})"
+        with MDF(version=version) as file:
+            force = Signal(T, T, name="force", unit="N", conversion={"formula": formula})
+            file.append([force, Signal(T, T, name="x", unit="m")])
+            file.save(path.with_suffix(".mdf"), overwrite=True).rename(path)
+
+    return write
+
+
+def npz(path, code):
+    with path.open("wb") as stream:
+        np.savez(stream, time=T, force=np.array([Bomb(f"import os; os.mkdir({code!r})")]))
+
+
+def npy(path, code):
+    with path.open("wb") as stream:
+        np.save(stream, np.array([Bomb(f"import os; os.mkdir({code!r})")] * 50))
+
+
+def pickled(path, code):
+    path.write_bytes(pickle.dumps(Bomb(f"import os; os.mkdir({code!r})")))
+
+
+def formulas(path, code):
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.active.append(["time", "force", "x"])
+    for t in T:
+        book.active.append([t, f"=__import__('os').mkdir({code!r})", t])
+    book.save(path)
+
+
+def csv(path, code):
+    rows = "".join(f"{t},__import__('os').mkdir({code!r}),0\n" for t in T)
+    path.write_text(f"time,force,x\n{rows}")
+
+
+RECORDS = {
+    "MDF 4": mdf("4.10"),
+    "MDF 3": mdf("3.30"),
+    "arrays of objects": npz,
+    "an array of objects": npy,
+    "a pickle": pickled,
+    "a workbook with formulas": formulas,
+    "words in a table": csv,
+}
+
+
+@pytest.mark.parametrize("kind", RECORDS)
+def test_a_record_runs_no_code(kind, tmp_path, capsys):
+    path, mark = tmp_path / "record", tmp_path / "mark"
+    RECORDS[kind](path, str(mark))
+    assert main(["identify", str(path), "--law", "dahl", "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not mark.exists()
+
+
+def test_the_formulas_of_mdf_files_that_are_functions_are_computed(tmp_path):
+    from asammdf import MDF, Signal
+
+    with MDF() as file:
+        formula = "2*X1 + sqrt(X1**2) - 1.5e-1"
+        file.append([Signal(T, T, name="force", unit="N", conversion={"formula": formula})])
+        path = file.save(tmp_path / "record.mf4")
+    (table,) = formats.tables_in(path, path.read_bytes())
+    np.testing.assert_allclose(table.columns["force"], 3 * T - 0.15)
+
+
+EVIL = """from pathlib import Path
+Path(__file__).with_name("mark").touch()
+def pi(): ...
+"""
+PARAMETERS = (
+    'kind = "evil.py:pi"',
+    'kind = "drive"\nlaw = "evil.py:pi"',
+    'kind = "drive"\ncommand = "evil.py:pi"',
+    'kind = "fmu"\n[plant]\n"evil.py:pi" = 1.0',
+    '[controller."evil.py:pi"]\nKp = 1.0',
+    "[plant]\nm = \"__import__('os').mkdir('mark')\"",
+    "[plant]\nm = {value = \"open('mark', 'w')\", source = \"{evil}\"}",
+)
+
+
+@pytest.mark.parametrize("text", PARAMETERS)
+@pytest.mark.parametrize("command", ["run", "tune", "export"])
+def test_a_parameter_file_runs_no_code(text, command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "evil.py").write_text(EVIL)
+    (tmp_path / "p.toml").write_text(f"format = 1\n{text}\n")
+    asked = {"run": "--controller pid --stop 0.01 --step 1e-3", "tune": "--controller pid"}
+    more = asked.get(command, "--only pid").split()
+    if command == "tune":
+        more += ["--json"]
+    main([command, *more, "--params", "p.toml", "--out", "out"])
+    capsys.readouterr()
+    assert not (tmp_path / "mark").exists()
+    # the name is code where it is asked for: else this would prove nothing
+    main(["run", "--controller", "evil.py:pi", "--out", "other"])
+    assert (tmp_path / "mark").exists()
+
+
+@pytest.mark.parametrize("packed", [gzip.compress, bz2.compress, lzma.compress, "zip"])
+def test_a_small_record_that_unpacks_to_much_is_refused(packed, tmp_path, monkeypatch):
+    monkeypatch.setattr(formats, "_LARGEST", 10_000)
+    path, text = tmp_path / "record", b"0" * 20_000
+    if packed == "zip":
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("record.csv", text)
+    else:
+        path.write_bytes(packed(text))
+    with pytest.raises(BadRecord, match="unpacks to more than"):
+        formats.tables_in(path, path.read_bytes())
+
+
+def elsewhere(way, file, other, raw):
+    """Put into an HDF5 file what has its numbers in another."""
+    import h5py
+
+    if way == "link":
+        file["linked"] = h5py.ExternalLink(str(other), "/secret")
+    elif way == "group":
+        file["linked"] = h5py.ExternalLink(str(other), "/group")
+    elif way == "link to a link":
+        file["a"] = h5py.ExternalLink(str(other), "/secret")
+        file["linked"] = h5py.SoftLink("/a")
+    elif way == "raw":
+        file.create_dataset("linked", (50,), float, external=[(str(raw), 0, 400)])
+    else:
+        layout = h5py.VirtualLayout((50,), float)
+        layout[:] = h5py.VirtualSource(str(other), "secret", (50,))
+        file.create_virtual_dataset("linked", layout)
+
+
+@pytest.mark.parametrize("matlab", [False, True])
+@pytest.mark.parametrize("way", ["link", "group", "link to a link", "raw", "virtual"])
+def test_a_record_in_hdf5_reads_no_other_file(way, matlab, tmp_path):
+    import h5py
+
+    other, raw, path = (tmp_path / name for name in ("other.h5", "secret", "record"))
+    raw.write_bytes(np.arange(50.0).tobytes())
+    with h5py.File(other, "w") as file:
+        file["secret"] = np.arange(50.0)
+        file["group/secret"] = np.arange(50.0)
+    with h5py.File(path, "w", userblock_size=512 * matlab) as file:
+        file["time"] = T
+        elsewhere(way, file, other, raw)
+    if matlab:
+        with path.open("r+b") as stream:
+            stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM")
+    try:
+        tables = formats.tables_in(path, path.read_bytes())
+    except BadRecord:
+        return
+    assert not any(np.any(c[1:] >= 1) for t in tables for c in t.columns.values())
+
+
+def test_parts_of_long_work_are_numbers(tmp_path):
+    """What --resume goes on with is JSON: a pickle in its place is no part of it."""
+    from ballscrew.orchestration.kept_parts import KeptParts
+
+    mark = str(tmp_path / "mark")
+    parts = KeptParts(tmp_path / "parts", "digest")
+    parts.write("done.json", [1.0])
+    assert json.loads((tmp_path / "parts" / "done.json").read_text())["found"] == [1.0]
+    (tmp_path / "parts" / "done.json").write_bytes(
+        pickle.dumps(Bomb(f"import os; os.mkdir({mark!r})"))
+    )
+    assert parts.read("done.json") is None
+    assert not os.path.exists(mark)
