@@ -68,7 +68,7 @@ def compile_sources(folder: Path, configuration: Any, binary: str, sandbox: bool
         raise NotCompiled(f"the library cannot be written: {error}") from error
 
 
-def _library(  # noqa: PLR0913
+def _library(
     folder: Path,
     name: str,
     arguments: list[str],
