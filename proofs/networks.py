@@ -15,7 +15,6 @@ import json
 import os
 import sys
 import tempfile
-import zipfile
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -23,15 +22,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from provenance import provenance
-from scipy.linalg import expm
-from trusted_loops import plain, summary
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests" / "support"))
 
-from ballscrew.fmus.native.export import export_native
-from ballscrew.orchestration.loop import SystemLoop
-from ballscrew.orchestration.run import run_closed_loop
-from ballscrew.solver.component import (
+import numpy as np  # noqa: E402
+from networks_of_parts import write_system  # noqa: E402
+from provenance import provenance  # noqa: E402
+from scipy.linalg import expm  # noqa: E402
+from trusted_loops import plain, summary  # noqa: E402
+
+from ballscrew.fmus.native.export import export_native  # noqa: E402
+from ballscrew.orchestration.loop import SystemLoop  # noqa: E402
+from ballscrew.orchestration.run import run_closed_loop  # noqa: E402
+from ballscrew.solver.component import (  # noqa: E402
     Component,
     DiscreteState,
     Input,
@@ -41,7 +44,7 @@ from ballscrew.solver.component import (
     symbol,
 )
 
-TARGET = Path(__file__).resolve().parents[1] / "docs" / "proof" / "networks.json"
+TARGET = ROOT / "docs" / "proof" / "networks.json"
 INPUTS = ("w1", "w2", "w3")
 STATES = ("x1", "x2")
 SMALLEST, LARGEST = 3, 20
@@ -143,51 +146,14 @@ class Network:
 
     def write(self, path: Path, fmus: dict[str, Path]) -> Path:
         """The network as an .ssp."""
-        elements = "".join(_element(k, self.blocks[k]) for k in self.order)
-        wires = "".join(
-            f'<ssd:Connection startElement="n{source}" startConnector="y" '
-            f'endElement="n{k}" endConnector="{INPUTS[j]}"/>'
+        wires = [
+            f"n{source}.y -> n{k}.{INPUTS[j]}"
             for (k, j), source in np.ndenumerate(self.wires)
             if source >= 0
-        )
-        with zipfile.ZipFile(path, "w") as archive:
-            archive.writestr("SystemStructure.ssd", _SSD.format(elements=elements, wires=wires))
-            for kind in sorted({b.kind for b in self.blocks}):
-                archive.write(fmus[kind], f"resources/{kind}.fmu")
-        return path
-
-
-_SSD = """<?xml version="1.0" encoding="UTF-8"?>
-<ssd:SystemStructureDescription version="1.0" name="network"
-    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
-    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"
-    xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues">
-  <ssd:System name="network">
-    <ssd:Elements>{elements}</ssd:Elements>
-    <ssd:Connections>{wires}</ssd:Connections>
-  </ssd:System>
-</ssd:SystemStructureDescription>
-"""
-
-
-def _element(k: int, of: Block) -> str:
-    values = "".join(
-        f'<ssv:Parameter name="{n}"><ssv:Real value="{v!r}"/></ssv:Parameter>'
-        for n, v in of.values().items()
-    )
-    ports = "".join(
-        f'<ssd:Connector name="{n}" kind="{kind}"><ssc:Real/></ssd:Connector>'
-        for n, kind in (*((n, "input") for n in INPUTS), ("y", "output"))
-    )
-    return (
-        f'<ssd:Component name="n{k}" source="resources/{of.kind}.fmu" '
-        'type="application/x-fmu-sharedlibrary" implementation="CoSimulation">'
-        f"<ssd:Connectors>{ports}</ssd:Connectors>"
-        "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues>"
-        '<ssv:ParameterSet version="1.0" name="parameters"><ssv:Parameters>'
-        f"{values}</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>"
-        "</ssd:ParameterBinding></ssd:ParameterBindings></ssd:Component>"
-    )
+        ]
+        elements = {f"n{k}": fmus[self.blocks[k].kind] for k in self.order}
+        values = {f"n{k}": self.blocks[k].values() for k in self.order}
+        return write_system(path, elements, wires, values)
 
 
 class _Whole:

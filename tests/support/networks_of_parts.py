@@ -32,10 +32,19 @@ SSD = """<?xml version="1.0"?>
 """
 
 
-def write_system(path: Path, elements: Mapping[str, Path], connections: Sequence[str]) -> Path:
-    """An .ssp of FMUs by the names of their elements, and of connections such as "a.x -> b.y"."""
+def write_system(
+    path: Path,
+    elements: Mapping[str, Path],
+    connections: Sequence[str],
+    values: Mapping[str, Mapping[str, float]] | None = None,
+) -> Path:
+    """An .ssp of FMUs by the names of their elements, with connections such as "a.x -> b.y".
+
+    `values` are the parameters of elements, by element and name.
+    """
     listed = "".join(
-        f'<ssd:Component name="{name}" source="resources/{fmu.name}"/>'
+        f'<ssd:Component name="{name}" source="resources/{fmu.name}">'
+        f"{_parameters((values or {}).get(name, {}))}</ssd:Component>"
         for name, fmu in elements.items()
     )
     joined = ""
@@ -50,6 +59,21 @@ def write_system(path: Path, elements: Mapping[str, Path], connections: Sequence
         for fmu in sorted(set(elements.values())):
             archive.write(fmu, f"resources/{fmu.name}")
     return path
+
+
+def _parameters(values: Mapping[str, float]) -> str:
+    if not values:
+        return ""
+    named = "".join(
+        f'<ssv:Parameter name="{n}"><ssv:Real value="{v!r}"/></ssv:Parameter>'
+        for n, v in values.items()
+    )
+    return (
+        "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues>"
+        f'<ssv:ParameterSet version="1.0" name="parameters"><ssv:Parameters>{named}'
+        "</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding>"
+        "</ssd:ParameterBindings>"
+    )
 
 
 def _inputs(*names: str, role: str = "signal") -> tuple[Input, ...]:
