@@ -1,9 +1,9 @@
-"""An FMU in a process of its own, so that its crash, its hang or its modules are not ours.
+"""An FMU in its own process, so that a crash, a hang or its modules do not affect this one.
 
-The master's side. The other side is `isolated_host.py`, a fresh interpreter that runs an
-`FmuInstance` and answers over a socket; of what it prints the end is kept, of which a failure shows
-the last line. Requests that need no answer wait for the next one that does, so that a communication
-step costs few exchanges.
+The master's side. The other side is `isolated_host.py`, a new interpreter that runs an
+`FmuInstance` and answers over a socket; the end of its output is kept, and an error message shows
+the last line. Requests that need no answer are sent with the next one that does, so that a
+communication step needs few exchanges.
 """
 
 from __future__ import annotations
@@ -54,14 +54,14 @@ class IsolatedInstance(AnyFmu):
     ----------
     source : path-like or UnpackedFmu
     name : str
-        Instance name; also what the FMU is called in messages.
+        Instance name; also the name of the FMU in messages.
     time_limit : float
-        Longest time that any one call may take [s].
+        Time limit of one call [s].
 
     Raises
     ------
     FmuError
-        If the file is no FMU that can run here, or its process does not survive opening it.
+        If the file is not an FMU that can run here, or its process ends when it is opened.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class IsolatedInstance(AnyFmu):
         Raises
         ------
         StepFailed
-            If the FMU refuses, or its process does not survive.
+            If the FMU rejects them, or its process ends.
         """
         self.stop = stop
         request = json.dumps({"values": dict(values), "stop": stop}).encode()
@@ -129,7 +129,7 @@ class IsolatedInstance(AnyFmu):
         Raises
         ------
         StepFailed
-            If the FMU refuses, or its process does not survive.
+            If the FMU rejects them, or its process ends.
         """
         (told,) = struct.unpack("<d", self._ask(Request.LEAVE_INITIALIZATION))
         self.sample_time = told or self.sample_time
@@ -260,7 +260,7 @@ class _Printed:
 def open_fmu(
     path: Path, name: str, isolate: bool | None = None, time_limit: float = TIME_LIMIT
 ) -> FmuInstance | IsolatedInstance:
-    """Open an FMU in a process of its own if asked, or by default if it was not written here.
+    """Open an FMU in its own process if requested; default: if it was not written by this program.
 
     Raises
     ------

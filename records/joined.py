@@ -1,4 +1,4 @@
-"""Columns of tables with times of their own, put together at the stamps of one of them."""
+"""Columns of tables with separate times, combined at the time stamps of one of them."""
 
 from __future__ import annotations
 
