@@ -1,4 +1,4 @@
-"""The machine on the rig: its values and units, and the sizes of trials, regulators, instruments."""
+"""The machine on the rig: values and units, and sizes of trials, regulators, instruments."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ LAST = ("i",)
 
 
 class NoExponents(ValueError):
-    """The exponents of this system are not defined or cannot be computed here; the message says why."""
+    """Exponents of this system are not defined or not computed here; the message says why."""
 
 
 @dataclass(frozen=True)
