@@ -71,7 +71,10 @@ def folder(tmp_path, monkeypatch):
         ([*RUN, "--plant", f"{LONG}.fmu"], "File name too long"),
         ([*RUN, "--coupling", "monolithic", "--isolate"], "--isolate is for FMUs"),
         ([*RUN, "--coupling", "monolithic", "--time-limit", "5"], "--time-limit is for FMUs"),
-        ([*RUN, "--no-isolate", "--time-limit", "5"], "--time-limit is for FMUs in a process"),
+        (
+            [*RUN, "--no-isolate", "--time-limit", "5"],
+            "--time-limit is for FMUs in their own process",
+        ),
         (["run", "--controller", LONG, "--out", "OUT"], "neither one of iol"),
         (["run", "--system", f"{LONG}.ssp", "--out", "OUT"], "File name too long"),
         ([*RUN[:-1], LONG], "cannot be made: File name too long"),
