@@ -50,7 +50,7 @@ def describe_end(status: int) -> str:
 
 
 class StepFailed(RuntimeError):
-    """A FMU instance could not do a step; the message is that of the FMU, if it gave one.
+    """A FMU instance could not do a step; the message comes from the FMU, if it gave one.
 
     Attributes
     ----------
