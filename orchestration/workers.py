@@ -114,7 +114,8 @@ class Dask:
             raise WorkersLost(f"no Dask scheduler responds at {address}: {why}") from None
         except Exception as error:  # what another program says is read as anything
             raise WorkersLost(
-                f"what responds at {address} is not a Dask scheduler: {type(error).__name__} {error}"
+                f"what responds at {address} is not a Dask scheduler: "
+                f"{type(error).__name__} {error}"
             ) from None
 
     def map(
