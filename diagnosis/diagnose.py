@@ -68,12 +68,12 @@ def diagnose(
     law : str, optional
         Friction law, instead of the law in the file.
     mapping : mapping of str to str, optional
-        ``theirs -> ours`` names of columns.
+        Names of columns, from the name in the file to our name.
     progress : function of what is being done, optional
     units : mapping of str to str, optional
-        Unit of a column (our name); default what the file says, else SI.
+        Unit of a column (our name); default: the unit in the file, else SI.
     lead : float, optional
-        Way of the screw per turn [m], where the parameter file has no `p`.
+        Lead of the screw, travel per turn [m], if the parameter file has no `p`.
     take : str, optional
         A cause of the catalogue to include in the model in any case; its gain on held-out
         data is measured like that of any other.

@@ -1,8 +1,8 @@
-"""Tell an algebraic loop that the master cannot solve from a step that is too long.
+"""Distinguish an algebraic loop that the master cannot solve from a step that is too long.
 
-Where a plant's outputs follow when its inputs are set, the master solves the loop at every
-communication point (`settle` in ``c/coupling.c``). A plant that shows only in its step what its
-inputs do at once leaves it a step behind, however short the step is.
+If a plant updates its outputs when its inputs are set, the master solves the loop at every
+communication point (`settle` in ``c/coupling.c``). If a plant with direct feedthrough updates its
+outputs only in a step, the master is always one step late, for any step size.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def loop_gain(
     reference: Vector,
     step: float,
 ) -> float:
-    """How much a change of the commands changes the controller's answer at once; 0 if it fades.
+    """Change of the controller's output by a change of the commands without delay; 0 if it decays.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def with_ring_named(
     reference: Vector,
     step: float,
 ) -> LoopRun:
-    """The run, with a verdict that tells an algebraic loop that no step cures.
+    """The run, with a verdict on an algebraic loop that remains for any step size.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ FINEST = 12  # adaptive steps go down to 2^-12 of the given one
 
 
 class Clock:
-    """Where a run stands: at time zero, for steps of a length, or for steps up to it.
+    """State of a run in time: from zero, with fixed steps or with steps up to a length.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class Clock:
         [s]
     adaptive : bool
     breaks : array_like, shape (m,)
-        Rising times at which a step ends, too [s].
+        Rising times at which a step must also end [s].
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Clock:
         return float(library().clock_step_to_come(self.address))
 
     def next_ticks(self, count: int) -> None:
-        """Make the next step of a clock that is not adaptive so many of its ticks long."""
+        """Set the length of the next step of a fixed-step clock in ticks."""
         self._whole.set(stride=count)
 
     @property

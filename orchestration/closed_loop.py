@@ -42,9 +42,9 @@ def run_pair(loop: Loop, progress: Progress | None = None) -> ClosedLoopResult:
     Raises
     ------
     FmuError, WiringError, CouplingError, BadParameter
-        If the loop cannot be run as asked; the message says why.
+        If the loop cannot be run; the message says why.
     StepFailed
-        If a part refuses its initial values.
+        If a part rejects its initial values.
     """
     if loop.coupling is Coupling.MONOLITHIC:
         run = _run_monolithic(loop, progress)
@@ -81,7 +81,7 @@ def run_by_steps(
     stop: float,
     try_at: _RunAt | None = None,
 ) -> tuple[LoopRun, StepChoice | None]:
-    """Run with the step that is asked for, else with that of the FMUs [s], else with one chosen.
+    """Run with the requested step, else with the step of the FMUs [s], else with a chosen one.
 
     Parameters
     ----------
@@ -97,12 +97,12 @@ def run_by_steps(
 
 
 def own_step(fmus: Mapping[str, Description]) -> float:
-    """The one step that FMUs of fixed steps take [s]; 0 where there are none.
+    """The step of FMUs with fixed steps [s]; 0 if there are none.
 
     Raises
     ------
     CouplingError
-        If two of them take different ones.
+        If two of them have different steps.
     """
     sizes = {n: a.step_size for n, a in fmus.items() if not a.steps_vary and a.step_size}
     if len(set(sizes.values())) > 1:
@@ -120,7 +120,7 @@ def run_parts(
     look_again: bool = True,
     tries: bool = False,
 ) -> tuple[LoopRun, tuple[str, ...]]:
-    """As `run_pair`, with this step [s], of parts that are open and not initialized.
+    """As `run_pair`, with this step [s], for open parts that are not initialized.
 
     Returns
     -------
@@ -174,7 +174,7 @@ def _units(
 
 
 def _connection_notes(loop: Loop, plant: _Fmu, controller: _Fmu, wiring: Wiring) -> tuple[str, ...]:
-    """Notes of inputs that nothing drives, and of one that is taken for the set-point."""
+    """Notes on inputs that are not connected, and on the input used for the set-point."""
     notes = []
     acts = [name for name in wiring.unconnected if _acts(loop.controller, name)]
     for side, label, free, values in (
@@ -199,7 +199,7 @@ def _connection_notes(loop: Loop, plant: _Fmu, controller: _Fmu, wiring: Wiring)
 
 
 def _acts(controller: Part, name: str) -> bool:
-    """Whether an input of a controller does anything, beyond what its law reports of it."""
+    """Whether an input of a controller has an effect beyond the reported law."""
     if not controller.has_equations or controller.kernel.discrete:
         return True
     reported = reference_port("", name)
@@ -210,7 +210,7 @@ def _acts(controller: Part, name: str) -> bool:
 def _meet_samples(
     loop: Loop, step: float, plant: _Fmu, controller: _Fmu, wiring: Wiring
 ) -> tuple[str, ...]:
-    """Tell a third-party controller its own sampling period, where it has one; notes of it."""
+    """Set the sampling period of a third-party controller, if it has one; return notes."""
     sizes = np.array([plant.nominal(name) for name, _ in wiring.signals])
     values = loop.controller_values
     try:
@@ -228,7 +228,7 @@ def _meet_samples(
 
 
 def fixed_step_notes(step: float, *fmus: _Fmu) -> tuple[str, ...]:
-    """Notes of FMUs whose steps may not be as long as those of the run."""
+    """Notes on FMUs that do not allow the steps of the run."""
     return tuple(
         f"{fmu.path.stem} requires steps "
         f"{f'of {size:g} s' if size else 'of constant length'}; this run and its checks use "
@@ -241,7 +241,7 @@ def fixed_step_notes(step: float, *fmus: _Fmu) -> tuple[str, ...]:
 def amplifier_notes(
     run: LoopRun, parameters: Iterable[str], values: Mapping[str, float], option: str
 ) -> tuple[str, ...]:
-    """A note where a motor's amplifier is asked for more than the nominal one gives.
+    """A note if the command exceeds the limit of the nominal amplifier.
 
     Parameters
     ----------
@@ -249,9 +249,9 @@ def amplifier_notes(
     parameters : iterable of str
         Of the plant.
     values : mapping of str to float
-        Those of its parameters that are not default.
+        Its parameters with other than default values.
     option : str
-        What sets the amplifier's limit.
+        Option that sets the amplifier's limit.
     """
     limit = values.get(LIMIT, UNLIMITED)
     of_motor = {LIMIT, CURRENT_LIMIT} <= {*parameters}

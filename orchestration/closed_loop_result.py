@@ -28,9 +28,9 @@ class ClosedLoopResult:
     loop : Loop or SystemLoop
     run : LoopRun
     notes : tuple of str
-        What the user should know beside the verdict.
+        Notes for the user, in addition to the verdict.
     step_choice : StepChoice, optional
-        Where the communication step chose itself.
+        How the communication step was chosen, if it was not given.
     """
 
     loop: Loop | SystemLoop
@@ -43,7 +43,7 @@ class ClosedLoopResult:
         return self.run.verdict.trusted
 
     def figures(self) -> dict[str, Any]:
-        """Everything of ``metrics.json``."""
+        """Content of ``metrics.json``."""
         run, verdict = self.run, self.run.verdict
         figures: dict[str, Any] = {"controller": self.loop.label}
         if {"x"} <= set(run.outputs) and {"u"} <= set(run.commands):

@@ -45,7 +45,7 @@ CONTROLLER = np.dtype(
         ("answered", VECTOR),  # and for m commands
     ]
 )
-"""A controller behind one question: what would you command at these signals?"""
+"""A controller as a function: commands for given signals."""
 
 LOOP = np.dtype(
     [

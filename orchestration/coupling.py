@@ -1,8 +1,8 @@
 """One communication step of a plant and a controller, in each of the couplings.
 
 ``jacobi``
-    Both move at once with what they had at the last communication point; signals arrive one step
-    late, as in the plainest masters.
+    Both are stepped with the signals of the last communication point; signals arrive one step
+    late, as in the simplest masters.
 ``gauss-seidel``
     One after the other, each with the newest signals, held over the step.
 ``interface-jacobian``
@@ -11,9 +11,9 @@
     (2014) for a plant and a controller. Its second name on the command line is ``tangent``.
 
 With any coupling, a step can be *corrected*: the **coupling residual** is the controller's true
-output at the end of the step less what the plant had applied there; the step is taken back and done
-again from the controller's true output at the start, with a ramp that ends on the true value. How
-far the plant's outputs move under the correction is the residual's effect.
+output at the end of the step minus the value applied by the plant there; the step is repeated
+from the controller's true output at the start, with a ramp that ends at the true value. The
+change of the plant's outputs by the correction is the residual's effect.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Matrix = npt.NDArray[np.float64]
 
 
 class Answer(Enum):
-    """When a controller's output follows its inputs."""
+    """When a controller's output responds to its inputs."""
 
     DIRECT = "as soon as inputs are set"
     STEPPED = "in its step"
@@ -68,7 +68,7 @@ def law_of(numbers: Vector, m: int, n: int) -> FeedbackLaw:
 
 
 class OwnStep:
-    """What a coupling makes of the law that the plant applies, as compiled code calls it."""
+    """Function of a coupling that changes the law applied by the plant, for compiled code."""
 
     def __init__(self, place: str, law: FeedbackLaw) -> None:
         self.address = 0
@@ -91,7 +91,7 @@ class OwnStep:
 
 
 class ControllerSide:
-    """A controller behind one question: what would you command at these signals?
+    """A controller as a function: commands for given signals.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class ControllerSide:
         Initialized.
     wiring : Wiring
     signals, reference : ndarray
-        At the start; how it answers is found out there.
+        Values at the start, where its feedthrough is tested.
     side : Struct, optional
         Where to put it, of the kind `compiled.CONTROLLER`.
 
@@ -146,7 +146,7 @@ class ControllerSide:
             self._side.set(answer=compiled.STEPPED)
 
     def _follows(self, signals: Vector, reference: Vector) -> bool:
-        """Whether the output follows the inputs at once."""
+        """Whether the output has direct feedthrough."""
         law = self._empty_law()
         with raise_failures(self.bound):
             ask("command_at", self._side, signals, reference, law[: self.m])
@@ -158,7 +158,7 @@ class ControllerSide:
         return np.zeros(self.m * (2 + self.n))
 
     def last_command(self) -> Vector:
-        """The commands as they stand, nothing newly set."""
+        """The present commands, without new inputs."""
         commands = np.empty(self.m)
         with raise_failures(self.bound):
             ask("read_commands", self._side, commands)
@@ -198,8 +198,8 @@ class CoupledPair:
     corrected : bool
         Whether every step is corrected once; needs both sides to save their states.
     averaged : bool
-        Whether the controller's own states see the mean of the signals over the step, second order,
-        or only one end's, as a plain master would have it.
+        Whether the controller's own states use the mean of the signals over the step (second
+        order) or only the value at one end, as in a simple master.
     reference : ndarray
         Set-points at the start.
     whole : Struct
@@ -279,7 +279,7 @@ class CoupledPair:
         return int(self._whole.record.unsolved)
 
     def begin_with_first_command(self) -> None:
-        """Hold in the first step what the controller answers in it, not a start value."""
+        """Use the controller's output in the first step instead of a start value."""
         self._whole.set(late=np.full(self._side.m, np.nan))
 
     def command(self, t: float, h: float, reference: Vector) -> Vector:
@@ -290,5 +290,5 @@ class CoupledPair:
         return commands
 
     def failure(self) -> BaseException | None:
-        """What went wrong in the last call that failed."""
+        """Error of the last failed call."""
         return self._own.error or failure_of(self._bound, self._side.bound)

@@ -1,4 +1,4 @@
-"""Which coupling a run takes, and why."""
+"""Choice of the coupling of a run, with the reason."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .wiring import Wiring
 def choose_coupling(
     wiring: Wiring, plant: Instance, controller: Instance, wanted: Coupling | None
 ) -> tuple[Coupling, str]:
-    """The coupling that is asked for, else by what both sides allow; and why.
+    """The requested coupling, else the best that both sides support; and the reason.
 
     Raises
     ------
     CouplingError
-        If what is asked for is impossible.
+        If the request is impossible.
     """
     if wanted is Coupling.MONOLITHIC:
         raise CouplingError("the monolithic coupling runs no FMUs; see run_monolithic")
@@ -40,7 +40,7 @@ def choose_coupling(
 
 
 def tangent_reason(loop: CoupledPair, wiring: Wiring) -> str:
-    """Why the interface-Jacobian coupling was chosen, and what it knows of the controller."""
+    """Why the interface-Jacobian coupling was chosen, and the source of the derivatives."""
     if loop.answer is Answer.SAMPLED:
         return "the plant has law ports; the controller is sampled and holds its commands"
     if wiring.reports_law:
@@ -54,7 +54,7 @@ def tangent_reason(loop: CoupledPair, wiring: Wiring) -> str:
 
 
 def late_start(loop: CoupledPair, commands: Vector, names: list[str]) -> str:
-    """What to do where jacobi's first step holds a start value far from the first command.
+    """Advice if jacobi's first step holds a start value far from the first command.
 
     Parameters
     ----------

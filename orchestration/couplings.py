@@ -1,9 +1,9 @@
-"""The couplings of a plant and a controller; a new one is a line here, and a file of its own.
+"""The couplings of a plant and a controller; a new one is a line here, and a separate file.
 
-Every step begins with what the controller says at the last communication point: its commands and,
-where a coupling asks for the `law`, their derivatives by the signals and their own rates. What the
-plant applies over the step is that, or what a coupling's `own` function makes of it; commands that
-are `late` arrive one step later.
+Every step begins with the controller's output at the last communication point: its commands
+and, if a coupling needs the `law`, their derivatives by the signals and their own rates. The
+plant applies them over the step, unchanged or modified by a coupling's `own` function; `late`
+commands arrive one step later.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ SECOND_NAMES = {"tangent": Coupling.INTERFACE_JACOBIAN.value}
 
 
 class UnknownCoupling(ValueError):
-    """There is no such coupling; the message says what there is."""
+    """There is no such coupling; the message lists the available ones."""
 
 
 def coupling_named(what: str, given: str | Coupling | None) -> Coupling | None:
-    """The coupling of this name, or of its second name; None is left to choose."""
+    """The coupling of this name, or of its second name; None: to be chosen."""
     if given is None or isinstance(given, Coupling):
         return given
     names = [coupling.value for coupling in Coupling]

@@ -31,7 +31,7 @@ _ADDRESSES = ctypes.CFUNCTYPE(  # of the shape of fmi2SetReal, with nothing made
 
 
 class CallFailed(Exception):
-    """A FMU instance refused a call; which and why is kept in its record."""
+    """A FMU instance rejected a call; its record has the call and the reason."""
 
 
 CALLS = np.dtype(
@@ -119,7 +119,7 @@ class Bound:
         )
 
     def failure(self) -> BaseException | None:
-        """The error of the last call that failed, as the FMU instance itself raises it."""
+        """The error of the last failed call, as raised by the FMU instance."""
         status, what = int(self._calls.record.status), int(self._calls.record.failed)
         if status <= OK:
             return None

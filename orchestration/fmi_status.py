@@ -6,7 +6,7 @@ OK, DISCARD, ERROR, FATAL = 1, 2, 3, 4  # a warning counts as OK
 
 
 class Refused(RuntimeError):
-    """An FMU refused a call.
+    """An FMU rejected a call.
 
     Attributes
     ----------

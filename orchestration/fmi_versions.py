@@ -110,7 +110,7 @@ class Fmi2:
     component : c_void_p
     library : CDLL
     ended : str
-        When it asked to end the simulation; empty if it did not.
+        When it requested the end of the simulation; empty if it did not.
     integrator : Integrator or None
         Of model exchange, once it is initialized.
     """
@@ -196,7 +196,7 @@ class Fmi2:
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """What a saved state of the FMU leaves out."""
+        """Parts that are not in a saved state of the FMU."""
         if self.integrator is None:
             return (self.ended,)
         return self.ended, self.integrator.time, self.integrator.next_event

@@ -1,4 +1,4 @@
-"""One FMU instance as the master sees it: named signals, steps, and saved states."""
+"""Interface of an FMU instance for the master: named signals, steps, and saved states."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SHORTER = "it needs shorter steps: use a smaller --step"
 
 
 def describe_end(status: int) -> str:
-    """How a step ended with a status of FMI that is none of success."""
+    """Description of a step that ended with an error status of FMI."""
     words = {
         DISCARD: "rejects the step because it is too long",
         ERROR: "the step ended with an error",
@@ -50,12 +50,12 @@ def describe_end(status: int) -> str:
 
 
 class StepFailed(RuntimeError):
-    """A FMU instance could not do a step; the message is its own, where it gave one.
+    """A FMU instance could not do a step; the message comes from the FMU, if it gave one.
 
     Attributes
     ----------
     advice : str
-        What the user can do.
+        Advice for the user.
     """
 
     def __init__(self, message: str, advice: str = "") -> None:
@@ -75,12 +75,12 @@ class Reader(Protocol):
 
 
 class Instance(Protocol):
-    """What the master needs of anything that takes part in a loop.
+    """Interface of any participant in a loop.
 
-    An implementation promises: between `enter_initialization` and `leave_initialization` inputs
-    can be set and outputs read again and again; `step` moves from t to t + h with its inputs held;
-    after `restore` it goes on as it would have at `save`; `reopened` is a fresh instance of the
-    same thing.
+    Rules for an implementation: between `enter_initialization` and `leave_initialization`
+    inputs can be set and outputs read repeatedly; `step` moves from t to t + h with its inputs
+    held; after `restore` it continues exactly as after `save`; `reopened` is a new instance of
+    the same FMU.
     """
 
     name: str
@@ -106,7 +106,7 @@ class Instance(Protocol):
 
 
 class AnyFmu:
-    """What FMU instances have in common, wherever they run."""
+    """Common part of FMU instances in this or another process."""
 
     inputs: Sequence[str]
     _fmu: UnpackedFmu
@@ -124,15 +124,15 @@ class AnyFmu:
         return self._variables[name].nominal
 
     def is_real(self, name: str) -> bool:
-        """Whether a signal may lie between whole numbers."""
+        """Whether a signal is a real number."""
         return self._variables[name].is_real
 
     def follows_at_once(self, name: str) -> bool:
-        """Whether an output may follow inputs without a step, as far as the FMU says."""
+        """Whether an output may have direct feedthrough, as declared by the FMU."""
         return self._variables[name].direct
 
     def initially_from(self, name: str) -> Sequence[str]:
-        """Inputs that an output may depend on in initialization, as far as the FMU says."""
+        """Inputs that an output may depend on in initialization, as declared by the FMU."""
         told = self._variables[name].initially_from
         return self.inputs if told is None else told
 
@@ -155,14 +155,14 @@ class FmuInstance(AnyFmu):
     ----------
     source : path-like or UnpackedFmu
     name : str
-        Instance name; also what the FMU is called in messages.
+        Instance name; also the name of the FMU in messages.
     calls : class, optional
-        What it is called through. Default: its library, as its version of FMI says.
+        Interface for the calls. Default: its library, by its version of FMI.
 
     Raises
     ------
     FmuError
-        If the file is no FMU that can run here.
+        If the file is not an FMU that can run here.
     """
 
     def __init__(
@@ -199,7 +199,7 @@ class FmuInstance(AnyFmu):
         Raises
         ------
         StepFailed
-            If the FMU refuses.
+            If the FMU rejects them.
         """
         self.stop = stop
         self._given = {name: v for name, v in values.items() if name in self.inputs}
@@ -215,7 +215,7 @@ class FmuInstance(AnyFmu):
         Raises
         ------
         StepFailed
-            If the FMU refuses.
+            If the FMU rejects them.
         """
         with self._initializing():
             self._fmi.leave()
@@ -243,7 +243,7 @@ class FmuInstance(AnyFmu):
             raise self.failed(status, f"cannot be initialized: {error}") from error
 
     def message(self) -> str:
-        """What the FMU says of its failure: ours in an output for it, others in their log."""
+        """The FMU's error message: of our FMUs from an output, of others from their log."""
         reference = self._fmu.description.message_reference
         if reference is None:
             return last_words(self._log)

@@ -1,10 +1,10 @@
-"""Several FMUs as one FMU instance, and how those that feed each other are initialized.
+"""Several FMUs as one FMU instance, and the initialization of connected FMUs.
 
 FMI lets inputs be set and outputs be read in initialization mode, again and again (2.0.5, 4.2.4;
-3.0.2, 2.3.3): what an FMU starts from may depend on them. An output is read once all inputs are set
-that it depends on there. Where outputs wait for each other in a ring, be it that an FMU does not
-tell its dependencies, the ring is iterated. Then one after the other leaves the mode, each with the
-newest values of those before it, and what is computed only then goes round once more.
+3.0.2, 2.3.3): the start of an FMU may depend on them. An output is read when all inputs that it
+depends on are set. If outputs depend on each other in a ring, or an FMU does not declare its
+dependencies, the ring is iterated. Then the FMUs leave the mode one after the other, each with the
+newest values of those before it, and values that are computed only then are passed on once more.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SWEEPS = 3  # that settle what only looks like an algebraic loop
 
 @dataclass(frozen=True)
 class Feed:
-    """What a member's input takes.
+    """Source of a member's input.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Feed:
 
 @dataclass(frozen=True)
 class Member:
-    """An initialized member: what it takes from where, and where its outputs go.
+    """An initialized member: sources of its inputs, and places of its outputs.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ def initialize(
     Parameters
     ----------
     values : tuple of two mappings of str to float
-        Of plant and controller: parameters, start values, and inputs that nothing drives.
+        Of plant and controller: parameters, start values, and inputs that are not connected.
     stop : float
         [s]
     reference : ndarray
@@ -82,7 +82,7 @@ def initialize(
     Raises
     ------
     StepFailed
-        If a part refuses its values, or an algebraic loop has no solution.
+        If a part rejects its values, or an algebraic loop has no solution.
     """
     goals = [f"set-point {k}" for k in range(len(wiring.references))]
     feeds = [
@@ -98,12 +98,12 @@ def initialize(
 
 
 class Group:
-    """FMU instances that feed each other, as one FMU instance.
+    """Connected FMU instances as one FMU instance.
 
     They are stepped one after the other, each with the newest values of those before it: in the
-    order of the signals, and in every other step the other way round. Values that are held are too
-    early for a member in one of the two steps and too late in the other, so that the first order of
-    that error goes. A part with direct feedthrough or with samples is before the parts that it
+    order of the signals, and in every second step in reverse order. Held values are too early
+    for a member in one of the two steps and too late in the other, so that the first order of
+    that error cancels. A part with direct feedthrough or with samples is before the parts that it
     feeds in both orders: it may jump at the start of a step. Outputs are named ``member.port``.
 
     Parameters
@@ -115,7 +115,7 @@ class Group:
     inputs : sequence of str
         The group's own, as the feeds name them.
     turned : bool
-        Whether the first step goes the other way round.
+        Whether the first step is in reverse order.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A controller as it is put into practice: on a computer, behind the instruments of its axis."""
+"""A controller in practice: sampled, and with the instruments of its axis."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Practice:
-    """What is put around a controller.
+    """Sampling and instruments added to a controller.
 
     Attributes
     ----------
     sampled : bool
-        Whether it is to be sampled; not where it is already.
+        Whether it is to be sampled; False if it already is.
     instruments : tuple of str
         Names of the catalogue, in the order of the signals.
     ideal : tuple of str
-        What it measures and no instrument gives: it gets the true value.
+        Signals without an instrument: it gets their true values.
     period : str
-        Name of the parameter that is its sampling period.
+        Name of the parameter with its sampling period.
     """
 
     sampled: bool
@@ -38,14 +38,14 @@ class Practice:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know."""
+        """Notes for the user."""
         if not self.ideal:
             return ()
         return (f"no instrument measures {', '.join(self.ideal)}: the true value is used",)
 
 
 def practice_of(controller: Component, sampled: bool, noise: bool) -> Practice:
-    """What puts a controller into practice.
+    """Sampling and instruments for a controller.
 
     Parameters
     ----------
@@ -88,13 +88,13 @@ def practice_of(controller: Component, sampled: bool, noise: bool) -> Practice:
 def in_practice(
     controller: Part, sampled: float | None, noise: bool
 ) -> tuple[Part, dict[str, float], tuple[str, ...]]:
-    """A controller put into practice, as `practice_of` says.
+    """A controller with sampling and instruments from `practice_of`.
 
     Parameters
     ----------
     controller : Part
     sampled : float or None
-        Sampling period [s]; None leaves it as it is.
+        Sampling period [s]; None: no change.
     noise : bool
         Whether it measures through all instruments that fit.
 
@@ -104,12 +104,12 @@ def in_practice(
     dict of str to float
         Its sampling period, by the parameter's name.
     tuple of str
-        What the user should know.
+        Notes for the user.
 
     Raises
     ------
     ContractError
-        For an FMU, or a controller that cannot be put so.
+        For an FMU, or a controller for which this is not possible.
     UnknownComponent, BadComponentFile
     """
     if sampled is None and not noise:

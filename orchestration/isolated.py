@@ -1,9 +1,9 @@
-"""An FMU in a process of its own, so that its crash, its hang or its modules are not ours.
+"""An FMU in its own process, so that a crash, a hang or its modules do not affect this one.
 
-The master's side. The other side is `isolated_host.py`, a fresh interpreter that runs an
-`FmuInstance` and answers over a socket; of what it prints the end is kept, of which a failure shows
-the last line. Requests that need no answer wait for the next one that does, so that a communication
-step costs few exchanges.
+The master's side. The other side is `isolated_host.py`, a new interpreter that runs an
+`FmuInstance` and answers over a socket; the end of its output is kept, and an error message shows
+the last line. Requests that need no answer are sent with the next one that does, so that a
+communication step needs few exchanges.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ class IsolatedInstance(AnyFmu):
     ----------
     source : path-like or UnpackedFmu
     name : str
-        Instance name; also what the FMU is called in messages.
+        Instance name; also the name of the FMU in messages.
     time_limit : float
-        Longest time that any one call may take [s].
+        Time limit of one call [s].
     sandbox : bool
         Whether that process runs in the sandbox of `ballscrew.fmus.sandbox`. It ends with the
         thread that opens the instance.
@@ -70,7 +70,7 @@ class IsolatedInstance(AnyFmu):
     NoSandbox
         If there is none here.
     FmuError
-        If the file is no FMU that can run here, or its process does not survive opening it.
+        If the file is not an FMU that can run here, or its process ends when it is opened.
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class IsolatedInstance(AnyFmu):
         Raises
         ------
         StepFailed
-            If the FMU refuses, or its process does not survive.
+            If the FMU rejects them, or its process ends.
         """
         self.stop = stop
         request = json.dumps({"values": dict(values), "stop": stop}).encode()
@@ -150,7 +150,7 @@ class IsolatedInstance(AnyFmu):
         Raises
         ------
         StepFailed
-            If the FMU refuses, or its process does not survive.
+            If the FMU rejects them, or its process ends.
         """
         data = self._ask(Request.LEAVE_INITIALIZATION)
         if len(data) != 8:
@@ -292,7 +292,7 @@ def open_fmu(
     time_limit: float = TIME_LIMIT,
     sandbox: bool = False,
 ) -> FmuInstance | IsolatedInstance:
-    """Open an FMU in a process of its own if asked, or by default if it was not written here.
+    """Open an FMU in its own process if requested; default: if it was not written by this program.
 
     In a `sandbox` it has one, whoever wrote it.
 

@@ -2,7 +2,7 @@
 
 A packet is its length and then requests, each a kind, a length and its data. The last request of a
 packet is answered with a status and data; so is the first that fails, and the rest are dropped. No
-Python objects cross: the FMU's side is not believed.
+Python objects are exchanged: the FMU's side is not trusted.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def receive(connection: socket.socket) -> bytes:
     Raises
     ------
     EOFError
-        If the other side is gone.
+        If the connection is closed.
     TimeoutError
         If the connection has a time limit and it has passed.
     """
@@ -77,7 +77,7 @@ def _exactly(connection: socket.socket, size: int, end: float) -> bytes:
 
 
 def main(connection: socket.socket) -> None:
-    """Answer requests until the other side is gone, then end at once."""
+    """Answer requests until the connection is closed, then end at once."""
     host = _Host()
     closed = False
     while not closed:

@@ -1,6 +1,6 @@
-"""What is done of long work, a file for each task, kept in a folder until all of it is done.
+"""Finished tasks of long work, one file each, kept in a folder until everything is done.
 
-Each file carries the digest of what it is a part of: another work in the same folder never
+Each file has the digest of the work that it belongs to: another work in the same folder never
 uses it, even after interrupted or parallel runs.
 """
 
@@ -55,7 +55,7 @@ class KeptParts:
             raise refused(f"{place} contains no {work} to continue; remove --resume to start one")
 
     def read(self, name: str) -> Any:
-        """What a task found; None where it is not done, or a disk lost the end of it."""
+        """Result of a task; None if it is not done, or if its file is incomplete."""
         content = _content(self.folder / name)
         return content["found"] if _digest(content) == self.digest else None
 

@@ -1,4 +1,4 @@
-"""What numbers of a run may be: checked where they come in, once."""
+"""Limits of the numbers of a run, checked once at input."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def as_number(what: str, given: Any) -> float:
 
 
 def check_length(what: str, given: Any) -> float:
-    """How long a motion is to be [s]; raises `BadParameter`."""
+    """Length of a motion [s]; raises `BadParameter`."""
     stop = as_number(what, given)
     if stop <= 0:
         raise BadParameter(f"{what} is {given} s, expected more than 0")
@@ -39,7 +39,7 @@ def check_length(what: str, given: Any) -> float:
 
 
 def check_corrections(what: str, given: Any) -> int | None:
-    """How often a step is corrected; None is as often as the parts allow.
+    """Number of corrections of a step; None: as many as the parts allow.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def check_corrections(what: str, given: Any) -> int | None:
 
 
 def check_time_limit(what: str, given: Any) -> float:
-    """How long a call of an FMU may take [s]; raises `BadParameter`."""
+    """Time limit of a call of an FMU [s]; raises `BadParameter`."""
     limit = as_number(what, given)
     if limit <= 0:
         raise BadParameter(f"{what} is {given} s, expected more than 0")

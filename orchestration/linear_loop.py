@@ -3,7 +3,7 @@
 The matrices are the compiled Jacobian of the part's own equations: inputs are held as states, and
 outputs are integrated by states, so that one Jacobian holds A, B, C and D. Margins and zero-order
 hold are those of python-control (S. Fuller et al., "The Python Control Systems Library", IEEE CDC
-(2021)), the library that has been kept for this since 2009.
+(2021)), the library maintained for this since 2009.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Margins:
     speed : float
         [m/s]
     stable : bool
-        Whether the closed loop is.
+        Whether the closed loop is stable.
     gain_margin, gain_margin_down : float
         Factor by which the loop's gain may rise, and to which it may fall; infinite and 0: no end.
     gain_frequency : float

@@ -1,4 +1,4 @@
-"""What is run: two parts around a set-point, or the elements of an .ssp; resolved once.
+"""A closed loop to run: two parts and a set-point, or the elements of an .ssp; resolved once.
 
 `run`, `swap`, `lyapunov`, maps and the checks of studies are all done with a `Loop`.
 """
@@ -80,33 +80,33 @@ class Loop(HowCoupled):
     ----------
     controller, plant : str, path-like, Component or Part
         A name of the catalogue, a file's function (``mine.py:pi``), the path of an FMU, or a
-        component. The controller ``none`` leaves a plant without inputs alone.
+        component. The controller ``none`` is for a plant without inputs.
     reference : float, str, path-like or Reference
-        Set-point [m], or set-point over time: a motion in words, as
+        Set-point [m], or set-point over time: a motion such as
         ``"move:distance=0.02,speed=0.1"``, the path of a table, or a `Reference`.
     stop : float
         Length of the motion [s].
     plant_values, controller_values : mapping of str to float, optional
-        Parameters and initial states that are not nominal, in SI units.
+        Parameters and initial states with other than nominal values, in SI units.
     mapping : mapping of str to str, optional
         Names of a third-party FMU's ports, ``theirs -> ours``.
     told : ParameterFile, optional
-        Where values come from; the written parameter file keeps their intervals and sources.
+        Source of values; the written parameter file keeps their intervals and sources.
     notes : tuple of str
-        What is known before the run, and told with what the run says.
+        Notes from before the run, added to those of the run.
     step : float, optional
-        Communication step [s]; left out, it is halved until the run is trusted.
+        Communication step [s]; default: halved until the run is trusted.
     coupling : str or Coupling, optional
-        Default: the interface-Jacobian coupling where the parts have its ports, else the best that
-        they can do.
+        Default: the interface-Jacobian coupling if the parts have its ports, else the
+        best supported one.
     corrections : int, optional
-        Of each step by rollback, 0 or 1.
+        Corrections of each step by rollback, 0 or 1.
     adaptive : bool
-        Whether the residual chooses steps up to `step`.
+        Whether the steps, up to `step`, are chosen by the residual.
     isolate : bool, optional
-        Whether FMUs run each in a process of its own. Default: those that were not written here.
+        Whether each FMU runs in its own process. Default: FMUs not written by this program.
     time_limit : float
-        Longest time that one call of an FMU in a process of its own may take [s].
+        Time limit of one call of an FMU in its own process [s].
     sandbox : bool
         Whether FMUs that are files run in a sandbox: without network and the user's files. Parts by
         name are this program's own code, and run there only with ``isolate=True``.
@@ -180,12 +180,12 @@ class Loop(HowCoupled):
 
     @property
     def label(self) -> str:
-        """What it is called: as its controller, or as the plant that runs alone."""
+        """Its name: that of its controller, or of the plant that runs alone."""
         return (self.plant if self.controller.is_none else self.controller).label
 
     @property
     def title(self) -> str:
-        """Both parts by what they are called."""
+        """Both parts by name."""
         alone = self.controller.is_none
         return self.label if alone else f"{self.label} on {self.plant.label}"
 
@@ -197,13 +197,13 @@ class Loop(HowCoupled):
 
     @property
     def set_point(self) -> float:
-        """The constant set-point [m]; raises `BadParameter` where it moves."""
+        """The constant set-point [m]; raises `BadParameter` if it is not constant."""
         if len(self.reference.values) > 1:
             raise BadParameter("the set-point is not constant; expected a constant one")
         return float(self.reference.values[0])
 
     def check_values(self) -> None:
-        """Make sure that both parts have the parameters that are given, and in range.
+        """Check that both parts have the given parameters, in range.
 
         Raises
         ------
@@ -215,7 +215,7 @@ class Loop(HowCoupled):
     def parameters(self) -> ParameterFile:
         """All parameters used, as a parameter file that the next command can read.
 
-        What still has the value that it was `told` keeps its interval and source.
+        Values that are unchanged from `told` keep their interval and source.
         """
         told, source = self.told or ParameterFile(), "given to this run"
         plant, values = self.plant, self.plant_values
@@ -264,11 +264,11 @@ class SystemLoop(HowCoupled):
     stop : float, optional
         [s] Default: the file's own, else 20 s.
     values : mapping of str to float
-        Parameters and start values as ``element.variable``, over those of the file. Text is for a
-        String, an Enumeration's item by name, or a number.
+        Parameters and start values as ``element.variable``, over those of the file. Text is a
+        String, the name of an Enumeration's item, or a number.
     step, coupling, corrections, adaptive, isolate, time_limit, sandbox
-        As in `Loop`. With ``jacobi`` and ``gauss-seidel`` wired feedback-law ports are signals like
-        any others, as other masters have them.
+        As in `Loop`. With ``jacobi`` and ``gauss-seidel`` connected feedback-law ports
+        are ordinary signals, as in other masters.
     """
 
     system: Path | str
@@ -306,11 +306,11 @@ class SystemLoop(HowCoupled):
 
     @property
     def label(self) -> str:
-        """What it is called in tables and pictures."""
+        """Its name in tables and pictures."""
         return readable(Path(self.system).stem)
 
     def parameters(self) -> None:
-        """None: the elements of an .ssp are the file's own, and it says their values itself."""
+        """None: the elements of an .ssp and their values are in the file."""
 
 
 def table_of(file: ParameterFile, controller: Part) -> str:

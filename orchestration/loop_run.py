@@ -46,31 +46,31 @@ class LoopRun:
     reference : ndarray, shape (k,)
     coupling : Coupling
     coupling_reason : str
-        Why this coupling, where it was chosen by rule.
+        Reason for the coupling, if it was chosen by rule.
     corrected : bool
     residual_max : dict of str to float
         Largest coupling residual of each command, in its unit.
     effect_rate_max : dict of str to float
-        Largest effect of the residual on each output, per second; empty where nothing could be
-        corrected.
+        Largest effect of the residual on each output, per second; empty if there was no
+        correction.
     macro_steps : int
     step_range : tuple of two floats
         Shortest and longest communication step [s].
     verdict : Verdict
     stopped : str
-        Why the run ended before its time; empty if it did not.
+        Why the run ended early; empty if it did not.
     diverged : bool
-        Whether it ended because an output left every bound.
+        Whether it ended because an output diverged.
     others : dict of str to ndarray, shape (k,)
         The controller's other outputs, as ``controller.NAME``.
     units : dict of str to str
-        Of outputs and commands, as far as the parts say them.
+        Of outputs and commands, if the parts declare them.
     sampling_period : float
-        Of what is sampled of the controller and its instruments [s]; 0 if nothing is.
+        Sampling period of the controller and its instruments [s]; 0 if nothing is sampled.
     scale : tuple of two floats
         Factor and offset from the set-point's SI unit to the unit of `reference` and the position.
     played : bool
-        Whether compiled code has played the FMUs, see `run_loop`.
+        Whether compiled code replaced the FMUs, see `run_loop`.
     """
 
     time: Vector

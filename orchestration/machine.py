@@ -1,9 +1,9 @@
-"""What a machine lets a controller do: motions that fit it, and gains that fit it.
+"""Motions and gains that fit a machine.
 
-All is read off the plant's own equations, linearized about sliding at a constant speed. The ranges
-of tuned gains are in the laws' files, for the nominal axis. Another machine gets those
-that do the same there: a gain in volts per metre is multiplied by how much more command the machine
-needs for a metre at the same frequency.
+All is computed from the plant's own equations, linearized about sliding at a constant speed. The
+ranges of tuned gains are in the laws' files, for the nominal axis. For another machine they are
+scaled: a gain in volts per metre is multiplied by the ratio of the commands needed for one metre at
+the same frequency.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ STICTION = 100.0  # a smooth sign is one at so many times the inverse of its sha
 
 @dataclass(frozen=True)
 class Machine:
-    """A plant with values, and the largest command that it takes.
+    """A plant with values, and its largest command.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Machine:
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
-        """What a controller may measure."""
+        """Signals that a controller may measure."""
         law = next((i.law for i in self.plant.kernel.inputs if i.name == "u"), [])
         return tuple(n for n in law if n in self.plant.outputs)
 
@@ -111,7 +111,7 @@ class Machine:
         Raises
         ------
         BadParameter
-            If the limit hardly overcomes friction.
+            If the limit is not much larger than friction.
         """
         for k in range(HALVINGS):
             speed = FASTEST / 2**k
@@ -173,7 +173,7 @@ def nominal_machine() -> Machine:
 
 
 def limit_of(plant: Part, values: Mapping[str, float], asked: float | None) -> float:
-    """The largest command: what was asked for, what the plant's values say, or the axis' supply.
+    """The largest command: the requested one, that of the plant, or the supply of the axis.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def gain_ranges(
     Raises
     ------
     BadParameter
-        If the controller states no gains.
+        If the controller has no ranges for its gains.
     """
     # in the units that the ranges are stated in
     nominal, known = nominal_machine(), Part(without_units(controller.name)[0]).parameters
@@ -233,12 +233,12 @@ def gain_ranges(
 
 
 def model_values(controller: Part, machine: Machine) -> dict[str, float]:
-    """What a controller has to know of its machine: parameters that are no gains.
+    """Parameters of a controller that describe its machine and are not gains.
 
     Raises
     ------
     BadParameter
-        If it is derived from a motor that the machine does not have.
+        If it is designed for a motor that the machine does not have.
     """
     known, own = controller.parameters, machine.plant.parameters
     motor = [p.name for p in MOTOR if p.name in known and p.name not in own]

@@ -1,4 +1,4 @@
-"""The master: move a plant and a controller through time together, and say what to believe."""
+"""The master: simulate a plant and a controller together, and judge the result."""
 
 from __future__ import annotations
 
@@ -70,23 +70,23 @@ def run_loop(  # noqa: PLR0913
     stop, step : float
         End of the run and communication step [s]; for an adaptive run the longest step.
     coupling : Coupling, optional
-        Default: tangent where the plant accepts a feedback law and derivatives of the controller
-        are to be had, else gauss-seidel.
+        Default: tangent if the plant accepts a feedback law and derivatives of the controller
+        are available, else gauss-seidel.
     corrections : {0, 1}, optional
-        Default: 1 for interface-Jacobian coupling where both sides can save their states, else 0.
+        Default: 1 for interface-Jacobian coupling if both sides can save their states, else 0.
     adaptive : bool
-        Let the residual's effect choose the steps.
+        Whether the steps are chosen by the residual's effect.
     mapping : mapping of str to str, optional
         Names of ports, ``theirs -> ours``, see `wire`.
     wiring : Wiring, optional
-        Who is connected to whom. Default: ports of the same name, or as mapped; where it is given,
+        The connections. Default: ports of the same name, or as mapped; if given,
         `mapping` only names the results.
     progress : function, optional
-        Called with the present time now and then.
+        Called repeatedly with the present time.
     look_again : bool
-        Whether a verdict that is not clear is looked at again, by runs of finer steps.
+        Whether an unclear verdict is checked by runs with finer steps.
     tries : bool
-        Whether compiled code may play the FMUs, see `played.py`; the numbers are the same.
+        Whether compiled code may replace the FMUs, see `played.py`; the numbers are the same.
 
     Returns
     -------
@@ -95,9 +95,9 @@ def run_loop(  # noqa: PLR0913
     Raises
     ------
     CouplingError, WiringError
-        If the parts cannot be coupled so.
+        If the parts cannot be coupled in this way.
     StepFailed
-        If a part refuses its parameters or initial values.
+        If a part rejects its parameters or initial values.
     NotEnoughMemory
         If the rows of all steps do not fit.
     """

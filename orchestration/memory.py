@@ -1,4 +1,4 @@
-"""How much memory is left, so that what needs more is refused before it begins."""
+"""Available memory, to reject requests that need more before they begin."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ _CGROUPS = Path("/sys/fs/cgroup")
 
 
 class NotEnoughMemory(ValueError):
-    """A request needs more memory than there is; the message says how much, and what to do."""
+    """A request needs more memory than available; the message says how much, and what to do."""
 
 
 def check_memory(needed: float, what: str, remedy: str) -> None:
-    """Refuse what would run out of memory.
+    """Reject a request that would run out of memory.
 
     Parameters
     ----------
     needed : float
         Estimated need [bytes].
     what, remedy : str
-        What needs it, and what to do; both become parts of one line.
+        Description of the request, and advice; both become parts of one line.
 
     Raises
     ------

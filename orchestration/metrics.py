@@ -17,20 +17,20 @@ BAND = 0.02  # of a step
 
 @dataclass(frozen=True)
 class Metrics:
-    """Figures of merit; None where the run does not define one.
+    """Figures of merit; None if the run does not define one.
 
     Attributes
     ----------
     peak_voltage, peak_voltage_time : float
-        Largest magnitude of the command, a voltage [V] unless the plant says otherwise, and when
-        [s].
+        Largest magnitude of the command, a voltage [V] unless the plant has another unit, and
+        its time [s].
     settling_time_2pct : float or None
         Time after which the error stays within 2 % of the step [s]; None if it does not, or if the
         set-point moves.
     overshoot : float or None
-        How far the block goes past the set-point [m]; None if the set-point moves.
+        Largest distance of the block beyond the set-point [m]; None if the set-point moves.
     steady_state_error : float
-        Set-point less position at the end [m].
+        Set-point minus position at the end [m].
     iae : float
         Integral of the absolute error [m*s], trapezoidal.
     rms_error, largest_error : float or None

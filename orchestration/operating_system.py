@@ -1,11 +1,11 @@
-"""What this program asks of the operating system beyond files and their names stands here alone.
+"""All use of the operating system, except files and their names, is in this module.
 
 Locks, interrupts, processes that end with others, and limits of memory. Each function has a branch
-for systems that lack what Linux has. What a process ends with works like this: it holds the reading
-end of a pipe whose only writing end its parent holds. When the parent ends, however it ends, the
-kernel closes that end and on Linux sends SIGKILL to the owner of the reading end. No code of this
-process takes part, so that compiled code or a foreign library that never returns is ended, too.
-Elsewhere a thread waits for the end of the pipe.
+for systems that lack what Linux has. The end of a process together with another works as follows:
+it holds the reading end of a pipe whose only writing end its parent holds. When the parent ends,
+however it ends, the kernel closes that end and on Linux sends SIGKILL to the owner of the reading
+end. No code of this process takes part, so that compiled code or a foreign library that never
+returns is ended, too. Elsewhere a thread waits for the end of the pipe.
 
 This module imports little and nothing of this package: it is what the command runs first.
 """

@@ -28,9 +28,9 @@ BALL_SCREW, DRIVE, ROTARY, FMU = "ball_screw", "drive", "rotary_drive", "fmu"
 KINDS = (BALL_SCREW, DRIVE, ROTARY, FMU)
 COMMANDS = ("voltage", "current", "force")
 COMMANDS_OF = {DRIVE: COMMANDS, ROTARY: ("voltage", "current", "torque")}
-"""What the command of a drive may be, by its kind; of others it is theirs."""
+"""Kinds of command of a drive, by its kind; others have a fixed one."""
 TURNS = "rotating body: here N means N*m, m means rad, and kg means kg*m^2"
-"""What to say where `ParameterFile.sliding` was taken."""
+"""Note for the use of `ParameterFile.sliding`."""
 
 
 class BadParameters(ValueError):
@@ -46,7 +46,7 @@ class Value:
     value : float
         SI.
     unit : str
-        Empty: not said.
+        Empty: not given.
     interval : tuple of two floats, optional
         95 %; an end may be infinite.
     source : str
@@ -61,7 +61,7 @@ class Value:
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """What a diagnosis started from and what it named, beside the values that it ends with.
+    """Prior model and named causes of a diagnosis, in addition to its final values.
 
     Attributes
     ----------
@@ -94,33 +94,33 @@ Known: TypeAlias = "Mapping[str, ParameterInfo] | Mapping[str, Parameter]"
 
 @dataclass(frozen=True)
 class ParameterFile:
-    """What a parameter file says.
+    """Content of a parameter file.
 
     Attributes
     ----------
     path : Path or None
         Where it was read.
     kind : {"ball_screw", "drive", "rotary_drive", "fmu"}
-        What the plant is: ours with a motor, a body that slides or turns and on which ``gain*u``
-        acts, or what is not of the catalogue: anybody's FMU, or a component from a file.
+        Kind of the plant: the ball screw with a motor, a sliding or rotating body with the force
+        or torque ``gain*u``, or a plant outside the catalogue: an FMU, or a component from a file.
     command : str
-        What `u` of a drive is, one of `COMMANDS_OF`; empty where the file does not say it: a
+        What `u` of a drive is, one of `COMMANDS_OF`; empty if not given: a
         voltage.
     law : str
-        Friction law; empty where the file does not say it.
+        Friction law; empty if not given.
     plant : mapping of str to Value
     found : mapping of str to Value
-        Of forces that were found in measured data and that the plain plant does not have.
+        Values of forces that were found in measured data and are not in the basic plant.
     controllers, rig : mapping of str to mapping of str to Value
         By controller, and by part of the rig.
     tolerance : mapping of str to float
         Relative tolerance of values of the plant that `diagnose` may adjust.
     not_identified : mapping of str to str
-        Parameters that records do not tell, and why.
+        Parameters that records do not identify, and why.
     diagnosis : Diagnosed or None
         In what `diagnose` wrote: where the values come from.
     turns : bool
-        Whether a body that turns is described as one that slides, see `sliding`.
+        Whether a rotating body is described as a sliding one, see `sliding`.
     """
 
     path: Path | None = None
@@ -143,7 +143,7 @@ class ParameterFile:
         Raises
         ------
         BadParameters
-            If it describes none.
+            If it describes no plant.
         """
         if self.kind not in NOMINAL:
             raise BadParameters(
@@ -220,7 +220,7 @@ class ParameterFile:
     def plant_values(
         self, known: Known, others: Collection[str] = ()
     ) -> tuple[dict[str, float], list[str]]:
-        """Values for a plant, checked, and the names that it has no use for.
+        """Values for a plant, checked, and the names that it does not use.
 
         Where the file has Fc and not Fs, the break-away force is Fc.
 

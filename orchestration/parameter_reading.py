@@ -1,4 +1,4 @@
-"""Read a parameter file: every line is checked, and told of where it is wrong."""
+"""Read a parameter file: every line is checked, and errors name their place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plant or a controller from outside: its ports, its parameters, and what it can do."""
+"""A plant or a controller: its ports, parameters and capabilities."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ SUFFIX = ".fmu"
 
 
 class BadPart(ValueError):
-    """There is no such part; the message says what there is."""
+    """There is no such part; the message lists the available ones."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """One side of a loop: equations, of which an FMU can be made, or anybody's FMU.
+    """One side of a loop: equations, from which an FMU can be made, or an FMU of any origin.
 
     Two of one name are equal. What is told of a Python file is what it was when it was resolved,
     in other processes, too.
@@ -58,7 +58,7 @@ class Part:
 
     @property
     def has_equations(self) -> bool:
-        """Whether its equations are known; if not, it is a file, and all else is asked of it."""
+        """Whether its equations are known; if not, it is a file of an FMU."""
         return catalogue.has_equations(self.name)
 
     @property
@@ -68,12 +68,12 @@ class Part:
 
     @property
     def own_name(self) -> str:
-        """What it is called on the command line."""
+        """Its name on the command line."""
         return catalogue.name_of(self.name) if self.has_equations else Path(self.name).stem
 
     @property
     def label(self) -> str:
-        """What it is called in tables, pictures, options and parameter files."""
+        """Its name in tables, pictures, options and parameter files."""
         return readable(self.own_name)
 
     def fmu(self) -> Path:
@@ -92,7 +92,7 @@ class Part:
 
     @cached_property
     def description(self) -> Description:
-        """What a file says of itself.
+        """The description of an FMU.
 
         Raises
         ------
@@ -180,22 +180,22 @@ PartLike: TypeAlias = "str | Path | Component | Part"
 
 
 def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool = True) -> Part:
-    """The part that is meant. A Python file is run here, as it is now.
+    """The part of a name. A Python file is run here.
 
     Parameters
     ----------
     role : str
-        What it is asked for, or the option by which; the complaint begins so.
+        Role of the part, or the option; error messages begin with it.
     given : str, path-like, Component or Part
     known : collection of str
-        Names that are fit.
+        Names that are allowed.
     fmus : bool
-        Whether FMUs are.
+        Whether FMUs are allowed.
 
     Raises
     ------
     BadPart
-        If it is none of the known, no function of a file and no FMU.
+        If it is not a known name, a function of a file or an FMU.
     BadComponentFile
     """
     if isinstance(given, Part):
@@ -240,7 +240,7 @@ def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool 
 
 
 def resolve_controller(given: PartLike, fmus: bool = True) -> Part:
-    """As `resolve`, of a controller; ``none`` leaves a plant without inputs alone."""
+    """As `resolve`, of a controller; ``none`` is for a plant without inputs."""
     return resolve("controller", given, CONTROLLERS | ALONE, fmus)
 
 

@@ -1,6 +1,7 @@
 """Pictures of closed-loop runs: position, voltage, states, phase portrait, comparison.
 
-Colours are Okabe and Ito's, which the colour-blind can tell apart; lines differ in dash, too.
+Colours are those of Okabe and Ito, which colour-blind readers can distinguish; lines also differ in
+dash.
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ def colour_of(run: LoopRun, name: str) -> int:
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Let a picture that cannot be drawn, as of 1e308 V, cost no result; one line says why.
+    """Let a picture that cannot be drawn, for example with 1e308 V, only print one line.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A readable FMU of this version without the way through Python, for runs that only judge or try.
+"""A readable FMU of this version without Python calls, for runs that only check or try.
 
 Its slave is made and initialized as its host would; from there on compiled code does what
 ``fmus/runtime.py`` does, with the FMU's own core and tapes, to the last bit. A call takes a tenth

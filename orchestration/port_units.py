@@ -1,4 +1,4 @@
-"""Units between a plant and a controller: one conversion for each port of the controller.
+"""Unit conversions between a plant and a controller, one for each port of the controller.
 
 What both sides declare by base units is converted; what both declare and cannot be converted is
 rejected; if one side declares nothing, values are not converted. The law's gains and rates, and
@@ -24,7 +24,7 @@ POSITION = "x"  # the output that a set-point is compared with
 
 @dataclass(frozen=True)
 class PortUnits:
-    """What happens to the values between a plant and a controller.
+    """Conversions of the values between a plant and a controller.
 
     Attributes
     ----------

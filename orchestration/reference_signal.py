@@ -1,4 +1,4 @@
-"""What the controller is asked to follow: a constant, a recorded course, or a motion."""
+"""Set-point of the controller: a constant, a table, or a motion."""
 
 from __future__ import annotations
 

@@ -15,8 +15,8 @@ def run_closed_loop(loop: Loop | SystemLoop, progress: Progress | None = None) -
     Raises
     ------
     FmuError, BadSystem, WiringError, CouplingError, BadParameter
-        If the loop cannot be run as asked; the message says why.
+        If the loop cannot be run; the message says why.
     StepFailed
-        If a part refuses its initial values.
+        If a part rejects its initial values.
     """
     return run_system(loop, progress) if isinstance(loop, SystemLoop) else run_pair(loop, progress)

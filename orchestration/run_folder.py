@@ -1,4 +1,4 @@
-"""A folder holds the results of one run: all of them or none, and nothing of the run before.
+"""A folder contains the results of one run: all of them or none, and nothing of previous runs.
 
 Results are first written into a hidden folder inside. A list of them, put in place by one renaming,
 is the instant from which on the folder holds the new run: what is then left to do, to rename each

@@ -1,4 +1,4 @@
-"""Find out whether a third-party controller is sampled, and how often, by how its commands move.
+"""Detect whether a third-party controller is sampled, and its period, from its commands.
 
 FMI 2.0 has no clocks: nothing in a description says the period of a controller that reads its
 inputs at instants of its own and holds its commands between them. But it shows: inputs that move
@@ -26,7 +26,7 @@ _EVERY_STEP = 4  # jumps in steps that follow one another: not sampled, as far a
 
 
 class UnknownPeriod(ValueError):
-    """A controller is sampled, and its period is not to be had; the message says what to do."""
+    """A controller is sampled, but its period is not known; the message says what to do."""
 
 
 @dataclass(frozen=True)

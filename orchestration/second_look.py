@@ -1,4 +1,4 @@
-"""A second look at a run: finer co-runs, and what the outputs are close to its jumps.
+"""A second check of a run: finer co-runs, and the outputs close to its jumps.
 
 An output that jumps, as a velocity at an impact, has a wrong value at a communication point that
 lies between the true jump and the run's, however close these are; and other runs may jump on the

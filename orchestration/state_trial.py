@@ -1,4 +1,4 @@
-"""Try whether an FMU made elsewhere comes back to a state that it saved, before it is believed."""
+"""Test whether a third-party FMU really restores a saved state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A communication step that chooses itself: halved until the run can be trusted.
+"""Automatic choice of the communication step: halved until the run can be trusted.
 
 Each run has a verdict of its own, from its co-run. Where that is not enough, runs of one after the
 other step judge: where a halving moves the outputs by a share q < 0.7 of what the halving before
@@ -31,7 +31,7 @@ LEVELS = 12
 
 @dataclass(frozen=True)
 class StepChoice:
-    """Which step was taken, and why.
+    """The chosen step, and the reason.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class StepChoice:
         [s]
     reason : str
     tried : tuple of tuple (float, str)
-        Every step that was tried [s], and the word of its verdict.
+        Every tried step [s], and its verdict.
     """
 
     step: float
@@ -52,7 +52,7 @@ def choose_step(
     first: float = FIRST_STEP,
     try_at: Callable[[float, bool], LoopRun] | None = None,
 ) -> tuple[LoopRun, StepChoice]:
-    """Run with shorter and shorter steps until a run can be trusted.
+    """Run with decreasing steps until a run can be trusted.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Several controllers on one plant, side by side."""
+"""Several controllers on one plant, compared."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run a closed loop that an .ssp describes, ours or a third party's."""
+"""Run a closed loop of an .ssp file of any origin."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
     BadSystem, FmuError, CouplingError, WiringError, BadParameter
         If the file or the request is invalid; the message says why.
     StepFailed
-        If a part refuses its initial values.
+        If a part rejects its initial values.
     """
     system = read_system(asked.system)
     with contextlib.ExitStack() as opened:

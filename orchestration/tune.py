@@ -1,4 +1,4 @@
-"""Tune one controller for one machine, judge it on another motion, and linearize the loop twice.
+"""Tune one controller for one machine, test it on another motion, and linearize the loop twice.
 
 What is made small is the rms error of the tuning motions, each over that under modest gains, with a
 price on commands that the machine cannot give, as in studies, and on a sensitivity above 2, from
@@ -157,7 +157,7 @@ class TunedController:
 
     @property
     def weaknesses(self) -> tuple[str, ...]:
-        """What weakens the result, in words; empty if nothing does."""
+        """Limitations of the result, in words; empty if there are none."""
         found = []
         for motion in self.motions:
             if motion.figures.failed:
@@ -268,7 +268,7 @@ def tune_loop(
     Raises
     ------
     BadParameter
-        If the controller states no gains, or the machine no limit.
+        If the controller has no ranges for its gains, or the machine has no limit.
     ContractError
         If the two do not fit.
     """

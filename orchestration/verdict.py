@@ -1,4 +1,4 @@
-"""Whether a coupled run can be believed, judged by what was measured in it.
+"""Whether a coupled run can be trusted, judged by measurements in the run.
 
 A reference co-run goes beside the run: the same FMUs in another coupling. Where the run corrects
 its steps the co-run does not, and the other way round, and their controllers see the signals of a
@@ -44,7 +44,7 @@ of first order that is a quarter more than its error."""
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the run says of itself.
+    """Verdict on a run.
 
     Attributes
     ----------
@@ -52,13 +52,13 @@ class Verdict:
     reason : str
         One sentence with the deciding number.
     advice : str
-        What to change; empty where trusted.
+        Advice; empty if trusted.
     error_estimate : dict of str to float
         Per plant output, in its unit: largest estimated error over the run.
     contraction : float
         Measured contraction of the correction; not finite where nothing had to be corrected.
     step_helps : bool
-        Whether a shorter step may make it a run that is trusted.
+        Whether a shorter step may give a trusted run.
     """
 
     trusted: bool

@@ -267,7 +267,7 @@ def follow(
     outputs : dict of str to ndarray, shape (n,)
         On the grid, as far as the run went.
     stopped : str
-        Why it ended before its time; empty if it did not.
+        Why it ended early; empty if it did not.
     """
     period, declared = model.sample_time, model.kernel.outputs
     times, at, on_grid = inputs_between(model.kernel, reference, grid)

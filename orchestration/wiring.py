@@ -1,4 +1,4 @@
-"""Which signal goes where: ports matched by name, or as the user maps them."""
+"""Connections: ports matched by name, or as mapped by the user."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ COLUMNS = ("time", SET_POINT)  # of the results, beside the plant's
 
 
 class WiringError(ValueError):
-    """Ports that should meet do not; the message names them and what comes near."""
+    """Ports do not match; the message names them and similar names."""
 
 
 @dataclass(frozen=True)

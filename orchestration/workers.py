@@ -1,4 +1,4 @@
-"""Where the chunks of a map are computed: here, in processes of this machine, or on Dask."""
+"""Workers for the chunks of a map: this process, processes of this machine, or Dask."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Workers(Protocol):
     def map(
         self, function: Callable[..., Any], tasks: Iterator[tuple[str, tuple[Any, ...]]]
     ) -> Iterator[tuple[str, Any]]:
-        """Yield each task's name and its result as they come.
+        """Yield the name and result of each task when it is finished.
 
         Raises
         ------
@@ -114,7 +114,8 @@ class Dask:
             raise WorkersLost(f"no Dask scheduler responds at {address}: {why}") from None
         except Exception as error:  # what another program says is read as anything
             raise WorkersLost(
-                f"the program at {address} is not a Dask scheduler: {type(error).__name__} {error}"
+                f"what responds at {address} is not a Dask scheduler: "
+                f"{type(error).__name__} {error}"
             ) from None
 
     def map(

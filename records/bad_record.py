@@ -1,4 +1,4 @@
-"""The error of everything that cannot be used as measured data."""
+"""The error for files that cannot be used as measured data."""
 
 
 class BadRecord(ValueError):

@@ -1,4 +1,4 @@
-"""Tables in binary files of measurements, by the libraries that are kept for them.
+"""Tables in binary files of measurements, read by maintained libraries.
 
 Each function takes the path, for what it says, and the bytes of the file. A library that is not
 installed is an ImportError.

@@ -1,7 +1,7 @@
-"""Tables of numbers as text, the way machines write them.
+"""Tables of numbers as text, as written by machines.
 
-Separator, decimal sign, lines before the table, names and a line of units below them are found in
-the text itself: the table is where rows of numbers are.
+Separator, decimal sign, lines before the table, names and a line of units below them are detected
+in the text: the table is the part with rows of numbers.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _UNITS_TOO = (*NO_UNIT, "%", "counts", "count", "inc")  # stand in lines of unit
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of a file under the names that they have there.
+    """Columns of a file under their names in the file.
 
     Attributes
     ----------
@@ -49,19 +49,19 @@ class Table:
     columns : dict of str to ndarray, shape (n,)
         Of different lengths, if the file has such; one without a name has its number, from 1 on.
     units : dict of str to str
-        What the file says of its columns' units, in its own words.
+        Units of the columns as written in the file.
     lines : ndarray of int, shape (n,), or None
         Line numbers of the rows in a text file, starting at 1.
     group : str
-        What the file calls this table, where it has several.
+        Name of this table in the file, if it has several.
     numbers : dict of str to str
         Names by the place of the column in a text, from 1 on.
     notes : tuple of str
-        What a reader of the table should know.
+        Notes for the reader of the table.
     start : str
-        The date from which its time goes, where it was written as dates.
+        The start date of its time, if time was written as dates.
     renamed : dict of str to str
-        What the file calls columns that have our names now, where that is another name.
+        Original names of columns that have our names now.
     """
 
     path: Path
@@ -75,7 +75,7 @@ class Table:
     renamed: dict[str, str] = field(default_factory=dict)
 
     def row(self, k: int) -> int:
-        """What a user calls the `k`-th sample, from 0 on: its line, or its number from 1 on."""
+        """Number of the `k`-th sample (from 0) for the user: its line, or its number from 1."""
         return k + 1 if self.lines is None else int(self.lines[k])
 
 

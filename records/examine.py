@@ -1,4 +1,4 @@
-"""A look at a record before it is believed: resolution, bandwidth, clipping, motion."""
+"""Checks of a record before it is used: resolution, bandwidth, clipping, motion."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _REGULAR = 0.98  # of the bends, which come at every so many samples
 
 @dataclass(frozen=True)
 class Examination:
-    """What a record shows before any model.
+    """Properties of a record without a model.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Examination:
     clipped : ndarray of bool, shape (n,)
         Samples at which the command, or a current, stands at an extreme.
     notes : tuple of str
-        Warnings about the record, and what was done to it; one sentence each.
+        Warnings about the record, and changes made to it; one sentence each.
     """
 
     carries: float
@@ -49,12 +49,12 @@ class Examination:
 
 
 def examine(record: Record) -> Examination:
-    """Look at a record before it is believed.
+    """Check a record before it is used.
 
     Raises
     ------
     BadRecord
-        If it cannot carry a diagnosis.
+        If it cannot be used for a diagnosis.
     """
     x, name = record.x, record.name
     if np.ptp(x) == 0:

@@ -1,4 +1,4 @@
-"""Formats of files, told by their first bytes and not by their names."""
+"""Formats of files, detected by their first bytes and not by their names."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def tables_in(path: Path, data: bytes, depth: int = 0) -> list[Table]:
     Raises
     ------
     BadRecord
-        If there is none, or nothing here reads it.
+        If there is none, or the format is not supported.
     """
     if depth > _DEEPEST:
         raise BadRecord(f"{path}: contains packed files within packed files; unpack it")

@@ -1,4 +1,4 @@
-"""Whether several records can carry one diagnosis, and warnings about them."""
+"""Whether several records can be used for one diagnosis, and warnings about them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from .record import Record
 
 
 def check_identifiable(records: Sequence[Record]) -> list[str]:
-    """Warnings about what records can tell.
+    """Warnings about the information in records.
 
     Raises
     ------
     BadRecord
-        If they cannot carry a diagnosis at all.
+        If they cannot be used for a diagnosis.
     """
     channels = {tuple(sorted(set(r.signals) & {"i"})) for r in records}
     if len(channels) > 1:

@@ -1,4 +1,4 @@
-"""Columns of tables with times of their own, put together at the stamps of one of them."""
+"""Columns of tables with separate times, combined at the time stamps of one of them."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def joined(
         known = np.isfinite(stamps) & np.isfinite(values)
         stamps, values = stamps[known], values[known]
         if len(stamps) < 2 or np.any(np.diff(stamps) < 0):
-            raise BadRecord(f"{path}: time of {part.group} does not rise")
+            raise BadRecord(f"{path}: time of {part.group} does not increase")
         step, of_main = float(np.median(np.diff(stamps))), float(np.nanmedian(np.diff(time)))
         if name in needed or step <= 1.5 * of_main:
             inside &= (time >= stamps[0]) & (time <= stamps[-1])

@@ -1,7 +1,7 @@
-"""Read records from anybody's files: a rig's folder, or a file of any known format.
+"""Read records: a rig's folder, or a file of any known format.
 
-Columns are mapped by name and units are said, never guessed: numbers that look like another unit
-are refused with what to say.
+Columns are mapped by name and units are given, never guessed: numbers that look like another
+unit are rejected, with advice.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class _Use:
-    """What one use of records asks of them."""
+    """Requirements of one use of records."""
 
     columns: tuple[str, ...]
     needed: tuple[tuple[str, ...], ...]  # one column at least of each
@@ -104,7 +104,7 @@ def read_response_record(
     units: Mapping[str, str] | None = None,
     lead: float | None = None,
 ) -> Record:
-    """Read a record of a drive that is shaken, by force or by command.
+    """Read a record of a drive with an excitation by force or by command.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def read_response_record(
     Raises
     ------
     BadRecord
-        If the file is no such record, or has gaps.
+        If the file is not such a record, or has gaps.
     """
     records = _read(Path(path), RESPONSE_RECORD, mapping or {}, units or {}, lead)
     if len(records) > 1:
@@ -129,7 +129,7 @@ def read_force_records(
     mass: float | None = None,
     lead: float | None = None,
 ) -> list[Record]:
-    """Read records of force and position, with what rigs say of their trials.
+    """Read records of force and position, with the trial data of rigs.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def read_force_records(
     Raises
     ------
     BadRecord
-        If a file is no record, with one line that says why.
+        If a file is not a record; in one line, with the reason.
     """
     if mass is not None and not (math.isfinite(mass) and mass >= 0):
         raise BadRecord(f"the mass is {mass} kg, expected a number of at least 0")
@@ -184,16 +184,16 @@ def read_drive_records(
     paths : iterable of Path or str
         Files of any known format, rig folders with ``record.csv``, or folders of such.
     mapping : mapping of str to str, optional
-        ``theirs -> ours`` names of columns.
+        Names of columns, from the name in the file to our name.
     units : mapping of str to str, optional
-        Unit of a column (our name), see `Conversion`; default what the file says, else SI.
+        Unit of a column (our name), see `Conversion`; default: the unit in the file, else SI.
     lead : float, optional
-        Way of the screw per turn [m], which makes ways and forces of angles and torques.
+        Lead of the screw, travel per turn [m], to convert angles and torques.
 
     Raises
     ------
     BadRecord
-        If a file is no record, with one line that says why.
+        If a file is not a record; in one line, with the reason.
     """
     read = (_read(p, DRIVE_RECORD, mapping or {}, units or {}, lead) for p in _expanded(paths))
     return [record for records in read for record in records]
@@ -242,7 +242,7 @@ def _read(
 
 
 def _from(row: Callable[[int], int], first: int) -> Callable[[int], int]:
-    """What the user calls a sample of a piece."""
+    """Number of a sample of a piece for the user."""
     return lambda k: row(first + k)
 
 
@@ -267,12 +267,12 @@ def check_record(
     said : collection of str, optional
         Columns whose unit somebody told.
     row : function of int, optional
-        What the user calls a sample.
+        Number of a sample for the user.
 
     Raises
     ------
     BadRecord
-        If they cannot be such a record.
+        If they are not such a record.
     """
     signals = {n: np.asarray(v, dtype=float) for n, v in signals.items()}
     said = said if use.believes else ()

@@ -1,4 +1,4 @@
-"""What instruments or a drive recorded: signals at even instants in SI units."""
+"""A record of instruments or a drive: signals at equidistant instants in SI units."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FINE_RANGE = 1e-4  # of a fine position beside a coarse one; calibrated over 70
 
 @dataclass(frozen=True)
 class Record:
-    """What was recorded of one run.
+    """The record of one run.
 
     Attributes
     ----------
@@ -36,15 +36,15 @@ class Record:
     mass : float
         Mass between load cell and friction [kg].
     lags : mapping of str to float
-        How much later than the truth each column is, by its filter or sensor [s]; 0 if not named.
+        Delay of each column by its filter or sensor [s]; 0 if not listed.
     delay_std : float
-        Standard deviation of the delay between force and motion that nobody knows [s].
+        Standard deviation of the unknown delay between force and motion [s].
     gain_std : float
         Standard deviation of the scale of `position`, as its calibration leaves it [1].
     about : mapping
         The rig's ``trial.json``, if there is one.
     notes : tuple of str
-        What a reader should know: what was done to the record, and what is not known of it.
+        Notes for the reader: changes made to the record, and unknown properties.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What a column's numbers tell of its instrument: resolution, noise, values held."""
+"""Properties of an instrument from its column: resolution, noise, held values."""
 
 from __future__ import annotations
 

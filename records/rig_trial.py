@@ -1,4 +1,4 @@
-"""What the rig's ``trial.json`` tells of a record: mass, lags, and the fine position's scale."""
+"""Data of a record from the rig's ``trial.json``: mass, lags, and the fine position's scale."""
 
 from __future__ import annotations
 

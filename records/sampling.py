@@ -1,4 +1,4 @@
-"""Stamps of time as loggers write them, and signals at even instants."""
+"""Time stamps as written by loggers, and signals at equidistant instants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dates and times of day, as loggers write them, as seconds from the first one."""
+"""Dates and times of day, as written by loggers, as seconds from the first one."""
 
 from __future__ import annotations
 

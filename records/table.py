@@ -1,4 +1,4 @@
-"""Tables of numbers with columns of any name: the one that is asked for, under our names."""
+"""Tables of numbers with columns of any name: the requested one, under our names."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _POSITIONS = ("x", "x_fine", "x_ref", "time")  # what may wrap
 
 
 def read_tables(path: Path) -> list[Table]:
-    """All tables of numbers in a file, whose format its first bytes tell.
+    """All tables of numbers in a file; the format is detected by its first bytes.
 
     A word in brackets after a name, as in ``time [ms]``, is the column's unit, known or not; the
     name is what stands before it, where no other column has that name.
@@ -35,7 +35,7 @@ def read_tables(path: Path) -> list[Table]:
     Raises
     ------
     BadRecord
-        If the file is not there or holds no table of numbers.
+        If the file does not exist or contains no table of numbers.
     """
     try:
         data = path.read_bytes()

@@ -1,4 +1,4 @@
-"""Units in which machines record, and what makes SI of them.
+"""Units of recorded data, and their conversion to SI.
 
 A rotary drive's angles and torques become the positions and forces of the screw that it turns: an
 angle `phi` is the way ``lead*phi/(2*pi)``, a torque `T` the force ``2*pi*T/lead``.

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 Vector = npt.NDArray[np.float64]
 TOLERANCE = 1e-6
-"""Relative tolerance of the solver; what it leaves is far below the instruments' steps."""
+"""Relative tolerance of the solver; its error is far below the instruments' steps."""
 
 
 def run_trial(
@@ -52,7 +52,7 @@ def run_trial(
     law : str
         One of `plant.LAWS`.
     parameters : mapping of str to float, optional
-        Values that are not nominal: ``plant.sigma0`` or plain ``sigma0`` for the plant and its
+        Values other than nominal: ``plant.sigma0`` or plain ``sigma0`` for the plant and its
         friction law, ``load_cell.resolution`` and so on for the other parts.
     seed : int
         Seed of all noise.
@@ -60,9 +60,9 @@ def run_trial(
     tolerance : float
         Of the solver, relative.
     progress : function of time [s], optional
-        Called now and then.
+        Called repeatedly.
     told : ParameterFile, optional
-        The machine and its values, over which `parameters` win. Without one, the thesis' axis.
+        The machine and its values; `parameters` have priority. Default: the axis of the thesis.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def run_trial(
     Raises
     ------
     UnknownTrial, UnknownLaw, BadRig, BadParameters
-        For names and values that make no sense.
+        For invalid names and values.
     IntegrationError
         If the motion cannot be computed.
     """

@@ -1,4 +1,4 @@
-"""The same rig as separate FMUs, with all that a master needs to repeat a trial."""
+"""The same rig as separate FMUs, with all data that a master needs to repeat a trial."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from .setup import Setup, set_up
 
 
 def export_rig(folder: Path | str, machine: Machine) -> dict[str, Path]:
-    """Write every part of the rig as an FMU, and ``wiring.json``, which says what goes where.
+    """Write every part of the rig as an FMU, and ``wiring.json`` with the connections.
 
     Parameters
     ----------
     folder : path-like
-        Made if it is not there.
+        Created if it does not exist.
     machine : Machine
 
     Returns
@@ -90,7 +90,7 @@ def export_trial(
     Raises
     ------
     UnknownTrial, UnknownLaw, BadRig, BadParameters
-        For names and values that make no sense; before anything is written.
+        For invalid names and values; before anything is written.
     OSError
         If a file cannot be written.
     """

@@ -1,4 +1,4 @@
-"""The machine on the rig: its values and units, and what sizes trials, regulators, instruments."""
+"""The machine on the rig: values and units, and sizes of trials, regulators, instruments."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ _LEAST_COUNTS = 4.0  # of the encoder, over which presliding must go
 
 @dataclass(frozen=True)
 class Machine:
-    """What stands on the rig.
+    """The machine on the rig.
 
     Attributes
     ----------
@@ -191,7 +191,7 @@ class Machine:
         }
 
     def check_trial(self, trial: Trial, values: Mapping[str, float]) -> None:
-        """Refuse a trial that means nothing for a drive.
+        """Reject a trial that does not apply to a drive.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What one seed gives one trial: noise, offsets and errors of calibration."""
+"""Random values of one trial from a seed: noise, offsets and errors of calibration."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Vector = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Noise:
-    """What the seed decides, and how large it is.
+    """Sizes of the random values.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Draw:
-    """What one seed gives one trial.
+    """Random values of one trial from a seed.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The rig's parameter file: what a trial was run with, and what a file gives the next one."""
+"""The rig's parameter file: values of a trial, and values for the next one."""
 
 from __future__ import annotations
 

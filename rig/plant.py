@@ -1,4 +1,4 @@
-"""What moves on the rig: a drive with its limits, and the force between drive and block.
+"""The moving part of the rig: a drive with its limits, and the force between drive and block.
 
 The thesis' axis has its rotor's inertia, because the real rig has it: reflected through the screw
 it is sixteen times the block. The drive is rigid, as the thesis assumes; friction acts between

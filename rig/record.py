@@ -1,4 +1,4 @@
-"""What a trial leaves behind: the instruments' record, the truth beside it, and what was asked."""
+"""Result of a trial: the instruments' record, the true signals, and the reference."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _DIGITS = "%.15g"  # a reading of 3 steps of 0.089 N is written 0.267, and read 
 
 @dataclass(frozen=True)
 class TrialRecord:
-    """One trial as the instruments recorded it, and as it was.
+    """One trial as recorded by the instruments, and its true signals.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The picture of a trial: what was recorded, the truth beside it, and what was asked."""
+"""The picture of a trial: recorded signals, true signals, and the reference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rig's velocity and force PID controllers, as its program runs them at 200 Hz.
+"""The rig's velocity and force PID controllers, which run at 200 Hz.
 
 The thesis prints no gains. Both are tuned by the SIMC rule (S. Skogestad, Journal of Process
 Control 13, 291 (2003)) in its series form, for a plant with two lags and a delay:

@@ -1,4 +1,4 @@
-"""The thesis' trials: what the rig was asked to do in each, there and in another machine's size.
+"""The trials of the thesis: the reference of each, also scaled to another machine.
 
 Where the text is silent (durations of force steps and constant velocities, the twenty loading
 rates) the choice stands here, once, and in `Trial.note`.
@@ -32,12 +32,12 @@ FASTEST, BREAK_AWAY = 8e-3, 2.35
 
 
 class UnknownTrial(ValueError):
-    """No trial of this name; the message lists what there is."""
+    """No trial of this name; the message lists the available ones."""
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """What makes trials of a machine's size of the thesis' numbers.
+    """Scaling of the trials of the thesis to a machine.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Trial:
     fine : bool
         Whether the capacitance sensor is used.
     note : str
-        What the thesis leaves open, and how it was settled.
+        What the thesis does not specify, and the choice made here.
     level : float
         The one number that tells the trial from its neighbours: force [N], peak velocity [m/s] or
         loading rate [N/s].

@@ -1,4 +1,4 @@
-"""How the rig's parts are wired, once: for the compiled program and for the separate FMUs.
+"""Connections of the rig's parts, for the compiled program and for the separate FMUs.
 
 The parts are in the order of the signals. At each sample instant every part takes the newest
 values of those before it; the plant, which is none of them, moves on to the next instant under the

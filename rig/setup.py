@@ -1,4 +1,4 @@
-"""A trial with everything that decides its outcome: parameters, random numbers, calibration."""
+"""A trial with all its inputs: parameters, random numbers, calibration."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Vector = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Setup:
-    """A trial with everything that decides its outcome.
+    """A trial with all its inputs.
 
     Attributes
     ----------

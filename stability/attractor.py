@@ -1,6 +1,6 @@
-"""What a motion becomes: rest, a cycle, a torus, chaos, or flight; with the evidence.
+"""Long-term motion: rest, a cycle, a torus, chaos, or divergence; with the evidence.
 
-A verdict is drawn from the motion itself and from its exponents, never from one of them alone: a
+A verdict is based on the motion and on its exponents, never on one of them alone: a
 spectrum with a zero may be a line of equilibria, a cycle, or a run that was too short.
 """
 
@@ -54,7 +54,7 @@ OTHER_SOLVER = "a solver that can continue beyond this point"
 
 
 class Kind(StrEnum):
-    """What a motion becomes."""
+    """Long-term motion."""
 
     FIXED_POINT = "isolated fixed point"
     LINE = "stuck on a line of equilibria"
@@ -77,15 +77,15 @@ class Attractor:
     ----------
     kind : Kind
     evidence : str
-        A sentence or two with the numbers it rests on.
+        One or two sentences with the numbers on which the verdict is based.
     would_decide : str
-        Where undecided: what would decide.
+        If undecided: what would allow a decision.
     equilibrium : Equilibrium or None
-        Where it comes to rest.
+        The equilibrium at rest.
     period : float or None
         Of a cycle [s].
     amplitude : dict of str to float
-        Half the range of each state in the cycle, or in what was seen last.
+        Half the range of each state in the cycle, or in the last part of the motion.
     return_error : float or None
         Distance between states one period apart, over the motion's size.
     since : float or None
@@ -93,7 +93,7 @@ class Attractor:
     limit : ndarray, shape (count,), or None
         The exponents' limits [nats/s], largest first.
     limit_error : ndarray, shape (count,), or None
-        How far they may be off [nats/s].
+        Their largest errors [nats/s].
     """
 
     kind: Kind
@@ -111,7 +111,7 @@ class Attractor:
 def classify_attractor(
     model: Model, time: float, span: float, exponents: bool = True, rounds: int = ROUNDS
 ) -> Attractor:
-    """Follow a model on from its present state and say what its motion becomes.
+    """Continue a model from its present state and classify its long-term motion.
 
     Parameters
     ----------
@@ -120,12 +120,12 @@ def classify_attractor(
     time : float
         The present [s].
     span : float
-        How long the motion has been going on; cycles are looked for over as long again [s].
+        Duration of the motion so far; cycles are searched over the same time again [s].
     exponents : bool
-        Whether to compute the limits of the exponents, too. Without them neither a torus nor chaos
-        can be told, and are undecided.
+        Whether to compute also the limits of the exponents. Without them a torus and chaos cannot
+        be distinguished and are undecided.
     rounds : int
-        How often to look on, each time `LONGER` times as long, for rest or a cycle.
+        Number of further checks for rest or a cycle, each `LONGER` times as long.
     """
     aligned = sample_after(model, time)
     if aligned > time:
@@ -191,7 +191,7 @@ def _restless(
     events: int,
     before: Attractor | None,
 ) -> Attractor:
-    """What neither rests nor returns: creep, sticking while an integral winds up, or who knows.
+    """A motion without rest and returns: creep, sticking with integrator windup, or undecided.
 
     Creep goes on: its way takes time, as that of a cycle does not. Once found, it is still creep
     where it hardly moves any more. What sticks does not creep.
@@ -567,7 +567,7 @@ def _along(model: Model, time: float) -> Matrix:
 def _unclosed(
     model: Model, passes: Returns, coordinate: int, level: float
 ) -> tuple[Attractor, float, bool]:
-    """A motion that keeps returning but does not close soon: a long cycle, a torus, or chaos.
+    """A motion with returns that is not soon periodic: a long cycle, a torus, or chaos.
 
     Periods of up to a hundred returns are looked for. A torus asks for more than exponents: that
     distances between returns any number apart neither shrink nor grow. Those of a motion that

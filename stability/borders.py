@@ -1,4 +1,4 @@
-"""Borders between the verdicts of a map: which cells lie at one, and where it runs."""
+"""Borders between the verdicts of a map: cells at a border, and its position."""
 
 from __future__ import annotations
 

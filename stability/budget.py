@@ -1,4 +1,4 @@
-"""What a motion becomes, within a budget: of a cell of a map, and where exponents take too long."""
+"""Long-term motion within a budget: for cells of a map, and if exponents take too long."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BUDGET_OVER_FMUS = "budget of a cell: the run until --stop"
 
 
 def becomes(model: Model, time: float, stop: float) -> Attractor:
-    """What a motion becomes, looked at longer and longer while that is undecided.
+    """Long-term motion, with increasing times while it is undecided.
 
     What creeps is looked at once more, since it may come to rest; another verdict than undecided
     takes the place of creeping. Returns that do not close are told by their exponents.

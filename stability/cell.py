@@ -41,11 +41,11 @@ class Cell:
     final_error : float
         Position minus set-point at the end of the run [m].
     lambda1 : float
-        Largest finite-time exponent [bits/s]; NaN where not asked for.
+        Largest finite-time exponent [bits/s]; NaN if not requested.
     oscillation : float
         Half the range of the position over the last tenth of the run [m].
     reason : str
-        Why an undecided one is: one of a few reasons, a colon, and the evidence.
+        Why it is undecided: one of a few reasons, a colon, and the evidence.
     """
 
     verdict: Kind
@@ -58,7 +58,7 @@ class Cell:
 def run_cell(
     plan: MapPlan, x: float, y: float, tolerance: float, system: System | None = None
 ) -> Cell:
-    """Run one loop of a map, with the equations of a cell before it if they are given."""
+    """Run one loop of a map, with the equations of a previous cell if given."""
     try:
         model = model_at(plan, x, y, tolerance, system)
     except ValueError as none:
@@ -99,7 +99,7 @@ def run_cell(
 
 
 def undecided_cell(reason: str, evidence: str) -> Cell:
-    """A cell of which nothing is known but why."""
+    """A cell without a result, with the reason."""
     return Cell(Kind.UNDECIDED, math.nan, math.nan, math.nan, f"{reason}: {evidence}")
 
 

@@ -1,4 +1,4 @@
-"""Cells of a map, one after another, with what they have in common made once."""
+"""Cells of a map, one after another, with their common parts made once."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .store import Columns
 
 @contextlib.contextmanager
 def cells_of(plan: MapPlan, share: float) -> Iterator[Callable[[float, float], Cell]]:
-    """A function that runs the cell at a point, with what all cells have in common made once.
+    """A function that runs the cell at a point; common parts of the cells are made once.
 
     Parameters
     ----------

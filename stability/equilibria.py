@@ -67,14 +67,14 @@ def sample_after(model: Model, time: float) -> float:
 
 
 def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
-    """The equilibrium next to the model's present state; None if Newton's method finds none.
+    """The equilibrium nearest to the model's present state; None if Newton's method finds none.
 
     Where equilibria form a line, it is the one that the shortest steps lead to.
 
     Parameters
     ----------
     model : Model
-        Stays as it is.
+        Not changed.
     time : float
         [s], for equations that contain it.
 
@@ -114,7 +114,7 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
 
 
 def stands(model: Model, time: float, span: float, state: Vector, within: float) -> bool:
-    """Whether time alone leaves an equilibrium where it is, and in its mode, for so long.
+    """Whether an equilibrium and its mode do not change over this time.
 
     The equations are asked at many instants, since the solver, whose steps are long where there is
     no motion, may step over the moment in which a force that swings moves a body that sticks. The
@@ -155,7 +155,7 @@ def is_driven(model: Model, time: float, span: float) -> bool:
     Parameters
     ----------
     model : Model
-        Stays as it is.
+        Not changed.
     time, span : float
         Instants within the span are asked [s].
     """

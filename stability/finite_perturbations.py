@@ -1,4 +1,4 @@
-"""Growth of perturbations that are not small: for loops whose tangents say nothing."""
+"""Growth of finite perturbations, for loops whose tangents give no information."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SEED = 0
 
 @dataclass(frozen=True)
 class PerturbationGrowth:
-    """How far motions that begin close to each other are apart later.
+    """Distance of motions that begin close to each other.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ def perturbation_growth(model: Model, time: float, span: float) -> list[Perturba
     Parameters
     ----------
     model : Model
-        Stays as it is.
+        Not changed.
     time, span : float
         The present, and how long to follow [s].
 

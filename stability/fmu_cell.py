@@ -1,4 +1,4 @@
-"""One cell of a map over FMUs: a coupled run of both, and what its signals tell."""
+"""One cell of a map over FMUs: a coupled run, judged by its signals."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def run_fmu_cell(
     Raises
     ------
     TangentsImpossible, WiringError, CouplingError
-        If the parts cannot be coupled so.
+        If the parts cannot be coupled in this way.
     """
     try:
         loop = plan.loop_at(x, y)

@@ -1,4 +1,4 @@
-"""The two FMUs of a loop, by name or by file, opened with as many tangents as are followed."""
+"""The two FMUs of a loop, by name or by file, with the required number of tangents."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ALL = -1  # tangents: as many as both parts have states together
 
 @dataclass(frozen=True)
 class OverFmus:
-    """What a map over FMUs has beside one over the equations.
+    """Additional data of a map over FMUs.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class FmuParts:
 
     @contextlib.contextmanager
     def fresh(self) -> Iterator[tuple[_Instance, _Instance]]:
-        """New instances of both: nothing of what was done with others is left in them."""
+        """New instances of both, independent of earlier ones."""
         with contextlib.ExitStack() as opened:
             plant = self.plant.reopened()
             opened.callback(plant.close)

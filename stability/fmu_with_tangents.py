@@ -27,7 +27,7 @@ Matrix = npt.NDArray[np.float64]
 
 
 class TangentsImpossible(ValueError):
-    """These FMUs cannot carry the loop's tangents; the message says why."""
+    """Tangents of the loop cannot be computed with these FMUs; the message says why."""
 
 
 @dataclass(frozen=True)

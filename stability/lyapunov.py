@@ -1,4 +1,4 @@
-"""Lyapunov exponents of a closed loop, with a verdict and what it rests on."""
+"""Lyapunov exponents of a closed loop, with a verdict and its evidence."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Vector = npt.NDArray[np.float64]
 Maker = Callable[[float], Model]
 
 
-"""Makes one and the same model, at its start, with a relative tolerance."""
+"""Makes the same model, at its start, with a relative tolerance."""
 
 
 TIGHTER = 0.1
@@ -52,7 +52,7 @@ LAST = ("i",)
 
 
 class NoExponents(ValueError):
-    """The exponents of this system are not defined or not computed here; the message says why."""
+    """Exponents of this system are not defined or not computed here; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -68,15 +68,15 @@ class LyapunovRun:
     tighter : Spectrum or None
         The same at a tenth of it; None where the time for computing did not suffice.
     motion : Motion
-        What the motion becomes.
+        The long-term motion.
     tolerance : float
     label : str
     method : str
-        How the tangents were followed.
+        Method for the tangents.
     perturbations : sequence of PerturbationGrowth
-        Of a quantized loop: what its exact motion does to finite perturbations.
+        For a quantized loop: growth of finite perturbations of its exact motion.
     loop : Loop, optional
-        Whose motion it is.
+        The loop of this motion.
     """
 
     names: list[str]
@@ -96,7 +96,7 @@ class LyapunovRun:
 
     @property
     def error(self) -> Vector:
-        """By how much a tenth of the tolerance moves each of them [nats/s]; NaN: not known."""
+        """Change of each of them at a tenth of the tolerance [nats/s]; NaN: not known."""
         if self.tighter is None:
             return np.full(len(self.exponents), np.nan)
         other = np.sort(self.tighter.exponents)[::-1]
@@ -126,7 +126,7 @@ class LyapunovRun:
         return abs(total - trace) / largest if largest > 0.0 else 0.0
 
     def figures(self) -> dict[str, Any]:
-        """Everything of ``lyapunov.json``."""
+        """Content of ``lyapunov.json``."""
         run, motion = self.spectrum, self.motion
         span = float(run.time[-1] - run.time[0])
         exponents = self.exponents
@@ -198,7 +198,7 @@ class LyapunovRun:
 
 
 class Watching:
-    """Tells how far a computation is, and ends it when its time is used up.
+    """Reports the progress of a computation, and ends it when its time is used up.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def lyapunov(
     watching: Watching | None = None,
     average: Maker | None = None,
 ) -> LyapunovRun:
-    """Exponents of a model's motion from its start, and what the motion becomes.
+    """Exponents of a model's motion from its start, and its long-term motion.
 
     Everything is computed at `tolerance` and at a tenth of it. A verdict that differs between the
     two is undecided.

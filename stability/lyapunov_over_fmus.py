@@ -41,9 +41,9 @@ def loop_lyapunov_over_fmus(
     Raises
     ------
     NoExponents
-        If the loop cannot be followed so.
+        If this is not possible for the loop.
     FmuError, WiringError, StepFailed
-        If a file is no FMU that can run here, or the parts do not fit or refuse their values.
+        If a file is not an FMU that can run here, or the parts do not fit or reject their values.
     """
     stop, step, known = loop.stop, loop.step, None
     assert step is not None

@@ -1,4 +1,4 @@
-"""Pictures of stability maps, in the manner of the thesis' Fig. 3.18."""
+"""Pictures of stability maps, as in Fig. 3.18 of the thesis."""
 
 from __future__ import annotations
 

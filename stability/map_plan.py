@@ -1,4 +1,4 @@
-"""What a map is about: two axes of parameters, and the loop that they belong to."""
+"""Plan of a map: two axes of parameters, and the loop."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Axis:
     name : str
         As the user gave it; the name of the column.
     side : {"plant", "controller", "setpoint", "design"}
-        Whose parameter it is. ``design``: of the plant on which the NCTF controller is designed.
+        Side of the parameter. ``design``: the plant for which the NCTF controller is designed.
     parameter : str
     low, high : float
     count : int
@@ -72,7 +72,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class MapPlan:
-    """Everything that decides a map.
+    """All data of a map.
 
     Attributes
     ----------
@@ -105,13 +105,13 @@ class MapPlan:
         return self.x.count * self.y.count
 
     def check(self) -> None:
-        """Make sure that the two sides differ, and values are in range.
+        """Check that the two axes differ, and values are in range.
 
         Raises
         ------
         BadMap
         NotEnoughMemory
-            If the tables and pictures of so many cells do not fit.
+            If the tables and pictures of these cells do not fit into memory.
         """
         loop = self.loop
         check_memory(

@@ -25,7 +25,7 @@ RELATIVE = 3e-4  # of the growth, besides
 
 
 class ProbedController:
-    """A controller without tangents, asked for differences.
+    """A controller without tangents, probed by differences.
 
     Its gains come from its law ports, or by differences; how they change along a tangent does not.
     One state of its own can be followed: not as itself but as what it adds to the command, in the

@@ -1,4 +1,4 @@
-"""What a motion becomes, as far as its signals tell: for loops of FMUs, which give no equations."""
+"""Long-term motion from signals only, for loops of FMUs without equations."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Signals(Protocol):
 def signal_motion(
     run: Signals, nominal: Mapping[str, float], growth: Vector | None = None
 ) -> Attractor:
-    """What the motion of a coupled run becomes.
+    """Long-term motion of a coupled run.
 
     Rest and cycles are judged from the last three tenths of the run only. Whether rest is
     one of a line of equilibria shows in the first tangent alone: at rest it neither grows nor falls

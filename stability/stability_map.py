@@ -1,7 +1,7 @@
 """Maps: long-term motion of a closed loop over a grid of two of its parameters.
 
-A map is cut into chunks of cells, each computed alone and written as soon as it is there, so that a
-killed run goes on where it was. Cells at borders between verdicts, and a random share of the rest,
+A map is divided into chunks of cells, each computed alone and written when finished, so that an
+interrupted run can continue. Cells at borders between verdicts, and a random share of the rest,
 are computed again at a tenth of the tolerance, or over FMUs at half the step; what changes its
 verdict there is undecided.
 """

@@ -1,4 +1,4 @@
-"""A map's files: a table for each chunk while it is computed, one of all when it is done."""
+"""A map's files: a table for each chunk during the computation, one for all at the end."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TABLE, BORDERS = "map", "borders.csv"
 
 @dataclass(frozen=True)
 class MapSummary:
-    """What a finished map says of itself: everything of ``map.json``.
+    """Summary of a finished map: content of ``map.json``.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class MapSummary:
     undecided : dict of str to int
         Cells that are undecided, by the reason.
     notes : tuple of str
-        What the user should know beside, of the files; not in ``map.json``.
+        Additional notes for the user on the files; not in ``map.json``.
     """
 
     plan: MapPlan
@@ -86,7 +86,7 @@ SUMMARY = (
 
 
 def claim_folder(plan: MapPlan, folder: Path, parts: KeptParts, resume: bool) -> MapSummary | None:
-    """Take the folder for this map; what it says of itself where it is finished already."""
+    """Use the folder for this map; return its summary if it is already finished."""
     if not (folder / "map.json").is_file():
         parts.claim("map", resume, BadMap)
         return None

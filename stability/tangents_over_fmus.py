@@ -1,9 +1,9 @@
-"""Tangents of a loop of two FMUs: finite-time Lyapunov exponents from what the FMUs exchange.
+"""Tangents of a loop of two FMUs: finite-time Lyapunov exponents from exchanged signals.
 
 Plant and controller are FMUs with tangents (`fmus/variational.py`), coupled by the feedback law. A
-joint tangent is the tangent of all states of both. What the master does with the signals it does
-with their tangents, too, so these are the tangents of the coupled scheme itself: exact for it, and
-as near to those of the loop as the scheme is to the loop. At every communication point the joint
+joint tangent is the tangent of all states of both. The master treats tangents in the same
+way as signals, so these are the tangents of the coupled scheme itself: exact for the
+scheme, and as accurate for the loop as the scheme is. At every communication point the joint
 tangents are orthonormalized in the order plant, then controller, and set back into the FMUs.
 
 Where a law turns over within a step, such as that of friction near standstill, its tangents miss
@@ -67,11 +67,11 @@ class TangentRun:
     method : str
         "tangent ports" or "probed by differences".
     accuracy : str
-        What is known of the error, in a sentence.
+        Known facts on the error, in a sentence.
     stopped : str
-        Why the run ended before its time; empty if it did not.
+        Why the run ended early; empty if it did not.
     diverged : bool
-        Whether it ended because an output left every bound.
+        Whether it ended because an output diverged.
     unmet : int
         Steps that were as short as they get, and whose correction still changed more than asked.
     scale : tuple of two floats
@@ -125,8 +125,8 @@ def follow_over_fmus(  # noqa: PLR0913
     mapping : mapping of str to str, optional
         Names of ports, ``theirs -> ours``.
     accuracy : float
-        By how much correcting the steps may change a tangent's growth in all [nats], besides a
-        share of the growth itself; infinite for steps that are all as long as asked for.
+        Largest change of a tangent's growth by the corrections of the steps [nats], in
+        addition to a share of the growth itself; infinite: all steps have the requested length.
     count : int, optional
         Only so many tangents, for the largest exponents; default as many as both parts have
         states together.
@@ -138,9 +138,9 @@ def follow_over_fmus(  # noqa: PLR0913
     Raises
     ------
     TangentsImpossible, WiringError
-        If the parts cannot be coupled so.
+        If the parts cannot be coupled in this way.
     StepFailed
-        If a part refuses its parameters or initial values.
+        If a part rejects its parameters or initial values.
     """
     _check_saving(plant, controller)
     wiring = wire(ordinary(plant), ordinary(controller), mapping)

@@ -19,7 +19,7 @@ enum { CHECKPOINT, CORRECTION, PROBE }; /* what states are saved for */
 #define AGREE 1e-12      /* share of a signal by which it may still change where an algebraic loop ends */
 #define MOST_ITERATIONS 20
 
-/* A controller behind one question: what would you command at these signals?
+/* A controller as a function: commands for given signals.
  *
  * Inputs: n signals, references; outputs: m commands, then gains and rates if it reports, and others
  * that are only recorded. A group is asked for these with the signals of then. */

@@ -24,7 +24,7 @@ class Figures:
     Attributes
     ----------
     rms_error, peak_error : float
-        Set-point less position [m].
+        Set-point minus position [m].
     settling_2pct, settling_1um, settling_10counts : float
         From the end of the last motion until the error stays within 2 % of the set-point's range,
         1 um, 10 counts [s]; infinite where it does not.

@@ -32,7 +32,7 @@ class Course:
         [m], [m/s], [A], in the unit of the plant's command, [m], [m/s]. The current is NaN for a
         plant without.
     stopped : str
-        Why it ended before its time; empty if it did not.
+        Why it ended early; empty if it did not.
     """
 
     time: Vector

@@ -1,4 +1,4 @@
-"""Some runs of a study repeated over FMUs, by the master: two roads to one number."""
+"""Some runs of a study repeated over FMUs with the master, for comparison."""
 
 from __future__ import annotations
 

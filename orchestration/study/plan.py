@@ -1,4 +1,4 @@
-"""What a study is asked: read from a TOML file, and checked before anything is run."""
+"""Plan of a study: read from a TOML file, and checked before anything is run."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ _FAR_OFF = (
 
 
 def report(study: StudyResult) -> str:
-    """The page as text; its headline says who wins, and the line below what weakens that."""
+    """The page as text; its headline gives the winner, and the line below the limitations."""
     duties = [d.name for d in study.plan.judged_duties]
     figures = [
         _error_over_duties(study),

@@ -1,4 +1,4 @@
-"""What a study found: tables, differences that can be told, and an answer in words."""
+"""Result of a study: tables, significant differences, and an answer in words."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Shown:
     time : list of float
         [s]
     error : list of float
-        Set-point less position [m].
+        Set-point minus position [m].
     command : list of float
         In the unit of the plant's command.
     """
@@ -56,7 +56,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class DutyAnswer:
-    """Who is best at a duty.
+    """The best controllers at a duty.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class StudyResult:
 
     @property
     def disagreed(self) -> int:
-        """Runs that came out differently over FMUs."""
+        """Runs with different results over FMUs."""
         return sum(not c.agrees for c in self.checks.values())
 
     @property

@@ -1,4 +1,4 @@
-"""Do a study: tune every controller alike, judge it on other plants and duties, and compare."""
+"""Do a study: tune every controller in the same way, test on other duties, and compare."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A study in one sentence, and what weakens it."""
+"""A study in one sentence, and its limitations."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _by_winner(answers: Iterable[DutyAnswer]) -> list[str]:
 
 
 def weaknesses(study: StudyResult) -> list[str]:
-    """What weakens the sentence, each in one; none where nothing does."""
+    """Limitations of the result, one sentence each; empty if there are none."""
     found = []
     failed = sum(sum(a.failed.values()) for a in study.answers)
     if failed:

@@ -63,7 +63,7 @@ def observe(law: str, parameters: Mapping[str, float] | None = None) -> Observat
     Raises
     ------
     UnknownLaw, BadRig
-        For names and values that make no sense.
+        For invalid names and values.
     IntegrationError
         If a motion cannot be computed.
     """

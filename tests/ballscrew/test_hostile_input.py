@@ -71,11 +71,14 @@ def folder(tmp_path, monkeypatch):
         ([*RUN, "--plant", f"{LONG}.fmu"], "File name too long"),
         ([*RUN, "--coupling", "monolithic", "--isolate"], "--isolate is for FMUs"),
         ([*RUN, "--coupling", "monolithic", "--time-limit", "5"], "--time-limit is for FMUs"),
-        ([*RUN, "--no-isolate", "--time-limit", "5"], "--time-limit is for FMUs in a process"),
+        (
+            [*RUN, "--no-isolate", "--time-limit", "5"],
+            "--time-limit is for FMUs in their own process",
+        ),
         (["run", "--controller", LONG, "--out", "OUT"], "neither one of iol"),
         (["run", "--system", f"{LONG}.ssp", "--out", "OUT"], "File name too long"),
         ([*RUN[:-1], LONG], "cannot be made: File name too long"),
-        ([*RUN[:-1], ""], "--out: is empty, expected a folder"),
+        ([*RUN[:-1], ""], "--out: is empty; expected a folder"),
         (["swap", "--controllers", "pid", "pid", "--out", "OUT"], "has pid twice"),
         (["export", "--out", "OUT", "--tangents", "3"], "needs --variational"),
         (["lyapunov", "--controller", "pid", "--step", "1", "--out", "OUT"], "is for --via fmu"),
@@ -145,7 +148,7 @@ def test_a_reference_may_be_a_file_of_another_format(folder):
 
 
 def test_no_dask_scheduler_at_an_address_is_one_line_and_soon(folder, capsys):
-    heard = refused(capsys, [*MAP[:-4], "--dask", "foo", "--out", "OUT"], "answers at foo")
+    heard = refused(capsys, [*MAP[:-4], "--dask", "foo", "--out", "OUT"], "responds at foo")
     assert "missing port" in heard
     asked = [*MAP[:-4], "--dask", "tcp://127.0.0.1:1", "--out", "OUT"]
     refused(capsys, asked, "Connection refused")

@@ -150,7 +150,7 @@ def test_a_loop_that_runs_away_before_the_first_estimate_says_when(tmp_path):
             "neither side has a port 'q'",
         ),
         (["--controller", "PID_FMU", "--via", "fmu", "--set", "controller.K=1"], "no parameter"),
-        (["--controller", "SAMPLED_FMU", "--via", "fmu"], "follows its inputs at once"),
+        (["--controller", "SAMPLED_FMU", "--via", "fmu"], "a controller with direct feedthrough"),
         (["--controller", "iol", "--plant", "PLANT_FMU", "--via", "fmu"], "no tangent ports"),
         (["--controller", "iol", "--plant", "plant_classical"], "no output 'z'"),
         (["--controller", "iol", "--setpoint", "x"], "--setpoint is 'x'"),

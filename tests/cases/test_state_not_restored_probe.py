@@ -23,7 +23,7 @@ def test_an_integral_that_is_not_registered(tmp_path):
     result = run_closed_loop(study)
     assert not result.run.stopped
     assert result.run.outputs["x"][-1] == pytest.approx(0.02266, abs=2e-4)
-    (note,) = (n for n in result.notes if "does not come back" in n)
+    (note,) = (n for n in result.notes if "does not restore it correctly" in n)
     assert "PiUnreg.fmu" in note
     assert "pythonfmu build --handle-state" in note
 
@@ -44,6 +44,6 @@ def test_state_that_an_fmu_keeps_elsewhere(tmp_path, lost):
         step=1e-3,
     )
     result = run_closed_loop(study)
-    assert any("does not come back" in n for n in result.notes) == lost
+    assert any("does not restore it correctly" in n for n in result.notes) == lost
     assert not result.run.stopped
     assert np.isfinite(result.run.outputs["x"]).all()

@@ -520,7 +520,7 @@ def test_a_ring_of_connections_without_an_fmu_is_refused(tmp_path):
     system = f"""<ssd:Elements><ssd:System name="s">{inner}</ssd:System></ssd:Elements>
       <ssd:Connections><ssd:Connection startElement="s" startConnector="out" endElement="s"
         endConnector="in"/></ssd:Connections>"""
-    assert "run in a ring" in refusal(tmp_path, system)
+    assert "form a ring" in refusal(tmp_path, system)
 
 
 def component(name, connector):

@@ -77,7 +77,7 @@ def test_mass_friction_and_delay_come_back_in_one_fit():
     assert found.trusted
     assert found.parameter_file().plant["m"].value == found.parameters["m"].value
     # the mass of the drawing is 0.84 of the true one: force scale, or the square of the lead's
-    (said,) = (note for note in found.notes if "is sure" in note)
+    (said,) = (note for note in found.notes if "is certain" in note)
     ratio = found.parameters["m"].value / 80.0
     assert f"{ratio:.4g} times too large" in said
     assert f"wrong by a factor of {math.sqrt(ratio):.4g}" in said

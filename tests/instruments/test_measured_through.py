@@ -111,7 +111,7 @@ def test_what_makes_no_chain_is_refused_with_one_line():
     with pytest.raises(ContractError, match="plant_classical has modes"):
         measured_through(pid_sampled(), [component("plant_classical")])
     twice = [position_encoder(), position_encoder()]
-    with pytest.raises(ContractError, match="declared"):
+    with pytest.raises(ContractError, match="is given twice"):
         measured_through(pid_sampled(), twice)
 
 

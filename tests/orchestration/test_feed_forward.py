@@ -55,7 +55,7 @@ def test_fmus_are_fed_as_the_whole_loop_is(alone, tmp_path, native, coupling):
     assert main(["run", *given, *goal, "--coupling", coupling, "--out", str(out)]) in (0, 1)
     study = Loop(str(path), str(native("plant")), MOTION, STOP, step=STEP)
     result = run_closed_loop(study)
-    assert not [note for note in result.notes if "is taken for the set-point" in note]
+    assert not [note for note in result.notes if "is used as the set-point" in note]
     run = result.run
     np.testing.assert_allclose(run.outputs["x"], alone.outputs["x"], atol=2e-6)
     np.testing.assert_allclose(run.commands["u"], alone.commands["u"], atol=1e-6)

@@ -92,7 +92,7 @@ def test_ports_that_do_not_match_are_named_with_the_nearest(third_party):
     path = third_party("Unmapped", True)
     with pytest.raises(WiringError, match=r"nothing is connected to the input 'u'.*voltage.*--map"):
         run_closed_loop(Loop(path, stop=0.01, step=1e-3))
-    with pytest.raises(WiringError, match=r"measures nothing"):
+    with pytest.raises(WiringError, match=r"has no input that fits"):
         run_closed_loop(Loop(path, mapping={"voltage": "u"}, stop=0.01, step=1e-3))
     with pytest.raises(WiringError, match=r"neither side has a port 'positoin'; nearest: position"):
         run_closed_loop(Loop(path, mapping={"positoin": "x"}, stop=0.01, step=1e-3))

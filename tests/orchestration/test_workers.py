@@ -161,5 +161,5 @@ def test_something_else_at_the_address_is_one_line(answer, tmp_path):
         )
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
-    assert f"answers at {address}" in done.stderr
+    assert f"responds at {address}" in done.stderr
     assert time.monotonic() - begin < 60

@@ -76,7 +76,7 @@ def test_a_slow_signal_that_is_not_needed_stays_at_its_samples(tmp_path):
     [
         (TIME + 10.0, "s", "x, u do not overlap in time"),
         (TIME, "ticks", "its times are in 's' and 'ticks'|its times are in 'ticks' and 's'"),
-        (TIME[::-1], "s", "time of drive does not rise|goes backwards"),
+        (TIME[::-1], "s", "time of drive does not increase|decreases"),
     ],
 )
 def test_tables_that_cannot_be_put_together_are_refused(tmp_path, of_u, unit, words):

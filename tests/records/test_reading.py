@@ -202,7 +202,7 @@ def test_slower_instruments_values_stay_where_they_were_when_samples_are_missing
     [
         (np.r_[0:500, 550:2000], "a gap of 0.051 s after 0.499 s"),
         (np.r_[0:500, 499:100:-1, 500:2000], "time decreases in row 502"),
-        (np.repeat(np.arange(2000), 2), "its stamps are coarser than the sampling"),
+        (np.repeat(np.arange(2000), 2), "the time stamps are coarser than the sampling"),
         (np.flatnonzero(np.arange(2000) % 4 < 2), "uneven sampling"),
     ],
 )

@@ -49,7 +49,7 @@ def test_a_file_without_a_trial_is_said_to_have_none(folder):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[", "is no JSON"),
+        ("[", "is not JSON"),
         ("[]", "expected a JSON object"),
         ('{"lags": 3}', "expected `lags` to give a number of seconds"),
         ('{"parameters": {"plant.m": -1}}', "expected `plant.m` to be a finite mass"),

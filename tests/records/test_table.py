@@ -233,7 +233,7 @@ def test_lines_of_words_within_and_behind_the_table_are_left_out_and_told(
     table = read_table(write(tmp_path, "\n".join(["time,x,u", *lines, ""])))
     np.testing.assert_array_equal(table.columns["x"], np.arange(10.0))
     (note,) = table.notes
-    assert note.startswith(f"{left_out} line")
+    assert note.startswith(f"{left_out} invalid line")
     assert note.endswith(f"the first is line {first}")
 
 

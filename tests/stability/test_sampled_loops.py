@@ -164,7 +164,7 @@ def test_quantized_loops_have_the_exponents_of_the_average_and_the_verdict_of_th
         Loop("pid_encoder", "plant_classical", reference=0.08, stop=2.0, controller_values=values),
         tolerance=1e-9,
     )
-    assert "dithered average" in run.method
+    assert "average with dither" in run.method
     assert run.exponents == pytest.approx(exact.exponents, rel=1e-6)
     assert run.motion.kind is Kind.BOUNDED  # it hunts from count to count
     assert run.motion.amplitude["plant_x"] > 1e-5
