@@ -46,7 +46,7 @@ def _of_the_threshold() -> list[Finding]:
     )
     stiffness = [
         Finding(
-            f"{LAWS[law]}, {text}: swings fade above this stiffness",
+            f"{LAWS[law]}, {text}: oscillations decay above this stiffness",
             critical(law, **values)[0],
             "N/m",
             HURWITZ,
@@ -62,12 +62,12 @@ def _of_the_threshold() -> list[Finding]:
             "ageing, psi = 0.5, m = 0.1 kg: period there",
             critical(AGEING, psi=0.5, m=0.1)[1],
             "s",
-            "2 pi L/(v0 sqrt(b/a - 1)) for alpha = 0, whatever mass, angle and weight",
+            "2 pi L/(v0 sqrt(b/a - 1)) for alpha = 0, for any mass, angle and weight",
             2 * math.pi * level.L / (level.v0 * math.sqrt(level.b / level.a - 1)),
             2e-6,
         ),
         Finding(
-            "b = 0.005 < a: below this angle the mass jams or runs away",
+            "b = 0.005 < a: below this angle the mass jams or diverges",
             jams(b=0.005),
             "rad",
             LINKER,
@@ -119,7 +119,7 @@ def _of_the_bifurcation() -> list[Finding]:
             turning_velocity(),
             "m/s",
             "m v0^2/(a N L) = (2 sqrt(3 + r) - 3)/(3 + 4 r), r = b/a: first Lyapunov coefficient, "
-            "but for terms in the swing",
+            "without terms in the amplitude",
             math.sqrt(heavy * level.a * level.normal * level.L / level.m),
             1e-6,
         )
