@@ -362,15 +362,16 @@ def main() -> None:
     text = f"""# Lyapunov exponents: computing time
 
 Written by `benchmarks/lyapunov.py`, from one run in one process. Every program gets the same
-equations and span; the first frame is the states' axes. If a program makes its own first frame, ours
-starts from that one. The tolerance of each program is tightened until all exponents are within
+equations and span; the first frame is the states' axes. If a program makes its own first frame,
+ours starts from that one. The tolerance of each program is tightened until all exponents are within
 {ERROR:g} of the converged ones (relative; bits/s if they are below 1 bit/s). This run is timed,
-warm, the best of up to {REPEATS}. No run may take more than {SECONDS:.0f} s. Preparing is derivation
-and compilation. scipy, jitcode and heyoka solve the variational system, with our QR after every
-{intervals}. The converged values are this program's at a tolerance of {CONVERGED:g}.
+warm, the best of up to {REPEATS}. No run may take more than {SECONDS:.0f} s. Preparing is
+derivation and compilation. scipy, jitcode and heyoka solve the variational system, with our QR
+after every {intervals}. The converged values are this program's at a tolerance of {CONVERGED:g}.
 
 {versions()}; {os.cpu_count()} cores. The load was {load:.1f} at the start and, with this run,
-{end:.1f} at the end: if it is above 1 there was other load, and ratios are more reliable than times.
+{end:.1f} at the end: if it is above 1 there was other load, and ratios are more reliable than
+times.
 
 """
     texts.append("## Targets, and where others are faster\n\n" + summary)
