@@ -285,7 +285,7 @@ def judged(tables: dict[str, list[Row]]) -> list[str]:
     def against(what: str, found: Row, aim: float) -> str:
         word = "met" if found.seconds <= aim and not found.remark else "missed"
         note = f" ({found.remark})" if found.remark else ""
-        return f"- {what}: {1e3 * found.seconds:.3g} ms, aim {1e3 * aim:.3g} ms: {word}{note}"
+        return f"- {what}: {1e3 * found.seconds:.3g} ms, target {1e3 * aim:.3g} ms: {word}{note}"
 
     lines = [
         against("NCTF loop, slowest two", row("NCTF loop", "this program, slowest two"), 0.05),
@@ -303,13 +303,10 @@ def judged(tables: dict[str, list[Row]]) -> list[str]:
                 continue
             if not r.remark and r.seconds < rows[0].seconds:
                 ratio = rows[0].seconds / r.seconds
-                lines.append(f"- we lose on {name}: {r.program} runs {ratio:.3g} times as fast")
+                lines.append(f"- {name}: {r.program} runs {ratio:.3g} times as fast")
             if math.isfinite(r.prepared) and r.prepared < rows[0].prepared and not r.remark:
                 ratio = rows[0].prepared / r.prepared
-                lines.append(
-                    f"- we lose on {name} in preparing: {r.program} is ready "
-                    f"{ratio:.3g} times as fast"
-                )
+                lines.append(f"- {name}, preparing: {r.program} is ready {ratio:.3g} times as fast")
     return lines
 
 
@@ -362,21 +359,22 @@ def main() -> None:
     print(summary)
     end = os.getloadavg()[0]
     intervals = ", ".join(f"{s.interval:g} s ({s.name})" for s in (*loops.values(), chaos))
-    text = f"""# Lyapunov exponents: what they cost
+    text = f"""# Lyapunov exponents: computing time
 
 Written by `benchmarks/lyapunov.py`, from one run in one process. Every program gets the same
-equations and span; the first frame is the states' axes, or, where a program makes its own, ours is
-compared from that one. Each runs from loose to tight until all are within {ERROR:g} of the
-converged ones (relative; bits/s where they are below 1 bit/s), and is timed there, warm, the best
-of up to {REPEATS}. No run may take more than {SECONDS:.0f} s. Preparing is derivation and
-compilation. scipy, jitcode and heyoka solve the variational system, with a QR of ours after every
-{intervals}. The converged values are this program's at a tolerance of {CONVERGED:g}.
+equations and span; the first frame is the states' axes. If a program makes its own first frame,
+ours starts from that one. The tolerance of each program is tightened until all exponents are within
+{ERROR:g} of the converged ones (relative; bits/s if they are below 1 bit/s). This run is timed,
+warm, the best of up to {REPEATS}. No run may take more than {SECONDS:.0f} s. Preparing is
+derivation and compilation. scipy, jitcode and heyoka solve the variational system, with our QR
+after every {intervals}. The converged values are this program's at a tolerance of {CONVERGED:g}.
 
 {versions()}; {os.cpu_count()} cores. The load was {load:.1f} at the start and, with this run,
-{end:.1f} at the end: where it is above 1 others were at work, and ratios say more than times.
+{end:.1f} at the end: if it is above 1 there was other load, and ratios are more reliable than
+times.
 
 """
-    texts.append("## Aims, and where we lose\n\n" + summary)
+    texts.append("## Targets, and where others are faster\n\n" + summary)
     PAGE.write_text(text + "\n\n".join(texts) + "\n", encoding="utf-8")
 
 

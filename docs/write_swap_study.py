@@ -147,8 +147,8 @@ def checks(study: Mapping[str, Any]) -> str:
     return (
         f"{len(found)} runs were repeated over FMUs, and {len(differ) or 'none'} differed"
         f"{_which(differ)}.\nFor {unsure} of these the master's verdict is not converged (1 %): "
-        "its runs with shorter steps read other counts of the encoder, and the\ncurrent follows each "
-        "count."
+        "its runs with shorter steps read other counts of the encoder, and the\ncurrent "
+        "follows each count."
     )
 
 

@@ -25,7 +25,7 @@ KP, KI = 6000.0, 1.5e5
 HIGH, LOW = 100.0, 30.0  # position gains that are looked at [1/s]
 SHOWN = (7.5, 10.0, 15.0, 22.0, 30.0, 45.0, 60.0, 80.0, 100.0, 120.0, 133.0)
 DESCRIBING = "describing function of the backlash"
-LEFT_OUT = "it leaves out the third harmonic, whose share is taken for its digit"
+LEFT_OUT = "the share of the neglected third harmonic is its tolerance"
 PUSH = "one push after a long wait, by matrix exponentials"
 
 Matrix = npt.NDArray[np.float64]
@@ -208,7 +208,7 @@ def findings() -> list[Finding]:
             "position gain where cycles begin, by pushes",
             started,
             "1/s",
-            f"{PUSH}; ours is drawn on from 6.3 and 6.6 1/s",
+            f"{PUSH}; ours is extrapolated from 6.3 and 6.6 1/s",
             begin(),
             5e-3,
         ),

@@ -55,7 +55,7 @@ def findings() -> list[Finding]:
 
 
 def _of_the_exponential_fall() -> list[Finding]:
-    at = "main_friction_v_study.json of pyBasin, from bSTAB; digit: twice their standard error"
+    at = "main_friction_v_study.json of pyBasin, from bSTAB; tolerance: twice their standard error"
 
     def of_starts(speed: float, source: str, remark: str = "") -> Finding:
         share = SHARES[speed]
@@ -134,7 +134,7 @@ def _of_the_catalogue() -> list[Finding]:
             "Dahl: slowest exponent [nats/s], vb = 1.5",
             float(verdict(DAHL, vb=SPEED).limit[0]),
             "1/s",
-            "-c/(2 m): friction that does not fall leaves the damper alone",
+            "-c/(2 m): if friction does not fall only the damper acts",
             -DAMPING / 2,
             1e-9,
         ),
@@ -166,7 +166,7 @@ def _of_coulomb() -> list[Finding]:
             "Coulomb with stiction, zeta = 0.005: the stick-slip cycle ends",
             end_of_cycle(COULOMB, 1.9, 2.05, c=2 * zeta),
             "m/s",
-            "(Fs - Fc)/sqrt(4 pi zeta k m), from the energy of one turn; digit: 3 zeta of it",
+            "(Fs - Fc)/sqrt(4 pi zeta k m), from the energy of one turn; tolerance: 3 zeta of it",
             (FS - FC) / float(np.sqrt(4 * np.pi * zeta)),
             0.03,
         ),

@@ -17,7 +17,7 @@ from ..finding import Finding
 BALL = part(__file__, "ball")
 G, E, V_MIN = 9.81, 0.7, 0.1
 TABLE = "BouncingBall_out.csv of the Reference-FMUs"
-EULER = "their table is explicit Euler in steps of 1 ms, whose digits we get so, too"
+EULER = "their table is explicit Euler in steps of 1 ms; with it we get the same digits"
 FIRST = math.sqrt(2.0 / G)  # until the first impact, from a height of 1 m [s]
 ZENO = FIRST * (1.0 + E) / (1.0 - E)  # where all bounces would end, were there no last one [s]
 
@@ -83,7 +83,7 @@ def findings() -> list[Finding]:
             TABLE,
             2.61,
             0.01,
-            f"{EULER}; so it bounces on beyond the time {ZENO:.4g} s, by which a ball without an "
+            f"{EULER}; so it still bounces after the time {ZENO:.4g} s, by which a ball without an "
             "end rule bounces infinitely often",
         ),
         Finding(
@@ -91,7 +91,7 @@ def findings() -> list[Finding]:
             rests_from(fine.time, fine.outputs["v"]),
             "s",
             "sqrt(2 h/g) (1 + e)/(1 - e), the end of infinitely many bounces; those slower than "
-            "v_min, and a row of 1 ms, are left out",
+            "v_min, and a row of 1 ms, are neglected",
             ZENO,
             left_out,
         ),

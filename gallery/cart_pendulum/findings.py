@@ -125,11 +125,10 @@ def findings() -> list[Finding]:
     slowest = float(np.linalg.eigvals(closed()).real.max())
     gains = {p.name: p.default for p in ballscrew.component(BALANCE).parameters}
     design = "linear-quadratic design by SciPy: solve_continuous_are"
-    left_out = (
-        "describing function of Coulomb friction; it leaves out the third harmonic, whose "
-        + (f"share of {theory.third:.2g} is taken for its digit")
+    left_out = "describing function of Coulomb friction; the share of the neglected third " + (
+        f"harmonic, {theory.third:.2g}, is its tolerance"
     )
-    sticks = "the cart waits for most of the period, which no sine does"
+    sticks = "the cart stands still for most of the period, unlike a sine"
     pieces = "a cycle of pieces that are linear, solved for exactly, gives the same to 1e-4"
     return [
         *(
@@ -167,8 +166,8 @@ def findings() -> list[Finding]:
             "swing with 1 N over that with 0.1 N",
             becomes(DRY, 1.0).amplitude["plant_x"] / dry.amplitude["plant_x"],
             "1",
-            "the linear loop with Coulomb friction has no scale of its own; the square of the "
-            "angle, 1e-3, is left out",
+            "the linear loop with Coulomb friction scales with it; the square of the angle, "
+            "1e-3, is neglected",
             10.0,
             1e-2,
         ),

@@ -171,7 +171,7 @@ def findings() -> list[Finding]:
             "the same equations in SciPy's LSODA",
         ),
         Finding(
-            "PID: Ki above which it runs away",
+            "PID: Ki above which it diverges",
             runs_away_from(),
             "V/(rad*s)",
             "Routh's criterion without dry friction, which is small against swings of 100 rad",

@@ -242,7 +242,7 @@ def findings() -> list[Finding]:
             balance,
             "1",
             "pi/4: in half a period the force gives pi P x0 / 2 and friction takes 2 F x0; ours is "
-            "drawn from runs at 0.6 and 0.7",
+            "extrapolated from runs at 0.6 and 0.7",
             math.pi / 4.0,
             1e-4,
         ),

@@ -216,8 +216,8 @@ def findings() -> list[Finding]:
             "force of period doubling, over F_g",
             float((-1.0 - offset) / slope),
             "1",
-            f"{CLOSED_FORM}, where an eigenvalue is -1; ours is drawn from exponents at 1.01 and "
-            "1.02 times that force, and leaves out what is not linear in between",
+            f"{CLOSED_FORM}, where an eigenvalue is -1; ours is extrapolated linearly from "
+            "exponents at 1.01 and 1.02 times that force",
             doubling(),
             2e-3,
         ),

@@ -46,7 +46,7 @@ def _of_the_threshold() -> list[Finding]:
     )
     stiffness = [
         Finding(
-            f"{LAWS[law]}, {text}: swings fade above this stiffness",
+            f"{LAWS[law]}, {text}: oscillations decay above this stiffness",
             critical(law, **values)[0],
             "N/m",
             HURWITZ,
@@ -67,7 +67,7 @@ def _of_the_threshold() -> list[Finding]:
             2e-6,
         ),
         Finding(
-            "b = 0.005 < a: below this angle the mass jams or runs away",
+            "b = 0.005 < a: below this angle the mass jams or diverges",
             jams(b=0.005),
             "rad",
             LINKER,
@@ -119,7 +119,7 @@ def _of_the_bifurcation() -> list[Finding]:
             turning_velocity(),
             "m/s",
             "m v0^2/(a N L) = (2 sqrt(3 + r) - 3)/(3 + 4 r), r = b/a: first Lyapunov coefficient, "
-            "except for terms in the amplitude",
+            "without terms in the amplitude",
             math.sqrt(heavy * level.a * level.normal * level.L / level.m),
             1e-6,
         )

@@ -1,4 +1,4 @@
-"""Long-term motion of a mass with dry friction under PID control.
+"""What becomes of a mass with dry friction under PID control.
 
 Between two sticks the mass slides, and its motion is linear: with the error e, the velocity v and
 the force q of the proportional and integral action beyond Coulomb friction,
@@ -165,7 +165,8 @@ def findings() -> list[Finding]:
             "Fs = Fc: error times time, at the end of a stick",
             float(abs(errors[-1]) * times[-1]),
             "m*s",
-            "2 Fc / (Ki (1 - q)) with the ratio -q above, except for slips, a share of 1/time",
+            "2 Fc / (Ki (1 - q)) with the ratio -q above; the time of slips, a share of 1/time, "
+            "is neglected",
             2 * FC / (KI * (1 + ratio())),
             0.02,
         ),
@@ -173,7 +174,7 @@ def findings() -> list[Finding]:
             "Fs = 1.5 Fc: error while it sticks, in the cycle",
             found.amplitude["plant_x"],
             "m",
-            f"{SLIP}, with the time that friction takes to fall; except for terms in Vs",
+            f"{SLIP}, with the time in which friction falls; terms in Vs are neglected",
             error,
             gap * error,
         ),

@@ -35,7 +35,7 @@ OVER, FAR_OVER, UNDER = 0.12, 0.2, 0.05  # Tc_hat [N*m]
 DAMPED = (0.02, 0.06, 0.12)  # D where cycles are looked at [N*m*s/rad]
 HEAVY = 0.24  # D of a servo that does not swing
 EXACT = "from stop to stop in closed form"
-DESCRIBING = "describing function of the sign, with its third harmonic for its digit"
+DESCRIBING = "describing function of the sign, with its third harmonic as tolerance"
 GRID = (14, 10)
 OUTCOMES = {"stuck on a line of equilibria": 0, "limit cycle": 1, "diverges": 2}
 
@@ -242,7 +242,7 @@ def findings() -> list[Finding]:
             f"over-compensation from which it swings, z = {ratio(KD):g}",
             swings_from(KD),
             "N*m",
-            f"{EXACT}: the swing clears the band of rest",
+            f"{EXACT}: the amplitude is larger than the band of rest",
             least(KD),
             1e-6,
         ),
@@ -289,7 +289,7 @@ def findings() -> list[Finding]:
         ),
         *(
             Finding(
-                f"cells of the map of {count} unlike theory, {what} at rest",
+                f"cells of the map of {count} that differ from theory, {what} at rest",
                 float(differing(law)),
                 "1",
                 EXACT,

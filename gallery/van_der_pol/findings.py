@@ -1,4 +1,4 @@
-"""Long-term motion of Van der Pol's oscillator."""
+"""What becomes of Van der Pol's oscillator."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..finding import Finding
 
 OSCILLATOR = part(__file__, "van_der_pol")
 TABLE = "VanDerPol_ref.csv of the Reference-FMUs"
-EULER = "their table is explicit Euler in steps of 0.01 s, whose digits we get so, too"
+EULER = "their table is explicit Euler in steps of 0.01 s; with it we get the same digits"
 
 
 @cache
@@ -60,7 +60,7 @@ def findings() -> list[Finding]:
             "second exponent, mu = 0.1 [nats/s]",
             float(weak.motion.limit[1]),
             "1/s",
-            "averaging over a period gives -mu, except for terms in mu^3",
+            "averaging over a period gives -mu, without terms in mu^3",
         ),
     ]
 
