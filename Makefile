@@ -55,6 +55,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/calibrate_sets.py --held-back --rows out/held_back.jsonl
 	$(BIN)/python proofs/diagnosis_loop.py
 	$(BIN)/python proofs/reproduction.py
+	$(BIN)/python proofs/reproduction.py --pictures
 	$(BIN)/python proofs/emps.py
 	$(BIN)/python proofs/tro2021.py
 	$(BIN)/python proofs/own_records.py

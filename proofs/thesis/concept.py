@@ -56,7 +56,11 @@ def concept_claims(f: Figures) -> list[Claim]:
             "This is true of the limits only. The thesis prints values at a finite time. After "
             f"20 s the largest exponent times time is {early[0]:.2f}, {early[1]:.2f}, "
             f"{early[2]:.2f} and "
-            f"{early[3]:.2f} bits from 2, 4, 8 and 12 cm.",
+            f"{early[3]:.2f} bits from 2, 4, 8 and 12 cm. The exact limits are 0, -5, -6 and -7 "
+            "1/s from "
+            "every start, which is 0, "
+            + ", ".join(f"{-pole * BITS:.4f}" for pole in (5, 6, 7))
+            + f" bits/s. The spread of {spread:.1g} bits/s is the error of this program.",
         ),
         Claim(
             "3.2, Eq. 3.7",

@@ -42,6 +42,9 @@ SOLVERS = tuple(
 )
 
 
+NEIGHBOURS = 9  # loops whose sigma0_hat differs by parts of 1e-13: what hangs on the last bits
+
+
 def loose_solvers() -> Figures:
     """What integration makes of 3.5.1.1, 3.5.1.2 and of the plane."""
     systems = {}
@@ -63,12 +66,17 @@ def loose_solvers() -> Figures:
             for least in (SWING, SEEN)
         }
     ours = [vars(end_of(*s)) for s in (SYSTEM_1, SYSTEM_2)]
+    neighbours = [
+        [by_scipy(s0 * (1.0 + k * 1e-13), s1, "RK45", 1e-3, 1e-6).swing for k in range(NEIGHBOURS)]
+        for s0, s1 in (SYSTEM_1, SYSTEM_2)
+    ]
     true = [vars(end_of(*s, controller=VARIANTS["true"])) for s in (SYSTEM_1, SYSTEM_2)]
     return {
         "systems": systems,
         "systems_here": ours,
         "systems_here_true": true,
         "swinging_shares": shares,
+        "swinging_neighbours": [sum(s > SEEN for s in found) for found in neighbours],
     }
 
 

@@ -24,6 +24,7 @@ from thesis.printed import (
     SYSTEM_2,
     VARIANTS,
 )
+from thesis.solvers import NEIGHBOURS
 
 
 def spectra() -> Figures:
@@ -48,10 +49,13 @@ def spectra() -> Figures:
                 **_after_300_s(controller, system),
                 "last_below_printed": float(times[1 + below[-1]]),
             }
-    model = loop_maker(Loop("iol", reference=SETPOINT, controller_values=hats(*SYSTEM_1)))(1e-9)
-    before = time.perf_counter()
-    follow_tangents(model, np.linspace(0.0, STOP, 401))
-    found["seconds_system_1"] = time.perf_counter() - before
+    taken = []  # the best of three: others work on this machine, too
+    for _ in range(3):
+        model = loop_maker(Loop("iol", reference=SETPOINT, controller_values=hats(*SYSTEM_1)))(1e-9)
+        before = time.perf_counter()
+        follow_tangents(model, np.linspace(0.0, STOP, 401))
+        taken.append(time.perf_counter() - before)
+    found["seconds_system_1"] = min(taken)
     return found
 
 
@@ -197,9 +201,14 @@ def _second_system(f: Figures) -> list[Claim]:
             f"1e-6 for all states makes it swing by {default[1]:.0f} um. With tolerances a "
             f"thousand times smaller it swings by {tight[1]:.1g} um. The deflection itself is "
             f"{1e6 * two['rest']['plant_z']:.0f} um, and 1e-6 is "
-            f"{100 * 1e-6 / two['rest']['plant_z']:.0f} % of it. With the same loose tolerances "
-            f"the system of 3.5.1.1 swings by {default[0]:.2g} um only. So a loose solver gives "
-            'the rest and the "cycle" that are printed. The table of solvers is below.',
+            f"{100 * 1e-6 / two['rest']['plant_z']:.0f} % of it. What the loose solver does "
+            "changes with "
+            f"the last bits: of {NEIGHBOURS} loops whose sigma0_hat differs by parts of 1e-13, "
+            f"{loose['swinging_neighbours'][1]} swing by more than 10 um. So do "
+            f"{loose['swinging_neighbours'][0]} of {NEIGHBOURS} around the system of 3.5.1.1, "
+            "which "
+            "the thesis calls stable. Integration can have made the cycle, then. It does not "
+            "explain why only one of the two systems swings. The table of solvers is below.",
         ),
         Claim(
             "3.5.1.2, Fig. 3.17",
