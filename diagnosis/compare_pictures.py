@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..orchestration.pictures import COLOURS, DASHES, STYLE, new_figure
+from ..orchestration.shown_units import shown_unit
 from .compared import MODEL, Compared
 
 Vector = npt.NDArray[np.float64]
@@ -35,7 +36,7 @@ def compare_figure(found: Compared) -> Any:
         figure.suptitle(found.says[0].upper() + found.says[1:], fontsize=12)
 
         errors = {n: x - t.x for n, x in t.predicted.items()}
-        size, unit = (1e3, "mm") if _largest(errors) >= 1e-3 else (1e6, "µm")
+        size, unit = shown_unit(np.concatenate([*errors.values(), np.zeros(1)]), "m")
         position.plot(t.time, 1e3 * t.x, color=_MEASURED, lw=2.6, label="measured")
         force.plot(t.time, t.required, color=_MEASURED, lw=1.2, label="required")
         some = np.flatnonzero(t.counted)
@@ -87,10 +88,6 @@ def compare_figure(found: Compared) -> Any:
             )
         over_velocity.legend(loc="upper left", fontsize=9)
     return figure
-
-
-def _largest(errors: dict[str, Vector]) -> float:
-    return max((float(np.abs(e).max()) for e in errors.values()), default=0.0)
 
 
 def _broken(values: Vector, starts: npt.NDArray[np.bool_]) -> Vector:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ..orchestration.page import Line, Picture, level, thinned
 from ..orchestration.pictures import COLOURS, STYLE, drawing, in_words, new_figure, write_figure
+from ..orchestration.shown_units import shown_unit
 from ..orchestration.turning_words import words_for
 from .closed_loop_effect import SETPOINT, ClosedLoopEffect
 from .diagnosis import Curves, Diagnosis
@@ -176,8 +177,7 @@ def _residuals(c: Curves, corrected: str) -> tuple[tuple[str, str, Vector], ...]
 
 def _position_residual(diagnosis: Diagnosis, time: Vector, corrected: str) -> Picture:
     c = diagnosis.curves
-    largest = float(np.abs(c.position_before).max())
-    factor, unit = (1e3, "mm") if largest >= 1e-3 else (1e6, "µm")
+    factor, unit = shown_unit(c.position_before, "m")
     return Picture(
         "position_residual",
         "Position residual over time",
@@ -206,19 +206,20 @@ def _force_of_causes(c: Curves, time: Vector) -> list[Picture]:
 
 def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:
     """What the page shows of the closed loop."""
-    time, milli = effect.time, 1e3
+    time = effect.time
+    prior, extended = effect.prior.x - SETPOINT, effect.extended.x - SETPOINT
+    size, unit = shown_unit([prior, extended], "m")
+    finer, finer_unit = shown_unit(extended - prior, "m")
     return [
         Picture(
             "loop",
             "Closed loop: position error",
             "Distance to the set-point, for the prior plant and for the plant with the causes.",
             _TIME,
-            "error [mm]",
+            f"error [{unit}]",
             (
-                Line("prior plant", "before", time, milli * (effect.prior.x - SETPOINT)),
-                Line(
-                    "extended plant", "after dashed", time, milli * (effect.extended.x - SETPOINT)
-                ),
+                Line("prior plant", "before", time, size * prior),
+                Line("extended plant", "after dashed", time, size * extended),
             ),
         ),
         Picture(
@@ -226,8 +227,8 @@ def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:
             "Closed loop: effect of the causes",
             "Position of the extended plant minus that of the prior one.",
             _TIME,
-            "difference [µm]",
-            (Line("difference", "cause", time, 1e6 * (effect.extended.x - effect.prior.x)),),
+            f"difference [{finer_unit}]",
+            (Line("difference", "cause", time, finer * (extended - prior)),),
         ),
     ]
 
@@ -258,6 +259,7 @@ def diagnosis_figure(diagnosis: Diagnosis) -> Any:
     c = diagnosis.curves
     time = end_to_end(c)
     step = float(np.median(np.diff(c.time)))
+    size, unit = shown_unit(c.position_before, "m")
     with mpl.rc_context(STYLE):
         figure, grid = new_figure(2, 1, (9, 6))
         force, position = grid[0][0], grid[1][0]
@@ -267,10 +269,10 @@ def diagnosis_figure(diagnosis: Diagnosis) -> Any:
         ):
             look = {"color": colour, "ls": dash, "lw": 1.2, "label": label}
             force.plot(*thinned(time, smoothed(forces, c.record, step)), **look)
-            position.plot(*thinned(time, 1e6 * places), **look)
+            position.plot(*thinned(time, size * places), **look)
         force.set_title(f"Residual before and after: {diagnosis.verdict}", loc="left")
         force.set_ylabel(f"force, means over {SMOOTH:g} s [N]")
-        position.set_ylabel("position after up to 1 s [µm]")
+        position.set_ylabel(f"position after up to 1 s [{unit}]")
         position.set_xlabel("time [s]")
         for axes in (force, position):
             axes.margins(x=0.01)

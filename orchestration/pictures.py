@@ -102,7 +102,7 @@ def colour_of(run: LoopRun, name: str) -> int:
 
 
 @contextmanager
-def drawing() -> Iterator[None]:
+def drawing(what: str = "a picture") -> Iterator[None]:
     """Let a picture that cannot be drawn, for example with 1e308 V, only print one line.
 
     Raises
@@ -116,7 +116,7 @@ def drawing() -> Iterator[None]:
         raise
     except Exception as error:  # Matplotlib meets such numbers with many kinds of errors
         why = " ".join(str(error).split()) or type(error).__name__
-        print(f"note: a picture could not be drawn: {why}", file=sys.stderr)
+        print(f"note: {what} could not be drawn: {why}", file=sys.stderr)
 
 
 @drawing()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..orchestration.loop import Loop, SystemLoop
-from ..orchestration.page import Figure, page, write_page
+from ..orchestration.page import REPORT, Figure, page, write_page
 from ..orchestration.pictures import drawing
 from ..orchestration.shown_units import quantity
 from .result import Result
@@ -107,7 +107,7 @@ class Reported(Result):
 
     def save_report(self, folder: Path, command: str = "") -> None:
         """Write ``report.html`` alone; raises OSError if it cannot be written."""
-        with drawing():
+        with drawing(REPORT):
             write_page(folder, self.report(command))
 
 
@@ -142,8 +142,8 @@ def _unit_in(name: str) -> str:
 def values_of(loop: Loop | SystemLoop, coupled: bool = True) -> list[Table]:
     """The settings of a loop, and the values of its parts; not `coupled` ones have one solver."""
     if isinstance(loop, SystemLoop):
-        given = [(name, told(value)) for name, value in loop.values.items()]
-        named = Table("Given to the system; its file says the others", ("name", "value"), given)
+        rows = [(name, told(value)) for name, value in loop.values.items()]
+        named = Table("Given to the system; its file says the others", ("name", "value"), rows)
         return [_settings(loop, {"system": loop.label}, coupled), named]
     file = loop.parameters()
     parts = {"plant": loop.plant.label, "controller": loop.controller.label}

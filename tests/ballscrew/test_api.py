@@ -72,10 +72,13 @@ def results(tmp_path_factory):
 @pytest.mark.parametrize(
     ("kind", "files"),
     [
-        ("run", {"trajectory.csv", "metrics.json", "parameters.toml", "position.png"}),
-        ("swap", {"comparison.csv", "comparison.json", "comparison.png"}),
-        ("lyapunov", {"lyapunov.json", "lyapunov.csv", "lyapunov.png"}),
-        ("map", {"map.parquet", "map.json", "map.png"}),
+        (
+            "run",
+            {"report.html", "trajectory.csv", "metrics.json", "parameters.toml", "position.png"},
+        ),
+        ("swap", {"report.html", "comparison.csv", "comparison.json", "comparison.png"}),
+        ("lyapunov", {"report.html", "lyapunov.json", "lyapunov.csv", "lyapunov.png"}),
+        ("map", {"report.html", "map.parquet", "map.json", "map.png"}),
         ("run_trial", {"record.csv", "truth.csv", "trial.json", "record.png"}),
         ("identify", {"identified.json", "parameters.toml", "friction_map.png"}),
     ],

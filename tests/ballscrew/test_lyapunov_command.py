@@ -179,6 +179,7 @@ def test_map_writes_what_it_promises_and_refuses_to_overwrite(tmp_path, capsys):
         "map.json",
         "parameters.toml",
         "map.png",
+        "report.html",
     }
     assert main(arguments) == 2
     assert "--resume" in capsys.readouterr().err

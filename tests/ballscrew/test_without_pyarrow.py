@@ -37,6 +37,7 @@ def test_a_map_is_a_csv_file_with_the_same_numbers(maps):
         "map.json",
         "map.png",
         "parameters.toml",
+        "report.html",
     }
     assert not (maps / "with" / "map.csv").exists()
     text = tables.read_table(maps / "without" / "map.csv")

@@ -12,6 +12,7 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 from browser import PROGRAM, opened
+from hostile import ALL, HOSTILE, check_in_browser, check_text
 
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.closed_loop_effect import (
@@ -522,6 +523,33 @@ def test_what_a_stranger_s_file_says_does_not_become_part_of_the_page():
     page = report(found(records=(name,), notes=(f"{name}: clipped?",)), NO_LOOP)
     assert "<script>alert" not in page
     assert page.count("&lt;script&gt;alert(1)&lt;/script&gt;&amp;amp;.csv") == 2
+
+
+@pytest.fixture(scope="module")
+def evil(tmp_path_factory):
+    """A page whose names, units and sentences are all meant badly."""
+    cause = replace(
+        found().causes[0],
+        name=ALL,
+        says=ALL,
+        confirm=ALL,
+        parameters={ALL: 1.0},
+        intervals={ALL: (0.9, 1.1)},
+        units={ALL: ALL},
+    )
+    changes = {"causes": (cause,), "records": HOSTILE, "notes": HOSTILE, "where": ALL}
+    path = tmp_path_factory.mktemp("evil") / "report.html"
+    path.write_text(report(found(**changes), ClosedLoopSection(None, ALL)), encoding="utf-8")
+    return path
+
+
+def test_names_that_are_meant_badly_stay_text(evil):
+    check_text(evil.read_text(encoding="utf-8"))
+
+
+@browser
+def test_names_that_are_meant_badly_do_nothing_in_a_browser(evil):
+    check_in_browser(evil, in_pictures=False)  # whose texts are all our own
 
 
 @pytest.mark.parametrize("trial", sorted({trial_for(name) for name in CAUSES}))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from browser import PROGRAM, opened
 from dask_cluster import cluster
+from hostile import ALL, check_in_browser, check_text
 from long_commands import Command, interrupted
 
 from ballscrew.cli import main
@@ -145,6 +146,40 @@ def test_a_controller_has_one_colour_in_every_figure_of_the_page(result):
         assert {t["name"]: t["meta"] for t in figure["data"]} == {"pid": "c0", "nctf": "c1"}
     for k, colour in enumerate(COLOURS):  # of the page that is light, as of pictures
         assert "#" + re.search(rf"--c{k}: #(\w+)", page)[1].ljust(6, "0") == colour
+
+
+@pytest.fixture(scope="module")
+def evil(tmp_path_factory):
+    """The page of a study whose controllers and duties have names that are meant badly."""
+    folder = tmp_path_factory.mktemp("evil")
+    plain = STUDY.replace("plants = 3", "plants = 2").replace("seeds = 2", "seeds = 1")
+    plain = plain.replace("budget = 3", "budget = 2")
+    text = plain.replace("[controllers.pid]", f"[controllers.{NAMED}]\ncomponent = 'pid'")
+    text = text.replace('"there"', NAMED).replace('"back"', NAMED.replace('"', '"back ', 1))
+    (folder / "study.toml").write_text(text)
+    done = do_study(read_plan(folder / "study.toml"), folder / "out", Processes(1))
+    SwapStudy.of(done).save(folder)
+    return folder / "report.html"
+
+
+NAMED = json.dumps(ALL)  # as TOML has it, too
+
+
+def test_names_that_are_meant_badly_stay_text(evil):
+    check_text(evil.read_text(encoding="utf-8"))
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="no chromium here: apt-get install chromium")
+def test_names_that_are_meant_badly_do_nothing_in_a_browser(evil):
+    check_in_browser(evil)
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="no chromium here: apt-get install chromium")
+def test_the_page_is_no_wider_than_a_telephone(result, tmp_path):
+    SwapStudy.of(result).save(tmp_path)
+    with opened(tmp_path / "report.html", width=390) as page:
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        assert page.errors == []
 
 
 def test_a_study_that_goes_on_after_a_kill_gives_the_same_numbers(plan, folder, result, tmp_path):
