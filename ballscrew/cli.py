@@ -8,6 +8,7 @@ this program, with one line that says what to report.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import io
 import os
 import sys
@@ -31,6 +32,7 @@ from . import (
 )
 from .console import complain, complain_of_ourselves, forget_output
 from .options import BadRequest, Parser
+from .printable import printing, unchanged
 from .supervision import interrupted
 
 _EXAMPLES = """examples:
@@ -53,11 +55,17 @@ _DRAWING = ("run", "swap", "tune", "lyapunov", "map", "identify", "diagnose", "c
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
+    out, errors = printing(sys.stdout), printing(sys.stderr)
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+        return _main(arguments)
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     # pictures go into files, so that a choice of windows, good or bad, decides nothing
     os.environ["MPLBACKEND"] = "agg"
     # matrices are small here: threads cost more than they bring
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for stream in (sys.stdout, sys.stderr):
+    for stream in map(unchanged, (sys.stdout, sys.stderr)):
         if isinstance(stream, io.TextIOWrapper):  # a name may have letters that a terminal has not
             stream.reconfigure(errors="backslashreplace")
     try:
