@@ -33,9 +33,7 @@ class NotCompiled(RuntimeError):
     """The sources give no library here; the message says why, in one line."""
 
 
-def compile_sources(
-    folder: Path, configuration: Any, binary: str, sandbox: bool = False
-) -> None:
+def compile_sources(folder: Path, configuration: Any, binary: str, sandbox: bool = False) -> None:
     """Put the library where the FMU would have brought it; compiled once for the same sources.
 
     Parameters
@@ -70,7 +68,7 @@ def compile_sources(
         raise NotCompiled(f"the library cannot be written: {error}") from error
 
 
-def _library(  # noqa: PLR0913
+def _library(
     folder: Path,
     name: str,
     arguments: list[str],

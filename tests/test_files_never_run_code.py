@@ -111,7 +111,7 @@ PARAMETERS = (
     'kind = "fmu"\n[plant]\n"evil.py:pi" = 1.0',
     '[controller."evil.py:pi"]\nKp = 1.0',
     "[plant]\nm = \"__import__('os').mkdir('mark')\"",
-    '[plant]\nm = {value = "open(\'mark\', \'w\')", source = "{evil}"}',
+    "[plant]\nm = {value = \"open('mark', 'w')\", source = \"{evil}\"}",
 )
 
 

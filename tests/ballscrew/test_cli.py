@@ -294,7 +294,10 @@ def test_files_that_are_no_fmu_are_refused_in_one_line(tmp_path, capsys, fmus, c
     if isinstance(change, bytes):
         path.write_bytes(change)
     else:
-        with zipfile.ZipFile(fmus["pid"]) as good, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as bad:
+        with (
+            zipfile.ZipFile(fmus["pid"]) as good,
+            zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as bad,
+        ):
             if isinstance(change, str):
                 bad.writestr(change, "")
             for name in good.namelist():
