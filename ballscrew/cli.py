@@ -8,6 +8,7 @@ this program, and one line says what to report.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import io
 import os
 import shlex
@@ -32,6 +33,7 @@ from . import (
 )
 from .console import complain, complain_of_ourselves, forget_output
 from .options import BadRequest, Parser
+from .printable import printing, unchanged
 from .supervision import interrupted
 
 _EXAMPLES = """examples:
@@ -54,13 +56,20 @@ _DRAWING = ("run", "swap", "tune", "lyapunov", "map", "identify", "diagnose", "c
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
+    out, errors = printing(sys.stdout), printing(sys.stderr)
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+        return _main(arguments)
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     # pictures go into files, so that the window system does not matter
     os.environ["MPLBACKEND"] = "agg"
     # matrices are small here: threads cost more time than they save
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for stream in (sys.stdout, sys.stderr):
-        # a name may have letters that a terminal cannot print
-        if isinstance(stream, io.TextIOWrapper):
+    for stream in map(unchanged, (sys.stdout, sys.stderr)):
+        if isinstance(
+            stream, io.TextIOWrapper
+        ):  # a name may have letters that a terminal cannot print
             stream.reconfigure(errors="backslashreplace")
     try:
         options = command_parser().parse_args(arguments)

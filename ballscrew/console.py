@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .options import BAD_REQUEST, INTERNAL
+from .printable import printable, unchanged
 from .supervision import tell, tell_kept
 
 if TYPE_CHECKING:
@@ -96,11 +97,12 @@ class Bar:
             mininterval=0,
             miniters=0,
             dynamic_ncols=True,
+            file=unchanged(sys.stderr),
         )
 
     def show(self, done: float, text: str = "") -> None:
         if self._bar is not None:
-            self._bar.set_description_str(text, refresh=False)
+            self._bar.set_description_str(printable(text), refresh=False)
             self._bar.update(done - self._bar.n)
 
     def close(self) -> None:

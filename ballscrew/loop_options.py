@@ -167,8 +167,8 @@ def read_loops(
     files = not all(part.has_equations for part in (*parts, *([plant] if plant else [])))
     if how.get("sandbox") and not files and not how.get("isolate"):
         raise BadRequest(
-            "--sandbox is for FMUs that are files, and all parts here are this program's own; leave "
-            "it out"
+            "--sandbox is for FMUs that are files, and all parts here are this program's own; "
+            "leave it out"
         )
     return [
         Loop(
@@ -215,8 +215,8 @@ def read_followed_loop(
     for option in () if over_fmus else ("step", "map", "sandbox"):
         if getattr(options, option):
             raise BadRequest(
-                f"--{option} is for --via fmu; without it no FMU is run, and one solver chooses its "
-                "steps"
+                f"--{option} is for --via fmu; without it no FMU is run, and one solver chooses "
+                "its steps"
             )
     if over_fmus and options.tolerance is not None:
         raise BadRequest("--tolerance is for --via model; FMUs have solvers of their own")

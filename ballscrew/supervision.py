@@ -29,6 +29,7 @@ from .orchestration.operating_system import (
     lock_if_left,
     outcome,
 )
+from .printable import printable
 
 INTERRUPTED = 130
 _BY_SIGNAL = 128  # and the signal's number, as in shells
@@ -124,7 +125,8 @@ def _tell_user(what: str) -> None:
     far = f", {far}" if far else ""
     line = f"{what} after {time.time() - _began:.1f} s{far}; {_left()}"
     clear = "\r\033[K" if sys.stderr.isatty() else ""
-    print(f"{clear}ballscrew: {' '.join(line.split())}", file=sys.stderr, flush=True)
+    line = printable(" ".join(line.split()))
+    print(f"{clear}ballscrew: {line}", file=sys.stderr, flush=True)
 
 
 def _left() -> str:

@@ -120,7 +120,7 @@ PARAMETERS = (
 def test_a_parameter_file_runs_no_code(text, command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "evil.py").write_text(EVIL)
-    (tmp_path / "p.toml").write_text(f"format = 1\n{text}\n")
+    (tmp_path / "p.toml").write_text(f'format = "ballscrew-parameters 1"\n{text}\n')
     asked = {"run": "--controller pid --stop 0.01 --step 1e-3", "tune": "--controller pid"}
     more = asked.get(command, "--only pid").split()
     if command == "tune":

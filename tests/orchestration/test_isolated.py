@@ -3,6 +3,9 @@
 import contextlib
 import csv
 import os
+import socket
+import subprocess
+import threading
 import time
 
 import numpy as np
@@ -15,6 +18,7 @@ from ballscrew.fmus.made_here import is_ours
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.fmus.reading import FmuError
+from ballscrew.orchestration import isolated, isolated_host
 from ballscrew.orchestration.fmu_instance import StepFailed
 from ballscrew.orchestration.isolated import IsolatedInstance
 from ballscrew.orchestration.loop import Loop
@@ -182,3 +186,55 @@ def test_a_dead_instance_says_so_again_and_closes(tmp_path):
         with pytest.raises(StepFailed, match=r"one \(Dies.fmu\) ended with exit code 3"):
             read()
     one.close()
+
+
+@pytest.fixture
+def answering(monkeypatch):
+    """``answering(answer)``: the other process gives this to every request, as it is."""
+    with contextlib.ExitStack() as opened:
+
+        def put(answer):
+            def start(module, folder, prints, before=()):
+                os.close(prints)
+                ours, theirs = socket.socketpair()
+                process = subprocess.Popen(["sleep", "60"], start_new_session=True)
+                opened.callback(process.wait)
+                opened.callback(process.kill)
+
+                def serve():
+                    with contextlib.suppress(OSError, EOFError), theirs:
+                        while True:
+                            isolated_host.receive(theirs)
+                            for piece in answer:
+                                theirs.sendall(piece)
+                                time.sleep(0.3 * (len(answer) > 1))
+
+                threading.Thread(target=serve, daemon=True).start()
+                return ours, process, ours
+
+            monkeypatch.setattr(isolated, "start_host", start)
+
+        yield put
+
+
+OK_AND_THREE = b"\4\0\0\0" + bytes([isolated_host.OK]) + b"abc"
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        ([b"\0\0\0\0"], "cannot be instantiated"),
+        ([b"\1\0\0\0\x77"], "cannot be instantiated"),
+        ([b"\xff\xff\xff\xff"], "has given up the connection|was ended by"),
+        ([b"\x40\0\0\0", *[b"a"] * 64], "gave no answer to open within 1 s"),
+        ([OK_AND_THREE], "gave 3 bytes for its sample time"),
+    ],
+)
+def test_what_a_process_answers_is_not_believed(answer, message, tmp_path, answering, monkeypatch):
+    monkeypatch.setattr(isolated, "_FAREWELL", 0.5)
+    path = proportional(tmp_path, "Any")
+    answering(answer)
+    start = time.monotonic()
+    with pytest.raises((FmuError, StepFailed), match=message):
+        IsolatedInstance(path, "one", time_limit=1.0).initialize({}, 1.0)
+    assert time.monotonic() - start < 5

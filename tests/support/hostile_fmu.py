@@ -124,9 +124,7 @@ def needs_sandbox() -> None:
     try:
         check_sandbox()
     except NoSandbox as error:
-        pytest.skip(
-            f"needs bubblewrap, as Debian's package of that name, and a system that lets it: {error}"
-        )
+        pytest.skip(f"needs bubblewrap, and a system that lets it: {error}")
 
 
 def processes_with(word: str) -> list[str]:

@@ -1,0 +1,108 @@
+"""No name or message of a file's own reaches a terminal as what it obeys."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from third_party_fmus import proportional
+
+from ballscrew import supervision
+from ballscrew.cli import main
+from ballscrew.printable import printable
+
+BELL, RED, C1, TURNED = "\x07", "\x1b[31m", "\x9b31m", "\u202e"
+SPOOF = f"a{RED}{BELL}{C1}{TURNED}\rb"
+OBEYED = {chr(c) for c in (*range(32), *range(127, 160), 0x202E)} - {"\n", "\t"}
+
+
+def test_text_that_is_no_order_stays_as_it_is():
+    text = "plant: x [m], ü, µm, 速度,\t\\ and a line\n"
+    assert printable(text) == text
+    assert printable(SPOOF) == "a\\x1b[31m\\x07\\x9b31m\\u202e\\rb"
+
+
+def columns(folder):
+    rows = "".join(f"{t},0,0\n" for t in np.arange(50) / 100)
+    path = folder / "record.csv"
+    path.write_text(f"time,{SPOOF.replace(chr(13), '')},u\n{rows}")
+    return ["identify", str(path), "--law", "dahl", "--out", str(folder / "out")]
+
+
+def words_of_an_fmu(folder):
+    path = proportional(folder, "Says", at_start=f"raise RuntimeError({SPOOF!r})")
+    return ["run", "--controller", str(path), "--out", str(folder / "out")]
+
+
+def the_name_of_a_file(folder):
+    return ["run", "--controller", str(folder / f"{SPOOF}.fmu"), "--out", str(folder / "out")]
+
+
+def a_key(folder):
+    path = folder / "p.toml"
+    path.write_text('format = "ballscrew-parameters 1"\n[controller."a\\u001b[31mb"]\nKp = 1.0\n')
+    return f"run --controller pid --stop 0.01 --params {path} --out {folder / 'out'}".split()
+
+
+def the_folder(folder):
+    return ["run", "--controller", "pid", "--stop", "0.01", "--out", str(folder / SPOOF)]
+
+
+def another_controller(_folder):
+    return ["run", "--controller", f"{SPOOF}", "--out", "out"]
+
+
+@pytest.mark.parametrize(
+    "asked", [columns, words_of_an_fmu, the_name_of_a_file, a_key, the_folder, another_controller]
+)
+def test_what_a_command_prints_holds_no_order_to_the_terminal(asked, tmp_path, capsys):
+    main(asked(tmp_path))
+    out, said = capsys.readouterr()
+    assert "\\x1b[31m" in out + said  # it was named, in letters
+    assert not OBEYED & set(out + said)
+
+
+def test_the_line_of_an_interrupt_holds_none(capsys, monkeypatch):
+    monkeypatch.setattr(supervision, "_heard", lambda number: SPOOF.encode() * (number == 0))
+    supervision.interrupted()
+    said = capsys.readouterr().err
+    assert "\\x1b[31m" in said
+    assert not OBEYED & set(said)
+
+
+def test_main_leaves_the_streams_of_its_caller(tmp_path):
+    before = sys.stdout, sys.stderr
+    assert main(["run", "--nothing"]) == 2
+    assert (sys.stdout, sys.stderr) == before
+
+
+PROGRESS = """
+import fcntl, os, pty, struct, sys, termios
+pid, terminal = pty.fork()
+if not pid:
+    fcntl.ioctl(2, termios.TIOCSWINSZ, struct.pack("4H", 24, 80, 0, 0))
+    from ballscrew.console import Progress
+    from ballscrew.printable import printing
+    sys.stderr = printing(sys.stderr)
+    progress = Progress(1.0)
+    progress(0.5, "a\\x1b[31mb")
+    progress.finish()
+    os._exit(0)
+seen = b""
+try:
+    while data := os.read(terminal, 1000):
+        seen += data
+except OSError:
+    pass
+os.waitpid(pid, 0)
+sys.stdout.buffer.write(seen)
+"""
+
+
+def test_a_bar_moves_on_its_line_and_the_name_in_it_does_not():
+    asked = [sys.executable, "-P", "-c", PROGRESS]
+    seen = subprocess.run(asked, capture_output=True, check=True, env=os.environ).stdout
+    assert b"a\\x1b[31mb: " in seen
+    assert b"\r" in seen
+    assert b"\x1b[31m" not in seen
