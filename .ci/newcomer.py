@@ -50,8 +50,8 @@ run = ballscrew.run(
     reference=ballscrew.Reference(times, strokes),
     stop=16.0,
 )
-table = run.run
-rows = np.column_stack([table.time, table.commands["u"], table.outputs["x"], table.outputs["i"]])[::2]
+columns = [run.run.time, run.run.commands["u"], run.run.outputs["x"], run.run.outputs["i"]]
+rows = np.column_stack(columns)[::2]
 np.savetxt("record.csv", rows, delimiter=",", header="time,u,x,i", comments="")
 """
 
