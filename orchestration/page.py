@@ -84,7 +84,7 @@ def write_page(folder: Path, text: str) -> None:
 
 
 def _as_text(value: Any) -> Any:
-    """Part of a figure, its texts so that plotly shows them as they are."""
+    """Part of a figure, its texts escaped, so that plotly shows them unchanged."""
     if isinstance(value, str):
         return escape(value, quote=False)
     if isinstance(value, dict):

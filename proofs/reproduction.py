@@ -77,7 +77,7 @@ def page(report: Figures) -> str:
     lines = [
         "# Chapter 3 of the thesis beside this program",
         "",
-        f"{len(counted)} numbers and statements of Chapter 3 stand beside what this program gets: "
+        f"{len(counted)} numbers and statements of Chapter 3, compared with this program: "
         f"{agree} agree, {len(counted) - agree} differ. {len(claims) - len(counted)} more lines "
         "are "
         'marked "not counted": the thesis prints nothing that they could be compared with. The '

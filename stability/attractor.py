@@ -641,7 +641,7 @@ def _unclosed(
 
 
 def _no_more_returns(model: Model, passes: Returns, before: float) -> tuple[Attractor, float, bool]:
-    """What is said of a motion that stopped to return, see `_unclosed`; it may come to rest."""
+    """The answer for a motion that stopped returning, see `_unclosed`; it may come to rest."""
     text = f"its returns end at t = {passes.time[-1] if passes.time.size else before:.4g} s"
     undecided = Attractor(Kind.UNDECIDED, text, LONGER_RUN, amplitude=_ranges(model, passes))
     return undecided, passes.end, True

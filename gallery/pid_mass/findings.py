@@ -1,4 +1,4 @@
-"""What becomes of a mass with dry friction under PID control.
+"""The long-term motion of a mass with dry friction under PID control.
 
 Between two sticks the mass slides, and its motion is linear: with the error e, the velocity v and
 the force q of the proportional and integral action beyond Coulomb friction,

@@ -1,4 +1,4 @@
-"""What becomes of Van der Pol's oscillator."""
+"""The long-term motion of Van der Pol's oscillator."""
 
 from __future__ import annotations
 
