@@ -24,7 +24,7 @@ def undecided(f: Figures) -> list[str]:
         "The thesis' solver, step and tolerances. They are not named. Loose tolerances give the "
         f"swing of 3.5.1.2 ({1e6 * swings[1]['swing']:.0f} um with RK45 at 1e-3 and 1e-6, "
         f"{1e6 * loose['systems']['BDF 0.001 1e-06'][1]['swing']:.2g} um with BDF). They make "
-        f"3.5.1.1 swing, too ({1e6 * swings[0]['swing']:.2g} um with RK45). So integration can "
+        f"3.5.1.1 swing, too ({1e6 * swings[0]['swing']:.3g} um with RK45). So integration can "
         "have made the swing. This does not show that it did.",
         "Whether x1'' inside Eq. 3.21 comes from the estimates or from the true parameters. "
         f"Offsets in 3.5.1.2 are {1e6 * ours['offset']:.1f} and {1e6 * true['offset']:.1f} um, the "
