@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .loop_run import LoopRun
 from .page import COLOURS_OF_PAGES, MOST, Line, Picture
-from .pictures import colour_of, shown_signal, signals_of, states_of, until_rest
+from .pictures import RESTING, colour_of, shown_signal, signals_of, states_of, until_rest
 from .shown_units import labelled, shown_unit
 from .thinning import rows_over_time
 
@@ -99,7 +99,8 @@ def _picture(
     name: str, title: str, y_label: str, lines: Sequence[Line], runs: Sequence[LoopRun]
 ) -> Picture:
     end, stop = max(map(until_rest, runs)), max(float(run.time[-1]) for run in runs)
-    says = [f"All signals rest from {end:.3g} s on; the run goes on to {stop:g} s."] * (end < stop)
+    rest = f"From {end:.3g} s on all signals stay within {RESTING:.1%} of their range; "
+    says = [f"{rest}the run goes on to {stop:g} s."] * (end < stop)
     most = max(int(np.count_nonzero(run.time <= end)) for run in runs)
     drawn = max(len(line.x) for line in lines)
     if drawn < most:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 _STEPS = ((1.0, 1.0, ""), (1e-3, 1e3, "m"), (1e-6, 1e6, "µ"), (0.0, 1e9, "n"))
+_RAD = 0.1
 _PREFIXED = re.compile(r"(?:m|A|rad)(?=$|[/*])")  # mV and mN are no usual units of drives
 
 
@@ -29,7 +30,8 @@ def shown_unit(values: Iterable[float] | Any, unit: str) -> tuple[float, str]:
     """
     sizes = np.abs(np.asarray(values, dtype=float))
     largest = float(np.max(sizes, initial=0.0, where=np.isfinite(sizes)))
-    if not _PREFIXED.match(unit) or largest == 0.0:
+    whole = unit.startswith("rad") and largest >= _RAD  # 0.5 rad is no 500 mrad
+    if not _PREFIXED.match(unit) or largest == 0.0 or whole:
         return 1.0, "" if unit == "1" else unit
     factor, prefix = next((f, p) for least, f, p in _STEPS if largest >= least)
     return factor, prefix + unit

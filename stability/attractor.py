@@ -370,7 +370,7 @@ def _rest(
         text,
         equilibrium=found,
         limit=found.eigenvalues.real.copy(),
-        limit_error=np.zeros(len(names)),
+        limit_error=np.zeros(len(names)) if found.error is None else found.error,
     )
 
 

@@ -25,6 +25,7 @@ FALLEN = 40.0  # time constants
 FAST = 1e-6  # share of the map's largest eigenvalue below which one has lost digits
 FOLLOWED = 20  # samples
 _NEWTON = 30
+ROUNDED = 64  # points at which a Jacobian is evaluated
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 INSTANTS = 2000  # at which it is asked whether time moves what is at rest
 _CLOSE = 1e-6  # nominal magnitudes; where an eigenvalue is nearly zero, round-off moves it so far
@@ -46,12 +47,15 @@ class Equilibrium:
     drift : float
         How fast the model's state moves along what is neutral [nominal magnitudes/s]: an integral
         that fills while a block sticks is no rest, though no eigenvalue tells.
+    error : ndarray, shape (n,), or None
+        Error of the real parts by round-off in the Jacobian [1/s]; None for sampled systems.
     """
 
     state: Vector
     eigenvalues: npt.NDArray[np.complex128]
     neutral: int
     drift: float
+    error: Vector | None = None
 
     @property
     def slowest(self) -> float:
@@ -99,7 +103,9 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
             break
     else:
         return None
-    _, a = linearize(model, time, point)
+    nearby = [point] if model.sample_time else _rounded(point)
+    jacobians = np.array([linearize(model, time, x)[1] for x in nearby])
+    a = jacobians.mean(axis=0)
     values = np.linalg.eigvals(a).astype(complex)
     zero = NEUTRAL * float(np.abs(a).max(initial=0.0))
     if model.sample_time:  # the map is as exact as its solver
@@ -109,8 +115,22 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
         values = _rates_between_samples(model, time, point, np.asarray(values + 1.0, np.complex128))
     values = np.where(neutral, 0.0, values)
     values = values[np.argsort(-values.real)]
-    found = Equilibrium(point, values, int(neutral.sum()), 0.0)
+    error = None
+    if not model.sample_time:
+        each = -np.sort(-np.linalg.eigvals(jacobians).real, axis=1)
+        error = np.where(values == 0.0, 0.0, np.ptp(each, axis=0))
+    found = Equilibrium(point, values, int(neutral.sum()), 0.0, error)
     return replace(found, drift=_drift(a, first, found.slowest, model.sample_time))
+
+
+def _rounded(point: Vector) -> Vector:
+    """Points that differ by a few units in the last place: the scatter is the round-off.
+
+    A linearizing controller cancels large entries of the Jacobian. What is left has few digits, and
+    eigenvalues that depend much on it have fewer; the mean has more than each.
+    """
+    units = np.random.default_rng(0).integers(-8, 9, (ROUNDED, len(point)))
+    return point * (1.0 + np.finfo(float).eps * units)
 
 
 def stands(model: Model, time: float, span: float, state: Vector, within: float) -> bool:

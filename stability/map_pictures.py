@@ -93,7 +93,7 @@ def _verdicts_and_panels(plan: MapPlan, folder: Path) -> tuple[npt.NDArray[np.in
     distance, swing = np.abs(column("final_error")), column("oscillation_amplitude")
     unit = position_unit(plan)
     goal = "zero" if plan.loop.controller.is_none else "the set-point"
-    least = 1e-10 if unit == "m" else 1e-4  # a tenth of a nanometre is no motion
+    least = 1e-10  # a tenth of a nanometre is no motion
     panels = []
     for title, label, values in (
         (f"Distance to {goal} at the end", "distance", distance),

@@ -11,6 +11,7 @@ from ..orchestration.page import Figure
 from ..orchestration.pictures import drawing, write_figure
 from ..orchestration.run_folder import write_run
 from ..solver.tables import read_table, table_path
+from ..stability.attractor import Kind
 from ..stability.store import TABLE, MapSummary
 from .reported import Reported, Table, figures_table, values_of
 from .result import table_of
@@ -48,6 +49,20 @@ class StabilityMap(Reported):
             f"{s.plan.cells} loops of {s.plan.loop.label}; at a tenth "
             f"of the tolerance {s.disagreed} of {s.checked} have another verdict"
         )
+
+    def badge(self) -> tuple[str, bool]:
+        undecided = self.summary.verdicts.get(Kind.UNDECIDED.value, 0)
+        if self.trusted and undecided:
+            return f"{undecided} of {self.summary.plan.cells} undecided", False
+        return super().badge()
+
+    def verdict_and_reason(self) -> tuple[str, str]:
+        s = self.summary
+        counts = sorted(s.verdicts.items(), key=lambda row: -row[1])
+        ends = ", ".join(f"{count} {verdict}" for verdict, count in counts)
+        again = "at a tenth of the tolerance" if s.plan.fmus is None else "at half the step"
+        checked = f"Again {again}: {s.disagreed} of {s.checked} cells have another verdict."
+        return f"{s.plan.cells} loops of {s.plan.loop.label}: {ends}", checked
 
     def doubts(self) -> Iterable[str]:
         s = self.summary

@@ -44,6 +44,11 @@ class Reported(Result):
     kind: ClassVar[str]
     function: ClassVar[str]
 
+    def badge(self) -> tuple[str, bool]:
+        """One word on the result, and whether it is a good one."""
+        good = bool(self.trusted)  # type: ignore[attr-defined]
+        return "trusted" if good else "not trusted", good
+
     def verdict_and_reason(self) -> tuple[str, str]:
         """The headline of the page, and what it rests on."""
         return self.headline(), ""
@@ -68,13 +73,15 @@ class Reported(Result):
         """The page as text; `command` is what made the result, if it was not Python."""
         pictures = self.page_pictures()
         headline, reason = self.verdict_and_reason()
+        badge, good = self.badge()
         return page(
             __package__,
             "report.html.jinja",
             pictures,
             pictures=pictures,
             kind=self.kind,
-            trusted=self.trusted,  # type: ignore[attr-defined]
+            badge=badge,
+            good=good,
             headline=headline,
             reason=reason,
             doubts=list(self.doubts()),

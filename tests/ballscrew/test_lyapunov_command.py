@@ -110,7 +110,7 @@ def test_exponents_that_take_too_long_end_with_what_is_known_and_a_verdict(tmp_p
     told = capsys.readouterr()
     figures = json.loads(told.out)
     assert 0.0 < figures["time_s"] < 300.0
-    assert f"until t = {figures['time_s']:g} s, not 300 s" in told.err
+    assert f"up to t = {figures['time_s']:g} s, not 300 s" in told.err
     assert "2 s of computing time were used up; from the motion alone: " in figures["evidence"]
     assert figures["verdict"] == "stuck on a line of equilibria"
     assert figures["rest"]["plant_x"] == pytest.approx(0.08, abs=1e-5)

@@ -276,6 +276,17 @@ def test_what_is_meant_badly_does_nothing_in_a_browser(evil):
     check_in_browser(folder / "report.html", in_pictures=name != "lyapunov")
 
 
+def test_cells_that_are_undecided_are_in_the_badge_and_the_headline(tmp_path):
+    axes = {"x": "sigma0_hat=66966:66968:2", "y": "sigma1_hat=340:350:2"}
+    made = ballscrew.stability_map("iol", **axes, folder=tmp_path, stop=0.2)
+    verdicts = {"limit cycle": 1, "undecided": 3}
+    summary = replace(made.summary, verdicts=verdicts, undecided={"a reason": 3})
+    page = replace(made, summary=summary).report()
+    assert '<p class="verdict doubt">3 of 4 undecided</p>' in page
+    assert "<h1>4 loops of iol: 3 undecided, 1 limit cycle</h1>" in page
+    assert '<li class="weak">3 cells are undecided: a reason</li>' in page
+
+
 def test_letters_that_no_text_has_do_not_cost_the_page(tmp_path):
     ballscrew.run("pid", stop=0.1).save_report(tmp_path, "ballscrew \udcff")
     assert "ballscrew ?" in page_of(tmp_path)

@@ -21,6 +21,7 @@ from ballscrew.orchestration.shown_units import labelled, quantity, shown_unit
         (0.058, "m*s", "58 mm*s"),
         (0.05, "A", "50 mA"),
         (3e-6, "rad", "3 µrad"),
+        (0.5, "rad", "0.5 rad"),
         (0.0, "m", "0 m"),
         (1e-3, "V", "0.001 V"),
         (1e-3, "N*m", "0.001 N*m"),

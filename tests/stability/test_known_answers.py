@@ -22,6 +22,7 @@ from known_systems import (
 )
 from scipy.integrate import solve_ivp
 
+import ballscrew
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_returns
 from ballscrew.stability.attractor import Kind, classify_attractor
@@ -236,3 +237,12 @@ def test_a_verdict_that_changes_with_the_tolerance_is_undecided():
     assert motion.kind is Kind.UNDECIDED
     assert "tolerance" in motion.evidence
     assert Kind.FIXED_POINT.value in motion.evidence
+
+
+@pytest.mark.parametrize("goal", [0.02, 0.04, 0.08, 0.12])
+def test_round_off_in_the_cancelled_jacobian_of_a_linearizing_loop_is_in_the_limits_errors(goal):
+    # s^3 + 18 s^2 + 107 s + 210 = (s + 5)(s + 6)(s + 7), and the line of equilibria
+    found = ballscrew.lyapunov("iol", reference=goal).motion
+    off = np.abs(found.limit - [0.0, -5.0, -6.0, -7.0])
+    assert np.all(off <= found.limit_error)
+    assert found.limit_error.max() < 0.01
