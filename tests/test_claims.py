@@ -59,16 +59,20 @@ def test_the_overview_is_what_the_claims_and_the_proofs_say():
 def test_a_changed_number_on_a_page_is_found_and_put_right(pages):
     readme = pages / "README.md"
     before = readme.read_text(encoding="utf-8")
-    changed(readme, "of 1400 random", "of 1300\nrandom")
+    changed(readme, "with 1400 random", "with 1300\nrandom")
     (line,) = claims.check(pages)
-    assert line == ("README.md: 1300 has to be 1400: of 1300 random loops no wrong one was trusted")
+    assert line == (
+        "README.md: 1300 has to be 1400: with 1300 random loops no wrong result was trusted"
+    )
     claims.check(pages, write=True)
     assert claims.check(pages) == []
-    assert readme.read_text(encoding="utf-8") == before.replace("of 1400 random", "of 1400\nrandom")
+    assert readme.read_text(encoding="utf-8") == before.replace(
+        "with 1400 random", "with 1400\nrandom"
+    )
 
 
 def test_a_sentence_that_is_gone_is_found(pages):
-    changed(pages / "README.md", "no wrong one was trusted", "all went well")
+    changed(pages / "README.md", "no wrong result was trusted", "all went well")
     assert "README.md: found 0 times, not once" in claims.check(pages)[0]
 
 
@@ -79,8 +83,8 @@ def test_a_changed_proof_is_found(monkeypatch, tmp_path):
     report["summary"]["linear"]["wrong_called_trusted"] = [30001]
     (tmp_path / "proof" / "trusted_loops.json").write_text(json.dumps(report), encoding="utf-8")
     stale = claims.check()
-    assert any("no has to be 1: of 1400 random loops no wrong" in line for line in stale)
-    assert any("None has to be 1: None of 1000 linear loops" in line for line in stale)
+    assert any("no has to be 1: with 1400 random loops no wrong" in line for line in stale)
+    assert any("No has to be 1: No wrong result of the 1000 linear" in line for line in stale)
 
 
 def test_a_test_that_is_not_there_proves_nothing(monkeypatch):

@@ -397,7 +397,13 @@ def test_the_wheel_holds_every_module(tmp_path):
     expected = {"ballscrew/py.typed"}
     for name in ("report.html.jinja", "sets.json"):
         expected.add(f"ballscrew/diagnosis/{name}")
-    expected.add("ballscrew/orchestration/study/report.html.jinja")
+    for name in (
+        "orchestration/page.html.jinja",
+        "orchestration/page_parts.jinja",
+        "orchestration/study/report.html.jinja",
+        "results/report.html.jinja",
+    ):
+        expected.add(f"ballscrew/{name}")
     expected |= {f"ballscrew/{p.relative_to(root)}" for p in root.glob("gallery/*/page.md")}
     for name in ("controller", "test_controller"):
         expected.add(f"ballscrew/templates/{name}.py.jinja")
