@@ -7,10 +7,20 @@ from pathlib import Path
 
 import pytest
 
+import ballscrew
+
 ROOT = Path(__file__).resolve().parents[1]
 GLOSSARY = ROOT / "docs" / "glossary.md"
 ROWS = re.findall(r"^\| ([^|]+) \| ([^|]+) \| `([^`]+)` \|$", GLOSSARY.read_text("utf-8"), re.M)
 PAGES = [p for p in sorted((ROOT / "docs").rglob("*.md")) if p.name != "commands.md"]
+
+
+def test_the_table_of_the_python_page_has_every_function():
+    page = (ROOT / "docs" / "reference" / "api.md").read_text("utf-8")
+    functions = {
+        n for n in ballscrew.__all__ if getattr(ballscrew, n).__module__ == "ballscrew.api"
+    }
+    assert functions == set(re.findall(r"<ballscrew\.api\.(\w+)>", page))
 
 
 def test_the_first_page_links_to_the_glossary():

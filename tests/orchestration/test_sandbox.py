@@ -71,11 +71,11 @@ def test_in_a_sandbox_it_does_nothing_and_the_run_is_the_same(user):
     assert rows(innocent) == found
 
 
-KNOWN = {*sandbox._VARIABLES, "PWD", "SYMPY_CACHE_SIZE"}  # the last ones are made within
+KNOWN = sorted({*sandbox._VARIABLES, "PWD", "SYMPY_CACHE_SIZE"})  # the last are made within
 SEES = (
     "{'run', 'var', 'sys', 'home'}.isdisjoint(os.listdir('/'))",
     "{'passwd', 'shadow', 'hosts', 'hostname'}.isdisjoint(os.listdir('/etc'))",
-    f"set(os.environ) <= {KNOWN}",
+    f"set(os.environ) <= set({KNOWN})",
     "os.getcwd() == '/tmp' and not any('ballscrew' in n for n in os.listdir('/tmp'))",
     "{x.split()[1] for x in open('/proc/self/status') if x[:3] == 'Cap'} == {16 * '0'}",
     "sum(p.isdigit() for p in os.listdir('/proc')) <= 2",  # bubblewrap and itself
