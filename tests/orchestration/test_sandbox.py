@@ -48,7 +48,7 @@ def last_words(path, **how):
         one.reader(["u"])()
     one.close()
     assert "ended with exit code 3" in str(ended.value)
-    return str(ended.value).partition("its last words: ")[2]
+    return str(ended.value).partition("its last output: ")[2]
 
 
 def test_without_a_sandbox_a_hostile_fmu_does_all_that_its_user_can(user):
