@@ -118,7 +118,7 @@ def test_crashes_and_hangs_end_as_without_a_sandbox(tmp_path, capsys):
     start = time.monotonic()
     assert run(hang, tmp_path / "out", "--sandbox", "--time-limit", "2") == 1
     assert time.monotonic() - start < 30
-    assert "(Hang.fmu) gave no answer to step within 2 s" in capsys.readouterr().err
+    assert "(Hang.fmu) did not answer the call step within 2 s" in capsys.readouterr().err
 
 
 LIMITED = """
@@ -250,8 +250,8 @@ def test_a_home_that_would_be_seen_with_python_is_refused(tmp_path, capsys, monk
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (["--no-isolate"], "--sandbox is for FMUs in a process of their own; see --no-isolate"),
-        (["--coupling", "monolithic"], "--sandbox is for FMUs, and --coupling monolithic runs"),
+        (["--no-isolate"], "--sandbox is for FMUs in their own process; see --no-isolate"),
+        (["--coupling", "monolithic"], "--sandbox is for FMUs, and --coupling monolithic uses"),
     ],
 )
 def test_where_fmus_are_run_in_this_process_it_is_refused(tmp_path, capsys, more, message):
