@@ -402,7 +402,7 @@ def test_a_file_that_is_missing_or_no_zip_is_refused(tmp_path):
                 "system": '<ssd:Elements><ssd:System name="s">' * 60
                 + "</ssd:System></ssd:Elements>" * 60
             },
-            "systems lie more than 50 deep",
+            "systems lie more than 50 levels deep",
         ),
     ],
 )
@@ -436,7 +436,7 @@ def test_a_small_file_of_many_large_fmus_is_refused(tmp_path, monkeypatch):
         ('source="#other"', "expected a file in the archive"),
         ("", "element 'c' has no source"),
         ('source="x.ssp" type="application/x-ssp-package"', "is of type application/x-ssp-package"),
-        ('source="text.fmu"', "text.fmu is no FMU that can be read"),
+        ('source="text.fmu"', "text.fmu is not an FMU that can be read"),
         ('source="old.fmu"', "old.fmu is FMI 1.0, expected FMI 2.0"),
     ],
 )

@@ -225,8 +225,8 @@ OK_AND_THREE = b"\4\0\0\0" + bytes([isolated_host.OK]) + b"abc"
     [
         ([b"\0\0\0\0"], "cannot be instantiated"),
         ([b"\1\0\0\0\x77"], "cannot be instantiated"),
-        ([b"\xff\xff\xff\xff"], "has given up the connection|was ended by"),
-        ([b"\x40\0\0\0", *[b"a"] * 64], "gave no answer to open within 1 s"),
+        ([b"\xff\xff\xff\xff"], "closed the connection|was ended by"),
+        ([b"\x40\0\0\0", *[b"a"] * 64], "did not answer the call open within 1 s"),
         ([OK_AND_THREE], "gave 3 bytes for its sample time"),
     ],
 )
