@@ -53,6 +53,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/exchange.py
 	$(BIN)/python proofs/calibrate_sets.py --faultless 20 --effects 40
 	$(BIN)/python proofs/calibrate_sets.py --held-back --rows out/held_back.jsonl
+	$(BIN)/python proofs/ablation.py
 	$(BIN)/python proofs/diagnosis_loop.py
 	$(BIN)/python proofs/reproduction.py
 	$(BIN)/python proofs/reproduction.py --pictures

@@ -130,7 +130,8 @@ def _predicted(
 def _columns(course: StackedRecords, fit: Fit) -> dict[str, Matrix]:
     """Columns of each part, shape (n, columns)."""
     n = len(course.x)
-    acceleration = course.inertial / course.mass
+    # where the mass is zero, nothing can be said of the acceleration
+    acceleration = course.inertial / course.mass if course.mass else np.zeros(n)
     change = np.zeros(n)
     way, near = np.zeros(n), np.zeros(n, dtype=bool)
     direction = np.sign(course.v)

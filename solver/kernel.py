@@ -405,7 +405,7 @@ def describe_failure(
             "events goes to zero"
         )
     if status == core.NO_DELAY:
-        return f"{name}: a delay is 0 s; expected more than 0 s"
+        return f"{name}: a delay is not a positive number of seconds"
     return (
         f"{name}: the internal step fell to {info[core.NEXT_STEP]:.3g} s at "
         f"t = {reached:.9g} s; the solution diverges, or a parameter value is wrong"

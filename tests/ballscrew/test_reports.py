@@ -134,7 +134,7 @@ def test_a_map_has_all_panels_with_titles_and_the_counts_of_map_json(folders):
     assert re.findall(r"<figure id=\"\w+\">\s*<h3>(.*?)</h3>", page) == [
         "iol: how the motion ends",
         "Distance to the set-point at the end",
-        "Swing at the end",
+        "Amplitude at the end",
         "Largest Lyapunov exponent",
     ]
     verdict = figures_of(page)[0]["data"][0]

@@ -29,7 +29,7 @@ def test_the_plants_own_step_is_taken(tmp_path):
     assert last_row(folder / "out")["x"] == pytest.approx(cart_position(0.5), rel=2e-2)
     assert "FMI status" not in done.stdout + done.stderr
     assert "use a smaller --step" not in done.stderr  # it takes none
-    assert "its FMUs accept steps of 0.01 s only" in done.stderr
+    assert "its FMUs take steps of 0.01 s only" in done.stderr
 
 
 def parts(folder, size=0.01):

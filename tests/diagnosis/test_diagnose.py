@@ -104,7 +104,7 @@ def test_nothing_hidden_is_called_nothing():
     assert found.causes == ()
     assert all(abs(change) <= 0.03 + 1e-9 for change in found.adjustments.values())
     (said,) = (n for n in found.notes if n.startswith("not excluded: a fault of up to "))
-    assert float(said.split()[8]) >= 2.0 * found.floor.force * 0.99
+    assert float(said.split()[7]) >= 2.0 * found.floor.force * 0.99
 
 
 def test_what_no_cause_has_is_not_given_a_name():
@@ -161,7 +161,7 @@ def test_each_record_may_have_an_offset_of_its_own(tmp_path):
     found = diagnose_records(parts, prior_model)
     assert not found.causes
     (note,) = (n for n in found.notes if n.startswith("additional offsets to that of first: "))
-    assert float(note.split()[5]) == pytest.approx(more, rel=0.1)  # friction noise lasts
+    assert float(note.split()[6]) == pytest.approx(more, rel=0.1)  # friction noise lasts
 
 
 def found_in_world(tmp_path, world, effects, seed):

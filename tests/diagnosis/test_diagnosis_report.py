@@ -407,7 +407,7 @@ def test_a_cause_is_told_with_size_gain_doubt_and_what_would_confirm_it():
         "1.234e-05 1.1e-05 to 1.4e-05 m",
         "43.2 % of the mean square in force (40 % to 46 %)",
         "75 % in position",
-        "probability 0.97; of 100 records like those of the calibration, at most 2",
+        "probability 0.97; for records like those of the calibration, at most 2 of 100",
         "0.66 N rms, 50 % of the friction",
         "would confirm it slow reversals",
         "For this machine: strokes of 1 mm to and fro. Command file: next_experiment.csv",
@@ -463,14 +463,14 @@ def test_a_gain_that_ends_above_the_floor_is_said_with_what_is_left():
     ("verdict", "changes", "words"),
     [
         ("none", {"causes": ()}, "These records show no error of the model"),
-        ("partly", {"unnamed": ("with time",)}, "backlash explains part of what"),
+        ("partly", {"unnamed": ("with time",)}, "backlash explains part of the error"),
         ("unexplained", {"causes": (), "unnamed": ("with time",)}, "no cause is certain"),
     ],
 )
 def test_each_verdict_is_a_sentence(verdict, changes, words):
     said = text_of(report(found(verdict=verdict, **changes), NO_LOOP))
     assert words in said
-    assert ("it lives with time" in said or "lives with time" in said) == ("unnamed" in changes)
+    assert ("it varies with time" in said or "It varies with time" in said) == ("unnamed" in changes)
 
 
 def test_suspects_are_told_with_size_force_and_what_would_confirm_them():

@@ -181,7 +181,7 @@ def test_sides_that_do_not_meet_are_refused_with_one_line(fmus, tmp_path):
     path = tmp_path / "loop.ssp"
     with pytest.raises(
         CannotConnect,
-        match=r"has no input that fits an output of .*: its inputs are x, v",
+        match=r"its inputs do not fit the outputs of .*: its inputs are x, v",
     ):
         export_system(fmus["iol"], fmus["nctf"], path, name="two controllers")
     with pytest.raises(CannotConnect, match="the set-point is nan"):

@@ -130,7 +130,7 @@ def test_an_offset_that_is_known_is_held():
         ("bliman_sorine", {"f1": 1.0}, False, "fitted together with f2, eta"),
         ("maxwell_slip", {"alpha1": 0.2}, False, "cannot be fixed alone"),
         ("directional_lugre", {"Fc": 1.0}, False, "no parameter 'Fc'"),
-        ("directional_lugre", {}, True, "hold offset at a value"),
+        ("directional_lugre", {}, True, "fix offset at a value"),
     ],
 )
 def test_what_cannot_be_held_or_told_is_refused_in_one_line(law, fixed, offset, words):

@@ -34,7 +34,7 @@ def test_what_does_not_fit_is_refused_in_one_line_that_says_how_much_and_what_to
     assert main([*arguments.split(), "--out", "OUT"]) == 2
     heard = capsys.readouterr().err
     assert message in heard
-    assert "and 2 GB is available; " in heard
+    assert "but only 2 GB is available; " in heard
     assert heard.count("\n") == 1
     left = [p for p in tmp_path.rglob("*") if p.is_file()]
     assert left == []

@@ -151,10 +151,10 @@ def test_two_files_of_one_name_are_refused(hand, folder, tmp_path):
     [
         (("--map", "pos=x", "--map", "pos=v"), "--map pos is given as x and as v"),
         (("--map", "pos=x", "--map", "Hand.pos=v"), "--map Hand.pos and --map pos: expected one"),
-        (("--map", "pos=x", "--map", "load=x"), "would hide controller's port"),
-        (("--map", "pos=x", "--map", "v=u"), "--map v=u would hide plant's port 'u'"),
-        (("--map", "pos=x", "--map", "v=x_d"), "would hide a column of the results"),
-        (("--map", "pos=x", "--map", "plant.v=time"), "would hide a column of the results"),
+        (("--map", "pos=x", "--map", "load=x"), "has the same name as controller's port"),
+        (("--map", "pos=x", "--map", "v=u"), "--map v=u has the same name as plant's port 'u'"),
+        (("--map", "pos=x", "--map", "v=x_d"), "has the same name as a column of the results"),
+        (("--map", "pos=x", "--map", "plant.v=time"), "has the same name as a column of the results"),
         (("--map", "pos=x", "--map", "Hand.spin=v"), "controller has no port 'spin'"),
         (("--map", "pos=x", "--map", "posi=v"), "neither side has a port 'posi'; nearest: pos"),
         (

@@ -90,7 +90,7 @@ def test_a_force_beyond_the_load_cell_reads_as_its_range_and_is_not_to_be_believ
     found = run_trial("2.3.1/1", parameters={"Fc": 60.0, "Fs": 60.0})
     assert found.truth["force"].max() > 55
     assert found.record["force"].max() == 44.5
-    assert "load cell is at the end of its range, 44.5 N" in found.notes[0]
+    assert "load cell is at the limit of its range, 44.5 N" in found.notes[0]
 
 
 def test_the_amplifier_keeps_its_limit_and_it_is_said():

@@ -184,10 +184,10 @@ def test_the_largest_velocity_is_one_that_the_machine_can_do(files, limit, trave
     ("name", "trial", "given", "said"),
     [
         ("linear", "2.4/1", {"plant.voltage_limit": 90.0}, "gives 90 N .* too small for sliding"),
-        ("linear", "2.2/13", {"plant.voltage_limit": 100.0}, "takes 107 N, and .* gives 100 N"),
+        ("linear", "2.2/13", {"plant.voltage_limit": 100.0}, "takes 107 N, but .* gives 100 N"),
         ("linear", "2.4/1", {"plant.sigma2": 0.0}, "needs a velocity.* give trial.speed, in m/s"),
         ("joint", "2.4/1", {"plant.sigma2": 0.0}, "give trial.speed, in rad/s"),
-        ("linear", "viscous/51", {"trial.speed": 1.0}, "over in 0.6 s on the travel of 0.6 m"),
+        ("linear", "viscous/51", {"trial.speed": 1.0}, "after 0.6 s on the travel of 0.6 m"),
         ("linear", "2.8/1", {}, "1.9 counts of the encoder.*use encoder.counts of 2089 or more"),
         ("joint", "presliding", {}, "the law classical does not have; use another law"),
         ("linear", "2.4/1", {"plant.gain": 0.0}, "plant.gain is 0"),

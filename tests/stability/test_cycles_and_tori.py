@@ -102,7 +102,7 @@ def test_classical_friction_sticks_while_the_integral_winds_up_and_does_not_cree
     )(1e-9)
     motion = classify_attractor(model, 0.0, 20.0)
     assert motion.kind is Kind.WINDING, motion.evidence
-    assert "plant_x, plant_v stand still" in motion.evidence
+    assert "plant_x, plant_v are constant" in motion.evidence
     # the integral's pace is the error, at which the block sticks: what it says can be computed
     position = model.x[[s.name for s in model.kernel.states].index("plant_x")]
     resistance = model.p[[p.name for p in model.kernel.parameters].index("plant_R")]

@@ -200,7 +200,7 @@ def test_a_study_over_dask_gives_the_same_numbers(plan, result, tmp_path):
 def test_a_folder_of_another_study_is_left_alone(plan, folder, result):
     with pytest.raises(BadPlan, match="add --resume to continue"):
         do_study(plan, folder, Processes(1))
-    with pytest.raises(BadPlan, match="holds another study"):
+    with pytest.raises(BadPlan, match="contains another study"):
         do_study(replace(plan, seed=2), folder, Processes(1), resume=True)
 
 
@@ -211,7 +211,7 @@ def test_parts_of_another_study_are_never_taken(plan, folder, result, tmp_path):
         kept = json.loads(part.read_text())
         part.write_text(json.dumps(kept["found"]))  # as an earlier version kept it
     for resume in (False, True):
-        with pytest.raises(BadPlan, match="holds another study"):
+        with pytest.raises(BadPlan, match="contains another study"):
             do_study(plan, tmp_path / "own", Processes(1), resume=resume)
     # a part of each in one folder: this study goes on with its own, and does the other's again
     shutil.copytree(folder / PARTS, tmp_path / "both" / PARTS)
