@@ -56,7 +56,7 @@ LAW = "classical"
 FOLDS = 4
 MODELS = {
     "one friction": {"tied": True},
-    "one friction and an offset": {"tied": True, "offset": True},
+    "one friction and an offset": {"tied": True, "beside": (OFFSET,)},
     "a friction for each direction": {"tied": False},
 }
 STEADY = "steady_state/0.096kg"

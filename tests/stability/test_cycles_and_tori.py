@@ -107,7 +107,7 @@ def test_classical_friction_sticks_while_the_integral_winds_up_and_does_not_cree
     position = model.x[[s.name for s in model.kernel.states].index("plant_x")]
     resistance = model.p[[p.name for p in model.kernel.parameters].index("plant_R")]
     pace = integral * (0.05 - position) / resistance
-    assert f"plant_i by {pace:.3g} a second" in motion.evidence
+    assert f"plant_i by {pace:.3g} per second" in motion.evidence
 
 
 @pytest.mark.parametrize(
