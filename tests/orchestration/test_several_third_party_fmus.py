@@ -154,7 +154,7 @@ def test_two_files_of_one_name_are_refused(hand, folder, tmp_path):
         (("--map", "pos=x", "--map", "load=x"), "has the same name as controller's port"),
         (("--map", "pos=x", "--map", "v=u"), "--map v=u has the same name as plant's port 'u'"),
         (("--map", "pos=x", "--map", "v=x_d"), "has the same name as a column of the results"),
-        (("--map", "pos=x", "--map", "plant.v=time"), "has the same name as a column of the results"),
+        (("--map", "pos=x", "--map", "plant.v=time"), "has the same name as a column of the"),
         (("--map", "pos=x", "--map", "Hand.spin=v"), "controller has no port 'spin'"),
         (("--map", "pos=x", "--map", "posi=v"), "neither side has a port 'posi'; nearest: pos"),
         (
