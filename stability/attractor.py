@@ -16,7 +16,14 @@ import numpy.typing as npt
 from ..solver.core import EVENTS
 from ..solver.kernel import IntegrationError, Model
 from ..solver.spectrum import Returns, Spectrum, follow_returns, follow_tangents
-from .equilibria import Equilibrium, equilibrium_near, is_driven, sample_after, stands
+from .equilibria import (
+    Equilibrium,
+    equilibrium_near,
+    is_driven,
+    sample_after,
+    stands,
+    with_round_off,
+)
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -138,7 +145,7 @@ def classify_attractor(
     so_far: Attractor | None = None
     looks = 0
     for _ in range(rounds):
-        resting = _resting(model, time, until, span)
+        resting = _resting(model, time, until, span, exponents)
         if resting is not None:
             return resting
         coordinate, level, seen = _plane(model, time, 0.25 * span)
@@ -171,7 +178,7 @@ def classify_attractor(
         span = min(LONGER * span, (until - time) / 4.25)
         if time >= until - 10.0 * model.sample_time:
             break
-    return _resting(model, time, until, span) or so_far or _broken(seen)
+    return _resting(model, time, until, span, exponents) or so_far or _broken(seen)
 
 
 def _ended(passes: Returns, so_far: Attractor | None) -> Attractor:
@@ -290,7 +297,9 @@ def _without_exponents(model: Model, passes: Returns) -> Attractor:
     return Attractor(kind, text, "" if kind is Kind.BOUNDED else LONGER_RUN, amplitude=after)
 
 
-def _resting(model: Model, time: float, until: float, span: float) -> Attractor | None:
+def _resting(
+    model: Model, time: float, until: float, span: float, exponents: bool
+) -> Attractor | None:
     """Rest, where the motion comes near an equilibrium and falls towards it as it must.
 
     The distance has to shrink to a fifth, over three time constants of the slowest eigenvalue, or
@@ -323,6 +332,8 @@ def _resting(model: Model, time: float, until: float, span: float) -> Attractor 
         within = 2.0 * max(distance, SETTLED)
         quiet = near and stays and shift <= within
         if quiet and stands(model, time + wait, span, found.state, within):
+            if exponents:  # maps ask for none, and have many cells
+                found = with_round_off(model, time + wait, found)
             return _rest(model, found, time + wait, wait, distance, left)
     model.x[:], model.u[:] = state, held
     return None

@@ -48,7 +48,7 @@ class Equilibrium:
         How fast the model's state moves along what is neutral [nominal magnitudes/s]: an integral
         that fills while a block sticks is no rest, though no eigenvalue tells.
     error : ndarray, shape (n,), or None
-        Error of the real parts by round-off in the Jacobian [1/s]; None for sampled systems.
+        Error of the real parts by round-off in the Jacobian [1/s], see `with_round_off`.
     """
 
     state: Vector
@@ -103,9 +103,7 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
             break
     else:
         return None
-    nearby = [point] if model.sample_time else _rounded(point)
-    jacobians = np.array([linearize(model, time, x)[1] for x in nearby])
-    a = jacobians.mean(axis=0)
+    _, a = linearize(model, time, point)
     values = np.linalg.eigvals(a).astype(complex)
     zero = NEUTRAL * float(np.abs(a).max(initial=0.0))
     if model.sample_time:  # the map is as exact as its solver
@@ -115,22 +113,29 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
         values = _rates_between_samples(model, time, point, np.asarray(values + 1.0, np.complex128))
     values = np.where(neutral, 0.0, values)
     values = values[np.argsort(-values.real)]
-    error = None
-    if not model.sample_time:
-        each = -np.sort(-np.linalg.eigvals(jacobians).real, axis=1)
-        error = np.where(values == 0.0, 0.0, np.ptp(each, axis=0))
-    found = Equilibrium(point, values, int(neutral.sum()), 0.0, error)
+    found = Equilibrium(point, values, int(neutral.sum()), 0.0)
     return replace(found, drift=_drift(a, first, found.slowest, model.sample_time))
 
 
-def _rounded(point: Vector) -> Vector:
-    """Points that differ by a few units in the last place: the scatter is the round-off.
+def with_round_off(model: Model, time: float, found: Equilibrium) -> Equilibrium:
+    """The equilibrium with better eigenvalues and their error; unchanged for sampled systems.
 
     A linearizing controller cancels large entries of the Jacobian. What is left has few digits, and
-    eigenvalues that depend much on it have fewer; the mean has more than each.
+    eigenvalues that depend much on it have fewer. Jacobians are taken at points that differ by a
+    few units in the last place: their scatter is the round-off, and their mean has more digits.
     """
-    units = np.random.default_rng(0).integers(-8, 9, (ROUNDED, len(point)))
-    return point * (1.0 + np.finfo(float).eps * units)
+    if model.sample_time:
+        return found
+    units = np.random.default_rng(0).integers(-8, 9, (ROUNDED, len(found.state)))
+    points = found.state * (1.0 + np.finfo(float).eps * units)
+    jacobians = np.array([_rates(model, time, x)[1] for x in points])
+    mean = jacobians.mean(axis=0)
+    values = np.linalg.eigvals(mean).astype(complex)
+    values[np.abs(values) <= NEUTRAL * float(np.abs(mean).max(initial=0.0))] = 0.0
+    values = values[np.argsort(-values.real)]
+    each = -np.sort(-np.linalg.eigvals(jacobians).real, axis=1)
+    error = np.where(values == 0.0, 0.0, np.ptp(each, axis=0))
+    return replace(found, eigenvalues=values, error=error)
 
 
 def stands(model: Model, time: float, span: float, state: Vector, within: float) -> bool:
