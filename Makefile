@@ -51,10 +51,11 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/tables_of_trials.py
 	$(BIN)/python proofs/variational.py
 	$(BIN)/python proofs/exchange.py
-	$(BIN)/python proofs/calibrate_sets.py --faultless 20 --effects 40
-	$(BIN)/python proofs/calibrate_sets.py --held-back --rows out/held_back.jsonl
+	$(BIN)/python proofs/calibrate_sets.py
+	$(BIN)/python proofs/calibrate_sets.py --held-back --first-seed 1010000 --faultless 35 \
+	  --effects 70 --rows out/held_back.jsonl
 	$(BIN)/python proofs/ablation.py
-	$(BIN)/python proofs/diagnosis_loop.py
+	$(BIN)/python proofs/diagnosis_loop.py --faultless 3 --effects 6 --first-seed 1020000
 	$(BIN)/python proofs/reproduction.py
 	$(BIN)/python proofs/reproduction.py --pictures
 	$(BIN)/python proofs/emps.py
