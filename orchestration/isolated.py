@@ -95,6 +95,7 @@ class IsolatedInstance(AnyFmu):
         self.steps_vary = description.steps_vary
         self.sample_time, self.stop = 0.0, math.inf
         self._waiting: list[bytes] = []
+        self._changes = 0  # requests after which an output may have another value
         self._bound = self._saved = 0
         self._stepping = False
         self._dead = ""
@@ -168,12 +169,17 @@ class IsolatedInstance(AnyFmu):
 
     def reader(self, names: Sequence[str]) -> Reader:
         number, size = self._bind(Request.BIND_READER, names), 8 * len(names)
+        known, read_after = np.zeros(0), -1
 
         def read() -> Vector:
-            data = self._ask(Request.READ, number)
-            if len(data) != size:
-                raise self._lost(f"gave {len(data)} bytes for {', '.join(names)}")
-            return np.frombuffer(data).copy()
+            nonlocal known, read_after
+            # a step ends and the next one begins with the same values: half of all requests
+            if read_after != self._changes or self._dead:
+                data = self._ask(Request.READ, number)
+                if len(data) != size:
+                    raise self._lost(f"gave {len(data)} bytes for {', '.join(names)}")
+                known, read_after = np.frombuffer(data), self._changes
+            return known.copy()
 
         return read
 
@@ -216,6 +222,8 @@ class IsolatedInstance(AnyFmu):
         self._clean()
 
     def _tell(self, request: Request, data: bytes = b"") -> None:
+        if request is not Request.READ:
+            self._changes += 1
         self._waiting.append(struct.pack("<BI", request, len(data)) + data)
 
     def _ask(self, request: Request, data: bytes = b"") -> bytes:

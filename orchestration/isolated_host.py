@@ -24,6 +24,8 @@ from ..fmus.reading import Description, FmuError, UnpackedFmu
 from .fmu_instance import SHORTER, FmuInstance, StepFailed
 
 OK, FAILED, REFUSED, DISCARDED = range(4)
+_HEAD = struct.Struct("<I")  # a packet's size
+_AT_ONCE = 1 << 16  # bytes
 _LARGEST = 1 << 28  # bytes of a packet
 
 
@@ -43,7 +45,7 @@ class Request(enum.IntEnum):
 
 
 def send(connection: socket.socket, data: bytes) -> None:
-    connection.sendall(struct.pack("<I", len(data)) + data)
+    connection.sendall(_HEAD.pack(len(data)) + data)
 
 
 def receive(connection: socket.socket) -> bytes:
@@ -58,22 +60,17 @@ def receive(connection: socket.socket) -> bytes:
     """
     limit = connection.gettimeout()
     end = math.inf if limit is None else time.monotonic() + limit
-    (size,) = struct.unpack("<I", _exactly(connection, 4, end))
-    if size > _LARGEST:
-        raise EOFError
-    return _exactly(connection, size, end)
-
-
-def _exactly(connection: socket.socket, size: int, end: float) -> bytes:
-    data = connection.recv(size)
-    while len(data) < size:
-        if time.monotonic() > end:  # each piece begins a limit of its own
+    data, whole = b"", _HEAD.size
+    while len(data) < whole:  # almost always once: nothing is sent before an answer has come
+        if data and time.monotonic() > end:  # each piece begins a limit of its own
             raise TimeoutError
-        more = connection.recv(size - len(data))
-        if not more:
-            raise EOFError
+        more = connection.recv(_AT_ONCE)
         data += more
-    return data
+        if len(data) >= _HEAD.size:
+            whole = _HEAD.size + _HEAD.unpack_from(data)[0]
+        if not more or whole > _LARGEST or len(data) > whole:
+            raise EOFError
+    return data[_HEAD.size :]
 
 
 def main(connection: socket.socket) -> None:

@@ -238,3 +238,25 @@ def test_what_a_process_answers_is_not_believed(answer, message, tmp_path, answe
     with pytest.raises((FmuError, StepFailed), match=message):
         IsolatedInstance(path, "one", time_limit=1.0).initialize({}, 1.0)
     assert time.monotonic() - start < 5
+
+
+def test_what_cannot_have_changed_is_not_asked_for_again(tmp_path, monkeypatch):
+    """A step ends and the next one begins with the same outputs."""
+    asked = []
+    send = isolated.send
+    monkeypatch.setattr(isolated, "send", lambda to, packet: (asked.append(1), send(to, packet)))
+    part = IsolatedInstance(proportional(tmp_path, "Once"), "controller")
+    part.initialize({}, 1.0)
+    put, got = part.writer(["x"]), part.reader(["u"])
+    got()
+    asked.clear()
+    values = []
+    for x in (0.01, 0.02, 0.02):
+        put(np.array([x]))
+        part.step(0.0, 0.1)
+        values.append([got()[0] for _ in range(3)])
+    assert len(asked) == 3
+    part.close()
+    assert values[0] == [values[0][0]] * 3
+    assert values[1][0] != values[0][0]
+    assert values[2] == values[1]
