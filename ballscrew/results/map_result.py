@@ -35,8 +35,21 @@ class StabilityMap(Reported):
 
     @property
     def trusted(self) -> bool:
-        """Whether no cell away from borders has another verdict at a tenth of the tolerance."""
-        return self.summary.random_disagreed == 0
+        """Whether cells are decided, and none away from borders has another verdict when repeated.
+
+        It is repeated at a tenth of the tolerance, over FMUs at half the step.
+        """
+        return self.summary.random_disagreed == 0 and self._undecided < self.summary.plan.cells
+
+    @property
+    def _undecided(self) -> int:
+        return self.summary.verdicts.get(Kind.UNDECIDED.value, 0)
+
+    @property
+    def _again(self) -> str:
+        return (
+            "at a tenth of the tolerance" if self.summary.plan.fmus is None else "at half the step"
+        )
 
     def pictures(self) -> dict[str, Any]:
         from ..stability.map_pictures import map_figure
@@ -45,23 +58,22 @@ class StabilityMap(Reported):
 
     def headline(self) -> str:
         s = self.summary
+        open_ = f", {self._undecided} undecided" if self._undecided else ""
         return (
-            f"{s.plan.cells} loops of {s.plan.loop.label}; at a tenth "
-            f"of the tolerance {s.disagreed} of {s.checked} have another verdict"
+            f"{s.plan.cells} loops of {s.plan.loop.label}{open_}; {self._again} "
+            f"{s.disagreed} of {s.checked} have another verdict"
         )
 
     def badge(self) -> tuple[str, bool]:
-        undecided = self.summary.verdicts.get(Kind.UNDECIDED.value, 0)
-        if self.trusted and undecided:
-            return f"{undecided} of {self.summary.plan.cells} undecided", False
+        if self._undecided and not self.summary.random_disagreed:
+            return f"{self._undecided} of {self.summary.plan.cells} undecided", False
         return super().badge()
 
     def verdict_and_reason(self) -> tuple[str, str]:
         s = self.summary
         counts = sorted(s.verdicts.items(), key=lambda row: -row[1])
         ends = ", ".join(f"{count} {verdict}" for verdict, count in counts)
-        again = "at a tenth of the tolerance" if s.plan.fmus is None else "at half the step"
-        checked = f"Again {again}: {s.disagreed} of {s.checked} cells have another verdict."
+        checked = f"Again {self._again}: {s.disagreed} of {s.checked} cells have another verdict."
         return f"{s.plan.cells} loops of {s.plan.loop.label}: {ends}", checked
 
     def doubts(self) -> Iterable[str]:

@@ -3,6 +3,7 @@
 import doctest
 import inspect
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -348,6 +349,7 @@ def test_over_fmus_exponents_and_maps_are_those_of_the_command_and_their_wrong_u
     axes = {"x": "Kp=300:400:2", "y": "plant.Fs=2.2:2.4:2"}
     made = ballscrew.stability_map("pid", **axes, folder=tmp_path, stop=0.2, step=1e-3)
     assert made.summary.plan.loop.step == 1e-3
+    assert "at half the step" in made.headline()
     for wrong in ({"mapping": {"a": "b"}}, {"step": -1.0}, {"step": 1.0}):
         with pytest.raises(ValueError, match=r"step"):
             ballscrew.lyapunov("pid", stop=0.2, **wrong)
@@ -357,3 +359,14 @@ def test_over_fmus_exponents_and_maps_are_those_of_the_command_and_their_wrong_u
         ballscrew.lyapunov(ballscrew.SystemLoop("two.ssp"), stop=0.2)
     by_component = ballscrew.lyapunov(ballscrew.component("pid"), stop=0.2, step=1e-3)
     assert by_component.exponents == pytest.approx(over.exponents, rel=1e-12)
+
+
+def test_a_map_without_a_decided_cell_is_not_trusted_and_says_how_many_are_open(tmp_path):
+    axes = {"x": "Kp=300:400:2", "y": "plant.Fs=2.2:2.4:2"}
+    made = ballscrew.stability_map("pid", **axes, folder=tmp_path, stop=0.2)
+    for counts, trusted in (({"settles": 4}, True), ({"undecided": 4}, False)):
+        summary = replace(made.summary, verdicts=counts, random_disagreed=0)
+        of_counts = replace(made, summary=summary)
+        assert of_counts.trusted is trusted
+        assert ("4 undecided" in of_counts.headline()) is not trusted
+        assert ("4 of 4 undecided" in of_counts.badge()[0]) is not trusted
