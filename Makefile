@@ -21,7 +21,7 @@ demo: $(VENV)/installed
 	$(BIN)/ballscrew run --controller nctf --out out/nctf
 	$(BIN)/ballscrew swap --controllers iol nctf pid --out out/swap
 
-# What one runs while one works: a minute of tests, of the parts that all others stand on.
+# What one runs while one works: two minutes of tests, of the parts that all others stand on.
 check: lint
 	$(BIN)/pytest -q -n 2 --dist loadgroup -m "not long" \
 	  tests/solver tests/plant tests/instruments tests/controllers tests/records \

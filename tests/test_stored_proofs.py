@@ -52,6 +52,19 @@ def test_the_digest_of_the_code_changes_with_a_file_that_the_proof_depends_on(
     assert provenance.code_digest("made_up") != before
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "alike", "other"),
+    [
+        ("a.py", '"""One."""\nx = 1  # why\n', '"""Two."""\n\nx = (1)\n', "x = 2\n"),
+        ("a.c", "int x = 1; /* why */\n", "int x = 1;  // because\n", "int x = 2;\n"),
+        ("a.json", '{"x": 1}', '{"x":  1}\n', '{"x": 2}'),
+    ],
+)
+def test_a_proof_is_of_other_code_when_a_program_could_notice(name, text, alike, other):
+    assert provenance.code_of(name, text) == provenance.code_of(name, alike)
+    assert provenance.code_of(name, text) != provenance.code_of(name, other)
+
+
 def test_the_stored_bound_of_wrong_results_called_trusted_is_that_of_clopper_and_pearson():
     for said in provenance.stored("trusted_loops")["summary"].values():
         deceived = len(said["wrong_called_trusted"])
