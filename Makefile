@@ -71,15 +71,16 @@ tools: $(VENV)/installed
 	$(BIN)/python proofs/made_by_others.py $(FLAGS)
 	$(BIN)/python proofs/modelica.py $(FLAGS)
 
+# In an environment of their own, with the programs that they compare with.
+PEERS := .venv-peers/bin/python
 bench: $(VENV)/installed
-	$(BIN)/python benchmarks/start.py
-	$(BIN)/python benchmarks/master.py
-	$(BIN)/python benchmarks/lyapunov.py
-	$(BIN)/python benchmarks/map.py
-	$(BIN)/python benchmarks/native.py
-	$(BIN)/python benchmarks/study.py
-	$(BIN)/python benchmarks/peers.py
-	$(BIN)/python benchmarks/scale.py
+	test -x $(PEERS) || $(PYTHON) -m venv .venv-peers
+	$(PEERS) -m pip install --quiet --constraint constraints.txt "setuptools>=77" wheel
+	$(PEERS) -m pip install --quiet --constraint constraints.txt ".[test]" -r benchmarks/peers.txt
+	$(PEERS) -m pip install --quiet --constraint constraints.txt --no-deps --force-reinstall .
+	for name in start master lyapunov map native study peers scale; do \
+	  $(PEERS) benchmarks/$$name.py || exit 1; \
+	done
 
 # One for each platform, compiled here by ziglang; `WHEELS=win64` makes one.
 WHEELS ?= linux64 win64 darwin64 aarch64-linux aarch64-windows aarch64-darwin
@@ -94,4 +95,4 @@ pythons: $(VENV)/installed
 	$(BIN)/python .ci/pythons.py
 
 clean:
-	rm -rf $(VENV) build out *.egg-info
+	rm -rf $(VENV) .venv-peers build out *.egg-info

@@ -1,7 +1,7 @@
 """What a user would take instead, beside this program, in one run: ``python benchmarks/peers.py``.
 
-Writes docs/peers.md. Programs that are not installed are listed as such; ``pip install casadi
-lmfit pysindy control`` brings them. The EMPS record is read from ``BALLSCREW_EMPS``, the Reference
+Writes docs/peers.md. Programs that are not installed are listed as such; `make bench` installs
+those of ``benchmarks/peers.txt``. The EMPS record is read from ``BALLSCREW_EMPS``, the Reference
 FMUs from ``BALLSCREW_REFERENCE_FMUS`` (see docs/emps.md and docs/systems.md). What exponents cost
 in other programs is in benchmarks/lyapunov.py.
 """
