@@ -114,6 +114,8 @@ def main() -> int:
         swapped = (folder / "out" / "yours" / "comparison.csv").read_text(encoding="utf-8")
         if "yours" not in swapped or "pid" not in swapped:
             raise SystemExit("the comparison has not both controllers")
+        if "not converged" in swapped:
+            raise SystemExit("a controller of the comparison is not trusted")
         (program,), (printed,) = blocks(readme, "python"), blocks(readme, "text")
         (folder / "program.py").write_text(program, encoding="utf-8")
         said = step("the program of README", "python", "program.py")

@@ -241,6 +241,7 @@ def run(  # noqa: PLR0913
     controller_values: Values | None = None,
     coupling: str | Coupling | None = None,
     mapping: Mapping[str, str] | None = None,
+    sampled: float | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> RunResult:
     """Run a closed loop of FMUs, with a verdict on the coupling.
@@ -249,7 +250,7 @@ def run(  # noqa: PLR0913
     ----------
     loop : Loop, SystemLoop, or a controller
         ``run("iol", stop=2.0)`` is ``run(Loop("iol", stop=2.0))``.
-    plant, reference, stop, step, plant_values, controller_values, coupling, mapping
+    plant, reference, stop, step, plant_values, controller_values, coupling, mapping, sampled
         As in `Loop`, with its defaults; if `loop` is a `Loop`, the values to change in it.
     progress : function of float, optional
         Called with the time that the run has reached [s].
@@ -341,7 +342,8 @@ def swap(  # noqa: PLR0913
     >>> result.results[1].loop.controller_values
     {'Kp': 300.0}
     """
-    asked = locals() | {"controller_values": None, "mapping": None}  # each controller has its own
+    # each controller has its own
+    asked = locals() | {"controller_values": None, "mapping": None, "sampled": None}
     from .orchestration.in_practice import in_practice
     from .orchestration.swap import swap as swapped
     from .results.comparison import Comparison
@@ -365,6 +367,7 @@ def swap(  # noqa: PLR0913
             controller_values=values,
             mapping={**loop.mapping, **ports_of[k]},
             notes=(*loop.notes, *notes),
+            sampled=loop.sampled if sampled is None or part.has_equations else sampled,
         )
     return Comparison.of(swapped(loops, progress))
 

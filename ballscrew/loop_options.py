@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,6 +82,12 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
         help="a file with the columns time [s] and x_d [m], and optionally v_d and a_d; or "
         "a motion, such as step:size=0.08, move:distance=0.08,speed=0.1,acceleration=1,jerk=50, "
         "sine:amplitude=1e-3,frequency=2 or triangle:amplitude=1e-3,period=1",
+    )
+    add(
+        "--sampled",
+        metavar="PERIOD",
+        help="sample the controller with this period [s]: it reads at sample instants and holds "
+        "its commands; an FMU is stepped once in each period",
     )
     add("--stop", metavar="SECONDS", help="end of the run [s] (default 20, or the .ssp's)")
     add(
@@ -195,6 +202,45 @@ def read_closed_loops(
     return read_loops(options, controllers, option, stop=stop, **how)
 
 
+def read_practice_loops(
+    options: argparse.Namespace,
+    asked: Sequence[str],
+    option: str = "--controller",
+    noise: bool = False,
+) -> list[Loop]:
+    """As `read_closed_loops`, sampled and with instruments where the options say so."""
+    if options.sampled is None and not noise:
+        return read_closed_loops(options, asked, option)
+    from .orchestration.in_practice import in_practice
+
+    period = None
+    if options.sampled is not None:
+        period = read_number("--sampled", options.sampled)
+        if period <= 0:
+            raise BadRequest(f"--sampled is {options.sampled} s, expected more than 0")
+    parts = [read_part(option, controller, CONTROLLERS) for controller in asked]
+    put = [guard(lambda p=p: in_practice(p, period, noise)) for p in parts]
+    loops = read_closed_loops(options, [part.name for part, _, _ in put], option)
+    for k, (part, values, notes) in enumerate(put):
+        for parameter in values:
+            _refuse_another(options, parameter)
+        values_of = {**loops[k].controller_values, **values}
+        sampled = None if part.has_equations else period
+        loops[k] = guard(
+            lambda loop=loops[k], values_of=values_of, notes=notes, sampled=sampled: replace(
+                loop, controller_values=values_of, notes=notes, sampled=sampled
+            )
+        )
+    return loops
+
+
+def _refuse_another(options: argparse.Namespace, parameter: str) -> None:
+    """Reject a sampling period by ``--set`` together with ``--sampled``."""
+    for text in options.set:
+        if text.partition("=")[0].strip().endswith(f".{parameter}"):
+            raise BadRequest(f"--sampled {options.sampled} and --set {text}: expected one of them")
+
+
 def read_followed_loop(
     options: argparse.Namespace, tolerance: float, finest: float, coarsest: float
 ) -> tuple[Loop, float]:
@@ -240,7 +286,7 @@ def read_followed_loop(
 
 
 def read_system_loop(options: argparse.Namespace) -> SystemLoop:
-    for name in ("plant", "map", "params", "limit_voltage", "limit_current"):
+    for name in ("plant", "map", "params", "limit_voltage", "limit_current", "sampled"):
         if getattr(options, name):
             raise BadRequest(
                 f"--{name.replace('_', '-')} cannot be used with --system, whose file "

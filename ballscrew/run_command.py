@@ -10,7 +10,7 @@ from typing import Any
 
 from .console import Progress, print_figures, print_notes
 from .controllers import CONTROLLERS
-from .loop_options import add_closed_loop_options, read_closed_loops, read_system_loop
+from .loop_options import add_closed_loop_options, read_practice_loops, read_system_loop
 from .options import NOT_TRUSTED, OWN, TRUSTED, guard
 from .results_folder import prepare_folder, save_results
 
@@ -20,6 +20,7 @@ _EXAMPLES = """examples:
   ballscrew run --controller mine.py:pi --out out
   ballscrew run --controller mine.fmu --map position=x --map voltage=u --out out
   ballscrew run --controller theirs.fmu --sandbox --out out
+  ballscrew run --controller theirs.fmu --sampled 1e-3 --out out
   ballscrew run --controller iol --coupling monolithic --out reference
   ballscrew run --system loop.ssp --set plant.sigma0=6e4 --out out
   ballscrew run --controller pid --params out/identified/parameters.toml --out out/pid
@@ -53,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     loop = (
         read_system_loop(options)
         if options.system
-        else read_closed_loops(options, [options.controller])[0]
+        else read_practice_loops(options, [options.controller])[0]
     )
     prepare_folder(options.out, [options.params, options.reference])
     from . import api

@@ -25,6 +25,7 @@ from .loop_run import CouplingError, LoopRun
 from .master import Progress, run_loop
 from .parts import Part, check_names
 from .port_units import convert
+from .sampled_fmu import sampled_every
 from .sampling import UnknownPeriod, sampling_period
 from .state_trial import check_state
 from .step_choice import StepChoice, choose_step, only_step
@@ -64,13 +65,18 @@ def run_pair(loop: Loop, progress: Progress | None = None) -> ClosedLoopResult:
 
             plant = opened_fmu(loop.plant, "plant")
             controller = opened_fmu(loop.controller, "controller")
+            if loop.sampled:
+                controller = sampled_every(controller, loop.sampled)
             run, found = run_parts(loop, plant, controller, step, progress, look_again, tries)
         notes = *loop.notes, *found
         return run
 
-    files = () if loop.step else (loop.plant, loop.controller)
-    own = own_step({p.name: p.description for p in files if not p.has_equations})
+    stepped = [loop.plant, *([] if loop.sampled else [loop.controller])]
+    files = [] if loop.step else [p for p in stepped if not p.has_equations]
+    own = own_step({p.name: p.description for p in files})
     run, choice = run_by_steps(loop, run_at, own, loop.stop, partial(run_at, tries=True))
+    if not run.verdict.trusted and not loop.controller.has_equations and not run.sampling_period:
+        notes += (f"if {loop.label} is a digital controller, give its period with --sampled",)
     return ClosedLoopResult(loop, run, notes, choice)
 
 
@@ -137,9 +143,12 @@ def run_parts(
     controller, units = convert(plant, controller, wiring, loop.mapping)
     notes = _connection_notes(loop, plant, controller, wiring) + units.notes
     notes += states[0] + states[1]
-    if not loop.controller.has_equations:
-        notes += _meet_samples(loop, step, plant, controller, wiring)
-    notes += fixed_step_notes(step, plant, controller)
+    if loop.sampled:
+        notes += fixed_step_notes(step, plant) + fixed_step_notes(loop.sampled, controller)
+    else:
+        notes += fixed_step_notes(step, plant, controller)
+        if not loop.controller.has_equations:
+            notes += _meet_samples(loop, step, plant, controller, wiring)
     run = run_loop(
         plant,
         controller,

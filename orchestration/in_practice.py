@@ -90,6 +90,8 @@ def in_practice(
 ) -> tuple[Part, dict[str, float], tuple[str, ...]]:
     """A controller with sampling and instruments from `practice_of`.
 
+    An FMU is not changed: whoever runs it steps it at its samples, see `Loop.sampled`.
+
     Parameters
     ----------
     controller : Part
@@ -109,15 +111,17 @@ def in_practice(
     Raises
     ------
     ContractError
-        For an FMU, or a controller for which this is not possible.
+        For an FMU with `noise`, or a controller for which this is not possible.
     UnknownComponent, BadComponentFile
     """
     if sampled is None and not noise:
         return controller, {}, ()
     if not controller.has_equations:
+        if not noise:
+            return controller, {}, ()
         raise ContractError(
-            f"{controller} is an FMU without equations; it cannot be sampled "
-            "or get instruments here; expected a name or FILE.py:FUNCTION"
+            f"{controller} is an FMU without equations; it cannot get instruments here; "
+            "expected a name or FILE.py:FUNCTION"
         )
     plain, units = without_units(controller.name)
     base, own = without_instruments(plain)

@@ -94,6 +94,10 @@ class Loop(HowCoupled):
         Source of values; the written parameter file keeps their intervals and sources.
     notes : tuple of str
         Notes from before the run, added to those of the run.
+    sampled : float, optional
+        Sampling period of the controller [s]: it reads at its samples and holds its commands. A
+        controller with equations becomes ``pid+sampled``; an FMU is stepped at its samples alone,
+        by one period each.
     step : float, optional
         Communication step [s]; default: halved until the run is trusted.
     coupling : str or Coupling, optional
@@ -141,6 +145,7 @@ class Loop(HowCoupled):
     mapping: Mapping[str, str] = field(default_factory=dict)
     told: ParameterFile | None = None
     notes: tuple[str, ...] = ()
+    sampled: float | None = None
 
     if TYPE_CHECKING:
 
@@ -155,6 +160,7 @@ class Loop(HowCoupled):
             mapping: Mapping[str, str] | None = ...,
             told: ParameterFile | None = ...,
             notes: tuple[str, ...] = ...,
+            sampled: float | None = ...,
             *,
             step: float | None = ...,
             coupling: str | Coupling | None = ...,
@@ -177,6 +183,20 @@ class Loop(HowCoupled):
             mapping=dict(self.mapping or {}),
         )
         self._resolve_coupling(self.stop)
+        if self.sampled is not None:
+            self._resolve_sampled(check_length("sampled", self.sampled))
+
+    def _resolve_sampled(self, period: float) -> None:
+        from .in_practice import in_practice
+
+        self._resolve(sampled=period)
+        if self.controller.is_none:
+            raise BadParameter("sampled is for a loop with a controller, and there is none")
+        if self.controller.has_equations:
+            part, own, notes = in_practice(self.controller, period, noise=False)
+            values = {**self.controller_values, **own}
+            notes = *self.notes, *notes
+            self._resolve(controller=part, controller_values=values, notes=notes, sampled=None)
 
     @property
     def label(self) -> str:

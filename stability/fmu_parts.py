@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from ..fmus.catalogue import fmu_kernel
 from ..fmus.native.ready import ready_fmu
+from ..fmus.reading import FmuError
 from ..fmus.tangent_ports import is_tangent_port, tangent_states
 from ..orchestration.fmu_instance import FmuInstance
 from ..orchestration.isolated import IsolatedInstance, open_fmu
@@ -113,7 +114,10 @@ def opened_parts(loop: Loop, tangents: int) -> Iterator[FmuParts]:
     Raises
     ------
     FmuError, NoSandbox, UnsupportedComponent
+        Also for a controller that is sampled by its master: it has no tangents here.
     """
+    if loop.sampled:
+        raise FmuError(f"{loop.controller}: exponents and maps cannot sample an FMU")
     with contextlib.ExitStack() as opened:
 
         def opened_file(side: str, part: Part) -> _Instance | None:
