@@ -29,6 +29,33 @@ ASKED = {
     ),
     "clear effects, nothing is ruled out": ("clear effects: a fault is reported", "-"),
 }
+LOOP = {
+    "clear effects, first built in is right": "clear effects: the first cause built in is right",
+    "clear effects, named rightly": "clear effects: named correctly",
+    "clear effects, truth in the answer": "clear effects: the right cause is in the answer",
+    "clear effects, truth among at most two": (
+        "clear effects: at most two members, one of them right"
+    ),
+    "clear effects, mean number of names and suspects": (
+        "clear effects: members of the answer, mean"
+    ),
+    "effects, a wrong name": "records with effects: a wrong name",
+    "faultless, a name": "faultless records: a name",
+    "faultless, anything but none": "faultless records: a fault is reported",
+    "intervals of right causes that hold the truth": (
+        "intervals of right causes that contain the true size"
+    ),
+    "processor seconds, median": "processor time [s], median",
+}
+PIECES = {
+    "all pieces": "- (all pieces)",
+    "blocks held out": "scoring on held-out blocks",
+    "a limit to what many numbers tell": "limit for many numbers in a band",
+    "taking out the noise of instruments": "subtraction of the instruments' noise",
+    "noise that is always there": "least noise of a model",
+    "a speed that follows within an interval": "speed within a sampling interval",
+    "sizes between the points of grids": "sizes between grid points",
+}
 
 
 def per_cent(share: Mapping[str, Any]) -> str:
@@ -84,7 +111,7 @@ def loop(proof: Mapping[str, Any]) -> list[str]:
             ]
         else:
             both = [f"{value:.1f}" for value in (first, after[key])]
-        lines.append(f"| {key} | {both[0]} | {both[1]} |")
+        lines.append(f"| {LOOP[key]} | {both[0]} | {both[1]} |")
     return lines
 
 
@@ -98,8 +125,7 @@ def ablation(proof: Mapping[str, Any]) -> list[str]:
     for piece, found in proof["without"].items():
         right = per_cent(found["clear effects, the truth has the best score"])
         apart = found["clear and faultless told apart by the best score"]
-        name = "- (all pieces)" if piece == "all pieces" else piece
-        lines.append(f"| {name} | {right} | {apart:.3f} | {found['seconds, median']:.1f} |")
+        lines.append(f"| {PIECES.get(piece, piece)} | {right} | {apart:.3f} | {found['seconds, median']:.1f} |")
     return lines
 
 
