@@ -125,7 +125,8 @@ def ablation(proof: Mapping[str, Any]) -> list[str]:
     for piece, found in proof["without"].items():
         right = per_cent(found["clear effects, the truth has the best score"])
         apart = found["clear and faultless told apart by the best score"]
-        lines.append(f"| {PIECES.get(piece, piece)} | {right} | {apart:.3f} | {found['seconds, median']:.1f} |")
+        name, took = PIECES.get(piece, piece), found["seconds, median"]
+        lines.append(f"| {name} | {right} | {apart:.3f} | {took:.1f} |")
     return lines
 
 
