@@ -45,7 +45,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/trusted_loops.py
 	$(BIN)/python proofs/networks.py
 	$(BIN)/python proofs/fuzz.py
-	$(BIN)/python proofs/identification.py
+	$(BIN)/python proofs/identification.py --rigs 30
 	$(BIN)/python proofs/criteria.py
 	$(BIN)/python proofs/table_2_12.py
 	$(BIN)/python proofs/tables_of_trials.py

@@ -158,10 +158,13 @@ def provenance(name: str) -> dict[str, str]:
     Returns
     -------
     dict
-        ``commit``, with ``-dirty`` behind it where files differ from it; ``committed``, the time
-        of that commit; ``code``, the digest of the files that the proof depends on.
+        ``commit``, with ``-dirty`` behind it if files outside ``docs/``, where the proofs are
+        written, differ from it; ``committed``, the time of that commit; ``code``, the digest of
+        the files that the proof depends on.
     """
-    commit = git("describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
+    commit = git("rev-parse", "HEAD")
+    if git("status", "--porcelain", "--untracked-files=no", "--", ".", ":(exclude)docs"):
+        commit += "-dirty"
     return {
         "commit": commit,
         "committed": git("show", "-s", "--format=%cI", "HEAD"),
