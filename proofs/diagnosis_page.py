@@ -1,17 +1,19 @@
-"""The figures of ``docs/diagnosis.md``, from the stored proofs.
+"""The tables of ``docs/diagnosis.md`` and ``docs/emps.md``, from the stored proofs.
 
-``python proofs/diagnosis_page.py`` writes them between the page's marks; a test compares the
-page with them.
+``python proofs/diagnosis_page.py`` writes them between the pages' marks; a test compares the
+pages with them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from provenance import ROOT, stored
 
 PAGE = ROOT / "docs" / "diagnosis.md"
+OF_EMPS = ROOT / "docs" / "emps.md"
 ASKED = {
     "truth in the set": ("all records: the right cause is in the answer", "95 %"),
     "truth in the set, clear effects": ("clear effects: the right cause is in the answer", "95 %"),
@@ -130,26 +132,61 @@ def ablation(proof: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def page() -> str:
-    """The page with the figures as they are stored."""
-    tables = {
+HIDDEN = {
+    "friction 10 % larger one way": "friction 10 % larger in one direction",
+    "friction swings by 1 N, 100 times a metre": "friction varies by 1 N, 100 periods per metre",
+    "ripple of 1 N, 60 times a metre": "ripple of 1 N, 60 periods per metre",
+}
+
+
+def hidden(proof: Mapping[str, Any]) -> list[str]:
+    """Effects added to the record of EMPS, and the answers."""
+    lines = [
+        "| added force | rms | found | verdict, built in | residual on held-out data, before and "
+        "after |",
+        "|---|---|---|---|---|",
+    ]
+    for row in proof["hidden"]:
+        built = ", ".join(f"`{c['name']}`" for c in row["causes"]) or "nothing"
+        already = ", in the answer before" if row["had_it_already"] else ""
+        force = [row[f"{when}_residual"]["force_N"] for when in ("adjusted", "final")]
+        lines.append(
+            f"| {HIDDEN.get(row['effect'], row['effect'])} (`{row['cause']}`{already}) | "
+            f"{row['force_rms_N']:.1f} N | {'yes' if row['found'] else 'no'} | "
+            f"{row['verdict']}: {built} | {force[0]:.2f} N, {force[1]:.2f} N |"
+        )
+    return lines
+
+
+def pages() -> dict[Path, str]:
+    """The pages with the figures as they are stored."""
+    of_diagnosis = {
         "sets": sets(stored("diagnosis_sets"), "all worlds"),
         "worlds": worlds(stored("diagnosis_sets")),
         "held back": sets(stored("diagnosis_held_back"), "all worlds"),
         "loop": loop(stored("diagnosis_loop")),
         "ablation": ablation(stored("ablation")),
     }
-    text = PAGE.read_text(encoding="utf-8")
+    return {
+        PAGE: filled(PAGE, of_diagnosis),
+        OF_EMPS: filled(OF_EMPS, {"hidden": hidden(stored("emps"))}),
+    }
+
+
+def filled(page: Path, tables: Mapping[str, list[str]]) -> str:
+    """A page with these tables between its marks."""
+    text = page.read_text(encoding="utf-8")
     for name, lines in tables.items():
         table = "\n".join(["", "", *lines, "", ""])
         mark = f"<!-- figures: {name} -->"
         before, _, rest = text.partition(mark)
         _, end, after = rest.partition("<!-- end -->")
         if not end:
-            raise ValueError(f"{PAGE}: expected {mark} and an end behind it")
+            raise ValueError(f"{page}: expected {mark} and an end behind it")
         text = before + mark + table + end + after
     return text
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    for path, text in pages().items():
+        path.write_text(text, encoding="utf-8")

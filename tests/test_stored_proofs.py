@@ -126,8 +126,9 @@ def test_exponents_over_fmus_at_the_stored_steps_are_as_far_off_as_stored():
     np.testing.assert_allclose(found, rows[0]["difference"], rtol=1e-2, atol=1e-6)
 
 
-def test_the_page_of_the_diagnosis_has_the_figures_as_they_are_stored():
-    assert diagnosis_page.page() == diagnosis_page.PAGE.read_text(encoding="utf-8")
+def test_the_pages_of_the_diagnosis_have_the_figures_as_they_are_stored():
+    for page, text in diagnosis_page.pages().items():
+        assert page.read_text(encoding="utf-8") == text
 
 
 def test_the_page_has_the_table_of_controllers_made_by_others_as_it_is_stored():
