@@ -1,7 +1,7 @@
 /* One communication step of a plant and a controller.
  *
- * See coupling.py for the couplings. A *law* is one array here, in the order of the ports that it is
- * read from: m commands, their derivatives by n signals each, their own rates. */
+ * See coupling.py for the couplings. A *law* is one array here, in the order of the ports that it
+ * is read from: m commands, their derivatives by n signals each, their own rates. */
 #include "calls.h"
 
 #ifdef _WIN32
@@ -47,8 +47,8 @@ typedef struct {
     int64_t delayed, tangent;  /* whether commands come one step late; whether a law is used */
     int (*own)(double h);      /* changes the law that the plant applies; may be NULL */
     int64_t corrected, averaged;
-    /* passed from step to step: outputs, last commands, and the law at the end of the last step, with
-     * which the next step begins */
+    /* passed from step to step: outputs, last commands, and the law at the end of the last step,
+     * with which the next step begins */
     Vector outputs, late, following;
     int64_t has_following;
     double following_step; /* length of the step that the law was found with, if it matters [s] */
@@ -56,8 +56,8 @@ typedef struct {
     Vector kept_outputs, kept_late, kept_following;
     int64_t kept_has_following;
     /* results of the last step: final coupling residual; change of each output by the correction;
-     * contraction: small if correcting converges fast, 1 or more if the step is too long for it, NaN
-     * if nothing was corrected */
+     * contraction: small if correcting converges fast, 1 or more if the step is too long for it,
+     * NaN if nothing was corrected */
     Vector residual, effect;
     double contraction;
     /* room for one step */
@@ -138,8 +138,8 @@ static int stepped_law(Controller *c, double t, double h, const double *signals,
     return 1;
 }
 
-/* The rates of the commands with held signals: the slope at the start. The secant would give the right
- * command at the end of the step, and the error in between would not show in the residual. */
+/* The rates of the commands with held signals: the slope at the start. The secant would give the
+ * right command at the end of the step, and the error in between would not show in the residual. */
 static int probe_rates(Controller *c, double t, double h, const double *signals,
                        const double *reference, double *law)
 {
@@ -159,8 +159,8 @@ static int probe_rates(Controller *c, double t, double h, const double *signals,
 
 /* Put the commands at the given signals, and with `probe` their derivatives, into `law`.
  *
- * The controller's state is not changed, with one exception: a controller that answers in its step and
- * cannot save its state has moved to t + h; `advance` takes this into account. */
+ * The controller's state is not changed, with one exception: a controller that answers in its step
+ * and cannot save its state has moved to t + h; `advance` takes this into account. */
 static int law_at(Controller *c, double t, double h, const double *signals,
                   const double *reference, int probe, double *law)
 {
@@ -304,8 +304,8 @@ static int solve_ring(Loop *l, const double *reference, double *law, double *out
     return 1;
 }
 
-/* Update outputs with direct feedthrough to the command of the same instant; also `law` and `signals`
- * if the controller has direct feedthrough, too. */
+/* Update outputs with direct feedthrough to the command of the same instant; also `law` and
+ * `signals` if the controller has direct feedthrough, too. */
 static int settle(Loop *l, double t, double h, const double *reference, double *law, double *outputs,
                   double *signals)
 {
@@ -387,9 +387,9 @@ static int law_of_step(Loop *l, double t, double h, const double *before, const 
     return 1;
 }
 
-/* Correct the law by a part of the residual. The residual grows with the square of the time within the
- * step, the correcting ramp with the time: two thirds of it give the plant the right impulse over the
- * step. A plant that takes no ramp gets half of the residual. */
+/* Correct the law by a part of the residual. The residual grows with the square of the time within
+ * the step, the correcting ramp with the time: two thirds of it give the plant the right impulse
+ * over the step. A plant that takes no ramp gets half of the residual. */
 static void mend(Loop *l, double h)
 {
     const int64_t m = l->controller.m;
@@ -416,7 +416,7 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
         if (c->answer == STEPPED && c->saves) {
             TRY(law_at(c, t + h, h, end, after, 0, l->stepped.at));
             copy(l->stepped.at, l->command.at, c->m);
-            if (!l->tangent) { /* the next step begins with it; asking again would repeat the step */
+            if (!l->tangent) { /* the next step begins with it, so that it is not probed again */
                 copy(l->stepped.at, l->following.at, l->following.size);
                 l->following_step = h;
                 l->has_following = 1;

@@ -11,7 +11,7 @@ typedef struct {
     Slots members;        /* in the order of the signals */
     Slots there, back;    /* in the two alternating orders of the steps */
     Vector values;        /* inputs of the group, then outputs of the members */
-    Places flags;         /* whether outputs are outdated, and whether the next step is in reverse */
+    Places flags;         /* whether outputs are outdated, and the next step is in reverse */
     int64_t lags;         /* whether outputs are outdated after every step */
 } Group;
 

@@ -17,8 +17,8 @@ typedef struct {
     int64_t states;
 } Side;
 
-/* Callbacks for a controller without own tangents. The tangents of its state are the last outputs of
- * its frames. */
+/* Callbacks for a controller without own tangents. The tangents of its state are the last outputs
+ * of its frames. */
 typedef struct {
     int (*law)(double t, double h, const double *signals, double *law);
     int (*advance)(double t, double h, const double *signals);
@@ -33,8 +33,8 @@ typedef struct {
     Vector start, end, middle;  /* rows x n */
     Vector law, mended, ramped; /* rows x m (2 + n) */
     Vector applied;             /* rows x m: commands at the end of the step */
-    /* orthonormal joint tangents, count x states, and the logarithms of their lengths before, without
-     * and with the correction */
+    /* orthonormal joint tangents, count x states, and the logarithms of their lengths before,
+     * without and with the correction */
     Vector plain, plain_logs, frame, logs;
 } Joint;
 
@@ -43,7 +43,7 @@ typedef struct {
     Vector times, outputs, growth, trace; /* row by row; row 0 is the last one before */
     int64_t rows;
     Vector bound;              /* outputs beyond which the loop diverges */
-    double accuracy, relative; /* largest change by all corrections: nats, and share of the growth */
+    double accuracy, relative; /* largest change by all corrections: nats, share of the growth */
     int64_t unmet;             /* number of shortest steps with a larger change */
 } Trail;
 
@@ -218,9 +218,9 @@ static int begin_step(Joint *j)
 /* The larger number; NaN if one of them is NaN. */
 static double larger_or_nan(double a, double b) { return a > b || a != a ? a : b; }
 
-/* Change of the tangents by the correction of a step, as a share of the allowed change: some nats, or
- * radians of a tangent's direction, plus a share of the growth of that tangent in this step, or of its
- * mean growth if larger. These growths are large for the fast tangents only. */
+/* Change of the tangents by the correction of a step, as a share of the allowed change: some nats,
+ * or radians of a tangent's direction, plus a share of the growth of that tangent in this step, or
+ * of its mean growth if larger. These growths are large for the fast tangents only. */
 static double moved_share(const Joint *j, const Clock *clock, const Trail *trail)
 {
     const int64_t width = j->plant.states + j->controller.states;
@@ -271,8 +271,8 @@ static int joint_row(Joint *j, Clock *clock, Trail *trail)
     return 1;
 }
 
-/* Do up to `most` steps, recorded from row 1 on (row 0 is the last one before); return GOES_ON, or why
- * the run ended. */
+/* Do up to `most` steps, recorded from row 1 on (row 0 is the last one before); return GOES_ON, or
+ * why the run ended. */
 API int joint_march(Joint *j, Clock *clock, Trail *trail, int64_t most)
 {
     int why = GOES_ON;

@@ -1,4 +1,4 @@
-/* Communication steps of a loop and its reference co-runs, and other functions for `compiled.py`. */
+/* Communication steps of a loop and its reference co-runs; other functions for `compiled.py`. */
 #include "coupling.c"
 
 #include "clock.c"
@@ -30,8 +30,8 @@ typedef struct {
     double accuracy;             /* allowed error at the end, as a share of an output's range */
     double contraction, contraction_weight; /* sums of contraction by weight and of weight */
     Vector apart;                /* difference of run and reference co-run after the last step */
-    /* the reference's points; a constant before them and polynomials in the time since each of them:
-     * for the recorded set-point, then for each input */
+    /* the reference's points; a constant before them and polynomials in the time since each of
+     * them: for the recorded set-point, then for each input */
     Vector goal_times, goal_pieces;
     Vector before, after; /* room for the inputs' set-points at two times */
 } Course;
@@ -91,8 +91,8 @@ static int record_outputs(Pair *pair, const double *reference)
     return 1;
 }
 
-/* Put the set-points just after a time into `before`; if they jump, discard the law that the loop has
- * from before the jump. */
+/* Put the set-points just after a time into `before`; if they jump, discard the law that the loop
+ * has from before the jump. */
 static void begin_step_at(Loop *l, Course *course, double t, double close)
 {
     double *const before = course->before.at, *const after = course->after.at;
@@ -140,7 +140,7 @@ static double apart_by(const Pair *co_run, const double *outputs, int64_t k)
     return runs(co_run) ? outputs[k] - co_run->loop.outputs.at[k] : 0.0;
 }
 
-/* The result of a step: the effect of its correction, and its error as a share of the allowed one. */
+/* Result of a step: the effect of its correction, and its error as a share of the allowed one. */
 typedef struct {
     const Loop *corrected; /* the loop whose correction is used */
     double weight, share;
@@ -166,8 +166,8 @@ static Judged judge_step(const Pair *main, const Pair *co_run, const Clock *cloc
     return (Judged){corrected, weight, fmax(weight, worst) / allowed};
 }
 
-/* Do up to `most` accepted steps, recorded from row 0 on; return GOES_ON, or why the run ended. Steps
- * that end at breaks of the clock are not recorded. */
+/* Do up to `most` accepted steps, recorded from row 0 on; return GOES_ON, or why the run ended.
+ * Steps that end at breaks of the clock are not recorded. */
 API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Course *course,
                      int64_t most)
 {

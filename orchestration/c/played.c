@@ -1,5 +1,5 @@
-/* FMI functions on the memory of a readable FMU's slave, like those of `fmus/runtime.py`, but without
- * Python in each call; `played.py` sets them up after initialization. */
+/* FMI functions on the memory of a readable FMU's slave, like those of `fmus/runtime.py`, but
+ * without Python in each call; `played.py` sets them up after initialization. */
 #include <stdlib.h>
 
 #define SAME_TIME 1e-9 /* share of a sampling period within which two times are equal */
