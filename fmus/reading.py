@@ -40,11 +40,11 @@ class NumberVariable:
     unit : str
         Its own or that of its declared type; empty if none.
     direct : bool
-        Whether this output may have direct feedthrough from inputs; True if the FMU does not say.
+        Whether this output may have direct feedthrough from inputs; True if it is not declared.
     sampled : bool
         Whether it is a real number that is declared as discrete.
     initially_from : tuple of str, optional
-        Inputs that this output depends on in initialization; None if the FMU does not say.
+        Inputs that this output depends on in initialization; None if they are not declared.
     items : dict of str to int
         Of an enumeration: the values by name.
     """

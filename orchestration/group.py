@@ -439,7 +439,7 @@ class Group:
 def _in_order(members: list[str], feeds: Sequence[Feed], hard: set[str]) -> list[str]:
     """Order the members so that each comes after the members that feed it.
 
-    A ring is cut at the first member in the list that needs no `hard` member.
+    A ring is cut at the first member in the list that waits for no `hard` member.
     """
     waiting = {m: _feeders(m, members, feeds) for m in members}
     ordered: list[str] = []

@@ -93,7 +93,7 @@ class Integrator:
     time, next_event : float
         [s]
     ends : bool
-        Whether it asked to end the simulation.
+        Whether it requested the end of the simulation.
     """
 
     def __init__(self, model: Any, states: int, indicators: int, has_inputs: bool) -> None:

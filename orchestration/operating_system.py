@@ -7,7 +7,7 @@ any way, the kernel closes that end and on Linux sends SIGKILL to the owner of t
 code of this process takes part, so that compiled code or a foreign library that never returns is
 ended, too. On other systems, a thread waits for the end of the pipe.
 
-This module imports little and nothing of this package: it is what the command runs first.
+This module imports little, and nothing of this package: the command runs it first.
 """
 
 from __future__ import annotations

@@ -205,7 +205,7 @@ def read_axis(text: str, loop: Loop) -> Axis:
     """An axis from ``NAME=LOW:HIGH:COUNT``.
 
     NAME is a parameter or initial state (``x_start``) of the controller or the plant, with
-    ``controller.`` or ``plant.`` before it where both have it, ``setpoint``, or ``design.NAME``.
+    ``controller.`` or ``plant.`` before it if both have it, ``setpoint``, or ``design.NAME``.
 
     Raises
     ------

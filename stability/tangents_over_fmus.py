@@ -61,7 +61,7 @@ class TangentRun:
     growth : ndarray, shape (m, count)
         Logarithms of the lengths of the orthonormalized tangents since the start [nats].
     trace : ndarray, shape (m,)
-        Integral of the trace of the loop's Jacobian [nats]; NaN where an FMU does not give it.
+        Integral of the trace of the loop's Jacobian [nats]; NaN if an FMU does not give it.
     states : tuple of str
         Names of the states that the tangents have, in the order of the first frame.
     method : str
