@@ -1,4 +1,4 @@
-/* Declarations of FMI 2.0 for hosts and FMUs, as far as they are used here. */
+/* Declarations of FMI 2.0 for hosts and FMUs, as far as used here. */
 #ifndef FMI2_DECLARATIONS_H
 #define FMI2_DECLARATIONS_H
 

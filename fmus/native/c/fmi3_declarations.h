@@ -1,4 +1,4 @@
-/* Declarations of FMI 3.0 for hosts and FMUs, as far as they are used here. */
+/* Declarations of FMI 3.0 for hosts and FMUs, as far as used here. */
 #ifndef FMI3_DECLARATIONS_H
 #define FMI3_DECLARATIONS_H
 
