@@ -35,7 +35,7 @@ def unpack_archive(path: Path) -> Path:
         archive = zipfile.ZipFile(path)
     except OSError as error:
         raise BadArchive(f"cannot be read: {error.strerror or error}") from error
-    except ValueError as error:  # BadZipFile is none, but a name with a null character is one
+    except ValueError as error:  # a name with a null character; BadZipFile is no ValueError
         if isinstance(error, BadArchive):
             raise
         raise BadArchive(f"cannot be read: {error}") from error
@@ -70,7 +70,7 @@ def unpack_archive(path: Path) -> Path:
 
 
 def unpacked_size(path: Path) -> int:
-    """Bytes that an archive says it unpacks to; raises BadZipFile, OSError."""
+    """Unpacked size of an archive in bytes, as declared in it; raises BadZipFile, OSError."""
     with zipfile.ZipFile(path) as archive:
         return sum(entry.file_size for entry in archive.infolist())
 

@@ -1,7 +1,7 @@
-"""What is asked of a third party's XML before a parser that builds trees sees it.
+"""Checks of a third party's XML before it goes to a parser that builds trees.
 
-Entities can grow without bound or reach for other files. No FMU and no system needs them, so that
-a file that declares a document type is refused; it would have to do so before its first element.
+Entities can grow without bound or read other files. No FMU and no system needs them, so a file that
+declares a document type is refused; the declaration must come before the first element.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import BinaryIO, cast
 from xml.parsers import expat
 
-LARGEST = 256 * 1024**2  # bytes; a tree of them is some ten times as large
+LARGEST = 256 * 1024**2  # bytes; their tree is about ten times as large
 _PIECE = 1 << 16
 _DESCRIPTIONS = ("modelDescription.xml", "sources/buildDescription.xml")
 
 
 class BadXml(ValueError):
-    """The file is no XML that is read here; the message says why."""
+    """The file is not XML that can be read here; the message says why."""
 
 
 def first_element(stream: BinaryIO, name: str) -> dict[str, str]:
@@ -28,12 +28,12 @@ def first_element(stream: BinaryIO, name: str) -> dict[str, str]:
     ----------
     stream : binary file
     name : str
-        What the file is called in messages.
+        Name of the file in messages.
 
     Raises
     ------
     BadXml
-        If it declares a document type, or what stands before the first element is no XML.
+        If it declares a document type, or the text before the first element is not XML.
     """
     found: list[dict[str, str]] = []
 
@@ -50,13 +50,13 @@ def first_element(stream: BinaryIO, name: str) -> dict[str, str]:
     except (expat.ExpatError, LookupError, ValueError) as error:
         if isinstance(error, BadXml):
             raise
-        if not found:  # what is wrong further on, the parser of the whole says
+        if not found:  # later errors are reported by the parser of the whole file
             raise BadXml(f"{name} is no XML: {error}") from error
     return found[0]
 
 
 def check_file(file: Path) -> dict[str, str]:
-    """As `first_element`, of a file; also whether it is too large for a tree.
+    """As `first_element`, for a file; also refuse a file that is too large for a tree.
 
     Raises
     ------
@@ -69,13 +69,13 @@ def check_file(file: Path) -> dict[str, str]:
 
 
 def check_size(size: int, name: str) -> None:
-    """Refuse what is too large for a tree; raises `BadXml`."""
+    """Refuse a size that is too large for a tree; raises `BadXml`."""
     if size > LARGEST:
         raise BadXml(f"{name} has {size / 1024**2:.0f} MiB, expected at most {LARGEST >> 20}")
 
 
 def check_archive(stream: BinaryIO) -> None:
-    """As `check_file`, of the descriptions in an FMU that is not unpacked; anything else passes."""
+    """As `check_file`, for the descriptions in a packed FMU; other files are not checked."""
     with contextlib.suppress(zipfile.BadZipFile), zipfile.ZipFile(stream) as archive:
         for name in {*_DESCRIPTIONS} & {*archive.namelist()}:
             check_size(archive.getinfo(name).file_size, name)

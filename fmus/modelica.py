@@ -187,7 +187,7 @@ def modelica(part: Component, starts: Mapping[str, float] | None = None) -> str:
     forces, rates = _forces(part, taken)
     values = [*(f for _, f, _ in forces), *rates, *(o.value for o in shown)]
     shared, values = sp.cse(values, (symbol(n) for n in _free("part", taken)), order="none")
-    plain = {name: value for name, value in shared if not value.free_symbols}  # of pi alone
+    plain = {name: value for name, value in shared if not value.free_symbols}  # only pi, numbers
     shared = [(n, v.subs(plain)) for n, v in shared if n not in plain]
     values = [v.subs(plain) for v in values]
     lefts = [*(n for n, _, _ in forces), *(f"der({n})" for n in states), *(o.name for o in shown)]
@@ -211,7 +211,7 @@ def modelica(part: Component, starts: Mapping[str, float] | None = None) -> str:
 def _forces(
     part: Component, taken: set[str]
 ) -> tuple[list[tuple[str, sp.Expr, str]], list[sp.Expr]]:
-    """Each force of a balance by a name of its own, and derivatives of states by these names."""
+    """Each force of a balance with its own name, and derivatives of states with these names."""
     forces, of_balance = [], {}
     for balance in part.balances:
         total: sp.Expr = sp.Integer(0)

@@ -40,11 +40,11 @@ class NumberVariable:
     unit : str
         Its own or that of its declared type; empty if none.
     direct : bool
-        Whether this output may have direct feedthrough from inputs; True if the FMU does not say.
+        Whether this output may have direct feedthrough from inputs; True if it is not declared.
     sampled : bool
         Whether it is a real number that is declared as discrete.
     initially_from : tuple of str, optional
-        Inputs that this output depends on in initialization; None if the FMU does not say.
+        Inputs that this output depends on in initialization; None if they are not declared.
     items : dict of str to int
         Of an enumeration: the values by name.
     """
@@ -83,8 +83,8 @@ class Description:
         For each unit that is defined in base units, the attributes of its BaseUnit
         as written: exponents, factor, offset.
     message_reference : int, optional
-        Value reference of the String ``message``, in which our FMUs say why a step failed;
-        in earlier versions an output.
+        Value reference of the String ``message``, the reason of a failed step in our FMUs; in
+        earlier versions an output.
     step_size : float, optional
         Of its default experiment [s].
     steps_vary : bool
@@ -152,8 +152,8 @@ def unpack(path: Path | str, *, runs_here: bool = True, sandbox: bool = False) -
     runs_here : bool
         Whether it must have a binary for this platform, or sources that compile to one.
     sandbox : bool
-        Whether they are compiled in a sandbox: a text of theirs may take in any file that the
-        compiler can read.
+        Whether sources are compiled in a sandbox: they may include any file that the compiler can
+        read.
 
     Raises
     ------

@@ -39,8 +39,8 @@ ROUND_OFF = 1e-9  # share of a sampling period within which two times are equal
 
 
 def system_of(file: Path, tapes: bytes, states: int) -> tuple[System | PlainSystem, str]:
-    """The equations in the compiled core; in plain Python if the core is for another platform, or
-    if the equations were edited. The text says why.
+    """The equations in the compiled core; in plain Python, with the reason, if the core is for
+    another platform or the equations were edited.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def system_of(file: Path, tapes: bytes, states: int) -> tuple[System | PlainSyst
 
 
 class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
-    """A component as a co-simulation slave; subclasses say which.
+    """A component as a co-simulation slave; subclasses define which one.
 
     Attributes
     ----------

@@ -1,9 +1,9 @@
-"""A program of a third party, run so that it sees and reaches little: the words before a command.
+"""Sandbox for a third-party program: the words to put before a command.
 
-bubblewrap, which Linux distributions have for this (Flatpak stands on it), gives a process name
-spaces of its own. The program sees, to read, the system's programs and libraries, the interpreter
-with this package, and the unpacked FMU. It can write into one folder, which it has as ``/tmp``.
-It has no network, sees no other processes, and gets no variables of the user's.
+bubblewrap, a program of Linux distributions (Flatpak uses it), gives a process its own name spaces.
+The program can read the system's programs and libraries, the interpreter with this package, and the
+unpacked FMU. It can write into one folder, which is its ``/tmp``. It has no network, sees no other
+processes, and gets no environment variables of the user.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 from ..solver.files import temporary_folder
 
 FMU = "/fmu"  # where the program finds the unpacked FMU
-_HERE = "/tmp"  # where it may write, and begins
+_HERE = "/tmp"  # where it may write; its first working directory
 _SYSTEM = (
     *(f"/{name}" for name in ("usr", "bin", "sbin", "lib", "lib32", "lib64", "libx32")),
     *(f"/etc/{name}" for name in ("alternatives", "ld.so.cache", "ld.so.conf", "ld.so.conf.d")),
@@ -35,7 +35,7 @@ _VARIABLES = {
     "PYTHONDONTWRITEBYTECODE": "1",
 }
 _PATIENCE = 60.0  # s, for a trial
-# what a trial may not do; it prints what it could
+# actions that must fail in a trial; it prints those that succeed
 _TRIAL = """
 import socket, sys
 secret, port = sys.argv[1:]
@@ -66,7 +66,7 @@ class NoSandbox(ValueError):
 def command(scratch: Path, fmu: Path | None = None) -> list[str]:
     """The words before a command that has to run in the sandbox.
 
-    The process has to be started by a thread that lives as long: bubblewrap ends with it.
+    The thread that starts the process must live as long as the process: bubblewrap ends with it.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def command(scratch: Path, fmu: Path | None = None) -> list[str]:
 
 
 def check_sandbox() -> None:
-    """Make sure that there is a sandbox here, and that it holds.
+    """Make sure that a sandbox is available here, and that it is effective.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def _words(bwrap: str, scratch: Path, fmu: Path | None) -> list[str]:
         ("--proc", "/proc"),
         ("--dev", "/dev"),
         ("--bind", str(scratch), _HERE),
-        *own,  # behind /tmp, where one of them may be
+        *own,  # after /tmp, because one of them may be in it
         *shown,
         ("--remount-ro", "/dev"),
         ("--remount-ro", "/"),
@@ -143,7 +143,7 @@ def _words(bwrap: str, scratch: Path, fmu: Path | None) -> list[str]:
 
 
 def _own_folders() -> list[str]:
-    """Folders of the interpreter and of this package, where no other that is seen holds them."""
+    """Folders of the interpreter and this package, except those inside another visible folder."""
     import ballscrew
 
     package = str(Path(ballscrew.__file__).parents[1])
@@ -164,7 +164,7 @@ def _own_folders() -> list[str]:
 
 @cache
 def _try_out(bwrap: str) -> None:
-    """Let a trial do what an FMU may not: what is called bwrap may be anything."""
+    """Try forbidden actions in the sandbox: any program may have the name bwrap."""
     with temporary_folder("sandbox") as folder, socket.create_server(("127.0.0.1", 0)) as server:
         secret, scratch = Path(folder, "secret"), Path(folder, "scratch")
         secret.touch()

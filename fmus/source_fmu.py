@@ -44,7 +44,7 @@ def compile_sources(folder: Path, configuration: Any, binary: str, sandbox: bool
     binary : str
         Path of the library in that folder.
     sandbox : bool
-        Whether the compiler sees no files of the user's.
+        Whether the compiler has no access to the user's files.
 
     Raises
     ------

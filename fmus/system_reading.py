@@ -58,7 +58,7 @@ class SystemInput:
     Attributes
     ----------
     unit : str
-        Empty if the system does not say.
+        Empty if the system gives none.
     start : float, optional
         Its value from parameter sets, in its own unit.
     defined : Unit, optional

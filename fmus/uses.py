@@ -15,7 +15,7 @@ from .interface import START, TIME
 
 @dataclass
 class Uses:
-    """Of one result, as ``y[0]``, in all modes together.
+    """Symbols and expressions of one result, such as ``y[0]``, in all modes together.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ def variational(component: Component, tangents: int) -> Component:
         Without the feedback law's ports.
     tangents : int
         Number of tangents; for a loop, the number of states of plant and controller together. At
-        the start tangent k is the k-th axis of the component's own states, and zero where there are
+        the start tangent k is the k-th axis of the component's own states, and zero if there are
         fewer; parameters ``<state>_d<k>_start`` change that.
 
     Returns

@@ -20,9 +20,9 @@ from .verdict import WORST_CONTRACTION
 from .wiring import Wiring
 
 Vector = npt.NDArray[np.float64]
-SHORT = 1e-4, 1e-5  # of a communication step: what an output does by its states fades with it
+SHORT = 1e-4, 1e-5  # of a communication step: effects through states vanish with its length
 MOVED = 1e-3  # of a command's nominal value
-LASTS = 0.5  # of the gain, that is left at the shorter of the two
+LASTS = 0.5  # share of the gain that has to remain at the shorter of the two
 _ADVICE = (
     "let the plant update its outputs as soon as its inputs are set, as in model exchange, add "
     "a filter or a delay to the loop, or combine the two FMUs into one"
@@ -43,7 +43,7 @@ def loop_gain(
     opened : function
         A plant and a controller, initialized together.
     sizes : ndarray
-        By how much each command is moved.
+        Change of each command.
     reference : ndarray
         Set-points at the start.
     step : float
@@ -73,7 +73,7 @@ def loop_gain(
 
     try:
         longer, shorter = (gain(share * step) for share in SHORT)
-    except StepFailed:  # it takes no such steps: nothing is known
+    except StepFailed:  # a part rejects such steps: the gain is not known
         return 0.0
     return shorter if shorter > LASTS * longer else 0.0
 
@@ -91,7 +91,7 @@ def with_ring_named(
     Parameters
     ----------
     loop : CoupledPair
-        Of the run, which has ended.
+        The loop of the run, after its end.
     opened, wiring, reference, step
         As for `loop_gain`.
     """

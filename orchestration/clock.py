@@ -54,7 +54,7 @@ class Clock:
 
     @property
     def step_to_come(self) -> float:
-        """Its length [s]: a multiple of the tick, except for a last, shorter one."""
+        """Length of the next step [s]: a multiple of the tick, except a last, shorter one."""
         return float(library().clock_step_to_come(self.address))
 
     def next_ticks(self, count: int) -> None:

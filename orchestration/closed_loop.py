@@ -126,7 +126,7 @@ def run_parts(
     look_again: bool = True,
     tries: bool = False,
 ) -> tuple[LoopRun, tuple[str, ...]]:
-    """As `run_pair`, with this step [s], for open parts that are not initialized.
+    """Run open parts that are not initialized with this step [s], see `run_pair`.
 
     Returns
     -------
@@ -258,7 +258,7 @@ def amplifier_notes(
     parameters : iterable of str
         Of the plant.
     values : mapping of str to float
-        Its parameters with other than default values.
+        The plant's parameters that differ from their defaults.
     option : str
         Option that sets the amplifier's limit.
     """
@@ -267,7 +267,7 @@ def amplifier_notes(
     if not of_motor or "u" not in run.commands or limit <= NOMINAL_VOLTAGE:
         return ()
     peak = float(np.max(np.abs(run.commands["u"])))
-    if not peak > NOMINAL_VOLTAGE or run.stopped:  # how a loop diverged says nothing of amplifiers
+    if not peak > NOMINAL_VOLTAGE or run.stopped:  # the peak of a diverged loop is meaningless
         return ()
     has = "has no limit" if limit >= UNLIMITED else f"is limited to {limit:g} V"
     return (

@@ -17,32 +17,32 @@ from .structs import VECTOR, Struct
 Vector = npt.NDArray[np.float64]
 
 DIRECT, STEPPED, SAMPLED = range(3)
-USES = 3  # what states are saved for
-RAMP_SHARE = 2 / 3  # of a defect, that a ramp makes up for
-FARTHEST = 1e4  # times an output's nominal value, beyond which a loop diverges
+USES = 3  # uses of saved states
+RAMP_SHARE = 2 / 3  # of the residual, which a ramp corrects
+FARTHEST = 1e4  # times an output's nominal value: beyond it, a loop diverges
 GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED = range(6)
 
 OWN_STEP = ct.CFUNCTYPE(ct.c_int, ct.c_double)
 
 CONTROLLER = np.dtype(
     [
-        # inputs: n signals, references; outputs: m commands, then gains and rates if it reports,
-        # and others that are only recorded
+        # inputs: n signals, references; outputs: m commands, then gains and rates if it reports a
+        # law, and others that are only recorded
         ("calls", CALLS),
         ("m", np.int64),
         ("n", np.int64),
         ("others", np.int64),
-        ("group", np.int64),  # whether it is asked for others with the signals of then
+        ("group", np.int64),  # whether it gets the present signals before others are read
         ("answer", np.int64),
         ("reports", np.int64),
         ("saves", np.int64),
         ("varies", np.int64),  # whether its steps may be of any length
         ("nominal", VECTOR),  # of the signals
-        ("real", VECTOR),  # of signals and references: whether they may be between whole numbers
-        ("ahead", VECTOR),  # commands after a step that cannot be taken back,
-        ("is_ahead", np.int64),  # if it has done one
-        ("moved", VECTOR),  # room for n signals,
-        ("answered", VECTOR),  # and for m commands
+        ("real", VECTOR),  # whether each signal and reference is Real
+        ("ahead", VECTOR),  # commands after a step that cannot be taken back
+        ("is_ahead", np.int64),  # whether it has done such a step
+        ("moved", VECTOR),  # room for n signals
+        ("answered", VECTOR),  # room for m commands
     ]
 )
 """A controller as a function: commands for given signals."""
@@ -61,21 +61,21 @@ LOOP = np.dtype(
         ("own", np.intp),  # address of an `OWN_STEP`; 0 if there is none
         ("corrected", np.int64),
         ("averaged", np.int64),
-        # what goes from step to step: outputs, last commands, and the law at the end of the last
-        # step, which is where the next begins
+        # passed from step to step: outputs, last commands, and the law at the end of the last
+        # step, with which the next step begins
         ("outputs", VECTOR),
         ("late", VECTOR),
         ("following", VECTOR),
         ("has_following", np.int64),
-        ("following_step", float),  # length of the step that it is of, where that matters [s]
-        # the same, kept to come back to
+        ("following_step", float),  # step that the law was found with, if it matters [s]
+        # the same, saved to return to
         ("kept_outputs", VECTOR),
         ("kept_late", VECTOR),
         ("kept_following", VECTOR),
         ("kept_has_following", np.int64),
-        # what the last step did: coupling residual as accepted; how far the correction moved each
-        # output; share of the residual that was left, small if correcting converges fast, one
-        # or more if the step is too long for it, NaN if nothing was corrected
+        # results of the last step: final coupling residual; change of each output by the
+        # correction; contraction: small if correcting converges fast, 1 or more if the step is too
+        # long for it, NaN if nothing was corrected
         ("residual", VECTOR),
         ("effect", VECTOR),
         ("contraction", float),
@@ -103,14 +103,14 @@ PAIR = np.dtype(
         (
             "parts",
             np.int64,
-        ),  # into how many a reference co-run divides each step; 0 if it is not there
+        ),  # of each step of a reference co-run; 0 if there is no co-run
         # outputs of the plant and others of the controller at the end of each step, row by row
         ("recorded", VECTOR),
         ("rows", np.int64),
-        ("failed", float),  # time of the step in which a reference co-run failed [s], NaN before
+        ("failed", float),  # time of the step in which a reference co-run failed [s], else NaN
     ]
 )
-"""A loop with what it records."""
+"""A loop and its record."""
 
 COURSE = np.dtype(
     [
@@ -121,21 +121,22 @@ COURSE = np.dtype(
         ("nominal", VECTOR),  # of each output, and its range so far
         ("low", VECTOR),
         ("high", VECTOR),
-        ("residual", VECTOR),  # largest of each command,
-        ("effect_rate", VECTOR),  # and of its effect on each output, per second
-        ("accuracy", float),  # share of an output's range that may be wrong in the end
+        ("residual", VECTOR),  # largest of each command
+        ("effect_rate", VECTOR),  # its largest effect on each output, per second
+        ("accuracy", float),  # allowed error at the end, as a share of an output's range
         ("contraction", float),  # sums of contraction by weight and of weight
         ("contraction_weight", float),
-        ("apart", VECTOR),  # run and reference co-run after the last step
-        # the reference's points; polynomials in the time since each, and before them a constant:
-        # what is recorded, then what each input takes; room for what the inputs take at two times
+        ("apart", VECTOR),  # difference of run and reference co-run after the last step
+        # the reference's points; a constant before them and polynomials in the time since each of
+        # them: for the recorded set-point, then for each input; room for the inputs' set-points at
+        # two times
         ("goal_times", VECTOR),
         ("goal_pieces", VECTOR),
         ("before", VECTOR),
         ("after", VECTOR),
     ]
 )
-"""The run as it is recorded, what is measured along it, and what it is to follow."""
+"""The record of a run, the measurements during it, and its reference."""
 
 
 CLOCK = np.dtype(
@@ -145,17 +146,17 @@ CLOCK = np.dtype(
         ("last", np.int64),  # ticks of the run
         ("longest", np.int64),  # ticks of the longest step
         ("adaptive", np.int64),
-        ("count", np.int64),  # ticks gone
-        ("stride", np.int64),  # ticks of the step to come
+        ("count", np.int64),  # elapsed ticks
+        ("stride", np.int64),  # ticks of the next step
         ("shortest_used", float),  # [s]
         ("longest_used", float),  # [s]
-        ("close", float),  # times that are closer to each other are one [s]
-        ("breaks", VECTOR),  # rising times at which a step has to end, too [s]
-        ("passed", np.int64),  # how many of them are gone,
-        ("broken", np.int64),  # and whether time stands at the last one
+        ("close", float),  # times that are closer to each other count as equal [s]
+        ("breaks", VECTOR),  # further times at which a step has to end, rising [s]
+        ("passed", np.int64),  # number of breaks that are passed
+        ("broken", np.int64),  # whether the present time is the last of them
     ]
 )
-"""Where a run stands."""
+"""The time of a run."""
 
 
 SIDE = np.dtype([("calls", CALLS), ("frames", CALLS), ("states", np.int64)])
@@ -168,10 +169,10 @@ JOINT = np.dtype(
     [
         ("plant", SIDE),
         ("controller", SIDE),
-        # addresses of functions that answer for a controller without tangents
+        # addresses of callbacks for a controller without tangents
         ("law_asked", np.intp),
         ("advance_asked", np.intp),
-        ("shown", CALLS),  # outputs: those of the plant that are recorded
+        ("shown", CALLS),  # outputs: the recorded outputs of the plant
         ("m", np.int64),
         ("n", np.int64),
         ("count", np.int64),
@@ -188,19 +189,19 @@ JOINT = np.dtype(
 
 TRAIL = np.dtype(
     [
-        # row by row; row 0 is what was before
+        # row by row; row 0 is the last one before
         ("times", VECTOR),
         ("outputs", VECTOR),
         ("growth", VECTOR),
         ("trace", VECTOR),
         ("rows", np.int64),
         ("bound", VECTOR),  # outputs beyond which the loop diverges
-        ("accuracy", float),  # nats, and share of the growth, that correcting may change in all
+        ("accuracy", float),  # largest change by all corrections: nats, and share of the growth
         ("relative", float),
-        ("unmet", np.int64),  # steps that were as short as they get, and changed more
+        ("unmet", np.int64),  # number of shortest steps with a larger change
     ]
 )
-"""The run as it is recorded, and how wrong its steps may be."""
+"""The record of the run, and the allowed errors of its steps."""
 
 _At, _Number, _Whole = ct.c_void_p, ct.c_double, ct.c_int
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
@@ -224,7 +225,7 @@ _NUMBERS = ("clock_now", "clock_step_to_come")
 
 @cache
 def library() -> Any:
-    """The compiled functions, loaded once; other threads run while they do."""
+    """The compiled functions, loaded once; other threads can run during their calls."""
     loaded = ct.CDLL(str(Path(__file__).parent / "c" / f"libmaster{SUFFIX}"))
     for name, types in _SIGNATURES.items():
         function = getattr(loaded, name)
@@ -234,7 +235,7 @@ def library() -> Any:
 
 
 def ask(function: str, whom: Struct, *arguments: Vector | float) -> None:
-    """Call one of the functions that ask a FMU instance something.
+    """Call a compiled function on an FMU instance.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""An FMU instance whose ports take and give values in other units than its own."""
+"""An FMU instance whose ports have other units than its own."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .fmu_instance import Instance, Reader, Writer
 
 Vector = npt.NDArray[np.float64]
 Scale = tuple[float, float]
-"""Factor and offset: what arrives = factor * what is given + offset."""
+"""Factor and offset: result = factor * value + offset."""
 AS_IS: Scale = (1.0, 0.0)
 Kind = TypeVar("Kind", bound=Instance)
 
@@ -32,7 +32,7 @@ def converted(instance: Kind, scales: Mapping[str, Scale]) -> Kind:
 
 
 class _Converted:
-    """See `converted`; what is not changed here is the instance's own."""
+    """See `converted`; everything else is passed on to the instance."""
 
     def __init__(self, instance: Instance, scales: Mapping[str, Scale]) -> None:
         self._instance, self._scales = instance, scales

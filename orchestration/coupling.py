@@ -63,12 +63,12 @@ class FeedbackLaw:
 
 
 def law_of(numbers: Vector, m: int, n: int) -> FeedbackLaw:
-    """The parts of a law that compiled code has in one array, (m (2 + n),); nothing is copied."""
+    """Split a law that is one array of compiled code, (m (2 + n),), into its parts, as views."""
     return FeedbackLaw(numbers[:m], numbers[m : m * (1 + n)].reshape(m, n), numbers[m * (1 + n) :])
 
 
 class OwnStep:
-    """Function of a coupling that changes the law applied by the plant, for compiled code."""
+    """A coupling's function that changes the law applied by the plant; compiled code calls it."""
 
     def __init__(self, place: str, law: FeedbackLaw) -> None:
         self.address = 0
@@ -81,7 +81,7 @@ class OwnStep:
         def call(h: float) -> int:
             try:
                 change(law, h)
-            except BaseException as error:  # an interruption too: raised where we are back
+            except BaseException as error:  # also interruptions: raised after the compiled code
                 self.error = error
                 return 0
             return 1
@@ -99,9 +99,9 @@ class ControllerSide:
         Initialized.
     wiring : Wiring
     signals, reference : ndarray
-        Values at the start, where its feedthrough is tested.
+        Values at the start, used for the test of its feedthrough.
     side : Struct, optional
-        Where to put it, of the kind `compiled.CONTROLLER`.
+        The struct to fill, of the kind `compiled.CONTROLLER`.
 
     Attributes
     ----------
@@ -203,7 +203,7 @@ class CoupledPair:
     reference : ndarray
         Set-points at the start.
     whole : Struct
-        Where to put it, of the kind `compiled.LOOP`.
+        The struct to fill, of the kind `compiled.LOOP`.
 
     Attributes
     ----------
@@ -270,7 +270,7 @@ class CoupledPair:
         self._whole.set(goal=np.zeros(len(reference)))
 
     def others(self) -> Vector:
-        """The controller's outputs beside its commands, as they stand."""
+        """Present values of the controller's outputs that are not commands."""
         return self.controller.reader(self.other_names)() if self.other_names else np.empty(0)
 
     @property

@@ -60,7 +60,7 @@ def late_start(loop: CoupledPair, commands: Vector, names: list[str]) -> str:
     ----------
     loop : CoupledPair
     commands : ndarray, shape (k, m)
-        True ones at the communication points.
+        True commands at the communication points.
     names : list of str
         Of the commands.
     """

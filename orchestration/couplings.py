@@ -21,9 +21,9 @@ class Coupling(Enum):
     law : bool
         Whether the plant applies the feedback law inside its own solver.
     own : str
-        ``module:function`` of what a step does that these do not say; empty where it does nothing
-        more. The function is given the law, a `coupling.FeedbackLaw`, and the step [s], and changes
-        the law's arrays to what the plant is to apply. It keeps nothing: steps are taken back.
+        ``module:function`` for a further change of the law in each step; empty if there is none.
+        The function gets the law, a `coupling.FeedbackLaw`, and the step [s], and changes the law's
+        arrays to those that the plant applies. It must keep no state, because steps are repeated.
     """
 
     JACOBI = "jacobi", True

@@ -1,9 +1,9 @@
-"""How compiled code calls a FMU instance.
+"""Calls of an FMU instance by compiled code.
 
 An FMU of FMI 2.0 in this process whose signals are real is called through the addresses of its
 own functions, and a group of such FMUs through those of ``c/group.c``. Any other FMU instance gets
-functions of the same shapes that call its Python methods, so that there is one text of the coupling
-for all of them.
+functions with the same signatures that call its Python methods, so that one code of the coupling is
+enough for all of them.
 """
 
 from __future__ import annotations
@@ -23,35 +23,35 @@ from .fmu_instance import ENTRY_POINTS, FmuInstance, Instance, describe_end
 from .group import Group
 from .structs import VECTOR, Struct, Vector, struct
 
-PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # what failed
+PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # kinds of failed calls
 _FAILED_IN_PYTHON = 3  # fmi2Error
-_ADDRESSES = ctypes.CFUNCTYPE(  # of the shape of fmi2SetReal, with nothing made of its pointers
+_ADDRESSES = ctypes.CFUNCTYPE(  # signature of fmi2SetReal, with pointers as plain addresses
     ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p
 )
 
 
 class CallFailed(Exception):
-    """A FMU instance rejected a call; its record has the call and the reason."""
+    """An FMU instance rejected a call; its record has the call and the reason."""
 
 
 CALLS = np.dtype(
     [
         # addresses of the instance and of its functions
         *((name, np.intp) for name in ENTRY_POINTS),
-        # value references and values of what is set and of what is read
+        # value references and values of inputs and outputs
         ("inputs", VECTOR),
         ("given", VECTOR),
         ("outputs", VECTOR),
         ("taken", VECTOR),
-        ("stop", float),  # no step may end behind it [s]
-        # addresses of saved states, one for each use; zero where nothing is saved
+        ("stop", float),  # no step may end after it [s]
+        # addresses of saved states, one for each use; zero if none is saved
         ("states", VECTOR),
         # FMI status and kind of the call that failed
         ("status", np.int64),
         ("failed", np.int64),
     ]
 )
-"""An FMU instance, see ``c/calls.h``: its functions, and what they take and gave."""
+"""An FMU instance, see ``c/calls.h``: its functions, their inputs and their outputs."""
 
 MEMBER = np.dtype([("calls", CALLS), ("sources", VECTOR), ("first", np.int64)])
 GROUP = np.dtype(
@@ -68,18 +68,18 @@ GROUP = np.dtype(
 
 
 class Bound:
-    """A FMU instance with the inputs that will be set and the outputs that will be read.
+    """An FMU instance with the inputs that will be set and the outputs that will be read.
 
     Parameters
     ----------
     instance : Instance
         Initialized.
     inputs, outputs : sequence of str
-        As many of the first of them as wanted are set or read in one call.
+        A call sets or reads any number of the first of them.
     uses : int
-        How many states are saved at once.
+        Number of states that are saved at the same time.
     calls : Struct
-        Where to put it: of the kind `CALLS`.
+        The struct to fill, of the kind `CALLS`.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class Bound:
 
 
 def failure_of(*bound: Bound) -> BaseException | None:
-    """The error of the one whose call failed."""
+    """The error of the instance whose call failed; None if no call failed."""
     return next((error for error in (b.failure() for b in bound) if error is not None), None)
 
 
@@ -150,10 +150,10 @@ def raise_failures(*bound: Bound) -> Iterator[None]:
 
 
 class _GroupCalls:
-    """The functions of a group of FMUs that compiled code calls itself."""
+    """The functions of a group of FMUs that compiled code calls directly."""
 
     def __init__(self, group: Group) -> None:
-        from .compiled import library  # whose records hold those of this module
+        from .compiled import library  # its records contain those of this module
 
         self._library = library()
         self._struct = struct(GROUP)
@@ -187,7 +187,7 @@ class _GroupCalls:
 
 
 class _PythonCalls:
-    """Functions of FMI's shapes that call a FMU instance's methods.
+    """Functions with the signatures of FMI that call an FMU instance's methods.
 
     `given` and `taken` are the arrays whose addresses the functions are called with.
     """
@@ -210,7 +210,7 @@ class _PythonCalls:
             def call(*arguments: Any) -> int:
                 try:
                     method(*arguments)
-                except BaseException as error:  # an interruption too: raised where we are back
+                except BaseException as error:  # also interruptions: raised after the compiled code
                     self.error = error
                     return _FAILED_IN_PYTHON
                 return 0
@@ -225,7 +225,7 @@ class _PythonCalls:
             STATE(guarded(lambda _, state: instance.restore(self._states[state]))),
             STATE(guarded(self._release)),
         ]
-        # one for each number of signals that is asked for
+        # one for each requested number of signals
         self._writer = functools.cache(lambda count: instance.writer(inputs[:count]))
         self._reader = functools.cache(lambda count: instance.reader(outputs[:count]))
 

@@ -1,4 +1,4 @@
-"""How calls of an FMU end, as FMI 2.0 and 3.0 number it."""
+"""Status numbers of calls of an FMU, in FMI 2.0 and 3.0."""
 
 from __future__ import annotations
 

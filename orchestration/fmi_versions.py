@@ -1,4 +1,4 @@
-"""The functions of FMI 2.0 and 3.0, for co-simulation and model exchange, under one name each."""
+"""The functions of FMI 2.0 and 3.0, for co-simulation and model exchange, with common names."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Ports:
     type : str
         One of FMI's.
     function : str
-        What the call is called behind its verb.
+        Name of the call after its verb.
     kind : dtype
         Of its values.
     references : sequence of int
@@ -76,12 +76,12 @@ class Ports:
             self._low, self._end = float(size.min), float(size.max) + 1.0
 
     def put(self, values: Vector) -> None:
-        """Take values over.
+        """Store checked values for the next call.
 
         Raises
         ------
         Refused
-            If one is no whole number where only these are known, or out of its type's range.
+            If a value of an integer type is not a whole number, or out of the type's range.
         """
         if self._whole:
             fit = (values == np.rint(values)) & (values >= self._low) & (values < self._end)
@@ -112,7 +112,7 @@ class Fmi2:
     ended : str
         When it requested the end of the simulation; empty if it did not.
     integrator : Integrator or None
-        Of model exchange, once it is initialized.
+        For model exchange, after initialization.
     """
 
     _VERSION = "fmi2"
@@ -171,7 +171,7 @@ class Fmi2:
         self._fmu.setString([reference], [text])
 
     def set_up(self, stop: float) -> None:
-        """What comes before start values are set."""
+        """Do the calls before start values are set."""
         self._fmu.setupExperiment(startTime=0.0, stopTime=stop)
 
     def enter(self, stop: float) -> None:
@@ -196,7 +196,7 @@ class Fmi2:
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """Parts that are not in a saved state of the FMU."""
+        """Data that are not in a saved state of the FMU."""
         if self.integrator is None:
             return (self.ended,)
         return self.ended, self.integrator.time, self.integrator.next_event
@@ -209,7 +209,7 @@ class Fmi2:
 
     @functools.cached_property
     def do_step(self) -> Any:
-        """FMI's function itself, for compiled code as well."""
+        """The FMU's own function, also for compiled code."""
         return STEP(("fmi2DoStep", self.library))
 
     def step(self, t: float, h: float) -> int:
@@ -313,7 +313,7 @@ def _told(fmu: UnpackedFmu, name: str) -> dict[str, str]:
 
 @functools.cache
 def _logger() -> Any:
-    """What FMUs of FMI 2.0 call to log: keeps the last error of each instance."""
+    """The logger of FMUs of FMI 2.0: it keeps the last error of each instance."""
     from fmpy import fmi2
 
     def log(environment: int, _name: bytes, status: int, _category: bytes, text: bytes) -> None:

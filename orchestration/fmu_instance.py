@@ -33,7 +33,7 @@ ENTRY_POINTS = (
 _LOG_NUMBERS = itertools.count(1)
 
 Value: TypeAlias = "float | str"
-"""Of a parameter: a number, or the text of a String."""
+"""Value of a parameter: a number, or the text of a String."""
 
 SAMPLE_TIME = "sample_time"
 SHORTER = "it needs shorter steps: use a smaller --step"
@@ -50,7 +50,7 @@ def describe_end(status: int) -> str:
 
 
 class StepFailed(RuntimeError):
-    """A FMU instance could not do a step; the message comes from the FMU, if it gave one.
+    """An FMU instance could not do a step; the message comes from the FMU, if it gave one.
 
     Attributes
     ----------
@@ -180,7 +180,7 @@ class FmuInstance(AnyFmu):
         self.sample_time, self.stop = 0.0, math.inf
         self._given: Mapping[str, Value] = {}
         self._log = next(_LOG_NUMBERS)
-        self._status = 0  # the worst yet
+        self._status = 0  # the worst so far
         try:
             usual = Fmi2 if description.fmi == 2 else Fmi3
             self._fmi = (calls or usual)(self._fmu, name, self._log)
@@ -210,7 +210,7 @@ class FmuInstance(AnyFmu):
             self._set(self._given)
 
     def leave_initialization(self) -> None:
-        """Leave initialization mode, and give the inputs of the values once more.
+        """Leave initialization mode, and set the inputs among the values again.
 
         Raises
         ------
@@ -243,7 +243,7 @@ class FmuInstance(AnyFmu):
             raise self.failed(status, f"cannot be initialized: {error}") from error
 
     def message(self) -> str:
-        """The FMU's error message: of our FMUs from an output, of others from their log."""
+        """The FMU's error message: for our FMUs from their String, for others from their log."""
         reference = self._fmu.description.message_reference
         if reference is None:
             return last_words(self._log)
@@ -313,7 +313,7 @@ class FmuInstance(AnyFmu):
         self._fmi.place = place
 
     def is_compiled(self, names: Sequence[str]) -> bool:
-        """Whether compiled code can call its functions itself for these ports."""
+        """Whether compiled code can call its functions directly for these ports."""
         plain = self.description.fmi == 2 and not self.description.exchanges
         return plain and all(self._variables[n].type == "Real" for n in names)
 
@@ -336,7 +336,7 @@ class FmuInstance(AnyFmu):
         return [self._variables[n].reference for n in names]
 
     def failed(self, status: int, what: str) -> StepFailed:
-        """The error for a call that ended with this status, with the FMU's own words."""
+        """The error for a call that ended with this status, with the FMU's own message."""
         self._status = max(self._status, status)
         reason = self.message() if status < FATAL else last_words(self._log)
         advice = SHORTER if status == DISCARD and not self._fmi.ended else ""
@@ -362,7 +362,7 @@ class FmuInstance(AnyFmu):
         self._clean()
         if self._status >= FATAL:
             return  # FMI allows no call any more
-        # what it computed is read already: a bad end changes nothing
+        # its results are already read: a failure at the end has no effect
         with contextlib.suppress(Exception):
             if self._status <= OK:
                 self._fmi.terminate()
@@ -387,9 +387,9 @@ def inputs_of(description: Description) -> list[str]:
 def open_source(
     owner: object, source: Path | str | UnpackedFmu, sandbox: bool = False
 ) -> tuple[UnpackedFmu, Callable[[], object]]:
-    """The FMU unpacked, and how to remove a folder made for `owner`, which ends with it anyway.
+    """Unpack the FMU; return it and a function that removes its folder, at the latest with `owner`.
 
-    In a `sandbox` its sources are compiled, where it has no binary.
+    With `sandbox`, the sources of an FMU without a binary are compiled in a sandbox.
     """
     if isinstance(source, UnpackedFmu):
         return source, lambda: None

@@ -1,10 +1,10 @@
 """Several FMUs as one FMU instance, and the initialization of connected FMUs.
 
-FMI lets inputs be set and outputs be read in initialization mode, again and again (2.0.5, 4.2.4;
+In initialization mode, inputs can be set and outputs can be read repeatedly (FMI 2.0.5, 4.2.4;
 3.0.2, 2.3.3): the start of an FMU may depend on them. An output is read when all inputs that it
 depends on are set. If outputs depend on each other in a ring, or an FMU does not declare its
 dependencies, the ring is iterated. Then the FMUs leave the mode one after the other, each with the
-newest values of those before it, and values that are computed only then are passed on once more.
+newest values of the FMUs before it, and values that are computed only then are passed on again.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from .fmu_instance import FmuInstance, Instance, Reader, StepFailed, Value, Writ
 from .wiring import Wiring
 
 Vector = npt.NDArray[np.float64]
-SETTLED = 1e-12  # share of a value, or of its nominal one, by which it may still change
-SWEEPS = 3  # that settle what only looks like an algebraic loop
+SETTLED = 1e-12  # largest last change, as a share of a value or of its nominal value
+SWEEPS = 3  # enough for a ring that is not an algebraic loop
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class Member:
     Attributes
     ----------
     sources : ndarray of int
-        Of each feed, a place among the group's values.
+        Place of each feed among the group's values.
     outputs : slice
-        Its places there.
+        Places of the outputs among them.
     """
 
     instance: Instance
@@ -113,7 +113,7 @@ class Group:
         Not initialized yet.
     feeds : sequence of Feed
     inputs : sequence of str
-        The group's own, as the feeds name them.
+        The group's inputs, as named by the feeds.
     turned : bool
         Whether the first step is in reverse order.
 
@@ -122,11 +122,11 @@ class Group:
     values : ndarray
         Inputs of the group, then outputs of its members; `place` has their places by name.
     parts, there, back : list of Member
-        In the order of the signals, and in those of every other step.
+        In the order of the signals, and in the two alternating orders of the steps.
     flags : ndarray of int, shape (2,)
-        Whether inputs were set since outputs were read, and whether the next step goes back.
+        Whether inputs were set since outputs were read, and whether the next step is in reverse.
     lags : bool
-        Whether a step leaves old answers of parts with direct feedthrough.
+        Whether outputs of parts with direct feedthrough are outdated after a step.
     """
 
     def __init__(
@@ -161,7 +161,7 @@ class Group:
 
     @property
     def _stale(self) -> bool:
-        """Whether inputs were set since outputs were read; kept where compiled code sees it."""
+        """Whether inputs were set since outputs were read; shared with compiled code."""
         return bool(self.flags[0])
 
     @_stale.setter
@@ -249,7 +249,7 @@ class Group:
         )
 
     def _choose_steps(self) -> None:
-        """Put the members in the order in which they are stepped; now it is known who samples."""
+        """Choose the orders of the steps; the sampled members are known now."""
         at_once = {m for m, p in self._members.items() if any(map(p.follows_at_once, p.outputs))}
         hard = at_once | {m for m, p in self._members.items() if p.sample_time > 0}
         order = _in_order(list(self._members), self._feeds, hard)
@@ -257,7 +257,7 @@ class Group:
         parts = dict(self._named_parts())
         self.there, self.back = [parts[m] for m in order], [parts[m] for m in back]
         self.flags[1] = self._turned
-        # a part with direct feedthrough that is stepped before its source shows an old answer
+        # a part with direct feedthrough that is stepped before its source has an outdated output
         self.lags = any(
             f.member in at_once
             and f.source not in self.inputs
@@ -272,7 +272,7 @@ class Group:
         ring = False
         while any(missing.values()):
             found = [self._read(name, part, missing, False) for name, part in self._named_parts()]
-            if not any(found):  # they wait for each other: begin with what one has by itself
+            if not any(found):  # a ring: begin with the present outputs of one member
                 ring = True
                 name, part = next((n, p) for n, p in self._named_parts() if missing[n])
                 self._read(name, part, missing, True)
@@ -283,7 +283,7 @@ class Group:
         return zip(self._members, self.parts, strict=True)
 
     def _read(self, name: str, part: Member, missing: dict[str, list[str]], all_: bool) -> bool:
-        """Read a member's missing outputs that wait for no others, or all; whether any was."""
+        """Read a member's missing outputs that need no others, or all; return whether any was."""
         waits = {f.port for f in part.feeds if not self._is_known(f.source, missing)}
         ready = [
             port
@@ -304,7 +304,7 @@ class Group:
         return port not in missing[member]
 
     def _iterate(self) -> None:
-        """Feed all and read all until nothing changes; a ring that does not settle is solved.
+        """Feed and read all members until nothing changes; solve a ring that does not settle.
 
         Raises
         ------
@@ -333,7 +333,7 @@ class Group:
             )
 
     def _ring(self) -> list[int]:
-        """Places of the outputs that feed a member before theirs, or their own."""
+        """Places of the outputs that feed their own member or an earlier one."""
         order = list(self._members)
         back = {
             self.place[f.source]
@@ -363,14 +363,14 @@ class Group:
             self.values[ring] = root(missed, self.values[ring], options={"xtol": 1e-14}).x
 
     def _sweep(self) -> None:
-        """Feed one member after the other, and read what follows."""
+        """Feed one member after the other, and read its outputs."""
         for part in self.parts:
             self._feed(part)
             self.values[part.outputs] = part.read()
 
     def _feed(self, part: Member) -> None:
         values = self.values[part.sources]
-        if self._initializing and not np.isfinite(values).all():  # what is not known yet
+        if self._initializing and not np.isfinite(values).all():  # some are not known yet
             known = np.isfinite(values)
             ports = [f.port for f, k in zip(part.feeds, known, strict=True) if k]
             part.instance.writer(ports)(values[known])
@@ -437,9 +437,9 @@ class Group:
 
 
 def _in_order(members: list[str], feeds: Sequence[Feed], hard: set[str]) -> list[str]:
-    """Members so that each comes after those that feed it.
+    """Order the members so that each comes after the members that feed it.
 
-    A ring is cut at the first listed that is not fed by one of the `hard`.
+    A ring is cut at the first member in the list that waits for no `hard` member.
     """
     waiting = {m: _feeders(m, members, feeds) for m in members}
     ordered: list[str] = []
@@ -453,7 +453,7 @@ def _in_order(members: list[str], feeds: Sequence[Feed], hard: set[str]) -> list
 
 
 def _reversed(order: list[str], feeds: Sequence[Feed], hard: set[str]) -> list[str]:
-    """The order from its end, but each behind those of the `hard` that feed it."""
+    """The reverse order, but each member after the `hard` members that feed it."""
     left, ordered = order[::-1], list[str]()
     while left:
         needs = {m: _feeders(m, order, feeds) & hard for m in left}

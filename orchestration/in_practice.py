@@ -67,7 +67,7 @@ def practice_of(controller: Component, sampled: bool, noise: bool) -> Practice:
         i.name for i in controller.inputs if i.role in ("measurement", "signal") and i.name in used
     ]
     wanted, given, instruments = {*measured}, set[str](), list[str]()
-    for name in reversed(INSTRUMENTS):  # an instrument may take what one before it gives
+    for name in reversed(INSTRUMENTS):  # an instrument may use the output of the one before it
         instrument = component(name)
         outputs = {o.name.removesuffix(MEASURED) for o in instrument.outputs}
         if outputs & wanted:
@@ -90,7 +90,7 @@ def in_practice(
 ) -> tuple[Part, dict[str, float], tuple[str, ...]]:
     """A controller with sampling and instruments from `practice_of`.
 
-    An FMU is not changed: whoever runs it steps it at its samples, see `Loop.sampled`.
+    An FMU is not changed: the run steps it at its samples, see `Loop.sampled`.
 
     Parameters
     ----------

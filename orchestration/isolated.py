@@ -1,9 +1,9 @@
 """An FMU in its own process, so that a crash, a hang or its modules do not affect this one.
 
-The master's side. The other side is `isolated_host.py`, a new interpreter that runs an
+This is the master's side. The other side is `isolated_host.py`, a new interpreter that runs an
 `FmuInstance` and answers over a socket; the end of its output is kept, and an error message shows
-the last line. Requests that need no answer are sent with the next one that does, so that a
-communication step needs few exchanges.
+the last line. Requests without an answer are sent together with the next one that has an answer,
+so that a communication step needs few exchanges.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ from .operating_system import end_host, how_ended, start_host
 
 Vector = npt.NDArray[np.float64]
 
-_KEPT = 4096  # bytes of what it prints
-_FAREWELL = 5.0  # s, to end in good order
+_KEPT = 4096  # bytes of its output
+_FAREWELL = 5.0  # s, time limit for a normal end
 
 
 class IsolatedInstance(AnyFmu):
@@ -68,7 +68,7 @@ class IsolatedInstance(AnyFmu):
     Raises
     ------
     NoSandbox
-        If there is none here.
+        If no sandbox is available here.
     FmuError
         If the file is not an FMU that can run here, or its process ends when it is opened.
     """
@@ -95,7 +95,7 @@ class IsolatedInstance(AnyFmu):
         self.steps_vary = description.steps_vary
         self.sample_time, self.stop = 0.0, math.inf
         self._waiting: list[bytes] = []
-        self._changes = 0  # requests after which an output may have another value
+        self._changes = 0  # number of requests that may have changed outputs
         self._bound = self._saved = 0
         self._stepping = False
         self._dead = ""
@@ -173,7 +173,7 @@ class IsolatedInstance(AnyFmu):
 
         def read() -> Vector:
             nonlocal known, read_after
-            # a step ends and the next one begins with the same values: half of all requests
+            # a step begins with the end values of the last one: this saves half of all requests
             if read_after != self._changes or self._dead:
                 data = self._ask(Request.READ, number)
                 if len(data) != size:
@@ -273,7 +273,7 @@ class IsolatedInstance(AnyFmu):
 
 
 class _Printed:
-    """The end of what a process prints, read as it comes: it fills neither disk nor pipe."""
+    """The end of a process's output, read continuously, so that no disk or pipe is filled."""
 
     def __init__(self) -> None:
         self._end = b""
@@ -302,7 +302,7 @@ def open_fmu(
 ) -> FmuInstance | IsolatedInstance:
     """Open an FMU in its own process if requested; default: if it was not written by this program.
 
-    In a `sandbox` it has one, whoever wrote it.
+    With `sandbox` it always has its own process.
 
     Raises
     ------
@@ -327,5 +327,5 @@ def _ended(
         for place, folders, _ in os.walk(scratch):
             for folder in (os.path.join(place, name) for name in folders):
                 if not os.path.islink(folder):
-                    os.chmod(folder, stat.S_IRWXU)  # it may have left one that nobody can enter
+                    os.chmod(folder, stat.S_IRWXU)  # the FMU may have removed all permissions
         shutil.rmtree(scratch, ignore_errors=True)

@@ -1,8 +1,8 @@
-"""The process that runs one FMU for `IsolatedInstance`, and how the two talk.
+"""The process that runs one FMU for `IsolatedInstance`, and the protocol of the two.
 
-A packet is its length and then requests, each a kind, a length and its data. The last request of a
-packet is answered with a status and data; so is the first that fails, and the rest are dropped. No
-Python objects are exchanged: the FMU's side is not trusted.
+A packet is its length and then requests: each one is a kind, a length and its data. A packet gets
+one answer, a status and data: from its last request, or from the first that fails; the requests
+after that are dropped. No Python objects are exchanged: the FMU's side is not trusted.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ def receive(connection: socket.socket) -> bytes:
     limit = connection.gettimeout()
     end = math.inf if limit is None else time.monotonic() + limit
     data, whole = b"", _HEAD.size
-    while len(data) < whole:  # almost always once: nothing is sent before an answer has come
-        if data and time.monotonic() > end:  # each piece begins a limit of its own
+    while len(data) < whole:  # almost always once: the next packet is sent after the answer
+        if data and time.monotonic() > end:  # the socket's own limit is for each piece
             raise TimeoutError
         more = connection.recv(_AT_ONCE)
         data += more
@@ -74,7 +74,7 @@ def receive(connection: socket.socket) -> bytes:
 
 
 def main(connection: socket.socket) -> None:
-    """Answer requests until the connection is closed, then end at once."""
+    """Answer requests until the connection is closed, then end immediately."""
     host = _Host()
     closed = False
     while not closed:
@@ -93,7 +93,7 @@ def main(connection: socket.socket) -> None:
             answer = bytes([FAILED]) + f"{type(error).__name__}: {error}".encode()
         closed = host.closed
         send(connection, answer)
-    # Not through the interpreter's end, where a third-party library may still crash.
+    # Without the interpreter's own end, in which a third-party library may still crash.
     os._exit(0)
 
 

@@ -22,9 +22,9 @@ class KeptParts:
     Parameters
     ----------
     folder : Path
-        Made with the first part: what is ended before that leaves nothing.
+        Made with the first part: work that ends earlier leaves nothing.
     digest : str
-        Of all that decides what the parts hold.
+        Of everything that determines the parts.
     """
 
     def __init__(self, folder: Path, digest: str) -> None:
@@ -37,9 +37,9 @@ class KeptParts:
         Parameters
         ----------
         work : str
-            What to call it.
+            Its name in messages.
         resume : bool
-            Whether the user says that it was begun.
+            Whether the user wants to continue it.
         refused : type of exception
             Raised with one line.
         """
@@ -71,14 +71,14 @@ class KeptParts:
         workers: Workers,
         fits: Callable[[str, Any], bool] = lambda name, found: True,
     ) -> Iterator[tuple[str, Any]]:
-        """Name and result of each job: of those that are done, then as the others come.
+        """Yield the name and result of each job: finished ones first, then the others as they end.
 
         Parameters
         ----------
         jobs : mapping of str to tuple
             Arguments of the function, by the name under which its result is kept.
         fits : function (str, found) -> bool
-            Whether what is found is of this job.
+            Whether a result belongs to this job.
         """
         missing = {}
         for name, job in jobs.items():
@@ -106,6 +106,6 @@ def _content(path: Path) -> Any:
 
 
 def _digest(content: Any) -> str:
-    """Empty where a file has none: another version's, or anybody's."""
+    """The digest in a file; empty for a file of another version or another program."""
     known = isinstance(content, dict) and set(content) == {"of", "found"}
     return str(content["of"]) if known else ""

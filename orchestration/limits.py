@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-SHORTEST = 1e-9  # motion [s]: what is nearly nothing has no steps
-MOST_STEPS = 1e9  # no run of more would end
-FIRST_STEP = 1e-3  # that is tried, and that of exponents and maps over FMUs [s]
-TIME_LIMIT = 60.0  # for any one call of an FMU in a process of its own [s]
-TOLERANCE = 1e-11  # of exponents; in maps of many loops a coarser one does
+SHORTEST = 1e-9  # motion [s]: a shorter one has no steps
+MOST_STEPS = 1e9  # a run with more would not end in reasonable time
+FIRST_STEP = 1e-3  # first step that is tried; step of exponents and maps over FMUs [s]
+TIME_LIMIT = 60.0  # for any one call of an FMU in its own process [s]
+TOLERANCE = 1e-11  # of exponents; maps of many loops use a coarser one
 TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS = 1e-8, 1e-6  # with exponents, and by the motion alone
 
 
@@ -18,7 +18,7 @@ class BadParameter(ValueError):
 
 
 def as_number(what: str, given: Any) -> float:
-    """A finite number, of text, too; raises `BadParameter`."""
+    """A finite number, also from text; raises `BadParameter`."""
     try:
         value = float(given)
     except (ValueError, TypeError):
@@ -59,7 +59,7 @@ def check_time_limit(what: str, given: Any) -> float:
 
 
 def check_step(what: str, given: Any, stop: float | None) -> float:
-    """A communication step [s] of a motion of this length; None is a length not known yet.
+    """A communication step [s] of a motion of this length; None: the length is not known yet.
 
     Raises
     ------

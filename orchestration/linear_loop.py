@@ -1,7 +1,7 @@
 """A loop linearized about a state: its frequency response, margins and sensitivity.
 
 The matrices are the compiled Jacobian of the part's own equations: inputs are held as states, and
-outputs are integrated by states, so that one Jacobian holds A, B, C and D. Margins and zero-order
+outputs are integrated by states, so that one Jacobian gives A, B, C and D. Margins and zero-order
 hold are those of python-control (S. Fuller et al., "The Python Control Systems Library", IEEE CDC
 (2021)), the library maintained for this since 2009.
 """
@@ -31,14 +31,14 @@ Matrix = npt.NDArray[np.float64]
 Response = npt.NDArray[np.complex128]
 
 LOWEST, HIGHEST, POINTS = 0.1, 1e5, 2000  # of the frequency response [rad/s]
-UNSTABLE = 1e-6  # share of the fastest pole by which a pole may be on the wrong side by round-off
+UNSTABLE = 1e-6  # share of the fastest pole: round-off of a pole at the limit of stability
 
 
 @dataclass(frozen=True)
 class Linear:
     """Linear equations of a part: ``dx/dt = a x + b u, y = c x + d u``.
 
-    The last states, `sampled` of them, change at samples alone; their rows give the next value.
+    The last states, `sampled` of them, change only at samples; their rows give the next value.
     """
 
     a: Matrix
@@ -62,11 +62,12 @@ class Margins:
     stable : bool
         Whether the closed loop is stable.
     gain_margin, gain_margin_down : float
-        Factor by which the loop's gain may rise, and to which it may fall; infinite and 0: no end.
+        Factor by which the loop's gain may rise, and to which it may fall; infinite and 0: no
+        limit.
     gain_frequency : float
         Of the gain margin [Hz]; NaN without one.
     phase_margin, crossover : float
-        [degrees], and the frequency where the loop's gain is one [Hz]; NaN: it is nowhere.
+        [degrees], and the frequency where the loop's gain is 1 [Hz]; NaN if there is none.
     sensitivity : float
         Largest ``|1/(1 + L)|``, Ms.
     sensitivity_frequency : float
@@ -161,11 +162,11 @@ def linearized(
     values : mapping of str to float
         Parameters.
     at : mapping of str to float
-        States, and inputs of the part; what is left out is as at the start.
+        States, and inputs of the part; others have their start values.
     mode : str
         Of a part that has modes.
     sampled : int
-        How many discrete states the part has.
+        Number of discrete states of the part.
     """
     model = Model(kernel, values)
     names = [s.name for s in kernel.states]
@@ -193,7 +194,7 @@ def open_loop(plant: Linear, controller: Linear, period: float = 0.0) -> Any:
     plant, controller : Linear
         One input and n outputs, n inputs and one output.
     period : float
-        Of a sampled controller [s]; the plant is then taken with its command held.
+        Of a sampled controller [s]; the plant is then discretized with a held command.
 
     Returns
     -------
@@ -205,13 +206,13 @@ def open_loop(plant: Linear, controller: Linear, period: float = 0.0) -> Any:
     k = controller
     if not k.sampled:
         return -(control.ss(k.a, k.b, k.c, k.d) * p)
-    n = len(k.a) - k.sampled  # continuous states, which see sampled values between the instants
+    n = len(k.a) - k.sampled  # continuous states; between samples they get the sampled values
     turn, hold = np.eye(n), np.zeros((n, k.sampled))
     if n:
         between = control.ss(k.a[:n, :n], k.a[:n, n:], np.eye(n), hold)
         between = control.sample_system(between, period, "zoh")
         turn, hold = between.A, between.B
-    # what it puts out at an instant comes from the values that it computes at that instant
+    # its output at a sample uses the new values of its states
     new_x, new_y, out = k.a[n:], k.b[n:], k.c[:, n:]
     a = np.vstack([np.hstack([turn, np.zeros((n, k.sampled))]) + hold @ new_x, new_x])
     law = control.ss(a, np.vstack([hold @ new_y, new_y]), out @ new_x, out @ new_y + k.d, period)

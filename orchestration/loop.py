@@ -96,8 +96,8 @@ class Loop(HowCoupled):
         Notes from before the run, added to those of the run.
     sampled : float, optional
         Sampling period of the controller [s]: it reads at its samples and holds its commands. A
-        controller with equations becomes ``pid+sampled``; an FMU is stepped at its samples alone,
-        by one period each.
+        controller with equations becomes ``pid+sampled``; an FMU is stepped only at its samples, by
+        one period each.
     step : float, optional
         Communication step [s]; default: halved until the run is trusted.
     coupling : str or Coupling, optional
@@ -124,7 +124,7 @@ class Loop(HowCoupled):
     Raises
     ------
     NoSandbox
-        If a sandbox is asked for, and none can be had here.
+        If a sandbox is requested and none is available here.
     BadPart, BadComponentFile, BadParameter, BadReference
         If a part, a number or the set-point is invalid; the message says why.
 
@@ -211,7 +211,7 @@ class Loop(HowCoupled):
 
     @property
     def values(self) -> dict[str, float]:
-        """The values of both parts, by the names that the whole loop in one solver has."""
+        """The values of both parts, by their names in the whole loop in one solver."""
         values = {PLANT + name: value for name, value in self.plant_values.items()}
         return values | {CONTROLLER + n: value for n, value in self.controller_values.items()}
 
@@ -284,8 +284,8 @@ class SystemLoop(HowCoupled):
     stop : float, optional
         [s] Default: the file's own, else 20 s.
     values : mapping of str to float
-        Parameters and start values as ``element.variable``, over those of the file. Text is a
-        String, the name of an Enumeration's item, or a number.
+        Parameters and start values as ``element.variable``; they replace those of the file. Text is
+        a String, the name of an Enumeration's item, or a number.
     step, coupling, corrections, adaptive, isolate, time_limit, sandbox
         As in `Loop`. With ``jacobi`` and ``gauss-seidel`` connected feedback-law ports
         are ordinary signals, as in other masters.
@@ -334,9 +334,9 @@ class SystemLoop(HowCoupled):
 
 
 def table_of(file: ParameterFile, controller: Part) -> str:
-    """Name of the table of a parameter file that is of a controller: its own, else the bare one's.
+    """Name of a controller's table in a parameter file: its own, else that of the bare controller.
 
-    So ``[controller.pid]`` is of ``pid+position_encoder``, too, where that has no table.
+    So ``[controller.pid]`` is also used for ``pid+position_encoder`` if that has no table.
     """
     own = controller.label
     return own if own in file.controllers else Part(bare(controller.name)).label

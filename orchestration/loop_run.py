@@ -21,14 +21,14 @@ from .verdict import ACCURACY, Verdict
 
 Vector = npt.NDArray[np.float64]
 
-CHUNK = 4096  # most steps between two looks at the clock on the wall
-NEGLIGIBLE = 1e-7  # of the range: effects that add up to less are round-off
-UNKNOWN = 1e12  # as FARTHEST, of an output whose nominal value is not known
+CHUNK = 4096  # most steps between two checks of the elapsed time
+NEGLIGIBLE = 1e-7  # of the range: a smaller sum of effects is round-off
+UNKNOWN = 1e12  # like FARTHEST, for outputs without a known nominal value
 UNBOUNDED = StepFailed("").advice
 
 
 class CouplingError(ValueError):
-    """The coupling asked for is impossible with these parts; the message says why."""
+    """The requested coupling is impossible with these parts; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class LoopRun:
 
     @property
     def judged(self) -> dict[str, Vector]:
-        """The outputs that the verdict is on."""
+        """The outputs that the verdict covers."""
         judged = self.verdict.error_estimate
         return self.outputs | {n: values for n, values in self.others.items() if n in judged}
 
@@ -106,7 +106,7 @@ class LoopRun:
 
 
 class RecordedLoop:
-    """One loop with everything recorded along its way; `parts` as in `PAIR`."""
+    """One loop with its records; `parts` as in `PAIR`."""
 
     def __init__(self, whole: Struct, loop: CoupledPair, parts: int) -> None:
         self.loop, self._whole = loop, whole
@@ -141,7 +141,7 @@ class RecordedLoop:
         self.loop.controller.close()
 
     def error(self) -> StepFailed:
-        """What the loop failed with; raises what is no failure of a step, as an interruption."""
+        """Return the loop's StepFailed; raise any other error, such as an interruption."""
         error = self.loop.failure()
         assert error is not None
         if not isinstance(error, StepFailed):
@@ -152,8 +152,8 @@ class RecordedLoop:
 def bounds(nominal: Vector, start: Vector) -> Vector:
     """Largest outputs before a loop counts as diverged.
 
-    A nominal value of 1 counts as missing, unless most of the others are given.
-    Counts, pascals and absolute encoders lie far beyond it at rest.
+    A nominal value of 1 counts as missing, unless most of the others are given. Values in counts,
+    in pascals or of absolute encoders are far above 1 at rest.
     """
     size = np.maximum(np.maximum(nominal, 1.0), np.abs(np.nan_to_num(start)))
     told = nominal != 1.0
@@ -163,8 +163,8 @@ def bounds(nominal: Vector, start: Vector) -> Vector:
 def check_room(outputs: int, commands: int, co_runs: int, steps: float) -> None:
     """Refuse a run whose rows do not fit into memory.
 
-    All are there twice while the chunks become whole columns, and the verdict and the pictures
-    make some columns more.
+    Each row exists twice while the chunks are joined; the verdict and the pictures need some more
+    columns.
     """
     rows = 2 * (outputs * (1 + co_runs) + commands + 2) + 3 * outputs
     check_memory(
@@ -175,15 +175,15 @@ def check_room(outputs: int, commands: int, co_runs: int, steps: float) -> None:
 
 
 class RunLog:
-    """The rows of a run as chunks, and what was measured along it.
+    """The rows of a run in chunks, and the measurements during the run.
 
     Parameters
     ----------
     reference : Reference
     orders : sequence of int
-        Of the derivative of the reference that each of its inputs takes.
+        Order of the reference's derivative that each reference input takes.
     outputs, nominal : ndarray
-        Of the plant: at the start, and nominal values.
+        The plant's outputs at the start, and their nominal values.
     m : int
         Number of commands.
     keeps_commands : bool

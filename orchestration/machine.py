@@ -35,10 +35,10 @@ SLOW, FAST = 0.2, 200.0
 START = 20.0  # rad/s, of gains to start from
 WEIGHTS = {1: 2.0, -1: 0.25}  # of their derivative and integral parts: well damped
 LEAST = 1e-3  # of the high end of a range that begins at zero
-MODEL_AT = 100.0  # rad/s, where inertia and damping are read off
+MODEL_AT = 100.0  # rad/s, at which inertia and damping are found
 SLOWEST_LAG = 10.0  # s, of a machine without damping
 LIMIT = "voltage_limit"
-STICTION = 100.0  # a smooth sign is one at so many times the inverse of its sharpness
+STICTION = 100.0  # times the inverse of its sharpness: there a smooth sign is 1
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Machine:
     plant : Part
     values : mapping of str to float
     limit : float
-        Of the command, either sign [its unit].
+        Largest magnitude of the command [its unit].
     """
 
     plant: Part
@@ -64,12 +64,12 @@ class Machine:
         return tuple(n for n in law if n in self.plant.outputs)
 
     def linear(self, outputs: tuple[str, ...], at: Mapping[str, float]) -> Linear:
-        """From the command to outputs, about a state; sliding forward, or stuck at no speed."""
+        """Equations from the command to outputs about a state: sliding forward, or stuck."""
         kernel = linear_kernel(self.plant, ["u"], outputs)
         return linearized(kernel, ["u"], outputs, self.values, at, "forward")
 
     def sliding(self, speed: float) -> dict[str, float]:
-        """States and command of steady sliding at a speed [m/s], the position zero."""
+        """States and command of steady sliding at a speed [m/s], at the position zero."""
         from scipy.integrate import solve_ivp
 
         model = Model(linear_kernel(self.plant, ["u"], ("x",)), self.values)
@@ -83,14 +83,14 @@ class Machine:
             model.x[inner] = state
             return model.derivatives(0.0, model.x)[inner]
 
-        if inner:  # what friction remembers goes to its steady state within a metre
+        if inner:  # friction states reach their steady values within a metre
             last = solve_ivp(
                 rates, (0.0, 1.0 / speed), model.x[inner], "BDF", rtol=1e-8, atol=1e-12
             )
             model.x[inner] = last.y[:, -1]
         unknown = [*inner, names.index("held_u")]
         zero = [*inner, names.index("v")]
-        for _ in range(5):  # Newton, for the command and what carries it
+        for _ in range(5):  # Newton's method, for the command and the other states
             left = model.derivatives(0.0, model.x)[zero]
             slopes = model.jacobian(0.0, model.x)[np.ix_(zero, unknown)]
             model.x[unknown] -= np.linalg.lstsq(slopes, left, rcond=None)[0]
@@ -100,13 +100,13 @@ class Machine:
         }
 
     def stuck(self) -> dict[str, float]:
-        """Bristles that are not bent. A smooth sign needs a little speed to be one."""
+        """States of sticking: bristles are not bent; a smooth sign needs a small speed to be 1."""
         sharpness = self.values.get("Kv", getattr(self.plant.parameters.get("Kv"), "default", 0.0))
         return {"v": STICTION / sharpness} if sharpness else {}
 
     @cached_property
     def speed(self) -> float:
-        """Of the reference motions [m/s]: half of the limit drives it.
+        """Speed of the reference motions [m/s]: half of the limit drives it.
 
         Raises
         ------
@@ -135,7 +135,7 @@ class Machine:
 
     @cached_property
     def acceleration(self) -> float:
-        """Of the reference motions [m/s^2]: three tenths of the limit, at most."""
+        """Acceleration of the reference motions [m/s^2]: from at most three tenths of the limit."""
         wanted = self.speed / RISE
         for _ in range(HALVINGS):
             if wanted * self.command_per_acceleration <= FOR_ACCELERATION * self.limit:
@@ -145,17 +145,17 @@ class Machine:
 
     @property
     def command_per_speed(self) -> float:
-        """Of damping, in sliding [unit of the command, s/m]; a machine without has a long lag."""
+        """Damping in sliding [unit of the command, s/m]; without damping, that of a long lag."""
         damping = self.command_per_metre(MODEL_AT).imag / MODEL_AT
         return max(damping, self.command_per_acceleration / SLOWEST_LAG)
 
     @property
     def command_per_acceleration(self) -> float:
-        """Of inertia [unit of the command, s^2/m]."""
+        """Inertia [unit of the command, s^2/m]."""
         return -self.command_per_metre(MODEL_AT).real / MODEL_AT**2
 
     def motions(self) -> tuple[str, str, str]:
-        """A step, a reversing move, and another move to judge by, as `read_motion` reads them."""
+        """A step, a reversing move, and another move for judging, in the form for `read_motion`."""
         v, a = self.speed, self.acceleration
         way, jerk = CRUISE * v, a / JERK_TIME
 
@@ -203,7 +203,7 @@ def gain_ranges(
     BadParameter
         If the controller has no ranges for its gains.
     """
-    # in the units that the ranges are stated in
+    # in the units of the ranges
     nominal, known = nominal_machine(), Part(without_units(controller.name)[0]).parameters
     ranges, start = {}, {}
     for name, (low, high) in tunable(bare(controller.name)).items():
@@ -222,9 +222,9 @@ def gain_ranges(
             slow = fast = (machine.limit / nominal.limit) ** volts
         elif volts:
             slow = fast = 1.0
-        else:  # lengths and speeds grow as those of the motions
+        else:  # lengths and speeds are scaled like those of the motions
             slow = fast = (machine.speed / nominal.speed) ** metres
-        ranges[name] = (low or LEAST * high) * slow, high * fast  # positive: searched by logarithms
+        ranges[name] = (low or LEAST * high) * slow, high * fast  # positive: logarithmic search
         p = known[name]
         ranges[name] = max(ranges[name][0], p.minimum), min(ranges[name][1], p.maximum)
         start.setdefault(name, p.default * slow)

@@ -38,7 +38,7 @@ from .wiring import CONTROLLER, PLANT, Wiring, names_on, wire
 Vector = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
-LONGEST_WAIT = 0.05  # s, between them
+LONGEST_WAIT = 0.05  # s; after a chunk that took longer, the next one is shorter
 
 
 def run_loop(  # noqa: PLR0913
@@ -152,7 +152,7 @@ def run_loop(  # noqa: PLR0913
         step,
     )
     compared = co_runs[:1] if not missing else co_runs
-    if wiring.network and not missing:  # the other way round may be far off where the run is right
+    if wiring.network and not missing:  # the reverse order may be wrong where the run is right
         compared = co_runs[-1:]
     width = len(first.verdict.error_estimate)
     outputs, *finer = (np.concatenate(pair.outputs)[:, :width] for pair in (main, *compared))
@@ -163,7 +163,7 @@ def run_loop(  # noqa: PLR0913
 
 @dataclass(frozen=True)
 class _Parts:
-    """What every loop of a run is made of."""
+    """Opens the loops of a run, all from the same parts."""
 
     plant: Instance
     controller: Instance
@@ -197,16 +197,16 @@ class _Parts:
         judges: bool = False,
         turned: bool = False,
     ) -> RecordedLoop:
-        """A loop at its start, of instances of its own if `fresh`; `cut` as in `PAIR`.
+        """Open a loop at its start, with new instances if `fresh`; `cut` is `parts` in `PAIR`.
 
-        One that `judges` may be played by compiled code, see `played.py`; one that is `turned` has
-        its groups step the other way round.
+        If it `judges`, compiled code may play its FMUs, see `played.py`; if it is `turned`, its
+        groups begin with the reverse order.
         """
         p, c = self.opened(fresh, judges, turned)
         whole = struct(PAIR)
         part = whole.part("loop")
         wiring = self.wiring
-        if fresh and not wiring.network:  # a run is not judged by them
+        if fresh and not wiring.network:  # other outputs are judged in networks only
             wiring = replace(wiring, others=())
         loop = CoupledPair(
             p, c, wiring, other or self.coupling, corrected, averaged, self.start, part
@@ -214,10 +214,11 @@ class _Parts:
         return RecordedLoop(whole, loop, cut)
 
     def co_runs(self, main: CoupledPair, reversible: bool, curved: bool) -> list[RecordedLoop]:
-        """What the run is judged by: the other scheme, or shorter steps where none is saved.
+        """Open the co-runs: the other scheme, or shorter steps if no states can be saved.
 
-        The other scheme sees a set-point that is `curved` within the steps no better; half of the
-        step does, beside it. Of a network it goes through the parts the other way round, too.
+        The other scheme has the same error as the run if the set-point is `curved` within the
+        steps; then a co-run with half of the step is added. In a network, the other scheme also
+        steps the parts in reverse order.
         """
         tangent, turned = self.coupling.law, self.wiring.network
         if reversible:
@@ -228,10 +229,10 @@ class _Parts:
         return [self.loop(False, averaged=tangent, cut=cut, judges=True) for cut in (2, 4)]
 
     def late(self, main: RecordedLoop, blind: bool) -> Callable[[], RecordedLoop] | None:
-        """A loop whose commands come at other times; None where that tells nothing."""
+        """Return a function that opens a loop with other command times; None if not useful."""
         tangent = self.coupling.law
         answer = main.loop.answer
-        # a sampled command comes when it comes; one within the law follows all that moves
+        # the times of sampled commands are given; a law follows the signals within the step
         in_time = answer is Answer.SAMPLED or (tangent and answer is Answer.DIRECT)
         if in_time or not blind:
             return None
@@ -241,7 +242,7 @@ class _Parts:
 
         def opened() -> RecordedLoop:
             pair = self.loop(False, averaged=False, other=Coupling.JACOBI, judges=True)
-            if answer is Answer.STEPPED:  # at the start the run itself has waited for its command
+            if answer is Answer.STEPPED:  # the first step of the run uses the first command, too
                 pair.loop.begin_with_first_command()
             return pair
 
@@ -251,13 +252,13 @@ class _Parts:
 def _names(
     plant: Instance, wiring: Wiring, mapping: Mapping[str, str]
 ) -> tuple[list[str], list[str]]:
-    """What results call the plant's outputs and the commands."""
+    """Names of the plant's outputs and of the commands in the results."""
     ours = names_on(PLANT, [*plant.outputs, *plant.inputs], mapping)
     return [ours[n] for n in plant.outputs], [ours[theirs] for _, theirs in wiring.commands]
 
 
 def _missing(plant: Instance, controller: Instance, wiring: Wiring) -> str:
-    """What a loop would need to take its steps back; empty where it has it."""
+    """What a loop lacks for repeating its steps; empty if nothing."""
     if not all(plant.is_real(theirs) for _, theirs in wiring.commands):
         return "real commands"
     can = plant.can_save and controller.can_save
@@ -265,7 +266,7 @@ def _missing(plant: Instance, controller: Instance, wiring: Wiring) -> str:
 
 
 def _corrects(wanted: int | None, adaptive: bool, tangent: bool, missing: str) -> bool:
-    """Whether each step is corrected; by default where nothing is missing for it."""
+    """Whether each step is corrected; default: if a law is applied and nothing is missing."""
     if wanted and missing:
         raise CouplingError(f"corrections need {missing}")
     if adaptive and missing:
@@ -288,7 +289,7 @@ def step_that_meets(period: float, step: float) -> float:
 
 @dataclass(frozen=True)
 class Stop:
-    """Why a run ended before its time; empty if it did not."""
+    """Reason for the early end of a run; empty if it did not end early."""
 
     reason: str = ""
     advice: str = UNBOUNDED
@@ -309,12 +310,12 @@ def march_on(
     ----------
     clock : Clock
     start : ndarray
-        Set-points at its time.
+        Set-points at the clock's time.
 
     Raises
     ------
     StepFailed
-        If a loop cannot go back to a state it had saved; other failures end the run.
+        If a loop cannot save or restore its state; other failures end the run.
     """
     course.commands.append(main.loop.command(0.0, clock.step_to_come, start)[None])
     pairs = main, *co_runs
@@ -328,12 +329,12 @@ def march_on(
         why = library().master_march(
             main.address, first, second, clock.address, course.address, most
         )
-        if why == CALL_FAILED:  # even going back to a saved state failed
+        if why == CALL_FAILED:  # a state could not be saved or restored
             raise next(p.error() for p in pairs if p.loop.failure())
         course.collect(main.record.rows)
         for pair in pairs:
             pair.collect()
-        # a chunk is short enough to be interrupted between two, and to tell how far it is
+        # short chunks: interruptions and progress are handled between two of them
         slow = perf_counter() - began > LONGEST_WAIT
         most = max(1, most // 2) if slow else min(2 * most, CHUNK)
         if progress:
@@ -357,7 +358,7 @@ def _stop(why: int, t: float, main: RecordedLoop, bounds: Vector) -> Stop:
 
 @dataclass(frozen=True)
 class _Ended:
-    """A run that has ended: its loops with what they recorded, and why it ended."""
+    """A run that has ended: its loops with their records, and the reason."""
 
     main: RecordedLoop
     co_runs: list[RecordedLoop]
@@ -425,12 +426,12 @@ def _concluded(
 
 
 def _safety(loop: CoupledPair) -> float:
-    """Factor on the first estimate: whether the run is the better of the two."""
+    """Factor on the first estimate: 1 if the run is better than its co-run, else 2."""
     return 1.0 if loop.corrected and loop.averaged else 2.0
 
 
 def _grid_contraction(coarse: Vector, half: Vector, quarter: Vector) -> float:
-    """How much smaller the change from H/2 to H/4 is than that from H to H/2."""
+    """Ratio of the change from H/2 to H/4 to the change from H to H/2."""
     rows = min(len(coarse), len(half), len(quarter))
     scale = np.maximum(np.ptp(coarse[:rows], axis=0), 1e-12)
     first = float(np.max(np.abs(coarse[:rows] - half[:rows]) / scale))

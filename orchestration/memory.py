@@ -38,7 +38,7 @@ def check_memory(needed: float, what: str, remedy: str) -> None:
 
 
 def available_memory() -> int | None:
-    """Bytes that this process can still have; None where the system does not say."""
+    """Bytes that this process can still get; None if the system does not report it."""
     rooms = [*_of_the_machine(), *_of_the_cgroups(), *_of_the_process()]
     return max(0, min(rooms)) if rooms else None
 
@@ -55,7 +55,7 @@ def _of_the_machine() -> Iterator[int]:
 
 
 def _of_the_cgroups() -> Iterator[int]:
-    """What the control groups of this process leave it, those around them included."""
+    """Yield the bytes that each control group of this process leaves for it, parents included."""
     for line in _lines(Path("/proc/self/cgroup")):
         _, kinds, path = line.split(":", 2)
         top, names = _CGROUPS, ("memory.max", "memory.current", "inactive_file")
@@ -68,7 +68,7 @@ def _of_the_cgroups() -> Iterator[int]:
         for place in (group, *(p for p in group.parents if p.is_relative_to(top))):
             limit, used = (_number(place / name) for name in names[:2])
             if limit is not None and used is not None:
-                # kept files are taken back when a group is short of memory
+                # cached files are released when a group is short of memory
                 yield limit - used + (_field(place / "memory.stat", names[2]) or 0)
 
 
@@ -79,13 +79,13 @@ def _of_the_process() -> Iterator[int]:
 
 
 def _field(path: Path, name: str) -> int | None:
-    """The number after a name; None where there is none."""
+    """The number after a name; None if there is none."""
     fields = (line.split() for line in _lines(path))
     return next((int(f[1]) for f in fields if f[0] == name), None)
 
 
 def _number(path: Path) -> int | None:
-    """The number in a file; None where there is no file, or the word ``max``."""
+    """The number in a file; None if there is no file, or the word ``max``."""
     lines = _lines(path)
     return int(lines[0]) if lines and lines[0].isdigit() else None
 

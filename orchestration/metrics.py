@@ -104,19 +104,19 @@ def metrics(run: LoopRun, position: str = "x", command: str = "u") -> Metrics:
 
 
 def settled_from(error: Vector, band: float) -> int | None:
-    """The first sample from which on an error stays within a band; None where it ends outside."""
+    """The first sample from which on an error stays within a band; None if it ends outside."""
     outside = np.flatnonzero(np.abs(error) > band)
     first = int(outside[-1]) + 1 if len(outside) else 0
     return first if first < len(error) else None
 
 
 def overshoot(position: Vector, low: float, high: float) -> float:
-    """How far a position goes out of a range."""
+    """Largest distance of a position beyond a range."""
     return float(max(0.0, position.max() - high, low - position.min()))
 
 
 def _settling(time: Vector, error: Vector, band: float) -> float | None:
-    """When an error is within a band for good, between samples as a straight line."""
+    """Time from which on an error stays within a band, with straight lines between samples."""
     k = settled_from(error, band)
     if k is None:
         return None

@@ -14,9 +14,9 @@ from fmpy.sundials.sundials_context import SUNContext_PushErrHandler
 
 from .fmi_status import DISCARD, ERROR, Refused
 
-TOLERANCE = 1e-10  # relative; absolute as much of each state's nominal value
+TOLERANCE = 1e-10  # relative; the absolute one is this share of each state's nominal value
 _MOST_STEPS = 100_000  # of CVODE in one communication step
-_SAME = 1e-13  # share of a time by which two that mean the same may differ
+_SAME = 1e-13  # largest difference of equal times, as a share of them
 _ONE_STEP = 2  # CV_ONE_STEP
 _RECOVERABLE, _FAILED = 1, -1
 
@@ -28,14 +28,14 @@ _clear_handlers = sundials_core.SUNContext_ClearErrHandlers
 
 
 class _Cvode(CVodeSolver):  # type: ignore[misc]
-    """fmpy's CVODE, one step at a time, with errors of the FMU as such."""
+    """fmpy's CVODE, one step at a time, that raises the errors of the FMU."""
 
     error: Exception | None = None
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         _warn_at_most(self.cvode_mem, -1)
-        _clear_handlers(self.sunctx)  # the one that prints
+        _clear_handlers(self.sunctx)  # removes the handler that prints
         SUNContext_PushErrHandler(self.sunctx, self.ehfun_, None)
 
     def f(self, *given: Any) -> int:
@@ -53,7 +53,7 @@ class _Cvode(CVodeSolver):  # type: ignore[misc]
             return _RECOVERABLE if discards else _FAILED
 
     def advance(self, until: float) -> tuple[bool, float]:
-        """Do one step, at most to a time; whether an event indicator changed sign, and when."""
+        """Do one step, at most to a time; return if an event indicator changed sign, and when."""
         reached = ctypes.c_double()
         _stop_at(self.cvode_mem, until)
         flag = CVode(self.cvode_mem, until, self.x, byref(reached), _ONE_STEP)
@@ -68,17 +68,17 @@ class _Cvode(CVodeSolver):  # type: ignore[misc]
 
 
 class _Held:
-    """Inputs that stay over a step."""
+    """Inputs that are held over a step."""
 
     def apply(self, t: float) -> None: ...
 
 
 class Integrator:
-    """A model-exchange FMU as one that does steps. Between them it is in event mode.
+    """Does communication steps of a model-exchange FMU. Between them it is in event mode.
 
-    Every step restarts CVODE, so that it depends only on the FMU's state. A time event at
-    the end of a step is left to the next one where the FMU has inputs: these have their values of
-    that time only then, and a sampled controller reads them in its event.
+    Every step restarts CVODE, so that it depends only on the FMU's state. If the FMU has inputs, a
+    time event at the end of a step is left to the next step: only then do the inputs have their
+    values of that time, and a sampled controller reads them in its event.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Integrator:
     time, next_event : float
         [s]
     ends : bool
-        Whether it asked to end the simulation.
+        Whether it requested the end of the simulation.
     """
 
     def __init__(self, model: Any, states: int, indicators: int, has_inputs: bool) -> None:
@@ -118,13 +118,13 @@ class Integrator:
         )
 
     def step(self, end: float) -> None:
-        """Move to a time, or to where the FMU asks to end.
+        """Move to a time, or until the FMU requests the end.
 
         Raises
         ------
         Refused, FMICallException
         """
-        self._settle()  # what the inputs changed
+        self._settle()  # changes by the inputs
         self._resume()
         left = _MOST_STEPS
         while not self.ends and not _reached(self.time, end):

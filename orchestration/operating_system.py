@@ -2,12 +2,12 @@
 
 Locks, interrupts, processes that end with others, and limits of memory. Each function has a branch
 for systems that lack what Linux has. The end of a process together with another works as follows:
-it holds the reading end of a pipe whose only writing end its parent holds. When the parent ends,
-however it ends, the kernel closes that end and on Linux sends SIGKILL to the owner of the reading
-end. No code of this process takes part, so that compiled code or a foreign library that never
-returns is ended, too. Elsewhere a thread waits for the end of the pipe.
+it holds the reading end of a pipe whose only writing end its parent holds. When the parent ends in
+any way, the kernel closes that end and on Linux sends SIGKILL to the owner of the reading end. No
+code of this process takes part, so that compiled code or a foreign library that never returns is
+ended, too. On other systems, a thread waits for the end of the pipe.
 
-This module imports little and nothing of this package: it is what the command runs first.
+This module imports little, and nothing of this package: the command runs it first.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from pathlib import Path
     from subprocess import Popen
 
-_LOCK = ".lock"  # where a folder cannot be locked itself
-_PAUSE = 0.05  # s, between two looks at a lock that is taken
-_PAGE = 4096  # bytes of a told text; one write, which a kill does not cut short
+_LOCK = ".lock"  # if a folder itself cannot be locked
+_PAUSE = 0.05  # s, between two checks of a lock of another process
+_PAGE = 4096  # bytes of a text; written in one call, which a kill does not interrupt
 
 
 # -- locks ---------------------------------------------------------------------------------------
@@ -36,7 +36,7 @@ _PAGE = 4096  # bytes of a told text; one write, which a kill does not cut short
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep other processes from writing to a folder meanwhile; a process that ends keeps nobody."""
+    """Keep other processes from writing to a folder; the lock also ends with this process."""
     descriptor = lock(folder)
     try:
         yield
@@ -45,7 +45,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def lock(folder: Path) -> int:
-    """Wait for a folder and lock it; a file system that has no locks locks nothing.
+    """Wait for a folder and lock it; without effect on a file system without locks.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def lock_if_left(folder: Path) -> int:
     Raises
     ------
     OSError
-        If it is a link, another user's, or locked by a process that lives.
+        If it is a link, belongs to another user, or is locked by a running process.
     """
     import fcntl
 
@@ -105,12 +105,12 @@ def can_supervise() -> bool:
 
 
 def hold_interrupts() -> set[signal.Signals]:
-    """Let the signals that ask for an end wait until a handler exists them, see `outcome`.
+    """Block the signals that request an end until there is a handler for them, see `outcome`.
 
     Returns
     -------
     set of Signals
-        SIGINT and SIGTERM, without what is ignored.
+        SIGINT and SIGTERM, without ignored ones.
     """
     signals = {n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN}
     signal.pthread_sigmask(signal.SIG_BLOCK, signals)
@@ -118,7 +118,7 @@ def hold_interrupts() -> set[signal.Signals]:
 
 
 def fork(signals: set[signal.Signals]) -> int:
-    """Fork a child that ends with this process, to be waited for by `outcome`.
+    """Fork a child that ends with this process; `outcome` waits for it.
 
     Returns
     -------
@@ -134,8 +134,8 @@ def fork(signals: set[signal.Signals]) -> int:
         return child
     os.close(held)
     end_when_closed(until)
-    # A terminal sends its interrupt to the child, too. A handler that does nothing is not handed on
-    # to the programs that the child starts; a signal that is ignored or blocked would be.
+    # A terminal also sends its interrupt to the child. The programs that the child starts do not
+    # inherit a handler that does nothing; they would inherit ignored or blocked signals.
     for number in signals:
         signal.signal(number, lambda _number, _frame: None)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {*signals, signal.SIGCHLD})
@@ -143,7 +143,7 @@ def fork(signals: set[signal.Signals]) -> int:
 
 
 def outcome(child: int, signals: set[signal.Signals]) -> tuple[int, str]:
-    """Wait for a child's end, or for a signal that asks for it.
+    """Wait for a child's end, or for a signal that requests it.
 
     Returns
     -------
@@ -167,7 +167,7 @@ def outcome(child: int, signals: set[signal.Signals]) -> tuple[int, str]:
 class Told:
     """Short texts by number, which the other process of a fork reads.
 
-    On Linux they are in a file in memory, a page for each, so that none is ever half there.
+    On Linux they are in a file in memory, each in its own page, so that they are always complete.
     """
 
     def __init__(self) -> None:
@@ -182,7 +182,7 @@ class Told:
             self._texts[number] = text
 
     def heard(self, number: int) -> bytes:
-        """A text; empty if it was never said."""
+        """A text; empty if it was never set."""
         if self._file >= 0:
             return os.pread(self._file, _PAGE, number * _PAGE).rstrip(b"\0")
         return self._texts.get(number, b"")
@@ -214,7 +214,7 @@ def end_when_closed(descriptor: int, whole_group: bool = False) -> None:
     fcntl.fcntl(descriptor, fcntl.F_SETFL, flags | os.O_ASYNC)
     poll = select.poll()
     poll.register(descriptor, 0)
-    if poll.poll(0):  # closed before the kernel was asked to tell
+    if poll.poll(0):  # closed before the signal was requested from the kernel
         os._exit(1)
 
 
@@ -233,12 +233,12 @@ def _end_after(wait: Callable[[], Any]) -> None:
 def pool(processes: int) -> ProcessPoolExecutor:
     """Workers that end with this process.
 
-    They are spawned: what is forked would hold the pipe on whose end its siblings wait.
+    They are spawned: a forked worker would hold the pipe whose end the other workers wait for.
     """
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 
-    # Python's own process that clears up after a killed one tells the user of its work
+    # Python's own process that cleans up after a killed one prints messages for the user
     quiet = "ignore:resource_tracker"
     told = os.environ.get("PYTHONWARNINGS", "").split(",")
     if quiet not in told:
@@ -269,7 +269,7 @@ def start_host(
 ) -> tuple[socket.socket, Popen[bytes], BinaryIO]:
     """Start a fresh interpreter that runs ``main(connection)`` of a module of this package.
 
-    It does not hear Ctrl-C, and has no modules of the user's on its path.
+    It does not get Ctrl-C, and has no modules of the user on its path.
 
     Parameters
     ----------
@@ -277,17 +277,17 @@ def start_host(
     folder : Path
         Its working directory.
     prints : int
-        Descriptor of what it prints to, which is closed here.
+        Descriptor for its output, which is closed here.
     before : sequence of str
         Words before the command; none on Windows.
 
     Returns
     -------
     connection : socket
-        The other end of what ``main`` gets.
+        The other end of the connection that ``main`` gets.
     process : Popen
     held : file
-        When it is closed, by the end of this process at the latest, the host ends; on Linux with
+        When it is closed, at the latest at the end of this process, the host ends; on Linux with
         all processes that it has started itself.
     """
     import socket
@@ -296,7 +296,7 @@ def start_host(
 
     import ballscrew
 
-    where = str(Path(ballscrew.__file__).parents[1])  # found there, after all else
+    where = str(Path(ballscrew.__file__).parents[1])  # the last folder of the host's path
 
     def started(descriptors: list[int], **how: Any) -> Popen[bytes]:
         code = (
@@ -335,7 +335,7 @@ def start_host(
 
 
 def host_connection(descriptors: list[int]) -> socket.socket:
-    """The host's side of `start_host`: what it talks through, as long as its parent lives."""
+    """The host's end of the connection of `start_host`; the host ends with its parent."""
     import socket
 
     if sys.platform == "win32":
@@ -344,7 +344,7 @@ def host_connection(descriptors: list[int]) -> socket.socket:
         end_when_closed(0)
         return connection
     theirs, until = descriptors
-    if os.getpgrp() != os.getpid():  # a child of what `start_host` was told to put before it
+    if os.getpgrp() != os.getpid():  # a child of the command that was put before it
         os.setpgid(0, 0)
     end_when_closed(until, whole_group=True)
     return socket.socket(fileno=theirs)
@@ -358,7 +358,7 @@ def end_host(process: Popen[bytes]) -> None:
         if sys.platform == "win32":
             tree = ["taskkill", "/F", "/T", "/PID", str(process.pid)]
             subprocess.run(tree, capture_output=True, check=False)
-            process.kill()  # does nothing to what has ended
+            process.kill()  # no effect if it has ended
         else:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
@@ -366,7 +366,7 @@ def end_host(process: Popen[bytes]) -> None:
 
 
 def how_ended(code: int) -> str:
-    """What an exit code says, to stand after the name of a process."""
+    """The meaning of an exit code, as text that follows the name of a process."""
     if code >= 0xC0000000:  # an exception of Windows
         return f"was ended by exception {code:#x}"
     if code >= 0:
@@ -385,7 +385,7 @@ def _signal_name(number: int) -> str:
 
 
 def address_space() -> int | None:
-    """Largest size that this process may have [bytes]; None where there is no limit."""
+    """Largest size that this process may have [bytes]; None if there is no limit."""
     if sys.platform == "win32":
         return None
     import resource
@@ -395,7 +395,7 @@ def address_space() -> int | None:
 
 
 def free_memory() -> int | None:
-    """Memory that Windows says is free [bytes]; None elsewhere: see ``/proc``."""
+    """Free memory of Windows [bytes]; None on other systems: see ``/proc``."""
     if sys.platform != "win32":
         return None
     import ctypes

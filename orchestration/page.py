@@ -1,9 +1,10 @@
 """Pages that open without a network: one base of HTML, and pictures as plotly's figures.
 
-plotly, as its zoom and buttons work with mouse, finger and keys; a file is 5 MB with its script.
+plotly is used because its zoom and buttons work with mouse, finger and keys; with its script, a
+file has 5 MB.
 
-What others' files say, as names and units, is text in a page: the templates escape it, and so do
-`page` and its script for plotly, which reads a text as HTML.
+Names and units from other people's files are only text in a page: the templates escape them, and so
+do `page` and its script for plotly, which reads texts as HTML.
 """
 
 from __future__ import annotations
@@ -48,20 +49,20 @@ def page(
     Parameters
     ----------
     package : str
-        Where the template is, which extends ``page.html.jinja``.
+        Package of the template, which extends ``page.html.jinja``.
     drawn : sequence of dict
         As `plotly_figure`, with ``name``, the id of a figure of the template, and ``title``. Curves
         have their colour in ``meta``, by its name in the style sheet.
     filters : mapping of str to function, optional
     **values
-        Of the template.
+        Values for the template.
     """
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
     from plotly.offline import get_plotlyjs
 
     made = Environment(
         loader=ChoiceLoader([PackageLoader(package or "", ""), PackageLoader(_HERE, "")]),
-        autoescape=True,  # of what other people's files say
+        autoescape=True,  # of texts from other people's files
         undefined=StrictUndefined,
         trim_blocks=True,
     )
@@ -73,7 +74,7 @@ def page(
 
 
 def write_page(folder: Path, text: str) -> None:
-    """Write ``report.html``; letters of a file's name that no text has are question marks.
+    """Write ``report.html``; characters of file names that are not valid text become ``?``.
 
     Raises
     ------
@@ -84,7 +85,7 @@ def write_page(folder: Path, text: str) -> None:
 
 
 def _as_text(value: Any) -> Any:
-    """Part of a figure, its texts escaped, so that plotly shows them unchanged."""
+    """Part of a figure with escaped texts, so that plotly shows them unchanged."""
     if isinstance(value, str):
         return escape(value, quote=False)
     if isinstance(value, dict):
@@ -100,7 +101,7 @@ class Line:
     ----------
     style : str
         A colour of the page's style sheet, perhaps with ``faint``, ``dashed``, ``dotted``,
-        ``dashdot``, ``dots``, or ``band`` for what the curve goes around.
+        ``dashdot``, ``dots``, or ``band`` for an area with the curve as its border.
     x, y : ndarray, shape (n,)
         NaN where the curve is interrupted.
     """
@@ -113,7 +114,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Picture:
-    """What one picture shows.
+    """Content of one picture.
 
     Attributes
     ----------
@@ -137,9 +138,9 @@ class Picture:
 
 
 def thinned(x: Vector, y: Vector, most: int = MOST) -> tuple[Vector, Vector]:
-    """At most so many points of a curve, the highest and the lowest of every stretch kept.
+    """At most `most` points of a curve, with the highest and the lowest of every section.
 
-    Where it is interrupted it stays so, with a point more each time.
+    Interruptions are kept, with one more point each.
     """
     n = len(x)
     if n <= most:
@@ -161,7 +162,7 @@ def level(label: str, time: Vector, height: float) -> Line:
 
 
 def plotly_figure(picture: Picture) -> Figure:
-    """A picture as plotly's JSON; the page has the colours, as they follow light and dark."""
+    """A picture as plotly's JSON; the page sets the colours, for its light and its dark mode."""
     y_axis: Figure = {"title": {"text": picture.y_label}}
     if picture.log:
         y_axis |= {"type": "log", "exponentformat": "power"}
@@ -220,6 +221,6 @@ def _trace(line: Line) -> Figure:
 
 
 def numbers(values: Vector) -> dict[str, str]:
-    """As plotly reads them, in a third of the characters of decimals; gaps stay NaN."""
+    """Numbers in plotly's binary format, a third of the length of decimals; gaps stay NaN."""
     small = np.clip(values, -_LARGEST, _LARGEST).astype("<f4")
     return {"dtype": "f4", "bdata": base64.b64encode(small.tobytes()).decode()}

@@ -1,4 +1,4 @@
-"""Courses of runs for their pages, where they zoom: from rest to rest, each peak kept."""
+"""Curves of runs for pages with zoom: from rest to rest, with every peak."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .thinning import rows_over_time
 Vector = npt.NDArray[np.float64]
 
 MOST_PICTURES = 12  # of the signals of one run
-LEAST = 1e-9  # shown of a distance on a logarithmic axis [m]
+LEAST = 1e-9  # smallest distance on a logarithmic axis [m]
 _TIME = "time [s]"
 _DASHES = ("", " dashed", " dotted", " dashdot")
 
@@ -51,7 +51,7 @@ def pictures_of_runs(labels: Sequence[str], runs: Sequence[LoopRun]) -> list[Pic
     Parameters
     ----------
     labels : sequence of str
-        What each run is called.
+        Name of each run.
     """
     end = max(map(until_rest, runs))
     of_x, of_u = shown_signal(runs, "x"), shown_signal(runs, "u")

@@ -1,6 +1,6 @@
 """The parameter file: values with intervals, units and sources, one form for all commands.
 
-`docs/parameters.md` describes it. This module alone reads and writes it.
+`docs/parameters.md` describes it. Only this module writes it; `parameter_reading.py` reads it.
 """
 
 from __future__ import annotations
@@ -68,15 +68,15 @@ class Diagnosed:
     records : tuple of str
         Names of the records.
     command : {"voltage", "current", "force"}
-        What `u` is in them.
+        Quantity of `u` in the records.
     command_shift : float
-        How far before its stamp the command acts, in sampling intervals.
+        Time by which the command acts before its time stamp, in sampling intervals.
     law : str
-        The prior model's friction law; the file's own may have bristles beside.
+        The prior model's friction law; the file's own may have bristles in addition.
     prior, adjusted : mapping of str to float
         The plant's prior values, and adjusted within their tolerances without any cause, SI.
     causes : mapping of str to mapping of str to float
-        Of each cause its numbers, SI.
+        Numbers of each cause, SI.
     """
 
     records: tuple[str, ...]
@@ -99,13 +99,12 @@ class ParameterFile:
     Attributes
     ----------
     path : Path or None
-        Where it was read.
+        The file it was read from.
     kind : {"ball_screw", "drive", "rotary_drive", "fmu"}
         Kind of the plant: the ball screw with a motor, a sliding or rotating body with the force
         or torque ``gain*u``, or a plant outside the catalogue: an FMU, or a component from a file.
     command : str
-        What `u` of a drive is, one of `COMMANDS_OF`; empty if not given: a
-        voltage.
+        Quantity of a drive's `u`, one of `COMMANDS_OF`; empty if not given: a voltage.
     law : str
         Friction law; empty if not given.
     plant : mapping of str to Value
@@ -118,7 +117,7 @@ class ParameterFile:
     not_identified : mapping of str to str
         Parameters that records do not identify, and why.
     diagnosis : Diagnosed or None
-        In what `diagnose` wrote: where the values come from.
+        In a file by `diagnose`: where the values come from.
     turns : bool
         Whether a rotating body is described as a sliding one, see `sliding`.
     """
@@ -154,20 +153,20 @@ class ParameterFile:
 
     @property
     def lead(self) -> float | None:
-        """Way of the screw per turn as `p` of the plant says it [m]; 2 pi, where rad is for m."""
+        """Travel of the screw per turn, from the plant's `p` [m]; 2 pi if m means rad."""
         if self.turns:
             return 2 * math.pi
         return 1 / self.plant["p"].value if "p" in self.plant else None
 
     def with_lead(self, lead: float | None) -> ParameterFile:
-        """The file with the way of the screw per turn [m], where its plant has a screw.
+        """The file with this travel of the screw per turn [m], if its plant has a screw.
 
-        A body that turns has none, and is described as one that slides, see `sliding`.
+        A rotating body has none, and is described as a sliding one, see `sliding`.
 
         Raises
         ------
         BadParameters
-            If the file says the lead, too, or the body turns.
+            If the file also gives the lead, or the body rotates.
         """
         if self.kind == ROTARY:
             if lead is not None:
@@ -187,10 +186,10 @@ class ParameterFile:
         return replace(self, plant={**self.plant, "p": Value(1 / lead, "1/m", None, "--lead")})
 
     def sliding(self) -> ParameterFile:
-        """A body that turns as one that slides: rad for m, N*m for N, `m` for `J`.
+        """A rotating body described as a sliding one: rad for m, N*m for N, `m` for `J`.
 
-        That is what records with a lead of 2 pi are of; `turning` is the way back. Raises
-        `BadParameters` for values that are none of its plant's.
+        This fits records with a lead of 2 pi; `turning` is the inverse. Raises `BadParameters` for
+        values that its plant does not have.
         """
         from .parts import Part
 
@@ -202,7 +201,7 @@ class ParameterFile:
         return replace(told, turns=True)
 
     def turning(self) -> ParameterFile:
-        """The body that turns, if `sliding` made this of one; else the same."""
+        """The rotating body, if this is a result of `sliding`; else unchanged."""
         if not self.turns:
             return self
         from ..solver.component import unit_in
@@ -222,14 +221,14 @@ class ParameterFile:
     ) -> tuple[dict[str, float], list[str]]:
         """Values for a plant, checked, and the names that it does not use.
 
-        Where the file has Fc and not Fs, the break-away force is Fc.
+        If the file has Fc and not Fs, the break-away force is Fc.
 
         Parameters
         ----------
         known : mapping of str to ParameterInfo
             The plant's parameters.
         others : collection of str
-            Parameters of the plant that the file describes; one that is not `known` is left aside.
+            Parameters of the plant that the file describes; one that is not `known` is ignored.
 
         Raises
         ------
@@ -299,7 +298,7 @@ def _diagnosis_table(told: Diagnosed) -> dict[str, Any]:
 
 
 def _written(text: str) -> str:
-    """The text with letters of a file's name that the locale does not know as UTF-8 has them."""
+    """The text with file names in UTF-8, also if the locale does not have their characters."""
     return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
@@ -308,17 +307,17 @@ def list_used(
 ) -> dict[str, Value]:
     """All parameters of a part with the values that they had, as a parameter file lists them.
 
-    Initial states and the solver's tolerance are listed only where they were given.
+    Initial states and the solver's tolerance are listed only if they were given.
 
     Parameters
     ----------
     known : mapping of str to ParameterInfo
     values : mapping of str to float
-        Those that were given.
+        Values that were given.
     told : mapping of str to Value
         Values of a parameter file; those that are not changed keep their interval and source.
     source : str
-        Of values that no file told.
+        Of values that are not from a file.
     """
     found = {}
     for name, p in known.items():
@@ -362,7 +361,7 @@ def known_name(where: str, given: Iterable[str], names: Iterable[str]) -> None:
 
 
 def _same(one: str, other: str) -> bool:
-    """Whether two units are the same, however they are written."""
+    """Whether two units are the same, in any spelling."""
     try:
         return one == other or base_exponents(one) == base_exponents(other)
     except ValueError:

@@ -56,7 +56,7 @@ _FORMER = {
 
 
 def read_parameters(path: Path | str) -> ParameterFile:
-    """Read a parameter file; which parameters there are is checked where they are used.
+    """Read a parameter file; the names of parameters are checked where they are used.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def _number(path: Path, where: str, given: Any) -> float:
     shown = ""
     try:
         number = float(given) if _is_number(given) else math.nan
-    except OverflowError:  # a whole number that no float holds
+    except OverflowError:  # an integer that is too large for a float
         number, shown = math.inf, "a number beyond 1e308"
     if not math.isfinite(number):
         raise BadParameters(

@@ -42,8 +42,8 @@ class BadPart(ValueError):
 class Part:
     """One side of a loop: equations, from which an FMU can be made, or an FMU of any origin.
 
-    Two of one name are equal. What is told of a Python file is what it was when it was resolved,
-    in other processes, too.
+    Parts with the same name are equal. Data of a Python file are those at the time when it was
+    resolved, also in other processes.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Part:
 
     @property
     def is_none(self) -> bool:
-        """Whether it is the controller that leaves a plant alone."""
+        """Whether it is the controller ``none``, for a plant that runs alone."""
         return self.name in ALONE
 
     @property
@@ -77,7 +77,7 @@ class Part:
         return readable(self.own_name)
 
     def fmu(self) -> Path:
-        """Its FMU; of equations, in the user's cache."""
+        """Its FMU; if it has equations, in the user's cache."""
         return catalogue.fmu(self.name) if self.has_equations else Path(self.name)
 
     @cached_property
@@ -87,7 +87,7 @@ class Part:
 
     @property
     def command_unit(self) -> str:
-        """Of the input `u` of a plant with equations; empty without one."""
+        """Unit of the input `u` of a plant with equations; empty without one."""
         return next((i.unit for i in self.kernel.inputs if i.name == "u"), "")
 
     @cached_property
@@ -99,7 +99,7 @@ class Part:
         FmuError
             If it is no FMU of a kind that can run here.
         """
-        unpacked = unpack(self.name, runs_here=False)  # its sources are compiled where it runs
+        unpacked = unpack(self.name, runs_here=False)  # its sources are compiled when it runs
         unpacked.remove()
         return unpacked.description
 
@@ -117,7 +117,7 @@ class Part:
 
     @cached_property
     def parameters(self) -> Mapping[str, ParameterInfo]:
-        """Initial states among them, as ``x_start``; an FMU's default may be NaN: it says none."""
+        """Parameters and initial states (``x_start``); the default is NaN if an FMU gives none."""
         if self.has_equations:
             return parameters_of(self.kernel)
         file = Path(self.name).name
@@ -129,12 +129,12 @@ class Part:
         }
 
     def check_values(self, side: str, values: Mapping[str, float]) -> None:
-        """Make sure that it has these parameters, and that they are in range; files tell no ranges.
+        """Make sure that it has these parameters, and that they are in range; FMUs have no ranges.
 
         Parameters
         ----------
         side : str
-            What it is called in the complaint.
+            Its name in the error message.
         values : mapping of str to float
 
         Raises
@@ -142,7 +142,7 @@ class Part:
         BadParameter
             Naming the nearest.
         """
-        if not self.has_equations:  # which inputs are free only the wiring tells
+        if not self.has_equations:  # free inputs are only known after the wiring
             check_names(side, values, [*self.parameters, *self.inputs])
             return
         ranges = dict(interface_of(self.kernel, self.own_name).layout.ranges)
@@ -157,7 +157,7 @@ class Part:
                 )
 
     def settable(self, values: Mapping[str, float]) -> dict[str, ParameterInfo]:
-        """Its parameters, and those of its inputs that are given a value."""
+        """Its parameters, and its inputs that are given a value."""
         given = {
             name: ParameterInfo(name, math.nan, "", "input", "", -math.inf, math.inf)
             for name in self.inputs
@@ -180,7 +180,7 @@ PartLike: TypeAlias = "str | Path | Component | Part"
 
 
 def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool = True) -> Part:
-    """The part of a name. A Python file is run here.
+    """The part with this name. A Python file is run here.
 
     Parameters
     ----------
@@ -240,12 +240,12 @@ def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool 
 
 
 def resolve_controller(given: PartLike, fmus: bool = True) -> Part:
-    """As `resolve`, of a controller; ``none`` is for a plant without inputs."""
+    """As `resolve`, for a controller; ``none`` is for a plant without inputs."""
     return resolve("controller", given, CONTROLLERS | ALONE, fmus)
 
 
 def resolve_plant(given: PartLike, fmus: bool = True) -> Part:
-    """As `resolve`, of a plant."""
+    """As `resolve`, for a plant."""
     return resolve("plant", given, PLANTS, fmus)
 
 
@@ -264,7 +264,7 @@ def check_names(side: str, names: Collection[str], known: Collection[str]) -> No
 
 
 def readable(name: str) -> str:
-    """A file's name as text, also where the locale does not know its letters."""
+    """A file's name as text, also if the locale does not have its characters."""
     return os.fsencode(name).decode("utf-8", "replace")
 
 

@@ -48,7 +48,7 @@ STYLE: Any = {
 RESTING = 5e-3  # share of a signal's range within which it stays at rest
 # margins of a run's pictures, and the room between two rows [in]
 _LEFT, _RIGHT, _TOP, _BOTTOM, _BETWEEN = 0.95, 0.2, 0.4, 0.6, 0.2
-# name and unit of the signal: what it is called
+# name and unit of the signal: its label
 _CALLED = {
     ("x", "m"): "position x",
     ("x", "rad"): "angle x",
@@ -61,14 +61,14 @@ _CALLED = {
     ("u", "V"): "motor voltage u",
     **{("u", unit): "command u" for unit in ("A", "N", "N*m")},
 }
-_USUAL = dict(reversed(_CALLED.keys()))  # units where an FMU says none: the first of each
+_USUAL = dict(reversed(_CALLED.keys()))  # units if an FMU gives none: the first of each
 _STATES = ("x", "v", "z", "i", "friction")
 _COLOUR = {"x": 0, "u": 1, "v": 2, "z": 3, "i": 4, "friction": 5}  # in all pictures of a run
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A signal as pictures show it: what it is called, the factor to the unit shown, that unit."""
+    """A signal in pictures: its label, the factor to the displayed unit, and that unit."""
 
     called: str
     factor: float
@@ -80,7 +80,7 @@ class Shown:
 
 
 def shown_signal(runs: Sequence[LoopRun], name: str) -> Shown:
-    """How a signal is shown that several runs have, with one unit for all."""
+    """Label and unit of a signal of several runs, with one unit for all."""
     unit = runs[0].units.get(name, "") or _USUAL.get(name, "")
     values = np.concatenate([signals_of(run)[name] for run in runs])
     return Shown(_CALLED.get((name, unit), name), *shown_unit(values, unit))
@@ -92,7 +92,7 @@ def signals_of(run: LoopRun) -> dict[str, Any]:
 
 
 def states_of(run: LoopRun) -> list[str]:
-    """The outputs that pictures show: those of an axis, or all where it is none."""
+    """The outputs that pictures show: those of an axis, or all if it is no axis."""
     return [n for n in _STATES if n in run.outputs] or list(run.outputs)
 
 
@@ -114,14 +114,14 @@ def drawing(what: str = "a picture") -> Iterator[None]:
         yield
     except OSError:
         raise
-    except Exception as error:  # Matplotlib meets such numbers with many kinds of errors
+    except Exception as error:  # Matplotlib raises many kinds of errors for such numbers
         why = " ".join(str(error).split()) or type(error).__name__
         print(f"note: {what} could not be drawn: {why}", file=sys.stderr)
 
 
 @drawing()
 def write_figure(figure: Any, folder: Path, stem: str) -> None:
-    """Write a figure as PNG and, where ``BALLSCREW_SVG`` is set, as SVG."""
+    """Write a figure as PNG and, if ``BALLSCREW_SVG`` is set, as SVG."""
     import matplotlib as mpl
 
     for kind in ("png", "svg") if os.environ.get("BALLSCREW_SVG") else ("png",):
@@ -132,8 +132,8 @@ def write_figure(figure: Any, folder: Path, stem: str) -> None:
 
 
 def in_words(figure: Any, words: Callable[[str], str]) -> Any:
-    """The figure with all its text as `words` puts it."""
-    if words is str:  # nothing to do, and ticks are not made before they are drawn
+    """The figure with all its text converted by `words`."""
+    if words is str:  # nothing to do; ticks would be made before they are drawn
         return figure
     from matplotlib.text import Text
 
@@ -161,7 +161,7 @@ def _figure_class() -> Any:
 
 
 def empty_figure(size: tuple[float, float], layout: str | None = None) -> Any:
-    """A figure without axes, which belongs to nobody but its holder."""
+    """A figure without axes, which is not registered anywhere."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure = _figure_class()(figsize=size, layout=layout)
@@ -177,8 +177,8 @@ def new_figure(
     Parameters
     ----------
     fixed_margins : bool
-        Whether labels get the room that those of a run need. Else Matplotlib measures all of them,
-        which takes more time than drawing them.
+        Whether margins fit the labels of a run. Else Matplotlib measures all labels, which takes
+        longer than drawing them.
     """
     figure = empty_figure(size, layout=None if fixed_margins else "constrained")
     axes = figure.subplots(rows, columns, squeeze=False)
@@ -267,7 +267,7 @@ def _time_label(end: float, stop: float) -> str:
 
 
 def until_rest(run: LoopRun) -> float:
-    """Where a picture of a run ends [s]: soon after all signals rest, or where the run ends."""
+    """End of a picture of a run [s]: soon after all signals rest, or the end of the run."""
     last = 0.0
     for values in (*run.outputs.values(), *run.commands.values(), run.reference):
         with np.errstate(over="ignore"):
@@ -296,7 +296,7 @@ def _draw_phase(figure: Any, axes: Any, run: LoopRun) -> None:
     motion_end = run.time[int(np.searchsorted(moved, 0.999 * moved[-1])) + 1]
     shown = rows_over_plane(points)
     begins = run.time[shown][:-1]
-    # one line for as long as its colour is the same
+    # one line for each section of one colour
     shade = np.minimum(begins / motion_end * SHADES, SHADES - 1).astype(int)
     ends = [*np.flatnonzero(np.diff(shade)) + 1, len(shade)]
     strokes = list(zip([0, *ends[:-1]], ends, strict=True))
@@ -365,8 +365,8 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
         voltage.set_ylabel(of_u.label)
         voltage.set_xlabel(_time_label(end, stop))
         for axes in (position, fine, voltage):
-            axes.set_xlim(-0.02 * end, end)  # what happens at once stands apart from the frame
-        for axes, title in ((position, ""), (voltage, "peak")):  # beside the curves, never over
+            axes.set_xlim(-0.02 * end, end)  # changes at the start are separate from the frame
+        for axes, title in ((position, ""), (voltage, "peak")):  # next to the curves, never over
             names = axes.get_legend_handles_labels()[1]
             size = 8 if any("\n" in name for name in names) else None
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), title=title, fontsize=size)

@@ -1,8 +1,8 @@
 """A readable FMU of this version without Python calls, for runs that only check or try.
 
-Its slave is made and initialized as its host would; from there on compiled code does what
-``fmus/runtime.py`` does, with the FMU's own core and tapes, to the last bit. A call takes a tenth
-of a microsecond in place of two.
+Its slave is made and initialized as by a host; then compiled code does the same as
+``fmus/runtime.py``, with the FMU's own core and tapes, and with bit-identical results. A call takes
+a tenth of a microsecond instead of two.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ PLAYED = np.dtype(
         ("nominal", VECTOR),
         ("atol", VECTOR),
         ("update", VECTOR),  # room for discrete states
-        ("places", VECTOR),  # of each value reference in the memory
-        # addresses of the core's functions, and of what they are called with
+        ("places", VECTOR),  # place of each value reference in the memory
+        # addresses of the core's functions, and of their arguments
         *((name, np.intp) for name in ("step", "output", "sample", "instance", "system")),
-        # places in the memory; negative where there is none
+        # places in the memory; negative if there is none
         *((name, np.int64) for name in ("discrete", *_PLACES)),
-        ("is_new", np.int64),  # whether outputs are as the memory says
-        # what went wrong, for the slave to tell: a value that is not a number, or a step
+        ("is_new", np.int64),  # whether the outputs in the memory are up to date
+        # the error, for the slave's message: a value that is not finite, or a failed step
         ("before", VECTOR),  # the memory before the last step
         *((name, np.int64) for name in ("bad_value", "bad_step", "reference")),
         *((name, float) for name in ("value", "t", "h")),
@@ -47,7 +47,7 @@ PLAYED = np.dtype(
 
 
 def reopened_to_judge(instance: Instance) -> Instance:
-    """A fresh instance of the same thing, played by compiled code where it can be."""
+    """A new instance of the same FMU or group, played by compiled code if possible."""
     if can_be_played(instance):
         return instance.reopened(Played)
     return instance.reopened()
@@ -59,22 +59,22 @@ def can_be_played(instance: Instance) -> TypeGuard[FmuInstance]:
 
 
 def _slave(fmu: UnpackedFmu) -> Any:
-    """The slave's class, if the FMU carries what this version's FMUs carry; else None."""
+    """The slave's class, if the FMU contains the runtime of this version; else None."""
     named = fmu.folder / "resources" / "slavemodule.txt"
     if not (is_ours(fmu.path) and named.is_file()):
         return None
     slave = import_module(named.read_text("utf-8").strip()).Slave
     runtime = slave.__base__.__module__.partition(".")[0]
-    # a history of delayed signals and frames of tangents lie beside the memory
+    # the history of delayed signals and frames of tangents are not in the memory
     plain = not (slave.layout["delays"] or slave.layout["frame"])
     return slave if plain and runtime == carried_runtime()[0] else None
 
 
 class Played(Fmi2):
-    """In place of an FMU's library: its slave, in Python until it is initialized."""
+    """Replaces an FMU's library by its slave, in Python until it is initialized."""
 
     def __init__(self, fmu: UnpackedFmu, name: str, log: int) -> None:
-        del log  # nobody hears it
+        del log  # not used
         self._description = fmu.description
         self.ended, self.integrator, self._started = "", None, False
         self._slave = _slave(fmu)(instance_name=name, resources=str(fmu.folder / "resources"))
@@ -111,7 +111,7 @@ class Played(Fmi2):
         return OK
 
     def text(self, reference: int) -> str:
-        """What the slave says of its failure; it fails in Python as it did in compiled code."""
+        """The slave's message on its failure; the failure is repeated in Python."""
         told = self._struct.record
         if told.bad_value:
             self._slave.set_real([int(told.reference)], [float(told.value)])
@@ -138,7 +138,7 @@ class Played(Fmi2):
 
 @cache
 def _functions() -> tuple[Any, ...]:
-    """The library as an FMU's, and its functions of the shapes of a step and of states."""
+    """The library in the form of an FMU's, and its functions for a step and for states."""
     own = library()
     shapes = {"do_step": STEP, "get_state": STATE, "set_state": STATE, "free_state": STATE}
     named = SimpleNamespace(fmi2SetReal=own.played_set_real, fmi2GetReal=own.played_get_real)

@@ -1,8 +1,8 @@
 """Unit conversions between a plant and a controller, one for each port of the controller.
 
-What both sides declare by base units is converted; what both declare and cannot be converted is
-rejected; if one side declares nothing, values are not converted. The law's gains and rates, and
-tangents, follow from the conversions of the signals and commands that they belong to.
+If both sides declare units in base units, values are converted; if that is impossible, they are
+rejected; if one side declares nothing, values are not converted. The conversions of the law's gains
+and rates, and of tangents, follow from those of the signals and commands that they belong to.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class PortUnits:
     set_point : Scale
         From the set-point's SI unit to the unit of the plant's position, for results.
     one_sided : tuple of str
-        Ports of the controller whose unit one side alone tells, with that unit.
+        Ports of the controller whose unit only one side gives, with that unit.
     commands : dict of str to str
         Unit of each input of the plant that is driven: its own, else the controller's.
     """
@@ -113,7 +113,7 @@ def _one_sided(port: str, *units: Unit | None) -> list[str]:
 
 
 def from_si(unit: Unit, order: int = 0) -> Scale:
-    """From SI units to a unit, also of a derivative by time of some order."""
+    """Conversion from SI units to a unit, also for a derivative by time of this order."""
     return 1.0 / unit.factor, 0.0 if order else -unit.offset / unit.factor
 
 
@@ -123,7 +123,7 @@ def _add_set_points(
     controller: FmuInstance | IsolatedInstance,
     wiring: Wiring,
 ) -> list[str]:
-    """Those that tell no unit, or none that is defined, where others are not SI."""
+    """Add conversions of set-points; return those without a defined unit if others are not SI."""
     measured = [plant.description.unit(ours) for ours, _ in wiring.signals]
     own = [controller.description.unit(theirs) for _, theirs in wiring.signals]
     others = any(u is not None and u.factor != 1.0 for u in (*measured, *own))
@@ -145,7 +145,7 @@ def _add_set_points(
 
 
 def _add_law(scales: dict[str, Scale], wiring: Wiring) -> None:
-    """Gains and rates of the commands, as they follow from commands and signals."""
+    """Add conversions of gains and rates, which follow from those of commands and signals."""
     for u, _ in wiring.commands:
         of_command = scales[u][0]
         scales[rate_port(u)] = of_command, 0.0
@@ -170,8 +170,8 @@ def scale_of_results(position: Unit | None, told: Sequence[Unit | None]) -> Scal
     ----------
     position : Unit or None
     told : sequence of Unit or None
-        What the controller tells of the set-point and of the position that it compares; where it
-        tells nothing that fits, the set-point is as it is.
+        The controller's units of the set-point and of the position that it compares; if none of
+        them fits, the set-point is not converted.
     """
     if position is None or position.exponents is None:
         return AS_IS
@@ -185,7 +185,7 @@ def convert(
     wiring: Wiring,
     mapping: Mapping[str, str] | None = None,
 ) -> tuple[FmuInstance | IsolatedInstance, PortUnits]:
-    """The controller with its ports in the plant's units, or itself; what is converted.
+    """The controller with its ports in the plant's units, or unchanged; and the conversions.
 
     Raises
     ------

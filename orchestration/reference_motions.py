@@ -79,7 +79,7 @@ def move_times(
     """Lengths of a move's jerk phases, of its phases of full acceleration, and of full speed [s].
 
     L. Biagiotti and C. Melchiorri, Trajectory Planning for Automatic Machines and Robots (2008),
-    Section 3.4: a limit that the distance does not let the move reach gives way.
+    Section 3.4: a limit that the move cannot reach within the distance has no effect.
     """
     ramp = min(acceleration / jerk, math.sqrt(speed / jerk))
     if 2 * jerk * ramp**3 >= distance:  # neither full acceleration nor full speed
@@ -96,7 +96,7 @@ def move_times(
 
 def _of_jerks(legs: list[tuple[list[tuple[float, float]], float]]) -> Reference:
     """The motion from rest to rest over each leg: phases of constant jerk [m/s^3] and their lengths
-    [s], and the position where they end [m], which is told since round-off would leave it creeping.
+    [s], and the end position [m], which is given since round-off would leave a small speed.
     """
     times, curve, now, state = [], [], 0.0, (0.0, 0.0, 0.0)
     for phases, end in legs:
@@ -147,8 +147,7 @@ def triangle(
 ) -> Reference:
     """Forwards and backwards at constant speed between 0 and `amplitude` [m]; `period` in s.
 
-    Its velocity jumps at the turning points; the acceleration there is left out of what is fed
-    forward.
+    Its velocity jumps at the turning points; the acceleration there is not fed forward.
     """
     _positive("triangle", period=period, duration=duration)
     count = math.ceil(2 * duration / period - 1e-9)
@@ -186,7 +185,7 @@ KINDS: dict[str, Callable[..., Reference]] = {
 
 
 def read_motion(text: str) -> Reference | None:
-    """A set-point from ``KIND:NAME=VALUE,...``; None where the text names no kind.
+    """A set-point from ``KIND:NAME=VALUE,...``; None if the text names no kind.
 
     Raises
     ------
@@ -212,7 +211,7 @@ def read_motion(text: str) -> Reference | None:
 
 
 def read_set_point(text: str) -> Reference:
-    """A set-point over time, as a motion in words or as a file of this path.
+    """A set-point over time, from the text of a motion or the path of a file.
 
     Raises
     ------

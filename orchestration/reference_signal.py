@@ -20,7 +20,7 @@ Matrix = npt.NDArray[np.float64]
 
 TERMS = 8
 """Coefficients of each piece: a sine is exact to round-off within a twentieth of a radian."""
-ROUND_OFF = 1e-9  # of a step: times closer to each other are one
+ROUND_OFF = 1e-9  # of a step: times closer to each other are equal
 
 _COLUMNS = (SET_POINT, *DERIVATIVES)
 _MEASURES = dict(
@@ -72,8 +72,8 @@ class Reference:
     def read(cls, path: Path | str) -> Reference:
         """Read a table with the columns ``time`` [s] and ``x_d`` [m], in any format of records.
 
-        ``v_d`` [m/s] and ``a_d`` [m/s^2] are taken from it, too, where it has them. Units that the
-        file says are converted.
+        ``v_d`` [m/s] and ``a_d`` [m/s^2] are also read if it has them. Units that the file gives
+        are converted.
 
         Raises
         ------
@@ -130,7 +130,7 @@ class Reference:
         Parameters
         ----------
         before : bool
-            Where it jumps: whether the limit from before is wanted, or what holds from then on.
+            At a jump: whether to return the limit from before, or the value from then on.
         """
         index = np.searchsorted(self.times, grid, side="left" if before else "right")
         since = grid - self.times[np.maximum(index - 1, 0)]
@@ -158,7 +158,7 @@ class Reference:
         Returns
         -------
         ndarray, shape (m + 1, TERMS)
-            Coefficients, the constant ones first; row 0 is what holds before the first point.
+            Coefficients, the constant ones first; row 0 holds before the first point.
         """
         if order not in self._pieces:
             self._pieces[order] = self._made_pieces(order)
@@ -184,7 +184,7 @@ class Reference:
                 np.diff(values), rise, out=np.zeros(len(rise)), where=rise > 0
             )
         if order:
-            rows[-1] = 0.0  # what is held does not move
+            rows[-1] = 0.0  # a held value does not move
         else:
             rows[0, 0] = rows[1, 0]
         return rows
@@ -204,7 +204,7 @@ class Reference:
         Parameters
         ----------
         step, stop : float
-            Steps end at multiples of the one, until the other [s],
+            Steps end at multiples of `step`, until `stop` [s],
         breaks : ndarray
             and at these times [s].
         """
@@ -227,12 +227,12 @@ class Reference:
         return False
 
     def between(self, grid: Vector, orders: Sequence[int]) -> tuple[Vector, list[Matrix]]:
-        """A grid with all points of the set-point in it, and what follows each of its times.
+        """A grid with all points of the set-point in it, and the polynomials from each time on.
 
         Parameters
         ----------
         grid : ndarray, shape (m,)
-            Rising times [s]. A point that lies within round-off of one is taken to be there.
+            Rising times [s]. A point within round-off of one of them is moved to it.
         orders : sequence of int
 
         Returns
@@ -255,7 +255,7 @@ class Reference:
 
 
 def _size(path: Path | str, name: str, unit: str) -> float:
-    """What makes SI of a column."""
+    """Factor of a column to SI."""
     if unit in NO_UNIT:
         return 1.0
     known = {u: f for quantity in _MEASURES[name] for u, f in UNITS[quantity].items()}

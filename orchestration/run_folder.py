@@ -1,10 +1,10 @@
 """A folder contains the results of one run: all of them or none, and nothing of previous runs.
 
-Results are first written into a hidden folder inside. A list of them, put in place by one renaming,
-is the instant from which on the folder holds the new run: what is then left to do, to rename each
-file to its place and to remove what only the run before wrote, is finished by whoever comes next if
-this process is killed. The list stays, with a digest of each file, and so tells our files from the
-user's: a file that is not as we wrote it is never removed or overwritten.
+Results are first written into a hidden folder inside. Then a list of them is put in place by one
+renaming; from this instant on, the folder holds the new run. Afterwards each file is renamed to its
+place, and files that only the previous run wrote are removed; if this process is killed, the next
+one finishes this. The list stays, with a digest of each file, so that our files are distinguished
+from the user's: a file that is not as we wrote it is never removed or overwritten.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ def write_run(folder: Path, write: Callable[[Path], None], adds: bool = False) -
     Returns
     -------
     list of str
-        What the user should know: which files of theirs have another name now.
+        Notes for the user: which of their files have another name now.
 
     Raises
     ------
     OSError
-        If something cannot be written. Before the results are complete, the folder stays as it was.
+        If something cannot be written. Before the results are complete, the folder is not changed.
     """
     hidden = folder / HIDDEN
     hidden.mkdir(parents=True, exist_ok=True)
@@ -75,7 +75,7 @@ def write_run(folder: Path, write: Callable[[Path], None], adds: bool = False) -
 
 
 def settle(folder: Path) -> list[str]:
-    """Finish or take back what a killed process left half done.
+    """Finish or undo the incomplete work of a killed process.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def settle(folder: Path) -> list[str]:
 
 
 def written_files(folder: Path) -> Files:
-    """What the last run wrote into a folder."""
+    """The files that the last run wrote into a folder."""
     return _listed(folder / HIDDEN / _WRITTEN)
 
 
@@ -144,7 +144,7 @@ def _make_way(folder: Path, name: str, ours: set[str]) -> list[str]:
 
 
 def _remove(folder: Path, name: str) -> None:
-    """Remove a file, and the folders that hold nothing after that."""
+    """Remove a file, and the folders that are empty after that."""
     path = folder / name
     path.unlink()
     with contextlib.suppress(OSError):
@@ -158,7 +158,7 @@ def _free_name(path: Path) -> Path:
 
 
 def _digest(path: Path) -> str | None:
-    """Digest of a file; none of what is no file."""
+    """Digest of a file; None if it is no file."""
     if not path.is_file() or path.is_symlink():
         return None
     with path.open("rb") as stream:
@@ -166,7 +166,7 @@ def _digest(path: Path) -> str | None:
 
 
 def _listed(path: Path) -> Files:
-    """A list of files; empty where there is none that we wrote."""
+    """A list of files; empty if there is none that we wrote."""
     try:
         files = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError):

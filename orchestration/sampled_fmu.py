@@ -1,7 +1,7 @@
-"""An FMU as a digital controller: it is stepped at its samples alone.
+"""An FMU as a digital controller: it is stepped only at its samples.
 
-At each sample it gets the signals and makes a step as long as the sampling period. What it then
-answers is applied from the sample on, and held until the next one.
+At each sample it gets the signals and makes a step as long as the sampling period. Its outputs
+after this step are applied from the sample on, and held until the next one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CLOSE = 1e-6  # of a period: times closer than this are the same
 
 
 def sampled_every(instance: Kind, period: float) -> Kind:
-    """The instance, stepped every `period` [s], whatever the steps of its master.
+    """The instance, stepped every `period` [s], for any steps of its master.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ def sampled_every(instance: Kind, period: float) -> Kind:
 
 
 class _Sampled:
-    """See `sampled_every`; what is not changed here is the instance's own."""
+    """See `sampled_every`; everything else is passed on to the instance."""
 
-    steps_vary = True  # what its master steps is not the FMU
+    steps_vary = True  # the steps of the master are not those of the FMU
 
     def __init__(self, instance: Instance, period: float) -> None:
         self._instance, self.sample_time = instance, period
@@ -68,7 +68,7 @@ class _Sampled:
         self.leave_initialization()
 
     def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
-        """As the FMU's; the last step ends with a period."""
+        """As for the FMU itself, but the stop time is the end of a period."""
         last = math.ceil(stop / self.sample_time - CLOSE) * self.sample_time
         self._instance.enter_initialization(values, last)
 
@@ -84,7 +84,7 @@ class _Sampled:
             if not self._initialized:
                 write(values)
                 return
-            self._given.pop(number, None)  # what is written last is passed on last
+            self._given.pop(number, None)  # the last written values are passed on last
             self._given[number] = write, np.array(values, dtype=float)
 
         return keep

@@ -1,8 +1,8 @@
 """Detect whether a third-party controller is sampled, and its period, from its commands.
 
-FMI 2.0 has no clocks: nothing in a description says the period of a controller that reads its
-inputs at instants of its own and holds its commands between them. But it shows: inputs that move
-in every step, and commands that stay for several steps and then jump, evenly.
+FMI 2.0 has no clocks: a description does not give the period of a controller that reads its inputs
+at its own instants and holds its commands between them. But the period is visible: if the inputs
+move in every step, the commands stay for several steps and then jump, at regular intervals.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from .fmu_instance import SAMPLE_TIME, FmuInstance, StepFailed
 from .isolated import IsolatedInstance
 from .wiring import Wiring
 
-_STAGES = ((0.125, 200), (1.0, 1000))  # probing step, in communication steps, and how many
-_JUMPS = 12  # of the command suffice
+_STAGES = ((0.125, 200), (1.0, 1000))  # probing step, in communication steps, and their number
+_JUMPS = 12  # of the command are sufficient
 _LEAST = 3
 _MOVED = 1e-3  # of its size, by which an input moves in each step
-_EVERY_STEP = 4  # jumps in steps that follow one another: not sampled, as far as these steps tell
+_EVERY_STEP = 4  # jumps in successive steps: no sampling is visible with these steps
 
 
 class UnknownPeriod(ValueError):
@@ -45,12 +45,12 @@ def sampling_period(
     stop: float,
     step: float,
 ) -> Period:
-    """The period at which a controller samples, by its description and by a trial.
+    """The period at which a controller samples, from its description and from a trial.
 
     Parameters
     ----------
     controller : FmuInstance or IsolatedInstance
-        Left as it is; a fresh instance is tried.
+        Not changed; a new instance is tried.
     wiring : Wiring
     sizes : ndarray, shape (n,)
         Typical magnitudes of the signals that it measures.
@@ -64,7 +64,7 @@ def sampling_period(
     UnknownPeriod
     """
     if SAMPLE_TIME in controller.parameters:
-        return Period(0.0)  # its own name for it is known, and is read when it is initialized
+        return Period(0.0)  # its parameter for the period is known, and read at initialization
     for share, count in _STAGES:
         h = share * step
         jumps = _jumps(controller, wiring, sizes, values, stop, h, count)
@@ -94,7 +94,7 @@ def _jumps(
     h: float,
     count: int,
 ) -> list[int]:
-    """Numbers of the steps in which commands changed while the inputs changed in all."""
+    """Numbers of the steps in which commands changed, while the inputs changed in all steps."""
     sized = dict(zip((name for _, name in wiring.signals), sizes, strict=True))
     inputs = [n for n in (*sized, *wiring.references) if controller.is_real(n)]
     sizes = np.array([sized.get(name, 1.0) for name in inputs])
@@ -119,14 +119,14 @@ def _jumps(
             if len(jumps) >= _JUMPS or _in_a_row(jumps):
                 break
     except StepFailed:
-        pass  # the run itself will tell what is wrong with it
+        pass  # the run itself will report the error
     finally:
         probe.close()
     return jumps
 
 
 def _in_a_row(jumps: list[int]) -> bool:
-    """Whether the last jumps came in steps that follow one another."""
+    """Whether the last jumps came in successive steps."""
     last = jumps[-_EVERY_STEP:]
     return len(last) == _EVERY_STEP and last[-1] - last[0] == _EVERY_STEP - 1
 
@@ -137,7 +137,7 @@ def _named(
     jumps: list[int],
     h: float,
 ) -> Period:
-    """The period exactly: a parameter that is as long as the jumps are apart, or a whole step."""
+    """The exact period: a parameter or default step that fits the jumps, or whole steps."""
     way, spaces = jumps[-1] - jumps[0], len(jumps) - 1
     low, high = (way - 1) * h / spaces, (way + 1) * h / spaces
     told = {

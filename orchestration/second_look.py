@@ -1,10 +1,10 @@
 """A second check of a run: finer co-runs, and the outputs close to its jumps.
 
-An output that jumps, as a velocity at an impact, has a wrong value at a communication point that
-lies between the true jump and the run's, however close these are; and other runs may jump on the
-same side. How far in time the jumps of two runs can be apart is measured: by the distance between
-the runs just before, over the speed at which the outputs move there. Where a jump is closer than
-that to a communication point, the output there is not known.
+If an output jumps, for example a velocity at an impact, its value is wrong at a communication
+point between the true jump and the jump in the run, even if these are very close; and other runs
+may jump on the same side. The possible distance in time between the jumps of two runs is measured:
+the difference of the runs just before the jump, divided by the speed of the outputs there. If a
+jump is closer than that to a communication point, the output at this point is not known.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from .verdict import ACCURACY, asks_again, scales, second_verdict
 Vector = npt.NDArray[np.float64]
 March = Callable[[RecordedLoop, list[RecordedLoop], Clock, RunLog, Vector], object]
 
-PARTS = 4096  # of a step, in which times close to a jump are told
-MISTIMED = 3.0  # times the measured distance in time of two runs' jumps
-CLOSEST, FARTHEST = 2, PARTS // 8  # parts; jumps known no better than an eighth of a step: unknown
-SLOWEST = 0.1  # of the fastest output's speed: what is slower does not tell times
-EVENLY = 8  # parts of a step whose jump is known no better than that
-NEAR = 6  # places in any other, its ends among them
-STEADY = 2.0  # times what an output moves next to a place: the most that is no jump at it
-SHARP = 0.6  # of what an output moves in a step, in an eighth of it, from which on it is a jump
-BENT = 0.5  # of a change: difference to that of a step beside it, from which on it is a jump
+PARTS = 4096  # of a step: the resolution of times close to a jump
+MISTIMED = 3.0  # safety factor on the measured distance in time of two runs' jumps
+CLOSEST, FARTHEST = 2, PARTS // 8  # parts; beyond an eighth of a step, the time is not known
+SLOWEST = 0.1  # of the fastest output's speed: slower outputs do not show the time of a jump
+EVENLY = 8  # parts of a step if the time of its jump is not known
+NEAR = 6  # points in any other step, including its ends
+STEADY = 2.0  # factor on the change next to a point: a larger change at the point is a jump
+SHARP = 0.6  # share of the change in a step: a larger share in an eighth of the step is a jump
+BENT = 0.5  # share of a change: a larger difference from the adjacent changes makes it a jump
 
 
 @dataclass(frozen=True)
@@ -44,20 +44,20 @@ class Setting:
     Attributes
     ----------
     opened : function
-        A fresh loop, corrected where it can be, each of its steps in so many parts.
+        Opens a new loop, corrected if possible, with each step divided into this many parts.
     march : function
         `master.march_on`.
     reference : Reference
     orders : tuple of int
         As in `Wiring`.
     breaks : ndarray
-        Times at which steps end, too [s].
+        Further times at which steps end [s].
     start : ndarray
         Set-points at the start.
     nominal : ndarray
-        Of the plant's outputs.
+        Nominal values of the plant's outputs.
     commands : int
-        Number of them.
+        Number of commands.
     stop, step : float
         [s]
     """
@@ -87,15 +87,15 @@ def with_second_look(
     setting: Setting,
     opened_late: Callable[[], RecordedLoop] | None,
 ) -> LoopRun:
-    """The run with the verdict of a second look, where the first left it open."""
-    n = len(setting.nominal)  # what others of the controller sample jumps in time
+    """Return the run, with the verdict of a second look if the first one is not clear."""
+    n = len(setting.nominal)  # further columns: sampled outputs of controllers jump on time
     blind = len(others) > 1 or bool(jumps(outputs[:, :n]).any())
     if not asks_again(first.verdict, outputs, others[0], safety, blind):
         return first
     found = (others[0], others[1]) if len(others) > 1 else finer(setting, first.time)
     if found is None:
         return first
-    judged = outputs.shape[1]  # further columns are recorded alone
+    judged = outputs.shape[1]  # further columns are only recorded
     half, quarter = (table[:, :judged] for table in found)
     late = delayed(setting, first.time, opened_late()) if opened_late else None
     late = None if late is None else late[:, :judged]
@@ -107,7 +107,7 @@ def with_second_look(
 
 
 def jumps(run: Vector) -> npt.NDArray[np.bool_]:
-    """Steps in which an output changes by more than the tolerance, and not as beside them."""
+    """Mark steps in which an output changes by more than the tolerance, unlike before or after."""
     change = np.diff(run, axis=0) / scales(run)
     bend = np.abs(np.diff(change, axis=0))
     beside = np.zeros_like(change)
@@ -118,14 +118,14 @@ def jumps(run: Vector) -> npt.NDArray[np.bool_]:
 
 
 def finer(setting: Setting, times: Vector) -> tuple[Vector, Vector] | None:
-    """Outputs at the run's times with a half and a quarter of its step; None where these fail."""
+    """Outputs at the run's times with a half and a quarter of its step; None if these runs fail."""
     half, quarter = setting.opened(1), setting.opened(2)
     tables = _marched(setting, times, setting.step / 2, half, quarter)
     return None if tables is None else (tables[0], tables[1])
 
 
 def delayed(setting: Setting, times: Vector, loop: RecordedLoop) -> Vector | None:
-    """Outputs at the run's times of another loop with a quarter of its step; None if it fails."""
+    """Outputs of a loop at the run's times, with a quarter of its step; None if the loop fails."""
     tables = _marched(setting, times, setting.step / 4, loop)
     return None if tables is None else tables[0]
 
@@ -147,14 +147,14 @@ def _marched(
 
 
 def around_jumps(setting: Setting, run: Vector, distance: Vector) -> Vector:
-    """How much of each output's jump may belong on the other side of a communication point.
+    """Part of each output's jump that may belong on the other side of a communication point.
 
     Parameters
     ----------
     run : ndarray, shape (k, n)
         Outputs at the communication points.
     distance : ndarray, shape (k, n)
-        How far the run may be from the truth there.
+        Largest error of the run there.
 
     Returns
     -------
@@ -188,12 +188,12 @@ def around_jumps(setting: Setting, run: Vector, distance: Vector) -> Vector:
             else:
                 beside = np.where(moved.max(0) > SHARP * moved.sum(0), moved.max(0), 0.0)[None]
         around[k : k + 2] = np.maximum(around[k : k + 2], beside)
-    around[0] = 0.0  # a jump right after the start is not on its wrong side: the start is given
+    around[0] = 0.0  # the start is given, so a jump right after it is on the right side
     return around
 
 
 def _parts(k: int, run: Vector, distance: Vector) -> int:
-    """How far from a communication point step `k` may have its jump on the wrong side of it."""
+    """Largest error in the time of the jump in step `k` [parts of a step]."""
     if k == 0:
         return CLOSEST
     scale = scales(run)
@@ -206,7 +206,7 @@ def _parts(k: int, run: Vector, distance: Vector) -> int:
 
 
 def _offsets(parts: int, length: int) -> list[int]:
-    """Where to look within a step: close to its ends, or evenly where nothing tells how close."""
+    """Points to check within a step: close to its ends, or evenly if `parts` is too large."""
     if parts <= length * FARTHEST // PARTS:
         return [parts, 2 * parts, length - 2 * parts, length - parts]
     return [length * k // EVENLY for k in range(1, EVENLY)]
@@ -215,7 +215,7 @@ def _offsets(parts: int, length: int) -> list[int]:
 def _seen_within(
     setting: Setting, loop: RecordedLoop, points: int, last: int, rows: dict[int, list[int]]
 ) -> dict[int, Vector]:
-    """Outputs at the given rows of each step, or nothing where the loop fails."""
+    """Outputs at the given rows of each step; empty if the loop fails."""
     clock = Clock(setting.stop, setting.step / PARTS, False, setting.breaks)
     log, nobody = setting.log(loop), struct(PAIR)
     addresses = [record.address for record in (loop, nobody, nobody, clock, log)]

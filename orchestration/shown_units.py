@@ -19,9 +19,9 @@ def shown_unit(values: Iterable[float] | Any, unit: str) -> tuple[float, str]:
     Parameters
     ----------
     values : array_like
-        In `unit`; what is not finite does not count.
+        In `unit`; values that are not finite are ignored.
     unit : str
-        Of what begins with m, A or rad it gets a prefix; "1" is none.
+        A unit that begins with m, A or rad gets a prefix; "1" means no unit.
 
     Examples
     --------
@@ -38,7 +38,7 @@ def shown_unit(values: Iterable[float] | Any, unit: str) -> tuple[float, str]:
 
 
 def quantity(value: float | None, unit: str) -> str:
-    """A number with six digits in the unit that suits it; a dash where there is none."""
+    """A number with six digits in the unit that suits it; a dash if there is none."""
     if value is None:
         return "-"
     factor, shown = shown_unit([value], unit)
@@ -46,5 +46,5 @@ def quantity(value: float | None, unit: str) -> str:
 
 
 def labelled(name: str, unit: str) -> str:
-    """What stands at an axis."""
+    """The label of an axis."""
     return f"{name} [{unit}]" if unit else name

@@ -15,19 +15,19 @@ from .isolated import IsolatedInstance
 Vector = npt.NDArray[np.float64]
 
 STEPS = 8  # before the state is saved, and after
-SAME = 1e-5  # of an output's size, that two passes may differ by: solvers that start anew do
+SAME = 1e-5  # of an output's size: largest difference of two passes, since solvers restart
 _TRIED: dict[tuple[str, int, int], bool] = {}  # by path, time and size of the file
 
 
 def check_state(
     fmu: FmuInstance | IsolatedInstance, values: Mapping[str, Value], stop: float, step: float
 ) -> tuple[str, ...]:
-    """Let an FMU do without saved states where it does not come back to them; a note of it.
+    """Do not use an FMU's saved states if it does not really restore them; return a note on it.
 
     Parameters
     ----------
     fmu : FmuInstance or IsolatedInstance
-        Not initialized; a fresh instance of it is tried.
+        Not initialized; a new instance of it is tried.
     values : mapping of str to float
         Its parameters that are not default.
     stop, step : float
@@ -53,7 +53,7 @@ def check_state(
 def _comes_back(
     fmu: FmuInstance | IsolatedInstance, values: Mapping[str, Value], stop: float, step: float
 ) -> bool:
-    """Whether steps from a saved state come out the same twice; True where they cannot be done."""
+    """Whether steps from a saved state give the same results twice; True if they are impossible."""
     about = fmu.description
     free = min(step, stop / (2 * STEPS + 1))
     h = free if about.steps_vary else about.step_size or step
@@ -85,7 +85,7 @@ def _comes_back(
         again = passed(STEPS)
         trial.release(state)
     except StepFailed:
-        return True  # the run itself will tell what is wrong with it
+        return True  # the run itself will report the error
     finally:
         trial.close()
     allowed = SAME * np.abs(once).max(axis=0, initial=0.0)

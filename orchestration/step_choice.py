@@ -1,12 +1,12 @@
 """Automatic choice of the communication step: halved until the run can be trusted.
 
-Each run has a verdict of its own, from its co-run. Where that is not enough, runs of one after the
-other step judge: where a halving moves the outputs by a share q < 0.7 of what the halving before
-moved them, what is still to come adds up to q / (1 - q) of the last difference. Where outputs jump,
-that says too little, and the last run is looked at again, see `second_look`.
+Each run has its own verdict, from its co-run. If that is not enough, successive runs are compared:
+if a halving moves the outputs by a share q < 0.7 of the change by the previous halving, all later
+changes add up to q / (1 - q) of the last change. If outputs jump, this is not sufficient, and the
+last run gets a second look, see `second_look`.
 
-Shorter steps are tried by compiled code where that can play the FMUs, see `played`; then the first
-run that the last one shows to be right is done by the FMUs themselves.
+Compiled code tries the shorter steps if it can play the FMUs, see `played`; then the FMUs
+themselves repeat the first run that is close enough to the last one.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from .loop_run import UNBOUNDED, LoopRun
 from .second_look import jumps
 from .verdict import ACCURACY, Verdict, scales
 
-LONGEST = 60.0  # s of computing that a run may take in all, as far as can be foreseen
-CONVERGES = 0.7  # share of the difference before that a difference may be
+LONGEST = 60.0  # s, limit of the computing time of all runs, as far as it can be foreseen
+CONVERGES = 0.7  # largest ratio of two successive differences
 LEVELS = 12
 
 
@@ -56,17 +56,17 @@ def choose_step(
 
     Parameters
     ----------
-    run_at : function of a step [s], and of whether the run is looked at again by finer ones
+    run_at : function of float and bool
+        Runs with a step [s]; the bool: whether an unclear verdict is checked by finer runs.
     first : float
         The longest step to try [s].
     try_at : function, optional
-        The same for steps that are only tried; what it has `played` is run once more in the end.
+        The same for steps that are only tried; `run_at` repeats the chosen run if it was `played`.
 
     Returns
     -------
     LoopRun
-        The last, or the first that is near enough to it, with the verdict that the runs give
-        together.
+        The last run, or the first one that is close enough to it, with the verdict of all runs.
     StepChoice
     """
     began = _clocks()
@@ -86,7 +86,7 @@ def choose_step(
         at = try_at if try_at and runs else run_at
         before = runs[-1] if runs else None
         moved, bound = np.inf, None
-        # a verdict that trusts is always that of a run that was looked at again where not clear
+        # a run is trusted only after a second look if its first verdict is not clear
         run = at(step, before is None)
         clock = int(run.played)
         took = _clocks() - start
@@ -106,7 +106,7 @@ def choose_step(
         words.append(run.verdict.word)
         if run.verdict.trusted:
             number = len(runs) - 1
-            if run.played and bound:  # a longer step costs less, and may be near enough
+            if run.played and bound:  # a longer step costs less, and may be close enough
                 number, run = _first_near(runs, bound, step)
             why = "the first step that was tried" if before is None else f"of {len(runs)} tried"
             return chosen(number, run, f"{why}, the first whose run is trusted")
@@ -114,10 +114,10 @@ def choose_step(
         foreseen = 2.0 * took[clock]
         if before is None:
             of_first = took
-        elif run.played:  # and then it has to be run
+        elif run.played:  # then the FMUs have to run it, too
             foreseen += 2.0 * of_first[clock] * first / step
         late = (_clocks() - began)[clock] + foreseen > LONGEST
-        if not ended and before is not None and late:  # the first may have been looked at again
+        if not ended and before is not None and late:  # the first time may include a second look
             ended = (
                 f"a step of {step / 2:g} s would take about {foreseen:.0f} s of computing "
                 f"time; use it with --step {step / 2:g}"
@@ -130,12 +130,12 @@ def choose_step(
 
 
 def _clocks() -> npt.NDArray[np.float64]:
-    """Time on the wall, which FMUs in other processes take, and of this process alone [s]."""
+    """Wall-clock time, which includes FMUs in other processes, and this process's CPU time [s]."""
     return np.array([monotonic(), process_time()])
 
 
 def _done(tried: LoopRun, run_at: Callable[[float, bool], LoopRun], step: float) -> LoopRun:
-    """The run of the FMUs themselves, with what is known of the one that was played."""
+    """Run the FMUs themselves if `tried` was played; keep its verdict if the outputs are equal."""
     if not tried.played:
         return tried
     run = run_at(step, False)
@@ -146,7 +146,7 @@ def _done(tried: LoopRun, run_at: Callable[[float, bool], LoopRun], step: float)
 
 
 def _may_wait(run: LoopRun, moved: float, moved_before: float) -> bool:
-    """Whether the next halving is likely to decide, and is had for less than a second look."""
+    """Whether the next halving will probably decide, and costs less than a second look."""
     return run.played and moved <= min(ACCURACY, CONVERGES * moved_before) and not _jumps(run)
 
 
@@ -163,11 +163,11 @@ def _first_near(
     Parameters
     ----------
     runs : list of LoopRun
-        Each with half the step of the one before.
+        Each with half the step of the previous one.
     bound : mapping of str to float
-        How far the last may be off.
+        Largest error of the last run.
     step : float
-        Of the last [s].
+        Step of the last run [s].
     """
     last = len(runs) - 1
     for number, run in enumerate(runs[:-1]):
@@ -187,7 +187,7 @@ def _first_near(
 
 
 def only_step(run: LoopRun, step: float) -> tuple[LoopRun, StepChoice]:
-    """A run whose FMUs take steps [s] of one length alone: no other one is advised."""
+    """Return a run of FMUs that accept only this step [s], with advice that fits, and the step."""
     verdict = run.verdict
     if not verdict.trusted and verdict.step_helps and not run.stopped:
         advice = (
@@ -200,7 +200,7 @@ def only_step(run: LoopRun, step: float) -> tuple[LoopRun, StepChoice]:
 
 
 def _differences(coarse: LoopRun, fine: LoopRun) -> Mapping[str, tuple[float, float]]:
-    """By output: the largest difference of two runs, and its share of the output's range."""
+    """Largest difference of two runs for each output, and its share of the output's range."""
     end = min(coarse.time[-1], fine.time[-1])
     times = coarse.time[coarse.time <= end]
     found = {}
@@ -221,7 +221,7 @@ def _judged_by_halving(
     moved_before: float,
     step: float,
 ) -> Verdict | None:
-    """The verdict of the halvings where they converge to what may be trusted, else None."""
+    """The verdict of the halvings if they converge within the accuracy, else None."""
     if run.stopped or not np.isfinite(moved_before) or not moved <= CONVERGES * moved_before:
         return None  # one difference alone shows no convergence
     share = moved / moved_before if moved_before > 0.0 else 0.0
@@ -240,11 +240,11 @@ def _judged_by_halving(
 def _no_further(
     run: LoopRun, before: LoopRun | None, moved: float, moved_before: float, tried: int
 ) -> str:
-    """Why a shorter step would not help; empty where it may."""
+    """Why a shorter step would not help; empty if it may help."""
     if not run.verdict.step_helps:
         return run.verdict.advice
     discarded = run.verdict.advice == SHORTER
-    if run.stopped and run.verdict.advice not in (SHORTER, UNBOUNDED):  # a part died, whatever h
+    if run.stopped and run.verdict.advice not in (SHORTER, UNBOUNDED):  # fails with any step
         return run.verdict.advice
     if before is not None and run.stopped and before.stopped and not discarded:
         ends = before.time[-1], run.time[-1]

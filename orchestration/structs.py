@@ -1,7 +1,7 @@
 """Records that compiled code and Python share.
 
 A record holds numbers, other records and the addresses of arrays, and compiled code gets the
-address of the record: one argument, however much is in it, and changes are seen on both sides.
+address of the record: a single argument, and both sides see all changes.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy.typing as npt
 Vector = npt.NDArray[np.float64]
 
 VECTOR = np.dtype([("address", np.intp), ("size", np.intp)])
-"""An array of numbers that somebody else keeps."""
+"""An array of numbers that is owned elsewhere."""
 
 
 class Struct:
@@ -32,7 +32,7 @@ class Struct:
 
     @property
     def address(self) -> int:
-        """Where compiled code finds it."""
+        """Its address, for compiled code."""
         return int(self._whole.ctypes.data)
 
     def part(self, name: str) -> Struct:

@@ -39,7 +39,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class SwapResult:
-    """Results of several controllers in the order asked for.
+    """Results of several controllers in the requested order.
 
     Attributes
     ----------
@@ -56,14 +56,14 @@ class SwapResult:
         return not self.failures and all(result.trusted for result in self.results)
 
     def parameters(self) -> ParameterFile:
-        """Those of the plant and of all controllers."""
+        """Parameters of the plant and of all controllers."""
         files = [p for r in self.results if (p := r.loop.parameters()) is not None]
         controllers = {name: values for file in files for name, values in file.controllers.items()}
         return replace(files[0], controllers=controllers)
 
     @property
     def trajectories(self) -> list[str]:
-        """A file's name for each result, by its label; numbered where two have the same."""
+        """A file's name for each result, by its label; numbered if labels are equal."""
         labels = [result.loop.label for result in self.results]
         before = [labels[:k].count(label) for k, label in enumerate(labels)]
         return [
@@ -101,7 +101,7 @@ def swap(loops: Sequence[Loop], progress: Callable[[str, float], None] | None = 
     Raises
     ------
     FmuError, WiringError, CouplingError, StepFailed
-        As `run_pair`, where no controller can be run; one that can keeps its result.
+        As `run_pair`, if no controller can be run; results of other controllers are kept.
     """
     results, failures, errors = [], [], []
     for loop in loops:

@@ -43,7 +43,7 @@ Vector = npt.NDArray[np.float64]
 
 
 def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoopResult:
-    """Run an .ssp: one of its elements as the plant, the others as what commands it.
+    """Run an .ssp: one of its elements is the plant, the others are its controller.
 
     The plant is the element with feedback-law inputs, else the one called ``plant``, else the one
     whose outputs do not follow its inputs at once and that is not sampled, else the first.
@@ -76,7 +76,7 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
         loop = _loop(system, fmus, asked)
         reference = asked.reference or Reference.constant(loop.set_point(system, values, fmus))
 
-        sides = [loop.plant, loop.controller]  # one run makes use of them; others open their own
+        sides = [loop.plant, loop.controller]  # for the first run; later runs open their own
 
         def run_at(step: float, look_again: bool = True) -> LoopRun:
             if not sides:
@@ -116,7 +116,7 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
 
 
 def _values(system: SystemStructure, asked: SystemLoop, fmus: Fmus) -> dict[str, dict[str, Value]]:
-    """Start values by element: the file's, and the study's over them."""
+    """Start values by element: those of the file, replaced by those of `asked`."""
     values = {e.name: dict(e.start_values) for e in system.elements}
     for given in system.inputs:
         if given.start is not None:
@@ -146,7 +146,7 @@ def _values(system: SystemStructure, asked: SystemLoop, fmus: Fmus) -> dict[str,
 
 
 def _taken(element: str, description: Description, name: str, value: Value) -> Value:
-    """A value as its variable takes it: text for a String, else a finite number."""
+    """Convert a value to the type of its variable: text for a String, else a finite number."""
     if name in description.strings:
         if not isinstance(value, str):
             raise BadParameter(f"{element}.{name} is {value!r}, expected text: it is a String")
@@ -176,11 +176,11 @@ class _Loop:
     Attributes
     ----------
     names : dict of str to str
-        What results call the plant's ports.
+        Names of the plant's ports in the results.
     goal : tuple of (SystemConnection, int)
-        What the set-point drives from SI units, and how often it is differentiated by time for it.
+        Connections from the set-point in SI units, and the order of its time derivative for each.
     commands : tuple of SystemConnection
-        Into the plant, without those of a law that the master applies.
+        Connections into the plant, without those of a law that the master applies.
     """
 
     plant_name: str
@@ -193,9 +193,9 @@ class _Loop:
     fmus: Fmus
 
     def in_units(self, run: LoopRun) -> LoopRun:
-        """The run with commands as the plant gets them, the set-point as its position, and units.
+        """Return the run with commands and set-point in the plant's units, and with all units.
 
-        The master has commands as their sources give them where the plant is within a group.
+        If the plant is within a group, the master has the commands in the units of their sources.
         """
         plant = self.fmus[self.plant_name].description
         units = {v.name: v.unit for v in plant.variables}
@@ -204,7 +204,7 @@ class _Loop:
         for c in self.commands:
             name, source = c.target.connector, str(c.source)
             if source in given and not self.fmus[c.source.element].sample_time:
-                # the commands of a group that samples are those of the end of the step to come
+                # the recorded commands of a sampled group are those of the end of the next step
                 commands[name] = given[source]
             if isinstance(self.plant, Group):
                 commands[name] = c.factor * commands[name] + c.offset
@@ -233,7 +233,7 @@ class _Loop:
         return {name: v for name, v in named.items() if name not in commands}
 
     def _given(self, run: LoopRun) -> dict[str, Vector]:
-        """All recorded outputs of the elements beside the plant, as ``element.NAME``."""
+        """All recorded outputs of the elements except the plant, as ``element.NAME``."""
         own = next(e for e in self.fmus if e != self.plant_name)
         by = "" if isinstance(self.controller, Group) else f"{own}."
         return {by + name.removeprefix(f"{CONTROLLER}."): v for name, v in run.others.items()}
@@ -241,7 +241,7 @@ class _Loop:
     def set_point(
         self, system: SystemStructure, values: Mapping[str, Mapping[str, Value]], fmus: Fmus
     ) -> float:
-        """The set-point's start value in SI units; not a number where there is none."""
+        """The set-point's start value in SI units; NaN if there is no set-point."""
         if not self.goal:
             return math.nan
         goal, _ = self.goal[0]
@@ -331,7 +331,7 @@ def _plant(fmus: Fmus) -> str:
 
 
 def _plain(connections: Sequence[SystemConnection], once: bool) -> bool:
-    """Whether the connections only join ports; with `once`, none of them to two."""
+    """Whether no connection is scaled; with `once`, also no source drives two ports."""
     joined = all(c.factor == 1.0 and c.offset == 0.0 for c in connections)
     return joined and (not once or len({c.source for c in connections}) == len(connections))
 

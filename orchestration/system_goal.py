@@ -1,4 +1,4 @@
-"""What the set-point of an .ssp drives, from SI units."""
+"""Connections of the set-point of an .ssp, from SI units."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from .port_units import from_si
 
 Fmus = Mapping[str, FmuInstance | IsolatedInstance]
 Goal = tuple[tuple[SystemConnection, int], ...]
-"""Connections, and how often the set-point is differentiated by time for each."""
+"""Connections, and the order of the set-point's time derivative for each."""
 
 
 def goal_of(system: SystemStructure, fmus: Fmus, rest: Sequence[str]) -> Goal:
-    """What the set-point drives: the system's input, else an input that nothing drives.
+    """Connections of the set-point: to the system's input, else to an input that nothing drives.
 
-    Beside one called ``x_d`` its derivatives, ``v_d`` and ``a_d``, as in a loop of two parts.
+    With an input ``x_d`` also those of the derivatives, ``v_d`` and ``a_d``, as in a loop of two
+    parts.
     """
     candidates: dict[str, tuple[SystemConnection, ...]] = {
         i.name: tuple(_from_si(c, i.defined, fmus) for c in i.drives)
@@ -49,9 +50,9 @@ def goal_of(system: SystemStructure, fmus: Fmus, rest: Sequence[str]) -> Goal:
 
 
 def _from_si(c: SystemConnection, unit: Unit | None, fmus: Fmus) -> SystemConnection:
-    """A connection from the set-point in SI units: of a system's input in `unit`, if it tells one.
+    """A connection from the set-point in SI units, for a system's input in `unit`.
 
-    Where it tells none, it has the one of the port that it drives.
+    An input without a unit has the unit of the port that it drives.
     """
     unit = unit or fmus[c.target.element].description.unit(c.target.connector)
     if unit is None or unit.exponents is None:

@@ -1,4 +1,4 @@
-"""Which rows of a long run a picture needs: as many as it can show, with every peak among them."""
+"""Rows of a long run for a picture: as many as it can show, with every peak among them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ COLUMNS = 2000  # of a picture: more than twice as many as it has pixels across
 
 
 def rows_over_time(time: Vector, values: Vector, columns: int = COLUMNS) -> Rows:
-    """Rows of a course to draw: of each column the first, the last, the least and the greatest.
+    """Rows of a curve to draw: the first, last, smallest and largest of each column.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def rows_over_time(time: Vector, values: Vector, columns: int = COLUMNS) -> Rows
     Returns
     -------
     ndarray, shape (m,)
-        In order; at most four for each column, and all where there are not more.
+        In order; at most four for each column, and all if there are not more.
     """
     if len(time) <= 4 * columns:
         return np.arange(len(time))
@@ -55,7 +55,7 @@ def rows_over_plane(points: npt.NDArray[np.float64], cells: int = COLUMNS) -> Ro
     Returns
     -------
     ndarray, shape (m,)
-        In order; what is left out is within a cell of what is kept.
+        In order; omitted rows are within a cell of the returned ones.
     """
     if len(points) <= 2:
         return np.arange(len(points))

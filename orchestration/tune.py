@@ -1,8 +1,8 @@
 """Tune one controller for one machine, test it on another motion, and linearize the loop twice.
 
-What is made small is the rms error of the tuning motions, each over that under modest gains, with a
-price on commands that the machine cannot give, as in studies, and on a sensitivity above 2, from
-which on a loop is not called robust (K. J. Astrom and T. Hagglund, "Advanced PID Control", ISA
+The search minimizes the rms error of the tuning motions, each divided by its error with modest
+gains. As in studies, commands beyond the machine's limit add to the cost; so does a sensitivity
+above 2, the limit for a robust loop (K. J. Astrom and T. Hagglund, "Advanced PID Control", ISA
 (2006), section 4.6). See ``docs/howto/tune.md``.
 """
 
@@ -49,13 +49,13 @@ from .whole_loop import follow, loop_kernel
 FILE = "tuning.json"
 BUDGET, SEED = 100, 1
 STEP = 1e-3  # s, of the grid of a loop that is not sampled
-TOLERANCE, TIGHTER = 1e-6, 1e-8  # of the solver; two runs that are to agree
+TOLERANCE, TIGHTER = 1e-6, 1e-8  # of the solver, in two runs that should agree
 AGREE = 0.01  # share of the rms error
 REST = 0.5  # s, after the end of a motion
-COUNT = 1e-6  # m, by which hunting is told
+COUNT = 1e-6  # m, resolution of the position for the detection of hunting
 MOST_SENSITIVE = 2.0  # Ms
 SENSITIVITY_POINTS = 300  # of the frequency response of a candidate
-MORE = 0.1  # share of the cost that twice the budget gains, from which on it is said
+MORE = 0.1  # share of the cost: a larger gain by twice the budget is reported
 SLIDE = 2.0  # s, until a loop slides steadily
 NOT_LINEAR = {
     "relay": "a relay has no slope at the set-point",
@@ -81,7 +81,7 @@ class Gain:
     low, high : float
         The range that was searched.
     at_end : {"", "low", "high"}
-        Which end of the range the value is within 1 % of.
+        The end of the range, if the value is within 1 % of it.
     """
 
     name: str
@@ -101,10 +101,10 @@ class Motion:
     ----------
     name, reference : str
     tuned_on : bool
-        Else it judges.
+        Whether it was used for tuning, not for judging.
     figures : Figures
     peak_command : float
-        Largest magnitude of what the controller asks for [unit of the command].
+        Largest magnitude of the requested command [unit of the command].
     converged : bool
         Whether a run with a hundredth of the tolerance has the same rms error within 1 %.
     course : Course
@@ -132,14 +132,14 @@ class TunedController:
     command_unit : str
     gains : tuple of Gain
     start_cost, cost, doubled_cost : float
-        Of the start, of the gains, and the best within twice the budget.
+        Cost at the start, with the gains, and the lowest cost within twice the budget.
     budget, seed : int
     motions : tuple of Motion
-        The one that judges is the last.
+        The judging motion is the last.
     margins : tuple of Margins
         Of the loop linearized stuck and sliding.
     no_margins : tuple of str
-        Why there are none, or fewer.
+        Why margins are missing.
     """
 
     loop: Loop
@@ -187,7 +187,7 @@ class TunedController:
         return runs and all(m.stable for m in self.margins)
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``tuning.json`` holds."""
+        """The content of ``tuning.json``."""
         skipped = ("frequency", "response")
         return {
             "controller": self.loop.controller.label,
@@ -253,15 +253,15 @@ def tune_loop(
     Parameters
     ----------
     loop : Loop
-        Its controller's gains are one of the two places to start from; its other values stay.
+        Its controller's gains are one of the two starting points; its other values stay.
     reference : str, optional
-        What to tune on. Default: a step and a reversing move that the limit allows.
+        Motion for the tuning. Default: a step and a reversing move that the limit allows.
     stop : float, optional
         Length of that motion [s]. Default: its end and half a second.
     limit : float, optional
-        Largest command; default the plant's ``voltage_limit``, of an axis its 36 V.
+        Largest command. Default: the plant's ``voltage_limit``; 36 V for an axis.
     budget, seed : int
-        Number of candidates; the same number again shows what more candidates would improve.
+        Number of candidates; as many again show what more candidates would improve.
     progress : function of int and int, optional
         Called with the number of finished candidates and the number of all.
 
@@ -270,7 +270,7 @@ def tune_loop(
     BadParameter
         If the controller has no ranges for its gains, or the machine has no limit.
     ContractError
-        If the two do not fit.
+        If plant and controller do not fit together.
     """
     gained = tunable(bare(loop.controller.name))
     if not gained:
@@ -354,13 +354,13 @@ def _gains(
 
 
 def _signal(text: str, stop: float | None = None) -> tuple[Reference, float]:
-    """A motion, and how long it is run [s]."""
+    """A motion, and the length of its run [s]."""
     signal = read_set_point(text)
     return signal, float(signal.times[-1]) + REST if stop is None else stop
 
 
 class _Work:
-    """One closed loop that is run many times, with what the controller knows of its machine."""
+    """One closed loop that is run many times, and the controller's model of the machine."""
 
     def __init__(self, loop: Loop, machine: Machine) -> None:
         self.loop, self.machine = loop, machine
@@ -379,7 +379,7 @@ class _Work:
         return {**self._tracking(gains), **self.fixed, **gains}
 
     def _tracking(self, gains: Mapping[str, float]) -> dict[str, float]:
-        """The tracking time of the anti-windup: the integral time that the gains make."""
+        """The tracking time of the anti-windup: the integral time that follows from the gains."""
         known = self.loop.controller.parameters
         if "Tt" not in known or "Ki" not in gains:
             return {}
@@ -414,7 +414,7 @@ class _Work:
     def scaled(
         self, modest: Mapping[str, float], signal: Reference, stop: float
     ) -> tuple[Reference, float, float]:
-        """A motion, and the rms error that costs one: that of modest gains."""
+        """A motion, its length, and its rms error with modest gains, for which the cost is 1."""
         error = self.figures(self.run(modest, signal, stop, TOLERANCE)).rms_error
         return signal, stop, error if error > 0 else float(np.abs(signal.values).max()) or 1.0
 
@@ -440,9 +440,9 @@ class _Work:
         return Motion(name, text, tuned_on, found, peak, same, course)
 
     def fragility(self, gains: Mapping[str, float]) -> float:
-        """What is added to the cost of gains whose loop has Ms above 2; one if it is unstable.
+        """Cost added for gains whose loop has Ms above 2; 1 if the loop is unstable.
 
-        A law that is not linear is taken as it is at rest without an error.
+        A law that is not linear is linearized at rest without an error.
         """
         price = 0.0
         for _, _, plant, _ in self._states:
@@ -453,7 +453,7 @@ class _Work:
         return price
 
     def margins(self, gains: Mapping[str, float]) -> tuple[tuple[Margins, ...], tuple[str, ...]]:
-        """Of the loop stuck and sliding; why it has none."""
+        """Margins of the loop, stuck and sliding, and reasons for missing ones."""
         part = self.loop.controller
         if reason := NOT_LINEAR.get(bare(part.name)):
             return (), (f"{part}: no margins, {reason}",)
@@ -470,7 +470,7 @@ class _Work:
 
     @cached_property
     def _states(self) -> list[tuple[str, float, Linear, dict[str, float]]]:
-        """Where the loop is linearized: name, speed, the plant there, and its states."""
+        """Points of linearization: name, speed, linear plant, and its states."""
         machine = self.machine
         if NOT_LINEAR.get(bare(self.loop.controller.name)):
             return []
@@ -481,7 +481,7 @@ class _Work:
     def _followed(
         self, gains: Mapping[str, float], speed: float, plant: Mapping[str, float]
     ) -> dict[str, float] | None:
-        """What the controller's states and inputs are where the loop follows a ramp steadily."""
+        """States and inputs when the loop follows a ramp steadily; None if it does not."""
         model = self.model(gains, TOLERANCE)
         ramp = Reference.of_pieces([0.0, 2 * SLIDE], [[0.0, speed], [2 * SLIDE * speed, 0.0]])
         step = model.sample_time or STEP
@@ -497,7 +497,7 @@ class _Work:
 
     @cached_property
     def _seen(self) -> tuple[str, ...]:
-        """What the controller measures."""
+        """The machine's outputs that the controller measures."""
         used = {str(s) for s in component(self.loop.controller.name).used_symbols()}
         return tuple(n for n in self.machine.outputs if n in used)
 

@@ -1,7 +1,7 @@
 """Text in newtons and metres about a rotating body, converted to its own units.
 
-Records of such a body are read with a way of 2 pi a turn, so that a metre is a radian and a newton
-is a newton metre, to the last digit: only the words differ.
+Records of such a body are read with a travel of 2 pi per turn, so that a metre is exactly a radian
+and a newton is exactly a newton metre: only the words differ.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _WORDS = {
     "µm": "µrad",
     "nm": "nrad",
 }
-# behind a number or in brackets, or alone in its column, but not within a word or a file's name
+# after a number or in brackets, or alone in its column, but not within a word or a file's name
 _UNIT = re.compile(
     r"(?:(?<=[\d)%*] )|(?<=  )|(?<=\[))"
     r"(?:[1NVA](?:\*s)?/(?:m|mm)(?:\^2)?|(?:kg|N|mm|um|µm|nm|m)(?:/s(?:\^2)?)?)(?=$|[\s,;.:)\]])",
@@ -47,7 +47,7 @@ def page_in_turning_units(page: str) -> str:
     return "".join(
         part if number % 3 else "J" if part == "m" else in_turning_units(part)
         for number, part in enumerate(kept)
-        if number % 3 != 2  # the tag's name, once more
+        if number % 3 != 2  # the tag's name, repeated
     )
 
 
@@ -56,5 +56,5 @@ def _word(word: re.Match[str]) -> str:
 
 
 def words_for(notes: Sequence[str]) -> Callable[[str], str]:
-    """How lines are put for a reader: in N*m and rad where `notes` say that the body turns."""
+    """The conversion of lines for a reader: to N*m and rad if `notes` say that the body turns."""
     return in_turning_units if TURNS in notes else str

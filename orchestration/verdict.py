@@ -1,18 +1,18 @@
 """Whether a coupled run can be trusted, judged by measurements in the run.
 
-A reference co-run goes beside the run: the same FMUs in another coupling. Where the run corrects
-its steps the co-run does not, and the other way round, and their controllers see the signals of a
-step in different ways. What the two differ by is the effect of the coupling residual, which the
-loop itself carries along; divided by one less the measured contraction of the correction it
-estimates the error. Where the set-point is curved within the steps, which both see alike, a co-run
-with half of the step goes beside them. Where states cannot be saved, co-runs with a half and a
-quarter of the step do.
+A reference co-run accompanies the run: the same FMUs with another coupling. If the run corrects its
+steps, the co-run does not, and vice versa, and their controllers use the signals of a step in
+different ways. The difference of the two is the effect of the coupling residual, which the loop
+itself propagates; divided by one minus the measured contraction of the correction, it estimates
+the error. If the set-point is curved within the steps, which affects both in the same way, a co-run
+with half of the step is added. If states cannot be saved, co-runs with a half and a quarter of the
+step are used.
 
-Where this says neither clearly yes nor hopelessly no, or an output jumps, there is a second look:
+If the result is neither clear nor hopeless, or if an output jumps, a second look follows:
 corrected co-runs with a half and a quarter of the step, and the outputs close before and after the
-communication points beside each jump (`second_look.py`).
+communication points next to each jump (`second_look.py`).
 
-The verdict follows from these numbers alone, never from who is coupled how.
+The verdict follows from these numbers only, not from the parts or the coupling.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ ACCURACY = 0.01
 WORST_CONTRACTION = 0.5
 """Correcting must at least halve the residual, or its effect says little about the error."""
 CLEAR = 0.1
-"""Share of what is allowed, below which the first estimate is enough: it is of one other run, whose
-error may lie on the same side, as where both switch a relay late."""
+"""Share of the allowed error up to which the first estimate is enough: it uses one other run, whose
+error may have the same sign, for example if both switch a relay late."""
 HOPELESS, OFTEN = 10.0, 0.1
-"""Times what is allowed, in that share of all steps, from which on nobody looks again."""
+"""No second look if the allowed error is exceeded by this factor in this share of all steps."""
 STEP_RATIO_ERROR = 2.0
-"""What the run with a quarter of the step may be off by: twice what it differs by from that with a
-half. Of a coupling of first order that is double its error."""
+"""Estimated error of the run with a quarter of the step, as a multiple of its difference from the
+run with a half. For a coupling of first order, this is twice the true error."""
 HALVING = 2.5
-"""What a run may be off by, over what it differs by from that with half of the step. Of a coupling
-of first order that is a quarter more than its error."""
+"""Estimated error of a run, as a multiple of its difference from the run with half of the step.
+For a coupling of first order, this is a quarter more than the true error."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Verdict:
     error_estimate : dict of str to float
         Per plant output, in its unit: largest estimated error over the run.
     contraction : float
-        Measured contraction of the correction; not finite where nothing had to be corrected.
+        Measured contraction of the correction; not finite if nothing had to be corrected.
     step_helps : bool
         Whether a shorter step may give a trusted run.
     """
@@ -90,16 +90,16 @@ def verdict_of(
     names : list of str
         The plant outputs.
     run : ndarray, shape (k, n)
-        Outputs at the communication points; rows may end early where something failed.
+        Outputs at the communication points; fewer rows after a failure.
     co_runs : sequence of ndarray, shape (k, n)
-        Those of the reference co-run and, where the set-point is curved within the steps, those
-        with half of the step.
+        Outputs of the reference co-run and, if the set-point is curved within the steps, of the
+        co-run with half of the step.
     contraction : float
     smaller : str
-        What to do about a defect that is too large.
+        What to do about a residual that is too large.
     safety : float
-        Factor on the estimate: 1 where the reference co-run is the worse of the two, so that the
-        difference is larger than the run's own error; 2 where it is the better.
+        Factor on the estimate: 1 if the reference co-run is worse than the run, so that the
+        difference is larger than the run's own error; 2 if it is better.
     failure : str
         Why the reference co-run, or the run, ended early.
     advice : str
@@ -151,18 +151,18 @@ def verdict_of(
 
 
 def asks_again(verdict: Verdict, run: Vector, co_run: Vector, safety: float, blind: bool) -> bool:
-    """Whether the first estimate leaves it open if a run is right.
+    """Whether the first estimate leaves open whether a run is right.
 
     Parameters
     ----------
     verdict : Verdict
-        The first one, on a run that no part of failed.
+        The first verdict, on a run without failures.
     run, co_run : ndarray, shape (k, n)
     safety : float
         As in `verdict_of`.
     blind : bool
-        Whether both may be wrong in the same way: an output jumps, and may do so on the same wrong
-        side of a step's end; or nothing is corrected, and a relay switches late in both.
+        Whether both may have the same error: an output jumps, possibly in both on the wrong side of
+        a step's end; or nothing is corrected, and a relay switches late in both.
     """
     share = np.abs(run - co_run) / scales(run)
     if not np.isfinite(share).all():
@@ -186,15 +186,14 @@ def second_verdict(
     Parameters
     ----------
     first : Verdict
-        The one that left it open.
+        The first verdict, which is not clear.
     run, half, quarter : ndarray, shape (k, n)
         Outputs at the run's communication points.
     delayed : ndarray, shape (k, n), or None
-        With a quarter of the step, too, and commands that come one such step sooner or later;
-        where nothing is corrected.
+        Also with a quarter of the step, and with commands one such step earlier or later; given if
+        nothing is corrected.
     around : ndarray, shape (k, n)
-        How much of a jump is so close to the communication point that it may belong on its other
-        side.
+        Part of a jump that may belong on the other side of the communication point.
     """
     names = list(first.error_estimate)
     error = np.abs(run - quarter) + STEP_RATIO_ERROR * np.abs(half - quarter)
@@ -215,17 +214,17 @@ def second_verdict(
 
 
 def _worst(error: Vector, run: Vector) -> Vector:
-    """Of each output the largest error; of a flag, which is 0 or 1, the share of time it is wrong.
+    """Largest error of each output; for a flag (0 or 1), the share of time in which it is wrong.
 
-    A flag is wrong by all of its range at the one point where it changes a little sooner or later,
-    however small that is, and what follows from it is seen in the other outputs.
+    A flag that changes a little earlier or later is wrong by its full range at one point, even if
+    the shift is very small; its effects are visible in the other outputs.
     """
     flags = np.isin(run, (0.0, 1.0)).all(axis=0) & (run.min(axis=0) < run.max(axis=0))
     return np.asarray(np.where(flags, np.minimum(error, 1.0).mean(axis=0), error.max(axis=0)))
 
 
 def scales(run: Vector) -> Vector:
-    """Range of each output; one that hardly moves is measured by its size and round-off."""
+    """Range of each output; if it hardly moves, a millionth of its size."""
     span = run.max(axis=0) - run.min(axis=0)
     floor: Vector = np.maximum(span, 1e-6 * np.abs(run).max(axis=0))
     return np.where(floor > 0, floor, 1.0)

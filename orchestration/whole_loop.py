@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 Vector = npt.NDArray[np.float64]
 
 TIGHT, LOOSE = 1e-10, 1e-8
-STARTED = "t_step"  # the input that says from when on the terms count
+STARTED = "t_step"  # the input with the time from which the terms count
 
 
 def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
-    """The compiled closed loop of two parts, its set-point polynomials of time; kept on disk.
+    """The compiled closed loop of two parts, with set-points as polynomials of time; kept on disk.
 
     See `inputs_between`.
 
@@ -116,7 +116,7 @@ def _with_curves(loop: Component) -> Component:
 
 
 def model_of(kernel: Kernel, loop: Loop, tolerance: float, system: System | None = None) -> Model:
-    """A loop's equations around its constant set-point, with those made before where given.
+    """A loop's equations around its constant set-point; `system`, if given, is used again.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def model_of(kernel: Kernel, loop: Loop, tolerance: float, system: System | None
 
 
 def term_name(name: str, power: int) -> str:
-    """What an input's coefficient of this power of time is called."""
+    """Name of an input's coefficient of this power of time."""
     return f"{name}_t{power}" if power else name
 
 
@@ -145,7 +145,7 @@ def reference_orders(kernel: Kernel) -> dict[str, int]:
 def inputs_between(
     kernel: Kernel, reference: Reference, grid: Vector
 ) -> tuple[Vector, Matrix, npt.NDArray[np.bool_]]:
-    """What a loop's inputs are from each time to the next, solver steps ending where it changes.
+    """Inputs of a loop from each time to the next; solver steps end where they change.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def inputs_between(
     inputs : ndarray, shape (k, n)
         Of the kernel, from each of them on.
     on_grid : ndarray, shape (k,)
-        Which of them are of the grid.
+        Whether each time is one of the grid.
     """
     orders = reference_orders(kernel)
     times, pieces = reference.between(grid, list(orders.values()))
@@ -174,8 +174,8 @@ def inputs_between(
 def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) -> LoopRun:
     """Run the closed loop without FMUs, its outputs on a grid of this step [s].
 
-    The run is made twice, with a hundredfold difference in tolerance; what the two differ by
-    bounds the error of the looser and decides the verdict on the tighter.
+    The run is made twice, with a hundredfold difference in tolerance; the difference of the results
+    bounds the error of the looser run and determines the verdict on the tighter one.
 
     Raises
     ------
@@ -219,7 +219,7 @@ def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) ->
 
 @dataclass(frozen=True)
 class _Course:
-    """Outputs on the grid of communication points, as far as the solver got; sampling period."""
+    """Outputs on the grid of communication points, until the solver stopped; sampling period."""
 
     time: Vector
     outputs: dict[str, Vector]

@@ -11,7 +11,7 @@ from ..solver.nearest import nearest
 from .fmu_instance import Instance
 
 PLANT, CONTROLLER = "plant", "controller"
-COLUMNS = ("time", SET_POINT)  # of the results, beside the plant's
+COLUMNS = ("time", SET_POINT)  # of the results, in addition to the plant's
 
 
 class WiringError(ValueError):
@@ -28,19 +28,19 @@ class Wiring:
     signals : tuple of (plant output, controller input)
     references : tuple of str
         Controller inputs that take the set-point: the one called ``x_d``, else the only one that
-        nothing drives; beside ``x_d`` those that take its derivatives, ``v_d`` and ``a_d``.
+        nothing drives; with ``x_d`` also those that take its derivatives, ``v_d`` and ``a_d``.
     orders : tuple of int
-        For each of `references`, how often the set-point is differentiated by time.
+        For each of `references`, the order of the set-point's time derivative.
     accepts_law, reports_law : bool
         Whether the plant has the law's inputs, the controller its outputs.
     unconnected, of_plant : tuple of str
         Inputs of the controller and of the plant that nothing drives: they stay at their start
         values, or at values that they are given.
     others : tuple of str
-        Outputs of the controller that are recorded beside.
+        Further outputs of the controller that are recorded.
     network : bool
-        Whether there are parts that feed each other within a side: what they exchange and what all
-        of them give is judged, too.
+        Whether there are parts that feed each other within a side: their signals and all their
+        outputs are judged, too.
     """
 
     commands: tuple[tuple[str, str], ...]
@@ -60,7 +60,7 @@ class Wiring:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no signal goes either way."""
+        """Whether no signal is connected in either direction."""
         return not self.commands and not self.signals
 
     def check_given(
@@ -85,7 +85,7 @@ class Wiring:
                 )
 
     def plant_law(self) -> list[str]:
-        """The plant's inputs beside the commands, in the order in which a law is written.
+        """The plant's inputs except the commands, in the order in which a law is written.
 
         Gains, one row for each command, references likewise, and rates.
         """
@@ -95,7 +95,7 @@ class Wiring:
         return [*gains, *references, *map(rate_port, commands)]
 
     def controller_law(self) -> list[str]:
-        """The controller's outputs beside the commands, in the order in which a law is read.
+        """The controller's outputs except the commands, in the order in which a law is read.
 
         Gains, one row for each command, and rates.
         """
@@ -109,8 +109,8 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     Parameters
     ----------
     mapping : mapping of str to str, optional
-        ``theirs -> ours``: a third-party FMU's ports to those that they meet on the other side.
-        ``plant.theirs`` and ``controller.theirs`` are of one side alone.
+        ``theirs -> ours``: a third-party FMU's ports to their partners on the other side.
+        ``plant.theirs`` and ``controller.theirs`` are for one side only.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
         (n, needed[on_controller[n]]) for n in controller.outputs if on_controller[n] in needed
     )
     told = any(on_controller[n] == SET_POINT for n in controller.inputs)  # else v_d may be it
-    # beside x_d these are the set-point's, whatever the plant calls so, but where a map says it
+    # with x_d these are the set-point's, also if the plant has such outputs, except if mapped
     own = {n for n in controller.inputs if told and n in DERIVATIVES and on_controller[n] == n}
     signals = tuple(
         (plant_outputs[on_controller[n]], n)
@@ -181,7 +181,7 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
 
 
 def plain_outputs(instance: Instance) -> list[str]:
-    """Outputs but those of a feedback law."""
+    """Outputs except those of a feedback law."""
     law = {
         port
         for u in instance.outputs
@@ -194,7 +194,7 @@ def plain_outputs(instance: Instance) -> list[str]:
 
 
 def names_on(side: str, ports: Collection[str], mapping: Mapping[str, str]) -> dict[str, str]:
-    """What the ports of a side are called here; the plant's never as a column of the results."""
+    """Names of a side's ports here; the plant's are never those of a column of the results."""
     called = {n: mapping.get(f"{side}.{n}", mapping.get(n, n)) for n in ports}
     if side == PLANT:
         called |= {n: f"{PLANT}.{n}" for n in ports if called[n] == n and n in COLUMNS}

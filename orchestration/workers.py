@@ -17,10 +17,10 @@ from typing import Any, Protocol
 from .operating_system import pool
 
 AHEAD = 2  # tasks per worker that wait, so that memory stays bounded as maps grow
-SILENT = 50.0  # s without a heartbeat of any worker, so that it is told within a minute
+SILENT = 50.0  # s without a heartbeat of any worker, so that the error comes within a minute
 _NOISY = ("distributed", "tornado", "asyncio")
 _INSTALL = "install the same version of ballscrew there"
-CHECK = 2.0  # s between two questions who is alive
+CHECK = 2.0  # s between two checks of the workers
 
 
 class WorkersLost(RuntimeError):
@@ -43,7 +43,7 @@ class Workers(Protocol):
 
 
 class Processes:
-    """Processes of this machine; one means no other than this one."""
+    """Processes of this machine; 1 means only this process."""
 
     def __init__(self, count: int) -> None:
         self.count = count
@@ -78,7 +78,7 @@ class Processes:
 
 
 class Dask:
-    """Workers of a Dask scheduler; what a worker had in hand when it died goes to another.
+    """Workers of a Dask scheduler; the tasks of a worker that died go to another one.
 
     Parameters
     ----------
@@ -98,21 +98,21 @@ class Dask:
             raise WorkersLost(
                 "--dask needs Dask's scheduler: pip install 'ballscrew[dask]'"
             ) from None
-        for name in (*_NOISY, *logging.root.manager.loggerDict):  # what is wrong is one line
+        for name in (*_NOISY, *logging.root.manager.loggerDict):  # an error is one line
             if name.partition(".")[0] in _NOISY:
                 logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         self.address = address
         self._heard, self._seen, self._seen_any = time.monotonic(), dict[str, float](), False
         try:
             _listens(address, timeout)
-            # asked first: a client that fails is noisy and slow to end
+            # checked first: a client that fails is noisy and slow to end
             if asyncio.run(_answer(address, timeout))["type"] != "Scheduler":
                 raise TypeError("it is a worker")
             self.client = Client(address, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             why = str(error) or "silence"
             raise WorkersLost(f"no Dask scheduler responds at {address}: {why}") from None
-        except Exception as error:  # what another program says is read as anything
+        except Exception as error:  # another program's answer can cause any error
             raise WorkersLost(
                 f"what responds at {address} is not a Dask scheduler: "
                 f"{type(error).__name__} {error}"
@@ -165,13 +165,13 @@ class Dask:
                 for new in submit(1):
                     running.add(new)
             found.put(None)
-        except BaseException as error:  # to be raised by who waits
+        except BaseException as error:  # raised in the waiting thread
             found.put(error)
 
     def _check(self) -> None:
-        """Ask who is alive; raises `WorkersLost` if nobody was heard for too long.
+        """Check the workers; raises `WorkersLost` if none was heard for too long.
 
-        Workers are heard while they compute, however long that takes.
+        Workers are also heard during long computations.
         """
         seen, why = {}, "does not answer"
         with contextlib.suppress(OSError, TimeoutError):
@@ -187,7 +187,7 @@ class Dask:
             raise self._lost(f"{why} ({SILENT:.0f} s without a sign of life)")
 
     def _told(self, error: BaseException) -> BaseException:
-        """What an error of a task means."""
+        """The exception to raise for an error of a task."""
         from distributed import KilledWorker
         from distributed.comm.core import CommClosedError
 
@@ -213,7 +213,7 @@ class Dask:
 
 
 def _listens(address: str, timeout: float) -> None:
-    """Make sure that somebody does: Dask would try for long; raises OSError, ValueError."""
+    """Make sure that a server listens: Dask would try for long; raises OSError, ValueError."""
     from distributed.comm.addressing import get_address_host_port
 
     host, port = get_address_host_port(address)

@@ -1,7 +1,7 @@
 """Equations compiled by a C compiler for speed, kept on disk under a hash of their text.
 
-A tape gives the same numbers about five times slower, and needs no compiler and no waiting. Long
-computations, such as a map, are worth half a second of compiling.
+A tape gives the same numbers about five times slower, and needs no compiler and no waiting.
+Compiling takes half a second, which is worthwhile for long computations, such as a map.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ class Parameter:
     source : str
         Where the default comes from.
     minimum, maximum : float, optional
-        Inclusive bounds of the values that make sense.
+        Inclusive bounds of valid values.
     nominal : float, optional
         Typical magnitude; zero: the magnitude of the default.
     """
@@ -100,7 +100,7 @@ class Input:
 
 @dataclass(frozen=True)
 class State:
-    """A continuous state; `derivative` may be None where a `ForceBalance` supplies it.
+    """A continuous state; `derivative` may be None if a `ForceBalance` supplies it.
 
     ``nominal`` is a typical magnitude: the absolute tolerance of the solver is the
     relative tolerance times ``nominal``.
@@ -296,7 +296,7 @@ class Component:
     ------
     ContractError
         If a symbol is declared twice, used and not declared, or lacks an equation, or an equation
-        holds a function that is not in `solver.functions.FUNCTIONS`.
+        contains a function that is not in `solver.functions.FUNCTIONS`.
     """
 
     name: str

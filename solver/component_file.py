@@ -157,7 +157,7 @@ def _function(path: Path, module: ModuleType, name: str) -> Callable[[], object]
             f"{path}: {name} is called without arguments: {error}; give it a default"
         ) from None
     except ValueError:
-        pass  # Python does not know what it takes
+        pass  # Python does not know its arguments
     return made
 
 

@@ -144,7 +144,7 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
 
 @cache
 def library() -> Any:
-    """The core's functions, loaded once from the first file beside this one that can be loaded.
+    """The core's functions, loaded once from the first file next to this one that can be loaded.
 
     An FMU may run on other platforms, and contains the core for several.
 
@@ -394,7 +394,7 @@ class System:
         info: Any,
         max_steps: int,
     ) -> int:
-        """Write states and outputs over a grid of times; the number of rows that were reached.
+        """Write states and outputs over a grid of times; return the number of rows reached.
 
         Parameters
         ----------
@@ -434,11 +434,11 @@ class System:
         )
 
     def spectrum(self, walk: Walk, explicitly: bool, info: Any) -> int:
-        """Follow state and tangents; the number of rows that were reached."""
+        """Follow state and tangents; return the number of rows reached."""
         return int(self._core.core_spectrum(self.address, ct.addressof(walk), explicitly, at(info)))
 
     def returns(self, crossings: Crossings, explicitly: bool, info: Any) -> int:
-        """Follow a motion to where it crosses a plane; the number of crossings."""
+        """Follow a motion to where it crosses a plane; return the number of crossings."""
         return int(
             self._core.core_returns(self.address, ct.addressof(crossings), explicitly, at(info))
         )

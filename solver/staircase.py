@@ -13,8 +13,8 @@ def dithered_average(component: Component) -> Component:
 
     The mean of ``floor(e + d)`` over a dither d that is spread evenly over one step, from -1/2 to
     1/2, is ``e - 1/2``; of ``ceiling(e + d)`` it is ``e + 1/2`` (e.g. B. Widrow and I. Kollar,
-    Quantization Noise, Cambridge 2008). The derivative of a staircase itself says nothing
-    about stability: it is zero except at jumps.
+    Quantization Noise, Cambridge 2008). The derivative of a staircase itself gives no
+    information about stability: it is zero except at jumps.
 
     Staircases of parameters, or of whole numbers as in a noise generator,
     are not changed.

@@ -28,34 +28,34 @@ from .equilibria import (
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-SETTLED = 1e-7  # nominal magnitudes from an equilibrium that are as good as none
-NEAR = 100.0  # nominal magnitudes within which an equilibrium may be what a motion falls to
-PATIENCE = 20_000  # steps of the solver for coming closer to it
+SETTLED = 1e-7  # nominal magnitudes: a smaller distance from an equilibrium counts as zero
+NEAR = 100.0  # nominal magnitudes: largest distance of an equilibrium that a motion may fall to
+PATIENCE = 20_000  # steps of the solver for the approach to it
 ROUNDS = 8
-MOST_SAMPLES = 100_000  # of a sampled loop, which cannot stride over what is at rest
-LONGER = 4.0  # each round is so many times as long as the one before
-LONGEST_CYCLE, LONGEST_OF_MANY = 8, 100  # returns of one period
+MOST_SAMPLES = 100_000  # of a sampled loop, which cannot take longer steps at rest
+LONGER = 4.0  # ratio of the lengths of two successive rounds
+LONGEST_CYCLE, LONGEST_OF_MANY = 8, 100  # largest numbers of returns in one period
 FEW, CROSSINGS = 12, 64
-CLOSED = 1e-3  # share of the size of a motion that may be left until it closes
-NOISE = 3e3  # times the tolerance, states one period apart are the same
-BORDER = 1e-2  # share of an event's indicator that is left where the event is near
-GROWING = 0.05  # nats in a period: no cycle, whatever seems to close
-LISTED = 14  # states and eigenvalues
-MANY = 400  # returns from which a torus is told from a long cycle
-WIDE = 2.0  # nats over a run: what is known no better is not called zero
+CLOSED = 1e-3  # share of the size of a motion: a smaller remaining distance counts as closed
+NOISE = 3e3  # times the tolerance: states one period apart count as equal
+BORDER = 1e-2  # share of an event's indicator: below it, the event is near
+GROWING = 0.05  # nats in a period: with more growth there is no cycle, even if states close
+LISTED = 14  # most listed states and eigenvalues
+MANY = 400  # returns needed to distinguish a torus from a long cycle
+WIDE = 2.0  # nats over a run: with a larger error, a sum of exponents is not called zero
 TINY = 1e-6  # nats over a run: round-off
-STEADY_RETURNS = 1.03  # ratio of distances between returns, of what neither shrinks nor grows
+STEADY_RETURNS = 1.03  # largest change of distances between returns that count as constant
 BLOCKS = 240  # parts of a run over which exponents are averaged
-PATIENT = 3  # looks at many returns that still shrink or grow
-CREEP = 0.7  # share of a creep's way that a sixteenth of the time may take
-ONE_WAY = 0.99  # share of its range that a state is from where it was, if it goes one way
-STEADY = 1.5  # times as large as before a bounded motion may swing when it is watched for longer
+PATIENT = 3  # most checks of many returns whose distances still shrink or grow
+CREEP = 0.7  # largest share of the range of a creep in the first sixteenth of the time
+ONE_WAY = 0.99  # share of its range that a state has to move, if it moves in one direction
+STEADY = 1.5  # largest ratio of the later swing of a bounded motion to the earlier one
 CERTAIN = 4.0  # standard errors
-ASIDE = 0.37  # of a period beyond a return, or half a cycle after one: no event is expected there
+ASIDE = 0.37  # of a period after a return: away from it and from half a period, where events are
 SHARPER = 0.01  # of the tolerance, for the exponents of a cycle
 
 
-# what would decide
+# values of `would_decide`
 LONGER_RUN, EXPONENTS = "a longer run", "the exponents"
 OTHER_SOLVER = "a solver that can continue beyond this point"
 
@@ -96,7 +96,7 @@ class Attractor:
     return_error : float or None
         Distance between states one period apart, over the motion's size.
     since : float or None
-        When it diverged [s].
+        Time of the divergence [s].
     limit : ndarray, shape (count,), or None
         The exponents' limits [nats/s], largest first.
     limit_error : ndarray, shape (count,), or None
@@ -153,7 +153,7 @@ def classify_attractor(
             return _ended(seen, so_far)
         end = min(seen.end + 4.0 * span, until)
         start = seen.end
-        for most in (FEW, CROSSINGS):  # a cycle that closes early is not followed on
+        for most in (FEW, CROSSINGS):  # a cycle that closes early needs few returns
             events = model.info[EVENTS]
             passes = follow_returns(model, start, end, coordinate, level, most)
             if passes.failure:
@@ -182,7 +182,7 @@ def classify_attractor(
 
 
 def _ended(passes: Returns, so_far: Attractor | None) -> Attractor:
-    """The verdict where the solver cannot continue: divergence, or the result until then."""
+    """The verdict if the solver cannot continue: divergence, or the result until then."""
     if passes.diverged:
         return _run_away(passes)
     if so_far is None:
@@ -198,19 +198,19 @@ def _restless(
     events: int,
     before: Attractor | None,
 ) -> Attractor:
-    """A motion without rest and returns: creep, sticking with integrator windup, or undecided.
+    """The verdict without rest or a cycle: creep, sticking with integrator windup, or undecided.
 
-    Creep goes on: its way takes time, as that of a cycle does not. Once found, it is still creep
-    where it hardly moves any more. What sticks does not creep.
+    A creep needs all of the time for its range, a cycle does not. A motion that was found to creep
+    still creeps when it hardly moves any more. A model with modes sticks, it does not creep.
 
     Parameters
     ----------
     seen, passes : Returns
-        Of a sixteenth of the time that was looked at, and of the rest.
+        Of a sixteenth of the checked time, and of the rest.
     events : int
-        During `passes`.
+        Number of events during `passes`.
     before : Attractor or None
-        The verdict of the look before, over a quarter of the time.
+        The previous verdict, over a quarter of the time.
     """
     amplitude = _ranges(model, passes)
     nominal = model.kernel.nominal
@@ -240,9 +240,9 @@ def _restless(
 
 
 def _winding(model: Model, time: float, span: float) -> str:
-    """What stands still for so long while another state goes one way; empty if nothing does.
+    """Text on states that are constant over `span` while another moves in one direction, or empty.
 
-    The model stays as it is.
+    The model is not changed.
     """
     state, held, info = model.x.copy(), model.u.copy(), model.info.copy()
     onward = follow_returns(model, time, sample_after(model, time + span), 0, np.inf, 0)
@@ -264,10 +264,10 @@ def _winding(model: Model, time: float, span: float) -> str:
 
 
 def _one_way(passes: Returns) -> bool:
-    """Whether what differs most between the returns grows or falls from each to the next.
+    """Whether the state that differs most between the returns moves in one direction only.
 
-    So does a swing on its way to or from a cycle or rest, however slowly. On a torus or in chaos it
-    goes in both directions, so that finite-time exponents are not needed to distinguish the two.
+    It does while a swing approaches or leaves a cycle or rest, even slowly. On a torus or in chaos
+    it moves in both directions. Finite-time exponents are not needed to distinguish the two cases.
     """
     size = passes.high - passes.low
     size[size == 0.0] = np.inf
@@ -281,7 +281,7 @@ def _without_exponents(model: Model, passes: Returns) -> Attractor:
     amplitude = _ranges(model, passes)
     if not model.kernel.quantized:
         return Attractor(Kind.UNDECIDED, text, EXPONENTS, amplitude=amplitude)
-    # No exponents say more of a staircase: what is known is its motion's size.
+    # Exponents do not help for quantized loops: only the size of the motion is known.
     longer = LONGER * (passes.end - float(passes.time[0]))
     onward = follow_returns(model, passes.end, passes.end + longer, 0, np.inf, 0)
     if onward.failure:
@@ -300,22 +300,22 @@ def _without_exponents(model: Model, passes: Returns) -> Attractor:
 def _resting(
     model: Model, time: float, until: float, span: float, exponents: bool
 ) -> Attractor | None:
-    """Rest, where the motion comes near an equilibrium and falls towards it as it must.
+    """Rest, if the motion is near an equilibrium and falls towards it as expected; else None.
 
-    The distance has to shrink to a fifth, over three time constants of the slowest eigenvalue, or
-    to what round-off leaves where the mode ends at the equilibrium. The equilibrium has to stay
-    where it is meanwhile. What is neutral must not drift either: over `span`, by no more than that
-    distance. Nor may time move it: a mass that sticks until its force swings back is in motion.
+    Over three time constants of the slowest eigenvalue, the distance has to shrink to a fifth, or
+    to round-off if the mode ends at the equilibrium. Meanwhile the equilibrium must not move.
+    Neutral directions must not drift by more than that distance over `span`. The time must not move
+    the equilibrium either: a mass that sticks until its force swings back is in motion.
     """
     nominal = model.kernel.nominal
     before = equilibrium_near(model, time)
     if before is None or before.slowest > 0.0:
         return None
     if before.slowest == 0.0 and before.neutral < len(nominal):
-        return None  # it neither falls nor grows: the linear part cannot tell
+        return None  # it neither falls nor grows: the linear part is not sufficient
     distance = float(np.max(np.abs(model.x - before.state) / nominal))
     wait = 3.0 / -before.slowest if before.slowest < 0.0 else 1.0
-    if model.sample_time:  # what is gone within a sample takes as many of them as there are states
+    if model.sample_time:  # states that vanish in few samples need up to one sample per state
         wait = max(wait, len(nominal) * model.sample_time)
         wait = sample_after(model, time + wait) - time
     if distance > NEAR or time + wait > until:
@@ -332,7 +332,7 @@ def _resting(
         within = 2.0 * max(distance, SETTLED)
         quiet = near and stays and shift <= within
         if quiet and stands(model, time + wait, span, found.state, within):
-            if exponents:  # maps ask for none, and have many cells
+            if exponents:  # not in maps, which have many cells
                 found = with_round_off(model, time + wait, found)
             return _rest(model, found, time + wait, wait, distance, left)
     model.x[:], model.u[:] = state, held
@@ -340,9 +340,10 @@ def _resting(
 
 
 def _ends_there(model: Model, time: float, state: Vector) -> bool:
-    """Whether the present mode ends at a state that the motion approaches: it may not get there.
+    """Whether the present mode ends at the state that the motion approaches.
 
-    A body that slides towards a place where its friction would hold it turns back or sticks before.
+    The motion may then not reach it: a body that slides towards a place where its friction would
+    hold it turns back or sticks before.
     """
     there, here = np.zeros(model.kernel.events), np.zeros(model.kernel.events)
     model.system.indicate(time, state, model.u, model.p, there)
@@ -351,7 +352,7 @@ def _ends_there(model: Model, time: float, state: Vector) -> bool:
 
 
 def _moved(model: Model, time: float, wait: float) -> bool:
-    """Whether the model could be moved on by so long."""
+    """Move the model on by `wait`; return whether this was possible."""
     if model.sample_time:
         return not follow_returns(model, time, time + wait, 0, np.inf, 0).failure
     try:
@@ -386,7 +387,7 @@ def _rest(
 
 
 def _listed(texts: list[str]) -> str:
-    """All of them, except those of the nodes along delays, which are many."""
+    """The first `LISTED` texts and the number of the others: nodes along delays are many."""
     rest = len(texts) - LISTED
     return ", ".join(texts[:LISTED]) + (f" and {rest} more" if rest > 0 else "")
 
@@ -397,7 +398,7 @@ def _complex(value: complex) -> str:
 
 
 def _plane(model: Model, time: float, span: float) -> tuple[int, float, Returns]:
-    """The plane that the motion crosses widest: a state, and the middle of its range."""
+    """A plane that the motion crosses: the widest state, the middle of its range, the motion."""
     nominal = model.kernel.nominal
     seen = follow_returns(model, time, time + span, 0, np.inf, 0)
     widest = int(np.argmax((seen.high - seen.low) / nominal))
@@ -420,7 +421,7 @@ def _ranges(model: Model, passes: Returns) -> dict[str, float]:
 def closings(
     states: Matrix, size: Vector, noise: float, longest: int = LONGEST_CYCLE
 ) -> Iterator[tuple[int, float]]:
-    """After how many returns the states close upon each other, and by how much over their size.
+    """Yield each number of returns after which states close, and their distance over the size.
 
     Parameters
     ----------
@@ -428,9 +429,9 @@ def closings(
     size : ndarray, shape (n,)
         Ranges of the motion.
     noise : float
-        Share of them by which states that are the same may differ.
+        Largest difference of equal states, as a share of these ranges.
     longest : int
-        Most returns of one period.
+        Largest number of returns in one period.
     """
     count = len(states)
     for lag in range(1, longest + 1):
@@ -439,7 +440,7 @@ def closings(
         same_phase = states[count - 1 - 3 * lag :: lag] / size
         new, old, older = np.abs(np.diff(same_phase, axis=0)).max(axis=1)[::-1]
         if new > noise:
-            # what is still to come, were the distances to shrink on as they do
+            # the sum of all later distances, if they continue to shrink by this share
             share = new / old
             shrinking = share < 1.0 and old < older
             if new > CLOSED or not shrinking or new * share / (1.0 - share) > CLOSED:
@@ -450,12 +451,12 @@ def closings(
 def _cycle(
     model: Model, passes: Returns, exponents: bool, longest: int = LONGEST_CYCLE
 ) -> Attractor | None:
-    """A cycle, where states one period apart close upon each other faster than the motion dies.
+    """A cycle, if states one period apart approach each other faster than the motion decays.
 
-    Where there is none the model stays as it is.
+    If there is none, the model is not changed.
     """
     size = passes.high - passes.low
-    size[size <= model.atol] = np.inf  # at rest, or fading for as long as one looks
+    size[size <= model.atol] = np.inf  # at rest, or a decay without end
     if np.isinf(size).all():
         return None
     kept = model.x.copy(), model.u.copy(), model.info.copy()
@@ -464,7 +465,7 @@ def _cycle(
         once = follow_returns(model, passes.end, passes.end + 1.5 * period, 0, np.inf, 1)
         wide = once.high - once.low
         share = np.abs(wide - size)[np.isfinite(size)] / size[np.isfinite(size)]
-        if not once.failure and np.max(share) <= 0.5:  # else it has shrunk or grown since
+        if not once.failure and np.max(share) <= 0.5:  # else its size has changed since
             closed = _closed(model, once, lag, period, error, exponents)
             if closed is not None:
                 return closed
@@ -482,7 +483,7 @@ def _closed(
     error: float,
     exponents: bool,
 ) -> Attractor | None:
-    """The cycle with its numbers; None where its exponents say that it closed by chance."""
+    """The cycle with its numbers; None if its exponents show that it closed by chance."""
     amplitude = _ranges(model, once)
     wide = max(amplitude, key=lambda n: amplitude[n] / _nominal(model, n))
     text = (
@@ -494,18 +495,18 @@ def _closed(
     aside = follow_returns(model, once.end, once.end + ASIDE * period, 0, np.inf, 0)
     if aside.failure:
         return None
-    # a period of many returns is as long as many periods of few
+    # a period of many returns is long: fewer periods are sufficient
     periods = 12 if lag <= LONGEST_CYCLE else 4
     limit, limit_error = _over_periods(model, aside.end, period, periods)
     order = np.argsort(-limit)
     limit, limit_error = limit[order], limit_error[order]
-    if not limit[0] * period <= GROWING:  # nor where they could not be followed
+    if not limit[0] * period <= GROWING:  # also if the exponents are not known (NaN)
         return None
     alone = _alone(model, aside.end, period)
     others = np.delete(limit, np.argmin(np.abs(limit))) if alone else limit
-    left = np.exp(others.max(initial=-np.inf) * period)  # of a distance, after a period
+    left = np.exp(others.max(initial=-np.inf) * period)  # share of a distance after a period
     if error > NOISE * model.tolerance and not error * left < CLOSED * (1.0 - left):
-        return None  # states came near each other by chance: they will not be the same
+        return None  # states are close by chance: they do not become equal
     zeros = int(np.sum(np.abs(limit) <= np.maximum(limit_error, 1e-3 / period)))
     text += f"; over whole periods the exponents are {', '.join(f'{v:.4g}' for v in limit)} nats/s"
     kind, would = Kind.CYCLE, ""
@@ -535,8 +536,8 @@ def _nominal(model: Model, name: str) -> float:
 def _over_periods(
     model: Model, time: float, period: float, periods: int = 12
 ) -> tuple[Vector, Vector]:
-    """Exponents over whole periods, and what the two halves differ by."""
-    # where a law turns over within a hair's breadth, exponents ask for more than the motion does
+    """Exponents over whole periods, and the difference of the two halves."""
+    # with a law that changes very fast, exponents need a smaller tolerance than the motion
     usual = model.tolerance, model.atol
     model.tolerance, model.atol = SHARPER * usual[0], SHARPER * usual[1]
     settle = follow_tangents(
@@ -551,7 +552,7 @@ def _over_periods(
     if len(again.time) <= periods:
         none = np.full(growth.shape[1], np.nan)
         return none, none
-    # a direction that is gone has minus infinity all along
+    # a direction that has vanished has minus infinity everywhere
     first = growth[half] / (half * period)
     with np.errstate(invalid="ignore"):
         second = (growth[-1] - growth[half]) / ((periods - half) * period)
@@ -560,11 +561,11 @@ def _over_periods(
 
 
 def _along(model: Model, time: float) -> Matrix:
-    """A frame whose first tangent is the motion's own direction, and whose others are at random.
+    """A frame whose first tangent is the direction of the motion; the others are random.
 
-    The first neither grows nor shrinks over a period. An axis of the states may be a direction that
-    shrinks, as that of the position is where the velocity turns. It would stay the first tangent
-    until round-off turns it, amid the periods that are looked at.
+    The first one neither grows nor shrinks over a period. An axis of the states may be a shrinking
+    direction, such as the position when the velocity changes its sign. It would stay the first
+    tangent until round-off turns it, possibly during the measured periods.
     """
     nominal = model.kernel.nominal
     directions = np.random.default_rng(1).normal(size=(len(nominal), len(nominal) + 1))
@@ -578,15 +579,15 @@ def _along(model: Model, time: float) -> Matrix:
 def _unclosed(
     model: Model, passes: Returns, coordinate: int, level: float
 ) -> tuple[Attractor, float, bool]:
-    """A motion with returns that is not soon periodic: a long cycle, a torus, or chaos.
+    """The verdict on returns without a short period: a long cycle, a torus, or chaos.
 
-    Periods of up to a hundred returns are looked for. A torus asks for more than exponents: that
-    distances between returns any number apart neither shrink nor grow. Those of a motion that
-    comes to a cycle do, where its slow exponent still looks like zero.
+    Periods of up to a hundred returns are tried. Exponents alone do not show a torus: the distances
+    between returns must also be constant, for each number of returns between them. If a motion
+    approaches a cycle they change, even while its slow exponent still looks like zero.
 
     Returns
     -------
-    Attractor, the time until which it was looked [s], and whether distances shrink or grow
+    Attractor, the end of the checked time [s], and whether distances shrink or grow
     """
     between = float(np.mean(np.diff(passes.time)))
     more = follow_returns(
@@ -637,7 +638,7 @@ def _unclosed(
     elif unsure:
         would = "more accurate exponents: the number of zero exponents is not certain"
     elif model.sample_time and neutral == 1 and len(limit) > 1:
-        # From sample to sample there is no direction of time: the one zero is the cycle's phase.
+        # A map between samples has no direction of time: its only zero is the cycle's phase.
         between = float(np.mean(np.diff(more.time)))
         text += (
             f"; it is a cycle whose period, {between:.6g} s on average, no sampling period divides"
@@ -652,23 +653,23 @@ def _unclosed(
 
 
 def _no_more_returns(model: Model, passes: Returns, before: float) -> tuple[Attractor, float, bool]:
-    """The answer for a motion that stopped returning, see `_unclosed`; it may come to rest."""
+    """The result for a motion without further returns, see `_unclosed`; it may come to rest."""
     text = f"its returns end at t = {passes.time[-1] if passes.time.size else before:.4g} s"
     undecided = Attractor(Kind.UNDECIDED, text, LONGER_RUN, amplitude=_ranges(model, passes))
     return undecided, passes.end, True
 
 
 def _alone(model: Model, time: float, period: float) -> int:
-    """How many exponents are zero of themselves: the direction of time's, of what has no clock."""
+    """Number of exponents that are always zero: 1 for the direction of time, 0 if driven."""
     return int(model.sample_time == 0.0 and not is_driven(model, time, period))
 
 
 def _weighted(rates: Matrix) -> tuple[Vector, Vector]:
-    """Means over time, and what those of two halves differ by; minus infinity for what is gone.
+    """Means over time, and the difference of both halves; minus infinity for vanished directions.
 
-    The means are weighted by a bump, which takes the ends' chance off: those of a motion with a few
-    frequencies converge faster than any power of time (S. Das, Y. Saiki, E. Sander, J. A. Yorke,
-    Nonlinearity 30, 4111 (2017)).
+    The means are weighted by a bump function, which removes the random effect of the ends: for a
+    motion with a few frequencies they converge faster than any power of time (S. Das, Y. Saiki,
+    E. Sander, J. A. Yorke, Nonlinearity 30, 4111 (2017)).
     """
 
     def mean(part: Matrix) -> Vector:
@@ -684,9 +685,9 @@ def _weighted(rates: Matrix) -> tuple[Vector, Vector]:
 
 
 def _limits(run: Spectrum) -> tuple[Vector, Vector, float]:
-    """Limits of exponents, largest first, what halves differ by, and the first's standard error.
+    """Limits of exponents, largest first; differences of both halves; first one's standard error.
 
-    Chaos has chance all along: the standard error is from the scatter of 24 blocks.
+    Chaos stays random: the standard error is from the scatter of 24 blocks.
     """
     rates = _rates(run)
     limit, error = _weighted(rates)
@@ -701,10 +702,10 @@ def _rates(run: Spectrum) -> Matrix:
 
 
 def _neutral(run: Spectrum) -> tuple[int, bool]:
-    """How many exponents are zero, and whether that is open.
+    """Number of exponents that are zero, and whether this is uncertain.
 
-    Sums of the first few are looked at: volumes turn with the motion less than lengths do, so that
-    their growth is known better. Zero is what its own error hides, where that is small.
+    Sums of the first exponents are tested: volumes turn with the motion less than lengths, so that
+    their growth is known better. A sum is zero if it is within its own error and this is small.
     """
     span = float(run.time[-1] - run.time[0])
     rates = _rates(run)
@@ -719,12 +720,11 @@ def _neutral(run: Spectrum) -> tuple[int, bool]:
 
 
 def _change(first: Returns, second: Returns) -> tuple[float, bool]:
-    """By which factor distances between returns differ, and whether returns drift one way.
+    """Factor by which distances between returns change, and whether returns drift one way.
 
-    The factor is the largest of the medians, of all numbers of returns that a pair may be apart. On
-    a torus later returns fill the same curve; on the way to a cycle the pairs that are whole
-    periods apart come closer. Of a sampled loop some returns come a sample later: medians do not
-    mind.
+    The factor is the largest of the medians for each number of returns between a pair. On a torus,
+    later returns fill the same curve; on the way to a cycle, pairs that are whole periods apart
+    come closer. In a sampled loop, some returns come one sample later: this hardly affects medians.
     """
     size = first.high - first.low
     size[size == 0.0] = np.inf
@@ -739,7 +739,7 @@ def _change(first: Returns, second: Returns) -> tuple[float, bool]:
             largest = max(largest, near / far, far / near)
         elif near != far:
             largest = np.inf
-        if 10 * lag <= len(before):  # all of them: on a curve that closes some turn back
+        if 10 * lag <= len(before):  # all pairs: on a closed curve, some move back
             signs = np.sign(before[lag:, widest] - before[:-lag, widest])
             if all(np.all(signs[k::lag] * signs[k] > 0.0) for k in range(lag)):
                 return largest, True

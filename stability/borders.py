@@ -72,7 +72,7 @@ def refined_borders(
     workers: Workers,
     progress: Progress | None,
 ) -> tuple[str, int]:
-    """The table of borders as text, and how many there are."""
+    """The table of borders as text, and their number."""
     tasks = list(_border_tasks(plan, verdicts))
     rows = {}
     for name, row in workers.map(run_border, iter(tasks)):

@@ -6,8 +6,8 @@ from ..solver.core import ACCEPTED, REACHED
 from ..solver.kernel import Model
 from .attractor import EXPONENTS, LONGER, LONGER_RUN, Attractor, Kind, classify_attractor
 
-FOLLOWED, CREPT = 90.0, 22.0  # run lengths for which what is undecided, or creeps, is looked at
-MOST_STEPS = 500_000  # of the solver: what took as many is looked at no longer
+FOLLOWED, CREPT = 90.0, 22.0  # longest checked times of undecided and creeping motions, in runs
+MOST_STEPS = 500_000  # of the solver; after them, the motion is not followed any longer
 BUDGET = (
     f"budget of a cell: its motion is continued for {FOLLOWED:g} run lengths ({CREPT:g} if it "
     f"creeps), or until its solver has taken {MOST_STEPS} steps"
@@ -18,8 +18,8 @@ BUDGET_OVER_FMUS = "budget of a cell: the run until --stop"
 def becomes(model: Model, time: float, stop: float) -> Attractor:
     """Long-term motion, with increasing times while it is undecided.
 
-    What creeps is looked at once more, since it may come to rest; another verdict than undecided
-    takes the place of creeping. Returns that do not close are told by their exponents.
+    A creeping motion is checked again, since it may come to rest; any new verdict except undecided
+    replaces creeping. For returns that do not close, exponents are computed.
 
     Parameters
     ----------

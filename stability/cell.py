@@ -104,7 +104,7 @@ def undecided_cell(reason: str, evidence: str) -> Cell:
 
 
 def reason_of(motion: Attractor) -> str:
-    """Why a motion is undecided; nothing if it is not."""
+    """Why a motion is undecided; empty if it is not."""
     if motion.kind is not Kind.UNDECIDED:
         return ""
     would = motion.would_decide
@@ -114,9 +114,9 @@ def reason_of(motion: Attractor) -> str:
 def stuck_growth(plan: MapPlan, x: float, y: float) -> float:
     """Fastest growth of the loop while stuck: bristles at rest move with the block [1/s].
 
-    The friction law's smooth sign is taken as one: its argument is made large while the velocity
-    goes to zero. Of the eigenvalues the one that is zero, for deflection without motion, is left
-    out; the sign of the largest real part is Routh and Hurwitz's criterion.
+    The friction law's smooth sign is set to one: its argument is made large while the velocity goes
+    to zero. The zero eigenvalue, for deflection without motion, is left out; the sign of the
+    largest real part is the criterion of Routh and Hurwitz.
     """
     model = model_at(plan, x, y, plan.tolerance)
     names = [p.name for p in model.kernel.parameters]

@@ -21,7 +21,7 @@ def cells_of(plan: MapPlan, share: float) -> Iterator[Callable[[float, float], C
     ----------
     plan : MapPlan
     share : float
-        Of its tolerance, or of its step over FMUs.
+        Factor on its tolerance, or on its step over FMUs.
     """
     if plan.fmus is None:
         system = kernel_of(plan).system()
@@ -33,7 +33,7 @@ def cells_of(plan: MapPlan, share: float) -> Iterator[Callable[[float, float], C
 
 
 def run_chunk(plan: MapPlan, cells: Sequence[int], share: float) -> Columns:
-    """Run some cells, as `cells_of`; their columns, as they go into the table."""
+    """Run some cells by `cells_of`; return their columns of the map's table."""
     columns: Columns = {
         "cell": list(cells),
         plan.x.name: [],

@@ -22,13 +22,13 @@ Matrix = npt.NDArray[np.float64]
 NEUTRAL = 1e-11  # share of the Jacobian's largest entry below which an eigenvalue is zero
 SAME_INSTANT = 1e-6  # share of the sampling period, as in the core
 FALLEN = 40.0  # time constants
-FAST = 1e-6  # share of the map's largest eigenvalue below which one has lost digits
+FAST = 1e-6  # share of the map's largest eigenvalue: smaller ones have lost digits
 FOLLOWED = 20  # samples
 _NEWTON = 30
 ROUNDED = 64  # points at which a Jacobian is evaluated
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-INSTANTS = 2000  # at which it is asked whether time moves what is at rest
-_CLOSE = 1e-6  # nominal magnitudes; where an eigenvalue is nearly zero, round-off moves it so far
+INSTANTS = 2000  # at which the effect of time on an equilibrium is tested
+_CLOSE = 1e-6  # nominal magnitudes: round-off moves it so far if an eigenvalue is nearly zero
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,14 @@ class Equilibrium:
     ----------
     state : ndarray, shape (n,)
     eigenvalues : ndarray of complex, shape (n,)
-        Of the Jacobian [1/s], largest real part first; zeros along a set of equilibria. Of a
+        Of the Jacobian [1/s], largest real part first; zeros along a set of equilibria. For a
         sampled system: logarithms of its map's eigenvalues over the sampling period, minus infinity
-        for what is gone within a sample.
+        for directions that vanish within a sample.
     neutral : int
-        How many of them are zero: the dimension of the set of equilibria that this one is part of.
+        Number of zero eigenvalues: the dimension of the set of equilibria that includes this one.
     drift : float
-        How fast the model's state moves along what is neutral [nominal magnitudes/s]: an integral
-        that fills while a block sticks is no rest, though no eigenvalue tells.
+        Speed of the model's state along neutral directions [nominal magnitudes/s]: an integral that
+        grows while a block sticks is no rest, although no eigenvalue shows it.
     error : ndarray, shape (n,), or None
         Error of the real parts by round-off in the Jacobian [1/s], see `with_round_off`.
     """
@@ -65,7 +65,7 @@ class Equilibrium:
 
 
 def sample_after(model: Model, time: float) -> float:
-    """The first sample instant that is not before this time; the time itself without samples."""
+    """The first sample instant that is not before this time; without samples, the time itself."""
     period = model.sample_time
     return float(np.ceil(time / period - SAME_INSTANT) * period) if period else time
 
@@ -73,7 +73,7 @@ def sample_after(model: Model, time: float) -> float:
 def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
     """The equilibrium nearest to the model's present state; None if Newton's method finds none.
 
-    Where equilibria form a line, it is the one that the shortest steps lead to.
+    If equilibria form a line, it is the one that the shortest steps lead to.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
     _, a = linearize(model, time, point)
     values = np.linalg.eigvals(a).astype(complex)
     zero = NEUTRAL * float(np.abs(a).max(initial=0.0))
-    if model.sample_time:  # the map is as exact as its solver
+    if model.sample_time:  # the map is as accurate as its solver
         zero = max(zero, 10.0 * model.tolerance)
     neutral = np.abs(values) <= zero
     if model.sample_time:
@@ -120,9 +120,10 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
 def with_round_off(model: Model, time: float, found: Equilibrium) -> Equilibrium:
     """The equilibrium with better eigenvalues and their error; unchanged for sampled systems.
 
-    A linearizing controller cancels large entries of the Jacobian. What is left has few digits, and
-    eigenvalues that depend much on it have fewer. Jacobians are taken at points that differ by a
-    few units in the last place: their scatter is the round-off, and their mean has more digits.
+    A linearizing controller cancels large entries of the Jacobian. The difference has few digits,
+    and eigenvalues that are sensitive to it have fewer. Jacobians are computed at points that
+    differ by a few units in the last place: their scatter is the round-off, and their mean has more
+    digits.
     """
     if model.sample_time:
         return found
@@ -141,14 +142,14 @@ def with_round_off(model: Model, time: float, found: Equilibrium) -> Equilibrium
 def stands(model: Model, time: float, span: float, state: Vector, within: float) -> bool:
     """Whether an equilibrium and its mode do not change over this time.
 
-    The equations are asked at many instants, since the solver, whose steps are long where there is
-    no motion, may step over the moment in which a force that swings moves a body that sticks. The
-    instants are no grid: one might be at the same phase of each period.
+    The equations are evaluated at many instants: the solver takes long steps at rest, and may step
+    over the moment when a swinging force moves a sticking body. The instants are not on a grid,
+    because a grid may have the same phase in each period.
 
     Parameters
     ----------
     model : Model
-        Stays as it is; its mode and what it holds are those of the equilibrium.
+        Not changed; its mode and its held values are those of the equilibrium.
     time, span : float
         [s]
     within : float
@@ -168,21 +169,21 @@ def stands(model: Model, time: float, span: float, state: Vector, within: float)
             return False
         moved[:, k] = model.derivatives(then, state) / nominal - rates
     shift = np.linalg.lstsq(a, moved, rcond=1e-11)[0]
-    left = moved - a @ shift  # no shift makes up for it, so it adds up
+    left = moved - a @ shift  # no shift compensates this part, so it accumulates
     return bool(np.abs(shift).max() <= within and np.abs(left).max() * span <= within)
 
 
 def is_driven(model: Model, time: float, span: float) -> bool:
     """Whether time alone changes rates or indicators, in the present state and mode.
 
-    Equations hold the time where a set-point may move; it need not.
+    Equations contain the time if a set-point can move, even if it does not.
 
     Parameters
     ----------
     model : Model
         Not changed.
     time, span : float
-        Instants within the span are asked [s].
+        Start and length of the time that is tested [s].
     """
     if not _time_moves(model):
         return False
@@ -197,7 +198,7 @@ def is_driven(model: Model, time: float, span: float) -> bool:
 
 
 def _time_moves(model: Model) -> bool:
-    """Whether an equation holds the time, beside those of a set-point that stands still."""
+    """Whether an equation contains the time, except for a set-point that stands still."""
     columns = {i.name: k for k, i in enumerate(model.kernel.inputs)}
     terms = [
         columns[name]
@@ -210,17 +211,17 @@ def _time_moves(model: Model) -> bool:
 
 @cache
 def _holds_time(source: str, still: bool) -> bool:
-    """Whether one of a kernel's equations holds the time; of a set-point only if not `still`."""
+    """Whether an equation of a kernel contains the time; without set-points if `still`."""
     lines = (line for line in source.splitlines() if not line.startswith("def "))
     since = rf"\bt - {STARTED}_\b" if still else "$^"
     return any(re.search(r"\bt\b", re.sub(since, "", line)) for line in lines)
 
 
 def _drift(a: Matrix, change: Vector, slowest: float, period: float) -> float:
-    """What is left of a change, per second, when all that falls has fallen."""
+    """The rest of a change, per second, after all decaying parts have decayed."""
     if slowest > 0.0:
         return 0.0
-    if slowest == 0.0:  # nothing falls: what a belt carries, or a clock that runs
+    if slowest == 0.0:  # nothing decays: for example a block on a belt, or a clock
         left = change / period if period else change
     elif period:
         times = max(len(a), math.ceil(FALLEN / (-slowest * period)))
@@ -233,7 +234,7 @@ def _drift(a: Matrix, change: Vector, slowest: float, period: float) -> float:
 def _rates_between_samples(
     model: Model, time: float, point: Vector, factors: npt.NDArray[np.complex128]
 ) -> npt.NDArray[np.complex128]:
-    """What the map's eigenvalues are per second; small ones from tangents, which lose no digits."""
+    """The map's eigenvalues as rates [1/s]; small ones from tangents, which lose no digits."""
     period = model.sample_time
     by_size = np.argsort(-np.abs(factors))
     small = np.abs(factors) <= FAST * np.abs(factors).max()
@@ -282,9 +283,9 @@ def _sample_map(model: Model, time: float, point: Vector) -> tuple[Vector, Matri
 
 
 def _shortest_solution(a: Matrix, b: Vector) -> Vector:
-    """Least squares; what is dependent, or nearly, is left where it is.
+    """Least squares; directions that are dependent, or nearly, are not moved.
 
-    A friction law's deflection that hardly moves any more must not be driven along the line of
-    equilibria to make its last rate vanish, too.
+    A friction law's deflection that hardly moves any more must not be moved along the line of
+    equilibria only to make its last small rate zero.
     """
     return np.asarray(np.linalg.lstsq(a, b, rcond=1e-11)[0])

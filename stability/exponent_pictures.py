@@ -19,11 +19,11 @@ Vector = npt.NDArray[np.float64]
 
 _BITS = 1.0 / math.log(2.0)
 _NEUTRAL = "constant for a neutral direction, rising for chaos, falling for rest"
-_TRANSIENT = 0.25  # of the time, whose estimates a picture does not show at first
+_TRANSIENT = 0.25  # of the time; a picture hides its estimates at first
 
 
 def pictures_of_exponents(run: LyapunovRun) -> list[Picture]:
-    """Each exponent over time with what is known of its error, for the page of `run`."""
+    """Pictures of each exponent over time, with its error if known, for the page of `run`."""
     time, rates = _descending(run.spectrum)
     if not len(time):
         return []
@@ -64,7 +64,7 @@ def pictures_of_exponents(run: LyapunovRun) -> list[Picture]:
 
 
 def moved_by(run: LyapunovRun) -> str:
-    """What the second run had that the error of the exponents is taken from."""
+    """How the second run differs, from which the error of the exponents is found."""
     if math.isnan(run.tolerance):
         return "half the step"
     over_fmus = run.loop is not None and run.loop.step is not None
@@ -79,7 +79,7 @@ def _descending(spectrum: Spectrum) -> tuple[Vector, npt.NDArray[np.float64]]:
 
 
 def _around(time: Vector, middle: Any, error: Any) -> tuple[Vector, Vector]:
-    """The border of a band, there and back."""
+    """The border of a band: its upper side forwards, then its lower side backwards."""
     high, low = (np.broadcast_to(middle + sign * error, time.shape) for sign in (1, -1))
     keep = np.isfinite(high) & np.isfinite(low)
     return (
@@ -142,7 +142,7 @@ def convergence_figure(run: LyapunovRun) -> Any:
 
 
 def _threshold(rates: Any) -> float:
-    """Where the axis turns from linear to logarithmic: below the smallest last estimate."""
+    """Limit of the linear part of a logarithmic axis: below the smallest last estimate."""
     last = np.abs(rates[-1][np.isfinite(rates[-1])])
     last = last[last > 0.0]
     return float(10.0 ** np.floor(np.log10(last.min()))) if len(last) else 1.0

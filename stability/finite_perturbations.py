@@ -29,7 +29,7 @@ class PerturbationGrowth:
     middle, end : float
         Distances half-way and at the end, over the size: geometric means over all directions.
     span : float
-        How long the motions were followed [s].
+        Duration of the motions [s].
     """
 
     size: float
@@ -39,7 +39,7 @@ class PerturbationGrowth:
 
     @property
     def rate(self) -> float:
-        """Mean growth over the second half [nats/s], minus infinity where the motions have met."""
+        """Mean growth over the second half [nats/s]; minus infinity if the motions have met."""
         if self.end == 0.0:
             return -math.inf
         return math.log(self.end / self.middle) / (0.5 * self.span)
@@ -57,12 +57,12 @@ def perturbation_growth(model: Model, time: float, span: float) -> list[Perturba
     model : Model
         Not changed.
     time, span : float
-        The present, and how long to follow [s].
+        The present, and the duration of the motions [s].
 
     Returns
     -------
     list of PerturbationGrowth
-        One for each size; sizes of which a motion could not be followed are left out.
+        One for each size, without sizes for which a motion failed.
     """
     nominal = model.kernel.nominal
     kept = model.x.copy(), model.u.copy(), model.info.copy()

@@ -34,10 +34,10 @@ def run_fmu_cell(
 ) -> Cell:
     """Run one loop of a map over FMUs.
 
-    Where both parts have tangents, or an exponent is asked for, one tangent is followed along, and
-    its correction chooses the steps; where even the shortest are too long for it, there is no
-    exponent. Where no tangent is followed, a run whose coupling is trusted tells, or else two
-    that agree, one of half the step.
+    If both parts have tangents, or an exponent is requested, one tangent is followed, and its
+    correction determines the steps; if even the shortest steps are too long for it, there is no
+    exponent. Without tangents, the motion is that of a run whose coupling is trusted, or else of
+    two runs that agree, one with half the step.
 
     Parameters
     ----------
@@ -45,9 +45,9 @@ def run_fmu_cell(
     fmus : OverFmus
         The plan's.
     parts : FmuParts
-        With as many tangents as `fmus` says.
+        With the number of tangents of `fmus`.
     share : float
-        Of the plan's step, and of its square the accuracy of the tangent.
+        Factor on the plan's step; its square is the factor on the accuracy of the tangent.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def run_fmu_cell(
 
 
 def _coupled(loop: Loop, parts: FmuParts, step: float) -> tuple[LoopRun, Attractor]:
-    """A run without tangents, or the finer of two, and what its motion becomes."""
+    """A run without tangents, or the finer one of two, and its long-term motion."""
 
     def at(step: float) -> tuple[LoopRun, Attractor]:
         with parts.fresh() as (plant, controller):
@@ -98,7 +98,7 @@ def _coupled(loop: Loop, parts: FmuParts, step: float) -> tuple[LoopRun, Attract
 
 
 def check_parts(plan: MapPlan, fmus: OverFmus) -> None:
-    """Make sure that the FMUs can be coupled as the cells will couple them, by one step.
+    """Make sure, by one step, that the FMUs can be coupled in the way of the cells.
 
     Raises
     ------

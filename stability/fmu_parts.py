@@ -22,8 +22,8 @@ from .fmu_with_tangents import ordinary
 from .tangents_over_fmus import TangentRun, follow_over_fmus
 
 _Instance = FmuInstance | IsolatedInstance
-TRIAL = 1.0, 1e-3  # s: stop time and step, by which saved states are tried
-ALL = -1  # tangents: as many as both parts have states together
+TRIAL = 1.0, 1e-3  # s: stop time and step of the trial of saved states
+ALL = -1  # tangents: as many as the states of both parts together
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class OverFmus:
     Attributes
     ----------
     tangents : int
-        How many are followed: one, or none where a part has none and no exponent is asked for.
+        Number of tangents: 1, or 0 if a part has none and no exponent is requested.
     digests : dict of str to str
         SHA-256 of the file of each side.
     """
@@ -86,13 +86,13 @@ class FmuParts:
             )
 
     def nominal(self, mapping: Mapping[str, str]) -> dict[str, float]:
-        """Nominal values of the plant's outputs but tangents, by the names that results have."""
+        """Nominal values of the plant's outputs except tangents, by their names in results."""
         names = ordinary(self.plant).outputs
         ours = names_on(PLANT, names, mapping)
         return {ours[n]: self.plant.nominal(n) for n in names}
 
     def said(self) -> str:
-        """What they are, for results."""
+        """A description of both FMUs, for results."""
         first, second = self.builds
         if first == second:
             return f"{first} variational FMUs"
@@ -101,15 +101,15 @@ class FmuParts:
 
 @contextlib.contextmanager
 def opened_parts(loop: Loop, tangents: int) -> Iterator[FmuParts]:
-    """Open the FMUs of a loop; native ones for names, where there is a compiler.
+    """Open the FMUs of a loop; native ones for names, if there is a compiler.
 
     Parameters
     ----------
     loop : Loop
-        An FMU of it that was not written here runs in a process of its own, in a sandbox if the
-        loop says so.
+        An FMU of it that was not written here runs in its own process, in a sandbox if the loop
+        requires it.
     tangents : int
-        How many those by name carry: `ALL`, or 0 for ordinary FMUs.
+        Number of tangents of parts by name: `ALL`, or 0 for ordinary FMUs.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def opened_parts(loop: Loop, tangents: int) -> Iterator[FmuParts]:
 
 
 def _states(file: _Instance | None, part: Part) -> int:
-    """How many states of a part tangents may have; of one that is probed, one."""
+    """Number of states of a part that tangents can have; 1 for a probed controller."""
     if file is None:
         return len(part.kernel.states)
     return len(tangent_states(list(file.parameters))[0]) or 1

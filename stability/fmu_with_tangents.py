@@ -70,7 +70,7 @@ class Side:
         outputs: Sequence[str],
         count: int,
     ) -> tuple[Bound, Bound]:
-        """Put it into a record; `moved` are those of its inputs that tangents follow behind."""
+        """Fill its record; `moved` are its inputs that have tangents, which follow all inputs."""
         own = [tangent_port(s, k + 1) for k in range(count) for s in self.states]
         given, taken = (
             [tangent_port(n, k + 1) for k in range(count) for n in names]

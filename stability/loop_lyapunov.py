@@ -24,7 +24,7 @@ from .lyapunov import (
 def loop_maker(loop: Loop, averaged: bool = False) -> Maker:
     """A `Maker` of a closed loop around its constant set-point.
 
-    Of `averaged` ones quantizers are replaced by their mean over all places of their steps.
+    With `averaged`, quantizers are replaced by their mean over all positions of their steps.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def loop_lyapunov(
         kernel = held_loop_kernel(*parts)
     except UnsupportedComponent as error:
         raise NoExponents(str(error)) from error
-    kernel.compile()  # two tolerances, and the motion beyond, are worth half a second
+    kernel.compile()  # takes half a second, less than two tolerances and the long-term motion
     make = loop_maker(loop)
     average = loop_maker(loop, averaged=True) if kernel.quantized else None
     order = loop_order(kernel)

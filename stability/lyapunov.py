@@ -35,11 +35,11 @@ Maker = Callable[[float], Model]
 
 
 TIGHTER = 0.1
-JUDGED = 100.0  # times the tolerance suffice to tell what a motion becomes
+JUDGED = 100.0  # times the tolerance are sufficient for the long-term motion
 COARSEST = 1e-6
 SAMPLES = 400
-TOLD = 0.5  # seconds between two words on how far it is
-BRIEF, PARTS = 20_000, 50  # samples of a motion without exponents; looks at the clock
+TOLD = 0.5  # seconds between two reports of the progress
+BRIEF, PARTS = 20_000, 50  # samples of a motion without exponents; checks of the time
 MORE_TIME = "more time for computing (--budget), a shorter --stop, or a coarser --tolerance"
 SAME = 1e-2  # relative difference up to which periods and amplitudes are the same
 ONE_SOLVER = "one solver"
@@ -66,7 +66,7 @@ class LyapunovRun:
     spectrum : Spectrum
         Motion and tangents at the given tolerance.
     tighter : Spectrum or None
-        The same at a tenth of it; None where the time for computing did not suffice.
+        The same at a tenth of it; None if the computing time was not sufficient.
     motion : Motion
         The long-term motion.
     tolerance : float
@@ -109,10 +109,9 @@ class LyapunovRun:
         return self.motion.kind is not Kind.UNDECIDED
 
     def sum_rule_error(self) -> float | None:
-        """How far the exponents' sum is from the mean trace, relative to the larger of both.
+        """Difference of the exponents' sum and the mean trace, relative to the larger of both.
 
-        None where not all exponents were computed, one is minus infinity, or the trace is not
-        known.
+        None if not all exponents were computed, one is minus infinity, or the trace is not known.
         """
         growth, trace = self.spectrum.growth[-1], float(self.spectrum.trace[-1])
         if (
@@ -217,7 +216,7 @@ class Watching:
         self.over = False
 
     def says(self, model: Model, doing: str) -> None:
-        """Say what is done next, by this model."""
+        """Report the next step of the work, which uses this model."""
         self.doing, model.watch = doing, self
         if self.progress:
             self.progress(doing)
@@ -254,12 +253,12 @@ def lyapunov(
     stop : float
         [s]
     count : int, optional
-        Only the so many largest.
+        Number of exponents, the largest ones; all if left out.
     order : sequence of int, optional
         Order of the states in the first frame; their own if left out.
     watching : Watching, optional
         When its time is used up, the exponents are those of the time that was reached, and the
-        verdict is drawn from the motion alone, as in maps, for which half as much time is given.
+        verdict is from the motion alone, as in maps; this gets half as much time.
     average : Maker, optional
         Of a quantized model: its dithered average. The exponents are the average's. The long-term
         motion, and the effect of finite perturbations, are computed with the exact quantizers.
@@ -276,7 +275,7 @@ def lyapunov(
     runs: list[Spectrum] = []
     motions: list[Attractor] = []
     watch = watching or Watching()
-    onward: Model | None = None  # where the motion has become what it becomes
+    onward: Model | None = None  # in the long-term motion
     for share in (1.0, TIGHTER):
         maker = average or make
         model = maker(tolerance * share)
@@ -322,7 +321,7 @@ def lyapunov(
 
 
 def _by_motion(make: Maker, stop: float, run: Spectrum, watch: Watching) -> Attractor:
-    """The verdict from the motion alone, at two tolerances, where exponents take too long."""
+    """The verdict from the motion alone, at two tolerances, if exponents take too long."""
     assert watch.budget is not None
     spent = f"the exponents were computed until t = {run.time[-1]:.4g} s of {stop:g} s, when "
     spent += f"{watch.budget:g} s of computing time were used up"
@@ -331,7 +330,7 @@ def _by_motion(make: Maker, stop: float, run: Spectrum, watch: Watching) -> Attr
     for share in (1.0, TIGHTER):
         model = make(COARSEST * share)
         more.says(model, "the long-term motion, without exponents")
-        # a sampled motion takes its time: what is known after some of it suffices, as in a map
+        # sampled motions are slow to compute: a part of the run is sufficient, as in a map
         brief = min(stop, BRIEF * model.sample_time) if model.sample_time else stop
         for now, then in pairwise(np.linspace(0.0, brief, PARTS + 1).tolist()):
             passes = follow_returns(model, now, then, 0, np.inf, 0)
@@ -357,12 +356,12 @@ def _ended(run: Spectrum, model: Model) -> Attractor:
 
 
 def agree(first: Attractor, second: Attractor, how: str = "a tenth of the tolerance") -> Attractor:
-    """The second verdict, the tighter, unless the first is another; `how` says what is tighter."""
+    """The second, tighter verdict if the first one agrees, else undecided; `how` it is tighter."""
     same = first.kind is second.kind
     text = f"{first.kind.value} ({first.evidence}) against {second.kind.value}"
     if same and first.period and second.period:
         shorter, longer = sorted((first.period, second.period))
-        periods = longer / shorter  # after three periods a cycle closes, too
+        periods = longer / shorter  # a cycle also closes after several periods
         swings = [
             abs(second.amplitude[n] - a) / max(a, abs(second.amplitude[n]))
             for n, a in first.amplitude.items()
@@ -384,6 +383,6 @@ def agree(first: Attractor, second: Attractor, how: str = "a tenth of the tolera
     with np.errstate(invalid="ignore"):
         moved = np.abs(first.limit - second.limit)
     error = np.maximum(second.limit_error, np.where(np.isfinite(moved), moved, 0.0))
-    if second.kind is Kind.CHAOS:  # two orbits of one attractor differ by chance
+    if second.kind is Kind.CHAOS:  # two orbits of one attractor have random differences
         error = second.limit_error
     return Attractor(**{**vars(second), "limit_error": error})

@@ -19,7 +19,7 @@ from .lyapunov import SAMPLES, LyapunovRun, NoExponents, Watching
 from .signal_motion import signal_motion
 from .tangents_over_fmus import ACCURACY, TangentRun
 
-FINER = 0.1  # of the accuracy of the tangents, at half the step: what that moves is the error
+FINER = 0.1  # of the accuracy of the tangents, with half the step: the change is the error
 
 
 def loop_lyapunov_over_fmus(
@@ -27,15 +27,15 @@ def loop_lyapunov_over_fmus(
 ) -> LyapunovRun:
     """Exponents of a closed loop from its FMUs and their master.
 
-    Of two parts of the catalogue the errors of the exponents are their distances to those of one
-    solver, and the verdict comes from the equations, whose motion is computed far beyond `stop`.
-    Of a loop with a file there are no equations: the errors are what a finer run moves, the
-    verdict is what the signals tell until its end, and no limits are known.
+    For two parts with equations, the errors of the exponents are their differences from those of
+    one solver, and the verdict comes from the equations, whose motion is computed far beyond
+    `stop`. A loop with an FMU file has no equations: the errors are the changes by a finer run, the
+    verdict comes from the signals until the end of the run, and no limits are known.
 
     Parameters
     ----------
     loop : Loop
-        With a communication step. Its plant has tangents; a controller without is probed.
+        With a communication step. Its plant has tangents; a controller without tangents is probed.
     progress : function of str, optional
 
     Raises
@@ -82,7 +82,7 @@ def loop_lyapunov_over_fmus(
 
 
 def _spectrum(run: TangentRun) -> Spectrum:
-    """The run on a grid of few times; what states the FMUs have is not known."""
+    """The run on a grid of few times; the states of the FMUs are not known."""
     keep = np.unique(np.linspace(0, len(run.time) - 1, SAMPLES + 1).astype(int))
     count = run.growth.shape[1]
     return Spectrum(

@@ -22,7 +22,7 @@ from .store import TABLE
 if TYPE_CHECKING:
     from .map_plan import MapPlan
 
-# Okabe and Ito's colours and grey, the same verdict always the same one
+# Okabe and Ito's colours and grey; a verdict always has the same colour
 COLOUR = {
     Kind.FIXED_POINT: "#009E73",
     Kind.LINE: "#56B4E9",
@@ -41,14 +41,14 @@ Boundary = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[n
 
 _BOUNDARY_POINTS = 48
 BOUNDARY = "limit of stability while the block is stuck (Routh-Hurwitz)"
-_SHORT = "limit while stuck"  # for telephones
-_AROUND_ZERO = ("#7f3b08", "#fdb863", "#f7f7f7", "#b2abd2", "#2d004b")  # PuOr, for all eyes
+_SHORT = "limit while stuck"  # for narrow screens
+_AROUND_ZERO = ("#7f3b08", "#fdb863", "#f7f7f7", "#b2abd2", "#2d004b")  # PuOr, for colour-blind
 MOST_CELLS = 200  # along each side of a map on its page
 
 
 @drawing()
 def save_map_picture(plan: MapPlan, folder: Path) -> None:
-    """Draw the map's table in `folder` beside it."""
+    """Draw the map's table in `folder`, and save the picture next to it."""
     write_figure(map_figure(plan, folder), folder, "map")
 
 
@@ -61,7 +61,7 @@ class Panel:
     title, label : str
     values : ndarray, shape (y.count, x.count)
     least : float
-        Of a logarithmic scale; 0 of a linear one around zero.
+        Smallest value of a logarithmic scale; 0 for a linear scale around zero.
     """
 
     title: str
@@ -70,7 +70,7 @@ class Panel:
     least: float = 0.0
 
     def range(self) -> tuple[float, float]:
-        """What the colours span."""
+        """The range of the colours."""
         finite = self.values[np.isfinite(self.values)]
         if self.least:
             finite = finite[finite > 0.0]
@@ -81,7 +81,7 @@ class Panel:
 
 
 def _verdicts_and_panels(plan: MapPlan, folder: Path) -> tuple[npt.NDArray[np.int64], list[Panel]]:
-    """Places in `COLOUR` of the verdicts, and the panels beside them, of the table in `folder`."""
+    """Numbers of the verdicts in `COLOUR`, and the other panels, from the table in `folder`."""
     table = read_table(table_path(folder, TABLE))
     shape = (plan.y.count, plan.x.count)
 
@@ -222,7 +222,7 @@ def page_figures(plan: MapPlan, folder: Path) -> list[Figure]:
 
 
 def _grid(values: npt.NDArray[np.float64]) -> Figure:
-    """A table of numbers as plotly reads it."""
+    """A table of numbers in plotly's format."""
     return numbers(values) | {"shape": f"{values.shape[0]}, {values.shape[1]}"}
 
 
@@ -234,7 +234,7 @@ def _label(plan: MapPlan, name: str) -> str:
 
 
 def _draw_boundary(axes: Any, found: Boundary | None) -> list[Any]:
-    """The line on which the loop, while stuck, neither falls nor grows."""
+    """Draw the line of zero growth of the loop while stuck; return its legend entries."""
     from matplotlib.lines import Line2D
 
     if found is None:
@@ -244,18 +244,18 @@ def _draw_boundary(axes: Any, found: Boundary | None) -> list[Any]:
 
 
 def _boundary(plan: MapPlan) -> Boundary | None:
-    """None where the growth nowhere changes its sign, or the criterion does not hold."""
+    """Growth while stuck; None if its sign does not change, or the criterion does not hold."""
     from .cell import stuck_growth
     from .map_plan import DESIGN, kernel_of
 
     if plan.fmus is not None:
         return None  # an FMU gives no Jacobian of the whole loop
     if PLANT + "Kv" not in [p.name for p in kernel_of(plan).parameters]:
-        return None  # the criterion is one of friction with a smooth sign
+        return None  # the criterion needs friction with a smooth sign
     if DESIGN in (plan.x.side, plan.y.side):
         return None  # a design for each of its points would take longer than the map
     if kernel_of(plan).sample_time:
-        return None  # the criterion is one of continuous feedback
+        return None  # the criterion needs continuous feedback
     xs = np.linspace(plan.x.low, plan.x.high, _BOUNDARY_POINTS)
     ys = np.linspace(plan.y.low, plan.y.high, _BOUNDARY_POINTS)
     growth = np.array([[stuck_growth(plan, float(x), float(y)) for x in xs] for y in ys])

@@ -24,9 +24,9 @@ from .fmu_parts import OverFmus
 
 Vector = npt.NDArray[np.float64]
 TIGHTER = 0.1
-SHORTER = 0.5  # a coupling of second order is four times as good
+SHORTER = 0.5  # a coupling of second order then has a quarter of the error
 PER_CELL = 1000  # bytes of a cell while the map is merged and drawn, measured
-MOST_BYTES = 10**30  # counts on the command line have any number of digits
+MOST_BYTES = 10**30  # counts on the command line can have any number of digits
 SETPOINT, DESIGN = "setpoint", "design"
 
 
@@ -77,8 +77,8 @@ class MapPlan:
     Attributes
     ----------
     loop : Loop
-        Its values that are no axis are the same in all cells. With a communication step, the map is
-        one over FMUs.
+        Its values that are no axis are the same in all cells. With a communication step, it is a
+        map over FMUs.
     exponents : bool
         Whether to compute the largest exponent of each cell.
     tolerance : float
@@ -97,7 +97,7 @@ class MapPlan:
 
     @property
     def finer(self) -> float:
-        """Share of the tolerance, or of the step over FMUs, at which cells are looked at again."""
+        """Factor on the tolerance, or on the step over FMUs, when cells are computed again."""
         return TIGHTER if self.fmus is None else SHORTER
 
     @property
@@ -144,7 +144,7 @@ class MapPlan:
                 )
 
     def described(self) -> dict[str, Any]:
-        """As ``map.json`` says it."""
+        """The plan's part of ``map.json``."""
         loop, fmus = self.loop, None
         if self.fmus is not None:
             fmus = {"step": loop.step, "mapping": loop.mapping, **asdict(self.fmus)}
@@ -164,7 +164,7 @@ class MapPlan:
         }
 
     def fingerprint(self) -> str:
-        """Hash of the plan and of the equations, or the FMUs, that it is about."""
+        """Hash of the plan and of its equations or FMUs."""
         text = json.dumps(self.described(), sort_keys=True)
         if self.fmus is None:
             text += kernel_of(self).module
@@ -205,7 +205,7 @@ def read_axis(text: str, loop: Loop) -> Axis:
     """An axis from ``NAME=LOW:HIGH:COUNT``.
 
     NAME is a parameter or initial state (``x_start``) of the controller or the plant, with
-    ``controller.`` or ``plant.`` before it where both have it, ``setpoint``, or ``design.NAME``.
+    ``controller.`` or ``plant.`` before it if both have it, ``setpoint``, or ``design.NAME``.
 
     Raises
     ------
@@ -262,7 +262,7 @@ def _kernel(plant: str, controller: str, *_kept_as: object) -> Kernel:
 
 
 def kernel_of(plan: MapPlan) -> Kernel:
-    """The equations of a map's loop; of parts from files, those that they have now."""
+    """The equations of a map's loop; for parts from files, the present ones."""
     names = plan.loop.plant.name, plan.loop.controller.name
     return _kernel(*names, *map(kept_as, names))
 
@@ -282,7 +282,7 @@ def position_unit(plan: MapPlan) -> str:
 
 
 def _about(axis: Axis, loop: Loop) -> ParameterInfo | None:
-    """What is known of an axis' parameter; None of set-points."""
+    """Information on an axis' parameter; None for set-points."""
     if axis.side == SETPOINT:
         return None
     part = loop.controller if axis.side == "controller" else loop.plant

@@ -20,16 +20,16 @@ from .fmu_with_tangents import TangentsImpossible, rows_at
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
-SHIFT = 1e-4  # of a signal's nominal value, to see how it moves a controller's state
-RELATIVE = 3e-4  # of the growth, besides
+SHIFT = 1e-4  # of a signal's nominal value, to measure how it moves a controller's state
+RELATIVE = 3e-4  # share of the growth that is allowed in addition to the accuracy
 
 
 class ProbedController:
     """A controller without tangents, probed by differences.
 
-    Its gains come from its law ports, or by differences; how they change along a tangent does not.
-    One state of its own can be followed: not as itself but as what it adds to the command, in the
-    command's unit. How signals move it and how it fades is measured at every step.
+    Its gains come from its law ports, or from differences; their change along a tangent is not
+    known. One of its own states can be followed, represented by its contribution to the command, in
+    the command's unit. How signals move it and how it decays is measured at every step.
     """
 
     tangents = 0
@@ -40,11 +40,11 @@ class ProbedController:
         self.states: list[str] = []
         self.remarks: list[str] = []
         self.error: BaseException | None = None
-        self._added = np.zeros(0)  # to the command, along each tangent
+        self._added = np.zeros(0)  # contribution to the command, along each tangent
         self._driven, self._fades = np.zeros(0), 0.0  # per second, as last measured
 
     def look(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
-        """Find out how it answers and whether it has a state; once it is initialized."""
+        """Find out when it responds and whether it has a state; it must be initialized."""
         self.side = ControllerSide(self.instance, self.wiring, signals, reference)
         name = self.instance.name
         if self.side.answer is not Answer.DIRECT:
@@ -67,10 +67,10 @@ class ProbedController:
                 )
 
     def bind(self, side: Struct, whole: Struct, count: int, reference: Vector) -> tuple[Bound, ...]:
-        """Put it into a record, with functions that answer for it."""
+        """Fill its record, with callbacks that are called instead of it."""
         self.count, self._reference = count, reference
         states = len(self.states)
-        frame = np.append(np.zeros(count), math.nan)  # of its own trace nothing is known
+        frame = np.append(np.zeros(count), math.nan)  # its trace is not known
         self._added = frame[:count]
         side.set(states=states)
         bound = Bound(self.instance, [], [], USES, side.part("calls"))
@@ -87,7 +87,7 @@ class ProbedController:
         def call(*arguments: Any) -> int:
             try:
                 method(*arguments)
-            except BaseException as error:  # an interruption too: raised where we are back
+            except BaseException as error:  # also interruptions: raised after the compiled code
                 self.error = error
                 return 0
             return 1
@@ -104,7 +104,7 @@ class ProbedController:
         out[:] = 0.0
         out[0] = [*law.command, *law.gain.ravel(), *law.rate]
         out[1:, 0] = signals[1:] @ law.gain[0] + self._added
-        if self.states:  # how the state goes on within the step, by what was measured in the last
+        if self.states:  # change of the state within the step, by the rates from the last step
             out[1:, 1 + n] = self._fades * self._added + signals[1:] @ self._driven
 
     def _advance(self, t: float, h: float, at: int) -> None:
@@ -120,7 +120,7 @@ class ProbedController:
         self.side.advance(t, h, signals[0], self._reference)
 
     def _note_rates(self, h: float, responses: Vector, fading: Vector) -> float:
-        """Keep what a step says of the state's rates; the share of it that is left after a step."""
+        """Keep the state's rates; return the share of the state that is left after a step."""
         strongest = float(fading[np.argmax(np.abs(responses[responses != 0.0]))])
         self._driven = responses / h
         self._fades = math.log(strongest) / h if strongest > 0.0 else 0.0
@@ -129,13 +129,13 @@ class ProbedController:
     def _response(
         self, t: float, h: float, signals: Vector, reference: Vector
     ) -> tuple[Vector, Vector]:
-        """What each signal, moved over a step, adds to the command after it, and how that fades.
+        """Effect of moving each signal over a step on the command after it, and its decay.
 
         Returns
         -------
-        two ndarrays, shapes (n,) and (number of signals that add anything,)
-            Volts, or the unit of the command, per unit of the signal; shares that are left after
-            one more step.
+        two ndarrays, shapes (n,) and (number of signals with an effect,)
+            In the unit of the command per unit of the signal; shares that are left after one more
+            step.
         """
         state = self.instance.save()
 

@@ -12,14 +12,14 @@ from .attractor import Attractor, Kind, closings
 
 Vector = npt.NDArray[np.float64]
 
-WINDOW = 0.1  # of the run: three of them at its end are compared
-SETTLED = 1e-7  # of a signal's range: a swing that is as good as none
-STILL = 1e-12  # of a signal's range: from row to row, what does not move at all
-SMALL = 1e-3  # of a signal's range: a swing of what is nearly at rest, and of a cycle that closes
-FALLING = 0.5  # of the swing in the window before, at most, of what comes to rest
-LEAST = 1e-6  # of its nominal value: the range of a signal that stands still all along
-SHRUNK = 0.5  # share of its size that a motion may lose over its second half and be a cycle
-NEUTRAL, DECAYED = 1e-2, 0.1  # nats: a tangent that neither grows nor falls, and one that falls
+WINDOW = 0.1  # of the run: its last three windows are compared
+SETTLED = 1e-7  # of a signal's range: a smaller swing counts as zero
+STILL = 1e-12  # of a signal's range: a smaller change from row to row counts as zero
+SMALL = 1e-3  # of a signal's range: largest swing near rest, and distance of a closed cycle
+FALLING = 0.5  # largest ratio of the swings of two windows, if the motion comes to rest
+LEAST = 1e-6  # of its nominal value: smallest range of a signal
+SHRUNK = 0.5  # share of its size that a cycle may lose over the second half of the run
+NEUTRAL, DECAYED = 1e-2, 0.1  # nats: most growth of a neutral tangent, least fall of a decaying one
 
 
 class Signals(Protocol):
@@ -40,10 +40,10 @@ def signal_motion(
 ) -> Attractor:
     """Long-term motion of a coupled run.
 
-    Rest and cycles are judged from the last three tenths of the run only. Whether rest is
-    one of a line of equilibria shows in the first tangent alone: at rest it neither grows nor falls
-    where a direction is neutral. If it stopped before for as long and moved again, it is not
-    at rest: a mass that sticks until its force swings back.
+    Rest is judged from the last three tenths of the run, cycles from its second half. Only the
+    first tangent shows whether an equilibrium is one of a line: it neither grows nor falls at rest
+    if a direction is neutral. If the outputs stopped for as long before and moved again, it is not
+    at rest: for example a mass that sticks until its force swings back.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def _rest(run: Signals, moves: str, growth: Vector | None) -> Attractor:
 def _cycle(
     run: Signals, names: list[str], table: npt.NDArray[np.float64], widest: int
 ) -> Attractor | None:
-    """A cycle, where states of the second half, one period apart, are the same."""
+    """A cycle, if outputs of the second half, one period apart, are equal; else None."""
     half = run.time >= 0.5 * run.time[-1]
     time, rows = run.time[half], table[half]
     low, high = rows.min(axis=0), rows.max(axis=0)
@@ -135,7 +135,7 @@ def _cycle(
     size = np.where(high > low, high - low, np.inf)
     if len(at) < 2:
         return None
-    # of few outputs a return alone says little: how long it took, and how far it went, belong to it
+    # with few outputs, a return is compared together with its duration and its extremes
     between = np.diff(times)
     whole = np.column_stack(
         [

@@ -2,8 +2,8 @@
 
 A map is divided into chunks of cells, each computed alone and written when finished, so that an
 interrupted run can continue. Cells at borders between verdicts, and a random share of the rest,
-are computed again at a tenth of the tolerance, or over FMUs at half the step; what changes its
-verdict there is undecided.
+are computed again at a tenth of the tolerance, or over FMUs at half the step; a cell whose verdict
+changes is undecided.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def plan_map(
 
 
 def _without_told(loop: Loop, axes: Sequence[Axis]) -> Loop:
-    """The loop without the values that its parameter file has for the axes, which run over them."""
+    """The loop without the parameter file's values of the axes, which are varied."""
     if loop.told is None:
         return loop
     plant = {**loop.told.plant, **loop.told.found}
@@ -116,14 +116,14 @@ def make_map(
     Raises
     ------
     BadMap
-        If the folder holds another map, or one like it and `resume` is not asked for.
+        If the folder holds another map, or the same one and `resume` is not set.
     OSError
         If the results cannot be written.
     """
     parts = KeptParts(folder / PARTS, plan.fingerprint())
     finished = claim_folder(plan, folder, parts, resume)
     if plan.fmus is None:
-        kernel_of(plan).compile()  # thousands of runs are worth half a second
+        kernel_of(plan).compile()  # takes half a second, little for thousands of runs
     new = finished is None
     if finished is None:
         finished = _complete(plan, parts, workers, progress)
@@ -179,7 +179,7 @@ def _complete(
     changed: dict[int, str] = {}
     for cell, finer_kind in checked.items():
         kind = kinds[verdicts[cell]]
-        if {kind, finer_kind} == {Kind.CREEPING, Kind.LINE}:  # what creeps may come to rest later
+        if {kind, finer_kind} == {Kind.CREEPING, Kind.LINE}:  # a creep may come to rest later
             verdicts[cell] = VERDICT_CODE[Kind.CREEPING]
         elif kind is not finer_kind:
             verdicts[cell] = VERDICT_CODE[Kind.UNDECIDED]

@@ -15,8 +15,8 @@ from .budget import BUDGET, BUDGET_OVER_FMUS
 from .map_plan import BadMap, MapPlan
 
 Columns = dict[str, list[Any]]
-CHUNK, LEAST_CHUNKS = 96, 8  # cells in one, and chunks of a small map: all workers have some
-PARTS = "map.parts"  # folder of what is done while the map is not
+CHUNK, LEAST_CHUNKS = 96, 8  # cells in a chunk; chunks of a small map, so that all workers have one
+PARTS = "map.parts"  # folder of the finished chunks of an unfinished map
 TABLE, BORDERS = "map", "borders.csv"
 
 
@@ -30,7 +30,7 @@ class MapSummary:
         Cells of each verdict.
     checked, disagreed : int
         Cells that were computed again at a tenth of the tolerance, and those of them whose verdict
-        it changed.
+        changed.
     borders : int
         Borders found by refinement; 0 without.
     undecided : dict of str to int
@@ -118,7 +118,7 @@ def chunks_of(cells: int, head: str, groups: Sequence[Sequence[int]]) -> dict[st
 
 
 def load(parts: KeptParts, name: str) -> Columns:
-    """The columns of a chunk that is done."""
+    """The columns of a finished chunk."""
     columns: Columns | None = parts.read(name)
     if columns is None:
         raise BadMap(f"{parts.folder / name} is missing: another command has finished this map")
@@ -141,7 +141,7 @@ def merge_chunks(
     checked: Container[int],
     changed: Mapping[int, str],
 ) -> None:
-    """One table of all chunks, in the order of the cells, a chunk in memory at a time.
+    """Write one table of all chunks, in the order of the cells, with one chunk in memory at a time.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def merge_chunks(
     checked : container of int
         Cells that were computed again.
     changed : mapping of int to str
-        Those with another verdict then: why they are undecided.
+        Reason for each of them whose verdict changed and is now undecided.
     """
 
     def pieces() -> Iterator[Columns]:

@@ -6,13 +6,13 @@ way as signals, so these are the tangents of the coupled scheme itself: exact fo
 scheme, and as accurate for the loop as the scheme is. At every communication point the joint
 tangents are orthonormalized in the order plant, then controller, and set back into the FMUs.
 
-Where a law turns over within a step, such as that of friction near standstill, its tangents miss
-what happens in between, however well the signals fare: a linearizing controller answers the onset
-of sliding, tens of microseconds long, with an impulse. The steps therefore follow the tangents:
-they are halved until correcting them changes little.
+If a law changes fast within a step, such as friction near standstill, its tangents miss this change
+even if the signals are accurate: a linearizing controller responds to the onset of sliding, tens of
+microseconds long, with an impulse. The tangents therefore determine the steps: steps are halved
+until correcting the tangents changes little.
 
-A controller without tangents is probed by differences at every step: it is asked for its law at
-signals moved along each tangent. That reaches no state of its own but through its inputs.
+A controller without tangents is probed by differences at every step: its law is read at signals
+moved along each tangent. This reaches its own states only through its inputs.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ from .probed_controller import RELATIVE, ProbedController
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
-ACCURACY = 1e-2  # nats that the corrections may change the growth by in all
-# Of the FMUs' own solvers. From 1e-10 to here it moves the growth of no slow tangent by 1e-5 nats,
-# that of a fast one by 4e-9 of it (loop with NCTF, 20 s), at a fifth of the steps.
+ACCURACY = 1e-2  # nats: largest total change of the growth by the corrections
+# Of the FMUs' own solvers. Compared with 1e-10, the growth of slow tangents changes by less than
+# 1e-5 nats, that of a fast one by 4e-9 of it (loop with NCTF, 20 s), with a fifth of the steps.
 TOLERANCE = 1e-6
 _FINE = {"solver_tolerance": TOLERANCE}
-CHUNK = 256  # steps between two chances to interrupt
+CHUNK = 256  # steps between two possible interruptions
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class TangentRun:
     growth : ndarray, shape (m, count)
         Logarithms of the lengths of the orthonormalized tangents since the start [nats].
     trace : ndarray, shape (m,)
-        Integral of the trace of the loop's Jacobian [nats]; NaN where an FMU does not give it.
+        Integral of the trace of the loop's Jacobian [nats]; NaN if an FMU does not give it.
     states : tuple of str
         Names of the states that the tangents have, in the order of the first frame.
     method : str
@@ -73,7 +73,7 @@ class TangentRun:
     diverged : bool
         Whether it ended because an output diverged.
     unmet : int
-        Steps that were as short as they get, and whose correction still changed more than asked.
+        Number of steps of the shortest length whose correction still changed more than allowed.
     scale : tuple of two floats
         As `LoopRun.scale`.
     """
@@ -128,8 +128,8 @@ def follow_over_fmus(  # noqa: PLR0913
         Largest change of a tangent's growth by the corrections of the steps [nats], in
         addition to a share of the growth itself; infinite: all steps have the requested length.
     count : int, optional
-        Only so many tangents, for the largest exponents; default as many as both parts have
-        states together.
+        Number of tangents, for the largest exponents. Default: as many as both parts have states
+        together.
 
     Returns
     -------
@@ -207,7 +207,7 @@ def _check_tangents(sides: Sequence[Side], count: int) -> None:
 
 
 def _stated(c: Side | ProbedController, accuracy: float) -> str:
-    """What to say of the error."""
+    """Text on the error of the tangents."""
     if isinstance(c, Side):
         how = (
             f"chosen so that a correction changes the growth of each tangent by at most about "
@@ -233,7 +233,7 @@ def _stated(c: Side | ProbedController, accuracy: float) -> str:
 
 @dataclass(frozen=True)
 class _Trail:
-    """What `_Joint.march` recorded, and why it ended before its time."""
+    """The record of `_Joint.march`, and why it ended early."""
 
     times: Vector
     outputs: Matrix
@@ -254,7 +254,7 @@ def _unmet(trail: _Trail) -> str:
 
 
 class _Joint:
-    """Both sides, as the compiled steps take them, see ``c/joint_step.c``."""
+    """Both sides, in the form for the compiled steps, see ``c/joint_step.c``."""
 
     def __init__(
         self,
@@ -290,7 +290,7 @@ class _Joint:
     def march(self, names: Sequence[str], clock: Clock, accuracy: float) -> _Trail:
         """Run to the clock's end, and record these outputs of the plant.
 
-        The run ends where one of them leaves its `bounds`. A joint tangent is a row of the frame.
+        The run ends if one of them leaves its `bounds`. A joint tangent is a row of the frame.
         """
         plant, count = self._plant.instance, self._count
         shown = Bound(plant, [], names, USES, self._whole.part("shown"))

@@ -27,7 +27,7 @@ from .sources import MAIN, NativeModel, native_model, sources
 
 @dataclass(frozen=True)
 class NativeFmu:
-    """What was written.
+    """An FMU that was written.
 
     Attributes
     ----------

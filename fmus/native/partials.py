@@ -24,9 +24,9 @@ class Entry:
     Attributes
     ----------
     row : int
-        Number of the derivative, or, counted on from those, of the output.
+        Number of the derivative, or of the output, counted after the derivatives.
     column : int
-        Number of the state, or, counted on from those, of the input.
+        Number of the state, or of the input, counted after the states.
     """
 
     row: int

@@ -55,7 +55,7 @@ class NativeModel:
 
     @property
     def events(self) -> int:
-        """Event indicators."""
+        """Number of event indicators."""
         return self.kernel.events
 
     @property
@@ -101,7 +101,7 @@ def catalogued_model(part: str | Component, plant: str = "", tangents: int = 0) 
 
 
 def with_kernel(model: NativeModel, kernel: Kernel) -> NativeModel:
-    """The model with another kernel that differs in its start values alone."""
+    """The model with another kernel that differs only in its start values."""
     return _model(kernel, model.partials)
 
 

@@ -1,5 +1,5 @@
-/* How a FMU instance is called: through the addresses of the FMI 2.0 functions of an FMU in this
- * process, or of functions of the same shapes. */
+/* Calls of an FMU instance: through the addresses of the FMI 2.0 functions of an FMU in this
+ * process, or of functions with the same signatures. */
 #ifndef CALLS_H
 #define CALLS_H
 
@@ -8,7 +8,7 @@
 #include <stdint.h>
 #include <string.h>
 
-/* Arrays that somebody else keeps. */
+/* Arrays that are owned elsewhere. */
 typedef struct {
     double *at;
     int64_t size;
@@ -35,7 +35,7 @@ typedef int (*DoStep)(void *, double, double, int);
 typedef int (*GetState)(void *, void **);
 typedef int (*SetState)(void *, void *);
 
-/* A FMU instance: its functions, what they are called with, and what they gave. */
+/* An FMU instance: its functions, their inputs and their outputs. */
 typedef struct {
     void *component;
     SetReal set_real;
@@ -48,21 +48,21 @@ typedef struct {
     Vector given;
     References outputs;
     Vector taken;
-    double stop;  /* no step may end behind it [s] */
-    Slots states; /* saved ones, one for each use; null where nothing is saved */
+    double stop;  /* no step may end after it [s] */
+    Slots states; /* saved states, one for each use; null if none is saved */
     int64_t status, failed; /* FMI status and kind of the call that failed */
 } Calls;
 
-enum { PUT, TAKE, MOVE, SAVE, RESTORE }; /* what failed */
+enum { PUT, TAKE, MOVE, SAVE, RESTORE }; /* kinds of failed calls */
 
-#define WARNING 1 /* FMI status that counts as well as OK */
+#define WARNING 1 /* FMI status that counts as success, like OK */
 #define TRY(call)    \
     do {             \
         if (!(call)) \
             return 0; \
     } while (0)
 
-/* Every function here answers 1 where all is well, and 0 where a call failed. */
+/* Every function here returns 1 on success, and 0 if a call failed. */
 static inline int checked(Calls *c, int status, int what)
 {
     if (status <= WARNING)
@@ -84,16 +84,16 @@ static inline int take(Calls *c, int64_t count)
            checked(c, c->get_real(c->component, c->outputs.at, (size_t)count, c->taken.at), TAKE);
 }
 
-#define AT_THE_END 1e-12 /* share of the end time that two times of it may differ by */
+#define AT_THE_END 1e-12 /* tolerance of the end time, as a share of it */
 
-/* Whether the end is reached, so that no step is left to try. */
+/* Whether the end is reached, so that no further step is possible. */
 static inline int at_end(const Calls *c, double t) { return t >= c->stop * (1.0 - AT_THE_END); }
 
 static inline int move(Calls *c, double t, double h)
 {
     if (t + h > c->stop && t < c->stop)
         h = c->stop - t;
-    /* no state before this step will be wanted again */
+    /* no state from before this step will be restored */
     return checked(c, c->do_step(c->component, t, h, 1), MOVE);
 }
 

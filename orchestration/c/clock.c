@@ -1,21 +1,21 @@
-/* Communication points as multiples of one tick, so that time does not drift, and some between. */
+/* Communication points: multiples of one tick, so that time does not drift, and some in between. */
 #include <math.h>
 #include <stdint.h>
 
-/* Where a run stands. */
+/* The time of a run. */
 typedef struct {
     double tick;      /* unit of time [s] */
     double stop;      /* end [s] */
     int64_t last;     /* ticks of the run */
     int64_t longest;  /* ticks of the longest step */
     int64_t adaptive;
-    int64_t count;    /* ticks gone */
-    int64_t stride;   /* ticks of the step to come */
+    int64_t count;    /* elapsed ticks */
+    int64_t stride;   /* ticks of the next step */
     double shortest_used, longest_used; /* [s] */
-    double close;   /* times that are closer to each other are one [s] */
-    Vector breaks;  /* rising times at which a step has to end, too [s] */
-    int64_t passed; /* how many of them are gone, */
-    int64_t broken; /* and whether the last one is where time stands, between two multiples */
+    double close;   /* times that are closer to each other count as equal [s] */
+    Vector breaks;  /* further times at which a step has to end, rising [s] */
+    int64_t passed; /* number of breaks that are passed */
+    int64_t broken; /* whether the present time is the last of them, between two multiples */
 } Clock;
 
 static double clock_place(const Clock *c, int64_t ticks)
@@ -30,7 +30,7 @@ API double clock_now(const Clock *c)
 
 static int clock_done(const Clock *c) { return c->count >= c->last; }
 
-/* Ticks gone at the next multiple of the step. */
+/* Elapsed ticks at the next multiple of the step. */
 static int64_t next_place(const Clock *c)
 {
     int64_t place = c->count + c->stride;
@@ -39,7 +39,7 @@ static int64_t next_place(const Clock *c)
     return place < c->last ? place : c->last;
 }
 
-/* Whether the step to come has to end before that. */
+/* Whether the next step has to end before that, at a break. */
 static int breaks_next(const Clock *c)
 {
     return c->passed < c->breaks.size &&
@@ -51,8 +51,8 @@ static double next_time(const Clock *c)
     return breaks_next(c) ? c->breaks.at[c->passed] : clock_place(c, next_place(c));
 }
 
-/* Length of the step to come [s]: a multiple of the tick, but for a last, shorter one, and for those
- * from and to a break. */
+/* Length of the next step [s]: a multiple of the tick, except a shorter last step and steps from
+ * and to a break. */
 API double clock_step_to_come(const Clock *c)
 {
     const int64_t following = next_place(c);
@@ -61,7 +61,7 @@ API double clock_step_to_come(const Clock *c)
     return (double)(following - c->count) * c->tick;
 }
 
-/* Go on by the step. */
+/* Move to the end of the step. */
 static void clock_accept(Clock *c)
 {
     const double step = clock_step_to_come(c);
@@ -79,8 +79,8 @@ static void clock_accept(Clock *c)
         c->passed++;
 }
 
-/* Halve or double the step, so that steps stay aligned with multiples of themselves; `share` is what
- * the last one cost of what it may. */
+/* Halve or double the step, so that steps stay aligned with multiples of themselves; `share` is the
+ * error of the last step as a share of the allowed error. */
 static void clock_adapt(Clock *c, double share)
 {
     if (share > 1.0 && c->stride > 1)

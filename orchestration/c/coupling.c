@@ -1,7 +1,7 @@
 /* One communication step of a plant and a controller.
  *
- * What the couplings are is told in couplings.py. A *law* is one array here, in the order of the ports
- * that it is read from: m commands, their derivatives by n signals each, their own rates. */
+ * See coupling.py for the couplings. A *law* is one array here, in the order of the ports that it
+ * is read from: m commands, their derivatives by n signals each, their own rates. */
 #include "calls.h"
 
 #ifdef _WIN32
@@ -11,27 +11,27 @@
 #endif
 
 enum { DIRECT, STEPPED, SAMPLED };
-enum { CHECKPOINT, CORRECTION, PROBE }; /* what states are saved for */
+enum { CHECKPOINT, CORRECTION, PROBE }; /* uses of saved states */
 
 #define RAMP_SHARE (2.0 / 3.0)
 #define HOLD_SHARE 0.5
 #define PROBE_PARTS 64
-#define AGREE 1e-12      /* share of a signal by which it may still change where an algebraic loop ends */
+#define AGREE 1e-12      /* tolerance of an algebraic loop, as a share of a signal */
 #define MOST_ITERATIONS 20
 
 /* A controller as a function: commands for given signals.
  *
- * Inputs: n signals, references; outputs: m commands, then gains and rates if it reports, and others
- * that are only recorded. A group is asked for these with the signals of then. */
+ * Inputs: n signals, references; outputs: m commands, then gains and rates if it reports a law, and
+ * others that are only recorded. A group gets the present signals before the others are read. */
 typedef struct {
     Calls calls;
     int64_t m, n, others, group, answer, reports, saves, varies;
     Vector nominal;    /* of the signals */
-    Vector real;       /* of signals and references: whether they may be between whole numbers */
-    Vector ahead;      /* commands after a step that cannot be taken back, */
-    int64_t is_ahead;  /* if it has done one */
-    Vector moved;      /* room for n signals, */
-    Vector answered;   /* and for m commands */
+    Vector real;       /* whether each signal and reference is Real */
+    Vector ahead;      /* commands after a step that cannot be taken back */
+    int64_t is_ahead;  /* whether it has done such a step */
+    Vector moved;      /* room for n signals */
+    Vector answered;   /* room for m commands */
 } Controller;
 
 /* A plant and a controller that move together; made by `coupling.CoupledPair`.
@@ -44,20 +44,20 @@ typedef struct {
     int64_t unsolved; /* communication points at which an algebraic loop found no solution */
     Places signals; /* which outputs the controller measures */
     Controller controller;
-    int64_t delayed, tangent;  /* whether commands come one step late; whether the law is asked for */
-    int (*own)(double h);      /* changes what the plant applies; NULL: nothing does */
+    int64_t delayed, tangent;  /* whether commands come one step late; whether a law is used */
+    int (*own)(double h);      /* changes the law that the plant applies; may be NULL */
     int64_t corrected, averaged;
-    /* what goes from step to step: outputs, last commands, and the law at the end of the last step,
-     * which is where the next begins */
+    /* passed from step to step: outputs, last commands, and the law at the end of the last step,
+     * with which the next step begins */
     Vector outputs, late, following;
     int64_t has_following;
-    double following_step; /* length of the step that it is of, where that matters [s] */
-    /* the same, kept to come back to */
+    double following_step; /* length of the step that the law was found with, if it matters [s] */
+    /* the same, saved by `keep` */
     Vector kept_outputs, kept_late, kept_following;
     int64_t kept_has_following;
-    /* what the last step did: coupling residual as accepted; how far the correction moved each output;
-     * share of the residual that was left, small if correcting converges fast, one or more if the step
-     * is too long for it, NaN if nothing was corrected */
+    /* results of the last step: final coupling residual; change of each output by the correction;
+     * contraction: small if correcting converges fast, 1 or more if the step is too long for it,
+     * NaN if nothing was corrected */
     Vector residual, effect;
     double contraction;
     /* room for one step */
@@ -73,7 +73,7 @@ static int set_inputs(Controller *c, const double *signals, const double *refere
     return put(&c->calls, c->calls.given.size);
 }
 
-/* The commands as they stand. */
+/* The present commands. */
 static int read_commands(Controller *c, double *commands)
 {
     TRY(take(&c->calls, c->m));
@@ -138,8 +138,8 @@ static int stepped_law(Controller *c, double t, double h, const double *signals,
     return 1;
 }
 
-/* The rates of the commands while the signals are held: the slope at the start, not the secant, which
- * meets the end of the step, and what the command does in between would show nowhere. */
+/* The rates of the commands with held signals: the slope at the start. The secant would give the
+ * right command at the end of the step, and the error in between would not show in the residual. */
 static int probe_rates(Controller *c, double t, double h, const double *signals,
                        const double *reference, double *law)
 {
@@ -157,10 +157,10 @@ static int probe_rates(Controller *c, double t, double h, const double *signals,
     return 1;
 }
 
-/* The commands, and with `probe` their derivatives, at the given signals, into `law`.
+/* Put the commands at the given signals, and with `probe` their derivatives, into `law`.
  *
- * Leaves the controller's state as it was, except that a controller that answers in its step and
- * cannot be taken back has moved on to t + h; `advance` knows. */
+ * The controller's state is not changed, with one exception: a controller that answers in its step
+ * and cannot save its state has moved to t + h; `advance` takes this into account. */
 static int law_at(Controller *c, double t, double h, const double *signals,
                   const double *reference, int probe, double *law)
 {
@@ -207,7 +207,7 @@ static void signals_of(const Loop *l, const double *outputs, double *signals)
         signals[k] = outputs[l->signals.at[k]];
 }
 
-/* Give the plant the law, or the command where it takes none. */
+/* Set the law in the plant, or only the command if the plant takes no law. */
 static int give_law(Loop *l, const double *law, const double *signals)
 {
     const int64_t m = l->controller.m, n = l->controller.n;
@@ -222,7 +222,7 @@ static int give_law(Loop *l, const double *law, const double *signals)
     return put(&l->plant, l->plant.given.size);
 }
 
-/* Apply the law over a step, or hold the command where the plant takes no law. */
+/* Apply the law over a step, or hold the command if the plant takes no law. */
 static int step_plant(Loop *l, double t, double h, const double *law, const double *signals,
                       double *outputs)
 {
@@ -255,8 +255,8 @@ static void solve_small(double *a, double *b, int64_t m)
         b[k] /= a[k * m + k];
 }
 
-/* By how much the controller's answer to what a command makes of the outputs misses that command;
- * `law` holds the commands that are tried. */
+/* Try the commands in `law`: read the outputs that follow from them, and put the difference of the
+ * controller's commands at these outputs from the tried ones into `missed`. */
 static int miss(Loop *l, const double *reference, const double *law, double *outputs, double *signals,
                 double *missed)
 {
@@ -269,8 +269,8 @@ static int miss(Loop *l, const double *reference, const double *law, double *out
     return 1;
 }
 
-/* An algebraic loop: commands that the controller gives at the outputs that they make, by Newton's
- * method with differences. */
+/* Solve an algebraic loop: find commands that are equal to the controller's commands at the outputs
+ * that follow from them, by Newton's method with differences. */
 static int solve_ring(Loop *l, const double *reference, double *law, double *outputs, double *signals)
 {
     const int64_t m = l->controller.m;
@@ -304,8 +304,8 @@ static int solve_ring(Loop *l, const double *reference, double *law, double *out
     return 1;
 }
 
-/* Let outputs that follow at once see the command of the same instant, and with them `law` and
- * `signals` where the controller follows at once, too. */
+/* Update outputs with direct feedthrough to the command of the same instant; also `law` and
+ * `signals` if the controller has direct feedthrough, too. */
 static int settle(Loop *l, double t, double h, const double *reference, double *law, double *outputs,
                   double *signals)
 {
@@ -325,14 +325,14 @@ static int settle(Loop *l, double t, double h, const double *reference, double *
     return law_at(c, t, h, signals, reference, (int)l->tangent, law);
 }
 
-/* Whether the law of the step to come is known from the end of the last one. */
+/* Whether the law of the next step is known from the end of the last step. */
 static int is_known(const Loop *l, double h)
 {
     return l->has_following && (l->controller.answer == DIRECT || l->following_step == h);
 }
 
 /* The controller's true commands at the present signals. With `last`, no step beyond t is tried: a
- * controller that answers in its step then gives the command that it ended with. */
+ * controller that answers in its step then gives the command at the end of its last step. */
 static int command_now(Loop *l, double t, double h, const double *reference, int last,
                        double *commands)
 {
@@ -349,8 +349,8 @@ static int command_now(Loop *l, double t, double h, const double *reference, int
     return 1;
 }
 
-/* Let a row's outputs that follow at once see the command of a controller that does not; the others
- * settle within the step. */
+/* Update a row's outputs with direct feedthrough to the command of a controller without direct
+ * feedthrough; with other controllers, `settle` has done this within the step. */
 static int settle_row(Loop *l, double t, double h, const double *reference, int last)
 {
     Controller *const c = &l->controller;
@@ -363,7 +363,7 @@ static int settle_row(Loop *l, double t, double h, const double *reference, int 
     return read_outputs(&l->plant, l->outputs.at);
 }
 
-/* The law at the start of a step, with the set-points' part in its rates. */
+/* The law at the start of a step; its rates include the change of the set-points. */
 static int law_of_step(Loop *l, double t, double h, const double *before, const double *after)
 {
     Controller *const c = &l->controller;
@@ -387,9 +387,9 @@ static int law_of_step(Loop *l, double t, double h, const double *before, const 
     return 1;
 }
 
-/* Make up for part of the residual in the law. The defect grows like the square of the time within the
- * step, the ramp that mends it only like the time: two thirds of it give the plant the right impulse
- * over the step. A plant that takes no ramp gets its mean. */
+/* Correct the law by a part of the residual. The residual grows with the square of the time within
+ * the step, the correcting ramp with the time: two thirds of it give the plant the right impulse
+ * over the step. A plant that takes no ramp gets half of the residual. */
 static void mend(Loop *l, double h)
 {
     const int64_t m = l->controller.m;
@@ -402,7 +402,7 @@ static void mend(Loop *l, double h)
     }
 }
 
-/* Plant, then controller: the outputs that are reached, and the true command at the end. */
+/* Move the plant, then the controller; find the reached outputs and the true command at the end. */
 static int move_both(Loop *l, double t, double h, const double *before, const double *after)
 {
     Controller *const c = &l->controller;
@@ -416,7 +416,7 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
         if (c->answer == STEPPED && c->saves) {
             TRY(law_at(c, t + h, h, end, after, 0, l->stepped.at));
             copy(l->stepped.at, l->command.at, c->m);
-            if (!l->tangent) { /* the next step begins with it: to ask twice takes the step twice */
+            if (!l->tangent) { /* the next step begins with it, so that it is not probed again */
                 copy(l->stepped.at, l->following.at, l->following.size);
                 l->following_step = h;
                 l->has_following = 1;
@@ -443,7 +443,7 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
     return 1;
 }
 
-/* True command less applied command, at the end of the step or where it is larger. */
+/* True minus applied command at the end of the step; without correction at the start, if larger. */
 static void find_residual(const Loop *l, double h, double *residual)
 {
     const int64_t m = l->controller.m, n = l->controller.n;
@@ -463,7 +463,7 @@ static void find_residual(const Loop *l, double h, double *residual)
     }
 }
 
-/* By how much the controller's answer to a correction undoes or repeats the correction. */
+/* Size of the controller's answer to a correction, as a share of the correction. */
 static double contraction_of(const Loop *l)
 {
     const double share = l->takes_law ? RAMP_SHARE : HOLD_SHARE;
@@ -528,7 +528,7 @@ static int step(Loop *l, double t, double h, const double *before, const double 
     return 1;
 }
 
-/* As `step`; lets go of states that a failed step had saved. */
+/* As `step`, but release the saved states if the step fails. */
 static int stepped(Loop *l, double t, double h, const double *before, const double *after)
 {
     if (step(l, t, h, before, after))
@@ -538,7 +538,7 @@ static int stepped(Loop *l, double t, double h, const double *before, const doub
     return 0;
 }
 
-/* Keep everything that is needed to `take_back` later steps; `drop` it in the end. */
+/* Save everything that `take_back` needs to undo later steps; `drop` it at the end. */
 static int keep(Loop *l)
 {
     TRY(save_both(l, CHECKPOINT));
@@ -551,7 +551,7 @@ static int keep(Loop *l)
 
 static void drop(Loop *l) { release_both(l, CHECKPOINT); }
 
-/* Go back to where `keep` was called, and drop what it kept. */
+/* Go back to the time of `keep`, and drop what it saved. */
 static int take_back(Loop *l)
 {
     l->plant.status = l->controller.calls.status = 0;

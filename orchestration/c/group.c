@@ -1,18 +1,18 @@
-/* FMU instances that feed each other, as one with functions of FMI's shapes, see `group.py`. */
+/* Connected FMU instances as one instance, with the signatures of FMI functions, see `group.py`. */
 #include <stdlib.h>
 
 typedef struct {
     Calls calls;
-    Places sources; /* of each of its inputs, among the group's values */
-    int64_t first;  /* place of its first output there */
+    Places sources; /* place of the source of each input among the group's values */
+    int64_t first;  /* place of its first output among them */
 } Member;
 
 typedef struct {
     Slots members;        /* in the order of the signals */
-    Slots there, back;    /* in the orders of every other step */
+    Slots there, back;    /* in the two alternating orders of the steps */
     Vector values;        /* inputs of the group, then outputs of the members */
-    Places flags;         /* whether what answers at once shows an old answer, and which step is next */
-    int64_t lags;         /* whether answers are old after every step */
+    Places flags;         /* whether outputs are outdated, and the next step is in reverse */
+    int64_t lags;         /* whether outputs are outdated after every step */
 } Group;
 
 #define GROUP_FAILED 3 /* fmi2Error */

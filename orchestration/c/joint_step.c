@@ -11,14 +11,14 @@
  * then their tangents. */
 typedef struct {
     Calls calls;
-    /* inputs: the states' tangents, count x states, and the number of the frame; outputs: they, and
-     * the integral of the trace; without functions where somebody else is asked */
+    /* inputs: the states' tangents, count x states, and the number of the frame; outputs: these
+     * tangents, and the integral of the trace; without functions if `Asked` is used */
     Calls frames;
     int64_t states;
 } Side;
 
-/* A controller that is asked by somebody else, where it has no tangents of its own. The tangents of
- * its state are what its frames took last. */
+/* Callbacks for a controller without own tangents. The tangents of its state are the last outputs
+ * of its frames. */
 typedef struct {
     int (*law)(double t, double h, const double *signals, double *law);
     int (*advance)(double t, double h, const double *signals);
@@ -26,25 +26,25 @@ typedef struct {
 
 typedef struct {
     Side plant, controller;
-    Asked asked; /* null where the controller has tangents */
-    Calls shown; /* outputs: those of the plant that are recorded */
+    Asked asked; /* null if the controller has tangents */
+    Calls shown; /* outputs: the recorded outputs of the plant */
     int64_t m, n, count;
     Vector reference;           /* set-points */
     Vector start, end, middle;  /* rows x n */
     Vector law, mended, ramped; /* rows x m (2 + n) */
     Vector applied;             /* rows x m: commands at the end of the step */
-    /* orthonormal joint tangents, count x states, and the logarithms of the lengths they had, without
-     * and with the correction */
+    /* orthonormal joint tangents, count x states, and the logarithms of their lengths before,
+     * without and with the correction */
     Vector plain, plain_logs, frame, logs;
 } Joint;
 
-/* The run as it is recorded, and how wrong its steps may be. */
+/* The record of the run, and the allowed errors of its steps. */
 typedef struct {
-    Vector times, outputs, growth, trace; /* row by row; row 0 is what was before */
+    Vector times, outputs, growth, trace; /* row by row; row 0 is the last one before */
     int64_t rows;
     Vector bound;              /* outputs beyond which the loop diverges */
-    double accuracy, relative; /* nats, and share of the growth, that correcting may change in all */
-    int64_t unmet;             /* steps that were as short as they get, and changed more */
+    double accuracy, relative; /* largest change by all corrections: nats, share of the growth */
+    int64_t unmet;             /* number of shortest steps with a larger change */
 } Trail;
 
 static int read_rows(Calls *c, double *rows)
@@ -72,7 +72,7 @@ static int step_with_law(Joint *j, double t, double h, const double *law)
     return move(&j->plant.calls, t, h);
 }
 
-/* Give the controller signals and their tangents. */
+/* Set the controller's signals and their tangents. */
 static int set_signals(Joint *j, const double *signals)
 {
     Calls *const c = &j->controller.calls;
@@ -149,7 +149,7 @@ static void find_applied(Joint *j, double h)
     }
 }
 
-/* The law that makes up for part of what its commands miss at the end of the step. */
+/* The law, corrected by a part of the error of its commands at the end of the step. */
 static void find_mended(Joint *j, double h)
 {
     const int64_t m = j->m, rate = m + m * j->n, width = m * (2 + j->n);
@@ -172,8 +172,8 @@ static int restore_sides(Joint *j)
     return 1;
 }
 
-/* One corrected step, much as `step` does it, of signals and tangents alike, from the states saved at
- * `begin_step`; leaves the frames without and with the correction. */
+/* Do one corrected step of signals and tangents, similar to `step`, from the states saved by
+ * `begin_step`; find the frames without and with the correction. */
 static int joint_step(Joint *j, double t, double h)
 {
     const int64_t m = j->m, rate = m + m * j->n, width = m * (2 + j->n), rows = 1 + j->count;
@@ -198,16 +198,15 @@ static int joint_step(Joint *j, double t, double h)
     }
     TRY(step_with_law(j, t + 0.5 * h, 0.5 * h, j->ramped.at));
     TRY(read_rows(&j->plant.calls, j->end.at));
-    /* Simpson's mean for the controller's states, where the first pass took the trapezoid's: the
-     * difference shows what neither can see of signals that move fast within the step. */
+    /* Simpson's mean for the controller's states; the first pass used the trapezoidal mean. Their
+     * difference shows the error of both for signals that move fast within the step. */
     for (int64_t k = 0; k < signals; k++)
         j->middle.at[k] = (j->start.at[k] + 4.0 * j->middle.at[k] + j->end.at[k]) / 6.0;
     TRY(advance_controller(j, t, h, j->middle.at));
     return joint_frame(j, j->frame.at, j->logs.at);
 }
 
-/* Set the tangents where a step begins and read what follows from them, with the states to come back
- * to. */
+/* Set the tangents at the start of a step, read the plant's signals, and save the states. */
 static int begin_step(Joint *j)
 {
     TRY(set_tangents(j, &j->plant, 0));
@@ -216,12 +215,12 @@ static int begin_step(Joint *j)
     return save(&j->plant.calls, CORRECTION) && save(&j->controller.calls, CORRECTION);
 }
 
-/* The larger one, also where one is not a number. */
+/* The larger number; NaN if one of them is NaN. */
 static double larger_or_nan(double a, double b) { return a > b || a != a ? a : b; }
 
-/* How far the correction of a step moved the tangents, as a share of what is allowed: some nats, or
- * radians of a tangent's direction, and a share of the growth of that tangent in this step, or of its
- * usual growth, which are large for the fast ones only. */
+/* Change of the tangents by the correction of a step, as a share of the allowed change: some nats,
+ * or radians of a tangent's direction, plus a share of the growth of that tangent in this step, or
+ * of its mean growth if larger. These growths are large for the fast tangents only. */
 static double moved_share(const Joint *j, const Clock *clock, const Trail *trail)
 {
     const int64_t width = j->plant.states + j->controller.states;
@@ -239,7 +238,7 @@ static double moved_share(const Joint *j, const Clock *clock, const Trail *trail
     return worst;
 }
 
-/* One step, halved until correcting it changes little, and its row; 0 where a call failed. */
+/* Do one step, halved until its correction is small, and record its row; 0 if a call failed. */
 static int joint_row(Joint *j, Clock *clock, Trail *trail)
 {
     const int64_t count = j->count, outputs = j->shown.taken.size;
@@ -272,8 +271,8 @@ static int joint_row(Joint *j, Clock *clock, Trail *trail)
     return 1;
 }
 
-/* Do up to `most` steps, recorded from row 1 on, row 0 being the last before; GOES_ON, or why the run
- * ended. */
+/* Do up to `most` steps, recorded from row 1 on (row 0 is the last one before); return GOES_ON, or
+ * why the run ended. */
 API int joint_march(Joint *j, Clock *clock, Trail *trail, int64_t most)
 {
     int why = GOES_ON;

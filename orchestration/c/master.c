@@ -1,9 +1,9 @@
-/* Many communication steps of a loop and its reference co-runs, and what else `compiled.py` calls. */
+/* Communication steps of a loop and its reference co-runs; other functions for `compiled.py`. */
 #include "coupling.c"
 
 #include "clock.c"
 
-#define LEAST_SHARE 1e-3 /* of the error that is allowed in all, to any one step */
+#define LEAST_SHARE 1e-3 /* of the total allowed error, which any one step may have */
 
 enum { GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED };
 
@@ -11,35 +11,35 @@ enum { GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED }
 #include "played.c"
 #include "group.c"
 
-/* A loop with what it records. */
+/* A loop and its record. */
 typedef struct {
     Loop loop;
-    int64_t parts;   /* into how many a reference co-run divides each step; 0 if it is not there */
+    int64_t parts;   /* of each step of a reference co-run; 0 if there is no co-run */
     Vector recorded; /* outputs of the plant and others of the controller at the end of each step */
     int64_t rows;
-    double failed; /* time of the step in which a reference co-run failed [s], NaN before */
+    double failed; /* time of the step in which a reference co-run failed [s], else NaN */
 } Pair;
 
-/* The run as it is recorded, what is measured along it, and what it is to follow. */
+/* The record of a run, the measurements during it, and its reference. */
 typedef struct {
     Vector times, references;
     Vector commands;             /* row by row */
     Vector bounds;               /* of each output, beyond which the loop diverges */
     Vector nominal, low, high;   /* of each output, and its range so far */
     Vector residual, effect_rate;  /* largest of each command, and its effect on each output, per second */
-    double accuracy;             /* share of an output's range that may be wrong in the end */
+    double accuracy;             /* allowed error at the end, as a share of an output's range */
     double contraction, contraction_weight; /* sums of contraction by weight and of weight */
-    Vector apart;                /* run and reference co-run after the last step */
-    /* the reference's points; polynomials in the time since each, and before them a constant: what is
-     * recorded, then what each input takes */
+    Vector apart;                /* difference of run and reference co-run after the last step */
+    /* the reference's points; a constant before them and polynomials in the time since each of
+     * them: for the recorded set-point, then for each input */
     Vector goal_times, goal_pieces;
-    Vector before, after; /* room for what the inputs take at two times */
+    Vector before, after; /* room for the inputs' set-points at two times */
 } Course;
 
 enum { FROM_BEFORE, FROM_THEN_ON }; /* on which side of a jump */
 
-/* The set-point at a time [s] and, in `inputs`, what each input takes of it. Points of the reference
- * that are `close` are there at this time. */
+/* Return the set-point at a time [s], and put each input's value of it into `inputs`. Points of the
+ * reference within `close` count as points at this time. */
 static double set_points(const Course *c, double t, int side, double close, double *inputs)
 {
     const double *const times = c->goal_times.at;
@@ -91,8 +91,8 @@ static int record_outputs(Pair *pair, const double *reference)
     return 1;
 }
 
-/* Put what the set-points are after a time into `before`; what a loop has from before a jump of them
- * counts no longer. */
+/* Put the set-points just after a time into `before`; if they jump, discard the law that the loop
+ * has from before the jump. */
 static void begin_step_at(Loop *l, Course *course, double t, double close)
 {
     double *const before = course->before.at, *const after = course->after.at;
@@ -103,7 +103,7 @@ static void begin_step_at(Loop *l, Course *course, double t, double close)
             l->has_following = 0;
 }
 
-/* Move a loop over a step of a length and to an end, in as many parts as it has. */
+/* Move a loop over a step of length `h` to the time `end`, in the number of parts of the pair. */
 static int stepped_along(Pair *pair, Course *course, double t, double h, double end, double close)
 {
     const double parts = (double)pair->parts;
@@ -118,7 +118,7 @@ static int stepped_along(Pair *pair, Course *course, double t, double h, double 
     return 1;
 }
 
-/* End a step of a reference co-run, before one of so many seconds and parts, or the last one. */
+/* End a step of a reference co-run; the next step is `following` seconds long, if there is one. */
 static void end_co_run_step(Pair *pair, Course *course, const Clock *clock, double following)
 {
     const double t = clock_now(clock);
@@ -134,15 +134,15 @@ static void end_co_run_step(Pair *pair, Course *course, const Clock *clock, doub
     }
 }
 
-/* How far an output of the run and of its reference co-run are from each other. */
+/* Difference of an output of the run from that of its reference co-run. */
 static double apart_by(const Pair *co_run, const double *outputs, int64_t k)
 {
     return runs(co_run) ? outputs[k] - co_run->loop.outputs.at[k] : 0.0;
 }
 
-/* What a step was worth: its effect, and what it costs of what it may. */
+/* Result of a step: the effect of its correction, and its error as a share of the allowed one. */
 typedef struct {
-    const Loop *corrected; /* whose correction tells */
+    const Loop *corrected; /* the loop whose correction is used */
     double weight, share;
 } Judged;
 
@@ -166,8 +166,8 @@ static Judged judge_step(const Pair *main, const Pair *co_run, const Clock *cloc
     return (Judged){corrected, weight, fmax(weight, worst) / allowed};
 }
 
-/* Do up to `most` accepted steps, recorded from row 0 on; GOES_ON, or why the run ended. Steps that
- * end at breaks of the clock are not recorded. */
+/* Do up to `most` accepted steps, recorded from row 0 on; return GOES_ON, or why the run ended.
+ * Steps that end at breaks of the clock are not recorded. */
 API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Course *course,
                      int64_t most)
 {
@@ -238,7 +238,7 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
         const int64_t row = main->rows;
         double *const commands = course->commands.at + row * m;
         begin_step_at(loop, course, end, close);
-        /* a step of another length may follow where no commands are kept */
+        /* if no commands are kept, a step of another length may follow */
         if (course->commands.size && !clock->broken &&
             !command_now(loop, end, following, course->before.at, clock_done(clock), commands)) {
             release_both(loop, CORRECTION);
@@ -272,7 +272,7 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
     return why;
 }
 
-/* -- single questions ------------------------------------------------------------------------- */
+/* -- single calls ------------------------------------------------------------------------------ */
 
 API int master_read_outputs(Calls *plant, double *outputs)
 {

@@ -1,5 +1,5 @@
-/* FMI's functions over the memory of a readable FMU's slave, as `fmus/runtime.py` has them, for who
- * does not want to go through Python at each call; made by `played.py`, after initialization. */
+/* FMI functions on the memory of a readable FMU's slave, like those of `fmus/runtime.py`, but
+ * without Python in each call; `played.py` sets them up after initialization. */
 #include <stdlib.h>
 
 #define SAME_TIME 1e-9 /* share of a sampling period within which two times are equal */
@@ -9,16 +9,16 @@
 typedef struct {
     Vector memory, nominal, atol;
     Vector update; /* room for discrete states */
-    Places places; /* of each value reference in the memory */
-    /* of the FMU's core, and what they are called with */
+    Places places; /* place of each value reference in the memory */
+    /* functions of the FMU's core, and their arguments */
     int (*step)(const void *, double, double, double, int);
     void (*output)(const void *, double);
     void (*sample)(const void *, double, const double *, const double *, const double *, double *);
     const void *instance, *system;
-    /* places in the memory; negative where there is none */
+    /* places in the memory; negative if there is none */
     int64_t discrete, parameters, states, tolerance, time, samples, step_start, sample_time;
-    int64_t is_new; /* whether outputs are as the memory says */
-    /* what went wrong, for the slave to tell: a value that is not a number, or a step */
+    int64_t is_new; /* whether the outputs in the memory are up to date */
+    /* the error, for the slave's message: a value that is not finite, or a failed step */
     Vector before; /* the memory before the last step */
     int64_t bad_value, bad_step, reference;
     double value, t, h;

@@ -1,5 +1,5 @@
-"""A controller swap study: tune all alike, judge on what was never seen, say what can be told.
+"""A controller swap study: tune all controllers alike, judge them on unseen plants and motions.
 
-`plan.py` is what is asked, `loop.py` runs one loop, `figures.py` measures a run, `tuning.py` tunes,
-`comparison.py` compares, `sensitivity.py` says what matters, `study.py` does all of it.
+`plan.py` reads the plan, `loop.py` runs one loop, `figures.py` measures a run, `tuning.py` tunes,
+`comparison.py` compares, `sensitivity.py` finds what matters, `study.py` does the whole study.
 """

@@ -11,14 +11,14 @@ import numpy.typing as npt
 Matrix = npt.NDArray[np.float64]
 
 LEVEL = 0.90
-"""Equal controllers may be called different in one study of ten at most."""
+"""At most one study in ten calls equal controllers different."""
 RELEVANT = 0.02
-"""Smallest ratio less one of two figures that matters to anybody."""
+"""Smallest relevant difference of two figures: their ratio minus 1."""
 
 
 @dataclass(frozen=True)
 class Mean:
-    """A mean of a figure over plants, with its interval; NaN where a run has no such figure.
+    """A mean of a figure over plants, with its interval; NaN if a run has no such figure.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Difference:
     low, high : float
         90 % interval of it, over plants and tunings.
     told_apart : bool
-        Whether the interval leaves out everything within 2 % of equal.
+        Whether the interval contains no ratio within 2 % of 1.
     """
 
     ratio: float
@@ -57,15 +57,15 @@ class Difference:
 
 
 def mean_over_plants(figure: Matrix, geometric: bool) -> Mean:
-    """The mean of a figure on plants as were drawn, each with noise of its own.
+    """The mean of a figure over the drawn plants, each with its own noise.
 
-    Student's interval over the plants, of the mean over tunings on each; of a figure that is
-    positive of its logarithm: what varies between plants multiplies an error more than it adds to
-    it, so that the logarithm is the closer to normal, and two controllers are compared by it. The
-    tunings are what they are: the luck of another tuning is not in it.
+    Student's interval over the plants, of the mean over tunings on each. For a positive figure it
+    is that of the logarithm: differences of plants mostly multiply an error, so that the logarithm
+    is closer to normal, and two controllers are compared by it. The tunings are fixed: the scatter
+    of other tunings is not included.
 
-    A bootstrap needs no distribution, but at 20 plants it is too narrow (of a normal figure it
-    holds the mean in 86 or 87 of 100 studies).
+    A bootstrap needs no distribution, but with 20 plants it is too narrow (for a normal figure it
+    contains the mean in 86 or 87 of 100 studies).
 
     Parameters
     ----------

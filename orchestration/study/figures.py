@@ -12,14 +12,14 @@ from .loop import Course
 
 MICRON = 1e-6
 COUNTS = 10
-AFTER_REVERSAL = 0.05  # s, in which the error after a reversal of the set-point is looked at
-AT_REST = 0.25  # share of the rest after a motion, at its end, that is looked at for hunting
-CYCLES = 2  # fewest in it that are called hunting
+AFTER_REVERSAL = 0.05  # s, time after a reversal of the set-point for the reversal error
+AT_REST = 0.25  # last share of the rest after a motion, which is checked for hunting
+CYCLES = 2  # fewest cycles in it that are called hunting
 
 
 @dataclass(frozen=True)
 class Figures:
-    """What a run is judged by; NaN where it does not define one, or the run failed.
+    """Figures of merit of a run; NaN if the run does not define one, or failed.
 
     Attributes
     ----------
@@ -27,30 +27,30 @@ class Figures:
         Set-point minus position [m].
     settling_2pct, settling_1um, settling_10counts : float
         From the end of the last motion until the error stays within 2 % of the set-point's range,
-        1 um, 10 counts [s]; infinite where it does not.
+        1 um, 10 counts [s]; infinite if it does not.
     overshoot : float
         Furthest beyond the range of the set-point [m].
     reversal_error : float
-        Largest error within 50 ms after the set-point turns round [m].
+        Largest error within 50 ms after the set-point reverses [m].
     energy : float
-        Taken from the amplifier, which takes none back [J].
+        Energy from the amplifier, which takes none back [J].
     total_variation : float
         Sum of the magnitudes of all changes of the command [V].
     saturated_share : float
-        Of the time in which the command is at the amplifier's limit.
+        Share of the time in which the command is at the amplifier's limit.
     peak_current : float
         [A]
     hunting_amplitude, hunting_period : float
         Half the range of the position in the last quarter of the last rest [m], and its period [s];
-        zero and NaN where there are fewer than two whole cycles in it.
+        zero and NaN if there are fewer than two whole cycles in it.
     hunting : float
         1 if it hunts there: two oscillations or more, with an amplitude of more than a count
-        of the position sensor. 0 where it does not: it stays within a count. NaN if this cannot
+        of the position sensor. 0 if it does not: it stays within a count. NaN if this cannot
         be decided: it creeps, oscillates by less than a count, or there is no rest.
     steady_error : float
         Mean error there [m].
     failed : float
-        1 where the solver could not go on.
+        1 if the solver could not continue.
     """
 
     rms_error: float
@@ -82,11 +82,11 @@ UNITS = dict(
 
 
 SIZES = ("rms_error", "peak_error", "reversal_error", "energy", "total_variation", "peak_current")
-"""Figures that are positive but where nothing moves at all, and that plants change by factors."""
+"""Figures that are positive, except without any motion, and that plants change by factors."""
 
 
 def hunting_verdict(hunting: float) -> str:
-    """In words what `Figures.hunting` says."""
+    """The value of `Figures.hunting` in words."""
     if math.isnan(hunting):
         return "undecided"
     return "hunting" if hunting else "none"
@@ -99,9 +99,9 @@ def figures_of(course: Course, count: float, limit: float) -> Figures:
     ----------
     course : Course
     count : float
-        Of the position sensor [m].
+        Resolution of the position sensor [m].
     limit : float
-        The amplifier's [V].
+        Limit of the amplifier [V].
     """
     if course.stopped or not np.isfinite(course.position).all():
         return Figures(**dict.fromkeys(NAMES, math.nan) | {"failed": 1.0})
@@ -160,7 +160,7 @@ def _hunting(position: Vector, step: float) -> tuple[float, float]:
 
 
 def _hunts(position: Vector, amplitude: float, count: float) -> float:
-    """See `Figures.hunting`; the amplitude is zero where there are too few cycles."""
+    """See `Figures.hunting`; the amplitude is zero if there are too few cycles."""
     if np.ptp(position) <= count:
         return 0.0
     return 1.0 if amplitude > count else math.nan

@@ -10,7 +10,7 @@ LARGE = 1e-3  # m; from here on in millimetres
 
 
 def scale(lengths: Iterable[float]) -> tuple[float, str]:
-    """What to multiply lengths [m] by, and the unit: by the median of those that are numbers."""
+    """Factor for lengths [m], and the unit: by the median of those that are not NaN or infinite."""
     sizes = [abs(x) for x in lengths if math.isfinite(x)]
     return (1e3, "mm") if sizes and median(sizes) >= LARGE else (1e6, "um")
 

@@ -22,7 +22,7 @@ TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class Course:
-    """What a run of a loop was, on its grid of m times.
+    """A run of a loop, on its grid of m times.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Course:
         [s]
     position, velocity, current, command, reference, reference_velocity : ndarray, shape (m,)
         [m], [m/s], [A], in the unit of the plant's command, [m], [m/s]. The current is NaN for a
-        plant without.
+        plant without a current.
     stopped : str
         Why it ended early; empty if it did not.
     """
@@ -70,7 +70,7 @@ class StudyLoop:
         Parameters
         ----------
         values : mapping of str to float
-            Parameters that are not default, with the prefixes of a loop's parts.
+            Parameters that differ from their defaults, with the prefixes of a loop's parts.
         reference : Reference
         stop : float
             [s]

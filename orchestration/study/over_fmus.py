@@ -18,36 +18,36 @@ from .loop import StudyLoop
 if TYPE_CHECKING:
     from .plan import Duty
 
-SHARE = 20  # every so many runs, drawn at random
-ALLOWED = 10.0  # times what units in the last place, or a tenth of the tolerance, move the run
-TRUSTED = "trusted"  # of the master's verdicts, that on a coupling that converged
+SHARE = 20  # one run in this many, drawn at random
+ALLOWED = 10.0  # times the effect of units in the last place, or of a tenth of the tolerance
+TRUSTED = "trusted"  # the master's verdict on a coupling that converged
 ROUND_OFF = 1e-13  # m, of positions in the size of a metre
 COMPARED = ("rms_error", "peak_error", "failed")
 """Figures of a run that the table has; two runs' errors differ by no more than their positions."""
-TOLERANCES = 40  # with which a run that seems to differ is done again
+TOLERANCES = 40  # number of tolerances for the repetition of a run that seems to differ
 
 
 @dataclass(frozen=True)
 class FmuCheck:
-    """One run over FMUs beside that of the study.
+    """One run over FMUs, compared with that of the study.
 
     Attributes
     ----------
     apart : float
         Largest distance of the two positions [m].
     allowed : float
-        Ten times what the study's own run is uncertain by: the most that one unit in the last place
-        of any parameter of the plant, a tenth of the solver's tolerance, or that of the FMUs' own
-        solvers, moves it [m]; where that is less than `apart`, also tolerances in between. At least
+        Ten times the uncertainty of the study's own run: its largest change by one unit in the last
+        place of any parameter of the plant, by a tenth of the solver's tolerance, or by that of the
+        FMUs' own solvers [m]; if that is less than `apart`, also by tolerances in between. At least
         the master's own estimate of its coupling error.
     agrees : bool
-        Whether the position over FMUs is that near, and the figures of the table are those of the
-        study's run and of that over FMUs.
+        Whether the position over FMUs is that near, and the figures of the table agree with the run
+        over FMUs.
     coupling : str
-        What the master says of its coupling: ``trusted`` or ``not converged``; empty where the
-        study's own run failed, and none was made over FMUs.
+        The master's verdict on its coupling: ``trusted`` or ``not converged``; empty if the study's
+        own run failed, so that none was made over FMUs.
     reason : str
-        Why.
+        Reason of this verdict.
     """
 
     apart: float
@@ -78,7 +78,7 @@ def check_over_fmus(
     tolerance : float
         Of the study's run.
     table : mapping of str to float
-        What the study says of this run, figures of `COMPARED`.
+        The study's figures of this run, those of `COMPARED`.
     """
     reference = duty.signal()
     own = loop.run(values, reference, duty.stop, tolerance)
@@ -90,7 +90,7 @@ def check_over_fmus(
         apart_of = (np.abs(o.position - own.position).max() for o in runs if not o.stopped)
         return float(max(apart_of, default=math.inf))
 
-    # all of them: one alone may be lucky, and leave every count of an encoder as it was
+    # all of them: one alone may by chance leave every count of an encoder unchanged
     finest = min(tolerance / 10, DEFAULT_TOLERANCE)  # the latter is the FMUs' own
     finer = ((values, t) for t in {tolerance / 10, finest})
     uncertain = moved(chain(((v, tolerance) for v in _nearest(loop, values)), finer))
@@ -108,7 +108,7 @@ def check_over_fmus(
     found = run_pair(over).run
     position = np.interp(own.time, found.time, found.outputs["x"])
     apart = float(np.abs(position - own.position).max())
-    if apart > ALLOWED * uncertain:  # or were they all lucky?
+    if apart > ALLOWED * uncertain:  # all of them may have no effect by chance
         between = np.geomspace(finest, tolerance, TOLERANCES)
         uncertain = max(uncertain, moved((values, float(t)) for t in between))
     allowed = ALLOWED * max(uncertain, ROUND_OFF)
@@ -122,7 +122,7 @@ def check_over_fmus(
 
 
 def _nearest(loop: StudyLoop, values: Mapping[str, float]) -> Iterator[dict[str, float]]:
-    """The values with one parameter of the plant after the other the next larger number."""
+    """Yield the values with one parameter of the plant after the other at its next number."""
     for p in loop.kernel.parameters:
         if p.name.startswith(PLANT):
             value = values.get(p.name, p.default)

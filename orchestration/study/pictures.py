@@ -9,14 +9,14 @@ from .result import JUDGED_BY
 if TYPE_CHECKING:
     from .result import StudyResult
 
-# after Okabe and Ito: colours that the colour-blind can tell apart; then the same with other marks
+# after Okabe and Ito: colours that colour-blind readers can distinguish; then with other marks
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 FEW_DECADES = 60.0  # ratio of the ends of an axis
 MARKS = ("o", "s", "^", "D", "v", "P", "X")
 
 
 def _label(axis: Any) -> None:
-    """Plain numbers at 1, 2, 5 of each decade; of many decades at 1 alone."""
+    """Plain numbers at 1, 2, 5 of each decade; with many decades only at 1."""
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
     low, high = axis.get_view_interval()
@@ -26,7 +26,7 @@ def _label(axis: Any) -> None:
 
 
 def mark_of(number: int) -> int:
-    """Which mark a controller has: no two of 49 have both the mark and the colour in common."""
+    """Number of a controller's mark: no two of 49 have the same mark and the same colour."""
     return (number + number // len(COLOURS)) % len(MARKS)
 
 

@@ -40,8 +40,8 @@ class Duty:
     tune : bool
         Whether controllers are tuned on it; they are judged on the others.
     plant : dict of str to float
-        Parameters of the plant that are not default at this duty: those of the study's parameter
-        file, and over them its own, such as those of a load.
+        Parameters of the plant that differ from their defaults at this duty: those of the study's
+        parameter file, replaced by its own, such as those of a load.
     """
 
     name: str
@@ -67,14 +67,14 @@ class Entrant:
     Attributes
     ----------
     name : str
-        In tables.
+        Name in tables.
     component : str
         A name of the catalogue, or ``file.py:function``; either with ``+feed_forward``.
     values : dict of str to float
-        Parameters that are not default and stay, and what those that are tuned begin with.
+        Fixed parameters that differ from their defaults, and start values of tuned parameters.
     tune : dict of str to (float, float)
-        Parameters that are tuned, and their ranges; where a plan does not say which, those of
-        `tunable` that `values` leaves.
+        Parameters that are tuned, and their ranges; if a plan gives none, those of `tunable` that
+        are not in `values`.
     """
 
     name: str
@@ -85,18 +85,18 @@ class Entrant:
 
 @dataclass(frozen=True)
 class Tuning:
-    """How all are tuned.
+    """How all controllers are tuned.
 
     Attributes
     ----------
     budget : int
-        Candidates that each may try; twice as many are tried to see what that would gain.
+        Candidates for each controller; twice as many are tried to find what that would gain.
     plants : int
-        Drawn plants on which each candidate runs, beside the nominal one.
+        Drawn plants on which each candidate runs, in addition to the nominal one.
     seeds : int
         Number of repeated tunings of each, so that the scatter of a tuning is known.
     limits : dict of str to float
-        Largest values of figures, see `Figures`, which a tuned controller is to keep.
+        Largest values of figures, see `Figures`, that a tuned controller should not exceed.
     """
 
     budget: int = 100
@@ -123,10 +123,10 @@ class Plan:
     delay : int
         Samples until a computed command is put out.
     instruments : tuple of str
-        Through which the controllers measure, one behind the other, see `measured_through`.
+        Through which the controllers measure, one after the other, see `measured_through`.
     command_limit : float or None
-        Largest command, either sign, in the unit of the plant's command: volts of an amplifier,
-        newtons where the command is a force. None: see `limit_of`.
+        Largest magnitude of the command, in the unit of the plant's command: volts of an amplifier,
+        newtons if the command is a force. None: see `limit_of`.
     count : float
         Of the position sensor, for figures in counts [m].
     tolerance : float
@@ -161,12 +161,12 @@ class Plan:
         return tuple(d for d in self.duties if not d.tune)
 
     def draws(self, purpose: str) -> npt.NDArray[np.float64]:
-        """What the drawn plants are, one row each, one column per variation.
+        """The drawn plants, one row each, one column per variation.
 
         Parameters
         ----------
         purpose : {"tune", "judge"}
-            Those of one are never those of the other. The first of those to tune on is nominal.
+            The two purposes have different plants. The first plant for tuning is the nominal one.
         """
         count = self.tuning.plants if purpose == "tune" else self.plants
         random = np.random.default_rng([self.seed, ("tune", "judge").index(purpose)])
@@ -175,7 +175,7 @@ class Plan:
 
     @property
     def nominal(self) -> npt.NDArray[np.float64]:
-        """What is drawn for the nominal plant."""
+        """The draws of the nominal plant."""
         return np.array([v.nominal for v in self.variations])
 
     def drawn(self, shares: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -184,7 +184,7 @@ class Plan:
         return np.column_stack(columns) if columns else shares
 
     def rows_to_check(self) -> npt.NDArray[np.float64]:
-        """All drawn plants of the study, and those with one thing at an end of its range."""
+        """All drawn plants of the study, and those with one variation at an end of its range."""
         rows = []
         for k, variation in enumerate(self.variations):
             for end in variation.ends:
@@ -209,7 +209,7 @@ class Plan:
 
 @cache
 def _signal(text: str) -> Reference:
-    """A process follows each motion many times, and reads a file once."""
+    """The set-point of a duty; a process uses it many times, and reads a file once."""
     return read_motion(text) or Reference.read(text)
 
 
@@ -294,13 +294,13 @@ def _part(table: dict[str, Any], name: str, kind: type) -> Any:
 def _own(
     table: Mapping[str, Any], values: Mapping[str, float], component: str
 ) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
-    """What a controller knows of a machine and begins with, and the ranges of its gains there."""
+    """A controller's model of a machine with its start values, and the ranges of its gains."""
     from ...fmus.catalogue import in_units_of
     from ..limits import BadParameter
     from ..machine import Machine, gain_ranges, limit_of, model_values
     from ..parts import Part
 
-    if not tunable(component):  # of a file of the user's, which says it all itself
+    if not tunable(component):  # from a user's file, which gives all of this itself
         return {}, {}
     try:
         plant = Part(table["plant"])
@@ -314,7 +314,7 @@ def _own(
 
 
 def _entrant(name: str, given: Any, machine: Own | None = None) -> Entrant:
-    """A controller as the plan has it; of a `machine`, with what is known of that."""
+    """A controller of the plan; for a `machine`, with the values that follow from it."""
     where = f"controllers.{name}"
     given = as_table(where, given)
     check_names(where, given, ("component", "values", "tune"))

@@ -39,7 +39,7 @@ def as_range(where: str, name: str, given: Any) -> tuple[float, float]:
 
 
 def as_numbers(where: str, given: Mapping[str, Any], whole: Mapping[str, int]) -> dict[str, Any]:
-    """Finite numbers; those of `whole` are whole numbers, at least so large. Raises `BadPlan`."""
+    """Finite numbers; those in `whole` are integers with this lower bound. Raises `BadPlan`."""
     found: dict[str, Any] = {}
     for name, value in given.items():
         plain = isinstance(value, int | float) and not isinstance(value, bool)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "x")
 _DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot", "5px 1px 1px 1px")
 _FAR_OFF = (
-    30.0  # times the median of the largest errors: such a course is drawn when it is asked for
+    30.0  # times the median of the largest errors: a larger course is drawn only if requested
 )
 
 
@@ -49,14 +49,14 @@ def report(study: StudyResult) -> str:
 
 
 def number(value: float) -> str:
-    """Three digits; "never" where a time is infinite, a dash where there is none."""
+    """Three digits; "never" if a time is infinite, a dash if there is no value."""
     if math.isnan(value):
         return "-"
     return "never" if math.isinf(value) else f"{value:.3g}"
 
 
 def _scale(study: StudyResult, figure: str, duty: str) -> tuple[float, str]:
-    """What a column of the table is multiplied by, and its unit."""
+    """Factor of a column of the table, and its unit."""
     if UNITS[figure] != "m":
         return 1.0, UNITS[figure]
     return scale(study.interval(figure, e.name, duty).mean for e in study.plan.entrants)
@@ -140,7 +140,7 @@ def _courses(study: StudyResult, duty: str) -> list[dict[str, Any]]:
 
 
 def dash_of(number: int) -> str:
-    """How a controller's line is drawn: whole for the first of each colour."""
+    """The dash of a controller's line: solid for the first of each colour."""
     return _DASHES[number // len(COLOURS) % len(_DASHES)]
 
 

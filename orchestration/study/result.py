@@ -23,11 +23,11 @@ Array = npt.NDArray[np.float64]
 
 JUDGED_BY = "rms_error"
 SMALLEST = 1e-12  # m; errors below it are equal
-MEASURED = tuple(n for n in NAMES if n not in ("hunting", "failed"))  # and not a verdict
+MEASURED = tuple(n for n in NAMES if n not in ("hunting", "failed"))  # without verdicts
 
 
 class Run(NamedTuple):
-    """Which run of a study."""
+    """Numbers that identify a run of a study."""
 
     controller: str
     tuning: int
@@ -37,7 +37,7 @@ class Run(NamedTuple):
 
 @dataclass(frozen=True)
 class Shown:
-    """A run as the report draws it, at some hundreds of times; empty where it failed.
+    """A run for the report, at some hundreds of times; empty if it failed.
 
     Attributes
     ----------
@@ -62,9 +62,9 @@ class DutyAnswer:
     ----------
     duty : str
     order : tuple of str
-        Controllers by their geometric mean error, the best first; those that failed are left out.
+        Controllers by their geometric mean error, the best first; without those that failed.
     best : tuple of str
-        The first, and all that are not significantly different from it.
+        The first one, and all that are not significantly different from it.
     failed : dict of str to int
         Failed runs by controller.
     """
@@ -94,10 +94,10 @@ class StudyResult:
     checks : dict of Run to FmuCheck
         Runs that were repeated over FMUs.
     sobol : dict
-        Sobol indices of the rms error by controller, duty and what was varied; empty where not
-        asked, and at a duty where a run failed.
+        Sobol indices of the rms error by controller, duty and variation; empty if not requested,
+        and for a duty with a failed run.
     courses : dict of str to dict of str to Shown
-        By duty and controller, of the nominal plant under the tuning with the least cost.
+        By duty and controller, for the nominal plant with the tuning of least cost.
     """
 
     plan: Plan
@@ -112,17 +112,17 @@ class StudyResult:
 
     @property
     def command_unit(self) -> str:
-        """Of the plant's command, such as ``V``."""
+        """Unit of the plant's command, such as ``V``."""
         return Part(self.plan.plant).command_unit
 
     @property
     def disagreed(self) -> int:
-        """Runs with different results over FMUs."""
+        """Number of runs with different results over FMUs."""
         return sum(not c.agrees for c in self.checks.values())
 
     @property
     def not_converged(self) -> int:
-        """Runs over FMUs whose coupling the master does not trust."""
+        """Number of runs over FMUs whose coupling the master does not trust."""
         return sum(c.coupling not in ("", TRUSTED) for c in self.checks.values())
 
     def mean(self, figure: str, controller: str, duty: str) -> float:
@@ -136,7 +136,8 @@ class StudyResult:
     def interval(self, figure: str, controller: str, duty: str) -> Mean:
         """Mean of a figure with its 90 % interval over plants.
 
-        Geometric for what is positive in the runs of all controllers at this duty, see `SIZES`.
+        Geometric for figures that are positive in the runs of all controllers at this duty, see
+        `SIZES`.
         """
         d = [d.name for d in self.plan.judged_duties].index(duty)
         every = self.figures[figure][:, :, d]
@@ -150,7 +151,7 @@ class StudyResult:
         return self.figures[figure][e, :, d]
 
     def hunting(self, controller: str, duty: str) -> dict[str, int]:
-        """Runs by the verdict on hunting; see `Figures`."""
+        """Numbers of runs by the verdict on hunting; see `Figures`."""
         said = [hunting_verdict(v) for v in self._runs("hunting", controller, duty).ravel()]
         return {word: said.count(word) for word in ("hunting", "none", "undecided")}
 
@@ -175,7 +176,7 @@ class StudyResult:
         return columns
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything of ``study.json``."""
+        """The content of ``study.json``."""
         return {
             "version": 1,
             "plan": asdict(self.plan),
@@ -255,7 +256,7 @@ def concluded(
 
 
 def _sensitivity(plan: Plan, errors: Array, failed: Array) -> Sensitivity:
-    """Of all runs of a controller, each duty and tuning about its own mean."""
+    """Sensitivity over all runs of a controller, each duty and tuning about its own mean."""
     varied = [v.name for v in plan.variations]
     if failed.any():
         return Sensitivity(dict.fromkeys(varied, 0.0), 0.0)

@@ -1,4 +1,4 @@
-"""What a figure of a controller is most sensitive to: regression on the runs that were made."""
+"""Sensitivity of a controller's figure: regression on the runs that were made."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Sensitivity:
     Attributes
     ----------
     coefficients : dict of str to float
-        By what was varied: change of the logarithm, in its standard deviations, for one standard
+        By variation: change of the logarithm, in its standard deviations, for one standard
         deviation of the factor. The larger, the more it matters.
     explained : float
-        Share of the variance that the linear model explains (R^2); where it is small, the
-        coefficients say little.
+        Share of the variance that the linear model explains (R^2); if it is small, the coefficients
+        have little meaning.
     """
 
     coefficients: dict[str, float]
@@ -30,7 +30,7 @@ class Sensitivity:
 
     @property
     def foremost(self) -> str:
-        """What matters most; empty where nothing was varied or the figure did not change."""
+        """The variation that matters most; empty if there is none or the figure did not change."""
         if not self.coefficients or not self.explained > 0:
             return ""
         return max(self.coefficients, key=lambda name: abs(self.coefficients[name]))

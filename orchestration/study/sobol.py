@@ -19,12 +19,12 @@ RESAMPLES = 200  # of the bootstrap of the intervals
 
 @dataclass(frozen=True)
 class SobolIndex:
-    """What part of the variance of a figure's logarithm comes from one thing that was varied.
+    """Share of the variance of a figure's logarithm that comes from one variation.
 
     Attributes
     ----------
     first, total : float
-        By itself; and with all that it does together with others.
+        Alone; and with all its interactions with others.
     first_within, total_within : float
         Half the width of their 90 % intervals, by a bootstrap over the sample.
     """
@@ -60,7 +60,7 @@ def sobol_indices(figure: Vector, names: list[str], seed: int) -> dict[str, Sobo
     Returns
     -------
     dict of str to SobolIndex
-        By name; empty where a run has no such figure, all zero where it does not change.
+        By name; empty if a run has no such figure, all zero if it does not change.
     """
     from SALib.analyze import sobol
 

@@ -49,12 +49,12 @@ def do_study(
 ) -> StudyResult:
     """Do a study, or finish one.
 
-    What is done is kept in ``study.parts`` in the folder until the caller removes it.
+    Finished parts are kept in ``study.parts`` in the folder until the caller removes it.
 
     Parameters
     ----------
     progress : function, optional
-        Called with the stage, the runs that are done, and all of them.
+        Called with the stage, the number of finished runs, and the number of all runs.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def tuned_and_judged(
 ) -> tuple[dict[str, list[Tuned]], dict[str, Array]]:
     """Tunings of each controller, and figures by name, (controllers, seeds, duties, plants).
 
-    Each task's result is kept in the folder; what is there is not done again.
+    Each task's result is kept in the folder; tasks with a result there are not done again.
     """
     parts = _parts(plan, loops, folder)
     jobs = {
@@ -177,9 +177,9 @@ def _sobol(
     workers: Workers,
     progress: Progress | None,
 ) -> dict[str, dict[str, dict[str, SobolIndex]]]:
-    """Indices of the error by controller, duty and what was varied; empty where not asked.
+    """Indices of the error by controller, duty and variation; empty if not requested.
 
-    Of the tuning with the least cost, under one noise: the figure is then one of the plant alone.
+    For the tuning of least cost, with one noise: the figure then depends on the plant only.
     """
     if not plan.sobol:
         return {}
@@ -252,7 +252,7 @@ def _errors_on(
     duty: Duty,
     draws: Array,
 ) -> list[float]:
-    """The error that controllers are judged by on each of these plants; NaN where a run failed."""
+    """The error that controllers are judged by on each of these plants; NaN if a run failed."""
     number = FIRST_JUDGED - 1  # whose noise no judged plant has
     return [
         float(getattr(_measured(plan, loop, values, duty), JUDGED_BY))
@@ -267,12 +267,12 @@ def _checked(*task: Any) -> dict[str, Any]:
 
 
 def discard_parts(folder: Path) -> None:
-    """Remove what was kept while the study was not finished."""
+    """Remove the parts that were kept until the study was finished."""
     KeptParts(folder / PARTS, "").discard()
 
 
 def composed(plan: Plan, entrant: Entrant) -> Component:
-    """The entrant's controller as it takes part: digital, behind the instruments.
+    """The entrant's controller in the form for the study: digital, with the instruments.
 
     Raises
     ------
@@ -371,7 +371,7 @@ def _judged(
 
 
 def _parts(plan: Plan, loops: Mapping[str, StudyLoop], folder: Path) -> KeptParts:
-    """What is done of this study and no other."""
+    """The finished parts of this study only."""
     text = plan.to_json() + ",".join(NAMES) + "".join(loop.kernel.module for loop in loops.values())
     return KeptParts(folder, hashlib.sha256(text.encode()).hexdigest()[:16])
 

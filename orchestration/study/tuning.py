@@ -1,8 +1,8 @@
 """Tuning: the same optimizer, budget, duties, plants and limits for every controller.
 
-The optimizer is CMA-ES, by its author's own package (N. Hansen, `cma`): kept since 2008, made for
-few, ill-scaled, coupled parameters and a budget of a hundred candidates; it judges by ranks alone,
-so that no scaling of the figure favours a controller. Parameters with a positive range are tuned on
+The optimizer is CMA-ES, by its author's own package (N. Hansen, `cma`): maintained since 2008, made
+for few, ill-scaled, coupled parameters and a budget of a hundred candidates; it uses only ranks, so
+that no scaling of the figure favours a controller. Parameters with a positive range are tuned on
 a logarithmic scale. The published rule is the first candidate: no tuning is worse than it.
 """
 
@@ -32,11 +32,11 @@ class Tuned:
         The best within the budget.
     cost : float
     published_cost : float
-        Of the published rule.
+        Cost of the published rule.
     doubled_cost : float
         The best within twice the budget.
     tried : int
-        Candidates in all.
+        Number of all candidates.
     at_bound : tuple of str
         Values that ended within 1 % of an end of their range.
     """
@@ -63,11 +63,11 @@ def tune(
     cost : function of values by name
         Not NaN; the same values always cost the same.
     published : mapping of str to float
-        Where to begin.
+        Values to begin with.
     ranges : mapping of str to (float, float)
-        Without any, the published values are what is found.
+        Without any range, the result is the published values.
     budget : int
-        Candidates for the values that are taken; as many again tell what more would gain.
+        Candidates for the result; as many again show what more candidates would gain.
     seed : int or sequence of int
     """
     names = list(ranges)
@@ -95,7 +95,7 @@ def tune(
 
 @dataclass(frozen=True)
 class _Scale:
-    """A range as the unit interval, by logarithms where it is positive."""
+    """A range as the unit interval, logarithmic if it is positive."""
 
     low: float
     high: float
@@ -124,14 +124,14 @@ def _candidates(
     count: int,
     seed: int | Sequence[int],
 ) -> Iterator[_Candidate]:
-    """Candidates one after the other, each told what it costs before the next generation."""
+    """Yield one candidate after the other; each must get its cost before the next generation."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of packages that it can do without
+        warnings.simplefilter("ignore")  # about packages that it does not need
         import cma
 
         state = np.random.SeedSequence(seed).generate_state(1)[0]
         place = [s.place(start[n]) for n, s in zip(names, scales, strict=True)]
-        place += [0.5] * (2 - len(place))  # it fails on one coordinate: a second that nothing reads
+        place += [0.5] * (2 - len(place))  # it fails with one coordinate: add one that is not used
         options = {"bounds": [0, 1], "seed": int(state % (2**31 - 2)) + 1, "verbose": -9}
         search = cma.CMAEvolutionStrategy(place, SPREAD, options)
     left = count

@@ -10,10 +10,10 @@ from ...solver.kernel import CONTROLLER, PLANT, Kernel
 from .plan import Duty, Entrant, Plan
 from .reading import BadPlan
 
-LIMIT = "voltage_limit"  # the plant's parameter, whatever the unit of its command
+LIMIT = "voltage_limit"  # the plant's parameter, for any unit of its command
 AMPLIFIER = "current_limit"  # a plant that has it is driven by volts, through an amplifier
-SEED = "_seed"  # how the name of a noise's seed ends
-BETWEEN_SOURCES = 1_000_000  # by which the seeds of a second noise are larger than of the first
+SEED = "_seed"  # end of the name of a noise's seed
+BETWEEN_SOURCES = 1_000_000  # difference of the seeds of two noises
 
 
 def values_for(
@@ -25,10 +25,10 @@ def values_for(
     drawn: Sequence[float],
     number: int,
 ) -> dict[str, float]:
-    """Parameters of a run, by the loop's names, that are not default.
+    """Parameters of a run, by the loop's names, that differ from their defaults.
 
     Noise sources get seeds that follow from the number of the draw: the same for all controllers
-    and duties on a plant, others on another plant, and another one for each source.
+    and duties on a plant, different ones on other plants, and a different one for each source.
 
     Parameters
     ----------
@@ -37,8 +37,8 @@ def values_for(
     tuned : mapping of str to float
         Of the controller.
     drawn : sequence of float
-        What was drawn of the plant, one for each variation; its factors are on the nominal value,
-        or on that of the duty.
+        The draws of the plant, one for each variation; their factors are on the nominal value, or
+        on that of the duty.
     number : int
         Of the drawn plant, from 0.
     """
@@ -57,8 +57,8 @@ def values_for(
 def limit_of(plan: Plan, kernel: Kernel) -> float:
     """Largest command of plant and controllers, in the unit of the plant's command.
 
-    What the plan says; else the nominal amplifier's 36 V where the plant has an amplifier, and none
-    elsewhere: a limit in volts means nothing where the command is a force.
+    The limit of the plan; else the nominal amplifier's 36 V if the plant has an amplifier, and no
+    limit for others: a limit in volts has no meaning if the command is a force.
     """
     if plan.command_limit is not None:
         return plan.command_limit

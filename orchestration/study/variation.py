@@ -1,4 +1,4 @@
-"""How the plants of a study differ: what is drawn for each, and what that does to parameters."""
+"""Differences of the plants of a study: draws for each plant, and their effect on parameters."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ DISTRIBUTIONS = {
     LOGNORMAL: "[median, standard deviation of the logarithm]",
     TEMPERATURE: "[least, largest]",
 }
-"""What the two numbers of each are."""
-OUTERMOST = 2.0**-53  # share of all draws: the least that a draw in doubles tells from none
+"""Meaning of the two numbers of each."""
+OUTERMOST = 2.0**-53  # share of all draws: the smallest that doubles distinguish from zero
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,13 @@ class Variation:
     Attributes
     ----------
     parameters : tuple of str
-        Of the plant. All get the same factor, or what the temperature makes of them.
+        Of the plant. All get the same factor, or the factors that follow from the temperature.
     numbers : tuple of two floats
         Of the distribution, see `DISTRIBUTIONS`: factors, or kelvins above nominal.
     distribution : str
         A temperature is uniform.
     coefficients : dict of str to float
-        Of a temperature: change of each parameter, relative to its nominal value, per kelvin.
+        For a temperature: change of each parameter, relative to its nominal value, per kelvin.
     """
 
     parameters: tuple[str, ...]
@@ -48,22 +48,22 @@ class Variation:
 
     @property
     def name(self) -> str:
-        """Of its column in tables."""
+        """Name of its column in tables."""
         kind = TEMPERATURE if self.distribution == TEMPERATURE else "factor"
         return "_".join((kind, *self.parameters))
 
     @property
     def nominal(self) -> float:
-        """What is drawn for the nominal plant."""
+        """The draw of the nominal plant."""
         return 0.0 if self.distribution == TEMPERATURE else 1.0
 
     @property
     def ends(self) -> tuple[float, ...]:
-        """The least and the largest draw; none where the distribution has no ends."""
+        """The smallest and the largest draw; empty if the distribution has no ends."""
         return self.numbers if self.distribution in (UNIFORM, TEMPERATURE) else ()
 
     def quantiles(self, shares: Vector) -> Vector:
-        """The draws below which these shares of all draws lie."""
+        """The draws below which these shares of all draws are."""
         from scipy import stats
 
         first, second = self.numbers
@@ -76,7 +76,7 @@ class Variation:
         return np.asarray(law.ppf(np.clip(shares, OUTERMOST, 1 - OUTERMOST)))
 
     def factors(self, draw: float) -> dict[str, float]:
-        """What parameters are multiplied by."""
+        """Factors of the parameters."""
         if self.distribution == TEMPERATURE:
             return {n: 1 + per_kelvin * draw for n, per_kelvin in self.coefficients.items()}
         return dict.fromkeys(self.parameters, float(draw))

@@ -11,11 +11,11 @@ from .result import JUDGED_BY
 if TYPE_CHECKING:
     from .result import DutyAnswer, StudyResult
 
-FAR = 2.0  # times the least cost that is known of a controller: a tuning that ends there failed
+FAR = 2.0  # times the least known cost of a controller: a tuning that ends above it failed
 
 
 def sentence(study: StudyResult) -> str:
-    """Who wins how many duties, and where it does not.
+    """The controller that wins the most duties, their number, and the duties that it does not win.
 
     A duty is won by the controller with the smallest error, also if others are not significantly
     different; the number of such duties is given.
@@ -24,7 +24,7 @@ def sentence(study: StudyResult) -> str:
     if not judged:
         return "No controller completed any duty"
     firsts = [a.order[0] for a in judged]
-    # the most duties; of two with as many the one that is named first in the study
+    # the most duties; of two with equal numbers, the one that is named first in the study
     winner = max((e.name for e in study.plan.entrants), key=firsts.count)
     won = [a for a in judged if a.order[0] == winner]
     text = f"{winner} wins {len(won)} of {len(study.answers)} duties"
@@ -76,12 +76,12 @@ def weaknesses(study: StudyResult) -> list[str]:
 
 
 def least_cost(study: StudyResult, name: str) -> float:
-    """Least cost that any tuning of a controller found, with twice the budget, too."""
+    """Least cost that any tuning of a controller found, also with twice the budget."""
     return min(t.doubled_cost for t in study.tunings[name])
 
 
 def failed_tunings(study: StudyResult) -> dict[str, list[float]]:
-    """Costs of the tunings that ended far above what is known to be there, by controller."""
+    """Costs of the tunings that ended far above the least known cost, by controller."""
     ended = {
         name: [t.cost for t in tunings if t.cost > FAR * least_cost(study, name)]
         for name, tunings in study.tunings.items()
@@ -90,7 +90,7 @@ def failed_tunings(study: StudyResult) -> dict[str, list[float]]:
 
 
 def untuned(study: StudyResult) -> list[str]:
-    """Controllers of which parameters were tuned, and no tuning found a smaller cost."""
+    """Controllers with tuned parameters for which no tuning found a smaller cost."""
     asked = [e.name for e in study.plan.entrants if e.tune]
     return [n for n in asked if all(t.cost >= t.published_cost for t in study.tunings[n])]
 
@@ -101,10 +101,10 @@ def gain(study: StudyResult, name: str) -> float:
 
 
 def overtaken(study: StudyResult) -> dict[str, tuple[str, ...]]:
-    """By duty who would have the smallest error, if errors fell as costs do with twice the budget.
+    """By duty, the controllers that would win if errors fell like costs with twice the budget.
 
-    Without those that are not significantly different from the first. Duties where nothing changes
-    are left out.
+    Without those that are not significantly different from the first one. Duties without a change
+    are omitted.
     """
     found = {}
     for answer in study.answers:

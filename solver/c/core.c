@@ -1,6 +1,6 @@
-/* The compiled core, one library: what `core.py` calls.
+/* The compiled core, one library: the functions for `core.py`.
  *
- * Everything else stays hidden, so that two versions of it, or a host with functions of the same
+ * All others are hidden, so that two versions of the library, or a host with functions of the same
  * names, can be in one process. */
 #ifdef _WIN32
 #define API __declspec(dllexport)
@@ -39,7 +39,7 @@ API int core_integrate(const System *s, double t0, double t1, double *x, double 
     return integrate(s, t0, t1, x, u, p, atol, rtol, work, info, max_steps, NULL);
 }
 
-/* A system with its memory, which stays where it is; as in `core.py`. */
+/* A system with its memory, which is not moved; as in `core.py`. */
 typedef struct {
     const System *system;
     Work *work;
@@ -63,13 +63,12 @@ API void core_output(const Instance *i, double t)
     i->system->out(i->system, t, i->x, i->u, i->p, i->y);
 }
 
-/* States and outputs, rows of `states` and `outputs`, over a grid of times, of which the first state
- * is given; returns the rows that were reached.
+/* Write states and outputs, one row for each time of a grid; the first state is given; returns the
+ * number of rows that were reached.
  *
- * `within` and `after`, if they are there, are what the first `given` of u are before each row and
- * at it, rows of them. Times may occur twice. `samples`, if it is there, tells which rows are sample
- * instants: the `sampled` discrete states, from `first` on in u, are updated there before the
- * outputs. */
+ * `within` and `after`, if not null, are rows with the values of the first `given` of u before each
+ * time and at it. Times may occur twice. `samples`, if not null, marks rows at sample instants:
+ * the `sampled` discrete states, from `first` on in u, are updated there before the outputs. */
 API int core_trajectory(const System *s, const double *times, int rows, double *states,
                         double *outputs, int output_count, const double *within,
                         const double *after, int given, const unsigned char *samples, int first,

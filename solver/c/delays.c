@@ -28,8 +28,8 @@ static int step_of(const System *s, double t)
     return low;
 }
 
-/* The polynomial through equally distant values, z of their distances behind the first; its
- * derivative by z goes to `slope`. Newton's form. */
+/* The polynomial through equidistant values, at z distances after the first; its derivative by z
+ * goes to `slope`. Newton's form. */
 static double through(const double *values, double z, double *slope)
 {
     double c[PIECES + 1];
@@ -50,7 +50,7 @@ static void look_back(const System *s, double t, const double *x, const double *
                       const double *p)
 {
     Delays *const d = s->delays;
-    double *const u = (double *)held + d->first; /* this part of u is written by nobody else */
+    double *const u = (double *)held + d->first; /* no other code writes this part of u */
     const int count = (int)d->history[COUNT];
     int asked = 0;
     const double end = d->history[END], same = same_instant(d, t);
@@ -80,7 +80,7 @@ static int begin_history(const System *s, double t0, const double *x, const doub
 {
     Delays *const d = s->delays;
     double *const h = d->history;
-    d->plain.delayed(s, t0, x, u, p, d->told); /* durations and starts do not ask for signals */
+    d->plain.delayed(s, t0, x, u, p, d->told); /* durations and starts do not depend on signals */
     for (int j = 0; j < d->count; j++) {
         h[DURATIONS + j] = d->told[d->count + j];
         if (!(h[DURATIONS + j] > 0.0 && h[DURATIONS + j] < HUGE_VAL))
@@ -133,7 +133,7 @@ static double latest_end(const System *s, double t, double t1)
     return end < t1 - same ? end : t1; /* no tiny step because of round-off */
 }
 
-/* Order of the derivative that jumps where a step begins now, as the steps before it tell. */
+/* Order of the derivative that jumps at the start of this step, from earlier steps. */
 static double level_from_before(const System *s, double t)
 {
     const Delays *const d = s->delays;
@@ -152,8 +152,8 @@ static double level_from_before(const System *s, double t)
     return level;
 }
 
-/* Write the signals of a step from t by h behind the known steps, with the stepper's memory of it.
- * Returns how far the polynomials are from a signal between, in units of the tolerance. */
+/* Write the signals of a step from t by h after the known steps, from the stepper's memory of it.
+ * Returns the error of the polynomials between their points, in units of the tolerance. */
 static double follow_signals(const System *s, double t, double h, const double *x, const double *u,
                              const double *p, double rtol, const Work *work)
 {
@@ -164,7 +164,7 @@ static double follow_signals(const System *s, double t, double h, const double *
     for (int j = 0; j < d->count; j++)
         shortest = smaller(shortest, d->history[DURATIONS + j]);
     for (int k = 0; k <= PIECES + 1; k++) {
-        /* the last is a place where the polynomials are tried */
+        /* the last one is a point at which the polynomials are tested */
         const double share = k <= PIECES ? (double)k / PIECES : 0.5 / PIECES;
         dense_output(s->states, share, x, work, d->node);
         s->delayed(s, t + share * h, k == 0 ? x : k == PIECES ? work->stage : d->node, u, p,
@@ -184,7 +184,7 @@ static double follow_signals(const System *s, double t, double h, const double *
     return h > UNRESOLVED * shortest ? apart : 0.0;
 }
 
-/* Count the step that `follow_signals` has written last among the known ones. */
+/* Add the step that `follow_signals` has written last to the known ones. */
 static void keep_step(const System *s, double t, double end, const double *u)
 {
     Delays *const d = s->delays;
@@ -192,7 +192,7 @@ static void keep_step(const System *s, double t, double end, const double *u)
     const int count = (int)history[COUNT];
     double *const step = step_at(d, s, count);
     double level = level_from_before(s, t);
-    const int behind = d->first + 2 * d->count; /* in u, where the mode is */
+    const int behind = d->first + 2 * d->count; /* place of the mode in u */
     if (history[DISTURBED] != 0.0 || memcmp(last, u, (size_t)d->first * sizeof *u) != 0 ||
         memcmp(last + behind, u + behind, (size_t)(s->held - behind) * sizeof *u) != 0)
         level = smaller(level, 1.0);

@@ -6,24 +6,24 @@
 #include "propagation.h"
 #include "tangents.h"
 
-#define LIMITED 6.1   /* step times fastest rate, about where stability ends */
-#define CALM 1e-8     /* share of the motion's in a step's error: alone it would take long steps */
-#define TELLING 1e-2  /* error below which it was not this step's length that the tolerance set */
-#define IN_A_ROW 15   /* such steps until a motion counts as stiff */
-#define FORGIVEN 6    /* others in a row until they are forgotten */
+#define LIMITED 6.1   /* step times fastest rate, approximately at the limit of stability */
+#define CALM 1e-8     /* share of the motion in a step's error: with less, it is no limit */
+#define TELLING 1e-2  /* with a smaller error, the tolerance has not limited the step */
+#define IN_A_ROW 15   /* limited steps until a motion counts as stiff */
+#define FORGIVEN 6    /* other steps in a row until the limited ones are forgotten */
 #define SAFETY 0.9    /* of a step's change */
 #define SHRINK 0.3
 #define GROW 6.0
 #define LAST 12  /* the stage at the step's end */
 #define FIFTH 13 /* weights of the error of order five; those of order three follow */
 
-/* Where the stages are, the last at the step's end. */
+/* Places of the stages in the step, the last at its end. */
 static const double PLACES[LAST + 1] = {
     0.0, 0.05260015195876773, 0.0789002279381516, 0.1183503419072274, 0.2816496580927726,
     0.3333333333333333, 0.25, 0.3076923076923077, 0.6512820512820513, 0.6, 0.8571428571428571,
     1.0, 1.0,
 };
-/* Weights of the rates of those before in each stage, and in the two errors. */
+/* Weights of the rates of earlier stages in each stage, and in the two errors. */
 static const double WEIGHTS[FIFTH + 2][LAST] = {
     {0.0},
     {0.05260015195876773},
@@ -56,7 +56,7 @@ static const double WEIGHTS[FIFTH + 2][LAST] = {
 
 static void lay_explicit(Explicit *work, int n, double *memory)
 {
-    const int m = n + n * n; /* with as many tangents as there can be */
+    const int m = n + n * n; /* with the largest number of tangents */
     double *next = memory;
     work->k = next;
     work->at = next += EXPLICIT_ROWS * m;
@@ -84,14 +84,14 @@ static void weigh(int row, const double *k, double h, double *out, int m)
     }
 }
 
-/* One error from the squares of those of orders five and three, as Hairer mixes them. */
+/* One error from the squares of the errors of orders five and three, combined as by Hairer. */
 static double mixed(double five, double three)
 {
     const double both = five + 0.01 * three;
     return both > 0.0 ? five / sqrt(both) : five;
 }
 
-/* Multiply all tangents, which stand behind a state each, by the Jacobian. */
+/* Multiply all tangents, which follow the state, by the Jacobian. */
 INLINED void turn(const double *j, const double *w, double *k, int n, int m)
 {
     for (int row = n; row < m; row += n) {
@@ -119,9 +119,9 @@ INLINED double rates_at(const System *s, double t, const double *w, const double
     return trace;
 }
 
-/* Error estimate of the state, and the worst of all, in units of the tolerance. A tangent's is taken
- * relative to its whole length in the states' units, and to what is left of it without the directions
- * before it, whose logarithm is wanted. */
+/* Error estimate of the state, and the largest of all, in units of the tolerance. A tangent's error
+ * is relative to its whole length in the states' units, and to its remaining length without the
+ * directions before it, of which the logarithm is needed. */
 INLINED double error_of(const double *w, const Explicit *work, int n, int m, const double *atol,
                        double rtol, const double *scale, double *own)
 {
@@ -145,14 +145,14 @@ INLINED double error_of(const double *w, const Explicit *work, int n, int m, con
         } else {
             const double whole = mixed(a5, a3) / (rtol * sqrt(length));
             const double left = mixed(b5, b3) / (rtol * exp(work->logs[row / n - 1]));
-            if (!(larger(whole, left) <= worst)) /* what is not a number is the worst of all */
+            if (!(larger(whole, left) <= worst)) /* NaN counts as the largest */
                 worst = larger(whole, left);
         }
     }
     return worst;
 }
 
-/* What is walked: w holds the state and behind it `count` tangents, a row each. */
+/* The data to follow: w holds the state and after it `count` tangents, a row each. */
 typedef struct {
     double *w, *sums; /* the tangents' logarithms are added to sums */
     int count;
@@ -161,9 +161,9 @@ typedef struct {
     int max_steps;
 } Stride;
 
-/* Whether the fastest rate there is, or a tangent, limits this step, not the motion's accuracy. The
- * last two stages are both at the step's end: how far their rates are apart, over how far they are
- * themselves, says how fast the fastest is. */
+/* Whether the fastest rate, or a tangent, limits this step, not the motion's accuracy. The last two
+ * stages are both at the step's end: the difference of their rates over the difference of their
+ * states is an estimate of the fastest rate. */
 INLINED int is_limited(const Explicit *work, int n, int m, const double *scale, double h,
                       double own, double error)
 {
@@ -245,7 +245,7 @@ INLINED double stride_of(const System *s, const Stride *f, double t0, double t1,
             orthonormalize(work->frame, f->count, n, work->logs);
         double own = 0.0;
         const double error = error_of(w, work, n, m, f->atol, f->rtol, f->scale, &own);
-        if (!(error <= 1.0)) { /* what is not a number, too */
+        if (!(error <= 1.0)) { /* also NaN */
             info->rejected += 1.0;
             rejected = 1;
             h *= error < HUGE_VAL ? larger(SHRINK, SAFETY * pow(error, -0.125)) : 0.1;

@@ -1,11 +1,11 @@
-/* An explicit pair for what is not stiff: motion and tangents as one smooth system.
+/* An explicit pair for systems that are not stiff: motion and tangents as one smooth system.
  *
  * The method is the eighth-order pair of Dormand and Prince with error estimates of orders five and
  * three (E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, Springer
  * 1993, Section II.10), and so is the test for steps that stability limits, not accuracy. Steps are
  * as short as motion and tangents need; the tangents are orthonormalized after each. The trace is
- * integrated beside them. Where stability, or a tangent far faster than the motion, sets the length
- * of many steps in a row, the motion is left to the stiff stepper. */
+ * integrated together with them. If stability, or a tangent far faster than the motion, limits many
+ * steps in a row, the stiff stepper is used for the motion. */
 #ifndef EXPLICIT_H
 #define EXPLICIT_H
 

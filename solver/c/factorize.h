@@ -4,8 +4,8 @@
 
 #include "system.h"
 
-/* Replace w by its LU factors with row pivoting; 0 if it is singular. On the diagonal stand the
- * inverses of the pivots: a division takes several times as long as a product. */
+/* Replace w by its LU factors with row pivoting; 0 if it is singular. The diagonal has the inverses
+ * of the pivots: a division takes several times as long as a product. */
 INLINED int factorize(double *w, int32_t *pivots, int n)
 {
     for (int k = 0; k < n; k++) {
@@ -59,21 +59,21 @@ INLINED void solve_factorized(const double *w, const int32_t *pivots, int n, dou
     }
 }
 
-/* One product that solving takes away. */
+/* One product that is subtracted when solving. */
 typedef struct {
     double factor;
     int32_t to, from;
 } Term;
 
-/* The factors of a matrix with many zeros: the same numbers, but rows stay where they are and what is
- * not zero stands in the order in which solving needs it. */
+/* The factors of a matrix with many zeros: the same numbers, but rows are not moved, and the
+ * entries that are not zero are in the order of solving. */
 typedef struct {
     double *inverse;     /* of each pivot */
     Term *lower, *upper; /* the upper ones from the last row to the first */
     Term *lower_end;
     int32_t *rows;   /* of the pivots */
-    int32_t *counts; /* upper ones of each pivot's row */
-    int32_t *below;  /* scratch: rows that a pivot is taken from */
+    int32_t *counts; /* number of upper terms of each pivot's row */
+    int32_t *below;  /* scratch: rows that can have the next pivot */
 } Sparse;
 
 /* As `factorize`; w is overwritten. There is room for n n terms from `lower` on. */

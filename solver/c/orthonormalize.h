@@ -1,12 +1,13 @@
-/* Tangent vectors, a row each, made orthonormal in their order. */
+/* Tangent vectors, a row each, orthonormalized in their order. */
 #ifndef ORTHONORMALIZE_H
 #define ORTHONORMALIZE_H
 
 #include "system.h"
 
-#define COLLAPSED 1e-13 /* share of a tangent's length below which its own direction is gone */
+#define COLLAPSED 1e-13 /* share of a tangent's length: with less left, its own direction is lost */
 
-/* Take the directions of the rows before it from row j; the square of what is left of it. */
+/* Remove the directions of the rows before it from row j; return the square of its remaining
+ * length. */
 static double free_of_others(double *frame, int j, int n)
 {
     double *const own = frame + j * n;
@@ -24,7 +25,7 @@ static double free_of_others(double *frame, int j, int n)
     return square;
 }
 
-/* Some direction that the rows before row j leave. */
+/* Set row j to any direction that is orthogonal to the rows before it. */
 static void any_other(double *frame, int j, int n)
 {
     double *const own = frame + j * n;
@@ -41,10 +42,10 @@ static void any_other(double *frame, int j, int n)
     }
 }
 
-/* Orthonormalize the rows of `frame` in order and add the logarithms of what is left of them. A row
- * that had no direction of its own left goes behind all others, with some other direction and minus
- * infinity: what grows has to stay before what is gone. Returns the difference between the largest
- * and the smallest of the logarithms [nats]; collapsed rows do not count. */
+/* Orthonormalize the rows of `frame` in order and add the logarithms of their remaining lengths. A
+ * row without a remaining direction of its own is moved behind all others, with any other direction
+ * and minus infinity: growing rows have to stay before lost ones. Returns the difference between
+ * the largest and the smallest of the logarithms [nats]; collapsed rows do not count. */
 static double orthonormalize(double *frame, int count, int n, double *logs)
 {
     double low = HUGE_VAL, high = -HUGE_VAL;

@@ -4,10 +4,10 @@
 
 #include "factorize.h"
 
-#define SMALL 0.5        /* norm up to which the approximant is right to the last digit */
-#define SPREAD 16.0      /* nats between first and last tangent that one orthonormalization may meet */
-#define FARTHEST 300.0   /* nats of one exponential; the square of what it leaves is a number still */
-#define TOO_WIDE 25.0    /* nats at which it has lost digits that count, and is done again */
+#define SMALL 0.5        /* norm up to which the approximant is exact to the last digit */
+#define SPREAD 16.0      /* most nats between first and last tangent in one orthonormalization */
+#define FARTHEST 300.0   /* most nats of one exponential: the square of the result is in range */
+#define TOO_WIDE 25.0    /* nats: with more, important digits are lost, and it is done again */
 #define ROOT_6 2.4494897427831781
 
 /* of exp, six over six */
@@ -35,9 +35,10 @@ static void lay_propagation(Propagation *work, int n, double *memory)
     work->pivots = (int32_t *)(work->stages + 3 * n);
 }
 
-/* Let the linear equation act on the first `count` tangents over a step, in place: Radau IIA of three
- * stages (e.g. E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, Springer 1996,
- * Section IV.5), as one linear system. `jacobians`, 3 x n x n, are at RADAU_NODES of the step. */
+/* Solve the linear equation for the first `count` tangents over a step, in place: Radau IIA of
+ * three stages (e.g. E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, Springer
+ * 1996, Section IV.5), as one linear system. `jacobians`, 3 x n x n, are at RADAU_NODES of the
+ * step. */
 static void collocate(const double *jacobians, double h, double *frame, int count, int n,
                const Propagation *work)
 {
@@ -64,7 +65,8 @@ static void collocate(const double *jacobians, double h, double *frame, int coun
     }
 }
 
-/* How many of the first tangents are slow; their changes in a step of h, over their lengths. */
+/* Number of the first tangents that are slow; also their changes in a step of h, over their
+ * lengths. */
 static int slow_ones(const double *jacobian, const double *frame, int count, int n, const double *scale,
               double h, double *changes)
 {
@@ -100,7 +102,7 @@ static void multiply(const double *a, const double *b, double *c, int n)
     }
 }
 
-/* Write exp(a) to e for a matrix of norm at most SMALL; a stays. */
+/* Write exp(a) to e for a matrix of norm at most SMALL; a is not changed. */
 static void exponential(const double *a, double *e, int n, const Propagation *work)
 {
     double *const power = work->power, *const other = work->other, *const below = work->below;
@@ -148,9 +150,9 @@ static void apply(const double *matrix, double *frame, int count, int n, double 
     }
 }
 
-/* Let exp(omega) act on the tangents, orthonormalizing as often as their spread asks for; omega is
- * overwritten. `spread` are the nats expected between first and last, not positive where nothing is
- * known. Returns the nats that were found. */
+/* Apply exp(omega) to the tangents, with as many orthonormalizations as their spread needs; omega
+ * is overwritten. `spread` are the expected nats between first and last tangent, not positive if
+ * not known. Returns the nats that were found. */
 static double push(double *omega, double *frame, int count, int n, double *logs, const double *scale,
             double spread, const Propagation *work)
 {

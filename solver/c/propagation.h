@@ -4,7 +4,7 @@
 
 #include "orthonormalize.h"
 
-#define SLOW 0.3     /* change in a part of a step, over a tangent's length, of what is slow */
+#define SLOW 0.3     /* largest change of a slow tangent in a part of a step, over its length */
 #define MOST_PARTS 4 /* of a step in which slow tangents are collocated */
 
 #define PROPAGATION_DOUBLES(n) (14 * (n) * (n) + 14 * (n) + 2)

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #define GAMMA 0.21193756319429014
-#define FEW 6    /* states, whose matrices hardly have zeros to look for */
+#define FEW 6    /* states: matrices of so few hardly have zeros to use */
 #define INSIDE 4 /* parts of a step at whose ends crossings are searched */
 #define A6 -7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, \
            0.030198172008377946
@@ -153,7 +153,7 @@ INLINED double attempt_of(const System *s, double t, double h, const double *x, 
 }
 
 /* One step from x, with the Jacobian in `work`; the new state goes to work->stage. Returns the error
- * estimate in units of the tolerance, infinity where there is no step. */
+ * estimate in units of the tolerance; infinity if the step fails. */
 static double attempt(const System *s, double t, double h, const double *x, const double *u,
                       const double *p, const double *atol, double rtol, Work *work)
 {
@@ -168,12 +168,12 @@ static double attempt(const System *s, double t, double h, const double *x, cons
     }
 }
 
-/* Note what an event does to tangents, and let it happen.
+/* Note the effect of an event on tangents, and carry it out.
  *
- * The first event since the note was cleared decides when all that follow at once happen. A tangent
- * d becomes (a + (f - b) w) d, with f the state's rate after the last: the saltation matrix (e.g.
- * R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer
- * 2004, Section 7). */
+ * The first event since the note was cleared determines the time of all events that follow at once.
+ * A tangent d becomes (a + (f - b) w) d, with f the state's rate after the last: the saltation
+ * matrix (e.g. R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical
+ * Systems, Springer 2004, Section 7). */
 static void note_event(const System *s, double t, const double *x, const double *u, const double *p,
                        int k, Note *note)
 {
@@ -218,7 +218,7 @@ static void react_to(const System *s, double t, double *x, double *u, const doub
     info->events += 1.0;
 }
 
-/* Let every event happen that is due at this instant; DONE or CHATTER. */
+/* Carry out every event that is due at this instant; return DONE or CHATTER. */
 static int settle(const System *s, double t, double *x, double *u, const double *p, Work *work,
            Info *info)
 {
@@ -277,9 +277,9 @@ static void look_before(const System *s, double t, const double *x, const double
 }
 
 /* Length of the part of a step that ends at its first event, h if there is none; the state at its
- * end goes to work->stage. An event that changes the mode, or that watches either way, happens just
- * after the crossing; one that only resets the state just before it, so that the reset finds its
- * indicator on the side it came from. */
+ * end goes to work->stage. An event that changes the mode, or that is watched in both directions,
+ * happens just after the crossing; one that only resets the state happens just before it, so that
+ * the reset finds its indicator on the original side. */
 static double locate(const System *s, double t, double h, const double *x, const double *u,
                      const double *p, const double *atol, double rtol, Work *work)
 {
@@ -335,7 +335,7 @@ static double locate(const System *s, double t, double h, const double *x, const
     return high;
 }
 
-/* Whether the event at t is one too many without time between them. */
+/* Whether the event at t exceeds the allowed number of events without time between them. */
 static int crowded(Crowd *crowd, double t, double least)
 {
     crowd->count = t - crowd->last > least ? 0 : crowd->count + 1;
@@ -343,7 +343,7 @@ static int crowded(Crowd *crowd, double t, double least)
     return crowd->count > MOST_AT_ONCE;
 }
 
-/* A state that depends on none, such as one held at rest, is free of the others' round-off. */
+/* Find states that depend on no state, such as one held at rest: others add no round-off. */
 static void find_alone(int n, Work *work)
 {
     for (int i = 0; i < n; i++) {
@@ -354,8 +354,8 @@ static void find_alone(int n, Work *work)
     }
 }
 
-/* Advance dx/dt = f(t, x, u, p) from t0 to t1 with u and p held, in place; less far if a watcher
- * says so. At most max_steps steps are taken, accepted or rejected. */
+/* Advance dx/dt = f(t, x, u, p) from t0 to t1 with u and p held, in place; a watcher can end it
+ * earlier. At most max_steps steps are taken, accepted or rejected. */
 static int integrate(const System *s, double t0, double t1, double *x, double *u, const double *p,
               const double *atol, double rtol, Work *work, Info *info, int max_steps,
               const Watcher *watcher)

@@ -9,32 +9,32 @@
 
 #define STAGES 8
 #define MOST_AT_ONCE 64 /* events at one instant */
-#define SMALLEST 1e-13  /* share of the time below which a step is too small, and events meet */
+#define SMALLEST 1e-13  /* share of the time: smaller steps are too small, closer events coincide */
 
 enum {
     DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, CHATTER, DIVERGED, STIFF, NO_MEMORY, NOT_FINITE,
-    NO_ROOM, /* in a history; the call can go on from where it ended, with more room */
-    NO_DELAY /* a delay lasts no time */
+    NO_ROOM, /* in a history; the call can continue where it ended, with more room */
+    NO_DELAY /* a delay is zero */
 };
 enum { EITHER, CHANGES_MODE, RESETS }; /* kinds of events */
 
-/* What an integration leaves for the next, and what it has counted. */
+/* Data of an integration for the next one, and its counters. */
 typedef struct {
     double next_step; /* to try first; 0: choose one */
     double accepted, rejected;
     double reached; /* time */
     double events;
     double status;
-    double last_error; /* kept where a call ends for want of steps */
+    double last_error; /* kept if a call ends at its limit of steps */
 } Info;
 
-/* The last event and how many before it no time lies between. */
+/* Time of the last event, and number of the events without time between them. */
 typedef struct {
     double last;
     int32_t count;
 } Crowd;
 
-/* What the events at one instant do to tangents, see `note_event`. */
+/* Effect of the events at one instant on tangents, see `note_event`. */
 typedef struct {
     int32_t any;
     double *w;        /* gradient of the first indicator over its rate */
@@ -46,23 +46,23 @@ typedef struct {
     double *product;
 } Note;
 
-/* Scratch memory; contents do not matter between calls. Vectors of n, but where it says more. */
+/* Scratch memory; contents do not matter between calls. Vectors of n, except where noted. */
 typedef struct {
     double *jacobian, *w; /* n x n */
     double *k;            /* a row per stage */
     double *stage, *slope, *by_time, *alone, *end, *middle;
-    double *first; /* rate of the state where the last step began */
+    double *first; /* rate of the state at the start of the last step */
     double *g, *before; /* as many as events */
     double *left;
     Sparse sparse;
     int32_t *pivots, *fired;
     int32_t found; /* the event that ends a step; -1 if none does */
-    int32_t known; /* whether the Jacobian is already that where the next integration begins */
-    Note *note;    /* null where nobody asks */
+    int32_t known; /* whether the Jacobian is already that at the start of the next integration */
+    Note *note;    /* null if not needed */
 } Work;
 
-/* Who is told of every accepted step: of its time t and of the time t1 where the integration is to
- * end. The answer is where it shall end, t at the earliest. The states are to be looked at only. */
+/* Called for every accepted step, with its time t and the end t1 of the integration. It returns the
+ * new end, at the earliest t. It must not change the states. */
 typedef struct {
     double (*end)(void *owner, double t, double t1);
     void *owner;
@@ -81,7 +81,7 @@ INLINED void hermite(int n, double q, double h, const double *first, const doubl
     }
 }
 
-/* Lay scratch memory out in an array of WORK_DOUBLES(states, events). */
+/* Divide an array of WORK_DOUBLES(states, events) into scratch memory. */
 static void lay_work(Work *work, int n, int events, double *memory);
 
 static int settle(const System *s, double t, double *x, double *u, const double *p, Work *work,
@@ -91,7 +91,7 @@ static int settle(const System *s, double t, double *x, double *u, const double 
 static void look_before(const System *s, double t, const double *x, const double *u, const double *p,
                  double *before);
 
-/* As `integrate` and the pythonfmu build of the explicit pair, without a watcher. */
+/* Type of `integrate`, and of the function of the explicit pair, without a watcher. */
 typedef int (*Integrator)(const System *s, double t0, double t1, double *x, double *u,
                           const double *p, const double *atol, double rtol, void *work, Info *info,
                           int max_steps);

@@ -17,7 +17,7 @@ typedef struct Delays Delays;
 struct System {
     int32_t states;
     int32_t held;   /* length of u */
-    int32_t events; /* of the mode that has most */
+    int32_t events; /* in the mode with the most events */
     const void *equations;  /* for those functions that need more than their arguments */
     void (*rhs)(const System *s, double t, const double *x, const double *u, const double *p,
                 double *dx);
@@ -30,7 +30,7 @@ struct System {
                    double *d);
     void (*indicate)(const System *s, double t, const double *x, const double *u, const double *p,
                      double *g);
-    /* how far each indicator moves where states and inputs move by their nominals, time by 1 s */
+    /* change of each indicator when states and inputs change by their nominals, and time by 1 s */
     void (*spread)(const System *s, double t, const double *x, const double *u, const double *p,
                    double *g);
     int (*kind)(const System *s, const double *u, int k);
@@ -38,26 +38,26 @@ struct System {
     /* gradient of an indicator, slopes of its reset by x and by t; returns the indicator's by t */
     double (*slopes)(const System *s, double t, const double *x, const double *u, const double *p,
                      int k, double *gradient, double *R, double *Rt);
-    /* of each delayed signal: the expression, how late it is, its start and its nominal value */
+    /* for each delayed signal: the expression, its delay, its start and its nominal value */
     void (*delayed)(const System *s, double t, const double *x, const double *u, const double *p,
                     double *e);
     Delays *delays; /* null without */
 };
 
-/* The number of states is a constant to the compiler where it is small: short loops unroll. */
+/* A small number of states is a constant for the compiler, so that short loops are unrolled. */
 #if defined(__GNUC__)
 #define INLINED static inline __attribute__((always_inline))
 #else
 #define INLINED static inline
 #endif
 
-/* An argument of a function, and what the function is there; not a number before it is asked. */
+/* An argument of a function, and the function's value there; NaN before the first use. */
 typedef struct {
     double at, value;
 } Known;
 
-/* f(x), asked only where x is another than before, to the last bit: a controller with the plant's own
- * parameters asks what the plant has asked. */
+/* f(x), computed only if x differs from the last one, in any bit: a controller with the plant's own
+ * parameters needs the same values as the plant. */
 static inline double known(double (*f)(double), Known *k, double x)
 {
     if (memcmp(&k->at, &x, sizeof x) != 0) {
@@ -67,7 +67,7 @@ static inline double known(double (*f)(double), Known *k, double x)
     return k->value;
 }
 
-/* As max(a, b) and min(a, b) of Python, also where one of them is not a number. */
+/* As max(a, b) and min(a, b) of Python, also for NaN. */
 static inline double larger(double a, double b) { return b > a ? b : a; }
 static inline double smaller(double a, double b) { return b < a ? b : a; }
 

@@ -8,18 +8,18 @@
 #include "propagation.h"
 
 /* Two rules' integrals of the Jacobian over a step may differ by TOLERANCE * rtol**ORDER, over the
- * states' magnitudes [nats]: both are of order four where the stepper is of order five. */
+ * states' magnitudes [nats]: both are of order four, the stepper is of order five. */
 #define TOLERANCE 1.0
 #define ORDER 0.45
-#define STILL 1e-10    /* share of the Jacobian by which it may change in a step and be constant */
-#define SHORTEST 1e-14 /* step over time at which it is left at that */
-#define RANK 1e-12     /* share of a matrix' first pivot below which one is none */
+#define STILL 1e-10    /* share of the Jacobian: a smaller change in a step counts as constant */
+#define SHORTEST 1e-14 /* step over time: shorter steps are not repeated */
+#define RANK 1e-12     /* share of a matrix' first pivot: a smaller pivot counts as zero */
 #define ROOT_3 1.7320508075688772
 #define GAUSS (0.5 - ROOT_3 / 6.0)
 #define HEAVY ((3.0 + 2.0 * ROOT_3) / 12.0)
 #define LIGHT ((3.0 - 2.0 * ROOT_3) / 12.0)
 
-/* One accepted step of the stepper, and scratch memory for what tangents do in it. */
+/* One accepted step of the stepper, and scratch memory for its tangents. */
 typedef struct {
     double *first, *last, *slope0, *slope1; /* states at both ends, and their rates */
     double *by_time, *at, *logs, *changes;
@@ -125,8 +125,8 @@ static int rank_of(double *matrix, int n, const double *scale)
     return n;
 }
 
-/* Put behind all others the row of `frame` that is nearest to what the rows before it span: where a
- * matrix has taken a direction away, round-off is all that is left of its own. `copy` is scratch. */
+/* Move the row of `frame` that is nearest to the span of the rows before it behind all others: if a
+ * matrix has removed a direction, only round-off is left of it. `copy` is scratch. */
 static void put_last(double *frame, int count, int n, double *logs, double *copy)
 {
     memcpy(copy, frame, (size_t)(count * n) * sizeof *copy);
@@ -150,8 +150,8 @@ static void put_last(double *frame, int count, int n, double *logs, double *copy
     memmove(logs + worst, logs + worst + 1, (size_t)(count - 1 - worst) * sizeof *logs);
 }
 
-/* Let the noted events act on the tangents; the logarithm of their matrix' determinant. `timed`:
- * a state decides when they happen, not an input that has jumped. */
+/* Apply the noted events to the tangents; return the logarithm of their matrix' determinant.
+ * `timed`: a state determines their time, not an input that has jumped. */
 static double jump(const System *s, double t, const Walk *w, const double *x, double *growth,
                    const Note *note, int timed, Step *step)
 {
@@ -178,9 +178,10 @@ static double jump(const System *s, double t, const Walk *w, const double *x, do
     return rank < n ? -HUGE_VAL : log_determinant(step->omega, step->propagation.pivots, n);
 }
 
-/* Jacobians over a step from t by h: their mean, and those at Gauss' points and at the end. Returns
- * how far two rules' integrals are apart: the stepper sees what moves the state; tangents may feel
- * more. `work` still holds rate and Jacobian where the step began. */
+/* Find Jacobians over a step from t by h: their mean, and those at Gauss' points and at the end.
+ * Returns the difference of two rules' integrals: the stepper controls the error of the state only,
+ * and that of tangents may be larger. `work` still holds rate and Jacobian at the start of the
+ * step. */
 static double look_at_step(const System *s, const Walk *w, double t, double h, const Work *work,
                            Step *step)
 {
@@ -208,8 +209,8 @@ static double look_at_step(const System *s, const Walk *w, double t, double h, c
     return apart;
 }
 
-/* How many of the first tangents are to be collocated: where the Jacobian stands still,
- * exponentials are exact. */
+/* Number of the first tangents to collocate; 0 if the Jacobian is constant, since exponentials are
+ * exact then. */
 static int how_many_slow(const Walk *w, int n, double h, Step *step)
 {
     if (!w->collocating)
@@ -228,8 +229,8 @@ static int how_many_slow(const Walk *w, int n, double h, Step *step)
     return slow_ones(step->mean, step->slow, w->count, n, w->scale, h, step->changes);
 }
 
-/* Collocate the leading tangents over the step; the faster ones turn with them, and keep what the
- * exponential said. */
+/* Collocate the leading tangents over the step; the faster ones turn with them, and keep the growth
+ * from the exponential. */
 static void collocate_leading(const System *s, const Walk *w, double t, double h, int leading,
                               double *growth, Step *step)
 {
@@ -294,7 +295,7 @@ static int diverged(const double *x, const double *bound, int n)
     return 0;
 }
 
-/* Follow state and tangents from t to `goal`, within one row of the grid; DONE, or why not. */
+/* Follow state and tangents from t to `goal`, within a row of the grid; return DONE, or why not. */
 static int follow_span(const System *s, const Walk *w, int row, double t, double goal, Work *work,
                        Info *info, Step *step)
 {
@@ -307,7 +308,7 @@ static int follow_span(const System *s, const Walk *w, int row, double t, double
     Note *const note = work->note;
     double until = goal;
     if (note) {
-        /* events that are due because an input jumped happen now, whatever the state */
+        /* events that are due because an input jumped happen now, for any state */
         note->any = 0;
         if (settle(s, t, x, w->u, w->p, work, info) != DONE)
             return CHATTER;
@@ -330,7 +331,7 @@ static int follow_span(const System *s, const Walk *w, int row, double t, double
             return TOO_MANY_STEPS;
         if (diverged(x, w->bound, n))
             return DIVERGED;
-        work->known = !note; /* nothing but a step has moved the state or will move it */
+        work->known = !note; /* only steps have changed the state or will change it */
         if (info->accepted == accepted)
             continue;
         const double h = info->reached - t;
@@ -361,7 +362,7 @@ static int follow_span(const System *s, const Walk *w, int row, double t, double
     return DONE;
 }
 
-/* The first sample instant after t, or t itself where that is one and `here`. */
+/* The first sample instant after t, or t itself if it is a sample instant and `here` is set. */
 static double sample_instant(double t, double period, int here)
 {
     const double count = t / period, nearest = rint(count);
@@ -371,8 +372,8 @@ static double sample_instant(double t, double period, int here)
     return ceil(count) * period;
 }
 
-/* Follow state and tangents over one row of the grid; DONE, or why not. A sample at the row's end
- * belongs to the next row. */
+/* Follow state and tangents over one row of the grid; return DONE, or why not. A sample at the
+ * row's end belongs to the next row. */
 static int follow_row(const System *s, const Walk *w, int row, Work *work, Info *info, Step *step)
 {
     const double goal = w->times[row];
@@ -398,8 +399,8 @@ static int follow_row(const System *s, const Walk *w, int row, Work *work, Info 
     return DONE;
 }
 
-/* Follow the first state and its tangents over the grid. Returns the rows that were reached;
- * info->status says why no more, and info->reached when. */
+/* Follow the first state and its tangents over the grid. Returns the number of rows that were
+ * reached; info->status has the reason of the end, and info->reached its time. */
 static int spectrum(const System *s, const Walk *w, Info *info)
 {
     const int n = s->states;
@@ -431,12 +432,12 @@ static int spectrum(const System *s, const Walk *w, Info *info)
     return info->status == DONE ? row : row - 1;
 }
 
-#define STRIDES 512 /* parts of a walk within which a motion does not cross a plane twice unseen */
+#define STRIDES 512 /* parts of a walk: a motion does not cross a plane twice in one of them */
 
-/* The step from `before` by h, done again up to where the plane is crossed: regula falsi with
- * Illinois' halving. `state` and `mode` are those at the step's end, and then those at the crossing,
- * never short of it; of a jump across the plane, those after it. `trial` has room for both. The answer
- * is how far into the step. */
+/* Repeat the step from `before` by h up to the crossing of the plane: regula falsi with the halving
+ * of the Illinois method. `state` and `mode` are those at the step's end, and then those at the
+ * crossing, never before it; for a jump across the plane, those after it. `trial` has room for
+ * both. Returns the length of this part of the step. */
 static double meet(const System *s, const Crossings *c, Integrator walk, void *work, double t,
                    double h, const double *before, const double *held, const Info *info,
                    double *state, double *mode, double *trial)
@@ -474,8 +475,8 @@ static double meet(const System *s, const Crossings *c, Integrator walk, void *w
 }
 
 #define NEARLY (1.0 - 1e-9) /* of a step: just before the event at its end */
-#define SOUGHT 4            /* times that a step is done again for one extreme */
-#define CLOSE 0.05          /* share of a range within which an extreme of a cubic may be a new one */
+#define SOUGHT 4            /* repetitions of a step for one extreme */
+#define CLOSE 0.05          /* share of a range: a cubic's extreme so near its end may be new */
 
 static void spread_to(const Crossings *c, const double *x, int n)
 {
@@ -485,8 +486,8 @@ static void spread_to(const Crossings *c, const double *x, int n)
     }
 }
 
-/* Where a cubic through `first` and `last`, with these changes over a whole step at its ends, whose
- * signs differ, stands still. */
+/* Place of the extreme of a cubic through `first` and `last`; its slopes at the ends, per whole
+ * step, have different signs. */
 static double turning(double first, double slope0, double last, double slope1)
 {
     double a = 0.0, b = 1.0;
@@ -502,10 +503,10 @@ static double turning(double first, double slope0, double last, double slope1)
     return 0.5 * (a + b);
 }
 
-/* Widen the range of each state to its extremes within the step from `before` by h: where its rate
- * changes sign, Hermite's cubic says about when, and the step is done again up to there, then up to
- * where the rates themselves say, until that moves the extreme by less than the tolerance.
- * `memory` has room for five rows of states, and for the mode. */
+/* Widen the range of each state to its extremes within the step from `before` by h: if its rate
+ * changes sign, Hermite's cubic gives the approximate time, and the step is repeated up to there,
+ * then up to the time from the rates themselves, until this moves the extreme by less than the
+ * tolerance. `memory` has room for five rows of states, and for the mode. */
 static void seek_extremes(const System *s, const Crossings *c, Integrator walk, void *work,
                           const Info *info, double t, double h, const double *before,
                           const double *held, int event, double *memory)
@@ -516,7 +517,7 @@ static void seek_extremes(const System *s, const Crossings *c, Integrator walk, 
     double *const trial = slope1 + n, *const slope = trial + n, *const mode = slope + n;
     memcpy(mode, held, held_size);
     memcpy(last, c->x, size);
-    if (event) { /* what it does to the states is none of the step's */
+    if (event) { /* its effect on the states is not part of the step */
         Info again = *info;
         again.next_step = 0.0;
         memcpy(last, before, size);
@@ -570,7 +571,7 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
     double *const trial = sampled + n;
     const double longest = c->most ? (c->t1 - c->t0) / STRIDES : c->t1 - c->t0;
     const double least = SMALLEST * larger(fabs(c->t0), fabs(c->t1));
-    Crowd crowd = {-HUGE_VAL, 0}; /* a walk of one step does not see that there are many */
+    Crowd crowd = {-HUGE_VAL, 0}; /* a walk of one step cannot count many events */
     double t = c->t0, until = c->t1;
     int found = 0;
     memcpy(c->low, c->x, size);
@@ -609,7 +610,7 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
             seek_extremes(s, c, walk, work, info, t, reached - t, before, held,
                           info->events > events, trial + n + s->held);
         if (c->period > 0.0) {
-            /* motions of a sampled system are the same only where their samples are */
+            /* motions of a sampled system can be compared only at their samples */
             if (reached == until && sample_instant(until, c->period, 1) == until) {
                 if (found < c->most && sampled[c->coordinate] < c->level &&
                     c->level <= c->x[c->coordinate]) {
@@ -627,7 +628,7 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
             c->times[found] = t + q;
             memcpy(c->states + found * n, again, size);
             found++;
-            if (found == c->most) { /* the motion ends there, and not where the step does */
+            if (found == c->most) { /* the motion ends at the crossing, not at the step's end */
                 memcpy(c->x, again, size);
                 memcpy(c->u, mode, (size_t)s->held * sizeof(double));
                 reached = t + q;

@@ -1,26 +1,26 @@
 /* Tangent vectors along a trajectory, orthonormalized: finite-time Lyapunov exponents.
  *
- * The trajectory is the stiff stepper's. Over each of its steps the tangents obey a linear equation,
- * whose propagator is the product of two matrix exponentials of the Jacobian (commutator-free, order
- * four: A. Alvermann and H. Fehske, J. Comput. Phys. 230, 5930 (2011), with the stage values of
- * S. Blanes and P. C. Moan, Appl. Numer. Math. 56, 1519 (2006)). An exponential does not damp what is
- * stiff as a stable step would, so the fast exponents come out right. It is applied in as many equal
- * parts as keep the fastest tangent above the round-off of the slowest, with an orthonormalization
- * after each: the parts are powers of two of one small exponential, so that they cost a product of
- * small matrices each, not a step of the solver.
+ * The trajectory is the stiff stepper's. Over each of its steps the tangents obey a linear
+ * equation, whose propagator is the product of two matrix exponentials of the Jacobian
+ * (commutator-free, order four: A. Alvermann and H. Fehske, J. Comput. Phys. 230, 5930 (2011), with
+ * the stage values of S. Blanes and P. C. Moan, Appl. Numer. Math. 56, 1519 (2006)). An exponential
+ * does not damp stiff directions as a stable step would, so the fast exponents are correct. It is
+ * applied in so many equal parts that the fastest tangent stays above the round-off of the slowest,
+ * with an orthonormalization after each: the parts are powers of two of one small exponential, so
+ * that each costs a product of small matrices, not a step of the solver.
  *
- * For what is slow beside something stiff, Jacobians that are constant piece by piece lose order:
- * where the slow direction turns, each piece sends a little of it into the stiff one. Slow tangents
- * can be collocated instead. The two do not mix well, since a slow tangent moved by a hair moves the
- * volume of the stiff ones by much: all tangents are followed by exponentials, or the slow ones by
- * themselves. */
+ * For slow directions together with stiff ones, Jacobians that are constant piece by piece lose
+ * order: when the slow direction turns, each piece moves a little of it into the stiff one. Slow
+ * tangents can be collocated instead. The two methods cannot be mixed well, since a very small
+ * change of a slow tangent changes the volume of the stiff ones very much: all tangents are
+ * followed by exponentials, or the slow ones separately. */
 #ifndef TANGENTS_H
 #define TANGENTS_H
 
 #include "stepper.h"
 
-/* A sampled system holds its discrete states as states that stand still; their update is the first
- * event of every mode, which nothing but the clock makes happen. */
+/* A sampled system has its discrete states as states with zero rates; their update is the first
+ * event of every mode, which only the clock triggers. */
 #define SAMPLE 0
 #define SAME_INSTANT 1e-6 /* share of the period */
 
@@ -36,14 +36,14 @@ typedef struct {
     const double *p;
     const double *atol;
     double rtol;
-    const double *bound; /* n: a state beyond this has diverge */
+    const double *bound; /* n: a state beyond this has diverged */
     const double *scale; /* n: powers of two near the states' magnitudes */
     int32_t max_steps;
     int32_t collocating; /* whether slow tangents are collocated */
     double period;       /* of the samples, at its multiples; 0 without */
 } Walk;
 
-/* How often a motion crosses a plane upwards. */
+/* The upward crossings of a plane by a motion. */
 typedef struct {
     double t0, t1;
     double *x, *u;
@@ -53,11 +53,11 @@ typedef struct {
     int32_t max_steps;
     int32_t coordinate; /* the plane: where x[coordinate] is `level` */
     double level;
-    int32_t most;   /* crossings; 0: none is looked for, and steps are not cut short */
+    int32_t most;   /* crossings; 0: none is searched, and steps are not shortened */
     double *times;  /* most */
     double *states; /* most x n */
     double *low, *high; /* n: of the states, with their extremes within steps */
-    double period;      /* as in Walk; crossings are then looked at from sample to sample */
+    double period;      /* as in Walk; crossings are then checked from sample to sample */
 } Crossings;
 
 static int spectrum(const System *s, const Walk *w, Info *info);

@@ -51,7 +51,7 @@ static double play(const Tape *tape, double t, int event, double *const vectors[
     }
 }
 
-/* A tape only reads what the function it stands for may not write. */
+/* A tape only reads the vectors that its function must not write. */
 #define VECTORS_OF(x, u, p, ...) ((double *const[VECTORS]){(double *)(x), (double *)(u), (double *)(p), __VA_ARGS__})
 #define TAPES ((const Equations *)s->equations)
 

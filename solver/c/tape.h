@@ -1,5 +1,5 @@
-/* Equations as a list of operations, for systems that no compiler has seen: every number is that of
- * the same equations in C, operation by operation. */
+/* Equations as a list of operations, for systems without compiled equations: every number is that
+ * of the same equations in C, operation by operation. */
 #ifndef TAPE_H
 #define TAPE_H
 
@@ -17,10 +17,10 @@ enum {
     RETURN                   /* c */
 };
 
-/* Vectors that a tape knows. */
+/* Vectors of a tape. */
 enum { X, U, P, FIRST_RESULT, SECOND_RESULT, THIRD_RESULT, VECTORS };
 
-/* Registers that hold something at the start: the time and the number of an event, then constants. */
+/* Registers with initial values: the time and the number of an event, then constants. */
 enum { TIME_REGISTER, EVENT_REGISTER, FIRST_CONSTANT };
 
 typedef struct {
@@ -38,7 +38,7 @@ typedef struct {
     Tape rhs, jac, out, sample, indicate, spread, kind, react, slopes, delayed;
 } Equations;
 
-/* Make a system of tapes, which must stay where they are as long as it is used. */
+/* Make a system of tapes, which must not be moved in memory while it is used. */
 static void play_tapes(System *s, const Equations *equations);
 
 #endif

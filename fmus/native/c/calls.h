@@ -1,11 +1,11 @@
-/* The functions that hosts call, as far as FMI 2.0 and 3.0 have them alike. Included once, by
- * fmi2.c or fmi3.c, behind FMI(name): a name of that version. Compiled into another program, names
- * of functions get the prefix FUNCTION_PREFIX. */
+/* Functions for hosts that are equal in FMI 2.0 and 3.0. Included once, by fmi2.c or fmi3.c, after
+ * FMI(name): a name of that version. Compiled into another program, names of functions get the
+ * prefix FUNCTION_PREFIX. */
 #ifndef CALLS_H
 #define CALLS_H
 
 #if defined __GNUC__
-#pragma GCC diagnostic ignored "-Wunused-parameter" /* hosts say more than is used here */
+#pragma GCC diagnostic ignored "-Wunused-parameter" /* not all arguments of hosts are used here */
 #endif
 
 /* EXPORT(type) name: a function that hosts find. */
@@ -27,7 +27,7 @@
 #define TEXT_(name) #name
 #define TEXT(name) TEXT_(name)
 
-/* Refuse what no instance, or one in another phase, is asked for. */
+/* Refuse a call without an instance, or with an instance in another phase. */
 #define CHECK(phases, call)                                                                        \
     Instance *c = instance;                                                                        \
     if (!c || !allowed(c, phases, call))                                                           \
@@ -39,7 +39,7 @@
     if (!c || !allowed(c, phases, call))                                                           \
         return ERROR
 
-/* A function that is allowed in some phases, with its arguments, and what it returns. */
+/* A function that is allowed in some phases, with its arguments and its result. */
 #define CALL(name, phases, arguments, result)                                                      \
     EXPORT(FMI(Status)) NAMED(FMI(name)) arguments                                                 \
     {                                                                                              \
@@ -56,7 +56,7 @@
 #define EXCHANGE(name, phases, arguments, result) CALL_OF_KIND(name, 1, phases, arguments, result)
 #define SIMULATION(name, phases, arguments, result) CALL_OF_KIND(name, 0, phases, arguments, result)
 
-/* What hosts give with a call. */
+/* Arguments of calls by hosts. */
 #define ALONE (void *instance)
 #define REFERENCED void *instance, const uint32_t references[], size_t n
 #define DERIVED                                                                                    \
@@ -69,7 +69,7 @@ CALL(ExitInitializationMode, INITIALIZING, ALONE, end_initialization(c))
 CALL(Terminate, RUNNING, ALONE, enter(c, TERMINATED))
 CALL(Reset, ANY, ALONE, back_to_start(c))
 
-/* Functions of saved states, whose names the versions spell in two ways. */
+/* Functions of saved states; their names differ between the versions. */
 #define STATE_CALLS(get, set, drop, measure, write, read)                                          \
     CALL(get, ANY, (void *instance, void **state), save_state(c, state))                           \
     CALL(set, ANY, (void *instance, void *state), restore_state(c, state))                         \

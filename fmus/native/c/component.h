@@ -1,8 +1,8 @@
-/* One instance of a component, whatever the version of FMI: its memory, life cycle, step and saved
- * states. Included once, by fmi2.c or fmi3.c, behind model.h and equations.h.
+/* One instance of a component, for any version of FMI: its memory, life cycle, step and saved
+ * states. Included once, by fmi2.c or fmi3.c, after model.h and equations.h.
  *
- * There are no globals. All numbers of an instance lie in one array, as in the FMU that pythonfmu
- * makes of the same component; VARIABLES says where the number of a value reference lies. */
+ * There are no globals. All numbers of an instance are in one array, as in the FMU that pythonfmu
+ * makes of the same component; VARIABLES has the place of the number of each value reference. */
 #ifndef COMPONENT_H
 #define COMPONENT_H
 
@@ -18,13 +18,13 @@
 #define MAX_STEPS 200000
 #define MOST_SAMPLES 1e6  /* sample instants in one step */
 #define LONGEST_TEXT 512
-/* of how far an indicator moves where states and inputs move by their nominals */
+/* share of the change of an indicator when states and inputs change by their nominals */
 #define MARGIN 1e-12
 #define LEAST_MARGIN 1e-300
 
 typedef enum { OK, WARNING, DISCARD, ERROR, FATAL } Status; /* the same in FMI 2 and FMI 3 */
 
-/* Phases of an instance's life, as bits, so that a function can name those it is allowed in. */
+/* Phases of an instance's life, as bits, so that a function can list its allowed phases. */
 typedef enum {
     INSTANTIATED = 1,
     INITIALIZING = 2,
@@ -32,30 +32,30 @@ typedef enum {
     EVENT = 8,       /* model exchange */
     CONTINUOUS = 16, /* model exchange */
     TERMINATED = 32,
-    UPDATING = 64 /* co-simulation, within a step: the host is called and may look */
+    UPDATING = 64 /* co-simulation, within a step: the host is called and may read variables */
 } Phase;
 #define RUNNING (STEPPING | EVENT | CONTINUOUS)
 #define ALIVE (INSTANTIATED | INITIALIZING | RUNNING)
 #define ANY (ALIVE | TERMINATED)
 
-/* How an event indicator g is watched in model exchange: the host sees g - level. While nothing has
- * happened that is at least half the margin off zero, so that neither round-off in the states nor an
- * instant that the host found to the last digits only can hide an event or make one. For events
- * either way the level is positive while g is low, negative while it is high. */
+/* The watch of an event indicator g in model exchange: the host sees g - level. Before an event,
+ * this is at least half the margin away from zero, so that neither round-off in the states nor the
+ * error of the host's event time can hide or create an event. For events in both directions, the
+ * level is positive while g is low, negative while it is high. */
 typedef struct {
     double level;
     double margin;
-    int32_t undecided; /* either way: g was zero, and is on no side yet */
+    int32_t undecided; /* both directions: g was zero, and its side is not known yet */
     int32_t padding;
 } Watch;
 
-/* Everything that decides how an instance goes on. */
+/* Everything that determines how an instance continues. */
 typedef struct {
     double memory[MEMORY];
     Watch watch[AT_LEAST_1(EVENTS)]; /* model exchange */
     int32_t phase;
     int32_t started; /* initialization is over */
-    char failure[LONGEST_TEXT]; /* why it cannot go on; empty while all is well */
+    char failure[LONGEST_TEXT]; /* why it cannot continue; empty without a failure */
 } Saved;
 
 typedef struct Kept {
@@ -71,7 +71,7 @@ typedef struct Instance {
     int derived;  /* derivatives belong to the present outputs */
     double derivatives[AT_LEAST_1(N)];
     double atol[AT_LEAST_1(N)];
-    System system; /* with delays: the equations, which look into the history */
+    System system; /* with delays: the equations, which read the history */
     Delays delays;
     double signals[DELAYS_DOUBLES(N, DELAYS) + 1];
     double *history; /* null without delays */
@@ -84,9 +84,9 @@ typedef struct Instance {
     void (*logger)(void); /* the host's, of a type that the FMI layer knows */
     double end;           /* of the present step of co-simulation */
     int may_return;       /* a host that is called within a step may end it there */
-    void (*update)(struct Instance *, double t); /* tells the host of an instant within a step */
+    void (*update)(struct Instance *, double t); /* reports an instant within a step to the host */
     void (*updater)(void);                       /* the host's, of a type as above */
-    unsigned char wanted[REFERENCES];            /* what it may look at within a step */
+    unsigned char wanted[REFERENCES];            /* variables that it may read within a step */
 } Instance;
 
 /* -- messages ----------------------------------------------------------------------------- */
@@ -103,7 +103,7 @@ static void put(char *text, const Instance *c, const char *format, va_list value
     vsnprintf(text + used, (size_t)(LONGEST_TEXT - used), format, values);
 }
 
-/* A call that makes no sense: it is refused, and the instance stays as it is. */
+/* Refuse an invalid call; the instance is not changed. */
 static Status refuse(Instance *c, const char *format, ...)
 {
     char text[LONGEST_TEXT] = "";
@@ -115,7 +115,7 @@ static Status refuse(Instance *c, const char *format, ...)
     return ERROR;
 }
 
-/* The instance cannot go on, until it is reset or set to a saved state; the first reason is kept. */
+/* Stop the instance until it is reset or set to a saved state; the first reason is kept. */
 static Status fail(Instance *c, const char *format, ...)
 {
     char text[LONGEST_TEXT] = "";
@@ -162,8 +162,8 @@ static size_t bytes_of(const double *history)
     return DELAYS > 0 ? HISTORY_BYTES(history[ROOM]) : 0;
 }
 
-/* Let the history, with room for so many steps, hold what `from` does; nothing, if it is null. 0 if
- * there is no memory. */
+/* Copy `from`, or nothing if it is null, into a history with room for this number of steps; 0 if
+ * there is not enough memory. */
 static int take_history(double **history, const double *from, double room)
 {
     double *taken;
@@ -184,7 +184,7 @@ static int take_history(double **history, const double *from, double room)
     return 1;
 }
 
-/* As above, for the instance's own. */
+/* As above, for the instance's own history. */
 static int remember(Instance *c, const double *from, double room)
 {
     const int done = take_history(&c->history, from, room);
@@ -204,7 +204,7 @@ static int remember(Instance *c, const double *from, double room)
 static void set_time(Instance *c, double t)
 {
     TIME(c) = t;
-    /* between two hosts that solve for the states, a feedback law has no step to have begun */
+    /* model exchange has no communication steps: a feedback law's step always begins now */
     if (c->exchange && STEP_START >= 0)
         c->now.memory[STEP_START < 0 ? 0 : STEP_START] = t;
     c->stale = 1;
@@ -234,10 +234,10 @@ static void take_frame(Instance *c)
 
 static double margin_of(double spread) { return MARGIN * spread + LEAST_MARGIN; }
 
-/* How far an indicator is past what is to be found; negative while nothing has happened. */
+/* Distance of an indicator beyond its event; negative before the event. */
 static double past(const Watch *w, double g) { return w->level < 0.0 ? w->level - g : g - w->level; }
 
-/* Watch the events of a mode that has just begun: those beyond zero are due at once. */
+/* Begin to watch the events of a new mode: those beyond zero are due immediately. */
 static void watch_mode(Instance *c)
 {
     spread(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
@@ -259,8 +259,8 @@ static int due_now(Instance *c, const int *fired)
     return -1;
 }
 
-/* Watch on from here, with every indicator off zero. One that stays positive after its event has to
- * rise further, or to fall and rise again. */
+/* Continue to watch from here, with every indicator away from zero. An indicator that stays
+ * positive after its event has to rise further, or to fall and rise again. */
 static void watch_on(Instance *c, const int *fired)
 {
     indicate(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
@@ -281,7 +281,7 @@ static void watch_on(Instance *c, const int *fired)
     }
 }
 
-/* Let every event happen that is due at this instant; DONE or CHATTER. */
+/* Carry out every event that is due at this instant; return DONE or CHATTER. */
 static int let_happen(Instance *c)
 {
     int fired[AT_LEAST_1(EVENTS)] = {0};
@@ -312,7 +312,7 @@ static int let_happen(Instance *c)
     return CHATTER;
 }
 
-/* The indicators as the host sees them go to work.g. */
+/* Put the indicators, as the host sees them, into work.g. */
 static void show_indicators(Instance *c)
 {
     indicate(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), c->work.g);
@@ -320,7 +320,7 @@ static void show_indicators(Instance *c)
         c->work.g[k] -= c->now.watch[k].level;
 }
 
-/* After a step of the host: whether an event is due that it has not found. */
+/* After a step of the host: whether an event is due that the host has not found. */
 static int complete_step(Instance *c)
 {
     int missed = 0;
@@ -461,7 +461,7 @@ static Status end_initialization(Instance *c)
     }
     initialize_states(c);
     if (EVENTS > 0 && c->exchange) {
-        int fired[AT_LEAST_1(EVENTS)]; /* what was due has happened */
+        int fired[AT_LEAST_1(EVENTS)]; /* all due events have happened */
         for (int k = 0; k < EVENTS; k++)
             fired[k] = 1;
         watch_mode(c);
@@ -511,7 +511,7 @@ static Status get_numbers(Instance *c, const uint32_t *references, size_t n, dou
     return OK;
 }
 
-/* Why it cannot go on, the only String. */
+/* Why it cannot continue, the only String. */
 static Status get_failure(Instance *c, const uint32_t *references, size_t n, const char **values)
 {
     if (n && (!references || !values))
@@ -524,8 +524,8 @@ static Status get_failure(Instance *c, const uint32_t *references, size_t n, con
     return OK;
 }
 
-/* Where a host sets the continuous state that a variable is, as it may in model exchange; NULL if it
- * is none. */
+/* Place of a continuous state that a host may set now through this variable, in model exchange;
+ * NULL if there is none. */
 static double *settable_state(Instance *c, const Variable *v)
 {
     const int shown = v->what == OUTPUT ? STATE_OF_OUTPUT[v->place - AT_OUTPUTS] : -1;
@@ -549,7 +549,7 @@ static Status set_numbers(Instance *c, const uint32_t *references, size_t n, con
         if (v->what == PARAMETER && c->now.started)
             return refuse(c, "parameter %s cannot be set any more; set it before initialization ends",
                           v->name);
-        if (!isfinite(values[k])) /* a solver that tried a state can try another */
+        if (!isfinite(values[k])) /* a host that tries states can try another one */
             return (settable_state(c, v) ? refuse : fail)(c, "%s was set to %g, not a number",
                                                           v->name, values[k]);
     }
@@ -564,7 +564,7 @@ static Status set_numbers(Instance *c, const uint32_t *references, size_t n, con
 
 /* -- steps of co-simulation --------------------------------------------------------------- */
 
-/* Let the host look at an instant within a step; it may bring the end of the step nearer. */
+/* Report an instant within a step to the host; the host may end the step earlier. */
 static void tell(Instance *c, double t)
 {
     if (!c->update)
@@ -650,7 +650,7 @@ static Status advance_sampled(Instance *c, double t0)
     return OK;
 }
 
-/* Whether it failed before and cannot go on; it says why once more. */
+/* Whether it failed before and cannot continue; if so, report the reason again. */
 static int stopped(Instance *c)
 {
     if (c->now.failure[0])
@@ -687,7 +687,7 @@ typedef struct {
     double next_time;
 } Events;
 
-/* Let happen what is due: samples, and events of the present mode. */
+/* Carry out what is due: samples, and events of the present mode. */
 static Status update_discrete_states(Instance *c, Events *events)
 {
     double *memory = c->now.memory;
@@ -771,14 +771,14 @@ static Status set_states(Instance *c, const double *values, size_t n)
 
 /* -- partial derivatives ------------------------------------------------------------------ */
 
-/* Row of the matrix of partial derivatives that belongs to an unknown; -1 if none does. */
+/* Row of an unknown in the matrix of partial derivatives; -1 if it has none. */
 static int row_of(uint32_t reference)
 {
     const Variable *v = &VARIABLES[reference < REFERENCES ? reference : 0];
     return v->what == DERIVATIVE ? v->place : v->what == OUTPUT ? v->place - AT_OUTPUTS + N : -1;
 }
 
-/* Column that belongs to a known, which is a state or an input; -1 if none does. */
+/* Column of a known, which is a state or an input; -1 if it has none. */
 static int column_of(uint32_t reference)
 {
     const Variable *v = &VARIABLES[reference < REFERENCES ? reference : 0];
@@ -790,7 +790,7 @@ static int column_of(uint32_t reference)
     }
 }
 
-/* Forward: sensitivities of the unknowns from seeds of the knowns; adjoint: the other way. */
+/* Forward: sensitivities of the unknowns from seeds of the knowns; adjoint: vice versa. */
 static Status derivative_product(Instance *c, int adjoint, const uint32_t *unknowns, size_t n,
                                  const uint32_t *knowns, size_t m, const double *seed,
                                  double *sensitivity)
@@ -821,7 +821,8 @@ static Status derivative_product(Instance *c, int adjoint, const uint32_t *unkno
     partial(&SYSTEM, TIME(c), STATES(c), HELD(c), PARAMETERS(c), values);
     for (int k = 0; k < PARTIALS; k++) {
         const int row = PARTIAL_AT[k][0], column = PARTIAL_AT[k][1];
-        /* what is not asked about may be infinite: it counts only where its seed is not zero */
+        /* derivatives that are not requested may be infinite: use only those with a seed not zero
+         * */
         if (adjoint && by_row[row] != 0.0)
             by_column[column] += values[k] * by_row[row];
         else if (!adjoint && by_column[column] != 0.0)
@@ -836,7 +837,7 @@ static Status derivative_product(Instance *c, int adjoint, const uint32_t *unkno
 
 typedef struct {
     char mark[8];
-    uint64_t model; /* which FMU it is a state of, and for which kind of simulation */
+    uint64_t model; /* identifies the FMU and the kind of simulation */
     uint64_t check; /* hash of the bytes that follow */
     uint64_t size;
 } Header;

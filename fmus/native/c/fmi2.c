@@ -18,7 +18,7 @@ typedef void (*Logger)(void *, fmi2String, fmi2Status, fmi2String, fmi2String, .
 static void log_to(Logger logger, void *environment, const char *name, Status status,
                    const char *category, const char *text)
 {
-    /* the text is a format, and hosts may or may not read it as one: leave no sign of that */
+    /* hosts may or may not use the text as a format string, so it must not contain % */
     char plain[LONGEST_TEXT];
     size_t n = 0;
     for (; text[n] && n + 1 < sizeof plain; n++)
@@ -40,7 +40,7 @@ EXPORT(const char *) NAMED(fmi2GetVersion)(void) { return "2.0"; }
 EXPORT(fmi2Component)
 NAMED(fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2String token, fmi2String resources,
                        const fmi2CallbackFunctions *functions, fmi2Boolean visible,
-                       fmi2Boolean logging) /* there are only errors to tell */
+                       fmi2Boolean logging) /* not used: only errors are logged */
 {
     const char *wrong = NULL;
     Instance *c;
@@ -80,7 +80,7 @@ CALL(GetReal, ANY, (REFERENCED, double values[]), get_numbers(c, references, n, 
 CALL(SetReal, ALIVE, (REFERENCED, const double values[]), set_numbers(c, references, n, values))
 CALL(GetString, ANY, (REFERENCED, const char *values[]), get_failure(c, references, n, values))
 
-/* Numbers that are not Real, and Strings that could be set: there are none. */
+/* There are no numbers of other types than Real, and no Strings that can be set. */
 #define NONE_OF(name, constant, type, what)                                                        \
     CALL(name, ANY, (REFERENCED, constant type values[]),                                          \
          n ? refuse(c, "%lu %s were given, but there are none", (unsigned long)n, what) : OK)

@@ -1,4 +1,4 @@
-/* What FMI 2.0 lets a host and an FMU agree on, as far as it is used here. */
+/* Declarations of FMI 2.0 for hosts and FMUs, as far as used here. */
 #ifndef FMI2_DECLARATIONS_H
 #define FMI2_DECLARATIONS_H
 

@@ -63,7 +63,7 @@ static Instance *instantiate(fmi3String name, fmi3String token, int exchange, co
     return c;
 }
 
-/* Every accepted step is told; inputs are held in all of a step, so that none are asked for. */
+/* Report every accepted step; inputs are held over a step, so that none are requested. */
 static void update_host(Instance *c, double t)
 {
     const bool may_return = c->may_return && t < c->end;
@@ -72,14 +72,14 @@ static void update_host(Instance *c, double t)
     ((fmi3IntermediateUpdateCallback)c->updater)(c->environment, t, false, true, true, may_return,
                                                  &requested, &until);
     if (may_return && requested && !(until >= c->end))
-        c->end = larger(t, until); /* t where it is not a number */
+        c->end = larger(t, until); /* t if `until` is NaN */
 }
 
 EXPORT(fmi3Instance)
 NAMED(fmi3InstantiateModelExchange)(fmi3String name, fmi3String token, fmi3String resources,
                                     fmi3Boolean visible, fmi3Boolean logging,
                                     fmi3InstanceEnvironment environment, fmi3LogMessageCallback log)
-{ /* of what there is to log there are only errors, so that `logging` says nothing */
+{ /* only errors are logged, so that `logging` is not used */
     return instantiate(name, token, 1, CAN_EXCHANGE ? NULL : MODEL " is not for model exchange",
                        environment, log);
 }
@@ -150,7 +150,7 @@ CALL(SetFloat64, ALIVE, (REFERENCED, const double values[], size_t room),
 CALL(GetString, ANY, (REFERENCED, const char *values[], size_t room),
      fits(c, room, n) ? get_failure(c, references, n, values) : ERROR)
 
-/* Variables of other types: there are none. */
+/* There are no variables of other types. */
 #define NONE_OF(name, constant, type)                                                              \
     CALL(name, ANY, (REFERENCED, constant type values[], size_t room),                             \
          n ? refuse(c, "%s was called for %lu values, there are none", TEXT(FMI(name)),            \
@@ -171,7 +171,7 @@ NONE_EITHER_WAY(UInt64)
 NONE_EITHER_WAY(Boolean)
 NONE_OF(SetString, const, fmi3String)
 
-/* The same for functions with arguments of their own. */
+/* The same for functions with other arguments. */
 #define REFUSED(name, arguments, what)                                                             \
     CALL(name, ANY, arguments,                                                                     \
          n ? refuse(c, "%s was called; there are no " what, TEXT(FMI(name))) : OK)
