@@ -85,8 +85,16 @@ def check(root: Path = ROOT, write: bool = False) -> list[str]:
 
 
 def overview(ages: bool = False) -> str:
-    """The text of ``docs/claims.md``; with how often the code has changed since, on request."""
-    head = ["claim", "page", "proof", "repeat it", "commit", "of", *["code changed since"] * ages]
+    """The text of ``docs/claims.md``; with the files that have other code since, on request."""
+    head = [
+        "claim",
+        "page",
+        "proof",
+        "repeat it",
+        "commit",
+        "of",
+        *["files with other code since"] * ages,
+    ]
     rows = [head, ["---"] * len(head)]
     for claim in claims():
         keys = claim.get("each", [""])
@@ -98,10 +106,10 @@ def overview(ages: bool = False) -> str:
         row = [said + more, re.sub(r"^docs/(.+)", r"[\1](\1)", claim["page"])]
         if name := claim.get("proof"):
             stored = provenance.stored(name)
-            changes = provenance.changes_since(name, stored["commit"]) if ages else None
+            changed = provenance.changed_files(name, stored["commit"]) if ages else None
             row += [f"[{name}.json](proof/{name}.json)", f"`python {FILE['commands'][name]}`"]
             row += [stored["commit"][:12], stored["committed"][:10]]
-            row += ["not known" if changes is None else f"{changes} times"] * ages
+            row += ["not known" if changed is None else str(len(changed))] * ages
         else:
             run = "pytest" if claim["by"].startswith("tests/") else "python"
             row += [f"`{claim['by'].partition('::')[0]}`", f"`{run} {claim['by']}`"]

@@ -53,7 +53,7 @@ def stop_on_stale_figures(app):
 
 
 def add_ages(app, docname, source):
-    """The page of the claims says on the site how often the code has changed since each proof."""
+    """The page of the claims says on the site how many files have other code since each proof."""
     if docname == "claims":
         source[0] = claims.overview(ages=True)
 

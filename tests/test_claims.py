@@ -103,7 +103,7 @@ def test_the_build_of_the_site_stops_on_a_changed_number(conf, pages):
         conf.stop_on_stale_figures(app)
 
 
-def test_the_site_asks_before_it_builds_and_says_how_often_the_code_has_changed(conf):
+def test_the_site_asks_before_it_builds_and_says_how_much_code_has_changed(conf):
     events = []
     conf.setup(SimpleNamespace(connect=lambda *event: events.append(event)))
     assert ("builder-inited", conf.stop_on_stale_figures) in events
@@ -111,8 +111,8 @@ def test_the_site_asks_before_it_builds_and_says_how_often_the_code_has_changed(
     source = [""]
     conf.add_ages(None, "claims", source)
     heads, _, *rows = [line for line in source[0].splitlines() if line.startswith("|")]
-    assert heads.endswith("| code changed since |")
-    assert all(re.search(r"\| (\d+ times|not known|-) \|$", row) for row in rows)
+    assert heads.endswith("| files with other code since |")
+    assert all(re.search(r"\| (\d+|not known|-) \|$", row) for row in rows)
 
 
 def test_every_proof_has_its_command_in_the_makefile():
