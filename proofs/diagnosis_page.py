@@ -56,7 +56,7 @@ def sets(proof: Mapping[str, Any], of: str) -> list[str]:
 
 
 def worlds(proof: Mapping[str, Any]) -> list[str]:
-    """The same of each world."""
+    """The same for each world."""
     lines = [
         "| world, the worst first | right cause in the answer | clear effects: members, mean | "
         "named correctly |",
@@ -73,7 +73,7 @@ def worlds(proof: Mapping[str, Any]) -> list[str]:
 
 
 def loop(proof: Mapping[str, Any]) -> list[str]:
-    """Whole diagnoses, before and after the next experiment."""
+    """Complete diagnoses, before and after the next experiment."""
     before, after = (proof[k] for k in ("before", "after"))
     lines = ["| | one record | with the experiment |", "|---|---|---|"]
     for key, first in before.items():
@@ -104,7 +104,7 @@ def ablation(proof: Mapping[str, Any]) -> list[str]:
 
 
 def page() -> str:
-    """The page with the figures as they are stored."""
+    """The page with the stored figures."""
     tables = {
         "sets": sets(stored("diagnosis_sets"), "all worlds"),
         "worlds": worlds(stored("diagnosis_sets")),

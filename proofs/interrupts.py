@@ -1,8 +1,8 @@
-"""Interrupts each long command at 20 random instants, and kills each; docs/proof/interrupts.json.
+"""Interrupt and kill each long command at 20 random instants; docs/proof/interrupts.json.
 
-Instants are drawn in processor time of all processes of a command, from its first line of code to
-`LATEST` seconds, with SIGINT and SIGTERM in turn. Each command finds the results of an earlier run
-and a file of the user's in its folder.
+Instants are random in processor time of all processes of a command, from its first line of code to
+`LATEST` seconds, with SIGINT and SIGTERM alternately. The folder of each command contains the
+results of an earlier run and a file of the user.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from provenance import provenance  # noqa: E402
 from ballscrew.orchestration.run_folder import settle  # noqa: E402
 
 SEED = 16
-LATEST = 8.0  # s of processor time
+LATEST = 8.0  # processor time [s]
 
 
 def trial(name: str, k: int, data: Path, out: Path) -> dict[str, Any]:
-    """Interrupt one command once, and kill it once; what was wrong, empty texts if nothing."""
+    """Interrupt one command once, and kill it once; return errors, empty texts without any."""
     random = np.random.default_rng([SEED, list(COMMANDS).index(name), k])
     before = seen_in(out)
     instant = float(random.uniform(0.0, LATEST))
