@@ -501,13 +501,13 @@ def random_case(seed: int) -> Case:  # noqa: PLR0915
 class Outcome:
     """Verdict of the run and the truth.
 
-Attributes
-----------
-error : float
-    Largest error of any output as a share of its range; not finite if the run ended early.
-doubt : float
-    Difference of the two references, in the same way; if it is more than `KNOWN` times the
-    tolerance, the truth is not known.
+    Attributes
+    ----------
+    error : float
+        Largest error of any output as a share of its range; not finite if the run ended early.
+    doubt : float
+        Difference of the two references, in the same way; if it is more than `KNOWN` times the
+        tolerance, the truth is not known.
     """
 
     seed: int
