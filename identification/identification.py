@@ -34,8 +34,9 @@ class Identification:
     ----------
     parameters : dict of str to Interval
         Parameters of the law, and the offset if requested, by our estimator on all records.
-    per_direction : dict of str to dict of str to Interval ``forwards``, ``backwards`` and
-    ``averaged``, fitted separately with the offset of `parameters`; empty for one direction only.
+    per_direction : dict of str to dict of str to Interval
+        ``forwards``, ``backwards`` and ``averaged``, fitted separately with the offset of
+        `parameters`; empty for one direction only.
     thesis : dict
         Results of the thesis' formulas on the same records.
     fit : Fit
