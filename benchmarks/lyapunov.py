@@ -145,8 +145,7 @@ def hand_written(given: peers.System, _: float) -> peers.Solver:
 
 
 def error_of(found: Vector, converged: Vector) -> float:
-    """Largest error of an exponent: relative, or in bits/s if the converged one is below 1
-    bit/s."""
+    """Largest error of an exponent: relative, or in bits/s if the exponent is below 1 bit/s."""
     bits = np.array([np.sort(found), np.sort(converged)]) / math.log(2.0)
     with np.errstate(invalid="ignore"):
         worst = float(np.max(np.abs(bits[0] - bits[1]) / np.maximum(np.abs(bits[1]), 1.0)))
@@ -173,8 +172,7 @@ def measured(
     tolerances: tuple[float, ...],
     converged: Vector,
 ) -> Row:
-    """Result for the first tolerance, from loose to tight, that meets `ERROR`; else the best
-    one."""
+    """Result for the first tolerance, from loose to tight, that meets `ERROR`; else the best."""
     best = Row(program, prepared, remark=f"not finished in {SECONDS:.0f} s")
     for tolerance in tolerances:
         try:

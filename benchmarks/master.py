@@ -103,8 +103,7 @@ def step_cost(
 
 
 def judged_cost(plant: Path, controller: Path, h: float, seconds: float) -> float:
-    """Microseconds per step of a complete run: with corrections, its co-run, and opening of
-    files."""
+    """Microseconds per step of a complete run: corrected, with its co-run and opening of files."""
     best = math.inf
     for _ in range(3):
         began = perf_counter()
@@ -138,8 +137,7 @@ def _opened(chain: TimedChain) -> tuple[FmuInstance, Group, Wiring]:
 
 
 def chain_cost(chain: TimedChain, judged: bool = False) -> float:
-    """Microseconds per step of a chain, best of three; `judged`: with the co-run for the
-    verdict."""
+    """Microseconds per step of a chain, best of three; `judged`: with the co-run of the verdict."""
     best, none = math.inf, np.zeros(0)
     values = {"push": 100.0}
     for _ in range(3):

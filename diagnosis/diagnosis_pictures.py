@@ -234,8 +234,7 @@ def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:
 
 
 def _height(values: Vector, share: float) -> float | None:
-    """Height that contains this share of the values, so that a few outliers do not hide the
-    rest."""
+    """Height that contains this share of the values, so that outliers do not hide the rest."""
     finite = np.abs(values[np.isfinite(values)])
     return 1.5 * float(np.quantile(finite, share)) or None if len(finite) else None
 

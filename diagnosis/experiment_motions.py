@@ -112,7 +112,7 @@ def survey(reach: Reach, model: Drive, lasts: float) -> Motion:
     ----------
     reach : Reach
     model : Drive
-        Gives friction and the force of the command, as far as they are known.
+        Gives friction and the force of the command, as far as known.
     lasts : float
         Duration [s]; a minimum applies. A longer record has coarser windows, so use the length of
         the present records to resolve effects of milliseconds equally well.

@@ -42,8 +42,7 @@ def way_since_reversal(x: Vector) -> Vector:
 
 
 def rivals(courses: Sequence[ModelledRecord], model: Drive) -> list[tuple[str, Shape]]:
-    """Free curves: with what the residual varies, for a sentence, and the shape along the
-    records."""
+    """Free curves: description of their signal, for a sentence, and shape along the records."""
     sign = [engaged(c, model) for c in courses]
     one = [np.ones(len(c.x)) for c in courses]
     pace = [c.middle_v for c in courses]

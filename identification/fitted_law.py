@@ -44,8 +44,7 @@ class FittedLaw:
 
     @property
     def beside(self) -> tuple[str, ...]:
-        """Parameters fitted in addition to the law, in the order of the coordinates, after the
-        law's."""
+        """Parameters fitted in addition to the law, in the order of their coordinates, the last."""
         return (MASS,) * self.mass + (OFFSET,) * self.offset
 
     @property

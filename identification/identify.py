@@ -40,8 +40,7 @@ class CannotHold(ValueError):
 
 
 def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> None:
-    """Raise CannotHold for parameters that cannot be fixed, and for an offset that cannot be
-    fitted.
+    """Raise CannotHold if a parameter cannot be fixed, or an offset cannot be fitted.
 
     Parameters
     ----------

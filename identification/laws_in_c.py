@@ -110,8 +110,7 @@ def _lugre() -> list[str]:
 
 
 def _dahl() -> list[str]:
-    """Functions of Dahl's law: the relative distance to the final force falls with a power of
-    itself."""
+    """Dahl's law: the relative distance to the final force falls with a power of itself."""
     term, claim = law("dahl")(_V), claims("dahl")
     steady, stiffness = map(sp.sympify, (claim.steady_state, claim.stiffness))
     rest = steady.subs(symbol("v"), _V)

@@ -166,8 +166,7 @@ def _rough(mass: float, motion: SmoothedMotion) -> Vector:
 
 
 def _may_stick(motion: SmoothedMotion) -> npt.NDArray[np.bool_]:
-    """Samples whose velocity cannot be distinguished from zero, or was smoothed with such
-    samples."""
+    """Samples whose velocity may be zero, or was smoothed together with such samples."""
     spread = 2 * math.pi * motion.bandwidth * motion.noise
     still = np.abs(motion.v) < max(_STILL * spread, 1e-9)
     still[[0, -1]] = True  # the motion before and after is not known

@@ -158,8 +158,7 @@ class Climb:
         return self.problem.later(force, u.delays)
 
     def look_back(self) -> None:
-        """Compute the force errors due to the reconstruction of the motion, with the present
-        parameters."""
+        """Compute force errors by the reconstruction of the motion, with the present parameters."""
         problem = self.problem
         course = problem.course
         force = self.force(self.point)

@@ -197,8 +197,7 @@ def threshold(truths: Iterable[float], share: float) -> float:
 
 
 def thresholds_of_members(rows: list[Row], told: list[dict[str, float]]) -> tuple[float, float]:
-    """Smallest probabilities of members of a set: for records with a reported error, and for
-    others.
+    """Smallest probabilities of members of a set: with a reported error, and without.
 
     Each group has its own threshold (Mondrian conformal prediction; V. Vovk, A. Gammerman and G.
     Shafer, "Algorithmic Learning in a Random World", 2005), so that records with weak effects do

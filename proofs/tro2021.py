@@ -135,8 +135,7 @@ class Forecast:
 
 
 def forecasts(fit: Fit, seen: Sequence[Point], new: Sequence[Point]) -> list[Forecast]:
-    """Means of new runs, with intervals by the fit's covariance and the scatter of the other
-    runs."""
+    """Means of new runs; intervals by the fit's covariance and the scatter of the seen runs."""
     left = np.array([p.force - curve(fit, fit.coordinates, p.velocity) for p in seen])
     freedom = len(left) - len(fit.names)
     scatter = float(left @ left) / freedom

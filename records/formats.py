@@ -175,8 +175,7 @@ def _check_size(path: Path, size: int) -> None:
 
 
 def _is_mat4(data: bytes) -> bool:
-    """Whether the file starts with a valid header of five integers; the format has no first
-    bytes."""
+    """Whether the file starts with a valid header of five integers; it has no fixed first bytes."""
     if len(data) < 21:
         return False
     for order, machine in (("<", 0), (">", 1)):

@@ -68,8 +68,7 @@ def _nominal() -> dict[str, float]:
 
 
 def velocity_gains(mass: float, force_per_command: float, damping: float) -> Gains:
-    """Gains for the sliding block: one lag of the moving mass, one of the filter; the rest is
-    delay."""
+    """Gains for the sliding block: lags are those of mass and filter; the rest is delay."""
     lag, filtering = mass / damping, filter_lag(POSITION_CUTOFF)
     delay = filtering / 2 + SAMPLE_TIME  # half a period to form the difference, half to hold
     return simc(force_per_command / damping, lag, filtering / 2, delay, VELOCITY_DELAYS * delay)
@@ -81,16 +80,14 @@ def _nominal_velocity_gains() -> Gains:
 
 
 def static_force_gains(force_per_command: float) -> Gains:
-    """Gains for a force proportional to the command: half of the filter is a lag, the rest
-    delay."""
+    """Gains for a force proportional to the command: half of the filter is lag, the rest delay."""
     filtering = filter_lag(FORCE_CUTOFF)
     delay = (filtering + SAMPLE_TIME) / 2
     return simc(force_per_command, filtering / 2, 0.0, delay, FORCE_TIME)
 
 
 def force_gains() -> Gains:
-    """Gains for the stuck block: two lags of mass, bristles and back-EMF; filter and hold are
-    delay."""
+    """Gains for the stuck block: lags of mass, bristles and back-EMF; filter and hold delay."""
     n = _nominal()
     damping = n["sigma1"] + n["sigma2"] + n["back_emf"]
     root = math.sqrt(damping**2 - 4 * n["mass"] * n["sigma0"])

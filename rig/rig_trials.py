@@ -236,8 +236,7 @@ def _loading_rates(size: Sizes) -> list[Trial]:
 
 
 def _staircase(force: float, t: Vector) -> Vector:
-    """Fig. 2.13: 2 s of zero force, then three times a ramp of 0.25 N/s for 2 s and a hold of 3
-    s."""
+    """Fig. 2.13: 2 s of zero force, then three times 2 s of 0.25 N/s and a hold of 3 s."""
     corners = [(0.0, 0.0), (2.0, 0.0)]
     for step in range(3):
         start = 2.0 + 5.0 * step

@@ -16,8 +16,7 @@ _AT_BOTH = "friction at both ends minus that in the middle, as a share"
 
 
 def _over_travel(middle: str, half: str, amplitudes: dict[tuple[str, str], int]) -> Mechanism:
-    """Friction by powers of the position, from the middle of the travel, with names and
-    meanings."""
+    """Friction by powers of the position from the middle of the travel; by name and meaning."""
     place = (symbol("x") - symbol(middle)) / symbol(half)
     return force(
         {

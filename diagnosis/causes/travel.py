@@ -30,8 +30,10 @@ _HARMONICS, _BESIDE = 4, 3.0  # harmonics of rounding, and half-width around eac
 
 
 def viscous_share(name: str) -> Parameter:
-    """Share of the viscous friction that changes with the dry friction: the lubricant may be the
-    same everywhere while the surfaces differ."""
+    """Share of the viscous friction that changes with the dry friction.
+
+    The lubricant may be the same everywhere while the surfaces differ.
+    """
     return parameter(name, "1", "share of the viscous friction that changes as well")
 
 
@@ -150,8 +152,7 @@ class _Beats(NamedTuple):
         return cls(speed * course.step * course.width, [abs(s - round(s)) for s in of_window])
 
     def have(self, swing: float, around: float) -> bool:
-        """Whether periods per metre are aliased to one of the frequencies, or within `around` of
-        it."""
+        """Whether periods per metre are aliased to one of the frequencies, within `around`."""
         share = abs(swing * self.way - round(swing * self.way))
         return any(abs(share - own) < around * self.way for own in self.shares)
 

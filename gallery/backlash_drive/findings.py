@@ -127,8 +127,7 @@ def after_a_push(gain: float) -> float:
 
 @cache
 def begin() -> float:
-    """Position gain at which a push moves the table to the same distance on the other side
-    [1/s]."""
+    """Position gain at which a push moves the table to the same distance beyond zero [1/s]."""
     return float(brentq(lambda gain: after_a_push(gain) - 1.0, 4.0, 12.0))
 
 

@@ -139,8 +139,10 @@ def exponential_turning_point() -> float:
 
 
 def gaussian_turning_points() -> tuple[float, float]:
-    """Speeds [m/s] with the slope of `classical` equal to the damping: s exp(-2 s) = q^2, s =
-    (v/v0)^2."""
+    """Speeds at which the slope of `classical` equals the damping [m/s].
+
+    With s = (v/v0)^2, s exp(-2 s) = q^2.
+    """
     q = DAMPING * V0 / (2 * (FS - FC))
     low, high = (-0.5 * lambertw(-2 * q * q, branch).real for branch in (0, -1))
     return V0 * float(np.sqrt(low)), V0 * float(np.sqrt(high))
@@ -164,11 +166,10 @@ def lugre_turning_point() -> float:
 
 
 def coulomb_cycle(speed: float) -> tuple[float, float]:
-    """Period [s] and amplitude [m] of the stick-slip cycle without damping, for m = 1 kg, k = 1
-    N/m.
+    """Period [s] and amplitude [m] of the stick-slip cycle without damping.
 
-    The mass sticks for 2 (Fs - Fc)/(k vb), and slides along a circle around (Fc/k, 0) in the plane
-    of x and x'/omega.
+    With m = 1 kg and k = 1 N/m, the mass sticks for 2 (Fs - Fc)/(k vb), and slides along a circle
+    around (Fc/k, 0) in the plane of x and x'/omega.
     """
     excess = FS - FC
     period = 2 * excess / speed + 2 * (np.pi - np.arctan(excess / speed))

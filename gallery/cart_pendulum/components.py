@@ -23,7 +23,7 @@ SOURCE = "made for the gallery"
 
 
 def cart() -> Component:
-    """Cart and pendulum without friction; the pendulum stands at th = 0."""
+    """Cart and pendulum without friction; the pendulum is upright at th = 0."""
     x, v, th, q, big, m, length, g = (symbol(n) for n in ("x", "v", "th", "q", "M", "m", "l", "g"))
     turning = (q - v * sp.cos(th)) / length
     rod = m * sp.sin(th) * (length * turning**2 - g * sp.cos(th))

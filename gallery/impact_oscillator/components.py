@@ -1,4 +1,4 @@
-"""A forced oscillator beside a rigid stop, x'' + 2 zeta x' + x = F cos(omega t), x <= gap.
+"""A forced oscillator next to a rigid stop, x'' + 2 zeta x' + x = F cos(omega t), x <= gap.
 
 At the stop it rebounds with a share of its speed. Impacts in ever shorter intervals end, as with a
 bouncing ball, if the mass would leave slower than `v_min`. It then stays at the stop until the

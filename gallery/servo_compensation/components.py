@@ -83,8 +83,7 @@ def by_velocity() -> Component:
 
 
 def by_error() -> Component:
-    """The law by the error: at rest it compensates in the direction in which the servo should
-    start."""
+    """The law by the error: at rest it compensates in the direction of the error."""
     moving, wanted = sp.sign(symbol("v")), sp.sign(symbol("x_d") - symbol("x"))
     return _law(
         "by_error",

@@ -52,8 +52,7 @@ def decay(damping: float) -> float:
 
 
 def swing(mismatch: float, damping: float) -> float:
-    """Amplitude of the cycle [rad]; `mismatch` is Tc - Tc_hat [N*m], with the opposite sign of
-    D."""
+    """Amplitude of the cycle [rad]; `mismatch` is Tc - Tc_hat [N*m], of opposite sign to D."""
     q = decay(damping)
     return -mismatch / K * (1.0 + q) / (1.0 - q)
 
@@ -97,8 +96,7 @@ def least(damping: float) -> float:
 
 
 def _gains(model: float, damping: float) -> dict[str, float]:
-    """Gains for a damping: viscous friction is over-compensated for a small one, else Kd is
-    raised."""
+    """Gains for D: viscous friction is over-compensated for a small D, else Kd is raised."""
     return {"Tc_hat": model, "Kd": max(damping, KD), "b_hat": B + KD - min(damping, KD)}
 
 

@@ -7,8 +7,7 @@ from pathsim_fmi import CoSimulationFMU
 
 
 def run(job):
-    """Run; a block steps at the start of an interval, so its outputs are labelled one step
-    early."""
+    """Run; a block steps at the start of an interval, so outputs are labelled one step early."""
     goal, scope = Constant(GOAL), Scope()
     last = list(job["fmus"])[-1]
     blocks = {

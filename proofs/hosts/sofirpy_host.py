@@ -7,8 +7,7 @@ from sofirpy import simulate
 
 
 def run(job):
-    """Run; nothing is exchanged before the first step, so the plant gets the first commands
-    here."""
+    """Run; nothing is exchanged before the first step, so set the plant's first commands."""
     shown, last = (list(job["fmus"])[k] for k in (0, -1))
     starts = {last: {"x_d": GOAL}}
     if job["connections"]:

@@ -31,8 +31,7 @@ VARIABLES = {"x": "input", "v": "input", "x_d": "input", "u": "output"}
 
 
 def make(gains, scratch: Path, target: Path):
-    """Make the FMU; its launcher calls `python3`, so the path is set here, as in an
-    installation."""
+    """Make the FMU; its launcher calls `python3`, so set the path as in an installation."""
     folder = scratch / "pid"
     subprocess.run(
         [Path(sys.executable).with_name("unifmu"), "generate", "python", folder], check=True

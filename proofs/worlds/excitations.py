@@ -133,8 +133,7 @@ def lead_in(place: float, time: Signal) -> Signal:
 def _profile(
     rng: np.random.Generator, legs: list[tuple[float, float]], time: Signal, *, repeat: bool
 ) -> Signal:
-    """From position to position at given speeds, smoothed by a moving mean of a tenth of a
-    second."""
+    """From position to position at given speeds, smoothed by a moving mean over 0.1 s."""
     at, here = 0.1, 0.0
     stamps, places = [0.0, at], [0.0, 0.0]
     rest = float(rng.uniform(0.02, 0.2))

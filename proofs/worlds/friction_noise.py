@@ -32,8 +32,7 @@ def slow_noise(
 
 
 def texture_of(rng: np.random.Generator, half: float, way: float, size: float) -> Texture:
-    """Friction over the travel with the correlation length `way` [m] and the relative size
-    `size`."""
+    """Friction over the travel: correlation length `way` [m], relative size `size`."""
     count = int(2.4 * half / SPACING) + 2
     tables = np.stack([slow_noise(rng, count, SPACING, way) for _ in range(2)])
     return Texture(-1.2 * half, SPACING, size * tables)

@@ -230,8 +230,7 @@ def spring_force(par, way, speed):  # type: ignore[no-untyped-def]
 
 @compiled
 def current_after(par, resistance, current, voltage, v, kept):  # type: ignore[no-untyped-def]
-    """Armature current after a time at constant voltage and velocity; `kept` is the decay
-    factor."""
+    """Armature current after a time at constant voltage and velocity; `kept`: decay factor."""
     end = (voltage - par[KE] * v) / resistance
     return end + (current - end) * kept
 

@@ -31,8 +31,7 @@ LACKS = {
 
 
 def look_like_windows() -> None:
-    """Change this interpreter as described above; no module of this package may be imported
-    before."""
+    """Change this interpreter as described above; no module of this package may be imported yet."""
     assert not any(name.partition(".")[0] == "ballscrew" for name in sys.modules)
     for name in THEIRS:
         importlib.import_module(name)

@@ -74,8 +74,7 @@ class World:
         self.server, self.victim = server, victim
 
     def hostile(self, in_step: str, name: str = "Hostile") -> Path:
-        """An FMU with the module ``hostile``, which is harmless except for the lines of its
-        step."""
+        """An FMU with the module ``hostile``, which is harmless except for the given step."""
         text = ACTS.format(
             port=self.server.getsockname()[1],
             secret=str(self.secret),
