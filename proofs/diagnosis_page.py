@@ -104,7 +104,7 @@ def ablation(proof: Mapping[str, Any]) -> list[str]:
 
 
 def page() -> str:
-    """The page with the stored figures."""
+    """The page with the figures as they are stored."""
     tables = {
         "sets": sets(stored("diagnosis_sets"), "all worlds"),
         "worlds": worlds(stored("diagnosis_sets")),

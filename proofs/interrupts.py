@@ -34,11 +34,11 @@ from provenance import provenance  # noqa: E402
 from ballscrew.orchestration.run_folder import settle  # noqa: E402
 
 SEED = 16
-LATEST = 8.0  # processor time [s]
+LATEST = 8.0  # s of processor time
 
 
 def trial(name: str, k: int, data: Path, out: Path) -> dict[str, Any]:
-    """Interrupt one command once, and kill it once; return errors, empty texts without any."""
+    """Interrupt one command once, and kill it once; what was wrong, empty texts if nothing."""
     random = np.random.default_rng([SEED, list(COMMANDS).index(name), k])
     before = seen_in(out)
     instant = float(random.uniform(0.0, LATEST))

@@ -158,8 +158,8 @@ def provenance(name: str) -> dict[str, str]:
     Returns
     -------
     dict
-        ``commit``, with ``-dirty`` at the end if files differ from it; ``committed``, the time of
-        that commit; ``code``, the digest of the files that the proof depends on.
+        ``commit``, with ``-dirty`` behind it where files differ from it; ``committed``, the time
+        of that commit; ``code``, the digest of the files that the proof depends on.
     """
     commit = git("describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
     return {
