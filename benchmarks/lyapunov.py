@@ -1,8 +1,9 @@
-"""Cost of Lyapunov exponents, ours and others', in one run: ``python benchmarks/lyapunov.py``.
+"""Cost of Lyapunov exponents, here and in other programs: ``python benchmarks/lyapunov.py``.
 
-Every program gets the same equations, the same first frame and the same span, is run from loose to
-tight until all its exponents are within 1e-3 of the converged ones (relative, or bits/s where an
-exponent is below 1 bit/s), and is timed there. The tables also go to docs/lyapunov-benchmarks.md.
+Every program gets the same equations, the same first frame and the same time span. Its tolerance is
+reduced until all exponents are within 1e-3 of the converged ones (relative, or in bits/s if an
+exponent is below 1 bit/s), and this run is timed. The tables are also written to
+docs/lyapunov-benchmarks.md.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-# compiling is timed, so nothing compiled before may be found; set before the package is imported
+# compilation is timed, so the cache must be empty; set before the package is imported
 _FOLDER = tempfile.TemporaryDirectory()
 os.environ["BALLSCREW_CACHE"] = _FOLDER.name
 
@@ -37,7 +38,7 @@ Vector = npt.NDArray[np.float64]
 
 ERROR = 1e-3
 SETPOINT = 0.08  # m
-SECONDS = float(os.environ.get("BENCH_SECONDS", "60"))  # the longest that one run may take
+SECONDS = float(os.environ.get("BENCH_SECONDS", "60"))  # longest time of one run
 OURS = (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 CONVERGED = 1e-13
 REPEATS = 5
@@ -47,7 +48,7 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "lyapunov-benchmarks.md
 
 @dataclass(frozen=True)
 class Row:
-    """What one program cost on one system; times in seconds, the error as in `ERROR`."""
+    """Cost of one program on one system; times in seconds, the error as in `ERROR`."""
 
     program: str
     prepared: float = math.nan
@@ -57,10 +58,10 @@ class Row:
 
 
 def numbers(loop: Component, setpoint: float) -> tuple[list[sp.Symbol], list[sp.Expr]]:
-    """States and rates of a component with its defaults and its set-point for symbols."""
+    """States and rates of a component, with defaults and set-point instead of symbols."""
     table = {symbol(p.name): sp.Float(p.default, 17) for p in loop.all_parameters}
     table |= {symbol(i.name): sp.Float(setpoint, 17) for i in loop.inputs}
-    # the amplifier's limits are off: of each case distinction the last branch, which peers can read
+    # without the amplifier's limits: the last branch of each case, which other programs can read
     rates = [
         sp.sympify(e).replace(lambda q: isinstance(q, sp.Piecewise), lambda q: q.args[-1].expr)
         for e in loop.derivatives
@@ -86,7 +87,7 @@ def system(name: str, whole: Component, stop: float, interval: float) -> peers.S
 
 
 def hand_written(given: peers.System, _: float) -> peers.Solver:
-    """Lorenz and its tangents by RK4 in numba, a Gram-Schmidt every tenth step."""
+    """Lorenz and its tangents by RK4 in numba, with Gram-Schmidt in every tenth step."""
     from numba import njit
 
     @njit(fastmath=True)
@@ -144,7 +145,7 @@ def hand_written(given: peers.System, _: float) -> peers.Solver:
 
 
 def error_of(found: Vector, converged: Vector) -> float:
-    """Worst exponent: relative, or in bits/s where the converged one is below 1 bit/s."""
+    """Largest error of an exponent: relative, or in bits/s if the exponent is below 1 bit/s."""
     bits = np.array([np.sort(found), np.sort(converged)]) / math.log(2.0)
     with np.errstate(invalid="ignore"):
         worst = float(np.max(np.abs(bits[0] - bits[1]) / np.maximum(np.abs(bits[1]), 1.0)))
@@ -152,7 +153,7 @@ def error_of(found: Vector, converged: Vector) -> float:
 
 
 def timed(run: Callable[[], Vector]) -> tuple[Vector, float]:
-    """The result, and the best of as many runs as a few seconds allow."""
+    """The result, and the shortest time of as many runs as possible in a few seconds."""
     best, spent = math.inf, 0.0
     for _ in range(REPEATS):
         begin = time.perf_counter()
@@ -171,14 +172,14 @@ def measured(
     tolerances: tuple[float, ...],
     converged: Vector,
 ) -> Row:
-    """The first tolerance, from loose to tight, that meets `ERROR`; else the best there was."""
+    """Result for the first tolerance, from loose to tight, that meets `ERROR`; else the best."""
     best = Row(program, prepared, remark=f"not finished in {SECONDS:.0f} s")
     for tolerance in tolerances:
         try:
             found, seconds = timed(lambda t=tolerance: run(t))  # type: ignore[misc]
         except peers.TooSlow:
             break
-        except Exception as error:  # a peer that breaks down is a result, too
+        except Exception as error:  # a failure of another program is a result, too
             best = Row(program, prepared, remark=f"fails: {type(error).__name__}: {error}"[:90])
             continue
         error = error_of(found, converged)
@@ -277,7 +278,7 @@ def table(given: peers.System, rows: list[Row]) -> str:
 
 
 def judged(tables: dict[str, list[Row]]) -> list[str]:
-    """The aims, met or missed, and every program that beats us."""
+    """The aims, met or missed, and every program that is faster."""
 
     def row(name: str, program: str) -> Row:
         return next(r for r in tables[name] if r.program == program)

@@ -1,6 +1,7 @@
-"""Other programs for Lyapunov exponents, on one and the same system from one and the same frame.
+"""Other programs for Lyapunov exponents, on the same system with the same first frame.
 
-Each returns a `Solver`: what it cost to prepare, and a function of the tolerance that runs it.
+Each function returns a `Solver`: the time of preparation, and a function of the tolerance that runs
+the program.
 """
 
 from __future__ import annotations
@@ -24,11 +25,11 @@ PYNAMICALSYS_SEED = 13
 
 
 class TooSlow(RuntimeError):
-    """A run has taken longer than it may."""
+    """A run has taken longer than allowed."""
 
 
 class NotInstalled(RuntimeError):
-    """The program is not there."""
+    """The program is not installed."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class System:
     Attributes
     ----------
     interval : float
-        Time between orthonormalizations, for those programs that have to be told [s].
+        Time between orthonormalizations, for programs that need it [s].
     """
 
     name: str
@@ -71,9 +72,9 @@ class Solver:
     run : function of a tolerance
         Returns the exponents [nats/s].
     tolerances : tuple of float
-        Loose to tight; whatever the program's tolerance or step means.
+        Values of the program's tolerance or step, from loose to tight.
     frame : ndarray or None
-        First frame, a row each, where it cannot be the states' axes.
+        First frame by rows, if it cannot be the states' axes.
     """
 
     prepared: float
@@ -85,7 +86,7 @@ class Solver:
 def orthonormalized(
     advance: Callable[[Vector, float, float], Vector], system: System, seconds: float
 ) -> Vector:
-    """Exponents by a QR of all tangents after each interval of any solver."""
+    """Exponents by QR of all tangents after each interval, with any solver."""
     n = len(system.symbols)
     state = np.concatenate([system.start, np.eye(n).ravel()])
     logs = np.zeros(n)
@@ -145,7 +146,7 @@ def jitcode(system: System, seconds: float) -> Solver:
     plain = [symengine.sympify(sp.N(e, 17).xreplace(table)).subs(swap) for e in rates]
     ode = package.jitcode(plain, verbose=False, wants_jacobian=True)
     level = logging.getLogger().level
-    # its setuptools would read a pyproject.toml of the present folder, and raises the log level
+    # its setuptools would read a pyproject.toml in the present folder, and changes the log level
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         # the tangents' Jacobian would take minutes to simplify
         ode.generate_jac_sym(simplify=False)
@@ -249,7 +250,7 @@ def pynamicalsys(system: System, seconds: float) -> Solver:
     def run(tolerance: float) -> Vector:
         atol = tolerance * 1e-3 * float(system.nominal.min())
         made.integrator("rk45", atol=atol, rtol=tolerance)
-        # It cannot be stopped: a share of the time first says whether the whole is too long.
+        # It cannot be stopped: run a share of the time first, to estimate the total time.
         begin = time.perf_counter()
         share = 1e-3
         made.lyapunov(system.start, share * system.stop, parameters=[], num_exponents=n)

@@ -1,17 +1,17 @@
-"""Pace of a stability map: 816 cells of Gamma_1, beside plain runs of the same loops.
+"""Time of a stability map: 816 cells of Gamma_1, compared with plain runs of the same loops.
 
     python benchmarks/map.py
 
-Processor time of this process, in one run. A plain run moves the loop over the cell's 20 s in the
-same solver at the same tolerance and asks nothing; what a cell costs more is its verdict. With
-exponents the tolerance is finer.
+Prints processor time of this process. A plain run simulates the loop over the cell's 20 s with the
+same solver and tolerance, without a verdict; the difference is the cost of the verdict. With
+exponents the tolerance is smaller.
 """
 
 from __future__ import annotations
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command and its workers have it
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the command and its workers
 
 from collections import defaultdict
 from contextlib import suppress

@@ -1,7 +1,7 @@
-"""Cost of a communication step, and of a start, in one run: ``make bench``.
+"""Cost of a communication step, and of a start: ``make bench``.
 
 Every row is measured on the same machine in the same process, next to a pair of trivial FMUs on the
-same master, which is what a step costs where nothing is computed.
+same master, which gives the cost of a step without computations.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ COLUMNS = {
 
 
 def trivial_pair(folder: Path) -> tuple[Path, Path]:
-    """A plant and a controller with next to nothing inside, law ports and all."""
+    """A plant and a controller with almost no computations, but with law ports."""
     x, u = symbol("x"), symbol("u")
     plant = Component(
         "trivial_plant",
@@ -77,7 +77,7 @@ def step_cost(
 ) -> float:
     """Microseconds per communication step of the interface-Jacobian coupling, best of three.
 
-    Without the reference co-run that a run is judged by, which other masters do not have.
+    Without the reference co-run for the verdict, which other masters do not have.
     """
     best = math.inf
     goal = Reference.constant(0.08)
@@ -103,7 +103,7 @@ def step_cost(
 
 
 def judged_cost(plant: Path, controller: Path, h: float, seconds: float) -> float:
-    """Microseconds per step of a whole run: corrected, with its co-run, opening included."""
+    """Microseconds per step of a complete run: corrected, with its co-run and opening of files."""
     best = math.inf
     for _ in range(3):
         began = perf_counter()
@@ -116,7 +116,7 @@ def judged_cost(plant: Path, controller: Path, h: float, seconds: float) -> floa
 
 
 def _opened(chain: TimedChain) -> tuple[FmuInstance, Group, Wiring]:
-    """The first mass as the plant, the others as the group that `run --system` makes of them."""
+    """The first mass as the plant, the others as the group, as in `run --system`."""
     plant = FmuInstance(chain.link, "plant")
     rest = {name: FmuInstance(chain.link, name) for name in chain.names[1:]}
     feeds = [
@@ -137,7 +137,7 @@ def _opened(chain: TimedChain) -> tuple[FmuInstance, Group, Wiring]:
 
 
 def chain_cost(chain: TimedChain, judged: bool = False) -> float:
-    """Microseconds per step of a chain, best of three; `judged` with what a run is judged by."""
+    """Microseconds per step of a chain, best of three; `judged`: with the co-run of the verdict."""
     best, none = math.inf, np.zeros(0)
     values = {"push": 100.0}
     for _ in range(3):
@@ -172,7 +172,7 @@ def chain_cost(chain: TimedChain, judged: bool = False) -> float:
 
 
 def networks(folder: Path) -> None:
-    """Print what a step of 3, 10 and 20 native FMUs costs here and elsewhere, and the ratios."""
+    """Print the cost of a step of 3, 10 and 20 native FMUs here and elsewhere, and the ratios."""
     made = export_native(link(), folder / "link.fmu").path
     chains = {f"chain of {n}": TimedChain(made, n, 1e-3, 2.0) for n in (3, 10, 20)}
     costs = side_by_side(chain_cost, chains, ("libcosim", "ecos"))

@@ -1,7 +1,7 @@
-"""Native FMUs beside the pythonfmu build: cost of a step, size, time to export, in one run.
+"""Native FMUs and the pythonfmu build: cost of a step, size, time to export.
 
-``python benchmarks/native.py``. Every row is measured on the same machine in the same process; in
-each round every program has its turn, so that a busy machine is busy for all of them.
+``python benchmarks/native.py``. Every row is measured on the same machine in the same process. Each
+round runs every program, so that other load on the machine affects all of them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SECONDS = {"iol at 1e-3 s": ("iol", 1e-3, 5.0), "nctf at 1e-4 s": ("nctf", 1e-4,
 
 
 def ours(loop: TimedLoop) -> float:
-    """Microseconds per step of our master on one core, where the others are measured, too."""
+    """Microseconds per step of our master on one core, like the others."""
     allowed = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(allowed)})
     try:
@@ -53,7 +53,7 @@ def steps(native: dict[str, Path]) -> None:
 
 
 def exports(folder: Path) -> dict[str, Path]:
-    """Export everything, print what that takes and gives; the FMUs by name."""
+    """Export everything, print times and sizes; return the FMUs by name."""
     platforms = platforms_of(2) if find_spec("ziglang") else [own_platform()]
     print(
         f"\n{'component':<26}{'cold [s]':>10}{'warm [s]':>10}{'FMI 3 [s]':>11}{'FMU [kB]':>10}",

@@ -1,4 +1,4 @@
-"""Cost of a communication step of the same FMUs in masters that are not ours, next to ours."""
+"""Cost of a communication step of the same FMUs in other masters, next to ours."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class TimedLoop:
     stop: float
 
     def job(self) -> WiredLoop:
-        """What other masters run: the law's ports are wired."""
+        """The loop for other masters: the law's ports are connected."""
         return wired(self.plant, self.controller, self.step, self.stop, law=True, outputs=("x",))
 
 
 @dataclass(frozen=True)
 class TimedChain:
-    """So many masses between springs, each an FMU, to be timed; the first is called plant."""
+    """A chain of masses between springs, each an FMU, to be timed; the first is called plant."""
 
     link: Path
     size: int
@@ -48,13 +48,13 @@ class TimedChain:
         return ["plant", *(f"m{k}" for k in range(1, self.size))]
 
     def connections(self) -> list[tuple[tuple[str, str], tuple[str, str]]]:
-        """Each mass feels the one before it and the one after it."""
+        """Connections of each mass with the previous and the next one."""
         pairs = list(zip(self.names, self.names[1:], strict=False))
         there = [((a, "x"), (b, "before")) for a, b in pairs]
         return there + [((b, "x"), (a, "after")) for a, b in pairs]
 
     def job(self) -> WiredLoop:
-        """What other masters run."""
+        """The chain for other masters."""
         return WiredLoop(
             {name: str(self.link) for name in self.names},
             self.connections(),
@@ -69,12 +69,12 @@ Timed = TypeVar("Timed", TimedLoop, TimedChain)
 
 
 def step_cost(host: str, loop: TimedLoop | TimedChain) -> float:
-    """Microseconds per communication step of a loop in this host, in a process of its own.
+    """Microseconds per communication step of a loop in this host, in a separate process.
 
-    The steps are taken in one call, so that nothing of the host's Python
-    interface is in the figure, and nothing is recorded. The process keeps to one core, which is
-    where libcosim and Ecos are fastest: on more, their threads wait for one another at Python's
-    lock, and the figure is two to seven times as large and different every time.
+    The steps are run in one call, so that the host's Python interface is not included, and nothing
+    is recorded. The process uses one core, on which libcosim and Ecos are fastest: on several
+    cores, their threads wait for each other at Python's lock, and the time is two to seven times as
+    long and varies.
     """
     allowed = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(allowed)})
@@ -89,8 +89,8 @@ def side_by_side(
 ) -> dict[str, dict[str, float]]:
     """Microseconds per communication step, by loop and by master, the best of three rounds.
 
-    In each round every master has its turn, so that a busy machine is busy for all of them. Ecos
-    is left out where its library cannot be loaded.
+    Each round runs every master, so that other load on the machine affects all of them. Ecos is
+    left out if its library cannot be loaded.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def side_by_side(
     Returns
     -------
     dict
-        Of loop to {"ours", "libcosim", "ecos", "container"} to microseconds.
+        Microseconds by loop and by {"ours", "libcosim", "ecos", "container"}.
     """
     hosts = [host for host in hosts if host != "ecos" or not missing_for_ecos()]
     best = {name: dict.fromkeys(("ours", *hosts), math.inf) for name in loops}

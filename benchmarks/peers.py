@@ -1,8 +1,8 @@
-"""What a user would take instead, beside this program, in one run: ``python benchmarks/peers.py``.
+"""Comparison of this program with alternatives: ``python benchmarks/peers.py``.
 
 Writes docs/peers.md. Programs that are not installed are listed as such; `make bench` installs
 those of ``benchmarks/peers.txt``. The EMPS record is read from ``BALLSCREW_EMPS``, the Reference
-FMUs from ``BALLSCREW_REFERENCE_FMUS`` (see docs/emps.md and docs/systems.md). What exponents cost
+FMUs from ``BALLSCREW_REFERENCE_FMUS`` (see docs/emps.md and docs/systems.md). The cost of exponents
 in other programs is in benchmarks/lyapunov.py.
 """
 
@@ -22,7 +22,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-# compiling is timed, so nothing compiled before may be found; set before the package is imported
+# compilation is timed, so the cache must be empty; set before the package is imported
 _FOLDER = tempfile.TemporaryDirectory()
 os.environ["BALLSCREW_CACHE"] = _FOLDER.name
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -55,7 +55,7 @@ LOSSES: Lines = []
 
 
 def timed(work: Callable[[], Any], rounds: int = 1) -> tuple[float, Any]:
-    """Seconds of the fastest of so many rounds, and what the last one gave."""
+    """Seconds of the fastest round, and the result of the last one."""
     best, result = math.inf, None
     for _ in range(rounds):
         began = time.perf_counter()
@@ -71,7 +71,7 @@ def table(columns: Iterable[str], rows: Iterable[Iterable[object]]) -> Lines:
 
 
 def compare(what: str, ours: float, others: dict[str, float], unit: str) -> None:
-    """Note every program that is better than ours; less is better."""
+    """Note every program that is better than ours; smaller is better."""
     for name, value in others.items():
         if value < ours:
             LOSSES.append(f"- {what}: {name} {value:.3g} {unit}, this program {ours:.3g} {unit}")
@@ -81,7 +81,7 @@ def compare(what: str, ours: float, others: dict[str, float], unit: str) -> None
 
 
 def folded_towel() -> Component:
-    """The folded towel map, as one that is sampled once a second."""
+    """The folded towel map, as a component sampled once per second."""
     x1, x2, x3 = (symbol(n) for n in ("x1", "x2", "x3"))
     maps = (
         3.8 * x1 * (1 - x1) - 0.05 * (x2 + 0.35) * (1 - 2 * x3),
@@ -197,7 +197,7 @@ PARTS = ("plant", "iol", "nctf", "pid")
 
 
 def by_casadi(folder: Path) -> Path:
-    """CasADi writes C and a description; to compile and to pack is left to its user."""
+    """FMU by CasADi: it writes C and a description, which the user compiles and packs."""
     import casadi
 
     model = casadi.DaeBuilder("vanderpol")
@@ -281,7 +281,7 @@ def preparing(folder: Path) -> Lines:
 
 
 def compiled(folder: Path, name: str) -> Path:
-    """A Reference FMU with its binary, so that neither side is timed compiling it."""
+    """A Reference FMU with its binary, so that compilation is not timed."""
     path = reference_fmu(folder, name, 2)
     with zipfile.ZipFile(path) as archive:
         archive.extractall(folder / name)
@@ -372,7 +372,7 @@ def emps() -> tuple[Vector, Vector, Vector]:
 
 
 def rates(t: Vector, x: Vector, force: Vector) -> tuple[Vector, Vector, Vector]:
-    """Velocity, acceleration and force, all by the same filter of 100 Hz, both ways."""
+    """Velocity, acceleration and force, with the same 100 Hz filter in both time directions."""
     h = t[1] - t[0]
     b, a = butter(4, 100.0 * 2 * h)
     smooth = filtfilt(b, a, x)
@@ -400,7 +400,7 @@ class Laps:
 
     @property
     def moving(self) -> npt.NDArray[np.bool_]:
-        return np.abs(self.v) > 2e-3  # at rest friction is what it has to be
+        return np.abs(self.v) > 2e-3  # at rest friction is undetermined
 
 
 def by_least_squares(laps: Laps) -> Fitted:
@@ -532,7 +532,7 @@ def tuning() -> Lines:
         if np.real(closed.poles()).max() >= 0.0:
             return 1e9
         _, y = control.step_response(closed, grid)
-        volts = 0.08 * kp  # the first value of the command, its largest in a step
+        volts = 0.08 * kp  # the first value of the command, which is the largest in a step
         return float(np.trapezoid(grid * np.abs(1 - y), grid)) + 10.0 * max(volts / 36.0 - 1.0, 0.0)
 
     def by_control() -> Vector:

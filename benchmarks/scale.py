@@ -1,12 +1,12 @@
-"""Maps on Dask: pace by workers, and memory of the scheduler as maps grow.
+"""Maps on Dask: time by number of workers, and memory of the scheduler by size of the map.
 
     python benchmarks/scale.py
 
-All runs here: a scheduler and workers as processes of this machine, one thread each. With more
-workers than cores only the overhead is seen. Wall time; memory is the largest resident size of the
-scheduler and of the process that asks. What 1e7 cells cost is the processor time that one process
-needs for a cell, from two sizes, times their number, times the overhead of one worker: no network
-is between them here.
+Everything runs on this machine: a scheduler and workers as processes with one thread each. With
+more workers than cores, only the overhead is visible. Prints wall time; memory is the largest
+resident size of the scheduler and of the client process. The cost of 1e7 cells is the processor
+time of one process per cell, from two sizes, times the number of cells, times the overhead of one
+worker, without a network.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command and its workers have it
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the command and its workers
 
 import tempfile
 import time
@@ -35,7 +35,7 @@ X, Y = "sigma0_hat=66965.89:66969.24:{}", "sigma1_hat=339.56:367.56:{}"
 
 
 def seconds(workers: Workers, side: int) -> float:
-    """Wall time of a map of Gamma_1 with so many cells a side [s]."""
+    """Wall time of a map of Gamma_1 with `side` cells per side [s]."""
     plan = plan_map(Loop("iol", stop=20.0), X.format(side), Y.format(side), False)
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
@@ -44,7 +44,7 @@ def seconds(workers: Workers, side: int) -> float:
 
 
 def processor_seconds(side: int) -> float:
-    """Of this process, for such a map [s]."""
+    """Processor time of this process for such a map [s]."""
     began = time.process_time()
     seconds(Processes(1), side)
     return time.process_time() - began
@@ -69,7 +69,7 @@ def largest(*processes: psutil.Process) -> Iterator[list[float]]:
 
 @contextmanager
 def cluster(workers: int) -> Iterator[tuple[Dask, psutil.Process]]:
-    """A scheduler with so many workers, and the scheduler's process."""
+    """A scheduler with `workers` workers, and the scheduler's process."""
     with SubprocessCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as made:
         dask = Dask(made.scheduler_address)
         yield dask, psutil.Process(dask.client.run_on_scheduler(os.getpid))

@@ -1,9 +1,10 @@
-"""What a user waits for: processor time of whole commands, first after installation and again.
+"""Processor time of complete commands: the first run after installation, and the second.
 
     python benchmarks/start.py
 
-Each runs in a process of its own with an empty cache folder, then again with what that left.
-Printed are processor seconds of the command and of all that it starts, the least of three runs.
+Each command runs in a separate process with an empty cache folder, then again with the filled
+cache. Prints processor seconds of the command and of all processes that it starts, the minimum of
+three runs.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ COMMANDS = {
 
 
 def processor_seconds(arguments: tuple[str, ...], home: Path, out: Path) -> float:
-    """Of one command, its children's included."""
+    """Processor time of one command, including its child processes."""
     before = os.times()
     environment = os.environ | {"HOME": str(home), "BALLSCREW_CACHE": str(home / "cache")}
     environment.pop("XDG_CACHE_HOME", None)

@@ -1,10 +1,10 @@
-"""Pace of a swap study: 10 controllers, 20 duties and 50 plants, 5 s each at 1 kHz.
+"""Time of a swap study: 10 controllers, 20 duties and 50 plants, 5 s each at 1 kHz.
 
     python benchmarks/study.py
 
-First one of the runs beside what a user would write instead, each the best of three rounds in this
-process. Then all 10 000 runs as a study does them, on two processes; tuning is left out, and so are
-the runs over FMUs.
+First, one run is compared with programs that a user could write instead, each the best of three
+rounds in this process. Then all 10 000 runs are computed as in a study, on two processes, without
+tuning and without the runs over FMUs.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from ballscrew.orchestration.workers import Processes
 Vector = npt.NDArray[np.float64]
 
 PERIOD, STOP = 1e-3, 5.0  # s
-AIM = 600.0  # s, for all runs
+AIM = 600.0  # for all runs [s]
 ROUNDS = 3
 MOVE = "move:distance={},speed=0.08,acceleration=0.8,jerk=20"
 ENTRANTS = (
@@ -97,7 +97,7 @@ def whole_study() -> None:
 
 
 def by_hand_with_fmpy(plant: Path, controller: Path, goal: Vector) -> Vector:
-    """The loop that every tutorial of co-simulation shows: one part after the other."""
+    """The usual loop of co-simulation tutorials: one part after the other."""
     units = []
     for path in (plant, controller):
         about = fmpy.read_model_description(path)
@@ -158,7 +158,7 @@ def gains() -> tuple[object, ...]:
 
 
 def one_run() -> None:
-    """One run of the digital PID, by everybody."""
+    """One run of the digital PID, by all programs."""
     motion = MOVE.format(0.02)
     reference = read_motion(motion)
     assert reference is not None

@@ -1,9 +1,9 @@
-"""What `ballscrew swap` does, written by hand with FMPy alone, to be counted and timed.
+"""The function of `ballscrew swap`, written by hand with FMPy only, to count lines and time.
 
     python benchmarks/swap_by_hand.py FOLDER STEP [--law]
 
 FOLDER has plant.fmu and the controllers; `--law` also wires the ports of the feedback law. Prints a
-table; writes NAME.csv into FOLDER. There is no error estimate: FMPy has none to offer.
+table; writes NAME.csv into FOLDER. There is no error estimate, because FMPy has none.
 """
 
 import shutil

@@ -57,8 +57,7 @@ _COMMAND = (
 
 
 def acceleration_forward() -> float:
-    """Voltage per acceleration of the nominal axis [V*s^2/m]: for the mass and,
-    since friction grows with speed, for the inductance."""
+    """Voltage per acceleration of the nominal axis [V*s^2/m], for mass, friction and inductance."""
     plant, sigma2 = rigid_axis(), _nominal("sigma2")
     return (plant.inertia + sigma2 * plant.electrical_time) / plant.force_per_volt
 
@@ -153,7 +152,7 @@ def _with_added_command(law: Component, acts_on_error: bool) -> Component:
     elif not acts_on_error:
         gains = {-symbol(p.name) * _V: symbol(p.name) for p in law.parameters}
         added += _V_D * sum(gains.get(term, 0) for term in sp.Add.make_args(command))
-    if limited and sp.diff(command, _W) == 1:  # it is in the command and in its anti-windup
+    if limited and sp.diff(command, _W) == 1:  # in the command and in its anti-windup
         return law.substituted({**errors, _W: _W + added})
     whole = limit(command + added) if limited else command + added
     if held:

@@ -23,7 +23,7 @@ from .rigid_axis import rigid_axis
 
 SETS = ("negative large", "negative small", "zero", "positive small", "positive large")
 PEAKS = (-1, sp.Rational(-1, 3), 0, sp.Rational(1, 3), 1)
-"""Where each set's membership is one."""
+"""Value at which each set's membership is one."""
 
 _HALF = sp.Rational(1, 2)
 RULES = (

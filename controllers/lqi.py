@@ -44,11 +44,11 @@ class LqDesign:
     Attributes
     ----------
     dynamics : ndarray, shape (4, 4)
-        Of x - x_d, v, i and the integral of x - x_d.
+        System matrix of x - x_d, v, i and the integral of x - x_d.
     effect : ndarray, shape (4, 1)
-        Of the voltage.
+        Input matrix of the voltage.
     weights : ndarray, shape (4, 4)
-        Of the states; that of the voltage is ``1/u_max^2``.
+        Weights of the states; that of the voltage is ``1/u_max^2``.
     cost : ndarray, shape (4, 4)
         Solution of the Riccati equation.
     gains : ndarray, shape (4,)

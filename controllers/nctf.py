@@ -156,7 +156,7 @@ def design(
 
 
 def _stopping(time: Vector, speed: Vector, threshold: float) -> float:
-    """The time after which the magnitude stays below: the block springs back before it stops."""
+    """Time after which the magnitude stays below `threshold`; the block springs back first."""
     above = np.flatnonzero(np.abs(speed) >= threshold)
     if not len(above) or above[-1] + 1 == len(speed):
         raise ValueError(

@@ -8,10 +8,10 @@ deflection is computed by their own equation, corrected by the position error,
     F_hat = sigma0 z_hat + sigma1 dz_hat/dt,
 
 and the command gets ``F_hat`` in volts. The error of the observer and that of the position go to
-zero if ``(sigma1 s + sigma0)/(m s^2 + H(s))`` is strictly positive real, where ``H`` is what the
-rest of the command and the back-EMF do to the position error. ``r`` is the plant's own equation
-with estimates for its parameters. The viscous friction is left to the PID, whose tuning rule
-includes it.
+zero if ``(sigma1 s + sigma0)/(m s^2 + H(s))`` is strictly positive real, where ``H`` is the effect
+of the rest of the command and of the back-EMF on the position error. ``r`` is the plant's own
+equation with estimates for its parameters. The viscous friction is left to the PID, whose tuning
+rule includes it.
 """
 
 from __future__ import annotations

@@ -22,11 +22,11 @@ class RigidAxis:
     Attributes
     ----------
     force_per_volt : float
-        Of the motor at rest [N/V].
+        Force of the motor at rest [N/V].
     damping : float
-        By viscous friction and back-EMF [N*s/m].
+        Damping by viscous friction and back-EMF [N*s/m].
     inertia : float
-        Block and rotor [kg].
+        Inertia of block and rotor [kg].
     electrical_time : float
         L/R [s].
     """

@@ -1,7 +1,7 @@
 """Residuals of a drive's balances, in newtons, and the effect of values and causes on them.
 
-A balance is scaled to the prior's force per unit of the command: otherwise a model with
-too small forces and masses would have smaller residuals than the true one.
+A balance is scaled to the prior's force per unit of the command. Otherwise, a model with too small
+forces and masses would have smaller residuals than the true model.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 EXACT = 3e-3
-"""Of the friction: noise that is always there, laws are not exact."""
-_STEP = 1e-3  # of differences, relative to a value
+"""Smallest noise, as a share of the friction: friction laws are not exact."""
+_STEP = 1e-3  # step of finite differences, relative to a value
 
 
 @dataclass(frozen=True)
 class Added:
-    """What is put into a model beside its own equations, one array per record, as in `Shape`."""
+    """Forces and commands added to a model's own equations, one array per record, as in `Shape`."""
 
     force: list[Vector]
     command: list[Vector]
@@ -43,7 +43,7 @@ class Added:
         return cls(*([np.zeros(len(c.x)) for c in courses] for _ in range(2)))
 
     def more(self, shape: Shape, amplitudes: Vector) -> Added:
-        """With a cause of these amplitudes."""
+        """Return this with a cause of these amplitudes added."""
 
         def sums(before: list[Vector], parts: list[Matrix] | None) -> list[Vector]:
             if parts is None:
@@ -56,17 +56,17 @@ class Added:
 def balance(
     course: ModelledRecord, model: Drive, friction: Vector, force: Vector, command: Vector
 ) -> Matrix:
-    """What is left of each balance in each window, shape (windows, channels) [N].
+    """Residual of each balance in each window, shape (windows, channels) [N].
 
-    The balance of forces first; then, where a current is known, that of voltages, as the force
-    that a voltage holds.
+    The balance of forces comes first. If a current is known, the balance of voltages follows; a
+    voltage is given as the force that it holds at rest.
 
     Parameters
     ----------
     friction : ndarray, shape (n,)
         The law along the record [N].
     force, command : ndarray, shape (n,)
-        What is in the model beside its own equations.
+        Added to the model's own equations.
     """
     width, step = course.width, course.step
     v = course.moved_v
@@ -100,7 +100,7 @@ def balance(
 def shown(
     course: ModelledRecord, model: Drive, shape: Shape, record: int
 ) -> npt.NDArray[np.float64]:
-    """What a cause of amplitude one takes from each balance, shape (windows, channels, m) [N]."""
+    """Effect of a cause of amplitude one on each balance, shape (windows, channels, m) [N]."""
     m = len(shape.amplitudes)
     out = np.zeros((windows(len(course.x), course.width), len(course.channels), m))
     if shape.force is not None:
@@ -123,7 +123,7 @@ def leftovers(
     added: Added,
     law: Sequence[Vector] | None = None,
 ) -> list[Matrix]:
-    """`balance` of each record, with the `law` along it where that is known already."""
+    """`balance` of each record; `law` is the friction along the records if already computed."""
     if law is None:
         law = [model.friction(c.x, c.v, c.step) for c in courses]
     return [
@@ -133,12 +133,12 @@ def leftovers(
 
 
 def responses(courses: Sequence[ModelledRecord], model: Drive, shape: Shape) -> list[Matrix]:
-    """What a cause of amplitude one takes from the balances of each record, see `shown`."""
+    """Effect of a cause of amplitude one on the balances of each record, see `shown`."""
     return [shown(c, model, shape, r) for r, c in enumerate(courses)]
 
 
 def calibrated(courses: Sequence[ModelledRecord]) -> dict[str, CalibrationPrior]:
-    """What the instruments of a study may be off by."""
+    """Possible errors of the instruments of a study."""
     return calibration_priors(courses[0])
 
 
@@ -149,10 +149,11 @@ def sensitivities(
     usual: Sequence[Vector],
     of_law: bool = True,
 ) -> list[Matrix]:
-    """What values and calibrations take from the balances, (windows, channels, columns) a record.
+    """Effect of values and calibrations on the balances: (windows, channels, columns) per record.
 
-    A relative change of each adjustable value, then a change of each of `calibrated`. `usual` is
-    the law along the records; without `of_law` its values take nothing.
+    The columns are a relative change of each adjustable value, then a change of each of
+    `calibrated`. `usual` is the law along the records. Without `of_law`, the columns of its values
+    are zero.
     """
 
     def of_value(name: str) -> list[Matrix]:
@@ -180,7 +181,7 @@ def sensitivities(
 def recalibrated(
     courses: Sequence[ModelledRecord], changes: Mapping[str, float]
 ) -> list[ModelledRecord]:
-    """The courses with their calibration changed by so much."""
+    """Return the courses with their calibration changed by `change`."""
     return [
         replace(c, calibration={n: v + changes.get(n, 0.0) for n, v in c.calibration.items()})
         for c in courses

@@ -1,9 +1,9 @@
 """Balances of a study as spectra of blocks: products of columns, by block and by band.
 
 A record is cut into blocks, which are held out one at a time. Within a block a balance is tapered
-and transformed; in a band of frequencies its noise is taken for white, of a variance of the band's
-own (P. Whittle, "Estimation and information in stationary time series", Ark. Mat. 2, 1953). So an
-effect slower than the noise's memory counts as what it is.
+and transformed; in each band of frequencies its noise is assumed white, with its own variance (P.
+Whittle, "Estimation and information in stationary time series", Ark. Mat. 2, 1953). So a slow
+effect is not overrated when the noise is correlated in time.
 """
 
 from __future__ import annotations
@@ -29,44 +29,45 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 BLOCKS = 5
-"""Held out one at a time; as many as there are records, if those are more."""
+"""Number of blocks, held out one at a time; with more records than this, one per record."""
 
 EDGES = (0.0, 0.5, 2.0, 8.0, 32.0, 128.0, 512.0, np.inf)
-"""Of the bands [Hz]: two octaves each, as noise of machines is much the same within that."""
+"""Edges of the bands [Hz]: two octaves each; machine noise is nearly constant within that."""
 
 TAPER = 0.1
-"""Of a block, that the cosines of a Tukey window take."""
+"""Share of a block in the cosine ends of a Tukey window."""
 
 AROUND_REST = 3
-"""Windows beside a rest, and half of those at the start, that a bell or the winding reaches."""
+"""Number of windows excluded on each side of a rest; at the start, twice as many."""
 
 OF_CARRIED = 0.35
-"""Of the frequency from which on a filtered position has nothing, up to which it is not bent."""
+"""Share of a position filter's cut-off up to which the filter does not change the signal."""
 
 WITHIN_INTERVAL = 1.0 / math.sqrt(3.0)
-"""Standard deviation of an instant that is anywhere within a sampling interval to either side."""
+"""Standard deviation of an instant uniformly distributed within one interval on either side."""
 
 NOISE_OF_MOTION = 0.1
-"""Share of the power of mass times acceleration, from which on the encoder's noise hides it."""
+"""Share of encoder noise in the power of mass times acceleration above which a band is unused."""
 
 
 @dataclass(frozen=True)
 class Bands:
-    """How the balances of a study are cut.
+    """Blocks and frequency bands of the balances of a study.
 
     Attributes
     ----------
     parts : list of (record, first, last)
-        Windows of each block.
+        Record and window range of each block.
     weights : list of ndarray, shape (windows, channels)
-        Of each block: taper, times zero where the drive rests, times the doubt in the law's force.
+        Weights of each block: taper, times zero at rest, times the weight by the uncertainty of the
+        law's force.
     used : ndarray of bool, shape (channels * bands,)
     counts : ndarray, shape (blocks, channels * bands)
-        Of independent real numbers.
+        Numbers of independent real values.
     steps : list of float
-        Between windows, of each block [s].
+        Time between windows in each block [s].
     top : float
-        Frequency up to which a filtered position is not bent [Hz].
+        Frequency up to which a filter does not change the position [Hz].
     """
 
     parts: list[tuple[int, int, int]]
@@ -79,12 +80,12 @@ class Bands:
     def lines(self, columns: Sequence[Matrix]) -> list[list[Matrix]]:
         """Spectra of columns: for each block and each channel's bands, shape (numbers, columns).
 
-        White noise has its variance in each of the numbers. Bands that are not used are empty.
+        Each number of white noise has the variance of the noise. Unused bands are empty.
 
         Parameters
         ----------
         columns : sequence of ndarray, shape (windows, channels, columns)
-            Of each record [N].
+            Columns of each record [N].
         """
         out = []
         for (record, first, last), weights, step in zip(
@@ -95,7 +96,7 @@ class Bands:
             block = []
             for c in range(channels):
                 size = float(np.sum(weights[:, c] ** 2))
-                # where little of a block is seen, its lines say the same several times
+                # if only a small share of a block counts, its spectral lines are correlated
                 scale = math.sqrt(2.0 / max(size, 1e-300) * _seen(weights)[c])
                 each = np.ascontiguousarray((part[:, c] * (scale * weights[:, c, None])).T)
                 spectrum = rfft(each, axis=1)
@@ -120,19 +121,19 @@ def products(left: list[list[Matrix]], right: list[list[Matrix]]) -> npt.NDArray
 
 
 def _rows(count: int, step: float, top: float) -> list[slice]:
-    """Lines of a block's spectrum that are in each band."""
+    """Range of spectral lines of a block in each band."""
     edges = np.minimum([*EDGES[1:-1], np.inf], top)
     ends = [0, *np.searchsorted(np.fft.rfftfreq(count, step), edges).tolist()]
     return [slice(a, b) for a, b in itertools.pairwise(ends)]
 
 
 def _seen(weights: Matrix) -> Vector:
-    """Share of a block that counts, shape (channels,)."""
+    """Mean square weight of a block, shape (channels,)."""
     return np.asarray(np.mean(weights**2, axis=0))
 
 
 def cut(courses: Sequence[ModelledRecord], model: Drive) -> Bands:
-    """The blocks and bands of a study, and what of them the instruments hide."""
+    """Return the blocks and bands of a study; bands hidden by instrument noise are not used."""
     exact = EXACT * model.friction_scale
     per = -(-BLOCKS // len(courses))
     top = min(_top(c) for c in courses)
@@ -158,10 +159,11 @@ def cut(courses: Sequence[ModelledRecord], model: Drive) -> Bands:
 
 
 def moving(course: ModelledRecord, model: Drive) -> Vector:
-    """Windows that tell of forces, shape (windows,): none of a rest, around one, or at the start.
+    """One for each window that gives forces, else zero, shape (windows,).
 
-    A law without bristles has no force at rest, as soon as that is longer than a reversal. What
-    went on in the winding before the start is not known.
+    Windows at a rest, near a rest and at the start are zero. A law without bristles has no known
+    force at a rest that is longer than a reversal. The current in the winding before the start is
+    not known.
     """
     slow = course.rests
     if model.law not in BRISTLES:
@@ -170,30 +172,30 @@ def moving(course: ModelledRecord, model: Drive) -> Vector:
     rests = averaged(slow.astype(float), course.width) > 0.0
     near = np.convolve(rests, np.ones(2 * AROUND_REST + 1), mode="same") > 0.0
     near[: 2 * AROUND_REST] = True
-    if model.law not in BRISTLES:  # which way it brakes there is not known
+    if model.law not in BRISTLES:  # the direction of friction is not known there
         near |= averaged((np.abs(course.v) < course.slowest).astype(float), course.width) > 0.0
     return np.asarray(1.0 - near)
 
 
 def _top(course: ModelledRecord) -> float:
-    """Up to which frequency a position tells all of the motion [Hz]."""
+    """Frequency up to which the recorded position contains the motion unfiltered [Hz]."""
     known = carried(course.record)
     return OF_CARRIED * known if known < 0.49 / course.step else math.inf
 
 
 def _doubt(course: ModelledRecord, model: Drive, exact: float, moves: Vector) -> Vector:
-    """Weight of the balance of forces by what the motion's error makes of the law, (windows,)."""
+    """Weight of the balance of forces, by the law's error due to the motion's error, (windows,)."""
     left = leftovers([course], model, Added.nothing([course]))[0][moves > 0.0, 0]
     left = left if len(left) else np.zeros(1)
     size = max(1.48 * float(np.median(np.abs(left - np.median(left)))), exact)
-    # when the law's force jumps, a sample does not tell when within its interval
+    # the instant of a jump of the law's force within a sampling interval is not known
     jumps = np.diff(course.bristle, append=course.bristle[-1:])
     timing = WITHIN_INTERVAL * averaged(jumps, course.width)
     return np.asarray(1.0 / np.sqrt(1.0 + (course.force_variance + timing**2) / size**2))
 
 
 def _clear(courses: Sequence[ModelledRecord], model: Drive, bands: Bands) -> npt.NDArray[np.bool_]:
-    """Bands in which the instruments' noise leaves the motion to be seen."""
+    """Bands in which the motion is larger than the instruments' noise."""
     random = np.random.default_rng(0)
     both = []
     for c in courses:
@@ -208,5 +210,5 @@ def _clear(courses: Sequence[ModelledRecord], model: Drive, bands: Bands) -> npt
     enough = bands.counts.sum(axis=0) > 2.0 * len(bands.parts)
     band = np.tile(np.arange(len(EDGES) - 1), len(courses[0].channels))
     clear = np.asarray((~hidden | (band < 2)) & enough)
-    # short and slow: friction shows there, and no mass
+    # a short, slow record: friction is visible there, mass is not
     return clear if clear.any() else np.asarray(enough & (band < 4))

@@ -14,13 +14,13 @@ Vector = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 _DRAWS = 2000
-_FEWEST = 4  # blocks of which an interval can be told
+_FEWEST = 4  # blocks needed for an interval
 _NORMAL = 1.96  # quantile of the normal distribution
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A figure and its 95 % interval; None where there are too few blocks to tell one."""
+    """A value and its 95 % interval; None if there are too few blocks for an interval."""
 
     value: float
     interval: tuple[float, float] | None
@@ -29,9 +29,9 @@ class Estimate:
 class Blocks:
     """Signals cut into blocks.
 
-    Neighbours are drawn together, the cube root of the blocks' number: what lasts longer than a
-    block is no new evidence. Few blocks scatter less than what they come from, and the interval is
-    made as much wider as Student's distribution is.
+    Neighbouring blocks are drawn together, as many as the cube root of the number of blocks,
+    because an effect longer than a block is no new evidence. A few blocks scatter less than the
+    population, so the interval is widened as in Student's distribution.
 
     Parameters
     ----------
@@ -52,21 +52,21 @@ class Blocks:
         self._wider = float(student.ppf(0.975, free)) / _NORMAL * math.sqrt(independent / free)
 
     def rms(self, values: Vector, counted: Mask | None = None) -> Estimate:
-        """Root mean square of values, shape (n,), of the samples that are counted."""
+        """Root mean square of values, shape (n,), over the counted samples."""
         mask = np.ones(len(values), dtype=bool) if counted is None else counted
         found = self._ratio(values**2 * mask, mask.astype(float))
         ends = found.interval and (math.sqrt(found.interval[0]), math.sqrt(found.interval[1]))
         return Estimate(math.sqrt(found.value), ends)
 
     def gain(self, before: Vector, after: Vector, counted: Mask | None = None) -> Estimate:
-        """Share of the mean square of `before`, shape (n,), that `after` does not have."""
+        """Share by which the mean square falls from `before` to `after`, shape (n,)."""
         mask = np.ones(len(before), dtype=bool) if counted is None else counted
         left = self._ratio(after**2 * mask, before**2 * mask)
         ends = left.interval and (1.0 - left.interval[1], 1.0 - left.interval[0])
         return Estimate(1.0 - left.value, ends)
 
     def _ratio(self, above: Vector, below: Vector) -> Estimate:
-        """Ratio of the sums of values that are not negative, each shape (n,)."""
+        """Ratio of the sums of two arrays of non-negative values, each shape (n,)."""
         tops, bottoms = (np.add.reduceat(values, self._starts) for values in (above, below))
         top, bottom = float(tops.sum()), float(bottoms.sum())
         if top == 0.0 or bottom == 0.0:

@@ -1,7 +1,7 @@
-"""Causes included in a model one after the other, each together with those before.
+"""Causes included in a model one after the other, each together with the earlier ones.
 
-Of each look the most probable is built in, where something is wrong for certain. It is named only
-where it is certain itself, and that is told of the first.
+In each step the most probable cause is included, if an error is certain. It is named only if it is
+itself certain, which is decided for the first cause only.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from .scores import OUTSIDE, Catalogue, Scored, Suspect, in_best_form, scored
 from .sets import Likely, likely
 from .study import Study
 
-_MOST = 4  # of what is built in
-_AS_GOOD, _LIKELY = 0.7, 0.1  # of the score of a free curve, and a probability
+_MOST = 4  # included causes
+_AS_GOOD, _LIKELY = 0.7, 0.1  # share of a free curve's score; probability
 
 
 def explained(study: Study, take: str | None = None) -> Explained:
-    """Build in the cause to `take`, then what is likeliest, each beside those before.
+    """Include the cause `take`, then the most probable ones, each in addition to the earlier ones.
 
-    In the end each is taken in the form that does best beside all others.
+    At the end, each cause gets the form that scores best together with all others.
 
     Raises
     ------
     BadRecord
-        If these records cannot show the cause that is to be taken.
+        If these records cannot show the cause `take`.
     """
     catalogue = Catalogue(study)
     taken: list[Likely] = []
@@ -45,7 +45,7 @@ def explained(study: Study, take: str | None = None) -> Explained:
             first, take = _taken(looked, members, study, take), None
         elif first is None or not (first.certain or wrong) or len(taken) == _MOST:
             break
-        # names were calibrated where nothing is known yet
+        # the certainty of names is calibrated only for the first cause
         taken = [*taken, replace(first, certain=first.certain and not taken)]
     for k, member in enumerate(taken):
         others = _suspects([m for m in taken if m is not member])
@@ -56,9 +56,10 @@ def explained(study: Study, take: str | None = None) -> Explained:
 
 
 def _likeliest(members: Sequence[Likely]) -> Likely | None:
-    """The first of a set, if it can be built in.
+    """The first member of a set that can be included in the model.
 
-    A free curve follows what a cause does, too: one that does nearly as much is taken before it.
+    A free curve also follows the effect of a cause, so a cause with nearly the same score is
+    preferred.
     """
     first = members[0]
     if first.suspect is None or first.name != OUTSIDE:

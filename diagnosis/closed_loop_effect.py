@@ -1,4 +1,4 @@
-"""Effect of the causes found on a closed loop, and on its long-term motion."""
+"""Effect of the causes found on a closed loop and on its long-term motion."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ Vector = npt.NDArray[np.float64]
 CONTROLLER = "nctf"
 SETPOINT = 0.08  # [m]
 STOP = 5.0  # [s]
-STEP = 1e-3  # of what is shown [s]
+STEP = 1e-3  # time step of the result [s]
 TOLERANCE = 1e-8
-_ROUNDS = 3  # of looking on for rest or a cycle
+_ROUNDS = 3  # longer runs, to find rest or a cycle
 _SETTLED = 0.02
 
 
@@ -40,16 +40,16 @@ class LoopCourse:
     x, u : ndarray, shape (n,)
         Position [m] and command [V].
     settling : float or None
-        After which the error stays below 2 % of the step [s].
+        Time after which the error stays below 2 % of the step [s].
     overshoot, error : float
-        Past the set-point, and what is left at the end, as magnitudes [m].
+        Overshoot past the set-point, and error at the end, as magnitudes [m].
     peak : float
         Largest magnitude of the command [V].
     becomes : str
         Long-term motion, as in `ballscrew map`.
     evidence : str
     slowest : float or None
-        Real part of the slowest eigenvalue where it comes to rest [1/s].
+        Real part of the slowest eigenvalue at the final rest [1/s].
     """
 
     x: Vector
@@ -84,7 +84,7 @@ class ClosedLoopEffect:
 
     @property
     def says(self) -> str:
-        """In a sentence."""
+        """The effect in one sentence."""
         changed = (
             f"the kind of motion does not change: {self.prior.becomes}"
             if self.prior.becomes == self.extended.becomes
@@ -99,8 +99,8 @@ class ClosedLoopEffect:
 def closed_loop_effect(prior_model: Component, extended: Component) -> ClosedLoopEffect:
     """Run both plants to one set-point, plant and controller as one system of equations.
 
-    One solver for the whole loop, not the master: it takes hundredths of a second once compiled,
-    and judges stability of what it has compiled.
+    One solver runs the loop, not the master: this takes hundredths of a second once compiled, and
+    the stability of the same compiled equations is computed.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def closed_loop_effect(prior_model: Component, extended: Component) -> ClosedLoo
 
 def _loop(plant: Component) -> Component:
     controller = component(CONTROLLER)
-    # it may have ports for what it makes no use of, and not every plant has bristles or a current
+    # the controller may have unused ports, and not every plant has bristles or a current
     rates = [*controller.derivatives, *(o.value for o in controller.all_outputs)]
     used = set().union(*(rate.free_symbols for rate in rates))
     wanted = (i for i in controller.inputs if i.role == "reference" or symbol(i.name) in used)
@@ -139,7 +139,7 @@ def _run(loop: Component, time: Vector) -> tuple[Model, Trajectory]:
 
 def _course(loop: Component, time: Vector) -> LoopCourse:
     model, run = _run(loop, time)
-    if loop.delays:  # what becomes of it is told from states only
+    if loop.delays:  # the long-term motion is computed from states only
         model, _ = _run(with_delay_states(loop), time)
     motion = classify_attractor(model, STOP, STOP, exponents=False, rounds=_ROUNDS)
     x, u = run.outputs["x"], run.outputs["u"]

@@ -15,15 +15,15 @@ from .drive import Drive
 
 
 def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Drive, list[str]]:
-    """Records with a command that the model takes, the model, and notes of what was done.
+    """Return records with a command that the model accepts, the model, and notes on changes.
 
-    A ball screw of which only the current is known becomes a drive, see `driven_by_current`. The
-    current of a drive, which has no equation for it, is left out.
+    If only the current of a ball screw is known, it becomes a drive, see `driven_by_current`. The
+    current of a drive is left out, because a drive has no equation for it.
 
     Raises
     ------
     BadRecord
-        If a command is none that the model takes.
+        If the model does not accept a record's command.
     """
     currents = [r.current_alone or r.command == CURRENT for r in records]
     if model.has_motor and any(currents):
@@ -66,8 +66,8 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
 def driven_by_current(model: Drive) -> Drive:
     """A ball screw as a drive whose command is the motor's current.
 
-    The gain is the motor's force per ampere, known as well as `kt` is; the mass is of all that
-    moves, and its tolerance what those of block and rotor are at most.
+    The gain is the motor's force per ampere, with the tolerance of `kt`. The mass is that of all
+    moving bodies; its tolerance is the mean of those of block and rotor, weighted by their masses.
     """
     known = {p.name for p in bare_direct_drive(law(model.law)).all_parameters}
     values = {n: v for n, v in model.values.items() if n in known}
@@ -81,7 +81,7 @@ def driven_by_current(model: Drive) -> Drive:
 
 
 def by_current(record: Record) -> Record | None:
-    """The record with its current as the command; None where that is not known throughout."""
+    """The record with its current as the command; None if some samples have no current."""
     told = not record.current_alone and record.command == CURRENT
     if not told and not np.isfinite(record.signals.get("i", np.array([np.nan]))).all():
         return None

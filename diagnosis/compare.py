@@ -43,8 +43,8 @@ Mask = npt.NDArray[np.bool_]
 Causes = Mapping[str, Mapping[str, float]]
 
 _GAINS = ((ADJUSTED, PRIOR), (CORRECTED, PRIOR), (CORRECTED, ADJUSTED))
-_SLOWEST = 1e-5  # just above rest, where a law says what it holds [m/s]
-_SPEEDS = 200  # of a curve, each way
+_SLOWEST = 1e-5  # speed just above rest, at which stiction is computed [m/s]
+_SPEEDS = 200  # points of a curve in each direction
 
 
 def compare(
@@ -67,12 +67,12 @@ def compare_records(
     file: ParameterFile,
     progress: Callable[[str], None] = lambda doing: None,
 ) -> Compared:
-    """As `compare`, of records and a parameter file in memory; nothing is fitted to the records.
+    """Like `compare`, for records and a parameter file in memory; nothing is fitted to the records.
 
     Raises
     ------
     BadRecord, BadParameters
-        In one line: what cannot be used and why.
+        If an input cannot be used; the message says why in one line.
     """
     told = file.diagnosis
     if told is None:
@@ -104,9 +104,9 @@ def compare_records(
 
 @dataclass(frozen=True)
 class _Extra:
-    """What a model has beside its equations: along the records, and built into its plant.
+    """What is added to a model's equations: signals along the records, and causes in its plant.
 
-    Of the forces along the records, those `at_rest` act on what rests, too; a joint's does not.
+    Forces in `at_rest` also act on a body at rest; the force of a joint does not.
     """
 
     added: Added
@@ -117,7 +117,7 @@ class _Extra:
 
 @dataclass(frozen=True)
 class _Found:
-    """Residuals of one model, the records end to end, shape (n,); not all have a prediction."""
+    """Residuals of one model, the records end to end, shape (n,); a prediction may be missing."""
 
     force: Vector
     required: Vector
@@ -235,7 +235,7 @@ def _compared(
 
 
 def _laid(record: Record, model: Drive, shift: float) -> ModelledRecord:
-    """The record with its motion; the command acts when it did where the models come from."""
+    """The record with its motion; the command is shifted in time as in the diagnosis."""
     course = lay_along(record, model)
     return replace(course, calibration={**course.calibration, "command_shift": shift})
 
@@ -249,7 +249,7 @@ def _required(course: ModelledRecord, model: Drive, command: Vector) -> Vector:
 
 
 def _well_within_rest(course: ModelledRecord) -> Mask:
-    """Samples at rest that no window beside a motion reaches, as `moving` has it of a motion."""
+    """Samples at rest that are not near a motion; the counterpart of `moving`."""
     moves = averaged((~course.rests).astype(float), course.width) > 0.0
     near = np.convolve(moves, np.ones(2 * AROUND_REST + 1), mode="same")
     return np.asarray(course.rests & (at_samples(course, near) == 0.0))
@@ -258,9 +258,9 @@ def _well_within_rest(course: ModelledRecord) -> Mask:
 def _beyond_stiction(
     course: ModelledRecord, model: Drive, required: Vector, force: Vector
 ) -> Vector:
-    """What of the force required is more than friction can hold at rest, shape (n,) [N].
+    """Required force beyond what friction can hold at rest, shape (n,) [N].
 
-    The law holds as much as it has while it slides just above rest.
+    Friction at rest can hold as much as the law's friction at a speed just above rest.
     """
     scale = _scale(course, model)
     asked = required - scale * (force + model.values.get("offset", 0.0))
@@ -269,12 +269,12 @@ def _beyond_stiction(
 
 
 def _scale(course: ModelledRecord, model: Drive) -> float:
-    """Forces are told at the first model's force per unit of the command, see `balance`."""
+    """Scale of forces: the first model's force per unit of the command, see `balance`."""
     return course.per_command / model.per_command
 
 
 def _sliding(model: Drive, v: Vector) -> Vector:
-    """Friction of steady sliding at these velocities, shape (n,) [N]."""
+    """Friction in steady sliding at these velocities, shape (n,) [N]."""
     names, steady = compiled(claims(model.law).steady_state)
     numbers = {**model.values, "v": v}
     return np.broadcast_to(np.asarray(steady(*(numbers[n] for n in names)), dtype=float), v.shape)
@@ -297,7 +297,7 @@ def _end_to_end(courses: Sequence[ModelledRecord]) -> Vector:
 
 
 def _models(file: ParameterFile, told: Diagnosed) -> dict[str, Drive]:
-    """The three models, by name; forces of causes are added to the corrected one."""
+    """The three models, by name, without forces of causes."""
 
     def model(where: str, values: Mapping[str, Value]) -> Drive:
         missing = [n for n in told.prior if n not in values]
@@ -337,10 +337,10 @@ def _commanded(record: Record, told: Diagnosed) -> Record:
 def _causes_along(
     courses: Sequence[ModelledRecord], model: Drive, file: ParameterFile, told: Diagnosed
 ) -> _Extra:
-    """The named causes: along each record, and those to be built into the plant.
+    """The named causes: signals along each record, and causes to include in the plant.
 
-    Causes that are values are in the model. Those of the command are known along a record, also
-    at the start of each second, and no plant needs them.
+    Causes that are values are already in the model. Causes in the command are known along a record,
+    also at the start of each second, so they are not included in the plant.
     """
     forces, commands, at_rest = [], [], []
     built: dict[str, Mapping[str, float]] = {}

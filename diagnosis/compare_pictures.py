@@ -1,4 +1,4 @@
-"""The picture of a comparison: position, force and friction, measured and as models have them."""
+"""The picture of a comparison: position, force and friction, measured and by each model."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .compared import MODEL, Compared
 Vector = npt.NDArray[np.float64]
 
 _MOST_POINTS = 6000
-_SHOWN = (0.002, 0.998)  # quantiles of a curve that fill a picture's height
+_SHOWN = (0.002, 0.998)  # quantiles of a curve at the lower and upper end of a picture
 _MEASURED, _REST = "#000000", "#e8e8e8"
 
 
@@ -96,7 +96,7 @@ def _broken(values: Vector, starts: npt.NDArray[np.bool_]) -> Vector:
 
 
 def _rests(found: Compared) -> list[tuple[float, float]]:
-    """Begin and end of each rest [s]."""
+    """Start and end of each rest [s]."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], found.traces.rests, [0]])))
     time = found.traces.time
     return [
@@ -105,7 +105,7 @@ def _rests(found: Compared) -> list[tuple[float, float]]:
 
 
 def _scaled(axes: Any, values: Vector) -> None:
-    """Heights that show nearly all; a jump of friction makes a few samples large."""
+    """Set limits that show nearly all values; a jump of friction makes a few samples large."""
     low, high = np.quantile(values, _SHOWN)
     room = 0.1 * max(high - low, 1e-9)
     axes.set_ylim(low - room, high + room)

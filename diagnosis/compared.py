@@ -45,28 +45,28 @@ class Gain(Left):
 
 @dataclass(frozen=True)
 class Traces:
-    """What a picture shows, the records end to end, shape (n,) each.
+    """Signals shown in the picture, the records end to end, shape (n,) each.
 
     Attributes
     ----------
     time : ndarray
-        From the first record's start, without what is between records [s].
+        Time from the first record's start, without the time between records [s].
     x, v : ndarray
         Measured, smoothed [m], [m/s].
     required : ndarray
-        Force of the command less mass times acceleration: friction, and all else that opposes
-        the motion in +x [N].
+        Force of the command less mass times acceleration: friction and all other forces that oppose
+        motion in +x [N].
     rests, counted : ndarray of bool
-        Where the drive rests, and samples from which forces are told.
+        Samples at rest, and samples at which forces are known.
     starts : ndarray of bool
-        Where a second begins, and the state is the recorded one.
+        First sample of each second, where the state is set to the recorded state.
     left : dict of str to ndarray
-        By model: force that it does not have [N].
+        By model: force missing in the model [N].
     predicted : dict of str to ndarray
         By model: position predicted from each second's start [m].
     curves : dict of str to two ndarrays
-        By model: velocities [m/s] and friction of steady sliding [N]; where it has causes, the
-        means of its force along the records.
+        By model: velocities [m/s] and friction in steady sliding [N]; for a model with causes, the
+        mean of its force along the records.
     """
 
     time: Vector
@@ -95,16 +95,17 @@ class Compared:
     seconds : float
         Length of the records [s].
     friction : float
-        Force required by the motion, where forces are told, root mean square [N].
+        Root mean square of the force required by the motion, over samples where forces are known
+        [N].
     shares : dict of str to float
-        Share of the time of each part of the motion, see `PARTS`.
+        Share of time in each part of the motion, see `PARTS`.
     models : dict of str to dict of str to Left
         By model and by part of the motion, all of it first: the one ``model`` of the file, or
         ``prior``, ``adjusted`` and ``corrected`` of a diagnosis.
     floor : Left
-        Residuals by noise of the instruments alone.
+        Residuals due to instrument noise alone.
     gains : tuple of Gain
-        Of one model over another.
+        Gains of one model over another.
     notes : tuple of str
         Warnings.
     traces : Traces

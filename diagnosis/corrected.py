@@ -22,9 +22,9 @@ def corrected(
     plant : Component or None
         With the causes, where one can be made.
     told : ParameterFile or None
-        The prior model. A value that the diagnosis leaves keeps its interval and source, and so
-        do values that take no part: of the amplifier, of controllers, of the rig. A motor that is
-        left out, see `commanded`, has none.
+        The prior model. A value that the diagnosis does not change keeps its interval and source,
+        and so do values that are not part of the diagnosis: amplifier, controllers, rig. Values of
+        a motor that is left out, see `commanded`, are not written.
     """
     told = told or ParameterFile()
     found = {c.name: last_record(c.parameters) for c in result.causes}

@@ -1,4 +1,4 @@
-"""Diagnosis of a drive's model by records: errors of the model, and their causes."""
+"""Diagnosis of a drive's model from records: errors of the model, and their causes."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from .study import study_of
 
 Vector = npt.NDArray[np.float64]
 
-_TELLS = 0.5  # of the friction, that a fault may have and not show
+_TELLS = 0.5  # share of the friction; records that would not show such a fault prove nothing
 
 
 def diagnose(
@@ -81,7 +81,7 @@ def diagnose(
     Raises
     ------
     BadRecord, BadParameters
-        In one line: what cannot be used and why.
+        If an input cannot be used; the message says why in one line.
     """
     told = (ParameterFile() if params is None else read_parameters(params)).with_lead(lead)
     records = read_drive_records(data, mapping, units, lead or told.lead)
@@ -94,7 +94,7 @@ def diagnose_records(
     progress: Callable[[str], None] = lambda doing: None,
     take: str | None = None,
 ) -> Diagnosis:
-    """As `diagnose`, of records in memory; `prior` of the result takes the command they have."""
+    """Like `diagnose`, for records in memory; `prior` of the result has the records' command."""
     began = time.perf_counter()
     records, prior_model, notes = commanded(records, prior_model)
     notes += [TURNS] * prior_model.turns + check_identifiable(records)
@@ -115,13 +115,13 @@ def diagnose_records(
         (AT_FLOOR * lowest.force, "twice the noise"),
         (held.all.force_rms, "the whole residual"),
     )
-    # records that would not show a fault of half the friction clear nothing
+    # records that would not show a fault as large as half the friction prove nothing
     at_floor = lowest.has_current(held.all) and unseen < _TELLS * friction
     at_floor = at_floor and (lowest.has(held.all) or not lowest.repeated)
     verdict = _verdict(found, at_floor, holds(interval, fitted, final))
     free = outside(found) if verdict in (PARTLY, UNEXPLAINED) else None
     notes += _notes(found, held, lowest)
-    if verdict == NONE:  # silence is not safety
+    if verdict == NONE:  # no fault found does not mean no fault
         notes.append(
             f"not excluded: a fault of up to {unseen:.3g} N ({100.0 * unseen / friction:.3g} % of "
             f"the friction), which is {why}"
@@ -180,8 +180,8 @@ def diagnose_records(
 def _verdict(found: Explained, at_floor: bool, better: bool) -> str:
     """Verdict from the certain causes, and from whether the residual is more than noise.
 
-    Where laps of one motion tell what repeats, that is seen; elsewhere what is left is more than
-    noise where it does not look like that of faultless records.
+    If the motion repeats in laps, the residual is compared with the differences between laps.
+    Otherwise, it is more than noise if it differs from the residual of faultless records.
     """
     rest = at_floor and not found.none_ruled_out
     if not found.built:
@@ -194,9 +194,10 @@ def _verdict(found: Explained, at_floor: bool, better: bool) -> str:
 
 @dataclass(frozen=True)
 class _Corrected:
-    """The corrected model, what it leaves of all data, and the forces that the prior one lacks.
+    """The corrected model, its residual on all data, and the forces missing in the prior model.
 
-    `on_block` is what a load cell feels of `named`; `unnamed` is a free curve through what is left.
+    `on_block` is the part of `named` that a load cell measures; `unnamed` is a free curve through
+    the residual.
     """
 
     courses: list[ModelledRecord]
@@ -245,7 +246,7 @@ def _curves(
 
 
 def _friction(courses: Sequence[ModelledRecord], model: Drive, held: HeldOut) -> float:
-    """Root mean square of the friction where samples tell anything [N]."""
+    """Root mean square of the friction over samples at which forces are known [N]."""
     along = np.concatenate([opposing(c, model) for c in courses])
     return max(rms(along[held.all.telling]), 1e-300)
 

@@ -29,9 +29,9 @@ class Level:
     Attributes
     ----------
     force : float
-        Root mean square, at frequencies where the record tells forces [N].
+        Root mean square, at frequencies at which the record gives forces [N].
     position : float
-        Root mean square of what is predicted from the start of each second [m].
+        Root mean square error of the prediction from the start of each second [m].
     """
 
     force: float
@@ -44,9 +44,9 @@ def holds(gain_interval: tuple[float, float], before: Level, after: Level) -> bo
     Parameters
     ----------
     gain_interval : tuple of float
-        95 % interval of the share of the mean square in force that is removed.
+        95 % interval of the removed share of the mean square in force.
     before, after : Level
-        The residual on those data without and with the causes found.
+        Residual on held-out data without and with the causes found.
     """
     return gain_interval[0] > 0.0 and after.position <= before.position
 
@@ -59,19 +59,19 @@ class SuspectFound:
     ----------
     name, says : str
     probability : float
-        Among all hypotheses.
+        Probability among all hypotheses.
     parameters : mapping of str to float
-        Its numbers, SI; empty for a suspect outside the catalogue.
+        Its values, SI; empty for a suspect outside the catalogue.
     intervals : mapping of str to (float, float)
-        95 %, from leaving out one block of the records at a time.
+        95 % intervals, computed by leaving out one block of the records at a time.
     units : mapping of str to str
     force : float
         Its rms effect on a balance of forces, or of voltages
         converted to a force [N].
     of_friction : float
-        The same as a share of the friction.
+        `force` as a share of the friction.
     confirm : str
-        What would confirm it.
+        Experiment that would confirm it.
     """
 
     name: str
@@ -97,11 +97,11 @@ class FoundCause(SuspectFound):
         Share of the mean square of the force residual that it removes, on data not used
         to select or fit it, with all other causes included.
     gain_interval : tuple of float
-        95 %, by drawing seconds of the record again.
+        95 % interval, by resampling the seconds of the record.
     gain_alone : float
         The same share without other causes.
     before, after : Level
-        The residual on those data without and with it.
+        Residual on held-out data without and with it.
     """
 
     certain: bool
@@ -127,7 +127,7 @@ class NextExperiment:
     Attributes
     ----------
     says : str
-        What for.
+        Purpose.
     motion : Motion
         Motion of the machine.
     trial : str
@@ -146,20 +146,21 @@ class Curves:
     Attributes
     ----------
     time, record : ndarray
-        [s] within each record, and which it is.
+        Time within each record [s], and number of the record.
     x, v : ndarray
-        [m], [m/s]
+        Position [m] and velocity [m/s].
     force, predicted : ndarray
-        Friction and all else that opposes the motion, by the record and by the prior model [N].
+        Friction and all other opposing forces, by the record and by the prior model [N].
     before, after : ndarray
-        Force residual under the prior and under the corrected model [N].
+        Force residual of the prior and of the corrected model [N].
     position_before, position_after : ndarray
-        [m]
+        Position residual of the same models [m].
     cause : ndarray
         Force of the named causes together [N].
     shape : ndarray
-        Force of what is left without a name [N].
+        Force of the residual without a known cause [N].
     telling : ndarray of bool
+        Samples at which forces are known.
     """
 
     time: Vector
@@ -187,18 +188,19 @@ class Diagnosis:
     where : str
         Size of the residual, and the motion at which it occurs, in a sentence.
     floor, baseline_residual, adjusted_residual, final_residual : Level
-        Of noise; of the prior model; with its values adjusted within their tolerances; with
+        Residual of noise; of the prior model; with values adjusted within their tolerances; with
         the causes. The last two are on held-out data.
     left_of_friction : float
-        Final residual on those data, as share of the friction along the records: of the force from
-        the voltage, or the difference between voltage and current, whichever is larger.
+        Final residual on held-out data, as a share of the friction along the records. It is the
+        residual of the force from the voltage, or the difference between voltage and current,
+        whichever is larger.
     gain_interval : tuple of float
-        95 % interval of the share of the adjusted residual's mean square in force that is removed.
+        95 % interval of the removed share of the adjusted residual's mean square in force.
     held_out : str
         What was held out, one at a time: "4 laps", "5 parts".
     causes : tuple of FoundCause
-        Included causes: of the catalogue, and errors of recorded signals, in the
-        order in which they were found.
+        Included causes from the catalogue, and errors of recorded signals, in the order in which
+        they were found.
     suspects : tuple of SuspectFound
         Other possible causes, in addition to or instead of those, the most probable first. Together
         they contain the true cause in 95 of 100 records like those of the calibration.
@@ -207,16 +209,16 @@ class Diagnosis:
     out_of_reach : tuple of OutOfReach
     next_experiment : NextExperiment or None
     prior, adjusted, corrected : Drive
-        The model before; with values adjusted within their tolerances and no cause; with the values
-        that go with the causes.
+        The prior model; with values adjusted within their tolerances and no cause; with the values
+        fitted together with the causes.
     command : {"voltage", "current", "force"}
-        What the records' `u` is.
+        Kind of the records' `u`.
     command_shift : float
-        How far before its stamp the command acts, in sampling intervals.
+        Time by which the command acts before its stamp, in sampling intervals.
     adjustments : mapping of str to float
         Relative changes of the prior values.
     noise : mapping of str to float
-        What noise leaves of each balance, root mean square [N].
+        Root mean square residual of each balance due to noise [N].
     load_cell : ValidationSignal or None
         Comparison of both models with the recorded ``force``, which is not used for the diagnosis.
     notes : tuple of str
@@ -255,7 +257,7 @@ class Diagnosis:
         return {f.name: _plain(getattr(self, f.name)) for f in fields(self) if f.name not in _APART}
 
     def found(self) -> list[tuple[str, dict[str, float]]]:
-        """Names and values of what is wrong with the plant, as `with_causes` takes them."""
+        """Names and values of the plant's causes, as input of `with_causes`."""
         return [(c.name, dict(c.parameters)) for c in self.causes if c.name in CAUSES]
 
     def save(self, folder: Path) -> None:
@@ -274,7 +276,7 @@ class Diagnosis:
 
 
 _APART = ("prior", "adjusted", "corrected", "command", "command_shift", "curves")
-"""Fields of a `Diagnosis` that are in files of their own."""
+"""Fields of a `Diagnosis` that are written to other files."""
 
 
 def _plain(value: Any) -> Any:
@@ -293,5 +295,5 @@ def _plain(value: Any) -> Any:
 
 
 def names_of(causes: Sequence[SuspectFound]) -> str:
-    """For sentences."""
+    """Names of the causes, for sentences."""
     return ", ".join(c.name for c in causes) or "no cause"

@@ -1,4 +1,4 @@
-"""Pictures of a diagnosis: for its page, where they zoom, and for papers."""
+"""Pictures of a diagnosis: for its page, with zoom, and for papers."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from .diagnosis import Curves, Diagnosis
 Vector = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-SMOOTH = 0.1  # time over which a force residual is averaged to be shown [s]
+SMOOTH = 0.1  # averaging time of a force residual in pictures [s]
 CORRECTED = "corrected"
 _BINS = 60
 _LEAST_IN_BIN = 20
-_SHOWN = 0.995  # of the samples of a curve within a picture's height, at first
+_SHOWN = 0.995  # share of a curve's samples within the initial height of a picture
 _MEANS_SHOWN = 0.95
 _TIME = "time [s]"
 
@@ -42,9 +42,9 @@ def smoothed(values: Vector, record: npt.NDArray[np.int64], step: float) -> Vect
 
 
 def binned(x: Vector, y: Vector, keep: Mask, alike: bool = False) -> tuple[Vector, Vector]:
-    """Means of y over parts of the range of x, NaN where there is next to nothing.
+    """Means of y over parts of the range of x, NaN for parts with almost no samples.
 
-    The parts are even, or have as many samples each: where `alike`, as for speeds that were held.
+    The parts have equal width or, with `alike`, equal numbers of samples, for speeds held constant.
     """
     if not np.any(keep) or np.ptp(x[keep]) == 0:
         return np.array([np.nan]), np.array([np.nan])
@@ -71,7 +71,7 @@ def end_to_end(curves: Curves) -> Vector:
 
 
 def said(pictures: Iterable[Picture], words: Callable[[str], str]) -> list[Picture]:
-    """The pictures with all their texts as `words` puts them."""
+    """The pictures with all their texts changed by `words`."""
     return [
         replace(
             p,
@@ -85,7 +85,7 @@ def said(pictures: Iterable[Picture], words: Callable[[str], str]) -> list[Pictu
 
 
 def pictures_of(diagnosis: Diagnosis) -> list[Picture]:
-    """What the page shows of the records."""
+    """Pictures of the records for the page."""
     time = end_to_end(diagnosis.curves)
     corrected = "with all causes found" if diagnosis.unnamed else CORRECTED
     return [
@@ -171,7 +171,7 @@ def _residual_over_velocity(c: Curves, corrected: str) -> Picture:
 
 
 def _residuals(c: Curves, corrected: str) -> tuple[tuple[str, str, Vector], ...]:
-    """Label, colour and force residual under each model."""
+    """Label, colour and force residual of each model."""
     return ("prior model", "before", c.before), (corrected, "after", c.after)
 
 
@@ -193,7 +193,7 @@ def _position_residual(diagnosis: Diagnosis, time: Vector, corrected: str) -> Pi
 
 
 def _force_of_causes(c: Curves, time: Vector) -> list[Picture]:
-    """Nothing where no force was found, as of an instrument that is off."""
+    """Pictures of the causes' force; none if no cause is a force, such as an instrument error."""
     lines = []
     if np.any(c.cause):
         lines.append(Line("named causes", "cause", time, c.cause))
@@ -205,7 +205,7 @@ def _force_of_causes(c: Curves, time: Vector) -> list[Picture]:
 
 
 def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:
-    """What the page shows of the closed loop."""
+    """Pictures of the closed loop for the page."""
     time = effect.time
     prior, extended = effect.prior.x - SETPOINT, effect.extended.x - SETPOINT
     size, unit = shown_unit([prior, extended], "m")
@@ -234,7 +234,7 @@ def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:
 
 
 def _height(values: Vector, share: float) -> float | None:
-    """What shows so many of the values, and keeps a few that are far off from hiding the rest."""
+    """Height that contains this share of the values, so that outliers do not hide the rest."""
     finite = np.abs(values[np.isfinite(values)])
     return 1.5 * float(np.quantile(finite, share)) or None if len(finite) else None
 

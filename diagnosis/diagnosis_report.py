@@ -17,7 +17,7 @@ from .diagnosis_pictures import pictures_of, pictures_of_loop, said
 from .experiment_motions import COMMAND_FILE
 
 _TEMPLATE = "report.html.jinja"
-_NOT_SHOWN = 1e-9  # relative change of a value that is the prior one
+_NOT_SHOWN = 1e-9  # relative change below which a value counts as unchanged
 _KINDS = {"ball_screw": "ball screw with a motor", "drive": "drive whose command is a force"}
 _NOISE = {
     "force_N": ("balance of force, rms", "N"),
@@ -27,7 +27,7 @@ _NOISE = {
 
 @dataclass(frozen=True)
 class ClosedLoopSection:
-    """What the page says of the closed loop: its effect, or why there is none to show."""
+    """Content of the page on the closed loop: the effect, or why it could not be computed."""
 
     effect: ClosedLoopEffect | None
     because: str = ""
@@ -86,7 +86,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
 
 
 def _filters(units: Mapping[str, str]) -> dict[str, Callable[..., Any]]:
-    """How the template writes numbers and sentences."""
+    """Functions by which the template writes numbers and sentences."""
     plain = (words.as_share, words.micro, words.of_friction, words.percent, words.rig_command)
     return {f.__name__: f for f in (*plain, words.times)} | {
         "change": lambda change: f"{100 * change:+.2g} %" if abs(change) > _NOT_SHOWN else "0",

@@ -1,7 +1,7 @@
 """The prior model of a drive: values of a plant, and their tolerances.
 
-What is linear (motor, inertia, viscous friction) goes into a filter; the rest of the friction law
-is integrated along the measured motion and enters the filter as a known force.
+The linear part (motor, inertia, viscous friction) is in a filter. The rest of the friction law is
+integrated along the measured motion and enters the filter as a known force.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ Vector = npt.NDArray[np.float64]
 
 TOLERANCE = 0.03
 """Relative tolerance of a value without a given tolerance."""
-BEND = ("dF_low", "V_mismatch")  # of friction at low speed, N and m/s; see stribeck_mismatch
+BEND = ("dF_low", "V_mismatch")  # bend of friction at low speed, N and m/s; see stribeck_mismatch
 _PLANTS = {BALL_SCREW: bare_ball_screw, DRIVE: bare_direct_drive}
 _NEVER_ADJUSTED = ("L", "p", "Kv", "offset")
 _WIDEST = 0.9  # relative tolerance of a value whose interval is wider than the value itself
-_SLOWEST = sp.Float("1e-5")  # at which a curve is taken instead of at rest [m/s]
-_TURN = symbol("turn")  # angle of the screw per way, by which pi is in the equations once [rad/m]
-_FREED = 0.3  # relative spread of a value that may be anything
-_MORE_MASS = 2.0  # spread of an unknown mass, relative to all that moves
-_FINEST = 2.5e-4  # step of the law between two samples [s]
+_SLOWEST = sp.Float("1e-5")  # speed at which a curve is evaluated instead of at rest [m/s]
+_TURN = symbol("turn")  # screw angle per travel; pi is then in the equations only once [rad/m]
+_FREED = 0.3  # relative spread of a freed value
+_MORE_MASS = 2.0  # spread of an unknown mass, relative to the total moving mass
+_FINEST = 2.5e-4  # largest step of the law between two samples [s]
 
 
 class _Linear(NamedTuple):
-    """What of a plant's equations is linear, apart from friction."""
+    """The linear part of a plant's equations, without friction."""
 
     inertia: float
     block: float
@@ -59,7 +59,7 @@ class _Linear(NamedTuple):
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive with a friction law and what is believed of its values.
+    """A drive with a friction law, its prior values and their tolerances.
 
     Attributes
     ----------
@@ -70,11 +70,11 @@ class Drive:
     values : mapping of str to float
         All parameters of its `plant`, SI.
     tolerance : mapping of str to float
-        Relative tolerance of each value that may be adjusted: its uniform spread, plus or minus.
+        Relative tolerance, plus or minus, of each value that may be adjusted.
     command : {"", "voltage", "current", "force"}
-        What `u` is; empty: what it is in the records.
+        Kind of `u`; empty: as in the records.
     turns : bool
-        Whether it is a body that turns, in numbers of one that slides.
+        Whether the body rotates; its values are stored as those of a sliding body.
     """
 
     kind: str
@@ -86,7 +86,7 @@ class Drive:
 
     @property
     def plant(self) -> Component:
-        """The component, not yet able to stick; its parameters have their own defaults."""
+        """The component without a sticking mode; its parameters have their own defaults."""
         return _plant(self.kind, self.law, self.command)
 
     @property
@@ -99,12 +99,12 @@ class Drive:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Of motor or body, and of the law those that are no matter of form."""
+        """Parameters of motor or body, and those of the law except shape parameters."""
         return (*(p.name for p in self.plant.parameters), *self.law_parameters)
 
     @property
     def adjustable(self) -> tuple[str, ...]:
-        """Parameters that a record may speak of."""
+        """Parameters that can be estimated from a record."""
         told = self.tolerance
         return tuple(n for n in self.parameters if self.values.get(n) and told.get(n, 0.0) > 0)
 
@@ -120,67 +120,67 @@ class Drive:
 
     @property
     def inertia(self) -> float:
-        """Of all that moves [kg]."""
+        """Total moving mass [kg]."""
         return self._linear.inertia
 
     @property
     def block(self) -> float:
-        """Of what friction acts on [kg]."""
+        """Mass of the body on which friction acts [kg]."""
         return self._linear.block
 
     @property
     def per_ampere(self) -> float:
-        """Force of the motor; zero without one [N/A]."""
+        """Force of the motor per ampere; zero without a motor [N/A]."""
         return self._linear.per_ampere
 
     @property
     def back_emf(self) -> float:
-        """Zero without a motor [V*s/m]."""
+        """Back-EMF per velocity; zero without a motor [V*s/m]."""
         return self._linear.back_emf
 
     @property
     def per_command(self) -> float:
-        """Force that a lasting command holds at rest, per its unit [N/V]."""
+        """Static force per unit of a constant command [N/V]."""
         return self._linear.per_command
 
     @property
     def can_bend(self) -> bool:
-        """Whether the law's curve can be given one more bend, see `BEND`."""
+        """Whether the law's curve can have an additional bend, see `BEND`."""
         return self.law in BRISTLES
 
     @property
     def linear_friction(self) -> float:
-        """Viscous coefficient that the filter takes care of [N*s/m]."""
+        """Viscous coefficient in the linear filter [N*s/m]."""
         return self.values["sigma2"] if "sigma2" in self.law_parameters else 0.0
 
     @property
     def damping(self) -> float:
-        """What slows a motion in proportion to its velocity: friction, and the motor [N*s/m]."""
+        """Total damping: viscous friction and the motor's back-EMF [N*s/m]."""
         return self.linear_friction + self.per_command * self.back_emf
 
     @property
     def friction_scale(self) -> float:
-        """Size of the friction while sliding slowly [N]."""
+        """Friction in slow sliding [N]."""
         sliding = next((self.values[n] for n in ("Fc", "Fc_pos") if n in self.values), None)
         return abs(float(self.curve(np.zeros(1))[0]) if sliding is None else sliding)
 
     def free_spread(self, name: str) -> float:
-        """Relative spread of a value that may be anything, a mass most of all."""
+        """Relative spread of a freed value; larger for a mass."""
         return _MORE_MASS * self.inertia / self.values["m"] if name == "m" else _FREED
 
     def changed(self, values: Mapping[str, float]) -> Drive:
         return replace(self, values={**self.values, **values})
 
     def curve(self, v: Vector) -> Vector:
-        """Friction of steady sliding at these speeds, without its viscous part, shape (n,) [N]."""
+        """Friction in steady sliding at these speeds, without its viscous part, shape (n,) [N]."""
         names, curve = compiled(curve_of(self.law))
         numbers = {**self.values, "v": v}
         return np.broadcast_to(curve(*(numbers[n] for n in names)), v.shape)
 
     def friction(self, x: Vector, v: Vector, step: float) -> Vector:
-        """The law along a motion, without what is linear in velocity, shape (n,) [N].
+        """Friction along a motion, without its viscous part, shape (n,) [N].
 
-        On average over the interval after each sample, as are all forces here.
+        Each value is the mean over the interval after the sample, like all forces here.
         """
         parts = max(1, math.ceil(step / _FINEST))
         motion = np.ascontiguousarray(x), np.ascontiguousarray(v)
@@ -190,7 +190,7 @@ class Drive:
 
     @property
     def law_values(self) -> LawValues:
-        """The law as it is followed along a motion."""
+        """The law's values, as used along a motion."""
         half = len(LAWS[self.law].parameters)
         q = np.array([self.values[n] for n in self.law_parameters])
         bend = [self.values[n] for n in BEND] if self.can_bend and BEND[0] in self.values else []
@@ -231,7 +231,7 @@ def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
             "equations are needed"
         )
     own = file.law or law or DEFAULT_LAW
-    # a file may be read with another law: what only its own law has is then of no use
+    # if a file is read with another law, values of the file's law only are not used
     laws = (own, law or own)
     plants = [_plant(file.kind, name, file.command) for name in laws]
     known = {p.name: p for plant in plants for p in plant.all_parameters}
@@ -250,7 +250,7 @@ def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
 
 
 def _tolerance_of(value: Value | None) -> float:
-    """Half of a value's interval as a share of the value."""
+    """Half of a value's interval, as a share of the value."""
     if value is None or value.interval is None or value.value == 0:
         return TOLERANCE
     low, high = value.interval
@@ -283,7 +283,7 @@ def _plant(kind: str, law: str, command: str = "") -> Component:
 
 @cache
 def curve_of(law: str) -> sp.Expr:
-    """Friction of steady sliding at the speed of ``v``, in +x, without its viscous part."""
+    """Friction in steady sliding at the speed of ``v``, in +x, without its viscous part."""
     steady, v = sp.sympify(claims(law).steady_state), symbol("v")
     viscous = symbol("sigma2") * v if symbol("sigma2") in steady.free_symbols else sp.Integer(0)
     return (steady - viscous).xreplace({v: sp.Abs(v) + _SLOWEST})
@@ -291,7 +291,7 @@ def curve_of(law: str) -> sp.Expr:
 
 @cache
 def _linear_of(kind: str) -> tuple[tuple[str, ...], Callable[..., Any]]:
-    """Names of the symbols of `_Linear`, and a function of them, out of the plant's equations."""
+    """Names of the symbols of `_Linear`, and a function of them, from the plant's equations."""
     plant = _plant(kind, DEFAULT_LAW)
     (balance,), (u, v, i) = plant.balances, map(symbol, ("u", "v", "i"))
     force = next(t.force for t in balance.terms if t.name in ("motor", "drive"))

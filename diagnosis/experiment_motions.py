@@ -1,8 +1,9 @@
 """The proposed motion: one for all machines, scaled to the present machine.
 
-It goes over the whole travel once, forwards and backwards, with an oscillation added, so that the
-block reverses at all positions and at many speeds and accelerations. There are no rests, since they
-give no information on forces. Every part has all of this, since parts are held out one at a time.
+The machine moves once over the travel, forwards and backwards, with an oscillation added, so that
+it reverses at all positions and at many speeds and accelerations. The motion has no rests, because
+rests give no information on forces. Each part of it contains all speeds, because parts are held out
+one at a time.
 """
 
 from __future__ import annotations
@@ -25,38 +26,38 @@ Vector = npt.NDArray[np.float64]
 COMMAND_FILE = "next_experiment.csv"
 POSITION = "x_d"
 _ROWS = 1e-3  # shortest time between rows of a command file [s]
-_REST = 0.1  # before it begins [s]
+_REST = 0.1  # rest before the motion [s]
 _SHORTEST = 12.0  # [s]
-_LOBES = 6  # swells of the swinging, by turns at its fastest and slower
+_LOBES = 6  # parts of the oscillation, alternately at its higher and its lower frequency
 _SLOWER = 3.0
-_OVER, _BESIDE = 0.35, 0.15  # of the travel: amplitudes of going over it, and of swinging
-_GOING = 0.4  # of the fastest speed, to go over the travel at
-_HARDNESS = 0.8  # of the acceleration that there is
+_OVER, _BESIDE = 0.35, 0.15  # slow motion and oscillation: amplitudes over the travel
+_GOING = 0.4  # largest speed of the slow motion, as a share of the fastest speed
+_HARDNESS = 0.8  # used share of the available acceleration
 _SAMPLES_A_PERIOD = 40
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What the machine is asked to do, and what to record.
+    """The motion to command, and the signals to record.
 
     Attributes
     ----------
     kind : str
     says : str
-        With its numbers, a clause.
+        Description with numbers, as a clause.
     reference : {"x_d"}
-        What `values` are: the position that its controller follows [m].
+        Kind of `values`: the reference position of the controller [m].
     time, values : ndarray, shape (n,)
         Rows of the command file, from rest to rest.
     amplitude : float
-        Half of what is between the smallest and the largest value.
+        Half of the difference between the largest and the smallest value.
     speeds : tuple of float
         Largest speeds of the motion over the travel and of the oscillation, in both directions
         [m/s].
     record : tuple of str
         Columns, with our names.
     sampling : float
-        Interval at which to record, at most [s].
+        Largest sampling interval of the record [s].
     """
 
     kind: str
@@ -71,11 +72,11 @@ class Motion:
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """Duration [s]."""
         return float(self.time[-1])
 
     def to_dict(self) -> dict[str, Any]:
-        """What `diagnosis.json` says of it."""
+        """Its content in `diagnosis.json`."""
         return {
             "kind": self.kind,
             "says": self.says,
@@ -105,16 +106,16 @@ class Motion:
 
 
 def survey(reach: Reach, model: Drive, lasts: float) -> Motion:
-    """Over the travel, with an oscillation at all positions.
+    """Return the motion over the travel, with an oscillation at all positions.
 
     Parameters
     ----------
     reach : Reach
     model : Drive
-        As far as it is known: friction, and the force of the command.
+        Gives friction and the force of the command, as far as known.
     lasts : float
-        How long, if that is not too short [s]. The longer a record, the coarser its windows: one as
-        long as those there are shows as much of what is over in milliseconds.
+        Duration [s]; a minimum applies. A longer record has coarser windows, so use the length of
+        the present records to resolve effects of milliseconds equally well.
     """
     rows = max(reach.step, _ROWS)
     way = (1.0 - 2.0 * MARGIN) * reach.travel

@@ -21,17 +21,17 @@ Vector = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Explained:
-    """What is built in, and what is possible beside it.
+    """Included causes, and other possible causes.
 
     Attributes
     ----------
     built : list of Likely
         In the order in which they were found.
     sets : list of list of Likely
-        The set before each of them, and the last.
+        The set of possible causes before each inclusion, and the last set.
     none_ruled_out : bool
-        Whether something is wrong beside what is built in: of a hundred faultless records at most
-        three look like this.
+        Whether an error exists in addition to the included causes: at most 3 of 100 faultless
+        records look like this.
     """
 
     study: Study
@@ -50,7 +50,7 @@ class Explained:
 
     @property
     def variance(self) -> Vector:
-        """Of the residual, in each band that is used, per number [N^2]."""
+        """Variance of the residual in each used band, per number [N^2]."""
         bands = self.study.bands
         counts = bands.counts[:, bands.used].sum(axis=0)
         return np.asarray(self.fit.squares[0].sum(axis=0) / counts + self.study.exact**2)
@@ -82,12 +82,12 @@ def outside(found: Explained) -> Suspect | None:
 def built(
     study: Study, forms: Sequence[Form], amplitude: Vector
 ) -> tuple[list[ModelledRecord], Drive, Added]:
-    """Courses, model and what is beside it, as the amplitudes of a fit of these forms say.
+    """Courses, model and additions to it, by the amplitudes of a fit of these forms.
 
     Parameters
     ----------
     amplitude : ndarray, shape (columns,)
-        Of values, then of each form's own columns.
+        Amplitudes of values, then of each form's own columns.
     """
     model, names = study.model, study.values
     change = dict(zip(names, amplitude.tolist(), strict=False))
@@ -103,7 +103,7 @@ def added_by(
     amplitude: Vector,
     counts: Callable[[Form], bool] = lambda form: True,
 ) -> Added:
-    """What those of the forms that count add to the model, by the amplitudes of a fit of all."""
+    """Additions to the model by the selected forms, with the amplitudes of a fit of all forms."""
     added, at = Added.nothing(study.courses), len(study.values)
     for form in forms:
         if not form.freed:

@@ -24,7 +24,7 @@ Vector = npt.NDArray[np.float64]
 Numbers = dict[str, float]
 Ends = dict[str, tuple[float, float]]
 
-_EXACT = 0.04  # relative, to which no size is known: laws and shapes are not exact
+_EXACT = 0.04  # smallest relative error of a size: laws and shapes are not exact
 _OUTSIDE_SAYS = (
     "an unknown cause, not in the catalogue: friction or force that only a free curve describes"
 )
@@ -36,7 +36,7 @@ def level(found: Residual) -> Level:
 
 
 def suspect_found(found: Explained, member: Likely, friction: float) -> SuspectFound:
-    """A member of a set, with its size beside the friction, root mean square [N]."""
+    """A member of a set as a result; `friction` is the root mean square friction [N]."""
     suspect = member.suspect
     assert suspect is not None
     force = found.catalogue.force_of(suspect)
@@ -83,7 +83,7 @@ def _as_fitted(found: Explained, member: Likely) -> Likely:
 
 
 def _values(study: Study, suspect: Suspect) -> tuple[Numbers, Ends]:
-    """Sizes and their 95 % intervals, from leaving out one block at a time."""
+    """Values and their 95 % intervals, computed by leaving out one block at a time."""
     wide = float(student.ppf(0.975, len(suspect.by_block) - 1))
     shape = suspect.form.shape
     values: Numbers = {}
@@ -94,7 +94,7 @@ def _values(study: Study, suspect: Suspect) -> tuple[Numbers, Ends]:
         for name, value in shape.values.items():
             values[name] = value
             if value == 0.0:
-                continue  # a form without this, and no size
+                continue  # this form does not have the effect; zero is not a size
             ends = value * math.exp(-off), value * math.exp(off)
             intervals[name] = (min(ends), max(ends))
         return values, intervals
@@ -110,14 +110,14 @@ def _values(study: Study, suspect: Suspect) -> tuple[Numbers, Ends]:
 
 
 def _told(study: Study, suspect: str, name: str) -> tuple[Callable[[float], float], str]:
-    """How an amplitude is told: a function of it, and the name of what comes out."""
+    """Function from an amplitude to the reported value, and the name of that value."""
     course = study.courses[0]
     factors: dict[str, Callable[[float], float]] = {
         "scale_of_u": lambda size: 1.0 + size,
         "scale_of_i": lambda size: 1.0 + course.calibration[CURRENT_GAIN] + size,
         "scale_of_x": lambda size: 1.0 + size,
     }
-    if suspect in factors:  # by which the true signal is larger than the recorded one
+    if suspect in factors:  # ratio of the true signal to the recorded one
         return factors[suspect], suspect
     if name in study.model.values and name in study.values:
         value = study.model.values[name]

@@ -17,26 +17,26 @@ from .scores import Form
 
 Vector = npt.NDArray[np.float64]
 
-_LAPS = range(3, 7)  # how many laps of one motion show what of a record repeats
-_SAME = 1e-3  # share of the motion's mean square that laps of one motion differ by at most
+_LAPS = range(3, 7)  # numbers of laps of one motion for which repetition is used
+_SAME = 1e-3  # largest difference of laps, as a share of the motion's mean square
 _SHORTEST_LAP = 1.0  # s
-_EIGHTHS = 8  # blocks of a short record, of which an interval of its forces can be told
+_EIGHTHS = 8  # blocks of a short record, enough for an interval
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """What is left of data held out.
+    """Residuals on held-out data.
 
     Attributes
     ----------
     parts : str
         What was held out, one at a time.
     squares : Blocks
-        From which intervals are drawn: seconds, or eighths of short records.
+        Blocks to resample for intervals: seconds, or eighths of short records.
     prior, none, all : Residual
-        Of the prior model, with values fitted, and with all named causes.
+        Residual of the prior model, with fitted values, and with all named causes.
     without, alone : dict of str to Residual
-        With all names but one, and with one only.
+        Residual with all named causes except one, and with one only.
     """
 
     parts: str
@@ -48,14 +48,14 @@ class HeldOut:
     alone: dict[str, Residual]
 
     def gain(self, before: Residual, after: Residual) -> tuple[float, tuple[float, float]]:
-        """Share of the mean square in force that goes, and 95 % of it."""
+        """Removed share of the mean square in force, and its 95 % interval."""
         found = self.squares.gain(before.force, after.force, before.telling)
-        # of too few blocks to tell an interval, all from twice as much left to nothing
+        # with too few blocks, the interval is everything from twice the mean square to zero
         return found.value, found.interval or (-1.0, 1.0)
 
 
 def held_out(found: Explained) -> HeldOut:
-    """Fit without each block in turn, and look at that block."""
+    """Fit without each block in turn, and return the residuals on the held-out blocks."""
     study, forms = found.study, found.forms
     names = [m.name for m in found.built]
     none = left_on_blocks(found, [])
@@ -77,7 +77,7 @@ def held_out(found: Explained) -> HeldOut:
 
 
 def left_on_blocks(found: Explained, forms: Sequence[Form]) -> Residual:
-    """What these forms leave of each block, fitted without it."""
+    """Residual of each block with these forms, fitted without the block."""
     study = found.study
     fit = found.catalogue.without(forms)
     lengths = [len(c.x) for c in study.courses]
@@ -101,7 +101,7 @@ def left_on_blocks(found: Explained, forms: Sequence[Form]) -> Residual:
 def ends_of_seconds(courses: Sequence[ModelledRecord], least: int = 1) -> list[int]:
     """Ends of the seconds over which positions are predicted, among all samples.
 
-    Of a record that is too short for the `least` number of blocks, ends of shorter ones.
+    If a record is too short for the `least` number of blocks, its blocks are shorter.
     """
     ends = [0]
     for c in courses:
@@ -112,7 +112,7 @@ def ends_of_seconds(courses: Sequence[ModelledRecord], least: int = 1) -> list[i
 
 
 def lap(x: Vector, step: float) -> float:
-    """How long a motion takes to repeat itself [s]; zero if it does not do so often enough.
+    """Period of a repeated motion [s]; zero if it does not repeat often enough.
 
     Parameters
     ----------
@@ -136,6 +136,6 @@ def lap(x: Vector, step: float) -> float:
 
 
 def laps_of(courses: Sequence[ModelledRecord]) -> list[float]:
-    """How long each record's laps take [s]; empty where not all have any."""
+    """Period of each record's laps [s]; empty if a record has no laps."""
     laps = [lap(c.x, c.step) for c in courses]
     return laps if all(laps) else []

@@ -17,7 +17,7 @@ Vector = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ValidationSignal:
-    """What a load cell gives beyond what models predict of it, root mean square [N]."""
+    """Root mean square difference between a load cell and the models' predictions of it [N]."""
 
     prior: float
     corrected: float
@@ -29,8 +29,8 @@ def foretold(course: ModelledRecord, model: Drive, more: Vector) -> Vector:
     Parameters
     ----------
     more : ndarray, shape (n,)
-        What opposes the block's motion beside the law, on average over the interval after each
-        sample [N].
+        Forces that oppose the block's motion in addition to the law, as means over the interval
+        after each sample [N].
     """
     between = opposing(course, model) + more + model.values["m"] * course.mean_a
     return np.asarray(0.5 * (between + np.append(between[0], between[:-1])))
@@ -42,14 +42,14 @@ def validation_signal(
     corrected: Drive,
     more: Sequence[Vector],
 ) -> ValidationSignal | None:
-    """How well both models predict the recorded ``force``; None where there is none to compare.
+    """Errors of both models' predictions of the recorded ``force``; None if it cannot be compared.
 
     Parameters
     ----------
     more : sequence of ndarray, shape (n,)
         Forces of the named causes on the block's side of the cell, one array per record [N].
     """
-    if not prior_model.has_motor:  # where in a drive without parts a cell would sit, nobody told
+    if not prior_model.has_motor:  # the position of a cell in a drive with one body is not known
         return None
     before, after = [], []
     for course, force in zip(courses, more, strict=True):

@@ -12,7 +12,7 @@ from .modelled_record import ModelledRecord
 
 MARGIN = 0.05  # of the travel, left at each end
 USED = 0.9  # of the largest speed and command
-_HEADROOM = 0.5  # of the force that is left beside friction, used to accelerate
+_HEADROOM = 0.5  # share of the force beyond friction that is used to accelerate
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,11 @@ class Reach:
     speed, acceleration : float
         Largest speed [m/s]; acceleration that it exceeds in a twentieth of the time [m/s^2].
     command : float
-        Largest command, either sign, its unit.
+        Largest magnitude of the command, in its unit.
     step : float
         Sampling interval [s].
     resolution : float
-        Step of the encoder [m]; 0 if it is not counted.
+        Step of the encoder [m]; 0 if positions are not quantized.
     lasts : float
         Length of the longest record [s].
     """
@@ -50,7 +50,7 @@ class Reach:
 
 
 def reach_of(courses: Sequence[ModelledRecord]) -> Reach:
-    """What the records of a study show together."""
+    """Range shown by all records of a study together."""
     return Reach(
         low=min(float(c.x.min()) for c in courses),
         high=max(float(c.x.max()) for c in courses),
@@ -63,7 +63,7 @@ def reach_of(courses: Sequence[ModelledRecord]) -> Reach:
     )
 
 
-# -- what the machine can do -----------------------------------------------------------------
+# -- capability of the machine -----------------------------------------------------------------
 
 
 def largest_friction(model: Drive) -> float:
@@ -73,13 +73,13 @@ def largest_friction(model: Drive) -> float:
 
 
 def force_to_spare(reach: Reach, model: Drive) -> float:
-    """What the largest command that is used gives, without what friction takes [N]."""
+    """Force of the largest used command, less friction [N]."""
     offset = abs(model.values["offset"]) if not model.has_motor else 0.0
     return USED * abs(model.per_command) * reach.command - largest_friction(model) - offset
 
 
 def fastest_speed(reach: Reach, model: Drive) -> float:
-    """Speed that the machine went at, and by the model has force to spare at [m/s]."""
+    """Recorded speed at which the model still has a force reserve [m/s]."""
     known = USED * reach.speed
     damping = model.damping
     spare = 0.8 * force_to_spare(reach, model)
@@ -87,7 +87,7 @@ def fastest_speed(reach: Reach, model: Drive) -> float:
 
 
 def acceleration_to(reach: Reach, model: Drive, speed: float) -> float:
-    """Acceleration up to a speed [m/s^2]: that of the records, if the model has force for it."""
+    """Acceleration up to a speed [m/s^2]: that of the records, if the force is sufficient."""
     spare = _HEADROOM * (force_to_spare(reach, model) - model.damping * speed) / model.inertia
     return min(reach.acceleration, spare) if spare > 0.0 else 0.5 * reach.acceleration
 

@@ -21,25 +21,25 @@ from .weak_form import acceleration, averaged, between_samples, lagged
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-_ROUGH = 0.1  # of the friction: what may be left of an encoder's error in a window
-_SHOWN = 0.05  # of the friction: what a position's noise may make of the force in a window
+_ROUGH = 0.1  # largest force error in a window due to the encoder, as a share of friction
+_SHOWN = 0.05  # largest force error in a window due to position noise, as a share of friction
 _SHORTEST, _SHORT, _LONGEST = 2e-4, 1e-3, 0.02  # spacing of the windows [s]
-_OF_BAND = 0.35  # of the period that a position carries: shorter windows see a filter
+_OF_BAND = 0.35  # shortest window over the period of a position filter's cut-off
 _MOST_WINDOWS = 10_000
-_SHAKES = 4  # draws that tell how an uncertain motion blurs the law
+_SHAKES = 4  # draws of an uncertain motion, for the variance of the law's force
 _AROUND = 5  # windows
-_FALLS = 4.0  # powers of ten within an octave, that only a filter makes
-_LONGEST_REST = 0.05  # beyond which samples tell nothing [s]
-_SLOW = 3e-3  # of the record's fast speeds: slower is rest
-_OFFSET = 0.1  # of its root mean square: a current sensor's standard deviation
-_OFFSETS = "offset."  # names of the records' own
-_ANSWERS = 1.0  # time constants in an interval, from which on samples hide how a speed answers
-_OWN_OFFSET = 0.5  # of the friction, that a record's own offset may be
+_FALLS = 4.0  # fall of a spectrum within an octave, in powers of ten, that only a filter causes
+_LONGEST_REST = 0.05  # rests longer than this give no forces [s]
+_SLOW = 3e-3  # rest is slower than this share of the record's fast speeds
+_OFFSET = 0.1  # standard deviation of a current sensor's offset, as a share of the rms current
+_OFFSETS = "offset."  # prefix of the names of the records' offsets
+_ANSWERS = 1.0  # an interval longer than this many time constants hides the speed's response
+_OWN_OFFSET = 0.5  # largest offset of a single record, as a share of friction
 
 
 @dataclass(frozen=True)
 class ModelledRecord:
-    """A record with its motion and what the law says along it.
+    """A record with its motion and the law's force along it.
 
     Attributes
     ----------
@@ -47,34 +47,33 @@ class ModelledRecord:
     width : int
         Spacing of the windows, and quarter of the length of one, in samples.
     resistance : float
-        As prior: balances are told in its terms [Ohm].
+        Prior value; balances are scaled with it [Ohm].
     x, v, i : ndarray, shape (n,)
         Smoothed motion and the current [m, m/s, A]; `i` is zero without a motor.
     bristle : ndarray, shape (n,)
-        The law's force without its viscous part and offset, on average over the interval after
-        each sample [N].
+        The law's force without its viscous part and offset, mean over the interval after each
+        sample [N].
     unknown : ndarray, shape (n,)
-        Force that opposes the motion and that the model does not have [N].
+        Opposing force that is missing in the model [N].
     force_variance : ndarray, shape (windows,)
-        Variance of the law's force that the error of the motion makes [N^2].
+        Variance of the law's force due to the error of the motion [N^2].
     calibration : mapping of str to float
-        What the instruments are off by, as far as it is known: ``command_shift`` in sampling
-        intervals, ``current_offset`` [A] of what is read, ``current_gain``, the share by which the
-        true current is larger, ``current_jump``, the share of a voltage's jump that a sample at its
-        time has already, ``fast_speed``, whether the speed follows a held command within an
-        interval, see `inner_a`.
+        Known errors of the instruments: ``command_shift`` in sampling intervals; ``current_offset``
+        of the reading [A]; ``current_gain``, the share by which the true current is larger;
+        ``current_jump``, the share of a voltage's jump that the current sample at the same time
+        already has; ``fast_speed``, the weight of `inner_a`, for a speed that follows a held
+        command within an interval.
     answers : float
-        By how much the drive's speed is faster than the sampling, as prior: the interval over the
-        speed's time constant.
+        Sampling interval over the time constant of the drive's speed, by the prior values.
     offset_name : str
-        Under which `calibration` has the force [N] by which this record's offset is another than
-        the first record's; empty where all have one.
+        Name in `calibration` of this record's offset less that of the first record [N]; empty if
+        all have the same offset.
     per_command : float
-        Force that a lasting command holds at rest, as prior: balances are told in its terms [N/V].
+        Static force per unit of a constant command, prior value; balances are scaled with it [N/V].
     by_current : bool
-        Whether the motor's force is taken from the current, else from the voltage and the mean
-        speed: where the speed follows the voltage within a sampling interval, no sample shows the
-        currents in between.
+        Whether the motor's force is computed from the current. Otherwise it is computed from the
+        voltage and the mean speed: if the speed follows the voltage within a sampling interval, the
+        samples do not show the current in between.
     """
 
     record: Record
@@ -102,17 +101,17 @@ class ModelledRecord:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Balances that the record can fill: of forces, and of voltages where `i` is known."""
+        """Balances of the record: of forces, and of voltages if `i` is known."""
         return ("force", "voltage") if self.has_current else ("force",)
 
     @property
     def time(self) -> Vector:
-        """From the record's start [s]."""
+        """Time from the record's start [s]."""
         return np.asarray(self.record.time - self.record.time[0])
 
     @property
     def own_offset(self) -> float:
-        """Force by which this record's offset is another than the first record's [N]."""
+        """Offset of this record less that of the first record [N]."""
         return self.calibration.get(self.offset_name, 0.0)
 
     @cached_property
@@ -123,34 +122,34 @@ class ModelledRecord:
 
     @cached_property
     def rests(self) -> npt.NDArray[np.bool_]:
-        """Where the drive rests for long, shape (n,): any force below break-away may act there."""
+        """Samples in long rests, shape (n,); any force below break-away may act there."""
         slow = np.abs(self.v) < self.slowest
         length = max(round(_LONGEST_REST / self.step), 2)
         return np.asarray(binary_opening(slow, np.ones(length, dtype=bool)))
 
     @cached_property
     def resting(self) -> Vector:
-        """Share of each window in which the drive rests for long, shape (windows,)."""
+        """Share of long rests in each window, shape (windows,)."""
         return averaged(self.rests.astype(float), self.width)
 
     @cached_property
     def moved_v(self) -> Vector:
-        """Velocity as the recorded positions have it, on average over each interval, shape (n,)."""
+        """Mean velocity over each interval, from recorded positions, shape (n,)."""
         moved = np.diff(self.record.x) / self.step
         return np.append(moved, moved[-1])
 
     @cached_property
     def measured_a(self) -> Vector:
-        """Acceleration as the recorded positions have it, in each window, shape (windows,)."""
+        """Mean acceleration in each window, from recorded positions, shape (windows,)."""
         return acceleration(self.record.x, self.step, self.width)
 
     @cached_property
     def inner_a(self) -> Vector:
-        """What a speed that answers within an interval adds to `measured_a`, shape (windows,).
+        """Correction of `measured_a` if the speed responds within an interval, shape (windows,).
 
-        Forces are averages over an interval, and so count as if they were the same all over it;
-        then the acceleration is the difference of the speeds at the interval's ends. Where the
-        command is held, the speed goes exponentially to its end, and the mean speed tells it.
+        Forces are means over an interval. The mean acceleration is then the difference of the
+        speeds at the ends of the interval. With a held command the speed approaches its final value
+        exponentially, and the speed at the end of an interval is computed from the mean speed.
         """
         kept = math.exp(-self.answers)
         mean = (1.0 - kept) / self.answers
@@ -163,7 +162,7 @@ class ModelledRecord:
 
     @cached_property
     def next_change(self) -> Vector:
-        """By how much the next sample's command is another one, shape (n,)."""
+        """Change of the command to the next sample, shape (n,)."""
         return np.append(self.u[1:], self.u[-1]) - self.u
 
     @property
@@ -173,17 +172,17 @@ class ModelledRecord:
 
     @property
     def middle_v(self) -> Vector:
-        """Velocity on average over the interval after each sample [m/s]."""
+        """Mean velocity over the interval after each sample [m/s]."""
         return midway(self.v)
 
     @property
     def mean_i(self) -> Vector:
-        """Current late in the interval after each sample, when it has settled [A]."""
+        """Current at the end of the interval after each sample, when it has settled [A]."""
         return np.append(self.i[1:], self.i[-1])
 
     @property
     def mean_a(self) -> Vector:
-        """Acceleration on average over the interval after each sample [m/s^2]."""
+        """Mean acceleration over the interval after each sample [m/s^2]."""
         change = np.diff(self.v) / self.step
         return np.append(change, change[-1])
 
@@ -198,7 +197,7 @@ def position_noise(record: Record) -> float:
 
 
 class CalibrationPrior(NamedTuple):
-    """How far an instrument may be off: a spread, and what is beyond belief."""
+    """Prior of an instrument's error: its spread and its limits."""
 
     spread: float
     low: float
@@ -206,10 +205,10 @@ class CalibrationPrior(NamedTuple):
 
 
 def calibration_priors(course: ModelledRecord) -> dict[str, CalibrationPrior]:
-    """What the instruments may be off by, under the names of `ModelledRecord.calibration`.
+    """Priors of the instruments' errors, with the names of `ModelledRecord.calibration`.
 
-    A command acts from where it is written, or half an interval to either side of it; of a jump of
-    the voltage, a sample of the current at its time has nothing yet, or all.
+    A command acts at its stamp, or up to half an interval before or after it. A current sample at a
+    jump of the voltage has between none and all of the jump.
     """
     found = {"command_shift": CalibrationPrior(0.4, -0.6, 0.6)}
     if course.answers > _ANSWERS:
@@ -229,7 +228,7 @@ def calibration_priors(course: ModelledRecord) -> dict[str, CalibrationPrior]:
 def with_own_offsets(courses: Sequence[ModelledRecord], model: Drive) -> list[ModelledRecord]:
     """The courses of a drive with an offset for each record after the first.
 
-    Between records an amplifier drifts, and a cable or a slope pulls otherwise.
+    Between records, an amplifier drifts, and the force of a cable or a slope changes.
     """
     if model.has_motor:
         return list(courses)
@@ -244,10 +243,10 @@ def with_own_offsets(courses: Sequence[ModelledRecord], model: Drive) -> list[Mo
 def lay_along(record: Record, model: Drive) -> ModelledRecord:
     """Smooth the motion and follow the law along it."""
     noise = position_noise(record)
-    # noise of the second difference of smeared positions, times what moves, against the friction
+    # noise of the second difference of averaged positions, times the mass, relative to friction
     share = model.inertia * noise * math.sqrt(record.step) / (_SHOWN * model.friction_scale)
     spacing = (math.sqrt(8.0 / 3.0) * share) ** 0.4
-    # long enough for the drive to have answered, short enough to see it answer
+    # long enough for the drive to respond, short enough to resolve the response
     answers = model.inertia / max(model.damping, 1e-9)
     least = min(max(answers, _SHORTEST), _SHORT)
     spacing = min(max(spacing, least, _OF_BAND / carried(record)), _LONGEST)
@@ -271,22 +270,23 @@ def lay_along(record: Record, model: Drive) -> ModelledRecord:
 
 
 def _smoothed(x: Vector, width: int, step: float) -> tuple[Vector, Vector]:
-    """Position and velocity of positions that have noise."""
+    """Smoothed position and velocity from noisy positions."""
     window = min(4 * width + 1, len(x) // 2 * 2 - 1)
     return savgol_filter(x, window, 3), savgol_filter(x, window, 3, deriv=1, delta=step)
 
 
 def shaken(course: ModelledRecord, random: np.random.Generator) -> ModelledRecord:
-    """The course with its smoothed motion as the encoder would have read it another time."""
+    """The course with its smoothed motion as in another reading by the encoder."""
     noise = position_noise(course.record) * random.standard_normal(len(course.x))
     x, v = _smoothed(noise, course.width, course.step)
     return replace(course, x=course.x + x, v=course.v + v)
 
 
 def read_anew(course: ModelledRecord, model: Drive, random: np.random.Generator) -> ModelledRecord:
-    """The course as its instruments, each with its noise, would have read it another time.
+    """The course with new noise of each instrument.
 
-    The smoothed motion, along which the law is followed, stays: its error is `force_variance`.
+    The smoothed motion, along which the law is computed, does not change: its error is in
+    `force_variance`.
     """
     record = course.record
     white = random.standard_normal((2, len(record.x)))
@@ -298,9 +298,10 @@ def read_anew(course: ModelledRecord, model: Drive, random: np.random.Generator)
 
 
 def _rough(record: Record, width: int, model: Drive) -> float:
-    """Force that no motion has, from one window to the next, relative to the friction.
+    """Random force change between neighbouring windows, relative to friction.
 
-    An interpolating encoder's error swings with the place: no noise of single readings shows it.
+    The error of an interpolating encoder oscillates with position and is not visible in the noise
+    of single readings.
     """
     bent = np.diff(model.inertia * acceleration(record.x, record.step, width), 4)
     # a fourth difference of white noise is larger by the root of 70, and by 1.4 as bells overlap
@@ -320,9 +321,9 @@ def driven_by_current(course: ModelledRecord) -> ModelledRecord:
 
 
 def _force_variance(course: ModelledRecord, model: Drive, noise: float) -> Vector:
-    """Variance of the law's force that the error of the motion makes, shape (windows,) [N^2].
+    """Variance of the law's force due to the error of the motion, shape (windows,) [N^2].
 
-    The motion is uncertain by its noise, and by what smoothing it over twice the time changes.
+    The error of the motion is its noise and the change caused by smoothing over twice the time.
     """
     random = np.random.default_rng(0)
     n, width = len(course.x), course.width
@@ -335,15 +336,15 @@ def _force_variance(course: ModelledRecord, model: Drive, noise: float) -> Vecto
         shake = savgol_filter(random.standard_normal(n), window, 3) * math.sqrt(width) * blur
         v = course.v + np.gradient(shake, course.step)
         total += (averaged(model.friction(course.x + shake, v, course.step), width) - known) ** 2
-    # its running sums can end below zero
+    # rounding in the running sums can give values below zero
     return np.asarray(np.maximum(uniform_filter1d(total / _SHAKES, _AROUND), 0.0))
 
 
 def carried(record: Record) -> float:
-    """Frequency up to which a position tells anything [Hz]; half the sampling rate where all does.
+    """Cut-off frequency of a position filter [Hz]; half the sampling rate without a filter.
 
-    What an encoder reads has a floor of rounding at all frequencies; where the spectrum falls far
-    below it within less than an octave, a filter went over the position.
+    The rounding of an encoder gives noise at all frequencies. If the spectrum falls far below it
+    within less than an octave, the position was filtered.
     """
     bent = np.diff(record.x, 2)
     frequency, power = welch(bent, 1.0 / record.step, nperseg=min(512, len(bent)))
@@ -356,7 +357,7 @@ def carried(record: Record) -> float:
 
 
 def _current(record: Record, v: Vector, model: Drive) -> Vector:
-    """The motor's current at the samples, measured or as the voltage makes it [A]."""
+    """The motor's current at the samples, measured or computed from the voltage [A]."""
     if not model.has_motor:
         return np.zeros(len(v))
     if "i" in record.signals:
@@ -377,22 +378,22 @@ def with_law_force(course: ModelledRecord, model: Drive) -> ModelledRecord:
 
 
 def opposing(course: ModelledRecord, model: Drive) -> Vector:
-    """The law's whole force along the course, on average over each interval, shape (n,) [N]."""
+    """The law's total force along the course, mean over each interval, shape (n,) [N]."""
     law = model.friction(course.x, course.v, course.step)
     return law + model.linear_friction * course.middle_v
 
 
 def true_current(course: ModelledRecord) -> Vector:
-    """What the reading says of the current at the samples, before the voltage jumps, (n,) [A]."""
+    """Current at the samples, before the voltage jumps, by the calibrated reading, (n,) [A]."""
     gain = 1.0 + course.calibration["current_gain"]
     return np.asarray(gain * (course.i - course.calibration["current_offset"]))
 
 
 def mean_current(course: ModelledRecord, model: Drive) -> Vector:
-    """The true current, on average over the interval after each sample, shape (n,) [A]."""
+    """The true current, mean over the interval after each sample, shape (n,) [A]."""
     resistance = model.values["R"]
     jumps = np.diff(course.u, prepend=course.u[0]) / resistance
-    # of a jump, the sample may have a share already
+    # the sample may already have a share of the jump
     had = course.calibration["current_jump"] * jumps
     slowed = max(model.damping, 1e-12)
     return between_samples(

@@ -30,15 +30,15 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 UNNAMED = "unexplained"
-_MOST = 3  # suspects that are told of
-_TELLS = 6.0  # natural logarithms, by which the likelihood of one has to fall behind
-_SAMPLES = 20_000  # of a motion that is looked at
+_MOST = 3  # suspects in the text
+_TELLS = 6.0  # difference of log-likelihoods at which two suspects are distinguished
+_SAMPLES = 20_000  # most samples of a simulated motion
 _SLOW = ("friction_drift", "resistance_drift")
-_LONGER = 3.0  # than the records, where something may be slow
+_LONGER = 3.0  # length over that of the records, if a suspect is slow
 
 
 def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
-    """The motion, and what for; `quiet` where nothing was found."""
+    """The motion and its purpose; `quiet` if no fault was found."""
     doubtful = [*(m for m in found.built if not m.certain), *found.suspects]
     told = [m for m in doubtful if m.suspect is not None and m.name != OUTSIDE]
     told = sorted(told, key=lambda m: -m.probability)[:_MOST]
@@ -66,7 +66,7 @@ def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
 
 
 def _alike(found: Explained, told: Sequence[Likely], motion: Motion) -> list[tuple[str, str]]:
-    """Pairs of which each, with values fitted, leaves little of what the other does."""
+    """Pairs of suspects that the motion cannot distinguish, with values fitted."""
     study = _foreseen(found, motion)
     weights = 1.0 / _noise(found, study)
     base = base_columns(study)
@@ -76,7 +76,7 @@ def _alike(found: Explained, told: Sequence[Likely], motion: Motion) -> list[tup
     def hidden(k: int, j: int) -> bool:
         suspect = told[k].suspect
         assert suspect is not None
-        # where each record has numbers of its own, those of the last one
+        # if each record has its own values, use those of the last record
         own = suspect.amplitude[-columns[k].shape[2] :]
         signal = (columns[k] @ own)[:, :, None]
         all_ = np.concatenate([signal, base[0][:, :, 1:], columns[j]], axis=2)
@@ -87,7 +87,7 @@ def _alike(found: Explained, told: Sequence[Likely], motion: Motion) -> list[tup
 
 
 def _foreseen(found: Explained, motion: Motion) -> Study:
-    """The motion as it would be recorded, with the command that the model asks for."""
+    """The motion as a simulated record, with the command computed by the model."""
     model, like = found.study.model, found.study.courses[0]
     step = max(like.step, motion.duration / _SAMPLES)
     time = np.arange(0.0, motion.duration, step)
@@ -105,13 +105,13 @@ def _foreseen(found: Explained, motion: Motion) -> Study:
 
 
 def _noise(found: Explained, study: Study) -> Vector:
-    """Variance of each band that is used of the new motion, as the records have it [N^2]."""
+    """Variance of each used band of the new motion, from the records [N^2]."""
     known, new = (np.flatnonzero(s.bands.used) for s in (found.study, study))
     return np.asarray(np.interp(new, known, found.variance))
 
 
 def _columns(study: Study, base: Sequence[Matrix], member: Likely) -> Matrix:
-    """What a suspect of amplitude one does along the new motion."""
+    """Effect of a suspect of amplitude one along the new motion."""
     assert member.suspect is not None
     shape = member.suspect.form.shape
     if shape.freed:
@@ -119,12 +119,12 @@ def _columns(study: Study, base: Sequence[Matrix], member: Likely) -> Matrix:
         return base[0][:, :, at]
     made = entry(member.name).at(study.courses, study.model, shape.values)
     columns = responses(study.courses, study.model, made)[0]
-    # a phase that each record has for itself is the last one's
+    # if each record has its own phase, use that of the last record
     return columns[:, :, -len(member.suspect.amplitude) :]
 
 
 def _apart(study: Study, columns: Matrix, weights: Vector, spread: Vector) -> float:
-    """What the first column keeps when the others are fitted to it, in natural logarithms."""
+    """Loss of log-likelihood if the other columns are fitted to the first one."""
     lines = study.bands.lines([columns])
     used = np.flatnonzero(study.bands.used)
     all_ = products(lines, lines)[:, used].sum(axis=0)
@@ -135,5 +135,5 @@ def _apart(study: Study, columns: Matrix, weights: Vector, spread: Vector) -> fl
 
 
 def trial_for(cause: str) -> str:
-    """The trial of the virtual rig, by name, that shows it there."""
+    """Name of the trial of the virtual rig that shows this cause."""
     return CAUSES[cause].trial if cause in CAUSES else CONSTANT_SPEEDS

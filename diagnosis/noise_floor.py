@@ -14,21 +14,21 @@ from .explained import Explained
 from .held_out import laps_of
 from .residuals import Residual, at_samples, floor, repetition
 
-AT_FLOOR = 2.0  # times the floor: more is not explained
+AT_FLOOR = 2.0  # a residual above this multiple of the floor is not explained
 
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """Root mean squares of what noise leaves, as in `Residual`.
+    """Root mean square residuals due to noise, as in `Residual`.
 
     Attributes
     ----------
     force, by_current : float
-        [N]
+        Force residuals [N].
     position : float
-        Over a second [m].
+        Position residual within a second [m].
     repeated : bool
-        Whether it is from laps of one motion.
+        Whether the floor is computed from laps of one motion.
     """
 
     force: float
@@ -41,7 +41,7 @@ class NoiseFloor:
         return Level(self.force, self.position)
 
     def told(self, channels: Sequence[str]) -> dict[str, float]:
-        """Root mean square of each balance that a record has, for `Diagnosis.noise`."""
+        """Root mean square noise of each balance of a record, for `Diagnosis.noise`."""
         of = {"force": ("force_N", self.force), "voltage": ("voltage_N", self.by_current)}
         return dict(of[c] for c in channels)
 
@@ -55,9 +55,10 @@ class NoiseFloor:
 
 
 def noise_floor(found: Explained, left: Residual) -> NoiseFloor:
-    """What laps of one motion differ by, else what is left that is white; no less than readings.
+    """Differences between laps of one motion, or the white part of the residual without laps.
 
-    And the error of the law along a motion that is not known better.
+    The floor is at least the noise of readings. The error of the law due to the error of the motion
+    is added.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ def noise_floor(found: Explained, left: Residual) -> NoiseFloor:
     law = math.sqrt(float(along.mean())) if len(along) else 0.0
     white = _white(found)
     laps = laps_of(courses)
-    # slower noise is not in the white one: a fault is slow, too
+    # slower noise is not included, because faults are slow too
     own = math.hypot(repetition(left, courses, laps), study.exact) if laps else white[0]
     forces = max(own, read.force_rms)  # rounding may be the same in every lap
     between = max([study.exact, read.by_current_rms, *white[1:]])
@@ -80,7 +81,7 @@ def noise_floor(found: Explained, left: Residual) -> NoiseFloor:
 
 
 def _white(found: Explained) -> list[float]:
-    """Root mean square of what is left of each balance, were all bands as quiet as one [N]."""
+    """Root mean square residual of each balance, if all bands had that of the quietest one [N]."""
     levels = np.sqrt(found.variance)
     channel = np.flatnonzero(found.study.bands.used) // (len(EDGES) - 1)
     return [float(levels[channel == c].min()) for c in np.unique(channel)]

@@ -1,8 +1,8 @@
-"""Shapeless rivals of the causes: a force that is any smooth function of something.
+"""Free curves as rivals of the causes: a force that is any smooth function of a signal.
 
-A cause with few numbers wins against them where it is true, because they spread what they predict
-over everything. Where one of them wins, the record has structure that no cause of the catalogue
-has, and the rival says where it lives.
+If a cause is true, it scores better than a free curve, because it has fewer parameters. If a free
+curve scores best, the residual varies in a way that no cause of the catalogue explains, and the
+signal of the curve shows with what it varies.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ _PLACE_KNOT = 4e-4  # [m]
 _MOST = 20  # functions of one rival
 _SWINGS = 3
 _SLOWEST_SWING = 5.0  # [Hz]
-REVERSAL = 5e-6  # way back that makes a reversal [m]
+REVERSAL = 5e-6  # smallest motion back that counts as a reversal [m]
 
 
 def way_since_reversal(x: Vector) -> Vector:
-    """Way since the last reversal [m]; less than 5 um of a way back is none."""
+    """Distance from the last reversal [m]; motions back of less than 5 um are no reversals."""
     out = np.empty_like(x)
     turned = extreme = x[0]
     direction = 1.0
@@ -42,11 +42,11 @@ def way_since_reversal(x: Vector) -> Vector:
 
 
 def rivals(courses: Sequence[ModelledRecord], model: Drive) -> list[tuple[str, Shape]]:
-    """Where the structure of each lives, for a sentence, and its shape along these records."""
+    """Free curves: description of their signal, for a sentence, and shape along the records."""
     sign = [engaged(c, model) for c in courses]
     one = [np.ones(len(c.x)) for c in courses]
     pace = [c.middle_v for c in courses]
-    # records follow each other in time; places are the same for all
+    # time continues from record to record; position is common to all records
     begins = np.concatenate([[0.0], np.cumsum([c.time[-1] + c.step for c in courses])])
     time = [c.time + 0.5 * c.step + b for c, b in zip(courses, begins, strict=False)]
     place = [c.middle_x for c in courses]
@@ -73,7 +73,7 @@ def rivals(courses: Sequence[ModelledRecord], model: Drive) -> list[tuple[str, S
 
 
 def _swings(courses: Sequence[ModelledRecord], time: list[Vector]) -> Shape:
-    """Sines in time of the strongest frequencies of what is unknown."""
+    """Sines in time at the strongest frequencies of the unknown force."""
     c = max(courses, key=lambda c: len(c.x))
     window = np.hanning(len(c.unknown))
     power = np.abs(np.fft.rfft(c.unknown * window, 2 * len(window))) ** 2
@@ -93,7 +93,7 @@ def _swings(courses: Sequence[ModelledRecord], time: list[Vector]) -> Shape:
 
 
 def _splines(signal: list[Vector], carrier: list[Vector], count: int) -> Shape:
-    """Cubic B-splines over a signal, times another."""
+    """Cubic B-splines over a signal, times another signal."""
     low = min(float(s.min()) for s in signal)
     high = max(float(s.max()) for s in signal)
     high = max(high, low + 1e-9)

@@ -13,13 +13,13 @@ from .scores import Form
 
 Vector = npt.NDArray[np.float64]
 
-SMALLEST = 0.05  # of the friction: size at which a cause is asked to show
-SEEN = 5.0  # standard deviations
-FREED = 0.1  # of a value that may be wrong
+SMALLEST = 0.05  # size of a cause, as a share of friction, that should be visible
+SEEN = 5.0  # standard deviations at which a cause is visible
+FREED = 0.1  # relative error of a freed value that should be visible
 
 
 def out_of_reach(found: Explained) -> tuple[OutOfReach, ...]:
-    """Causes that would not have shown had they been as large as a twentieth of the friction."""
+    """Causes that would not be visible with an effect of a twentieth of the friction."""
     study = found.study
     named, variance = {m.name for m in found.built}, found.variance
     out = []
@@ -46,7 +46,7 @@ def out_of_reach(found: Explained) -> tuple[OutOfReach, ...]:
 
 
 def _shows(found: Explained, form: Form, variance: Vector) -> float:
-    """Standard deviations by which a form of this size stands out beside the model's values."""
+    """Size of a form in standard deviations of its estimate, with the model's values fitted."""
     information = found.catalogue.information(form, variance)
     if form.freed:
         return float(FREED * np.sqrt(information.max(initial=0.0)))

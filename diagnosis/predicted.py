@@ -1,11 +1,10 @@
 """The position that a model predicts from the recorded state at the start of each second.
 
-One way for every law: the model's own component, with its causes, is solved by the package's
-solver under the recorded command. So a classical law has its set-valued rest, as a mode with
-events, and bristles are states. What nobody recorded (bristles, the current, a block behind a
-joint) is what the component makes of the record until then: it is solved from sample to sample,
-and its position and velocity are put back to the recorded ones at each. In a rest the bristles so
-come to hold what the command asks of them.
+The method is the same for every law: the package's solver solves the model's component, with its
+causes, under the recorded command. So a classical law sticks in a mode with events, and bristles
+are states. States that are not recorded (bristles, the current, a block behind a joint) are
+computed by solving the component from sample to sample; its position and velocity are reset to the
+recorded ones at each sample. At rest, the bristles then balance the force of the command.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from .with_causes import BadExtension, with_causes
 Vector = npt.NDArray[np.float64]
 
 _TOLERANCE = 1e-6
-_BESIDE = {"xb": "x", "vb": "v", "xl": "x", "vl": "v"}  # what begins where the encoder's side does
+_BESIDE = {"xb": "x", "vb": "v", "xl": "x", "vl": "v"}  # initial states from the encoder's side
 
 
 class NotPredicted(ValueError):
@@ -37,13 +36,13 @@ class NotPredicted(ValueError):
 
 
 class Predictor:
-    """The equations of a drive with causes, and what they make of a record.
+    """The equations of a drive with causes, to predict the motion of a record.
 
     Parameters
     ----------
     drive : Drive
     causes : mapping of str to mapping of str to float
-        Those of the command are not among them, see `__call__`.
+        Without causes in the command, see `__call__`.
     """
 
     def __init__(self, drive: Drive, causes: Mapping[str, Mapping[str, float]]) -> None:
@@ -64,12 +63,12 @@ class Predictor:
         Parameters
         ----------
         change : ndarray, shape (n,)
-            Of the command, by causes that are part of it.
+            Change of the command by causes in the command.
 
         Raises
         ------
         NotPredicted
-            If no plant can have these causes, or its equations cannot be solved.
+            If the plant cannot have these causes, or its equations cannot be solved.
         """
         command = course.u + course.calibration["command_shift"] * course.next_change + change
         model = Model(self._kernel, tolerance=_TOLERANCE)
@@ -108,6 +107,6 @@ def _states(model: Model, course: ModelledRecord, command: Vector) -> npt.NDArra
 
 
 def _let_go(model: Model) -> None:
-    """Forget whether the body stuck: its velocity and forces decide again, in the first mode."""
+    """Set the first mode, so that velocity and forces decide again whether the body sticks."""
     if model.kernel.modes:
         model.u[-1] = 0.0

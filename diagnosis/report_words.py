@@ -18,7 +18,7 @@ from .diagnosis import (
 )
 
 _SCALED = {"scale_of_u": "command", "scale_of_i": "current", "scale_of_x": "position"}
-_TIMES = 2.0  # the friction, from where on a share is told as a multiple
+_TIMES = 2.0  # shares of friction above this are written as multiples
 _FEW = 3  # suspects that a sentence lists
 DOES_NOT_HOLD = (
     "The result is not confirmed on held-out data: there it may be worse than the adjusted "
@@ -109,7 +109,7 @@ def suspicion_sentence(suspects: Sequence[SuspectFound]) -> str:
 
 
 def _built_in(likeliest: Sequence[SuspectFound]) -> str:
-    """What is built in without being certain; empty without any."""
+    """The included causes that are not certain, in a sentence; empty without any."""
     if not likeliest:
         return ""
     verb = "are" if len(likeliest) > 1 else "is"
@@ -118,7 +118,7 @@ def _built_in(likeliest: Sequence[SuspectFound]) -> str:
 
 
 def scale_sentence(found: Sequence[SuspectFound]) -> str:
-    """By which factor signals fit, where that is what is found."""
+    """Sentence on the factor by which a signal fits, if a wrong scale was found."""
     return "".join(
         f" The {_SCALED[s.name]} fits with a factor of {s.parameters[s.name]:.3g}: check its unit."
         for s in found
@@ -127,7 +127,7 @@ def scale_sentence(found: Sequence[SuspectFound]) -> str:
 
 
 def of_friction(share: float) -> str:
-    """A force beside the friction."""
+    """A force as a share of friction, as text."""
     if share < _TIMES:
         return f"{percent(share)} of the friction"
     return f"{share:.3g} times the friction"
@@ -141,12 +141,12 @@ def does_not_hold(diagnosis: Diagnosis) -> bool:
 
 
 def rig_command(trial: str, params: Path | str = "parameters.toml") -> str:
-    """The command that makes a trial on the virtual rig, in the size of the corrected machine."""
+    """The command that runs a trial on the virtual rig with the values of the corrected machine."""
     return f"ballscrew rig {trial} --params {params} --out out/next"
 
 
 def length(metres: float) -> str:
-    """A length with a unit that suits it."""
+    """A length as text, with a suitable unit."""
     size = abs(metres)
     if size >= 1e-1:
         return f"{metres:.3g} m"
@@ -154,12 +154,12 @@ def length(metres: float) -> str:
 
 
 def interval(low: float, high: float) -> str:
-    """An interval, for tables."""
+    """An interval as text, for tables."""
     return f"{low:.4g} to {high:.4g}"
 
 
 def micro(text: str) -> str:
-    """A sentence made for terminals, with the sign for a page."""
+    """A sentence for terminals, with the micro sign for a page."""
     return re.sub(r"\bum\b", "µm", text)
 
 

@@ -19,26 +19,26 @@ from .weak_form import averaged, centres
 
 Vector = npt.NDArray[np.float64]
 
-_JUMP = 0.1  # of the friction, from one sample to the next
-_FEWEST = 50  # windows in motion, that a model is judged on
-AHEAD = 1.0  # over which a position is predicted from a known state [s]
+_JUMP = 0.1  # jump of the law's force between two samples, as a share of friction
+_FEWEST = 50  # smallest number of windows in motion to judge a model
+AHEAD = 1.0  # time over which a position is predicted from a known state [s]
 
 
 @dataclass(frozen=True)
 class Residual:
-    """Of one study, its records end to end.
+    """Residuals of one study, its records end to end.
 
     Attributes
     ----------
     force : ndarray, shape (n,)
-        Force that acts against motion in +x and that the model does not have [N].
+        Force that opposes motion in +x and is missing in the model [N].
     by_current : ndarray, shape (n,)
-        By how much the motor's force by the voltage is more than by the current [N]; zero where
-        no current is known.
+        Motor force computed from the voltage less that from the current [N]; zero without a
+        current.
     position : ndarray, shape (n,)
-        By how much a position predicted from the state at the start of each second is wrong [m].
+        Error of the position predicted from the state at the start of each second [m].
     telling : ndarray of bool, shape (n,)
-        Samples that count.
+        Samples at which forces are known.
     """
 
     force: Vector
@@ -60,12 +60,12 @@ class Residual:
 
 
 def rms(values: Vector) -> float:
-    """Root mean square; zero of nothing."""
+    """Root mean square; zero for an empty array."""
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
 def check_motion(courses: Sequence[ModelledRecord], model: Drive) -> None:
-    """Refuse records that show next to no motion.
+    """Raise BadRecord for records with almost no motion.
 
     Raises
     ------
@@ -85,22 +85,22 @@ def check_motion(courses: Sequence[ModelledRecord], model: Drive) -> None:
 
 
 def residual(courses: Sequence[ModelledRecord], model: Drive, added: Added) -> Residual:
-    """The unknown force that each record asks for, and what it does to a prediction.
+    """Force missing in the model along each record, and its effect on a prediction.
 
-    Forces are told at the prior model's force per unit of the command, see `balance`.
+    Forces are scaled to the prior model's force per unit of the command, see `balance`.
 
     Parameters
     ----------
     model : Drive
-        With the values to be judged.
+        The model, with the values to judge.
     added : Added
-        What is in the model beside its own equations.
+        Additions to the model's own equations.
     """
     parts = []
     for c, left in zip(courses, leftovers(courses, model, added), strict=True):
         whole = at_samples(c, left[:, 0])
         between = at_samples(c, left[:, 1]) if c.has_current else np.zeros(len(whole))
-        if c.by_current:  # a simulation is given the voltage
+        if c.by_current:  # the input of a simulation is the voltage
             whole = whole + between
         keep = at_samples(c, _telling(c, model)) == 1.0
         parts.append((whole, between, _ahead(model, whole, c), keep))
@@ -108,9 +108,9 @@ def residual(courses: Sequence[ModelledRecord], model: Drive, added: Added) -> R
 
 
 def _telling(course: ModelledRecord, model: Drive) -> Vector:
-    """One for each window that tells of forces, shape (windows,).
+    """One for each window that gives forces, shape (windows,).
 
-    Where the law's force jumps, no sample tells when within its interval.
+    Jumps of the law's force are excluded: their instant within a sampling interval is not known.
     """
     jumps = np.abs(np.diff(course.bristle, append=course.bristle[-1:]))
     steady = averaged(jumps, course.width) < _JUMP * model.friction_scale
@@ -118,9 +118,9 @@ def _telling(course: ModelledRecord, model: Drive) -> Vector:
 
 
 def floor(courses: Sequence[ModelledRecord], model: Drive) -> Residual:
-    """What rounding and noise of the instruments leave alone: the change by a repeated reading.
+    """Residual due to rounding and instrument noise alone: the change with a repeated reading.
 
-    The law's error along a motion that is not known better, see `force_variance`, is not in it.
+    It does not include the law's error due to the error of the motion, see `force_variance`.
     """
     random = np.random.default_rng(0)
     nothing = Added.nothing(courses)
@@ -135,9 +135,9 @@ def floor(courses: Sequence[ModelledRecord], model: Drive) -> Residual:
 
 
 def repetition(found: Residual, courses: Sequence[ModelledRecord], laps: Sequence[float]) -> float:
-    """By how much what is left differs from one lap to the next, root mean square [N].
+    """Root mean square of the part of the residual that does not repeat from lap to lap [N].
 
-    Half of the mean square of the difference is each lap's own.
+    Each lap contributes half of the mean square of the difference.
     """
     squares, at = [], 0
     for c, length in zip(courses, laps, strict=True):
@@ -150,15 +150,15 @@ def repetition(found: Residual, courses: Sequence[ModelledRecord], laps: Sequenc
 
 
 def at_samples(course: ModelledRecord, values: Vector) -> Vector:
-    """What is known in windows, shape (windows,), at the samples, shape (n,)."""
+    """Values in windows, shape (windows,), interpolated at the samples, shape (n,)."""
     return np.interp(np.arange(len(course.x)), centres(len(course.x), course.width), values)
 
 
 def _ahead(model: Drive, force: Vector, course: ModelledRecord) -> Vector:
-    """Error of the position that comes of not knowing a force, from nothing at every second.
+    """Position error caused by a missing force, starting from zero in every second.
 
-    At rest, friction balances all forces, and no error grows. `compare` tells what
-    the model itself does there.
+    At rest, friction balances all forces, and the error does not grow. `compare` computes the
+    motion of the model itself there.
     """
     step = course.step
     slowed = model.damping / model.inertia
@@ -173,7 +173,7 @@ def _ahead(model: Drive, force: Vector, course: ModelledRecord) -> Vector:
         for begin, end in zip(turns[::2], turns[1::2], strict=True):
             pushed = force[part][begin:end] / model.inertia
             speed[begin:end] = lfilter([0.0, gained], [1.0, -kept], pushed)
-        # between two samples the speed goes from one value to the next
+        # the speed changes linearly between two samples
         moved = np.cumsum(0.5 * (speed[1:] + speed[:-1])) * step
         out[first + 1 : first + len(speed)] = moved
     return out

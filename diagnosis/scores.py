@@ -1,7 +1,7 @@
 """Scores of suspects: how well each explains the residuals of a model on held-out blocks.
 
-A suspect is a column beside those of the model's values, each of which costs what its tolerance
-says. Its score is the logarithm of the likelihood of blocks held out, less that without it.
+A suspect is a column in addition to those of the model's values. Changes of values have a cost by
+their tolerances. The score is the log-likelihood of held-out blocks, less that without the suspect.
 """
 
 from __future__ import annotations
@@ -38,24 +38,24 @@ Array = npt.NDArray[np.float64]
 
 OUTSIDE = "outside the catalogue"
 
-_OFTEN, _DEEP = 0.2, 1.25  # share of the samples, and of a limit, by which it cuts noise
-_LEAST = 1e-4  # of the residual, that is made smaller
-_AROUND_ONE, _SPREADS = 0.5, 10.0  # of the amplitude of a shape that has its size in its values
-_FEW = 20.0  # numbers of a band, up to which its share says little
+_OFTEN, _DEEP = 0.2, 1.25  # a limit cuts noise: least share of cut samples, most excess
+_LEAST = 1e-4  # smallest factor by which a suspect makes the signal smaller
+_AROUND_ONE, _SPREADS = 0.5, 10.0  # amplitude limits of a shape of known size
+_FEW = 20.0  # a band with no more numbers than this does not count in `band_share`
 _AT_END = 0.99
 _REFINED = 3  # halvings of a grid's spacing
 
 
 @dataclass(frozen=True)
 class Form:
-    """One shape of a suspect: columns of its own, or values that it sets free.
+    """One shape of a suspect: its own columns, or values that it frees.
 
     Attributes
     ----------
     smaller : function or None
-        As of a `Cause`.
+        As in `Cause`.
     lives : str
-        Where a free curve finds structure; empty of causes.
+        With what a free curve varies; empty for causes.
     """
 
     name: str
@@ -76,22 +76,22 @@ class Suspect:
     Attributes
     ----------
     name : str
-        Of a cause, of a signal, or `OUTSIDE`.
+        Name of a cause or signal, or `OUTSIDE`.
     form : Form
     amplitude, error : ndarray, shape (m,)
-        Of the form's own columns, or relative changes of the values it sets free.
+        Of the form's own columns, or relative changes of the values that it frees.
     score : float
-        Gain in the logarithm of the likelihood of blocks held out, less what its values cost.
+        Gain in the log-likelihood of held-out blocks, less the additional cost of values.
     by_block : ndarray, shape (blocks,)
     share : float
-        Of the squares left of a balance on blocks held out, that it takes away: of forces or of
-        voltages, whichever is more.
+        Removed share of the squares of a balance on held-out blocks: of forces or of voltages,
+        whichever is larger.
     band_share : float
-        The same of the band in which it takes away most.
+        The same for the band with the largest removed share.
     cost : float
-        Of values that are not the prior ones.
+        Cost of values that differ from the prior ones.
     doubt : float
-        Half the spacing of the grid that its size is from, as a logarithm.
+        Last spacing of the grid of its size, as a logarithm.
     """
 
     name: str
@@ -113,11 +113,11 @@ class Scored:
     Attributes
     ----------
     beside : mapping of str to float
-        Score of each suspect beside the first.
+        Score of each suspect in addition to the first.
     unlike_noise : tuple of float
-        Of what is left without any suspect, as logarithms: its size as a share of the friction, of
-        forces and of voltages; the most that a block has of the usual block's, of all bands of
-        forces; slow bands' over fast ones'.
+        Logarithms of ratios of the residual without any suspect: its size over friction, for forces
+        and for voltages; its largest block over its median block, for all bands of forces; its slow
+        bands over its fastest band.
     """
 
     suspects: list[Suspect]
@@ -156,7 +156,7 @@ class Catalogue:
         own -= noise_products(study, self.base, own)
 
     def without(self, forms: Sequence[Form]) -> Fit:
-        """The model's own values beside these forms only."""
+        """Fit of the model's own values with these forms only."""
         return self.fit([forms[-1]], forms[:-1])[0] if forms else base_fit(self.study, self.base)
 
     def _lines(self, parts: Sequence[Sequence[Matrix]]) -> list[list[Matrix]]:
@@ -165,11 +165,11 @@ class Catalogue:
         return [[block[k] for k in used] for block in self.study.bands.lines(together)]
 
     def add(self, name: str, shape: Shape, smaller: Smaller | None = None, lives: str = "") -> None:
-        """A form more."""
+        """Add a form."""
         study = self.study
         if shape.freed:
             if not set(shape.freed) <= set(study.values):
-                return  # a value that is certain is no cause
+                return  # a value without a tolerance is no cause
             freed = [1 + study.values.index(n) for n in shape.freed]
             self.forms.append(Form(name, shape, np.array(freed), None, lives))
             return
@@ -182,7 +182,7 @@ class Catalogue:
         self.forms.append(Form(name, shape, at, smaller, lives))
 
     def extend(self, forms: int) -> None:
-        """Take up the forms that were added after the first `forms` into the products."""
+        """Compute the products of the forms added after the first `forms`."""
         new = [f for f in self.forms[forms:] if not f.freed]
         if not new:
             return
@@ -195,7 +195,7 @@ class Catalogue:
         self.with_values = np.concatenate([self.with_values, products(first, lines)], axis=3)
 
     def _products(self, forms: Sequence[Form], beside: Sequence[Form]) -> Array:
-        """Of signal, values and forms, shape (blocks, used bands, N, columns, columns)."""
+        """Products of signal, values and forms, shape (blocks, used bands, N, columns, columns)."""
         own = [[] if f.freed else f.columns.tolist() for f in forms]
         more = [c for f in beside if not f.freed for c in f.columns.tolist()]
         m, k, v = len(own[0]), len(more), self.values
@@ -216,13 +216,13 @@ class Catalogue:
         return out
 
     def fit(self, forms: Sequence[Form], beside: Sequence[Form] = ()) -> list[Fit]:
-        """Fits of forms, each beside the model's values and others; each of one form."""
+        """One fit per form, each together with the model's values and the forms in `beside`."""
         study = self.study
         out: list[Fit | None] = [None] * len(forms)
         sizes = [0 if f.freed else len(f.columns) for f in forms]
         for m in sorted(set(sizes)):
             those = [k for k, size in enumerate(sizes) if size == m]
-            # a few at a time: they are held in memory side by side
+            # in groups, to limit memory
             for begin in range(0, len(those), 64):
                 some = those[begin : begin + 64]
                 stated = [self._stated([*beside, forms[k]]) for k in some]
@@ -234,9 +234,10 @@ class Catalogue:
         return [f for f in out if f is not None]
 
     def information(self, form: Form, variance: Vector) -> Vector:
-        """What records tell of each of a form's amplitudes, all with adjusted values, shape (m,).
+        """Information of the records on each amplitude of a form, with values adjusted, shape (m,).
 
-        One over the variance of its estimate, where each band has this much noise per number [N^2].
+        This is one over the variance of its estimate; `variance` is the noise of each band per
+        number [N^2].
         """
         products = self._products([form], ())[:, :, 0].sum(axis=0)
         inner = np.einsum("bij,b->ij", products, 1.0 / variance)[1:, 1:]
@@ -247,7 +248,7 @@ class Catalogue:
         return np.asarray(np.maximum(np.diag(left), 0.0))
 
     def force_of(self, suspect: Suspect) -> float:
-        """What a suspect does to a balance, of forces or of voltages, root mean square [N]."""
+        """Root mean square effect of a suspect on a balance of forces or of voltages [N]."""
         shape = suspect.form.shape
         if shape.freed:
             parts = [b[:, :, suspect.form.columns] for b in self.base]
@@ -258,7 +259,7 @@ class Catalogue:
         return float(np.sqrt(np.mean(each[moves] ** 2, axis=0)).max())
 
     def _stated(self, forms: Sequence[Form]) -> Priors:
-        """Of values and forms, shape (columns,)."""
+        """Priors of values and forms, shape (columns,)."""
         mean, spread = self.study.prior()
         most, spread = self.study.most(spread), spread.copy()
         own_mean: list[float] = []
@@ -282,7 +283,7 @@ class Catalogue:
 
 
 def _cuts_noise(courses: Sequence[ModelledRecord], values: Mapping[str, float]) -> bool:
-    """Whether a limit cuts little off much of a command: that is noise that it takes away."""
+    """Whether a limit cuts many samples by little, so that it only removes noise of a command."""
     if "voltage_limit" not in values:
         return False
     asked = np.abs(np.concatenate([c.u for c in courses])) / values["voltage_limit"]
@@ -291,17 +292,17 @@ def _cuts_noise(courses: Sequence[ModelledRecord], values: Mapping[str, float]) 
 
 
 def _goes_together(names: Sequence[str]) -> bool:
-    """Whether values are wrong together: a motor's constants, levels of friction."""
+    """Whether values are usually wrong together: a motor's constants, levels of friction."""
     return {n.partition("_")[0] for n in names} in ({"kt", "ke"}, {"Fc", "Fs"}, {"Fc"})
 
 
 def _most_off(sure: float) -> float:
-    """By how much an amplitude of one can be another."""
+    """Largest deviation of an amplitude from one."""
     return min(_AROUND_ONE, _SPREADS * sure)
 
 
 def _can_be(study: Study, form: Form, amplitude: Vector) -> bool:
-    """Whether sizes are such as a machine can have."""
+    """Whether a machine can have these sizes."""
     if form.shape.sure is not None:
         return bool(abs(amplitude[0] - 1.0) < _AT_END * _most_off(form.shape.sure))
     if form.name in SIGNALS:
@@ -313,12 +314,12 @@ def _can_be(study: Study, form: Form, amplitude: Vector) -> bool:
 
 
 def own_columns(form: Form) -> slice | npt.NDArray[np.int64]:
-    """Where a fit has a form's own amplitudes: the last, or those of the values it sets free."""
+    """Columns of a form's own amplitudes in a fit: the last, or those of the freed values."""
     return form.columns - 1 if form.freed else slice(-len(form.columns), None)
 
 
 def scored(catalogue: Catalogue, named: Sequence[Suspect] = ()) -> Scored:
-    """Every suspect in its best form beside those that are named already, the best first."""
+    """Every suspect in its best form, in addition to the named ones, the best first."""
     known = [s.form for s in named]
     base = catalogue.without(known)
     others = {s.name for s in named}
@@ -336,7 +337,7 @@ def scored(catalogue: Catalogue, named: Sequence[Suspect] = ()) -> Scored:
 
 
 def in_best_form(catalogue: Catalogue, suspect: Suspect, beside: Sequence[Suspect]) -> Suspect:
-    """The suspect in the form that does best beside others."""
+    """The suspect in the form that scores best together with others."""
     forms = [f for f in catalogue.forms if f.name == suspect.name]
     known = [s.form for s in beside]
     best = _best(catalogue, forms, known, catalogue.without(known))
@@ -346,7 +347,7 @@ def in_best_form(catalogue: Catalogue, suspect: Suspect, beside: Sequence[Suspec
 def _best(
     catalogue: Catalogue, forms: Sequence[Form], known: Sequence[Form], base: Fit
 ) -> dict[str, Suspect]:
-    """The best of the forms of each suspect, beside known ones, whose fit is `base`."""
+    """The best form of each suspect, in addition to known forms; `base` is the fit of those."""
     tried: dict[str, list[tuple[Form, Fit]]] = {}
     for form, fit in zip(forms, catalogue.fit(forms, known), strict=True):
         tried.setdefault(form.name, []).append((form, fit))
@@ -363,10 +364,10 @@ def _best(
 def _between(
     catalogue: Catalogue, tried: dict[str, list[tuple[Form, Fit]]], known: Sequence[Form]
 ) -> dict[str, float]:
-    """Try forms between the points of grids, by halving around the best; gives the last spacings.
+    """Try forms between grid points by halving around the best; return the last spacings.
 
-    A form that is a little off may have an amplitude that no machine has, see `_can_be`: where all
-    of them have, the best is of all.
+    A form next to the true one may have an amplitude that no machine has, see `_can_be`. If all
+    forms have such amplitudes, the best of all is used.
     """
     study = catalogue.study
 
@@ -402,7 +403,7 @@ def _between(
 
 
 def _spacing(form: Form, forms: Sequence[Form]) -> float:
-    """From a form to the nearest on its grid, as a logarithm; zero where none is between."""
+    """Distance of a form to the nearest one on its grid, as a logarithm; zero without a grid."""
     cause = CAUSES.get(form.name)
     name = cause.refined_of(form.shape.values) if cause else None
     if name is None or form.shape.values[name] <= 0.0:
@@ -446,7 +447,7 @@ def _suspect(study: Study, form: Form, fit: Fit, base: Fit) -> Suspect | None:
     of_force = _of_forces(study)
     counts = study.bands.counts[:, study.bands.used]
     squares = fit.squares[0]
-    if form.smaller:  # it is told in the recorded signals
+    if form.smaller:  # the score is in terms of the recorded signals
         smaller = max(form.smaller(study.courses, form.shape, amplitude), _LEAST)
         told = ~of_force if study.courses[0].by_current else np.ones(len(of_force), dtype=bool)
         by_block = by_block + np.sum((counts * trusted(counts))[:, told], axis=1) * math.log(
@@ -459,7 +460,7 @@ def _suspect(study: Study, form: Form, fit: Fit, base: Fit) -> Suspect | None:
         for c in channels
     ]
     if max(shares) <= 0.0:
-        return None  # in newtons it explains nothing: it only trusts other bands more
+        return None  # it removes no force: its score comes only from other weights of the bands
     known = counts.sum(axis=0) > _FEW
     left, before = (part.sum(axis=0)[known] for part in (squares, base.squares[0]))
     return Suspect(
@@ -476,6 +477,6 @@ def _suspect(study: Study, form: Form, fit: Fit, base: Fit) -> Suspect | None:
 
 
 def _of_forces(study: Study) -> npt.NDArray[np.bool_]:
-    """Which of the used bands are of the balance of forces."""
+    """Which of the used bands belong to the balance of forces."""
     of_force = np.arange(len(study.bands.used)) < len(EDGES) - 1
     return np.asarray(of_force[study.bands.used])

@@ -1,12 +1,12 @@
 """From scores to the smallest set of suspects that contains the true cause with a known coverage.
 
-Each suspect, nothing at all and something outside the catalogue get a utility that is linear in a
-few statistics of their scores, and so a probability (conditional logit; D. McFadden, "Conditional
-logit analysis of qualitative choice behavior", 1974). A set takes all whose probability is above a
-threshold, below which the truth of 5 % of calibration records lay (split conformal prediction,
-least ambiguous sets; M. Sadinle, J. Lei and L. Wasserman, JASA 114, 2019); where something is wrong
-for certain it is another one. The coverage is a promise for records like those of the calibration;
-`proofs/calibrate_sets.py` makes the table.
+Each suspect, `NOTHING` and `OUTSIDE` get a utility that is linear in a few statistics of their
+scores, and so a probability (conditional logit; D. McFadden, "Conditional
+logit analysis of qualitative choice behavior", 1974). A set contains all whose probability is above
+a threshold. In 5 % of the calibration records the probability of the true cause was below it (split
+conformal prediction, least ambiguous sets; M. Sadinle, J. Lei and L. Wasserman, JASA 114, 2019). If
+an error is certain, the threshold is a different one. The coverage holds for records like those of
+the calibration; `proofs/calibrate_sets.py` computes the table.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ NOTHING = "none"
 EVERYONE = (*CAUSES, *SIGNALS, OUTSIDE)
 TABLE = Path(__file__).with_name("sets.json")
 
-_UNIT = 5.0  # a score that is noise's own [nats]
-_SURE = 20.0  # a score from which on the first is known from the others [nats]
+_UNIT = 5.0  # a score that noise can have [nats]
+_SURE = 20.0  # a score that distinguishes the first from the others [nats]
 _OF_SUSPECT = 10
 _OF_NOTHING = 9
 STATISTICS = 2 * _OF_SUSPECT + _OF_NOTHING + 2
-"""Of a suspect of the catalogue, of `OUTSIDE`, of `NOTHING`, and two that a name has weights of its
-own for."""
+"""Number of statistics: of a suspect of the catalogue, of `OUTSIDE`, of `NOTHING`, and two with
+separate weights for each name."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,13 @@ class Likely:
     Attributes
     ----------
     name : str
-        Of a cause, of a signal, `OUTSIDE` or `NOTHING`.
+        Name of a cause or signal, `OUTSIDE` or `NOTHING`.
     probability : float
-        Among all hypotheses.
+        Probability among all hypotheses.
     suspect : Suspect or None
-        With its size; None of `NOTHING`.
+        The suspect with its size; None for `NOTHING`.
     certain : bool
-        Whether it is named: of calibration records 2 % at most got a wrong name.
+        Whether it is named: at most 2 % of the calibration records got a wrong name.
     """
 
     name: str
@@ -66,9 +66,10 @@ class Likely:
 def statistics(scored: Scored) -> tuple[list[str], Matrix]:
     """Names of all suspects and `NOTHING`, and their statistics, shape (names, STATISTICS).
 
-    Of a suspect: the logarithm of its score, of what it lacks to the best, the share of the force
-    it takes and what it lacks there, of its score without the block that it gains most in, what its
-    values cost, what it adds beside the first, and by how much it leads.
+    The statistics of a suspect are: logarithms of its score and of its distance to the best score;
+    its removed share and the distance to the largest one, over all bands and in its best band; the
+    logarithms of its score without its best block, of the cost of its values, of its score in
+    addition to the first, and of its lead.
     """
     suspects = scored.suspects
     best = max((s.score for s in suspects), default=0.0)
@@ -96,7 +97,7 @@ def statistics(scored: Scored) -> tuple[list[str], Matrix]:
         names.append(s.name)
         rows.append(row)
     for name in EVERYONE:
-        if name not in names:  # it gains nothing, and may be there all the same
+        if name not in names:  # it improves no score, but may still be present
             row = np.zeros(STATISTICS)
             begin = _OF_SUSPECT if name == OUTSIDE else 0
             row[begin + 1], row[begin + 3] = _log(best), max(share, 0.0)
@@ -119,9 +120,9 @@ def statistics(scored: Scored) -> tuple[list[str], Matrix]:
 def probabilities(
     names: Sequence[str], rows: Matrix, weights: Vector, own: Mapping[str, Sequence[float]]
 ) -> Vector:
-    """Of each of the names, shape (names,).
+    """Probability of each name, shape (names,).
 
-    `own` has of each name a constant and weights of the last two statistics.
+    `own` has for each name a constant and weights of the last two statistics.
     """
     of_names = np.array([own.get(n, (0.0, 0.0, 0.0)) for n in names])
     utility = rows @ weights + of_names[:, 0] + np.sum(rows[:, -2:] * of_names[:, 1:], axis=1)
@@ -132,11 +133,11 @@ def probabilities(
 def likely(scored: Scored, something: bool = False) -> tuple[list[Likely], bool]:
     """The set, the most probable first, and whether there is an error at all.
 
-    `something` is what is known of that already.
+    With `something`, an error is already known to exist.
 
-    The first is certain where it is so likely that of calibration records 2 % at most got a wrong
-    name (conformal risk control; A. Angelopoulos and others, 2022). An error is reported if its
-    absence is less probable than for 97 % of faultless records.
+    The first is certain if its probability is so high that at most 2 % of the calibration records
+    got a wrong name (conformal risk control; A. Angelopoulos and others, 2022). An error is
+    reported if its absence is less probable than for 97 % of faultless records.
     """
     table = _table()
     least = table["thresholds"]

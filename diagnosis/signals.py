@@ -20,27 +20,27 @@ if TYPE_CHECKING:
     from .modelled_record import ModelledRecord
 
 _SHIFTS = (*range(-20, 0), *range(1, 21))
-"""Of the command's stamps, in sampling intervals: fewer are a shift within an interval."""
+"""Shifts of the command's stamps, in sampling intervals; `command_shift` covers smaller ones."""
 
 _CERTAIN = 0.01
-"""A sign is another one or it is not, and half a shift would average the command's noise."""
+"""Spread of an amplitude around one: no half sign; half a shift would average command noise."""
 
 CURRENT_GAIN = "current_gain"
-"""The calibration that a wrong scale of the current sets free."""
+"""The calibration that a wrong scale of the current frees."""
 
 
 @dataclass(frozen=True)
 class Signal:
-    """One thing that may be wrong with a recorded signal.
+    """One possible error of a recorded signal.
 
     Attributes
     ----------
     name, says : str
     grid, at
-        As of a `Cause`.
+        As in `Cause`.
     confirm : str
     smaller
-        As of a `Cause`: else a signal that is made small would leave less.
+        As in `Cause`: otherwise a signal that is made smaller would have a smaller residual.
     """
 
     name: str
@@ -57,7 +57,7 @@ def _inertial(course: ModelledRecord, model: Drive) -> Vector:
 
 
 def _motion(model: Drive, course: ModelledRecord, force: Vector) -> tuple[Vector, Vector]:
-    """A force, and the command of the back-EMF that goes with the motion, columns (n, 1)."""
+    """A force, and the command equivalent to the motion's back-EMF, columns (n, 1)."""
     emf = model.back_emf * course.middle_v if model.has_motor else np.zeros(len(course.x))
     return force[:, None], -emf[:, None]
 

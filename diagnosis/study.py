@@ -1,8 +1,8 @@
-"""Records beside a model: values fitted within their tolerances, and blocks held out.
+"""Records compared with a model: values fitted within their tolerances, and blocks held out.
 
-Values, amplitudes and the noise of each band are fitted to all blocks but one, and the logarithm of
-the likelihood of that one is summed over the blocks (cross-validated predictive likelihood;
-S. Geisser and W. Eddy, JASA 74, 1979).
+Values, amplitudes and the noise of each band are fitted to all blocks except one. The
+log-likelihood of the held-out block is summed over all blocks (cross-validated predictive
+likelihood; S. Geisser and W. Eddy, JASA 74, 1979).
 """
 
 from __future__ import annotations
@@ -36,32 +36,32 @@ Matrix = npt.NDArray[np.float64]
 Array = npt.NDArray[np.float64]
 
 FREEDOM = 4.0
-"""Degrees of freedom of Student's distribution, as is usual where noise has outliers."""
+"""Degrees of freedom of Student's distribution, as usual for noise with outliers."""
 
 COARSE = 100.0
-"""Numbers of a block's band from which on more of them tell little more: a model is right to a
-share only (coarsened posterior; J. Miller and D. Dunson, JASA 114, 2019)."""
+"""Count of a block's band beyond which more numbers add little information, because a model is not
+exact (coarsened posterior; J. Miller and D. Dunson, JASA 114, 2019)."""
 
 COMMANDED = 2e-4
-"""Of a command's root mean square, what it is off by: about a bit of a converter of twelve bits."""
+"""Error of a command as a share of its root mean square: about one bit of a 12-bit converter."""
 
-_WEIGHINGS = 6  # of bands by what is left in them
-_WEIGHINGS_MORE = 4  # without one of the blocks
-_FLAT = 1e-9  # of a column's own square: an amplitude may be anything
-_STEPS = 4  # of the active set, to each amplitude
+_WEIGHINGS = 6  # iterations of the bands' weights
+_WEIGHINGS_MORE = 4  # the same without one of the blocks
+_FLAT = 1e-9  # weight of a flat prior, as a share of a column's own square
+_STEPS = 4  # most steps of the active set per amplitude
 _NO_SLOPE = 1e-9
 _NEARLY = 0.999
-_AT_MOST = 0.9  # of a column, that is noise
+_AT_MOST = 0.9  # largest share of noise in a column
 
 
 @dataclass(frozen=True)
 class Study:
-    """Records laid along a model, and how they are cut.
+    """Records with a model along them, and their blocks and bands.
 
     Attributes
     ----------
     model : Drive
-        Around whose values everything is linear.
+        Its values are the point of linearization.
     prior_model : Drive
     bands : Bands
     """
@@ -78,7 +78,7 @@ class Study:
 
     @cached_property
     def exact(self) -> float:
-        """Noise that is always there, as no law and no command is just right [N]."""
+        """Smallest noise, because no law and no command is exact [N]."""
         asked = [c.per_command**2 * float(np.mean(c.u**2)) for c in self.courses]
         told = COMMANDED * math.sqrt(max(asked))
         return math.hypot(EXACT * self.prior_model.friction_scale, told)
@@ -93,7 +93,7 @@ class Study:
         return mean, np.array([*spread, *(p.spread for p in known.values())])
 
     def most(self, spread: Vector) -> Vector:
-        """By how much each of `values` can change: tolerances, and what instruments can have."""
+        """Largest change of each of `values`: tolerances, and limits of the instruments' errors."""
         known = calibrated(self.courses).values()
         ends = [max(-p.low, p.high) for p in known]
         values = math.sqrt(3.0) * spread[: len(spread) - len(ends)]
@@ -110,20 +110,20 @@ class Study:
 
 @dataclass(frozen=True)
 class Fit:
-    """Forms fitted side by side, N of them.
+    """N forms, each fitted separately.
 
     Attributes
     ----------
     held : ndarray, shape (N, blocks)
-        Logarithm of the likelihood of each block that was held out.
+        Log-likelihood of each held-out block.
     squares : ndarray, shape (N, blocks, channels * bands)
-        Of what is left of it [N^2].
+        Squares of the residual of each held-out block [N^2].
     amplitude, error : ndarray, shape (N, columns)
-        From all blocks; the standard error from leaving one out (jackknife).
+        Amplitudes from all blocks, and standard errors by leaving one out (jackknife).
     ways : ndarray, shape (blocks, N, columns)
-        Amplitudes from all blocks but one.
+        Amplitudes from all blocks except one.
     cost : ndarray, shape (N,)
-        Of values that are not the prior ones: minus the logarithm of their prior's density.
+        Cost of values that differ from the prior ones: minus the logarithm of the prior density.
     """
 
     held: Matrix
@@ -147,7 +147,7 @@ class Fit:
 
 
 class Priors(NamedTuple):
-    """Of columns, shape (N, columns): mean, one over the variance, and what no change exceeds."""
+    """Priors of columns, shape (N, columns): mean, one over the variance, and largest change."""
 
     mean: Matrix
     precision: Matrix
@@ -155,27 +155,27 @@ class Priors(NamedTuple):
 
 
 class Bounded(NamedTuple):
-    """Amplitudes, shape (N, columns), and at which end each of them is: -1, 1, or 0 at none."""
+    """Amplitudes, shape (N, columns), and the limit that each has reached: -1, 1, or 0 for none."""
 
     amplitude: Matrix
     side: Matrix
 
 
 def trusted(counts: Matrix) -> Matrix:
-    """The share of a band's numbers that would tell as much if the model were exact."""
+    """Share of a band's numbers that would give the same information with an exact model."""
     return np.asarray(1.0 / (1.0 + counts / COARSE))
 
 
 def fitted(products: Array, bands: Bands, prior: Priors, exact: float) -> Fit:
-    """Fit and hold out.
+    """Fit to all blocks, and to all blocks except each one in turn.
 
     Parameters
     ----------
     products : ndarray, shape (blocks, used bands, N, 1 + columns, 1 + columns)
-        Of columns, the signal first.
+        Products of columns, the signal first.
     prior : Priors
     exact : float
-        Noise that is always there [N].
+        Smallest noise [N].
     """
     counts = bands.counts[:, bands.used]
     told = trusted(counts)
@@ -213,9 +213,9 @@ def _with_noise(
     start: tuple[Bounded | None, Matrix],
     times: int,
 ) -> tuple[Bounded, Matrix]:
-    """Amplitudes and variances of the bands, shape (N, channels * bands), in turn.
+    """Compute amplitudes and variances of the bands, shape (N, channels * bands), alternately.
 
-    Noise is not the same all over a record: a block's variance is one of many around the band's
+    The noise varies along a record: the variances of blocks scatter around that of the band
     (Student's distribution; K. Lange, R. Little and J. Taylor, JASA 84, 1989).
     """
     found, variance = start
@@ -234,12 +234,12 @@ def _with_noise(
 
 
 def within_most(inner: Array, prior: Priors, start: Bounded | None = None) -> Bounded:
-    """Amplitudes of least squares that stay within their tolerances.
+    """Least-squares amplitudes within their limits, by an active-set method.
 
-    On the way to the best amplitudes of those that are free, the first that comes to an end stays
-    there; one that is at an end and would turn back is let go once the others have arrived. What is
-    left falls with every step, so that no set comes twice (J. Nocedal and S. Wright, "Numerical
-    Optimization", 2006, ch. 16.5).
+    Each step goes towards the best free amplitudes, and the first one that reaches a limit is fixed
+    there. When the others have reached their optimum, a fixed amplitude that would move back inside
+    is freed. The residual falls with every step, so that no active set occurs twice (J. Nocedal and
+    S. Wright, "Numerical Optimization", 2006, ch. 16.5).
     """
     mean, precision, most = prior
     matrix = inner[:, 1:, 1:].copy()
@@ -251,7 +251,7 @@ def within_most(inner: Array, prior: Priors, start: Bounded | None = None) -> Bo
     for _ in range(_STEPS * mean.shape[1]):
         now, held, low = matrix[going], side[going] != 0.0, amplitude[going]
         fixed = np.where(held, low, 0.0)
-        # a value that stays has a row of its own
+        # a fixed amplitude has a row of the identity matrix
         free = np.where(held[:, :, None] | held[:, None, :], 0.0, now)
         free[:, at, at] += held
         asked = goal[going] - np.matmul(now, fixed[:, :, None])[:, :, 0]
@@ -280,26 +280,27 @@ def within_most(inner: Array, prior: Priors, start: Bounded | None = None) -> Bo
 
 
 def _floored(left: Array, counts: Matrix, exact: float) -> Array:
-    """Squares with those of noise that is always there: what is below it is no gain."""
+    """Squares plus those of the smallest noise, so that residuals below it are no gain."""
     return np.hypot(left, counts * exact**2)
 
 
 def _left(products: Array, amplitude: Matrix) -> Array:
-    """Squares of what amplitudes leave, shape (blocks, N, channels * bands)."""
+    """Squares of the residual with these amplitudes, shape (blocks, N, channels * bands)."""
     signed = np.concatenate([np.ones((len(amplitude), 1)), -amplitude], axis=1)[:, :, None]
     half = np.matmul(products, signed)
     return np.asarray(np.maximum(np.sum(half * signed, axis=(3, 4)), 0.0).transpose(0, 2, 1))
 
 
 def study_of(records: Sequence[Record], prior_model: Drive) -> Study:
-    """Records laid along the model, with its values adjusted within their tolerances.
+    """Return records with the model along them, its values adjusted within their tolerances.
 
-    The motor's force is taken from the current or from the voltage, whichever leaves less.
+    The motor's force is computed from the current or from the voltage, whichever gives the higher
+    likelihood of held-out blocks.
 
     Raises
     ------
     BadRecord
-        If records show next to no motion.
+        If records show almost no motion.
     """
     courses = with_own_offsets([lay_along(r, prior_model) for r in records], prior_model)
     check_motion(courses, prior_model)
@@ -322,7 +323,7 @@ def _adjusted(courses: list[ModelledRecord], prior_model: Drive) -> tuple[Study,
 
 
 def base_fit(study: Study, columns: Sequence[Matrix]) -> Fit:
-    """The model's own values alone; `columns` are those of `base_columns`."""
+    """Fit of the model's own values alone; `columns` are those of `base_columns`."""
     mean, spread = study.prior()
     lines = study.bands.lines(columns)
     own = products(lines, lines)[:, study.bands.used]
@@ -332,9 +333,9 @@ def base_fit(study: Study, columns: Sequence[Matrix]) -> Fit:
 
 
 def base_columns(study: Study, of_law: bool = True) -> list[Matrix]:
-    """The signal and the columns of values, (windows, channels, 1 + columns) of each record.
+    """The signal and the columns of values, (windows, channels, 1 + columns) for each record.
 
-    Those of the friction's values are zero without `of_law`.
+    The columns of the friction's values are zero without `of_law`.
     """
     nothing = Added.nothing(study.courses)
     usual = [study.model.friction(c.x, c.v, c.step) for c in study.courses]
@@ -344,11 +345,12 @@ def base_columns(study: Study, of_law: bool = True) -> list[Matrix]:
 
 
 def noise_products(study: Study, columns: Sequence[Matrix], own: Array) -> Array:
-    """What noise of the instruments has in products of `base_columns`, that of the signal apart.
+    """Contribution of instrument noise to products of `base_columns`; zero for the signal's square.
 
-    The signal and the columns have the same noise, and so a fit would make a mass or a current
-    smaller only to make its noise smaller (errors in variables; W. Fuller, "Measurement Error
-    Models", 1987). Less this, only what was measured tells a value. Shape as `own`, of `columns`.
+    The signal and the columns have the same noise, so a fit would reduce a mass or a current only
+    to reduce its noise (errors in variables; W. Fuller, "Measurement Error Models", 1987). This
+    bias is avoided by subtracting the contribution. `own` are the products of `columns`; the result
+    has the same shape.
     """
     random = np.random.default_rng(0)
     again = [read_anew(c, study.model, random) for c in study.courses]
@@ -359,7 +361,7 @@ def noise_products(study: Study, columns: Sequence[Matrix], own: Array) -> Array
     changes = []
     for after, before in zip(read, columns, strict=True):
         change = after - before
-        change[:, :, of_law] = 0.0  # they are along the smoothed motion, which stays
+        change[:, :, of_law] = 0.0  # computed along the smoothed motion, which does not change
         changes.append(change)
     lines = study.bands.lines(changes)
     noise = products(lines, lines)[:, study.bands.used]
@@ -372,7 +374,7 @@ def noise_products(study: Study, columns: Sequence[Matrix], own: Array) -> Array
 
 
 def told_of(inner: Matrix, chosen: npt.NDArray[np.int64], precision: Vector) -> Matrix:
-    """What normal equations tell of some amplitudes, all others fitted: a Schur complement.
+    """Information of normal equations on some amplitudes, all others fitted: a Schur complement.
 
     Parameters
     ----------
@@ -380,7 +382,7 @@ def told_of(inner: Matrix, chosen: npt.NDArray[np.int64], precision: Vector) -> 
         Products of the columns, in units of their noise.
     chosen : ndarray of int, shape (m,)
     precision : ndarray, shape (n - m,)
-        Of what the others are known with before, in the order that they have.
+        Prior precision of the others, in their order.
 
     Returns
     -------
@@ -395,12 +397,12 @@ def told_of(inner: Matrix, chosen: npt.NDArray[np.int64], precision: Vector) -> 
 
 
 def _within(tolerance: float, change: float) -> float:
-    """A change that is no larger than the tolerance: shapes are taken around values that can be."""
+    """Limit a change to the tolerance, because shapes are computed around possible values."""
     return min(max(change, -tolerance), tolerance)
 
 
 def _moved(study: Study) -> tuple[Study, Fit]:
-    """The study around values that fit better, and the fit."""
+    """The study with better fitting values, and the fit."""
     columns = base_columns(study)
     fit = base_fit(study, columns)
     change = dict(zip(study.values, fit.amplitude[0].tolist(), strict=True))

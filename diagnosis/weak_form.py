@@ -1,13 +1,13 @@
 """The balance of forces and voltages of a drive, averaged over short windows.
 
-Newton's law times a bell, integrated: the acceleration becomes the second difference of averaged
-positions, and nothing is differentiated that was measured. What a recorder, an encoder or an
-amplifier does within a sampling interval is averaged away. Forces and commands are those of
-`Shape`: on average over the interval after each sample.
+Newton's law is multiplied by a bell-shaped weight and integrated. The acceleration becomes the
+second difference of averaged positions, so measured signals are not differentiated. Effects of a
+recorder, an encoder or an amplifier within a sampling interval are averaged out. Forces and
+commands are as in `Shape`: means over the interval after each sample.
 
-The bell is a hat whose feet are `width` samples to either side, smeared by the same hat over the
-samples: nearly the cubic B-spline of that spacing. The hat alone would turn into the second
-difference of three bare readings; smeared, it averages their noise.
+The bell is a triangle of `width` samples on each side, convolved with the same triangle over the
+samples: nearly the cubic B-spline of that spacing. The triangle alone would give the second
+difference of three single readings; the convolution averages their noise.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ Matrix = npt.NDArray[np.float64]
 
 
 def windows(samples: int, width: int) -> int:
-    """How many bells of spacing `width` samples a record of so many samples has."""
+    """Number of bells of spacing `width` in a record of `samples` samples."""
     return max((samples - 1) // width - 3, 0)
 
 
 def centres(samples: int, width: int) -> npt.NDArray[np.int64]:
-    """The samples in the middle of the bells, shape (windows,)."""
+    """Samples in the middle of the bells, shape (windows,)."""
     return (np.arange(windows(samples, width)) + 2) * width
 
 
 @cache
 def _hat(width: int) -> Vector:
-    """The smearing hat over samples, shape (2*width - 1,)."""
+    """Triangle over samples for the convolution, shape (2*width - 1,)."""
     return (width - np.abs(np.arange(1 - width, width))) / width**2
 
 
@@ -65,7 +65,7 @@ def averaged(values: Matrix, width: int) -> Matrix:
     blocks = count + 3
     parts = values[: blocks * width].reshape(blocks, width, -1)
     bell = _bell(width)
-    if parts.shape[2] == 1:  # one product of matrices, and not one for each block
+    if parts.shape[2] == 1:  # one product of matrices instead of one per block
         quarters = (parts[:, :, 0] @ bell.T)[:, :, None]
     else:
         quarters = np.matmul(bell, parts)
@@ -79,7 +79,7 @@ def acceleration(x: Vector, step: float, width: int) -> Vector:
     Parameters
     ----------
     x : ndarray, shape (n,)
-        Positions as they were read [m].
+        Recorded positions [m].
     """
     smeared = np.convolve(x - x[0], _hat(width), mode="same")
     at = centres(len(x), width)
@@ -88,21 +88,21 @@ def acceleration(x: Vector, step: float, width: int) -> Vector:
 
 
 def rate(values: Vector, step: float, width: int) -> Vector:
-    """Average rate of change under each bell of something sampled, shape (windows,)."""
+    """Average rate of change of a sampled signal under each bell, shape (windows,)."""
     change = np.diff(values) / step
     return averaged(np.append(change, change[-1]), width)
 
 
 def lagged(command: Matrix, step: float, time_constant: float) -> Matrix:
-    """Mean over each interval of a first-order lag of a command that is held, same shape.
+    """Mean over each interval of a first-order lag of a held command, same shape.
 
-    Right for lags slower and faster than the sampling; the lag starts settled.
+    It is exact for lags slower and faster than the sampling; the lag starts in steady state.
     """
     if time_constant <= 0.0:
         return command
     kept = math.exp(-step / time_constant)
     late = _late_share(step, time_constant)
-    start = command[:1]  # settled
+    start = command[:1]  # steady state
     before, _ = lfilter([1.0 - kept], [1.0, -kept], command, axis=0, zi=kept * start)
     state = np.concatenate([start, before[:-1]])
     return np.asarray(command + late * (state - command))
@@ -113,15 +113,16 @@ def between_samples(
 ) -> Vector:
     """Mean over each interval of a current known at the samples, shape (n,).
 
-    Where the winding answers within the interval, the current jumps with the voltage and then goes
-    to its next sample with the speed; where it is slower, it goes there straight.
+    If the winding responds within the interval, the current jumps with the voltage and then
+    approaches its next sample with the speed. If the winding is slower, the current is linear
+    between samples.
 
     Parameters
     ----------
     current : ndarray, shape (n,)
         At the samples, before the voltage jumps [A].
     jumps : ndarray, shape (n,)
-        Of the voltage at the samples, over the resistance [A].
+        Jumps of the voltage at the samples, over the resistance [A].
     electrical, mechanical : float
         Time constants of the winding and of the speed [s].
     """
@@ -133,7 +134,7 @@ def between_samples(
 
 
 def _start_share(step: float, time_constant: float) -> float:
-    """What the start of an interval has in the mean of an exponential from start to end."""
+    """Weight of the start in the mean of an exponential from start to end of an interval."""
     kept = math.exp(-step / time_constant) if time_constant > 0.0 else 0.0
     return (_late_share(step, time_constant) - kept) / (1.0 - kept)
 

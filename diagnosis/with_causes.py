@@ -23,8 +23,8 @@ FOUND = "found in measured data"
 
 _Number = TypeVar("_Number")
 
-# Forces come first, while the body is one and cannot stick; then what parts it; then, once it can
-# stick, what lies between the command and the force.
+# Order of causes: first forces, while there is one body that cannot stick; then joints that divide
+# the body; then sticking; last, causes between the command and the force.
 PARTING = ("compliance", "backlash")
 _BEFORE_THE_FORCE = ("resistance_drift", "voltage_saturation", "input_delay")
 
@@ -40,8 +40,8 @@ def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) 
     ----------
     drive : Drive
     found : sequence of (cause, values)
-        Names of `CAUSES` with their numbers, SI. Of a number that each record has for itself, such
-        as ``friction_cos.1`` and ``friction_cos.2``, the last record's is taken.
+        Names of `CAUSES` with their values, SI. If each record has its own value, such as
+        ``friction_cos.1`` and ``friction_cos.2``, that of the last record is used.
 
     Returns
     -------
@@ -51,11 +51,11 @@ def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) 
     Raises
     ------
     BadExtension
-        If a cause is unknown or not for this plant.
+        If a cause is unknown or not possible in this plant.
     OneBody
-        If a spring or a gap is to go into a ball screw without a rotor.
+        If a ball screw without a rotor is to get a spring or a gap.
     ContractError
-        If the plant has no parameter of a found name, or a value is outside of its range.
+        If the plant has no parameter of this name, or a value is outside its range.
     """
     own = {name: last_record(numbers) for name, numbers in found}
     for name in own:
@@ -83,12 +83,12 @@ def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) 
 
 
 def as_it_moves(plant: Component, drive: Drive) -> Component:
-    """The plant of a drive; of a body that turns in rad and N*m, which it is not computed in."""
+    """The plant of a drive; for a rotating body, converted from m and N to rad and N*m."""
     return turned(plant) if drive.turns else plant
 
 
 def with_law_of(drive: Drive, found: Mapping[str, Mapping[str, float]]) -> Drive:
-    """The drive with the law that the causes give it: bristles are a law of their own."""
+    """The drive with its law changed by the causes: bristles are a separate law."""
     if BRISTLES not in found:
         return drive
     numbers = found[BRISTLES]
@@ -96,7 +96,7 @@ def with_law_of(drive: Drive, found: Mapping[str, Mapping[str, float]]) -> Drive
 
 
 def last_record(values: Mapping[str, _Number]) -> dict[str, _Number]:
-    """The values without their records' numbers, of the last record where each has its own."""
+    """The values without record numbers in their names; the last record's, if each has its own."""
 
     def number(key: str) -> int:
         return int(key.partition(".")[2] or 0)
@@ -105,10 +105,10 @@ def last_record(values: Mapping[str, _Number]) -> dict[str, _Number]:
 
 
 def _able_to_stick(plant: Component) -> Component:
-    """The plant with the modes of the classical law, its other forces by direction as well.
+    """The plant with the modes of the classical law, with its other forces by direction, too.
 
-    A cause that is a share of friction has a sign of the velocity in it, too: in sliding, this is
-    the sign of the mode, and a body breaks away where it would be accelerated.
+    A cause that is a share of friction contains the sign of the velocity. In sliding, this is the
+    sign of the mode, and the body breaks away if it would be accelerated.
     """
     moving = "vb" if "vb" in [s.name for s in plant.states] else "v"
     place = {"v": "x", "vb": "xb"}[moving]

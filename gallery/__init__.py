@@ -1,7 +1,7 @@
-"""Systems that the field argues about, each with what is known of it and what we find.
+"""Systems that are discussed in the literature, each with known results and our results.
 
-A system is a folder of this one, and uses the public API alone: ``components.py`` has its
-equations, ``findings.py`` its numbers and its picture, ``page.md`` tells of it. Adding one is such
+Each system is a folder that uses only the public API: ``components.py`` has its equations,
+``findings.py`` its numbers and its picture, ``page.md`` its description. To add a system, add such
 a folder and a line here.
 """
 

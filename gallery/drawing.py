@@ -1,4 +1,4 @@
-"""What the pictures of all systems have in common: size, style, colours, and where a part is."""
+"""Common parts of the pictures of all systems: size, style, colours, and paths of components."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["COLOURS", "DASHES", "drawing", "part", "write_figure"]
 
 @contextmanager
 def drawing(columns: int = 1, rows: int = 1, height: float = 3.8) -> Iterator[tuple[Any, Any]]:
-    """A figure and its axes, flat, to draw into in the style of all pictures."""
+    """A figure and a flat array of its axes, in the common style."""
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):
@@ -23,5 +23,5 @@ def drawing(columns: int = 1, rows: int = 1, height: float = 3.8) -> Iterator[tu
 
 
 def part(beside: str, name: str) -> str:
-    """A component of the file ``components.py`` beside another, as commands name it."""
+    """Name for commands of a component in the ``components.py`` next to the file `beside`."""
     return f"{Path(beside).with_name('components.py')}:{name}"

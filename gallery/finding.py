@@ -1,4 +1,4 @@
-"""A number of a system, ours beside the literature's."""
+"""A number of a system, computed here and from the literature."""
 
 from __future__ import annotations
 
@@ -14,20 +14,19 @@ class Finding:
     Attributes
     ----------
     what : str
-        What it is, with the parameters that it belongs to.
+        Description, with its parameters.
     ours : float
         As computed here.
     unit : str
         SI; "1" for none.
     source : str
-        Where `theirs` is printed or follows from; of a number that only we have, how it is checked.
+        Source of `theirs`, or the way in which a number without one is checked.
     theirs : float or None
-        The literature's.
+        Number in the literature.
     digit : float
-        One unit of the last digit of `theirs`, as it is printed there, or what a formula leaves
-        out.
+        One unit of the last printed digit of `theirs`, or the error of a formula.
     remark : str
-        Why the two differ.
+        Reason why the two differ.
     """
 
     what: str
@@ -40,12 +39,12 @@ class Finding:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the two are the same within one digit; None where only we have it."""
+        """Whether both are equal within one digit; None without `theirs`."""
         return None if self.theirs is None else bool(abs(self.ours - self.theirs) <= self.digit)
 
 
 def table_of(findings: Sequence[Finding]) -> str:
-    """The findings as a table of Markdown."""
+    """The findings as a Markdown table."""
     head = "| what | ours | literature | agrees | source, or how ours is checked |"
     rows = [head, "|---|---|---|---|---|"]
     for f in findings:
@@ -66,7 +65,7 @@ def with_table(page: str, findings: Sequence[Finding]) -> str:
     Raises
     ------
     ValueError
-        If it has no place for one.
+        If the page has no place for a table.
     """
     before, begin, rest = page.partition(BEGIN)
     _, end, after = rest.partition(END)
@@ -86,7 +85,7 @@ def line_of(f: Finding) -> str:
 
 
 def _printed(value: float, digit: float) -> str:
-    """A number to the digit that is known of it."""
+    """A number, rounded to the known digit."""
     if digit <= 0.0 or value == 0.0:
         return f"{value:.6g}"
     digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(digit)) + 1

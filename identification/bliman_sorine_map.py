@@ -1,6 +1,6 @@
 """Bliman-Sorine's parameters from two points of a hysteresis loop: Eqs. 2.8-2.11 of the thesis.
 
-The map has a solution only under condition 2.11; "no solution", with the reason, is an answer.
+The map has a solution only under condition 2.11. Otherwise `NoSolution` gives the reason.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class NoSolution(ValueError):
 
 @dataclass(frozen=True)
 class ReferencePoints:
-    """Break-away (x_e, Fs) and the approach to sliding (x_p, Fc), magnitudes [m], [N]."""
+    """Break-away (x_e, Fs) and start of sliding (x_p, Fc), as magnitudes [m], [N]."""
 
     fs: float
     fc: float
@@ -32,7 +32,7 @@ class ReferencePoints:
 
 @dataclass(frozen=True)
 class BlimanSorine:
-    """Parameters of Eq. 1.4 with the p of Eq. 2.10 they come from; [N], [N], [m]."""
+    """Parameters of Eq. 1.4 [N], [N], [m], and the p of Eq. 2.10."""
 
     f1: float
     f2: float
@@ -42,7 +42,7 @@ class BlimanSorine:
 
 
 def map_points(points: ReferencePoints) -> BlimanSorine:
-    """Eqs. 2.8-2.10.
+    """Parameters by Eqs. 2.8-2.10.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def map_points(points: ReferencePoints) -> BlimanSorine:
     Raises
     ------
     NoSolution
-        If condition 2.11 does not hold, or there is no peak at all.
+        If condition 2.11 does not hold, or the loop has no peak.
     """
     fs, fc, x_e, x_p = points.fs, points.fc, points.x_e, points.x_p
     if not (fc > 0 and x_e > 0 and x_p > 0):
@@ -69,7 +69,7 @@ def map_points(points: ReferencePoints) -> BlimanSorine:
         )
 
     def gap(log_p: float) -> float:
-        # Eq. 2.10 over p - 1, which leaves the root p > 1 alone
+        # Eq. 2.10 divided by p - 1, so that only the root p > 1 is left
         return ratio * log_p / math.expm1(log_p) - log_m2
 
     log_p = float(brentq(gap, 1e-12, math.log(_LARGEST_P), xtol=1e-15, rtol=1e-14))
@@ -84,7 +84,7 @@ def map_points(points: ReferencePoints) -> BlimanSorine:
 
 
 def points_of(f1: float, f2: float, eps_f: float, eta: float) -> ReferencePoints:
-    """The points after a reversal that belong to given parameters, the inverse of `map_points`."""
+    """The points after a reversal for given parameters, the inverse of `map_points`."""
     fc = f1 - f2
     p = f1 / (eta * f2)
     product = 2 * (1 / eta - 1) / (p - 1 / eta)
@@ -95,10 +95,10 @@ def points_of(f1: float, f2: float, eps_f: float, eta: float) -> ReferencePoints
 
 
 def read_points(x: Vector, friction: Vector) -> ReferencePoints:
-    """The two points of one branch of a hysteresis loop, from the reversal on.
+    """The two points of one branch of a hysteresis loop, starting at the reversal.
 
-    Fc is the median over the last half of the way; x_p is the first place after the peak where
-    friction is within 5 % of Fc^2 of it, as Fig. 1.7 defines it.
+    Fc is the median over the second half of the displacement. x_p is the first position after the
+    peak at which friction differs from Fc by at most 5 % of Fc^2, as in Fig. 1.7.
 
     Parameters
     ----------

@@ -1,26 +1,27 @@
-"""Our own estimator: a friction law integrated along the recorded motion, fitted to the force.
+"""Our estimator: a friction law integrated along the recorded motion, fitted to the force.
 
-The measured force is mass times acceleration plus the law's friction, later by an unknown part of a
-sampling interval, plus noise, rounded to the load cell's resolution: it is the likelihood of the
-rounded samples. The error of the position goes into the spread of a sample by the slope of friction
-over displacement. Unknown besides the law's parameters, each with the spread that is known of it:
+The measured force is mass times acceleration plus the law's friction, delayed by an unknown
+fraction of a sampling interval, plus noise, rounded to the load cell's resolution. The likelihood
+is that of the rounded samples. The error of the position adds to the standard deviation of a sample
+through the slope of friction over displacement. These are also unknown, each with a prior standard
+deviation:
 
-- the delay between force and motion, one for each sampling interval met;
+- the delay between force and motion, one for each sampling interval that occurs;
 - the displacement of each record before its first sample, of the size of the position's error, or
-  free where a record does not begin without force;
-- the scale of each record's position, where its sensor was calibrated with an error;
-- how fast each record's body is vibrating below what its position shows;
-- if asked for, a constant force beside the friction, a load or the zero of the load cell.
+  free if the force at the start of a record is not zero;
+- the scale of each record's position, if its sensor has a calibration error;
+- the speed of a vibration of each record's body that its position does not show;
+- if requested, a constant force in addition to friction: a load or the zero of the load cell.
 
-The classical law says nothing of a block that sticks: there only the largest force before each
-break-away counts, which is Fs.
+The classical law does not give the force of a block that sticks. There, only the largest force
+before each break-away is used, which is Fs.
 
-The maximum is found by Fisher scoring on the logarithms of the parameters, or on coordinates that
-suit the law better, see `FittedLaw.values_at`. What is known may be held. Standard errors come
-from the scores of pieces of the records (the piece is the unit of what is independent, so that
-residuals that hang together within it are accounted for), corrected for their leverage, with
-Student's t for their number; they are never smaller than what the likelihood says when it is not
-believed in what it claims of the delays, and never smaller than `FLOOR`.
+The maximum is found by Fisher scoring on the logarithms of the parameters, or on other coordinates
+that suit the law, see `FittedLaw.values_at`. Known parameters may be fixed. Standard errors come
+from the scores of pieces of the records. Pieces are taken as independent, so correlated residuals
+within a piece are allowed. The scores are corrected for leverage, and intervals use Student's t for
+the number of pieces. Standard errors are never smaller than those of the likelihood without its
+information on the delays, and never smaller than `FLOOR`.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ from .optimizer import Climb
 Vector = npt.NDArray[np.float64]
 Start = dict[str, float]
 
-_UNTIL_COMPARED = 12  # iterations from each first guess: with five the wrong one may be ahead
+_UNTIL_COMPARED = 12  # iterations from each first guess; after five, the wrong one may be better
 
 
 def fit_along(
@@ -70,19 +71,19 @@ def fit_along(
     law : str
         One of `LAWS`.
     course : Course, optional
-        The records laid out already.
+        The stacked records, if already computed.
     tied : bool, optional
-        Whether both directions have the same parameters; default as the law says.
+        Whether both directions have the same parameters; by default as in the law.
     guess : mapping of str to float, optional
         First guesses of all parameters.
     follow : bool, optional
-        Whether wide intervals are followed along the profile likelihood.
+        Whether wide intervals are computed from the profile likelihood.
     fixed : mapping of str to float, optional
-        Parameters that are held at a value, by the law's names: in both directions where these
-        are apart, unless the name ends in ``_pos`` or ``_neg``; and `OFFSET`.
+        Values of fixed parameters, by the law's names. They hold in both directions, unless the
+        name ends in ``_pos`` or ``_neg``. `OFFSET` may also be fixed.
     beside : collection of str, optional
-        What is fitted beside the law: `OFFSET`, a constant force [N]; `MASS`, one for all records,
-        which are to have the same.
+        Parameters fitted in addition to the law: `OFFSET`, a constant force [N]; `MASS`, one for
+        all records, which must have the same mass.
     """
     fixed = fixed or {}
     mass = MASS in beside
@@ -100,7 +101,7 @@ def fit_along(
         starts = [np.array([guess[n] for n in described.parameters])]
     names, _ = fitted_names(described, tied)
     held = [j for j, n in enumerate(names) if n in fixed or without_direction(n) in fixed]
-    hidden: Vector | None = None  # costs are compared: all guesses have the first one's
+    hidden: Vector | None = None  # from the first guess, so that costs are comparable
     for start in starts:
         sides = [start] if tied else [start, start.copy()]
         for side, end in zip(sides, ("",) if tied else ("_pos", "_neg"), strict=True):
@@ -119,7 +120,7 @@ def fit_along(
     for _ in range(3):
         best.look_back()
         cost = best.run(25)
-        if mass:  # the law's way of presliding and break-aways are told at the mass reached
+        if mass:  # the law's presliding distance and break-aways depend on the mass
             reached = math.exp(best.point.coordinates[problem.of_law])
             problem.course = problem.course.with_mass(reached)
     fit = sum_up(best, cost)
@@ -127,20 +128,20 @@ def fit_along(
 
 
 def _first_mass(course: StackedRecords) -> float:
-    """What goes with the acceleration beside Coulomb's and viscous friction and a load [kg]."""
+    """Mass from a regression on acceleration, Coulomb and viscous friction and a load [kg]."""
     v, a = course.v, course.inertial / course.mass
     moving = np.abs(v) > 0.05 * float(np.quantile(np.abs(v), 0.98))
     columns = np.column_stack([a, np.sign(v), v, np.ones(len(v))])[moving]
     size = np.maximum(np.abs(columns).max(axis=0), 1e-30)
     told, *_ = np.linalg.lstsq(columns / size, course.force[moving])
     found = float(told[0] / size[0])
-    # where the motion tells nothing, one whose force is a tenth of the friction
+    # if the motion does not show a mass: a mass whose force is a tenth of the friction
     usual = 0.1 * course.level / max(float(np.quantile(np.abs(a), 0.98)), 1e-12)
     return found if found > 0.1 * usual else usual
 
 
 def _first_offset(course: StackedRecords) -> float:
-    """What lies between the friction of both directions [N]; 0 where there is but one."""
+    """Mean of the friction of both directions, as an offset [N]; 0 with one direction only."""
     friction = course.force - course.inertial
     fast = 0.3 * float(np.quantile(np.abs(course.v), 0.98))
     sides = [friction[course.v > fast], friction[course.v < -fast]]
@@ -148,7 +149,7 @@ def _first_offset(course: StackedRecords) -> float:
 
 
 def _starts(course: StackedRecords, law: FittedLaw, offset: float) -> list[Vector]:
-    """First guesses from what the eye would take from the friction-velocity map."""
+    """First guesses from rough features of the friction-velocity map."""
     friction = course.force - course.inertial - offset
     pull = np.abs(friction)
     speed = np.abs(course.v)
@@ -200,10 +201,10 @@ def _starts(course: StackedRecords, law: FittedLaw, offset: float) -> list[Vecto
 
 
 def _scaled_defaults(name: str, force: float, stiffness: float, speed: float) -> list[Start]:
-    """The defaults of a law of which nobody knows more, in units that suit the records.
+    """First guesses for a law without other information: its defaults, scaled to the records.
 
-    Newtons, metres and seconds are changed such that friction and stiffness are about those of the
-    records, and speeds are what they were, a quarter, or four times that.
+    Newtons, metres and seconds are scaled such that friction and stiffness are about those of the
+    records, and speeds are the defaults, a quarter of them, or four times them.
     """
     own = law_of(name)(symbol("v")).parameters
     newton = force / (abs(claim_of(name, "steady_state", {}, speed)) or force)

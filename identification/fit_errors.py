@@ -19,13 +19,13 @@ from .unseen_parameters import blurred_elements, hardly_slides, peak_unseen, pre
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-PIECE = 1.0  # length of what is taken as independent [s]
-_NO_BOUND = 20.0  # reach in logarithms beyond which nothing is known
-_WALD = 0.25  # reach in logarithms beyond which the profile is followed
-# Least standard error of a logarithm: what counts and smoothing between samples leave undone is of
-# this size on records of the closed-loop rig, and more data do not make it smaller.
+PIECE = 1.0  # length of pieces taken as independent [s]
+_NO_BOUND = 20.0  # half-width in logarithms beyond which an interval is unbounded
+_WALD = 0.25  # half-width in logarithms beyond which the profile likelihood is used
+# Smallest standard error of a logarithm: errors by counts and by smoothing between samples have
+# this size on records of the closed-loop rig, and more data do not reduce them.
 FLOOR = 2e-3
-# Parameters that a wrong way of presliding changes by the share by which that way is wrong, or less
+# Parameters whose relative error is at most that of the presliding distance
 _ELASTIC = ("sigma0", "sigma", "alpha", "eps_f", "k1", "k2", "k3", "k4")
 _FROM_PIECES = "maximum likelihood, errors from pieces of the records"
 
@@ -56,7 +56,7 @@ def sum_up(climb: Climb, cost: float) -> Fit:
     rounded = (inverse[:p] @ climb.pull(pieces, problem.weight[0] * more)) ** 2
     heard = _of_noise(climb, pieces, inverse, white)
     least = heard + of_motion + np.maximum(np.diag(plain) - np.diag(inverse)[:p], 0.0)
-    for r in range(course.records):  # what a record says as a whole
+    for r in range(course.records):  # each entire record as one piece
         part = slice(course.starts[r], course.starts[r + 1])
         own_places = q + r + course.records * np.arange(OWN)
         at = np.concatenate([np.arange(q), own_places])
@@ -68,11 +68,11 @@ def sum_up(climb: Climb, cost: float) -> Fit:
     floor = np.full(p, FLOOR)
     floor[problem.logarithms :] *= course.level
     covariance[np.diag_indices(p)] += floor**2 + rounded + _of_sensors(climb)
-    # Satterthwaite's; what is known beforehand is known for certain
+    # Satterthwaite's degrees of freedom; prior information counts as certain
     known = np.einsum("ij,j,ij->i", inverse[:p], prior, inverse[:p])
     squares = np.maximum((share**2).sum(axis=0), 1e-300)
     freedom = np.maximum((share.sum(axis=0) + known) ** 2 / squares, 2.0)
-    # the records' own unknowns and the noise eliminated
+    # unknowns of single records and the noise are eliminated
     kept = np.linalg.inv(cautious[:q, :q])
     names, units = fitted_names(problem.law, problem.tied)
     return Fit(
@@ -96,9 +96,9 @@ def sum_up(climb: Climb, cost: float) -> Fit:
 
 
 def _from_pieces(climb: Climb, pieces: Pieces, inverse: Matrix) -> tuple[Matrix, Matrix]:
-    """Outer products of what pieces of the records say, summed up, and each piece's share.
+    """Sum of the outer products of the pieces' scores, and each piece's share.
 
-    A piece touches the global unknowns and one record's own.
+    The score of a piece depends on the global unknowns and on those of one record.
     """
     problem = climb.problem
     course = problem.course
@@ -120,7 +120,7 @@ def _from_pieces(climb: Climb, pieces: Pieces, inverse: Matrix) -> tuple[Matrix,
             block[:-1, -1] = block[-1, :-1] = local @ (weight[1] * noisy[part])
             block[-1, -1] = weight[2] @ noisy[part] ** 2
             said = np.append(local @ gradient[0], gradient[1] @ noisy[part])
-            # what the piece says if it had no part in the estimate it is compared with
+            # leverage: the score of the piece if it had not been used in the fit
             said = np.linalg.solve(np.eye(len(at)) - block @ inverse[np.ix_(at, at)], said)
             meat[np.ix_(at, at)] += np.outer(said, said)
             arms = inverse[:p][:, at]
@@ -129,11 +129,11 @@ def _from_pieces(climb: Climb, pieces: Pieces, inverse: Matrix) -> tuple[Matrix,
 
 
 def _of_sensors(climb: Climb) -> Vector:
-    """Variances that more records of the same sensors do not make smaller, by coordinate.
+    """Variances that more records of the same sensors do not reduce, by coordinate.
 
-    A way of presliding is known no better than corners are rebuilt and scales are calibrated, which
-    is wrong in the same way in all records; its share in the way is its share in the stiffness, the
-    larger, the stiffer the contact.
+    The presliding distance has errors of the reconstruction at corners and of the calibration of
+    scales, which are the same in all records. Its relative error is that of the stiffness, and is
+    larger for stiffer contacts.
     """
     problem, course = climb.problem, climb.problem.course
     law = problem.law
@@ -153,7 +153,7 @@ def _of_sensors(climb: Climb) -> Vector:
 
 
 def _of_noise(climb: Climb, pieces: Pieces, inverse: Matrix, white: Vector) -> Vector:
-    """Variances of the coordinates by the noise of the force and by what is known beforehand."""
+    """Variances of the coordinates due to force noise and prior spreads."""
     problem = climb.problem
     p, q = problem.size, len(pieces.columns)
     owner, records = problem.owner, problem.course.records
@@ -171,10 +171,10 @@ def _of_noise(climb: Climb, pieces: Pieces, inverse: Matrix, white: Vector) -> V
 
 
 def _told_of_delays(climb: Climb, pieces: Pieces) -> Vector:
-    """Information on each delay that its own records claim, all parameters free, shape (clocks,).
+    """Information on each delay from its own records, all parameters free, shape (clocks,).
 
-    It rests on millinewtons of hysteresis along thousands of samples, where no sensor and no law is
-    that good, so that standard errors do without it.
+    It is not used for standard errors: it comes from millinewtons of hysteresis along thousands of
+    samples, and no sensor and no law is that accurate.
     """
     problem = climb.problem
     course, p = problem.course, problem.size
@@ -202,7 +202,7 @@ def intervals_of(
 ) -> dict[str, Interval]:
     values = fit.law.values_at(fit.coordinates)
     quantile = student.ppf(0.5 + CONFIDENCE / 2, fit.freedom)
-    variances = np.diag(fit.covariance)  # rounded, where something is not known at all
+    variances = np.diag(fit.covariance)  # may be negative by rounding, if a coordinate is unknown
     errors = np.sqrt(np.where(variances >= 0, variances, np.inf))
     drawn = draw_coordinates(fit) if fit.law.name in DRAWN else None
     blurred = blurred_elements(fit, climb.problem.course.resolution)
@@ -264,7 +264,7 @@ def intervals_of(
 def profile_bounds(
     climb: Climb, fit: Fit, j: int, stretch: float
 ) -> tuple[float | None, float | None]:
-    """Where twice the loss of log-likelihood, all else fitted again, first exceeds `stretch`."""
+    """Values at which twice the loss of profile log-likelihood first exceeds `stretch`."""
     centre = float(fit.coordinates[j])
     bounds: list[float | None] = []
     for sign in (-1.0, 1.0):
@@ -272,10 +272,10 @@ def profile_bounds(
         walk = Climb(climb.problem, climb.point.coordinates, held, climb.hidden)
         walk.centre = climb.centre
         walk.prior_std = climb.prior_std.copy()
-        walk.prior_std[j] = 1e6  # the bound is the data's
+        walk.prior_std[j] = 1e6  # the bound should come from the data
         walk.point = climb.point.moved(np.zeros(len(climb.prior_std)))
         base = walk.cost(walk.point)
-        # all else goes along as the information at the fit says, and is then fitted
+        # the others are first moved by the information at the fit, then fitted
         ridge = np.linalg.inv(walk.normal(walk.point).information)[j]
         ridge /= ridge[j]
         bound: float | None = None
@@ -285,7 +285,7 @@ def profile_bounds(
             walk.point.coordinates[j] = centre + sign * distance
             lost = 2 * (walk.run(3) - base)
             if lost > stretch:
-                # the loss grows as the square of the distance, or nearly so
+                # the loss is nearly proportional to the square of the distance
                 inner, outer = math.sqrt(lost_before), math.sqrt(lost)
                 share = (math.sqrt(stretch) - inner) / (outer - inner)
                 bound = math.exp(centre + sign * (before + share * (distance - before)))

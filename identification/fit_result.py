@@ -1,4 +1,4 @@
-"""The most likely parameters of a law and what is known of them."""
+"""The most likely parameters of a law and their uncertainty."""
 
 from __future__ import annotations
 
@@ -13,42 +13,43 @@ from .intervals import Interval
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-DRAWN = ("bliman_sorine", "maxwell_slip")  # parameters are no functions of one coordinate each
-_FARTHEST = 40.0  # that drawn coordinates may lie from the fit
+DRAWN = ("bliman_sorine", "maxwell_slip")  # a parameter depends on several coordinates
+_FARTHEST = 40.0  # largest distance of drawn coordinates from the fit
 
 
 @dataclass
 class Fit:
-    """The most likely parameters and what is known of them.
+    """The most likely parameters and their uncertainty.
 
     Attributes
     ----------
     names : tuple of str
-        Parameters as fitted; ``_pos`` and ``_neg`` at their ends where directions are apart. Mass
-        and offset, where they are fitted, are the last.
+        Names of the fitted parameters; with ``_pos`` and ``_neg`` if the directions have separate
+        parameters. Mass and offset, if fitted, are the last.
     coordinates : ndarray, shape (p,)
     delays : ndarray, shape (clocks,)
-        [s]
+        Delays of the force [s].
     shifts : ndarray, shape (records,)
-        [m]
+        Displacement of each record before its first sample [m].
     noise : float
-        Of the force before rounding [N].
+        Standard deviation of the force before rounding [N].
     cost : float
         Minus the logarithm of likelihood and prior.
     information : ndarray, shape (p + clocks, p + clocks)
-        Expected, the records' own unknowns eliminated.
+        Expected information, unknowns of single records eliminated.
     sharpest : ndarray, shape (p,)
-        Variances by the likelihood alone, which believes what it says of the delays.
+        Variances by the likelihood alone, with its information on the delays.
     covariance : ndarray, shape (p, p)
-        Of the coordinates.
+        Covariance of the coordinates.
     freedom : ndarray, shape (p,)
         Degrees of freedom of Student's t.
     predicted : ndarray, shape (n,)
-        Force along the records [N]; as measured where the law says nothing.
+        Force along the records [N]; the measured force if the law does not give one.
     spoken : ndarray of bool, shape (n,)
-        Where the law says what the force is.
+        Samples at which the law gives a force.
     hidden : ndarray, shape (n,)
-        Variance of the force by what happens between samples and by rebuilding the motion [N^2].
+        Variance of the force due to motion between samples and to the reconstruction of the motion
+        [N^2].
     """
 
     law: FittedLaw

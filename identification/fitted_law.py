@@ -1,4 +1,4 @@
-"""A friction law as the estimator sees it, and the coordinates in which it is fitted."""
+"""A friction law for the estimator, and the coordinates in which it is fitted."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from ..solver.component import Parameter, symbol
 Vector = npt.NDArray[np.float64]
 
 OFFSET = "offset"
-"""Name of the constant force [N], against motion in +x as the plants have it."""
+"""Name of the constant force [N], against motion in +x as in the plants."""
 MASS = "m"
-"""Name of the mass [kg] between where the force is measured and the friction."""
+"""Name of the mass [kg] between the force sensor and the friction."""
 
 
 @dataclass(frozen=True)
 class FittedLaw:
-    """A friction law as the estimator sees it: its parameters, in the order of the equations.
+    """A friction law for the estimator: its parameters, in the order of the equations.
 
     Attributes
     ----------
     directional : bool
-        Whether either direction has parameters of its own.
+        Whether each direction has its own parameters.
     mass, offset : bool
-        Whether the mass, and a constant force, are fitted beside it.
+        Whether the mass, and a constant force, are also fitted.
     """
 
     name: str
@@ -44,7 +44,7 @@ class FittedLaw:
 
     @property
     def beside(self) -> tuple[str, ...]:
-        """What is fitted beside the law, in the order of the coordinates, behind the law's."""
+        """Parameters fitted in addition to the law, in the order of their coordinates, the last."""
         return (MASS,) * self.mass + (OFFSET,) * self.offset
 
     @property
@@ -60,17 +60,17 @@ class FittedLaw:
     def values_at(self, coordinates: Vector) -> Vector:
         """Parameters from the coordinates in which they are fitted.
 
-        Logarithms, except for two laws. Bliman-Sorine's f1 and f2 grow together as eta nears one,
-        while their difference and f2*(1 - eta) hardly change: these two, eps_f and eta's odds are
-        its coordinates. Maxwell slip's shares are one together, since a common factor is equivalent
-        to a factor of Fc and Fs: their ratios to the last are its coordinates, and the last's own
-        coordinate does nothing. The mass is a logarithm, too; a constant force is its own
-        coordinate [N], the last.
+        Coordinates are logarithms, except for two laws. Bliman-Sorine's f1 and f2 grow together as
+        eta approaches one, while their difference and f2*(1 - eta) hardly change. Its coordinates
+        are these two, eps_f and the odds of eta. The shares of Maxwell slip add up to one, since a
+        common factor is equivalent to a factor of Fc and Fs. Its coordinates are their ratios to
+        the last share; the coordinate of the last share has no effect. The mass is a logarithm,
+        too. A constant force is its own coordinate [N], the last.
 
         Parameters
         ----------
         coordinates : ndarray, shape (..., p) or (..., 2 p)
-            One more for each that is `beside` the law.
+            With one more for each name in `beside`.
         """
         if self.beside:
             split = coordinates.shape[-1] - len(self.beside)
@@ -106,11 +106,11 @@ class FittedLaw:
 
 
 BRISTLES = ("lugre", "modified_lugre", "directional_lugre")
-"""LuGre and its kin. Kv of these is held: no record says anything of it."""
+"""LuGre and related laws. Kv of these is fixed, because records give no information on it."""
 
 
 def _fitted(name: str) -> FittedLaw:
-    """A law of the plants; parameters that are 0 where nobody changed them stay so."""
+    """A law of the plants; parameters with a default of 0 are not fitted."""
     own: tuple[Parameter, ...] = LUGRE if name in BRISTLES else law(name)(symbol("v")).parameters
     own = tuple(p for p in own if p.default > 0)
     names, units = tuple(p.name for p in own), tuple(p.unit for p in own)
@@ -121,15 +121,15 @@ LAWS = {name: _fitted(name) for name in NAMES}
 
 
 def claim_of(name: str, what: str, values: Mapping[str, float], speed: float = 1e-6) -> float:
-    """What a law promises of itself, by a field of its `Claims`; 0 where it promises nothing.
+    """Value of a field of a law's `Claims`; 0 if the law does not claim it.
 
     Parameters
     ----------
     name, what : str
     values : mapping of str to float
-        Those parameters that are fitted; the others have their defaults.
+        Values of the fitted parameters; the others have their defaults.
     speed : float
-        [m/s]
+        Speed [m/s].
     """
     promise = getattr(claims(name), what)
     if promise is None:

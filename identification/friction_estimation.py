@@ -1,10 +1,10 @@
-"""Friction from what was measured: force less mass times acceleration, Eq. 2.3 of the thesis.
+"""Friction from measurements: force less mass times acceleration, Eq. 2.3 of the thesis.
 
-Velocity and acceleration come from the position by a smoothing spline on the samples (least second
-differences: a friction's sudden stops are no oscillations), which uses samples before and after
-and therefore has no lag. It is as smooth as the
-noise of the position allows: residuals have the size of that noise, and where the position is
-counted they stay within a count. All signals are brought to the lag of the force.
+Velocity and acceleration come from the position by a smoothing spline on the samples. It minimizes
+second differences, so that sudden stops by friction do not cause oscillations. It uses samples
+before and after and therefore has no lag. Its smoothness is set by the noise of the position:
+residuals have the size of that noise, and stay within a count if the position is quantized. All
+signals are shifted to the lag of the force.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from ..records.resolution import fast_noise, held_samples, resolution_of
 
 Vector = npt.NDArray[np.float64]
 
-_REST = 40  # samples at rest that are put before a record that begins so
-# Of the strength at which residuals are as large as the noise: corners count for more than noise,
-# which friction sums up to nothing.
+_REST = 40  # samples at rest added before a record that begins at rest
+# Share of the smoothing strength at which residuals equal the noise. Less smoothing keeps corners;
+# the noise averages out in the friction.
 _WEAKER = 0.3
-_NEAR = 25  # samples over which a motion is as restless as another place of it
-_LEAST_BENDS = 0.03  # share of the mean of squares that is expected everywhere
-_FEW = 8  # residuals tell too little of how strong to smooth
-_TELLING = 0.4  # least weight of a sample whose residual tells how strong to smooth
-_SLOWEST = 60  # samples in a count beyond which its end is not taken to be known better
-_AT_REST = 1e8  # weight of having no motion
+_NEAR = 25  # samples over which second differences are averaged
+_LEAST_BENDS = 0.03  # smallest mean square of second differences, as a share of the overall mean
+_FEW = 8  # fewer residuals are not used to choose the strength of smoothing
+_TELLING = 0.4  # least weight of a sample used to choose the strength of smoothing
+_SLOWEST = 60  # samples in a count beyond which the weight of its end does not grow
+_AT_REST = 1e8  # weight of the condition of rest
 _STRONGER = 10.0
-_STRONGEST = 1e10  # weight of second differences beyond which the course is a straight line
+_STRONGEST = 1e10  # weight of second differences that already gives a straight line
 
 
 @dataclass(frozen=True)
@@ -45,13 +45,13 @@ class SmoothedMotion:
     x, v, a : ndarray, shape (n,)
         Position [m], velocity [m/s], acceleration [m/s^2].
     bent : ndarray, shape (n,)
-        What the smoothing itself may have done to the position [m].
+        Estimated error of the position due to smoothing [m].
     noise : float
         Standard deviation of the measured position [m].
     resolution : float
-        Step of a counted position [m]; 0 if it is not counted.
+        Step of a quantized position [m]; 0 if it is not quantized.
     bandwidth : float
-        Frequency at which the smoothing halves an oscillation [Hz].
+        Frequency at which the smoothing halves the amplitude [Hz].
     step : float
         Sampling interval [s].
     seen : ndarray, shape (n,)
@@ -59,9 +59,9 @@ class SmoothedMotion:
     strength : ndarray
         Weights of second differences.
     later : float
-        How much later than the force's instants those of the position are [s].
+        Delay of the position's instants relative to the force's [s].
     held : ndarray of int
-        Indices of the samples that bring a new value.
+        Indices of the samples with a new value.
     """
 
     x: Vector
@@ -88,7 +88,7 @@ class SmoothedMotion:
 
 @dataclass(frozen=True)
 class FrictionEstimate:
-    """Friction of a record and what it is made of.
+    """Friction of a record, with its motion and noise.
 
     Attributes
     ----------
@@ -96,15 +96,15 @@ class FrictionEstimate:
         [N], positive when it opposes motion in +x.
     motion : SmoothedMotion
     from_rest : bool
-        Whether the record begins without force, hence at rest.
+        Whether the record begins with zero force, hence at rest.
     force_noise : float
         Standard deviation of the force's fast noise, its resolution included [N].
     force_resolution : float
         Resolution of the force [N]; 0 if no grid is seen.
     noise : float
-        Standard deviation of `friction` [N]: of the force, and of mass times acceleration.
+        Standard deviation of `friction` [N], from the force and from mass times acceleration.
     said : tuple of str
-        Filters, lags and noise in words.
+        Description of filters, lags and noise.
     """
 
     friction: Vector
@@ -133,14 +133,14 @@ def smooth_motion(
     step : float
         Sampling interval [s].
     later : float, optional
-        How much later than the wanted instants the position tells the truth, on average over
-        samples that repeat a held value [s].
+        Delay of the position relative to the requested instants, averaged over samples that repeat
+        a held value [s].
     from_rest : bool, optional
         Whether the body was at rest before the first sample.
     like : SmoothedMotion, optional
-        A motion whose noise, counts, held samples and strength of smoothing are taken over.
+        A motion whose noise, counts, held samples and strength of smoothing are used.
     counted : bool, optional
-        Whether the position may be that of an encoder; an integral of counted velocities is not.
+        Whether the position may come from an encoder; an integral of velocities does not.
     """
     given = later
     before = _REST if from_rest else 0
@@ -155,24 +155,24 @@ def smooth_motion(
         noise = fast_noise(position[held])
     later -= (
         0.5 * step * ((n - before) / np.count_nonzero(held >= before) - 1)
-    )  # a lag counts from the middle of what is held
+    )  # a lag is counted from the middle of a held value
     if like:
         pass
     elif resolution > noise and len(held) == n:
         noise = resolution / math.sqrt(12)
-    else:  # a grid finer than the noise is that of the file
+    else:  # a grid finer than the noise comes from the digits of the file
         resolution = 0.0
     origin = float(position[0])
     readings = _readings(position - origin, resolution, held, before)
     smooth, strength = _to_noise(readings, noise, resolution, like)
     times = step * (np.arange(n) - before)
-    # where a stronger smoothing would change the course, this one has changed it, too
+    # if a stronger smoothing changes the course, this one changes it, too
     bent = np.abs(_smooth(readings, _STRONGER * strength) - smooth) if noise else 0 * smooth
     spline = CubicSpline(times, smooth)
     at = np.clip(times + later, times[0], times[-1])
     v = spline(at, 1)
     a = np.gradient(v, step)
-    # a sine of w passes by 1/(1 + strength*(2 sin(w h/2))^4)
+    # gain for a sine of frequency w: 1/(1 + strength*(2 sin(w h/2))^4)
     usual = float(np.median(strength))
     half = 2 * math.asin(min(1.0, 0.5 * usual ** (-1 / 4))) if usual > 0 else math.pi
     x = spline(at)[before:] + origin
@@ -195,15 +195,15 @@ def smooth_motion(
 
 @dataclass(frozen=True)
 class _Readings:
-    """What samples of a position say.
+    """Samples of a position with their weights.
 
     Attributes
     ----------
     data, weights : ndarray, shape (n,)
-        Readings [m] and what they count.
+        Readings [m] and their weights.
     edges, still : ndarray, shape (n - 1,)
-        Weight of the condition that the mean of two neighbours equals that of their readings,
-        because a count was passed between them, and that they are the same.
+        Weights of two conditions on neighbours: their mean equals that of their readings, because
+        the position passed a count between them; both are equal.
     """
 
     data: Vector
@@ -212,7 +212,7 @@ class _Readings:
     still: Vector
 
     def misfit(self, smooth: Vector) -> float:
-        """Mean square of the residuals, as large as the noise's if all is well [m^2]."""
+        """Mean square of the residuals, equal to that of the noise after a good fit [m^2]."""
         off = smooth - self.data
         telling = self.weights > _TELLING
         between = self.edges > 0
@@ -226,8 +226,8 @@ def _readings(
 ) -> _Readings:
     """Weights of samples, the first `before` of them at rest.
 
-    Within a count a slow motion is not seen, but where it passes from one to the next it is there,
-    to within what it moves in a sampling interval.
+    A slow motion is not visible within a count. At the change from one count to the next, the
+    position is known to within the motion of one sampling interval.
     """
     n = len(data)
     weights, edges, still = np.zeros(n), np.zeros(n - 1), np.zeros(n - 1)
@@ -248,9 +248,9 @@ def _readings(
 def _to_noise(
     readings: _Readings, noise: float, resolution: float, like: SmoothedMotion | None
 ) -> tuple[Vector, Vector]:
-    """The course that misses the readings by their noise, and the weights of its bends.
+    """The smooth course with residuals as large as the noise, and weights of second differences.
 
-    The weights of readings that it misses by too much are raised.
+    The weights of readings with too large residuals are increased.
     """
     data, weights = readings.data, readings.weights
     bends = len(data) - 2
@@ -265,7 +265,7 @@ def _to_noise(
         calm = near / max(float(near.mean()), 1e-300) + _LEAST_BENDS
         strength = _strength(readings, noise, 1.0 / calm)
     smooth = _smooth(readings, strength)
-    for _ in range(8):  # a counted position is known to within half a count
+    for _ in range(8):  # a quantized position is known to within half a count
         outside = np.abs(smooth - data) > (0.55 * resolution if resolution else 4 * noise)
         outside &= weights > 0
         if not np.any(outside):
@@ -316,7 +316,7 @@ def _smooth(readings: _Readings, strength: Vector) -> Vector:
 
 
 def estimate_friction(record: Record) -> FrictionEstimate:
-    """Friction along a record by Eq. 2.3, with its noise and what was done about lags.
+    """Friction along a record by Eq. 2.3, with its noise and the corrections of lags.
 
     Parameters
     ----------
@@ -327,7 +327,7 @@ def estimate_friction(record: Record) -> FrictionEstimate:
     lag_position = float(record.lags.get(name, 0.0))
     force_noise = fast_noise(record.force)
     resolution = resolution_of(record.force)
-    if resolution < 0.1 * force_noise:  # the grid of the file's digits
+    if resolution < 0.1 * force_noise:  # a grid of the file's digits
         resolution = 0.0
     force_noise = max(force_noise, resolution / math.sqrt(12))
     from_rest = abs(float(np.mean(record.force[:5]))) < 3 * max(force_noise, 1e-9)

@@ -28,11 +28,11 @@ Vector = npt.NDArray[np.float64]
 
 FORWARDS, BACKWARDS = "forwards", "backwards"
 
-_FINE = 1 / 160  # noise of a fine position, as a share of the amplitude that it sees
+_FINE = 1 / 160  # noise of a fine position sensor, as a share of the amplitude
 _FAST = 5e-4  # sampling interval of a fast acquisition [s]
-_SHAKEN = 10.0  # Hz
-_LONGEST = 20.0  # s, of one record
-_SLIDES = 100.0  # ways of presliding, over which a motion slides
+_SHAKEN = 10.0  # frequency of a shaken trial [Hz]
+_LONGEST = 20.0  # longest record [s]
+_SLIDES = 100.0  # amplitude of a sliding motion over the presliding distance
 
 
 def ways(course: StackedRecords) -> list[str]:
@@ -50,15 +50,15 @@ def ways(course: StackedRecords) -> list[str]:
 
 @dataclass(frozen=True)
 class CandidateTrial:
-    """A trial that might be added: what is asked of it and the motion it would make.
+    """A trial that might be added: its description and its motion.
 
     Attributes
     ----------
     what : str
     motions : tuple of function of ndarray [s] to ndarray [m]
-        One record each.
+        One function per record.
     duration, step, blur : float
-        [s], sampling interval [s], noise of the position [m].
+        Duration [s], sampling interval [s], noise of the position [m].
     """
 
     what: str
@@ -82,9 +82,9 @@ def _both_ways(speeds: list[float]) -> tuple[Callable[[Vector], Vector], ...]:
 
 
 def _size(fit: Fit, course: StackedRecords) -> tuple[float, float]:
-    """Speed and travel that the machine is known to do [m/s, m]: those of its records.
+    """Speed and travel of the machine [m/s, m]: those of its records.
 
-    Where they are but presliding, a travel that slides, gone over in a second.
+    If the records show presliding only: a travel long enough to slide, moved over in a second.
     """
     ends = ("",) if fit.tied else ("_pos", "_neg")
     way = max(presliding_way(fit.law, fit.values, end) for end in ends)
@@ -96,14 +96,14 @@ def _size(fit: Fit, course: StackedRecords) -> tuple[float, float]:
 
 
 def candidates(fit: Fit, parameter: str, course: StackedRecords) -> list[CandidateTrial]:
-    """Trials worth asking about for a parameter, simplest first, in the size of the machine.
+    """Candidate trials for a parameter, the simplest first, scaled to the machine.
 
     Parameters
     ----------
     fit : Fit
     parameter : str
     course : StackedRecords
-        The records, which say what the machine can do and how it is measured.
+        The records, which show the range of the machine and its sensors.
     """
     name = without_direction(parameter)
     speed, travel = _size(fit, course)
@@ -184,7 +184,7 @@ def which_would_do(fit: Fit, parameter: str, course: StackedRecords) -> str:
 
 
 def _plausible(fit: Fit) -> Vector:
-    """The fit, with critical damping where sigma1 is not known: trials are judged at this point."""
+    """Coordinates to evaluate trials: the fit, with critical damping if sigma1 is not known."""
     coordinates = fit.coordinates.copy()
     for j, name in enumerate(fit.names if fit.law.name in BRISTLES else ()):
         if name.startswith("sigma1") and not fit.intervals[name].identified:
@@ -206,7 +206,7 @@ def _expected_error(
         course, force=np.round(force / resolution) * resolution if resolution else force
     )
     climb.problem = Problem(course, fit.law, fit.tied)
-    climb.prior_std[:p] = 1e3  # the trial alone may leave some parameters open
+    climb.prior_std[:p] = 1e3  # the trial alone may not identify all parameters
     information = climb.normal(climb.point).information
     alone = np.linalg.inv(np.linalg.inv(information)[:p, :p])
     before = np.linalg.inv(np.linalg.inv(fit.information)[:p, :p])
@@ -248,7 +248,7 @@ def _course(option: CandidateTrial, noise: float, resolution: float) -> StackedR
 
 
 def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
-    """The reason why an interval is wide, from the motion that was recorded."""
+    """The reason why an interval is wide, from the recorded motion."""
     name = without_direction(parameter)
     sign = {"_pos": 1.0, "_neg": -1.0}.get(parameter[-4:], 0.0)
     speed = course.v * sign if sign else np.abs(course.v)
@@ -340,7 +340,7 @@ def _fall_unseen(course: StackedRecords, speed: Vector, way: str, scale: float) 
     if not np.any(sliding):
         return f"there is no sliding {way}"
     ordered = np.sort(speed[sliding])
-    covered = np.cumsum(ordered)  # the way is what counts, not the time
+    covered = np.cumsum(ordered)  # weighted by distance, not by time
     slowest = float(ordered[np.searchsorted(covered, 0.02 * covered[-1])])
     return (
         f"after break-away the block slides at {way} at {slowest:.2g} m/s or more for nearly all "

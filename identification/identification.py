@@ -22,7 +22,7 @@ from .layout import StackedRecords
 from .left_over import LeftOver
 from .stribeck_fit import StribeckPoints
 
-MISFIT = 2.0  # what the law leaves, in noise of the force, beyond which it is not trusted
+MISFIT = 2.0  # residual over force noise above which the law is not trusted
 SIDES = {FORWARDS: "_pos", BACKWARDS: "_neg"}
 
 
@@ -33,13 +33,12 @@ class Identification:
     Attributes
     ----------
     parameters : dict of str to Interval
-        Of the law, and of the offset if requested: our estimator on
-        all records.
+        Parameters of the law, and the offset if requested, by our estimator on all records.
     per_direction : dict of str to dict of str to Interval
-        ``forwards``, ``backwards`` and ``averaged``, fitted apart with the offset of
+        ``forwards``, ``backwards`` and ``averaged``, fitted separately with the offset of
         `parameters`; empty for one direction only.
     thesis : dict
-        The thesis' formulas on the same records.
+        Results of the thesis' formulas on the same records.
     fit : Fit
     course : Course
     estimates : list of FrictionEstimate
@@ -76,7 +75,7 @@ class Identification:
 
     @property
     def unexplained(self) -> float:
-        """Root mean square of what the law leaves of the force beyond its noise [N]."""
+        """Root mean square residual of the force, without its noise [N]."""
         return self.left.force
 
     @property
@@ -110,9 +109,9 @@ class Identification:
         }
 
     def parameter_file(self) -> ParameterFile:
-        """The law's values with their intervals; of `told`, what these records do not tell.
+        """The law's values with their intervals, and other values from `told`.
 
-        A parameter that is not identified has no value, unless `told` has one, and is in a
+        A parameter that is not identified has no value, unless `told` has one, and is listed in a
         table with the reason.
         """
         given = self.told or ParameterFile()
@@ -152,7 +151,7 @@ class Identification:
 
 
 def _bounds(i: Interval) -> tuple[float, float]:
-    """The interval's ends; one that is not known is infinite."""
+    """The interval's ends; an unknown end is infinite."""
     low = -math.inf if i.low is None else i.low
     high = math.inf if i.high is None else i.high
     return min(low, i.value), max(high, i.value)

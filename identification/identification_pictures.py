@@ -1,4 +1,4 @@
-"""Pictures of an identification: the friction map with the fit, and what the fit leaves."""
+"""Pictures of an identification: the friction map with the fit, and the residuals."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def save_pictures(result: Identification, folder: Path) -> None:
 
 
 def identification_figures(result: Identification) -> dict[str, Any]:
-    """Figures of friction over velocity and of what the fit leaves, by name."""
+    """Figures of friction over velocity and of the residuals, by name."""
     import matplotlib as mpl
 
     figures = {}
@@ -98,7 +98,7 @@ def identification_figures(result: Identification) -> dict[str, Any]:
 
 
 def _draw_curves(axes: Any, result: Identification) -> None:
-    """Friction at constant velocity, of each direction's parameters where both are known."""
+    """Draw friction at constant velocity, with each direction's parameters if both are known."""
     constant = result.fit.values.get(OFFSET, 0.0)
     tops = (float(result.course.v.max()), float(result.course.v.min()))
     for (side, end), top, dash in zip(SIDES.items(), tops, DASHES[:2], strict=True):
@@ -108,7 +108,7 @@ def _draw_curves(axes: Any, result: Identification) -> None:
         if result.fit.law.directional:
             values = {n + end: v for n, v in values.items()}
         values = values or {n: i.value for n, i in result.parameters.items()}
-        speeds = top * np.linspace(0.0, 1.0, _CURVE + 1)[1:] ** 2  # most of the bend is slow
+        speeds = top * np.linspace(0.0, 1.0, _CURVE + 1)[1:] ** 2  # more points at low speed
         curve = [claim_of(result.law, "steady_state", values, s) + constant for s in speeds]
         axes.plot(1e3 * speeds, curve, ls=dash, color=COLOURS[6], lw=1.2, label=f"law, {side}")
 

@@ -27,8 +27,8 @@ from .stribeck_fit import stribeck_points
 from .thesis_estimates import TOGETHER, thesis_estimates
 from .time_shift import corrected, time_shift
 
-_SMALL = 0.02  # of the friction: what is left is not worth a word
-_LEAST_DIFFERENCE = 1e-3  # probability of such different directions if they were the same
+_SMALL = 0.02  # residual, as a share of friction, below which nothing is reported
+_LEAST_DIFFERENCE = 1e-3  # probability of such a difference if both directions were the same
 
 
 class UnknownLaw(ValueError):
@@ -36,11 +36,11 @@ class UnknownLaw(ValueError):
 
 
 class CannotHold(ValueError):
-    """A parameter cannot be held at a value; the message says why and what can."""
+    """A parameter cannot be fixed at a value; the message says why and which ones can."""
 
 
 def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> None:
-    """Refuse what cannot be held at a value, and an offset that cannot be told.
+    """Raise CannotHold if a parameter cannot be fixed, or an offset cannot be fitted.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
     fixed : mapping of str to float
         Values by the law's names, or `OFFSET` [N].
     offset : bool, optional
-        Whether a constant force is to be fitted.
+        Whether a constant force is fitted.
 
     Raises
     ------
@@ -101,20 +101,19 @@ def identify(
     law : str
         One of `LAWS`.
     told : ParameterFile, optional
-        What is known of the drive beside; the result's parameter file keeps it. Default: of records
-        of the rig nothing beside the nominal axis, of others a drive of their mass whose command is
-        the force.
+        Known values of the drive; the result's parameter file keeps them. Default: the nominal axis
+        for records of the rig; otherwise a drive with the records' mass whose command is the force.
     fixed : mapping of str to float, optional
-        Parameters that are held at a value, SI; `OFFSET` may be one.
+        Values of fixed parameters, SI; `OFFSET` may be one.
     offset : bool, optional
-        Whether a constant force is fitted beside the law, as a load or a load cell's zero makes it.
+        Whether a constant force is also fitted, for a load or a load cell's zero.
     mass : bool, optional
-        Whether the mass is fitted beside the law, one for all records, instead of the records'.
+        Whether the mass is also fitted, one for all records, instead of the records' mass.
 
     Raises
     ------
     UnknownLaw
-        If there is no such law here.
+        If no such law can be identified.
     CannotHold
     ValueError
         If there are no records.
@@ -191,7 +190,7 @@ def identify(
 
 
 def _drive_of(mass: float) -> ParameterFile:
-    """What is known of a machine of which there are records of force and position only."""
+    """Parameter file of a machine with records of force and position only."""
     values = {
         "m": Value(mass, "kg", None, "of the records: between load cell and block"),
         "gain": Value(1.0, "1", None, "the command is the force"),
@@ -206,7 +205,7 @@ def _each_way(
     course: StackedRecords,
     fixed: Mapping[str, float],
 ) -> tuple[dict[str, dict[str, Interval]], list[str]]:
-    """Parameters of each direction, if both are seen, and what to say of them."""
+    """Parameters of each direction, if both were recorded, and notes on them."""
     if not fit.tied:
         return _by_direction(judged, fit.law.parameters), []
     moved = ways(course)
@@ -221,7 +220,7 @@ def _each_way(
 
 
 def _of_mass(found: Interval, told: ParameterFile | None) -> list[str]:
-    """What a mass that is not the one given says of force, lead and units."""
+    """Notes on force, lead and units if the fitted mass differs from the given mass."""
     given = told.plant.get(MASS) if told else None
     if given is None or not found.identified or found.low is None or found.high is None:
         return []
@@ -236,7 +235,7 @@ def _of_mass(found: Interval, told: ParameterFile | None) -> list[str]:
 def _remarks(
     records: Sequence[Record], law: str, fit: Fit, offset: bool, unkept: bool
 ) -> list[str]:
-    """What to say of the records and of the law; `unkept`: no file keeps the offset."""
+    """Notes on the records and on the law; `unkept`: no file contains the offset."""
     notes = []
     foreign = [r for r in records if not r.about]
     if foreign:
@@ -296,7 +295,7 @@ def _by_direction(
 
 
 def _difference(apart: Fit, split: Mapping[str, Interval], fixed: Mapping[str, float]) -> list[str]:
-    """Whether the two directions differ by more than chance."""
+    """A note if the two directions differ significantly."""
     half = len(apart.law.parameters)
     seen = [
         j

@@ -13,7 +13,7 @@ from scipy.stats import t as student
 Vector = npt.NDArray[np.float64]
 
 CONFIDENCE = 0.95
-NARROW = 0.3  # a parameter is identified where its interval is within this share of its value
+NARROW = 0.3  # a parameter is identified if its interval is within this share of its value
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class Interval:
     Attributes
     ----------
     standard_error : float or None
-        None where the data give none.
+        None if the data give none.
     low, high : float or None
-        None where the data set no bound.
+        None if the data give no bound.
     method : str
     identified : bool
-        Whether the interval is within `NARROW` of the value to either side.
+        Whether both ends of the interval are within the share `NARROW` of the value.
     because, would_do : str
         Why it is not identified and which trial would be enough; empty if it is identified.
     """
@@ -44,14 +44,14 @@ class Interval:
     would_do: str = ""
 
     def times(self, factor: float) -> Interval:
-        """The interval in another unit: the number times a factor above 0."""
+        """The interval in another unit: all numbers times a positive factor."""
         low, high = (None if b is None else b * factor for b in (self.low, self.high))
         return replace(self, value=self.value * factor, low=low, high=high)
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean and two-standard-deviation band of values identified trial by trial (Ref. [57]).
+    """Mean and two-standard-deviation band of values identified from single trials (Ref. [57]).
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ def spread(values: Sequence[float] | Vector) -> Spread:
 
 
 def is_narrow(value: float, low: float | None, high: float | None) -> bool:
-    """Whether an interval is close enough around its value to call that identified."""
+    """Whether an interval is narrow enough for its value to be identified."""
     if low is None or high is None:
         return False
     return max(high - value, value - low) <= NARROW * abs(value)
@@ -107,7 +107,7 @@ def student_interval(
 
 
 def average(first: Interval, second: Interval) -> Interval:
-    """The mean of both directions' values, as the thesis takes it for its nominal parameters."""
+    """The mean of both directions' values, as used in the thesis for its nominal parameters."""
     value = 0.5 * (first.value + second.value)
     method = "mean of both directions"
     because = "; ".join(

@@ -1,7 +1,7 @@
 """The friction laws along a given motion, compiled: what the estimators fit, see ``c/laws.c``.
 
-The equations come from ``plant``, see `laws_in_c`; a test compares each law with a stiff solver. A
-law that has no exact step there has its equations solved, see `law_equations`.
+The equations come from ``plant``, see `laws_in_c`; a test compares each law with a stiff solver.
+For a law without an exact step there, its equations are solved, see `law_equations`.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ KINDS = {
     "maxwell_slip": 3,
     "classical": 4,
 }
-"""Laws with an exact step of their own in ``c/laws.c``; of all others the equations are solved."""
-SHARPNESS = 1e8  # Kv of the modified law [s/m], Table 3.1; no record here says anything of it
+"""Laws with an exact step in ``c/laws.c``; for all others the equations are solved."""
+SHARPNESS = 1e8  # Kv of the modified law [s/m], Table 3.1; records give no information on it
 
 
 class _Law(ct.Structure):
@@ -56,10 +56,10 @@ class LawValues:
     name : str
     forwards, backwards : ndarray
         The law's parameters, in the order of the estimator's ``LAWS``, by direction of motion.
-        LuGre's sigma0 goes with the side to which the bristles are bent; with two parameters more,
-        its curve has one more bend at low speed.
+        LuGre's sigma0 depends on the direction in which the bristles are bent. With two additional
+        parameters, its curve has another bend at low speed.
     sharpness : float
-        Kv of the modified law [s/m]; 0 for abs(v) itself, as the original has it.
+        Kv of the modified law [s/m]; 0 for abs(v) itself, as in the original.
     """
 
     name: str
@@ -68,7 +68,7 @@ class LawValues:
     sharpness: float = SHARPNESS
 
     def told(self) -> _Law:
-        """As compiled code takes it; `self` has to outlive it."""
+        """The law for compiled code; `self` must exist as long as it is used."""
         kind = KINDS.get(self.name, ANY)
         forwards, backwards, equations = self.forwards, self.backwards, None
         if kind == ANY:
@@ -108,7 +108,7 @@ def friction_along(
     shifts: Vector,
     vibration: Vector,
 ) -> Vector:
-    """A law along several records, laid end to end, shape (n,) [N].
+    """Friction along several records, end to end, shape (n,) [N].
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def friction_along(
 
 
 def mean_friction_along(law: LawValues, x: Vector, v: Vector, step: float, parts: int) -> Vector:
-    """A law along one record, on average over the interval after each sample, shape (n,) [N].
+    """Friction along one record, mean over the interval after each sample, shape (n,) [N].
 
     Between samples the motion is the cubic through both positions and velocities, in `parts` steps;
     the last value repeats that of the previous interval.
@@ -150,7 +150,7 @@ def mean_friction_along(law: LawValues, x: Vector, v: Vector, step: float, parts
     ----------
     law : LawValues
     x, v : ndarray, shape (n,)
-        [m], [m/s]
+        Position [m] and velocity [m/s].
     step : float
         Sampling interval [s].
     parts : int
@@ -165,18 +165,18 @@ def mean_friction_along(law: LawValues, x: Vector, v: Vector, step: float, parts
 def force_behind(
     joint: str, law: LawValues, x: Vector, v: Vector, step: float, size: float, mass: float
 ) -> Vector:
-    """Force on what drags a block with a law, on its other side, shape (n,) [N].
+    """Force on the driving side of a joint with a block and its friction behind it, shape (n,) [N].
 
-    A spring has a damping of its own, as machine parts have. In the middle of a gap the block hangs
-    at first; contact is lost where it would have to be pulled, be it by friction or by its mass,
-    and made again without a rebound.
+    A spring has its own damping, as in machine parts. In a gap, the block starts in the middle;
+    contact is lost if the block would have to be pulled, by friction or by its mass, and contact
+    again is without rebound.
 
     Parameters
     ----------
     joint : {"spring", "gap"}
     law : LawValues
     x, v : ndarray, shape (n,)
-        Motion before the joint [m], [m/s].
+        Motion on the driving side of the joint [m], [m/s].
     step : float
         Sampling interval [s].
     size, mass : float
@@ -185,7 +185,7 @@ def force_behind(
     Returns
     -------
     ndarray, shape (n,)
-        On average over the interval after each sample [N].
+        Mean over the interval after each sample [N].
     """
     force = np.empty(len(x))
     follow = getattr(_library(), f"force_behind_{joint}")
@@ -202,7 +202,7 @@ def score(
     information: Matrix,
     cost_only: bool,
 ) -> float:
-    """Minus the log-likelihood of force samples that were rounded to counts.
+    """Return minus the log-likelihood of force samples that were rounded to counts.
 
     Parameters
     ----------
@@ -223,10 +223,10 @@ def score(
 
 
 def with_backlash(x: Vector, starts: Bounds, backlash: Vector) -> Vector:
-    """Positions that come short by `backlash` [m] after a record's start and after each reversal.
+    """Positions that are short by `backlash` [m] after a record's start and after each reversal.
 
-    What rebuilding does at corners is the same at all of them and in all records, and a replay of
-    the rounded corners shows but a part of it.
+    The error of the reconstruction at corners is the same at all corners and in all records, and a
+    replay of the rounded corners shows only a part of it.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Any friction law along a record: its equations, which the core solves from sample to sample.
+"""Any friction law along a record: the core solves its equations from sample to sample.
 
-Laws with an exact step of their own are in ``c/laws.c``, and take a tenth of the time.
+Laws with an exact step are in ``c/laws.c`` and take a tenth of the time.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ class _Equations(ct.Structure):
 
 
 class LawEquations:
-    """A law's equations with the memory that they are solved in.
+    """A law's equations with the memory for their solution.
 
     Attributes
     ----------
     address : int
-        For compiled code.
+        Address for compiled code.
     """
 
     def __init__(self, name: str) -> None:
@@ -69,7 +69,7 @@ class LawEquations:
         self.address = ct.addressof(told)
 
     def completed(self, fitted: Vector) -> Vector:
-        """All parameters of the law, from those that are fitted."""
+        """All parameters of the law, from the fitted ones."""
         values = self._defaults.copy()
         values[self._fitted] = fitted
         return values
@@ -81,8 +81,8 @@ equations_of = cache(LawEquations)
 def motion_to_and_fro(friction: Law, name: str) -> Component:
     """The component: a law at a velocity `v`, and half of the time at a velocity `back`.
 
-    Both are the same where nothing vibrates; a vibrating body changes direction so fast
-    that only the mean of both rates matters.
+    Both are equal without vibration. A vibrating body changes direction so fast that only the mean
+    of both rates matters.
     """
     there, and_back = friction(symbol("v")), friction(symbol("back"))
     states = tuple(

@@ -1,10 +1,11 @@
-"""What ``c/laws.c`` needs of the friction laws, derived from ``plant`` and written in C.
+"""The functions of the friction laws for ``c/laws.c``, derived from ``plant`` and written in C.
 
-While the velocity stays the same, the rate of a state is a - b z, for all laws but Dahl's: the
-distance to the rest a/b falls by exp(-b h) in a time h. That b h is called run here, as a function
-of the way gone where the law knows no time. Everything is of motion forwards: all laws are odd.
+At constant velocity, the rate of a state is a - b z, for all laws except Dahl's: the distance to
+the equilibrium a/b falls by exp(-b h) in a time h. The product b h is called run here; for laws
+independent of time it is a function of the distance moved. All functions are for forward motion,
+because all laws are odd.
 
-A wheel is built without SymPy, so what is made is kept: ``python -m
+A wheel is built without SymPy, so the generated code is stored: ``python -m
 ballscrew.identification.laws_in_c`` writes ``c/laws_from_plant.h``.
 """
 
@@ -50,7 +51,7 @@ def header() -> str:
 
 
 def _function(of: str, name: str, value: sp.Expr, **places: str) -> str:
-    """An expression of a law, or of a joint, as a function in C of what it needs."""
+    """An expression of a law, or of a joint, as a function in C of its symbols."""
     parameters = LAWS[of].parameters if of in LAWS else ()
     known = {p: f"q[{k}]" for k, p in enumerate(parameters)} | places
     used = {s.name for s in value.free_symbols}
@@ -69,7 +70,7 @@ def _friction(term: ForceTerm) -> sp.Expr:
 
 
 def _settling(rate: sp.Expr, state: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:
-    """Rest and b of a state with the rate a - b z."""
+    """Equilibrium a/b and rate b of a state with the rate a - b z."""
     b = -sp.diff(rate, state)
     return rate.xreplace({state: sp.Integer(0)}) / b, b
 
@@ -78,9 +79,9 @@ def _curves() -> list[str]:
     made = []
     for name in ("lugre", "maxwell_slip", "classical"):
         vs = f"q[{LAWS[name].parameters.index('Vs')}]"
-        curve = stribeck(_RATIO * symbol("Vs"))  # the ratio squared, not both of its parts
+        curve = stribeck(_RATIO * symbol("Vs"))  # square the ratio, not numerator and denominator
         made.append(_function(name, "curve", curve, ratio=f"v / {vs}"))
-        if name == "lugre":  # one more bend is a curve that falls to nothing
+        if name == "lugre":  # the additional bend is a curve that falls to zero
             more = curve.xreplace({symbol("Fc"): sp.Integer(0)})
             places = {"Fs": "q[LUGRE_PARAMETERS]", "ratio": "v / q[LUGRE_PARAMETERS + 1]"}
             made.append(_function(name, "bend", more, **places))
@@ -90,7 +91,7 @@ def _curves() -> list[str]:
 
 
 def _lugre() -> list[str]:
-    """Of the modified law; with a sign that jumps it is the original."""
+    """Functions of the modified law; with a discontinuous sign it is the original law."""
     term, sign = law("modified_lugre")(_V), smooth_sign(_V)
 
     def of(value: sp.Expr) -> sp.Expr:
@@ -109,7 +110,7 @@ def _lugre() -> list[str]:
 
 
 def _dahl() -> list[str]:
-    """What is left of the force to the rest, as a share of it, falls with a power of itself."""
+    """Dahl's law: the relative distance to the final force falls with a power of itself."""
     term, claim = law("dahl")(_V), claims("dahl")
     steady, stiffness = map(sp.sympify, (claim.steady_state, claim.stiffness))
     rest = steady.subs(symbol("v"), _V)

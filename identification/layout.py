@@ -18,12 +18,12 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 _FREE_SHIFT = 1e-3  # [m]
-_STILL = 3.0  # spreads of the velocity below which a block may as well stick
-AROUND = 3  # samples around a break-away of which it is not known which it was
-# Share of the position's noise by which corners are wrong everywhere: a sixth of a count, whose
-# noise is that of a uniform error.
+_STILL = 3.0  # standard deviations of the velocity below which a block may stick
+AROUND = 3  # uncertainty of the sample of a break-away, in samples
+# Common error of all corners over the position's noise: a sixth of a count, if the noise is that of
+# a uniform error within a count.
 _BACKLASH = math.sqrt(12) / 6
-EXAMPLES = 12  # of what rebuilding a motion does
+EXAMPLES = 12  # example errors of a motion's reconstruction
 _CORNER = 1.3  # the smoothed position is less certain where a motion begins
 
 
@@ -41,19 +41,19 @@ class StackedRecords:
         of the delay [s].
     starts : ndarray of int, shape (records + 1,)
     clock : ndarray of int, shape (records,)
-        Which of the unknown delays a record has.
+        Index of the record's unknown delay.
     resolution, noise : float
         Resolution of the load cell and first guess of the noise before it [N].
     replays : ndarray, shape (examples, 3, n)
         `x`, `v` and `inertial` after a second reconstruction, see `replay`.
     backlash : ndarray, shape (records,)
-        How far corners may be wrong in the same way everywhere [m].
+        Possible common error of all corners [m].
     still : ndarray of bool, shape (n,)
-        Where the block may as well stick.
+        Samples at which the block may stick.
     rough : ndarray, shape (n,), or float
-        Of `inertial`, what changes so fast that it is noise or a corner [N].
+        Part of `inertial` that changes so fast that it is noise or a corner [N].
     mass : float
-        Of `inertial` in the first record [kg]; in all of them where the mass is fitted.
+        Mass of the first record [kg]; of all records if the mass is fitted.
     """
 
     x: Vector
@@ -85,7 +85,7 @@ class StackedRecords:
 
     @property
     def level(self) -> float:
-        """Size of the friction where it is large [N]."""
+        """Typical large friction force [N]."""
         return max(float(np.quantile(np.abs(self.force - self.inertial), 0.98)), 1e-9)
 
     def with_mass(self, mass: float) -> StackedRecords:
@@ -128,7 +128,7 @@ def lay_out(
         columns = [m.x for m in motions], [m.v for m in motions], inertial
         return np.stack([np.concatenate(c) for c in columns])
 
-    # calibrations scatter alike: one that happens to fit well is no better than the others
+    # all calibrations have the same spread: one that happens to fit well is not better than others
     stds = np.array([r.gain_std for r in records])
     usual = math.sqrt(float(np.mean(stds[stds > 0] ** 2))) if np.any(stds > 0) else 0.0
     gain_std = np.where(stds > 0, usual, 1e-7)
@@ -160,22 +160,22 @@ def lay_out(
 
 
 def _rough(mass: float, motion: SmoothedMotion) -> Vector:
-    """Mass times acceleration, less what is left when it is smoothed over half a period [N]."""
+    """Mass times acceleration less its smoothed value, over half a period [N]."""
     width = 0.5 / (motion.bandwidth * motion.step)
     return np.asarray(mass * (motion.a - gaussian_filter1d(motion.a, width)))
 
 
 def _may_stick(motion: SmoothedMotion) -> npt.NDArray[np.bool_]:
-    """Where a velocity cannot be distinguished from zero, or was smoothed with such samples."""
+    """Samples whose velocity may be zero, or was smoothed together with such samples."""
     spread = 2 * math.pi * motion.bandwidth * motion.noise
     still = np.abs(motion.v) < max(_STILL * spread, 1e-9)
-    still[[0, -1]] = True  # nobody knows what was before and after
+    still[[0, -1]] = True  # the motion before and after is not known
     near = max(1, round(0.25 / (motion.bandwidth * motion.step)))
     return np.asarray(np.convolve(still, np.ones(2 * near + 1), "same") > 0.5)
 
 
 def break_aways(course: StackedRecords) -> dict[int, float]:
-    """Samples of the largest force before a block slides, and its direction."""
+    """Samples with the largest force before each break-away, and its direction."""
     found = {}
     friction = course.force - course.inertial
     for r in range(course.records):

@@ -1,9 +1,9 @@
 """Residual force of a law, divided by parts of the motion.
 
-Each part is a set of columns: the acceleration, the change of the force, a constant, steps over
-speed, over the way since a reversal, over the position. The part that predicts most of what is left
-is taken first, then the next of the rest. What a part predicts is judged on pieces of the records
-that its columns were not fitted on, so that chance explains nothing.
+Each part is a set of columns: the acceleration, the change of the force, a constant, and steps over
+speed, over the distance since a reversal, and over position. The part that predicts most of the
+residual is taken first, then the best part for the rest. Predictions are evaluated on pieces of the
+records that the columns were not fitted to, so that chance explains nothing.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from .time_shift import least_squares, steps_of, way_since_reversal
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-_PIECES = 20  # of all records together; every other one judges the rest, and the other way about
-_WORTH = 0.05  # share of the unexplained mean square from which on a part is told
-_NEARLY = 0.7  # of what the part that predicts most does: a simpler one is taken
+_PIECES = 20  # of all records together; even pieces are predicted from odd ones, and vice versa
+_WORTH = 0.05  # smallest reported part, as a share of the unexplained mean square
+_NEARLY = 0.7  # a simpler part with this share of the best prediction is preferred
 _SPEEDS, _PLACES, _WAYS = 4, 10, 6  # steps
 
 
@@ -38,7 +38,8 @@ class Part:
     name : str
         "acceleration", "time", "constant", "speed", "reversals", "travel" or "rest".
     force : float
-        Root mean square [N]; squares of the parts and of the noise sum up to the whole's.
+        Root mean square [N]; the squares of all parts and of the noise add up to that of the
+        residual.
     words : str
         Description of the part, and its probable reason.
     """
@@ -55,12 +56,12 @@ class LeftOver:
     Attributes
     ----------
     force, noise : float
-        Unexplained, and what noise, sampling and rebuilding of the motion make, where these make
-        least [N].
+        Unexplained force, and error by noise, sampling and reconstruction of the motion, weighted
+        towards samples with small errors [N].
     parts : tuple of Part
         The largest first, then the rest.
     by_motion : dict of str to float
-        Root mean square of force less fit in the parts of the motion, see `PARTS` [N].
+        Root mean square residual in each part of the motion, see `PARTS` [N].
     """
 
     force: float
@@ -70,10 +71,10 @@ class LeftOver:
 
 
 def left_over(course: StackedRecords, fit: Fit, noise: float) -> LeftOver:
-    """What a law leaves of the force of the records, by parts of the motion.
+    """Residual force of a law along the records, by parts of the motion.
 
-    A sample counts by how well it is known: its variance has parts from the noise, from the motion
-    between samples, and from the reconstruction of the motion.
+    Samples are weighted by one over their variance, which is the sum of those of the noise, of the
+    motion between samples, and of the reconstruction of the motion.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ def left_over(course: StackedRecords, fit: Fit, noise: float) -> LeftOver:
         most = max(gained.values())
         if most < _WORTH * square:
             break
-        name = next(n for n, g in gained.items() if g >= _NEARLY * most)  # the simplest stand first
+        name = next(n for n, g in gained.items() if g >= _NEARLY * most)  # the simplest are first
         columns = groups.pop(name)
         told = least_squares(columns * root[:, None], left * root)
         left = left - columns @ told
@@ -116,7 +117,7 @@ def left_over(course: StackedRecords, fit: Fit, noise: float) -> LeftOver:
 def _predicted(
     columns: Matrix, values: Vector, weight: Vector, odd: npt.NDArray[np.bool_]
 ) -> float:
-    """Weighted mean square by which columns, fitted on other pieces, make values less [N^2]."""
+    """Decrease of the weighted mean square by columns that were fitted to other pieces [N^2]."""
     gained = 0.0
     root = np.sqrt(weight)
     for part in (odd, ~odd):
@@ -130,7 +131,7 @@ def _predicted(
 def _columns(course: StackedRecords, fit: Fit) -> dict[str, Matrix]:
     """Columns of each part, shape (n, columns)."""
     n = len(course.x)
-    # where the mass is zero, nothing can be said of the acceleration
+    # with a mass of zero, the acceleration is not known
     acceleration = course.inertial / course.mass if course.mass else np.zeros(n)
     change = np.zeros(n)
     way, near = np.zeros(n), np.zeros(n, dtype=bool)
@@ -161,7 +162,7 @@ def _fitted_already(fit: Fit) -> set[str]:
 
 @dataclass(frozen=True)
 class _Moved:
-    """One record's motion, as `motion_parts` takes it."""
+    """One record's motion, as input of `motion_parts`."""
 
     step: float
     v: Vector
@@ -194,7 +195,7 @@ def _mass_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
 
 
 def gain_words(right: float, given: float) -> str:
-    """What is wrong if a mass that is not what the records say is sure; empty if it cannot be."""
+    """Possible errors if the given mass is certain but differs from the fitted one; else empty."""
     if right <= 0 or given <= 0:
         return ""
     ratio = right / given

@@ -12,11 +12,12 @@ from .layout import AROUND, StackedRecords, break_aways
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-# Share of the largest force: what changes by more in a sampling interval hardly counts, since the
-# motion within it is not known, and wrong in the same way in all records.
+# Share of the largest force: samples with a larger change in a sampling interval have little
+# weight, because the motion within the interval is not known, and its error is the same in all
+# records.
 _SUDDEN = 0.05
-_NOTHING = 1e3  # spread of a sample of which the law says nothing [N]
-_UNSEEN = 0.3  # share of a sample's change of force that the course between samples may hide
+_NOTHING = 1e3  # standard deviation of a sample for which the law gives no force [N]
+_UNSEEN = 0.3  # error by unknown motion between samples, over the change of force per sample
 
 
 class Problem:
@@ -27,7 +28,7 @@ class Problem:
         self.of_law = len(law.parameters) * (1 if tied else 2)
         self.size = self.of_law + len(law.beside)
         self.logarithms = self.of_law + law.mass
-        # Stribeck's curve falls: coordinates of Fc and Fs, which is never less
+        # coordinates of Fc and Fs: Fs is never less than Fc
         self.peaked: list[tuple[int, int]] = []
         if {"Fc", "Fs"} <= set(law.parameters):
             fc, fs = (law.parameters.index(n) for n in ("Fc", "Fs"))
@@ -86,10 +87,10 @@ class Problem:
         return friction + inertial
 
     def later(self, force: Vector, delays: Vector) -> Vector:
-        """The force as it arrives `delays` late: a parabola through three samples.
+        """The force delayed by `delays`, by a parabola through three samples.
 
-        The noise in an acceleration stays where it is: between samples it would be less, for which
-        half a sample's delay would be preferred.
+        The noise of the acceleration is not delayed: interpolation between samples would reduce it,
+        and the fit would then prefer a delay of half a sample.
         """
         force = force - self.course.rough
         part = delays[self.course.clock][self.owner] * self.per_sample
@@ -102,7 +103,7 @@ class Problem:
         return np.asarray(force - part * slope + part**2 * bend + self.course.rough)
 
     def unseen(self, force: Vector) -> Vector:
-        """Variance of a sample because of what happens between two, shape (n,) [N^2]."""
+        """Variance of a sample due to unknown motion between samples, shape (n,) [N^2]."""
         course = self.course
         change = np.zeros_like(force)
         change[1:-1] = np.abs(force[2:] - force[:-2])
@@ -120,7 +121,7 @@ class Problem:
         return variance
 
     def stribeck_gaps(self, coordinates: Vector) -> list[float]:
-        """How far ln Fc is above ln Fs, where the law wants it below, by direction."""
+        """ln Fc less ln Fs by direction; the law requires a negative value."""
         return [float(coordinates[fc] - coordinates[fs]) for fc, fs in self.peaked]
 
     def cost(self, predicted: Vector, spread: Vector) -> float:
@@ -128,7 +129,7 @@ class Problem:
         return self._score(predicted, spread, True)
 
     def weigh(self, predicted: Vector, spread: Vector) -> None:
-        """Leave gradient and expected information by sample."""
+        """Store the gradient and the expected information of each sample."""
         self._score(predicted, spread, False)
 
     def _score(self, predicted: Vector, spread: Vector, cost_only: bool) -> float:

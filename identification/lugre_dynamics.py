@@ -1,8 +1,8 @@
-"""LuGre's sigma0 and sigma1 as the thesis finds them, Eqs. 2.12-2.17, and by how much they are off.
+"""LuGre's sigma0 and sigma1 by the thesis, Eqs. 2.12-2.17, and the errors of these formulas.
 
-Eq. 2.14 takes the law in presliding for a spring. On a true LuGre surface the bristles give way
-before break-away, and the spring looks too soft, the more so the larger the force. Eq. 2.17 sets
-the damping ratio to one; it is an assumption, not an identification.
+Eq. 2.14 assumes that presliding is a spring. On a true LuGre surface the bristles yield before
+break-away, so the stiffness is underestimated, more so with a larger force. Eq. 2.17 sets the
+damping ratio to one; it is an assumption, not an identification.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .stribeck_fit import STUCK
 
 
 def secant_bias(force: float, fs: float) -> float:
-    """What Eq. 2.14 gives on a slowly loaded LuGre surface, as a share of the true sigma0.
+    """Result of Eq. 2.14 on a slowly loaded LuGre surface, over the true sigma0.
 
     From dz/dx = 1 - sigma0 z/Fs: x = -(Fs/sigma0) ln(1 - F/Fs).
 

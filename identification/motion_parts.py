@@ -21,12 +21,12 @@ PARTS = {
     "backwards": "towards -x",
     REST: "not distinguishable from rest for 0.05 s or longer",
 }
-"""Each of the views by speed, by acceleration and by direction has every moving sample once."""
+"""Each division, by speed, acceleration or direction, contains every moving sample once."""
 
-_FAST = 0.95  # quantile of the speeds that is the record's fast speed
-_AROUND = 0.1  # of a reversal [s]
-_AT_REVERSALS, _SLOW = 0.2, 0.5  # of the fast speed
-_DIRECTED = 0.01  # of the fast speed: slower has the direction of before
+_FAST = 0.95  # quantile of the speeds that defines the fast speed
+_AROUND = 0.1  # time around a reversal [s]
+_AT_REVERSALS, _SLOW = 0.2, 0.5  # shares of the fast speed
+_DIRECTED = 0.01  # share of the fast speed below which the last direction is kept
 
 
 class Motion(Protocol):
@@ -43,12 +43,12 @@ class Motion(Protocol):
 
 
 def motion_parts(course: Motion) -> dict[str, Mask]:
-    """Which samples belong to each part; where the drive rests, to no other.
+    """Which samples belong to each part; samples at rest belong to no other part.
 
     Parameters
     ----------
     course : Motion
-        Of n samples.
+        Motion with n samples.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def motion_parts(course: Motion) -> dict[str, Mask]:
 
 
 def _direction(v: Vector, least: float) -> Vector:
-    """Sign of the velocity, shape (n,); where it is slower than `least`, the one of before."""
+    """Sign of the velocity, shape (n,); below `least`, the last sign."""
     known = np.flatnonzero(np.abs(v) > least)
     if not len(known):
         return np.where(v < 0.0, -1.0, 1.0)
@@ -79,7 +79,7 @@ def _direction(v: Vector, least: float) -> Vector:
 
 
 def _near_changes(direction: Vector, samples: int) -> Mask:
-    """Whether a change of direction is so many samples away or less, shape (n,)."""
+    """Whether a change of direction is at most `samples` samples away, shape (n,)."""
     changes = np.flatnonzero(np.diff(direction))
     near = np.zeros(len(direction) + 1)
     np.add.at(near, np.maximum(changes - samples + 1, 0), 1.0)

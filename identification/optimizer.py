@@ -14,23 +14,24 @@ from .likelihood import Problem
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-OWN = 4  # unknowns that each record has for itself: displacement, scale twice, vibration
-_WIDE = 3.0  # spread of the logarithm of a parameter of which nothing is known
-_WIDE_OFFSET = 10.0  # spread of a constant force of which nothing is known, in the largest force
-_CERTAIN = 1e-9  # spread of what is held
-_VIBRATION = 5e-7  # spread of a motion below what sensors show [m/s]: 0.05 um at some hertz
-UNDER = 0.01  # share by which the fit may leave Fs below Fc
-_LONGEST_TOGETHER = 100.0  # samples whose position is wrong in the same way
+OWN = 4  # unknowns of each single record: displacement, two of scale, vibration
+_WIDE = 3.0  # prior standard deviation of the logarithm of an unknown parameter
+_WIDE_OFFSET = 10.0  # prior standard deviation of an unknown constant force, over the largest force
+_CERTAIN = 1e-9  # prior standard deviation of a fixed parameter
+_VIBRATION = 5e-7  # prior spread of a vibration below the sensors' noise [m/s]: 0.05 um at some Hz
+UNDER = 0.01  # share by which a fitted Fs may be below Fc
+_LONGEST_TOGETHER = 100.0  # largest number of samples with the same position error
 _STEP = 1e-4  # of finite differences, in logarithms
-_LONGEST_MOVE = 0.7  # of one iteration, in logarithms
+_LONGEST_MOVE = 0.7  # longest step of one iteration, in logarithms
 
 
 @dataclass
 class Point:
     """All unknowns.
 
-    The law's coordinates, the delays, each record's displacement before its first sample, its
-    errors of scale, linear and quadratic over its way, its vibration, the logarithm of the noise.
+    These are the law's coordinates, the delays, and the logarithm of the noise; and for each record
+    the displacement before its first sample, the errors of scale, linear and quadratic over its
+    travel, and the vibration.
     """
 
     coordinates: Vector
@@ -56,7 +57,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Pieces:
-    """What one step uphill is made of.
+    """Quantities for one step of the maximization.
 
     Attributes
     ----------
@@ -65,8 +66,8 @@ class Pieces:
     columns : ndarray, shape (p + clocks, n)
         Derivatives of the force.
     own : ndarray, shape (OWN, n)
-        Derivatives of the force by what only the sample's record has: displacement
-        before, errors of scale, vibration.
+        Derivatives of the force by the unknowns of the sample's record: displacement before, errors
+        of scale, vibration.
     noisy : ndarray, shape (n,)
         Derivative of the spread by the logarithm of the noise.
     """
@@ -151,13 +152,13 @@ class Climb:
         return problem.later(before, point.delays)
 
     def force_on(self, motion: Matrix) -> Vector:
-        """Force at the point reached, had the records moved so, shape (n,) [N]."""
+        """Force along another motion, with the present parameters, shape (n,) [N]."""
         u = self.point
         force = self.problem.along(u.coordinates, u.shifts, u.gains, u.vibration, motion)
         return self.problem.later(force, u.delays)
 
     def look_back(self) -> None:
-        """Learn what rebuilding the motion does to the force, at the point reached."""
+        """Compute force errors by the reconstruction of the motion, with the present parameters."""
         problem = self.problem
         course = problem.course
         force = self.force(self.point)
@@ -206,7 +207,7 @@ class Climb:
         return columns, own
 
     def normal(self, point: Point) -> Pieces:
-        """Information and gradient of everything unknown, priors included, and their sources."""
+        """Information and gradient of all unknowns, with priors, and the quantities for them."""
         problem = self.problem
         course = problem.course
         columns, own = self.columns(point)
@@ -247,13 +248,13 @@ class Climb:
         return Pieces(information, slope, columns, own, noisy)
 
     def pull(self, pieces: Pieces, weighted: Vector) -> Vector:
-        """Derivatives of the prediction times a weighted residual, for everything unknown."""
+        """Derivatives of the prediction times a weighted residual, for all unknowns."""
         cuts = self.problem.course.starts[:-1]
         own = [np.add.reduceat(weighted * row, cuts) for row in pieces.own]
         return np.concatenate([pieces.columns @ weighted, *own, [0.0]])
 
     def run(self, iterations: int) -> float:
-        """Go uphill; returns the cost reached."""
+        """Maximize the likelihood; return the final cost."""
         damping = 1e-3
         cost = self.cost(self.point)
         for _ in range(iterations):

@@ -1,9 +1,9 @@
-"""What rebuilding a motion from its samples does to it, seen on motions that are known.
+"""Examples of the error of a motion's reconstruction from samples, on known motions.
 
-A record's rebuilt motion is taken for the truth, measured as the record was (encoder counts from an
-unknown origin, or noise on the values that a converter holds) and rebuilt again. The difference is
-an example of the error of the first rebuilding, with its course in time: what is smoothed away at
-a reversal, what a block that sticks within a count does unseen.
+A record's reconstructed motion is assumed to be true. It is measured like the record (encoder
+counts from an unknown origin, or noise on the values held by a converter) and reconstructed again.
+The difference is an example of the error of the first reconstruction over time: smoothing at a
+reversal, or hidden motion of a block that sticks within a count.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from .friction_estimation import FrictionEstimate, SmoothedMotion, smooth_motion
 
 
 def replay(estimate: FrictionEstimate, random: np.random.Generator) -> SmoothedMotion:
-    """One example of the motion of a record, measured and rebuilt once more.
+    """One example of the motion of a record, measured and reconstructed again.
 
     Parameters
     ----------
     estimate : FrictionEstimate
-        Of the record.
+        Estimate of the record.
     random : numpy Generator
-        Decides origin and noise.
+        Gives origin and noise.
     """
     motion = estimate.motion
     if motion.resolution:

@@ -1,10 +1,10 @@
-"""Frequency response of a drive from a record that shakes it: multisine, chirp or noise.
+"""Frequency response of a drive from a record with excitation: multisine, chirp or noise.
 
 The estimate is H1, cross spectrum over the input's spectrum by Welch's method, with its coherence
 (J. S. Bendat, A. G. Piersol, *Random Data*, 4th ed., 2010, chapters 5.2 and 9.2). Positions are
 differenced first, so that a drift does not leak into all frequencies, and the difference is undone
-in the response. The first resonance is a mode beside a rigid body, fitted to the acceleration per
-force around the first peak.
+in the response. The first resonance is a mode in addition to a rigid body, fitted to the
+acceleration per force around the first peak.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from .intervals import CONFIDENCE, Interval, is_narrow
 Vector = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
-_SEGMENTS = 8  # lengths of a segment in the record; with overlaps of a half, 15 averages
-_FEWEST = 400  # samples
-_COHERENT = 0.7  # from which on a frequency counts
-_PROMINENT = 0.3  # powers of ten by which a peak stands out: a factor of two
-_CERTAIN = 8.0  # and errors of a line
-_BAND = 1.3  # around the peak, that is fitted
-_RESOLVED = 3.0  # lines in a peak's width, below which its damping is but a bound
+_SEGMENTS = 8  # record length over segment length; with half overlap, 15 averages
+_FEWEST = 400  # least number of samples
+_COHERENT = 0.7  # least coherence of a used frequency
+_PROMINENT = 0.3  # least height of a peak in powers of ten: a factor of two
+_CERTAIN = 8.0  # least height of a peak in standard errors of a line
+_BAND = 1.3  # frequency ratio of the fitted band around the peak
+_RESOLVED = 3.0  # lines in a peak's width below which its damping is only a bound
 _METHOD = "a mode beside a rigid body, least squares on the response"
 
 
@@ -45,17 +45,17 @@ class Response:
     Attributes
     ----------
     frequency : ndarray, shape (n,)
-        [Hz]
+        Frequencies [Hz].
     position, coherence : ndarray, shape (n,)
-        Position per input, complex, and what share of the motion goes with the input, 0 to 1.
+        Complex position per input, and coherence with the input, 0 to 1.
     error : ndarray, shape (n,)
-        Standard deviation of `position`, relative.
+        Relative standard deviation of `position`.
     unit : str
-        Of the input.
+        Unit of the input.
     highest : float
-        Up to which the coherence is enough [Hz]; 0 where it is nowhere.
+        Highest frequency with sufficient coherence [Hz]; 0 without one.
     resonance, damping : Interval or None
-        Of the first resonance [Hz], [1]; None where none is seen.
+        Frequency [Hz] and damping ratio [1] of the first resonance; None if none is visible.
     """
 
     frequency: Vector
@@ -69,7 +69,7 @@ class Response:
 
     @property
     def coherent(self) -> npt.NDArray[np.bool_]:
-        """Where the coherence is enough, shape (n,)."""
+        """Frequencies with sufficient coherence, shape (n,)."""
         return self.coherence > _COHERENT
 
     @property
@@ -114,7 +114,7 @@ class Response:
 
 
 def frequency_response(record: Record) -> Response:
-    """Response of the position to the force, or to the command where no force was recorded.
+    """Response of the position to the force, or to the command if no force was recorded.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def _fitted(
     spread = np.maximum(error, 1e-3) * np.abs(acceleration)
     ratio = frequency / centre
     line = frequency[1] - frequency[0]
-    # a segment's window blurs the response by its power over frequency
+    # a segment's window smooths the response by its power over frequency
     off = np.arange(-4.0, 4.01, 0.25)
     blur = (np.sinc(off) + 0.5 * (np.sinc(off - 1) + np.sinc(off + 1))) ** 2
     blur /= blur.sum()
@@ -198,7 +198,7 @@ def _fitted(
     best = min(fits, key=lambda f: f.cost)
     freedom = 2 * len(ratio) - 8  # three complex shares and two others
     variance = np.linalg.inv(best.jac.T @ best.jac) * 2 * best.cost / freedom
-    # neighbouring lines of Hann's window go together
+    # neighbouring lines of Hann's window are correlated
     reach = float(student.ppf(0.5 + CONFIDENCE / 2, freedom)) * np.sqrt(1.5 * np.diag(variance))
     own, damping = (float(x) for x in best.x)
     if reach[0] > 0.1 or not 1 / _BAND < own < _BAND:

@@ -17,15 +17,15 @@ from .intervals import Interval, student_interval
 Vector = npt.NDArray[np.float64]
 
 STUCK = 6e-5  # a block that moved less is still in presliding: about 2.5 times Fs/sigma0 [m]
-CREPT = 3e-4  # near Fs presliding goes on for several times Fs/sigma0 [m]
+CREPT = 3e-4  # near Fs presliding continues for several times Fs/sigma0 [m]
 _DRIFT = 5e-6  # [m]
-_STEADY = 0.05  # share of the velocity that may vary while it is called constant
+_STEADY = 0.05  # largest relative variation of a constant velocity
 _METHOD = "least squares on Eq. 1.8"
 
 
 @dataclass(frozen=True)
 class StribeckPoints:
-    """Friction over velocity, one point a trial.
+    """Friction over velocity, one point per trial.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ def steady_point(record: Record, estimate: FrictionEstimate) -> tuple[float, flo
 
 
 def held_force(record: Record, estimate: FrictionEstimate) -> float | None:
-    """The friction [N] that held the block in the last fifth of a record; None if it moved on."""
+    """The friction [N] that held the block in the last fifth of a record; None if it moved."""
     last = slice(-max(5, len(record.force) // 5), None)
     drift = float(np.ptp(estimate.motion.x[last]))
     if float(np.ptp(estimate.motion.x)) > CREPT or drift > max(_DRIFT, 6 * estimate.motion.noise):
@@ -63,7 +63,7 @@ def held_force(record: Record, estimate: FrictionEstimate) -> float | None:
 
 
 def stribeck_points(records: list[Record], estimates: list[FrictionEstimate]) -> StribeckPoints:
-    """All points that the records give; of forces that held, the largest of each direction."""
+    """All points of the records; for held forces, only the largest of each direction."""
     velocity, friction, held = [], [], []
     for record, estimate in zip(records, estimates, strict=True):
         steady = steady_point(record, estimate)
@@ -82,7 +82,7 @@ def stribeck_points(records: list[Record], estimates: list[FrictionEstimate]) ->
 
 
 def fit_stribeck(points: StribeckPoints, sign: int) -> dict[str, Interval]:
-    """Fc, Fs, Vs and sigma2 of one direction, with what the points do not tell.
+    """Fc, Fs, Vs and sigma2 of one direction, with those that the points do not identify.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def fit_stribeck(points: StribeckPoints, sign: int) -> dict[str, Interval]:
     for start in (0.3 * slowest, slowest, 3 * slowest):
         guess = (max(rest, 0.1 * top), top, start, max(slope, 1.0))
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", OptimizeWarning)  # what it says is judged below
+            warnings.simplefilter("ignore", OptimizeWarning)  # the result is checked below
             try:
                 found, spreads = curve_fit(
                     stribeck_curve, speed, pull, p0=guess, bounds=bounds, x_scale=np.abs(guess)
@@ -127,7 +127,7 @@ def fit_stribeck(points: StribeckPoints, sign: int) -> dict[str, Interval]:
         raise ValueError("no Stribeck curve fits the points")
     freedom = len(speed) - 4
     fc, fs, vs, _ = best
-    # what is left of the curve's fall at the slowest sliding velocity, against its uncertainty
+    # fall of the curve remaining at the slowest sliding velocity, over its uncertainty
     left = abs(fs - fc) * math.exp(-((slowest / vs) ** 2))
     error = math.sqrt(lowest / max(freedom, 1))
     blind = left < max(2 * error, 1e-3 * abs(fs - fc))

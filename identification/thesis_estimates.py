@@ -20,7 +20,7 @@ from .stribeck_fit import STUCK, StribeckPoints, fit_stribeck
 
 Vector = npt.NDArray[np.float64]
 
-TOGETHER = {  # parameters that are not fitted in coordinates of their own
+TOGETHER = {  # parameters that are not separate coordinates of the fit
     "bliman_sorine": ("f1", "f2", "eta"),
     "maxwell_slip": tuple(n for n in LAWS["maxwell_slip"].parameters if n.startswith("alpha")),
 }
@@ -38,7 +38,7 @@ def thesis_estimates(
     if law == "bliman_sorine":
         return _thesis_bliman_sorine(records, estimates)
     found = _thesis_lugre(records, estimates, points)
-    if law not in BRISTLES:  # of the others the thesis has the static curve only
+    if law not in BRISTLES:  # for the others the thesis has only the static curve
         return {"stribeck_eq_1_8": found["stribeck_eq_1_8"]}
     return found
 
@@ -152,7 +152,7 @@ def _thesis_bliman_sorine(
 
 
 def last_branch(x: Vector) -> slice | None:
-    """The last whole way from one reversal to the next, after the first two; None if there is none.
+    """The last complete motion between two reversals, after the first two; None without one.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
 """Delay of a recorded force relative to the motion, from the records alone.
 
-Filters, buses and loggers delay one signal more than another. The force is told by the
-acceleration, a curve over the speed in either direction, and steps over the way since a reversal:
-friction of any law. All are smoothed in the same way, so slowly that what the
-noise of a position leaves in its acceleration is gone and the values between samples are known.
-The delay of least squares is the one asked for; its error comes from pieces of the records.
+Filters, buses and loggers delay one signal more than another. The force is predicted from the
+acceleration, a curve over the speed in each direction, and steps over the distance since a
+reversal, which covers friction of any law. All signals are smoothed in the same way, so strongly
+that position noise in the acceleration is removed and the values between samples are known. The
+delay with the least squares is the result; its error comes from pieces of the records.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from .intervals import CONFIDENCE, Interval
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-_SAMPLES = 25  # to either side, among which the delay is looked for
+_SAMPLES = 25  # largest delay in each direction, in samples
 _SMOOTHER = 1.0  # width of the smoothing, in periods of the position's bandwidth
-_KNOWN = 2.0  # spreads of what is known beforehand, within which a delay is no news
-_FALLS = (0.03, 0.15)  # of the fast speed: over which a friction may fall or rise
+_KNOWN = 2.0  # a delay within this many prior standard deviations is not corrected
+_FALLS = (0.03, 0.15)  # speeds over which friction may fall or rise, over the fast speed
 _WAYS = 6  # steps
-_REST = 0.005  # of the fast speed: slower for longer than the smoothing is rest
-_NEAR = 0.05  # of the range of positions: ways since a reversal that count
-_PIECES = 10  # at least
-# Least standard error, in sampling intervals: at reversals a friction has a course of its own in
-# time, of which no curve over speed and way knows; of LuGre's it is of this size.
+_REST = 0.005  # share of the fast speed; slower for longer than the smoothing is rest
+_NEAR = 0.05  # used distances since a reversal, as a share of the range of positions
+_PIECES = 10  # least number of pieces
+# Smallest standard error, in sampling intervals: at reversals friction depends on time in a way
+# that curves over speed and distance do not contain; for LuGre's law the error has this size.
 _FLOOR = 0.25
-_FEWEST = 200  # samples in motion
+_FEWEST = 200  # least number of samples in motion
 _METHOD = "least squares on a curve over speed and way, errors from pieces of the records"
 
 
@@ -51,7 +51,7 @@ def steps_of(values: Vector, count: int, where: npt.NDArray[np.bool_]) -> Matrix
 
 
 def way_since_reversal(x: Vector, v: Vector) -> tuple[Vector, npt.NDArray[np.bool_]]:
-    """Way since the last reversal, shape (n,) [m], and where it is short."""
+    """Distance from the last reversal, shape (n,) [m], and where it is short."""
     turns = np.flatnonzero(np.diff(np.sign(v), prepend=0.0))
     turns = turns if len(turns) else np.array([0])
     last = turns[np.maximum(np.searchsorted(turns, np.arange(len(x)), "right") - 1, 0)]
@@ -60,7 +60,7 @@ def way_since_reversal(x: Vector, v: Vector) -> tuple[Vector, npt.NDArray[np.boo
 
 
 def least_squares(columns: Matrix, values: Vector) -> Vector:
-    """A column without samples, or told by others, gets nothing; shape (columns,)."""
+    """Least-squares coefficients; zero for an empty or dependent column, shape (columns,)."""
     size = np.linalg.norm(columns, axis=0)
     size[size <= 1e-12 * size.max(initial=0.0)] = np.inf
     found, *_ = np.linalg.lstsq(columns / size, values, rcond=1e-6)
@@ -69,7 +69,7 @@ def least_squares(columns: Matrix, values: Vector) -> Vector:
 
 @dataclass(frozen=True)
 class _Smoothed:
-    """A record's force, shape (n,), and what tells it, shape (n, columns), smoothed alike."""
+    """A record's force, shape (n,), and its predictors, shape (n, columns), equally smoothed."""
 
     force: Vector
     columns: Matrix
@@ -78,7 +78,7 @@ class _Smoothed:
     moves: npt.NDArray[np.bool_]
 
     def late(self, delay: float) -> Matrix:
-        """The columns as they were `delay` [s] before, without the record's ends and rests."""
+        """The columns delayed by `delay` [s], without the record's ends and rests."""
         at = np.flatnonzero(self.inner) - delay / self.step
         first = np.floor(at).astype(int)
         part = (at - first)[:, None]
@@ -110,15 +110,15 @@ def _smoothed(record: Record, estimate: FrictionEstimate) -> _Smoothed | None:
 
 
 def time_shift(records: Sequence[Record], estimates: Sequence[FrictionEstimate]) -> Interval | None:
-    """How much later the force comes than the motion [s]; None where the records do not tell.
+    """Delay of the force relative to the motion [s]; None if the records do not give it.
 
-    The mass is free, so that a wrong one is not taken for a delay.
+    The mass is free, so that a wrong mass is not interpreted as a delay.
 
     Parameters
     ----------
     records : sequence of Record
     estimates : sequence of FrictionEstimate
-        Of each record.
+        Estimate of each record.
     """
     told = [_smoothed(r, e) for r, e in zip(records, estimates, strict=True)]
     known = [s for s in told if s is not None]
@@ -138,7 +138,7 @@ def time_shift(records: Sequence[Record], estimates: Sequence[FrictionEstimate])
     best = int(np.argmin(costs))
     if best in (0, len(grid) - 1):
         return None
-    # all three have values between samples alike
+    # all three are interpolated in the same way
     around = [left(grid[best] + k * step) for k in (-1, 0, 1)]
     low, middle, high = (float(np.sum(r**2)) for r in around)
     bend = (low - 2 * middle + high) / step**2
@@ -156,17 +156,17 @@ def time_shift(records: Sequence[Record], estimates: Sequence[FrictionEstimate])
 def corrected(
     records: Sequence[Record], shift: Interval | None, delays: Vector
 ) -> list[Record] | None:
-    """The records with their forces moved by a shift; None where it is no news.
+    """The records with their forces shifted; None if the shift agrees with prior knowledge.
 
-    The law must want it, too: a friction that this shift takes for a delay may be presliding.
+    The law's fit must also prefer the shift, because presliding may look like a delay.
 
     Parameters
     ----------
     records : sequence of Record
     shift : Interval or None
-        Of `time_shift`.
+        Result of `time_shift`.
     delays : ndarray
-        Of the law's fit, which believes what is known beforehand [s].
+        Delays of the law's fit, which includes the prior [s].
     """
     if shift is None or shift.low is None or shift.high is None or shift.standard_error is None:
         return None

@@ -15,18 +15,18 @@ from .law_along_record import with_backlash
 from .layout import StackedRecords
 from .optimizer import UNDER
 
-_RIGID_YIELDING = 2e-5  # way on which a law without a stiffness is taken to break away [m]
-BROKEN_AWAY = 5.0  # ways of Fs/sigma0 until a block slides
-_SLID = 50.0  # and that it must have slid in all, past them
-_SPEEDS = 1.5  # least ratio of the speeds between which most of that way lies
-_FALLEN = 0.7  # share of Vs that they must reach: a third of Stribeck's fall
-_REACHED = 0.9  # share of the force of break-away that records must show
-# of the way of presliding, that a position may be off by for its bend to tell the force it goes to
+_RIGID_YIELDING = 2e-5  # assumed presliding distance of a law without a stiffness [m]
+BROKEN_AWAY = 5.0  # distance until a block slides, in units of Fs/sigma0
+_SLID = 50.0  # total sliding distance needed after that, in the same units
+_SPEEDS = 1.5  # least ratio of the speeds between which most of that distance is moved
+_FALLEN = 0.7  # share of Vs that the speeds must reach: a third of the Stribeck fall
+_REACHED = 0.9  # share of the break-away force that records must reach
+# largest position error over the presliding distance if a bend is to give the final force
 _SHARP, _REACHED_SHARPLY = 1e-3, 0.7
 
 
 def presliding_way(law: FittedLaw, values: Mapping[str, float], end: str = "") -> float:
-    """Way on which a law would break away if it stayed as stiff as it begins [m].
+    """Presliding distance of a law with constant initial stiffness [m].
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def presliding_way(law: FittedLaw, values: Mapping[str, float], end: str = "") -
     values : mapping of str to float
         Parameters as fitted.
     end : str, optional
-        Of the parameters' names, where directions are apart.
+        Suffix of the parameters' names, if the directions have separate parameters.
     """
     own = {n: values[n + end] for n in law.parameters}
     if law.name == "maxwell_slip":
@@ -48,11 +48,12 @@ def presliding_way(law: FittedLaw, values: Mapping[str, float], end: str = "") -
 
 
 def peak_unseen(fit: Fit, course: StackedRecords, parameter: str) -> bool:
-    """Whether a parameter is one of break-away, and the records do not show that.
+    """Whether a parameter describes break-away and the records do not show a break-away.
 
-    Either they end below it, so that it is but guessed from how the loading curve bends, as a
-    sensor's scale does, too; or no peak of static friction is visible. Dahl's law bends
-    from the first, so that without its end its beginning is a guess as well.
+    Either the records end below it, so that the parameter is only extrapolated from the bend of the
+    loading curve, which a sensor's scale error also causes; or no peak of static friction is
+    visible. Dahl's law bends from the start, so without the end of the curve its initial stiffness
+    is not identified either.
     """
     name = without_direction(parameter)
     end = parameter[len(name) :]
@@ -71,17 +72,17 @@ def peak_unseen(fit: Fit, course: StackedRecords, parameter: str) -> bool:
 
 
 def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
-    """Whether a parameter is one of sliding, and the records do not slide enough to tell it.
+    """Whether a parameter describes sliding and the records do not slide enough to identify it.
 
-    Where they are all but presliding, the smallest error of a sensor looks like a Stribeck curve;
-    and where they slide at one speed, or at speeds at which that curve has hardly fallen, what is
-    left of it, its width and the viscous slope are told by nothing.
+    If the records show almost only presliding, a very small sensor error looks like a Stribeck
+    curve. If they slide at one speed, or at speeds at which that curve has hardly fallen, its
+    remaining fall, its width and the viscous slope are not identified.
     """
     name = without_direction(parameter)
     rigid = fit.law.name == "classical"
     curve = ["Fc", "Vs", "sigma2"]
     sliding = curve.copy()
-    if fit.law.name == "maxwell_slip":  # shares of what is held when all elements slip
+    if fit.law.name == "maxwell_slip":  # shares of the force at which all elements slip
         sliding += ["C", "Fs", *(f"alpha{i}" for i in range(1, ELEMENTS + 1))]
     if name == OFFSET or "Vs" not in fit.law.parameters or (name not in sliding and not rigid):
         return False
@@ -105,10 +106,10 @@ def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
 
 
 def blurred_elements(fit: Fit, resolution: float) -> set[str]:
-    """Names of the parameters of Maxwell-slip elements that records do not tell from others.
+    """Parameter names of Maxwell-slip elements that records do not distinguish from others.
 
-    An element is told if, wherever the parameters may be, it holds more than the load cell rounds
-    away and yields after the element before it and before the next.
+    An element is distinguished if, for all plausible parameters, its force is more than the
+    resolution of the load cell, and it yields after the previous and before the next element.
 
     Parameters
     ----------

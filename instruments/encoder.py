@@ -18,16 +18,16 @@ PHASE = Parameter(
 
 
 def counter_reading(position: sp.Expr, per_metre: sp.Expr, phase: sp.Expr) -> sp.Expr:
-    """A position as counted by a counter that is zero where it was turned on.
+    """A position in counts, by a counter that is zero at its position when turned on.
 
     Parameters
     ----------
     position : expression
-        [m]
+        Position [m].
     per_metre : expression
         Counts per metre [1/m].
     phase : expression
-        Place of the origin between two counts, 0 to 1.
+        Position of the origin between two counts, 0 to 1.
     """
     return sp.floor(position * per_metre + phase) / per_metre
 
@@ -35,8 +35,8 @@ def counter_reading(position: sp.Expr, per_metre: sp.Expr, phase: sp.Expr) -> sp
 def encoder() -> Component:
     """Position of the block from the screw's angle, in counts of the encoder (Eq. 2.4).
 
-    The counter is zero where the power is turned on; ``phase`` is the place of this point between
-    two counts.
+    The counter is zero at the position when the power is turned on; ``phase`` is the location of
+    this point between two counts.
     """
     per_metre = symbol("counts") * symbol("p")
     position = counter_reading(symbol("x"), per_metre, symbol("phase"))

@@ -40,7 +40,7 @@ def with_load(plant: Component, balance: str = "v") -> Component:
         Has a force balance and no modes for its state; for a plant that sticks
         (`plant.classical`), add the load before the modes.
     balance : str
-        The state whose balance it is.
+        The state of the force balance.
 
     Raises
     ------

@@ -16,9 +16,9 @@ def low_pass(name: str, unit: str, meaning: str, cutoff: float, source: str) -> 
     Parameters
     ----------
     name : str
-        Of the component.
+        Name of the component.
     unit, meaning : str
-        Of the signal.
+        Unit and meaning of the signal.
     cutoff : float
         Frequency at which the amplitude is 1/sqrt(2) [Hz].
     source : str

@@ -128,7 +128,7 @@ def _by_mode(controller: Component) -> tuple[dict[str, sp.Expr], tuple[DiscreteS
 
 
 def _held(output: Output, delay: int) -> tuple[DiscreteState, ...]:
-    """Commands that wait for this many samples, one memory each, and the command that is output."""
+    """Discrete states for commands delayed by `delay` samples, and for the output command."""
     names = [*(f"{output.name}_waiting{k}" for k in range(1, delay + 1)), f"{output.name}_held"]
     values = [sp.sympify(output.value), *map(symbol, names)]
     meanings = [*("computed, not put out yet" for _ in range(delay)), "since the last sample"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..solver.component import Parameter
 
 SAMPLE_TIME = 0.005
-"""Period of the acquisition and of everything sampled with it [s]: 200 Hz, Section 2.2.1."""
+"""Period of the acquisition and of all sampled parts [s]: 200 Hz, Section 2.2.1."""
 
 
 def sampling_period() -> Parameter:

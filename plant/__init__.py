@@ -1,7 +1,7 @@
 """The friction laws, and the plants that are exported by name.
 
-To add a law, add a file and a line in `LAWS`: the plant with it, the rig and the estimator then
-have it too.
+To add a law, add a file and a line in `LAWS`. The plants, the rig and the estimator then have it,
+too.
 """
 
 from ..instruments import UNITS

@@ -68,7 +68,7 @@ def ball_screw(
 def bare_ball_screw(
     friction: Callable[[sp.Expr], ForceTerm] = modified_lugre, name: str = "ball_screw"
 ) -> Component:
-    """The axis as `ball_screw` makes it, not yet able to stick: forces can still be added."""
+    """The axis of `ball_screw` before sticking is added, so that forces can be added."""
     kt, ke, inductance, resistance, p, m, rotor = map(
         symbol, ("kt", "ke", "L", "R", "p", "m", "Jm")
     )

@@ -61,7 +61,7 @@ def drive(friction: Law = modified_lugre, name: str = "drive") -> Component:
 def bare_direct_drive(
     friction: Callable[[sp.Expr], ForceTerm] = modified_lugre, name: str = "direct_drive"
 ) -> Component:
-    """The drive as `direct_drive` makes it, not yet able to stick: forces can still be added."""
+    """The drive of `direct_drive` before sticking is added, so that forces can be added."""
     x, v = symbol("x"), symbol("v")
     term = friction(v)
     return Component(

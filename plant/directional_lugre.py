@@ -57,7 +57,7 @@ def _one_way(expression: sp.Expr, side: str) -> sp.Expr:
 
 
 def _by(sign: sp.Expr, expression: sp.Expr) -> sp.Expr:
-    """`expression` with the parameters of the side on which `sign` is."""
+    """`expression` with the parameters of the direction given by `sign`."""
     return sp.Piecewise(
         (_one_way(expression, "pos"), sign >= 0), (_one_way(expression, "neg"), True)
     )

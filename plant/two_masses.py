@@ -38,7 +38,7 @@ SIDES = Parameter(
     "contact_stiffness", 1e8, "N/m", "of the gap's sides", "typical of a ball nut", minimum=1e3
 )
 _LEAST_ROTOR = 1e-12  # kg*m^2
-_DEPTH = sp.Float("1e-8")  # over which the sides' damping increases [m]
+_DEPTH = sp.Float("1e-8")  # depth over which the damping of a side increases [m]
 SPRING_DAMPING = sp.Rational(1, 10)  # share of critical
 _CONTACT_DAMPING = sp.Integer(1)  # the same
 
@@ -149,7 +149,7 @@ def joint_force(block: sp.Expr, spring: bool, gap: bool) -> sp.Expr:
 
 
 def _parted(plant: Component) -> Component:
-    """Two bodies without a joint."""
+    """The plant as two bodies without a joint."""
     if [b.state for b in plant.balances] != ["v"] or plant.modes:
         raise ContractError(
             f"{plant.name}: only a plant with one force balance, of 'v', and without modes can be "

@@ -1,9 +1,9 @@
-"""What each piece of the scores brings: the same records with one piece taken out at a time.
+"""Contribution of each piece of the scores: the same records with one piece left out at a time.
 
-Some of the records of a calibration, taken at random; for each piece, how often the truth has
-the best score where it shows clearly, how well the best score tells faultless records from such
-ones (area under the receiver operating characteristic), and the time. Prints a table, and writes
-``docs/proof/ablation.json``::
+The records are a random sample of those of a calibration. For each piece, the results are how often
+a clearly visible true cause has the best score, how well the best score distinguishes faultless
+records from such records (area under the receiver operating characteristic), and the time. Prints a
+table, and writes ``docs/proof/ablation.json``::
 
     python proofs/ablation.py --first-seed 976000 --records 90
 """
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; the workers are the threads
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; workers run in parallel
 
 import argparse
 import json
@@ -42,7 +42,7 @@ from ballscrew.worker_options import add_worker_options, open_workers, read_work
 
 
 def _in_sample(fit: Callable[..., study.Fit]) -> Callable[..., study.Fit]:
-    """Each block is judged by values fitted to all of them."""
+    """A fit in which each block is evaluated with values fitted to all blocks."""
 
     def fitted(products: Any, cut: Any, prior: Any, exact: float) -> study.Fit:
         found = fit(products, cut, prior, exact)
@@ -87,7 +87,7 @@ PIECES: dict[str, list[tuple[Any, str, Any]]] = {
 
 @contextmanager
 def without(piece: str) -> Iterator[None]:
-    """Take a piece out."""
+    """Leave out a piece."""
     changes = [patch.object(*change) for change in PIECES[piece]]
     for change in changes:
         change.start()
@@ -100,7 +100,7 @@ def without(piece: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Answer:
-    """What the scores of one record say without a piece."""
+    """Result of the scores of one record without a piece."""
 
     first: str
     best: float
@@ -108,7 +108,7 @@ class Answer:
 
 
 def answers_of(trial: Trial) -> dict[str, Any] | None:
-    """Of one record: the truth, and an answer without each piece; None where there is no record."""
+    """The truth of one record, and an answer without each piece; None without a record."""
     try:
         case = drawn(trial)
     except Unusable:
@@ -136,7 +136,7 @@ def answers_of(trial: Trial) -> dict[str, Any] | None:
 
 
 def told_apart(faultless: list[float], clear: list[float]) -> float:
-    """Chance that a clear effect has a better score than a faultless record."""
+    """Probability that a clear effect has a better score than a faultless record."""
     pairs = np.subtract.outer(np.array(clear), np.array(faultless))
     return float(np.mean((pairs > 0) + 0.5 * (pairs == 0)))
 

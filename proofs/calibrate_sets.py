@@ -1,14 +1,14 @@
-"""What sets of suspects hold on records that the shipped table has not seen, and how it is fitted.
+"""Test sets of suspects on records that were not used for the shipped table, or fit the table.
 
-Draws records of the worlds that are not held back, scores their suspects, and counts what the sets
-hold and what is named. It goes to ``docs/proof/diagnosis_sets.json``, with seeds, Wilson's bounds
+Draws records of the worlds that are not held back, scores their suspects, and counts the contents
+of the sets and the names. Writes ``docs/proof/diagnosis_sets.json``, with seeds, Wilson's bounds
 and the worst world first::
 
     python proofs/calibrate_sets.py --faultless 20 --effects 40
 
-``--fit`` fits the weights of `ballscrew.diagnosis.sets` and its thresholds to the records instead,
-and writes ``diagnosis/sets.json``. It prints what the sets hold of records left out, a fifth at a
-time. A proof must not change what it proves, so use other seeds for the two::
+``--fit`` fits the weights and thresholds of `ballscrew.diagnosis.sets` to the records instead, and
+writes ``diagnosis/sets.json``. It prints the coverage of the sets on held-out records, a fifth at a
+time. The proof must not use the records of the fit, so use different seeds for the two::
 
     python proofs/calibrate_sets.py --fit --first-seed 975000 --rows out/fitted.jsonl
 """
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; the workers are the threads
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; workers run in parallel
 
 import argparse
 import json
@@ -59,11 +59,11 @@ from ballscrew.worker_options import add_worker_options, open_workers, read_work
 
 COVERAGE = 0.95
 OF_FAULTLESS = 0.03
-"""Share of faultless records that may be called something else."""
+"""Largest share of faultless records with a reported error."""
 OF_NAMES = 0.02
-"""Share of records, faultless or not, that may get a wrong name."""
+"""Largest share of records, faultless or not, with a wrong name."""
 FOLDS = 5
-RIDGE, RIDGE_OF_OWN = 0.05, 0.5  # of standardised weights; of what each name has of its own
+RIDGE, RIDGE_OF_OWN = 0.05, 0.5  # for standardised weights; for those of each name
 
 Vector = NDArray[np.float64]
 
@@ -84,12 +84,12 @@ class Row:
 
     @property
     def truth(self) -> str:
-        """What has to be in the set."""
+        """The name that must be in the set."""
         return truth_of(self.effect) if self.effect else NOTHING
 
     @property
     def usable(self) -> bool:
-        """Whether it says anything of sets: an effect that is not clear does not."""
+        """Whether the record is used to test sets; one with an unclear effect is not."""
         return not self.message and (not self.effect or self.ratio > VISIBLE)
 
     @property
@@ -99,7 +99,7 @@ class Row:
 
     @property
     def allowed(self) -> set[str]:
-        """The truth, and what has its shape in this record."""
+        """The true cause, and causes with the same shape in this record."""
         return right_names(self.effect, self.shared) if self.effect else {NOTHING}
 
 
@@ -121,7 +121,7 @@ def row_of(trial: Trial) -> Row:
 
 @dataclass(frozen=True)
 class Weights:
-    """Of the statistics, and of each name."""
+    """Weights of the statistics, and of each name."""
 
     weights: Vector
     own: dict[str, list[float]]
@@ -133,7 +133,7 @@ class Weights:
 
 
 def fitted(rows: list[Row], names: list[str]) -> Weights:
-    """Weights of most likelihood, with a ridge; every world counts the same."""
+    """Weights with the largest likelihood, with a ridge; every world has the same weight."""
     place = {n: k for k, n in enumerate(names)}
     sizes = np.sqrt(np.mean(np.vstack([r.statistics for r in rows]) ** 2, axis=0)) + 1e-9
     in_world = {w: sum(r.world == w for r in rows) for w in {r.world for r in rows}}
@@ -171,7 +171,7 @@ def fitted(rows: list[Row], names: list[str]) -> Weights:
 
 
 def left_out(rows: list[Row], also: list[Row], names: list[str]) -> list[dict[str, float]]:
-    """Probabilities of each record, by weights that have not seen it."""
+    """Probabilities of each record, by weights fitted without it."""
     fold = np.random.default_rng(0).integers(0, FOLDS, len(rows))
     found: list[dict[str, float]] = [{} for _ in rows]
     for k in range(FOLDS):
@@ -183,7 +183,7 @@ def left_out(rows: list[Row], also: list[Row], names: list[str]) -> list[dict[st
 
 
 def beyond_nothing(found: dict[str, float], of_none: float) -> dict[str, float]:
-    """Probabilities as they are told: where something is wrong, among what that may be."""
+    """Reported probabilities: if an error is certain, they are conditional on an error."""
     if found[NOTHING] >= of_none:
         return found
     rest = 1.0 - found[NOTHING]
@@ -197,12 +197,12 @@ def threshold(truths: Iterable[float], share: float) -> float:
 
 
 def thresholds_of_members(rows: list[Row], told: list[dict[str, float]]) -> tuple[float, float]:
-    """Probabilities from which on a member is in a set: where something is wrong, and elsewhere.
+    """Smallest probabilities of members of a set: with a reported error, and without.
 
-    Each of its own group (Mondrian conformal prediction; V. Vovk, A. Gammerman and G. Shafer,
-    "Algorithmic Learning in a Random World", 2005), so that what shows little does not make the
-    sets of what shows clearly longer. Faultless records of which something is said to be wrong are
-    missed whatever the first is; the second makes up for them.
+    Each group has its own threshold (Mondrian conformal prediction; V. Vovk, A. Gammerman and G.
+    Shafer, "Algorithmic Learning in a Random World", 2005), so that records with weak effects do
+    not enlarge the sets of records with clear effects. Faultless records with a reported error are
+    missed for any first threshold; the second compensates for them.
     """
     truth = [max(t.get(n, 0.0) for n in r.allowed) for r, t in zip(rows, told, strict=True)]
     wrong = [t[NOTHING] == 0.0 for t in told]
@@ -215,9 +215,9 @@ def thresholds_of_members(rows: list[Row], told: list[dict[str, float]]) -> tupl
 
 
 def threshold_of_name(rows: list[Row], found: list[dict[str, float]]) -> float:
-    """Probability from which on the likeliest is named (conformal risk control).
+    """Smallest probability at which the most probable cause is named (conformal risk control).
 
-    Of records with effects and of faultless ones alike, few get a wrong name.
+    Few records get a wrong name, both with effects and faultless.
     """
     wrong: dict[bool, list[float]] = {True: [], False: []}
     for r, f in zip(rows, found, strict=True):
@@ -234,7 +234,7 @@ def _beyond(values: list[float]) -> float:
 
 
 def set_of(found: dict[str, float], least: float) -> list[str]:
-    """Names of a set, the likeliest first."""
+    """Names of a set, the most probable first."""
     ordered = sorted(found, key=lambda n: -found[n])
     return [n for k, n in enumerate(ordered) if k == 0 or found[n] >= least]
 
@@ -242,7 +242,7 @@ def set_of(found: dict[str, float], least: float) -> list[str]:
 def measured(
     rows: list[Row], sets: list[list[str]], ruled_out: list[bool], names: list[str]
 ) -> dict[str, Any]:
-    """What sets hold, and what is named; a name is empty where there is none."""
+    """Coverage of sets, and share of right names; a name may be empty."""
     both = list(zip(rows, sets, ruled_out, strict=True))
 
     def of(which: Callable[[Row], bool], hit: Callable[[Row, list[str]], bool]) -> dict[str, Any]:
@@ -276,7 +276,7 @@ def measured(
 def held(
     rows: list[Row], found: list[dict[str, float]], thresholds: dict[str, float]
 ) -> dict[str, Any]:
-    """What sets by these thresholds hold of records with these probabilities."""
+    """Coverage of sets with these thresholds, for records with these probabilities."""
     told = [beyond_nothing(f, thresholds["of_none"]) for f in found]
     out = [t[NOTHING] == 0.0 for t in told]
     sets = [
@@ -344,7 +344,7 @@ def report(rows: list[Row], also: list[Row]) -> tuple[dict[str, Any], dict[str, 
 
 
 def by_stored_table(rows: list[Row]) -> dict[str, Any]:
-    """The proof for records that had no part in the stored table."""
+    """The proof for records that were not used for the stored table."""
     table = json.loads(TABLE.read_text(encoding="utf-8"))
     refused = sum(bool(r.message) for r in rows)
     rows = [r for r in rows if r.usable]

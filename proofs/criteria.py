@@ -1,7 +1,7 @@
-"""Proof: the criteria of Table 2.12 find what was built into made-up laws, and nothing else.
+"""Proof: the criteria of Table 2.12 find the features of synthetic laws, and no others.
 
-Writes ``docs/proof/criteria.json``: for each law the features that it was made to have and those
-that were found, with the margin to the threshold.
+Writes ``docs/proof/criteria.json``: for each law its true features and those that were found, with
+the margin to the threshold.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ TARGET = ROOT / "docs" / "proof" / "criteria.json"
 
 
 def found(what: str) -> dict[str, dict[str, object]]:
-    """Decision and margin of every feature of one made-up law."""
+    """Decision and margin of every feature of one synthetic law."""
     return {
         feature: {"decision": cell.decision, "margin": cell.margin}
         for feature, cell in judged(what).items()

@@ -1,8 +1,8 @@
-"""Proof: whole diagnoses of worlds' records, and again after the experiment that they ask for.
+"""Proof: complete diagnoses of records of the worlds, before and after the proposed experiment.
 
-Each record is diagnosed; the motion of its next experiment is made by the same machine of the
-world, and both records are diagnosed together. Writes ``docs/proof/diagnosis_loop.json``: what is
-built in, named and in the set before and after, by world, and whether intervals hold the truth::
+Each record is diagnosed. The same machine of the world runs the proposed motion, and both records
+are diagnosed together. Writes ``docs/proof/diagnosis_loop.json``: which causes are included, named
+and in the set before and after, by world, and whether intervals contain the truth::
 
     python proofs/diagnosis_loop.py --effects 6 --faultless 3 --first-seed 960000
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; the workers are the threads
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; workers run in parallel
 
 import argparse
 import json
@@ -44,7 +44,7 @@ ROWS = ROOT / "out" / "diagnosis_loop.jsonl"
 
 @dataclass(frozen=True)
 class Answer:
-    """What a diagnosis says, in short."""
+    """Summary of a diagnosis."""
 
     verdict: str
     built: list[str]
@@ -70,7 +70,7 @@ class Row:
 
     @property
     def allowed(self) -> set[str]:
-        """The truth, and what has its shape in this record."""
+        """The true cause, and causes with the same shape in this record."""
         return right_names(self.effect, self.shared)
 
     @property
@@ -81,7 +81,7 @@ class Row:
 
 
 def row_of(trial: Trial) -> Row:
-    """Draw a machine, diagnose its record, make the experiment, diagnose both."""
+    """Draw a machine, diagnose its record, run the experiment, diagnose both records."""
     told = (trial.world, trial.effect, trial.seed)
     try:
         case = draw_case(trial.world, (trial.effect,) if trial.effect else (), trial.seed)
@@ -131,7 +131,7 @@ def _name(case: Case) -> str:
 
 
 def measured(rows: list[Row], when: str) -> dict[str, Any]:
-    """What answers say ``before`` or ``after`` the experiment."""
+    """Statistics of the answers ``before`` or ``after`` the experiment."""
     usable = [(r, getattr(r, when)) for r in rows if getattr(r, when) is not None]
 
     def of(which: Callable[[Row], bool], hit: Callable[[Row, Answer], bool]) -> dict[str, Any]:
@@ -169,7 +169,7 @@ def measured(rows: list[Row], when: str) -> dict[str, Any]:
 
 
 def report(rows: list[Row]) -> dict[str, Any]:
-    """All that is written."""
+    """Content of the proof file."""
     worlds = sorted({r.world for r in rows})
     return {
         "records": len(rows),

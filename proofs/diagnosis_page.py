@@ -85,7 +85,7 @@ def sets(proof: Mapping[str, Any], of: str) -> list[str]:
 
 
 def worlds(proof: Mapping[str, Any]) -> list[str]:
-    """The same of each world."""
+    """The same for each world."""
     lines = [
         "| world, the worst first | right cause in the answer | clear effects: members, mean | "
         "named correctly |",
@@ -102,7 +102,7 @@ def worlds(proof: Mapping[str, Any]) -> list[str]:
 
 
 def loop(proof: Mapping[str, Any]) -> list[str]:
-    """Whole diagnoses, before and after the next experiment."""
+    """Complete diagnoses, before and after the next experiment."""
     before, after = (proof[k] for k in ("before", "after"))
     lines = ["| | one record | with the experiment |", "|---|---|---|"]
     for key, first in before.items():

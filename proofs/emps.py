@@ -1,10 +1,10 @@
-"""Proof: effects hidden in a real record are found on top of what the machine has.
+"""Proof: effects added to a real record are found in addition to those of the machine.
 
-An extra friction D(x, v, t) on the machine would show as ``u + D/gain`` for the same motion: that
-is added to the recorded voltage of the EMPS drive, nothing else is made up. Writes
-``docs/proof/emps.json``. The data are not ours to pass on: the first argument is the file, or
-``BALLSCREW_EMPS`` the folder of ``DATA_EMPS.mat`` (A. Janot, M. Gautier, M. Brunot, "Data set and
-reference models of EMPS", 2019 Workshop on Nonlinear System Identification Benchmarks;
+An additional friction D(x, v, t) on the machine would need the voltage ``u + D/gain`` for the same
+motion. This is added to the recorded voltage of the EMPS drive; everything else is measured. Writes
+``docs/proof/emps.json``. We may not distribute the data: the first argument is the file, or
+``BALLSCREW_EMPS`` is the folder of ``DATA_EMPS.mat`` (A. Janot, M. Gautier, M. Brunot, "Data set
+and reference models of EMPS", 2019 Workshop on Nonlinear System Identification Benchmarks;
 nonlinearbenchmark.org).
 """
 
@@ -37,7 +37,7 @@ DATA = Path(os.environ.get("BALLSCREW_EMPS", ROOT.parent / "shared" / "data" / "
 
 
 def effects(model: Drive, x: Any, v: Any, t: Any) -> dict[str, tuple[str, Any]]:
-    """Hidden forces by a label: the name that is to be found, and the force [N]."""
+    """Hidden forces by label: the name to be found, and the force [N]."""
     sign = np.tanh(v / 2e-3)
     middle, half = 0.5 * (x.min() + x.max()), 0.5 * np.ptp(x)
     friction = model.values["Fc"] + model.values["sigma2"] * np.abs(v)

@@ -1,10 +1,10 @@
-"""Proof: modes in model exchange stand what hosts do to them.
+"""Proof: modes in model exchange work under the actions of hosts.
 
-200 random courses, half of them by FMI 2.0 and half by FMI 3.0: a host puts round-off on the
-states, draws communication steps and tolerances, and stops before, at or past an event. At
-tolerances of 1e-9 to 1e-6 a course is to be as near to co-simulation as ten times what the same
-tolerance, steps and round-off do there; at any tolerance a body never sticks above its break-away
-force. Writes ``docs/proof/exchange.json`` with the commit, a hash of the code, the seeds
+200 random runs, half of them by FMI 2.0 and half by FMI 3.0: a host adds round-off to the states,
+uses random communication steps and tolerances, and stops before, at or after an event. At
+tolerances of 1e-9 to 1e-6 a run may differ from co-simulation by at most ten times the effect of
+the same tolerance, steps and round-off there. At any tolerance, a body must never stick above its
+break-away force. Writes ``docs/proof/exchange.json`` with the commit, a hash of the code, the seeds
 and all outcomes.
 """
 

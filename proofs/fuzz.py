@@ -1,7 +1,7 @@
-"""Proof: damaged and hostile files never bring a traceback, a hang, or a file outside the folder.
+"""Proof: damaged and hostile files never cause a traceback, a hang, or a file outside the folder.
 
-Each of a few thousand mutated FMUs and systems goes through the command line, as a user's file
-would, and whatever can still be opened is run. Writes ``docs/proof/fuzz.json``.
+Each of a few thousand mutated FMUs and systems is given to the command line, like a user's file,
+and is run if it can still be opened. Writes ``docs/proof/fuzz.json``.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from mutations import mutated
 from provenance import provenance
 
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "proof" / "fuzz.json"
-TIME_LIMIT = 5.0  # s, for a call of the FMU
-PATIENCE = 60.0  # s, for the whole command
+TIME_LIMIT = 5.0  # for a call of the FMU [s]
+PATIENCE = 60.0  # for the entire command [s]
 DESCRIPTIONS = {"fmu": "modelDescription.xml", "ssp": "SystemStructure.ssd"}
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a mutated file led to; `complaint` is empty if all was well."""
+    """Result of a mutated file; `complaint` is empty if nothing was wrong."""
 
     seed: int
     kind: str
@@ -41,7 +41,7 @@ class Outcome:
 
 
 def good_files() -> dict[str, bytes]:
-    """What the mutations start from: one FMU and one system of ours, without the rarer binaries."""
+    """Files to be mutated: one FMU and one system of ours, without the rarer binaries."""
     import zipfile
 
     from ballscrew.fmus.catalogue import fmu
@@ -61,7 +61,7 @@ def good_files() -> dict[str, bytes]:
 
 
 def outcome(seed: int, good: dict[str, bytes]) -> Outcome:
-    """Give one mutated file to the command line, in a folder of its own."""
+    """Give one mutated file to the command line, in a separate folder."""
     from ballscrew.cli import main
 
     suffix = "ssp" if seed % 5 == 0 else "fmu"
@@ -76,7 +76,7 @@ def outcome(seed: int, good: dict[str, bytes]) -> Outcome:
         arguments += ["--time-limit", str(TIME_LIMIT), "--out", str(inner / "out")]
         said, complaint, code = io.StringIO(), "", -1
         start = time.monotonic()
-        # Pictures take seconds each and see numbers only.
+        # Each picture takes seconds and uses numbers only.
         pictures = mock.patch("ballscrew.orchestration.pictures.run_figures", return_value={})
         with (
             pictures,

@@ -1,14 +1,14 @@
-"""Proof: the parameters of random rigs of known truth come back within their stated intervals.
+"""Proof: the true parameters of random rigs are within the stated intervals.
 
-Writes ``docs/proof/identification.json``, anew after every few rigs: by law and parameter how many
-of the stated 95 % intervals hold the truth, with the binomial interval of that share, the same of
-those alone that are called identified, and whether the stated rate is held at all. There are three
-groups. "Closed loop" are records of the virtual rig with random parameters of the law, identified
-from 6 to 12 random trials of the thesis' tables, in half of the rigs from one table alone.
-"Prescribed motion" are laws along given motions; load-cell noise, delay between force and motion
-and the scale of the fine position are drawn anew for every rig. "Mass fitted" are laws along
-motions that accelerate, with a mass that nobody knows and, in half of them, a force that comes up
-to four samples late or early: all that `identify` says of law, mass and time is counted.
+Writes ``docs/proof/identification.json``, again after every few rigs: by law and parameter, how
+many of the stated 95 % intervals contain the truth, with the binomial interval of that share, the
+same for identified parameters only, and whether the stated rate is reached. There are three groups.
+"Closed loop" are records of the virtual rig with random parameters of the law, identified from 6 to
+12 random trials of the thesis' tables, in half of the rigs from a single table. "Prescribed motion"
+are laws along given motions; load-cell noise, delay between force and motion and the scale of the
+fine position are random for every rig. "Mass fitted" are laws along motions that accelerate, with
+an unknown mass and, in half of them, a force that is up to four samples late or early: all results
+of `identify` for law, mass and time are counted.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "identification.json"
 
 STATED = 0.95
-OFTEN = 10  # rigs after which the file is written anew
+OFTEN = 10  # rigs after which the file is written again
 
 
 def binomial_interval(hits: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Clopper and Pearson's interval of a share."""
+    """Clopper-Pearson interval of a share."""
     from scipy.stats import beta
 
     tail = (1 - confidence) / 2

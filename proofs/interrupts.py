@@ -1,8 +1,8 @@
-"""Interrupts each long command at 20 random instants, and kills each; docs/proof/interrupts.json.
+"""Interrupt and kill each long command at 20 random instants; docs/proof/interrupts.json.
 
-Instants are drawn in processor time of all processes of a command, from its first line of code to
-`LATEST` seconds, with SIGINT and SIGTERM in turn. Each command finds the results of an earlier run
-and a file of the user's in its folder.
+Instants are random in processor time of all processes of a command, from its first line of code to
+`LATEST` seconds, with SIGINT and SIGTERM alternately. The folder of each command contains the
+results of an earlier run and a file of the user.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Random stiff linear loops with exact solutions, cut into a plant and a controller.
 
-They are what the verdict is proven on: nothing of the ball screw is in them, the plant's stiff
-poles are cancelled or moved by the controller as linearizing controllers do, and the exact course
-of the whole is a matrix exponential. A FMU instance here is a slave made of matrices, exact within
-itself, so that all error of a run is coupling error.
+The verdict is tested on them: they are independent of the ball screw, the controller cancels or
+moves the plant's stiff poles as linearizing controllers do, and the exact solution of the loop is a
+matrix exponential. An FMU instance here is a slave defined by matrices; its own solution is exact,
+so that all errors of a run are coupling errors.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class LinearSlave:
 
 
 class LawSlave(LinearSlave):
-    """A plant with one command `u` that applies the feedback law inside its own exact solution."""
+    """A plant with one command `u` that applies the feedback law within its exact solution."""
 
     def step(self, t: float, h: float) -> None:
         n = len(self.x)
@@ -140,7 +140,7 @@ def law_inputs(n: int) -> list[str]:
 
 @dataclass(frozen=True)
 class Case:
-    """A loop, how it is coupled, and the range of its exact outputs."""
+    """A loop, its coupling, and the range of its exact outputs."""
 
     plant: LinearSlave
     controller: LinearSlave
@@ -162,9 +162,9 @@ class Case:
 def random_case(seed: int) -> Case:
     """Draw a loop with poles spread over up to five decades, and a step that may be far too long.
 
-    The plant is stable or not, normal or not; the controller has none to two states and feeds back
-    all measured signals, so that with the stiff poles of the plant it makes a slow, well damped
-    loop, often by cancelling almost all of what the plant does.
+    The plant may be unstable or non-normal. The controller has zero to two states and feeds back
+    all measured signals, so that the loop with the stiff plant is slow and well damped, often by
+    cancelling almost all of the plant's dynamics.
     """
     random = np.random.default_rng(seed)
     while True:
@@ -176,7 +176,7 @@ def random_case(seed: int) -> Case:
             continue
         A = mix @ np.diag(poles) @ np.linalg.inv(mix)
         B = np.abs(poles).max() * random.normal(size=(n, 1))
-        # feedback that puts the loop's poles at slow places, or nearly
+        # feedback that places the loop's poles at, or near, slow values
         wanted = -(10.0 ** random.uniform(-0.5, 0.8, n)) * (1 + 0.3 * np.arange(n))
         gain = _place(A, B, wanted)
         if gain is None:
@@ -213,7 +213,7 @@ def random_case(seed: int) -> Case:
         answers_in_step=bool(random.random() < 0.3),
     )
     plant.can_save = controller.can_save or bool(random.random() < 0.5)
-    # from far too long to short against the fastest pole of either matrix
+    # from far too long to short, relative to the fastest pole of both matrices
     speed = max(np.abs(np.linalg.eigvals(A)).max(), np.abs(values).max())
     stop = float(random.choice([0.2, 1.0, 3.0]))
     steps = int(np.clip(stop * speed * 10.0 ** random.uniform(-1.5, 2.5), 20, 5_000))
@@ -245,7 +245,7 @@ def _place(A: np.ndarray, B: np.ndarray, poles: np.ndarray) -> np.ndarray | None
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the run said and what was true: largest error of any output as a share of its range."""
+    """Verdict of the run and the truth: largest error of any output as a share of its range."""
 
     seed: int
     trusted: bool

@@ -1,12 +1,11 @@
-"""Proof: FMUs that programs of others make run here as controllers, beside the built-in one.
+"""Proof: FMUs made by other programs run here as controllers, next to the built-in one.
 
-Makes an environment for each program under ``out/tools`` (pip fetches them) and lets it make an FMU
-of the equations of `pid` with the nominal gains (``makers/``). All run in one ``ballscrew swap``.
-Each position is compared with the whole loop of `pid` in SciPy's Radau solver. Writes
-``docs/proof/made_by_others.json`` and the table in ``docs/systems.md``. It fails where an FMU does
-not run, is not trusted, or is off by twice as much as is allowed. A program whose environment
-cannot be made is listed at the end. ``--quick`` leaves out jaxonomy, which is large, and
-writes nothing.
+Makes an environment for each program under ``out/tools`` (with pip), in which the program makes an
+FMU of the equations of `pid` with the nominal gains (``makers/``). All run in one ``ballscrew
+swap``. Each position is compared with the complete loop of `pid` in SciPy's Radau solver. Writes
+``docs/proof/made_by_others.json`` and the table in ``docs/systems.md``. It fails if an FMU does not
+run, is not trusted, or has twice the allowed error. A program whose environment cannot be made is
+listed at the end. ``--quick`` leaves out jaxonomy, which is large, and writes nothing.
 """
 
 from __future__ import annotations
@@ -54,11 +53,11 @@ KINDS = {
 MAPS = {"qfmu": {"u1": "x_d", "u2": "x", "u3": "v", "y1": "u"}}
 STEP, STOP = 1e-3, 0.3  # [s]
 ALLOWED = {"pid": 1.5e-9, "pythonfmu": 9.8e-6, "qfmu": 5e-6, "casadi": 5e-6}
-HELD = 2.8e-5  # of the others: their inputs are held over a step
+HELD = 2.8e-5  # error of the others: their inputs are held over a step
 
 
 def made(name: str, folder: Path, environments: Path) -> Path:
-    """The FMU that a program makes.
+    """Make the FMU with a program.
 
     Raises
     ------
@@ -109,7 +108,7 @@ def swapped(fmus: Mapping[str, Path], folder: Path) -> list[dict[str, Any]]:
 
 
 def table(rows: list[dict[str, Any]], not_made: Mapping[str, str]) -> str:
-    """The rows as they stand in the page."""
+    """The rows as a table of the page."""
     lines = ["| made by | what it is | verdict | error of `x` [m] | its estimate [m] |"]
     lines.append("|---|---|---|---|---|")
     for row in rows:
@@ -163,7 +162,7 @@ def main() -> int:
 
 
 def good(row: Mapping[str, Any]) -> bool:
-    """Whether it got to the end, is trusted, and as exact as it was."""
+    """Whether it reached the end, is trusted, and has not more than twice the allowed error."""
     whole = row["verdict"] == "trusted" and row["end"] > STOP - 0.5 * STEP
     return bool(whole and row["error"] <= 2.0 * ALLOWED.get(row["made_by"], HELD))
 

@@ -1,11 +1,11 @@
-"""Proof: two Modelica compilers of others solve what we write of components as our solver does.
+"""Proof: two Modelica compilers solve our exported components with the results of our solver.
 
-Every component of the catalogue without events, its inputs sines of time, for one second; and the
-loops of an axis and controllers that were written in Modelica by another hand, where that file is
-given (``BALLSCREW_MODELICA``). The model of the how-to of OpenModelica, too, with Modelica in place
-of its two FMUs, against the table beside it. Writes ``docs/proof/modelica.json``. It fails where a
-compiler does not take a file, or an error is larger than is allowed. ``--quick`` is four components
-and that model, and writes no file.
+Tested are every component of the catalogue without events, with sines as inputs, for one second;
+the loops of an axis and controllers written in Modelica independently, if that file is given
+(``BALLSCREW_MODELICA``); and the model of the OpenModelica how-to, with Modelica instead of its two
+FMUs, compared with the table next to it. Writes ``docs/proof/modelica.json``. It fails if a
+compiler does not accept a file, or an error is larger than allowed. ``--quick`` runs four
+components and that model, and writes no file.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ COMPILERS = {
     "pymoca": ["pymoca==0.12", "casadi==3.6.7", "numpy"],
 }
 TOLERANCE, STEP, STOP = 1e-10, 1e-2, 1.0
-ALLOWED = 1e-6  # of a signal's largest value
+ALLOWED = 1e-6  # share of a signal's largest value
 ALLOWED_BY_HAND = 1e-9  # [m]
 ALLOWED_OF_HOWTO = 1e-8  # [m]
 LOOPS = {"Loop": "pid", "NLoop": "nctf", "ILoop": "iol"}
 QUICK = ("plant", "iol", "nctf", "pid")
 HOWTO = ROOT / "docs" / "howto" / "scripts"
-# of the nominal size of each input; the rules of fuzzy_pd_i change within so short a time that a
-# solver which sees only the integral steps over it
+# share of the nominal size of each input; the rules of fuzzy_pd_i change in such a short time that
+# a solver that controls only the integral's error steps over the change
 SIZE, OF = 0.2, {"fuzzy_pd_i": 0.02}
 
 
@@ -75,7 +75,7 @@ def _grid(stop: float) -> np.ndarray:
 
 
 def by_compiler(python: Path, compiler: str, job: dict[str, Any]) -> dict[str, Any]:
-    """What a compiler gives of all models of a job."""
+    """Results of a compiler for all models of a job."""
     with tempfile.TemporaryDirectory() as place:
         given, got = Path(place) / "job.json", Path(place) / "result.json"
         given.write_text(json.dumps(job), encoding="utf-8")
@@ -85,7 +85,7 @@ def by_compiler(python: Path, compiler: str, job: dict[str, Any]) -> dict[str, A
 
 
 def error_of(found: dict[str, Any], known: dict[str, Any], stop: float) -> tuple[float, str]:
-    """Largest error of any signal as a share of its largest value, and which one's."""
+    """Largest error of any signal as a share of its largest value, and the signal's name."""
     worst = 0.0, ""
     for name, values in known.items():
         theirs = np.interp(_grid(stop), found["time"], found["columns"][name])
@@ -140,7 +140,7 @@ def main() -> int:
 
 
 def by_hand(python: Path, compiler: str) -> list[dict[str, Any]]:
-    """The loops that were not written by this program; none without their file."""
+    """The loops not written by this program; none without their file."""
     if compiler != "rumoca" or not BY_HAND.is_file():  # pymoca's host takes one flat model
         print(f"{compiler}: no loops by another hand", file=sys.stderr)
         return []
@@ -166,7 +166,7 @@ def by_hand(python: Path, compiler: str) -> list[dict[str, Any]]:
 
 
 def of_howto(python: Path, compiler: str) -> list[dict[str, Any]]:
-    """The how-to's model with Modelica for its FMUs, whose ports of the law do nothing."""
+    """The how-to's model with Modelica instead of its FMUs; the law ports have no effect."""
     if compiler != "rumoca":  # pymoca's host takes one flat model
         return []
     ports = [i.name for i in fmu_kernel("plant").inputs if i.name.startswith("u_")]

@@ -56,14 +56,14 @@ ENTITIES = (
 
 @dataclass(frozen=True)
 class Mutation:
-    """What was done, and the bytes that came of it."""
+    """Description of a mutation, and the resulting bytes."""
 
     kind: str
     data: bytes
 
 
 def mutated(good: bytes, description: str, seed: int) -> Mutation:
-    """Damage an archive in one of many ways.
+    """Return an archive damaged in one of many ways.
 
     Parameters
     ----------
@@ -116,10 +116,10 @@ def _rewritten(data: bytes, change: Callable[[list[tuple[str, bytes]]], None]) -
     change(entries)
     stream = io.BytesIO()
     with warnings.catch_warnings(), zipfile.ZipFile(stream, "w") as archive:
-        warnings.simplefilter("ignore")  # two entries of one name are the point
+        warnings.simplefilter("ignore")  # two entries of one name are intended
         for name, content in entries:
             entry = zipfile.ZipInfo("x")
-            entry.filename = name  # past the constructor, which mends some names
+            entry.filename = name  # not by the constructor, which corrects some names
             archive.writestr(entry, content)
     return stream.getvalue()
 
@@ -168,7 +168,7 @@ def _described(data: bytes, description: str, chance: random.Random) -> bytes:
 
 
 def _xml(text: str, chance: random.Random) -> str:
-    """Change one attribute or element, or the frame."""
+    """Change one attribute or element, or the document's frame."""
     attributes = list(re.finditer(r'\s([\w:]+)="([^"]*)"', text))
     tags = list(re.finditer(r"<[^<>]*>", text))
     how = chance.randrange(8)

@@ -1,11 +1,10 @@
 """Proof: over random networks of 3 to 20 FMUs, no wrong result is called trusted.
 
 Writes ``docs/proof/networks.json``: provenance, seeds and every outcome. Each network is an .ssp of
-native FMUs that ``run --system`` runs as it is: linear blocks, some with stiff poles, some with the
-ports of the feedback law, blocks that answer at once and sampled blocks, wired at random with
-feedback. The truth is exact: a matrix exponential between samples. All recorded outputs are
-compared, those of the plant and of every other element. Wrong and right are as in
-``trusted_loops.py``.
+native FMUs for ``run --system``: linear blocks, some with stiff poles, some with the ports of the
+feedback law, blocks with direct feedthrough and sampled blocks, connected at random with feedback.
+The truth is exact: a matrix exponential between samples. All recorded outputs of the plant and of
+every other element are compared. Wrong and right are defined as in ``trusted_loops.py``.
 """
 
 from __future__ import annotations
@@ -49,14 +48,14 @@ INPUTS = ("w1", "w2", "w3")
 STATES = ("x1", "x2")
 SMALLEST, LARGEST = 3, 20
 MOST_STEPS = 4000
-COUPLINGS = (None, None, "gauss-seidel", "jacobi")  # None: as the program chooses
+COUPLINGS = (None, None, "gauss-seidel", "jacobi")  # None: chosen by the program
 
 Vector = np.ndarray
 Row = dict[str, Any]
 
 
 def blocks(folder: Path) -> dict[str, Path]:
-    """The four native FMUs that all networks are made of, by their kind."""
+    """The four native FMUs of all networks, by their kind."""
     made = {}
     for kind in ("linear", "axis", "direct", "sampled"):
         made[kind] = folder / f"{kind}.fmu"
@@ -65,7 +64,7 @@ def blocks(folder: Path) -> dict[str, Path]:
 
 
 def block(kind: str) -> Component:
-    """x' = A x + B w + e and y = c x (+ d w where it answers at once), or sampled: x+ = ..."""
+    """x' = A x + B w + e and y = c x (+ d w with direct feedthrough), or sampled: x+ = ..."""
     names = [f"a{i}{j}" for i in (1, 2) for j in (1, 2)]
     names += [f"b{i}{j}" for i in (1, 2) for j in (1, 2, 3)] + ["e1", "e2", "c1", "c2"]
     if kind == "direct":
@@ -112,11 +111,11 @@ class Block:
 
     @property
     def hard(self) -> bool:
-        """Whether the output answers at once to something: to an input, or to a sample's."""
+        """Whether the output depends directly on an input, or on an input at a sample instant."""
         return self.kind in ("direct", "sampled")
 
     def values(self) -> dict[str, float]:
-        """Its parameters, as the FMU calls them."""
+        """Its parameters, with the FMU's names."""
         named = {f"a{i + 1}{j + 1}": self.A[i, j] for i in range(2) for j in range(2)}
         named |= {f"b{i + 1}{j + 1}": self.B[i, j] for i in range(2) for j in range(3)}
         named |= {f"e{i + 1}": self.e[i] for i in range(2)}
@@ -131,7 +130,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Network:
-    """Blocks, and for each input of each the block that drives it, or -1."""
+    """Blocks, and for each input of each block its source block, or -1."""
 
     blocks: tuple[Block, ...]
     wires: Vector  # (blocks, 3)
@@ -141,7 +140,7 @@ class Network:
     order: tuple[int, ...]  # in which the file lists the elements
 
     def exact(self, times: Vector) -> tuple[Vector, Vector]:
-        """Outputs of all blocks before and after what is sampled then, shape (times, blocks)."""
+        """Outputs of all blocks before and after sampling at each time, shape (times, blocks)."""
         return _Whole(self).course(times)
 
     def write(self, path: Path, fmus: dict[str, Path]) -> Path:
@@ -157,12 +156,12 @@ class Network:
 
 
 class _Whole:
-    """The network as one: continuous states, held states, and a one, moved by one matrix."""
+    """The network as one system: continuous states, held states and a one, with one matrix."""
 
     def __init__(self, network: Network) -> None:
         self.network, n = network, len(network.blocks)
         size = 2 * n + 1
-        # all outputs from all states: y = C s + D W y, with W what drives each input
+        # all outputs from all states: y = C s + D W y, where W connects outputs to inputs
         own, through = np.zeros((n, size)), np.zeros((n, n))
         driven = np.zeros((n, 3, n))
         for (k, j), source in np.ndenumerate(network.wires):
@@ -186,9 +185,9 @@ class _Whole:
         self.start = np.concatenate([*(b.start for b in network.blocks), [1.0]])
 
     def sampled(self, due: Sequence[int]) -> Vector:
-        """The map of a sample instant: blocks in the order in which they feed each other."""
+        """The map of a sample instant: blocks in the order of their connections."""
         whole = np.eye(len(self.moves))
-        for k in due:  # drawn so that those of less number come first
+        for k in due:  # networks are drawn such that sources have smaller numbers
             jump = np.eye(len(self.moves))
             jump[2 * k : 2 * k + 2] = self.samples[k]
             whole = jump @ whole
@@ -220,7 +219,7 @@ class _Whole:
 
 
 def random_network(seed: int) -> Network:
-    """Draw a network whose whole is stable or nearly so, and a step that may be far too long."""
+    """Draw a network that is stable or nearly stable, and a step that may be far too long."""
     random = np.random.default_rng(seed)
     while True:
         n = int(random.integers(SMALLEST, LARGEST + 1))
@@ -234,7 +233,8 @@ def random_network(seed: int) -> Network:
         made = [_random_block(random, str(kind), stop, base) for kind in kinds]
         wires = np.full((n, 3), -1)
         for k, j in np.ndindex(n, 3):
-            # what answers at once is driven by what comes before it: no algebraic loops
+            # blocks with feedthrough have earlier blocks as sources, so there are no algebraic
+            # loops
             soft = [i for i in range(n) if not (made[i].hard and made[k].hard)]
             able = sorted({*soft, *range(k)} - {k})
             if able and (j == 0 or random.random() < 0.3):
@@ -267,7 +267,7 @@ def _random_block(random: np.random.Generator, kind: str, stop: float, base: flo
         return Block(kind, A, B, 0.2 * random.normal(size=2), c, d, start, period)
     fastest = 4.0 if kind == "stiff" else 1.3
     speed = 10.0 ** random.uniform(0.0, fastest, 2) / stop
-    if kind in ("linear", "axis") and random.random() < 0.5:  # a pair that swings
+    if kind in ("linear", "axis") and random.random() < 0.5:  # a complex pair
         size, damping = speed[0], random.uniform(0.05, 1.0)
         A = np.array([[0.0, size], [-size, -2 * damping * size]])
     else:
@@ -280,7 +280,7 @@ def _random_block(random: np.random.Generator, kind: str, stop: float, base: flo
 
 
 def _tamed(network: Network) -> Network | None:
-    """The network with weaker couplings, until it is stable or nearly so."""
+    """The network with weaker couplings, so that it is stable or nearly stable."""
     for _ in range(12):
         if _growth(network) < 1.0:
             return network
@@ -295,7 +295,7 @@ def _tamed(network: Network) -> Network | None:
 
 
 def _growth(network: Network) -> float:
-    """Nats by which the largest mode grows over the run."""
+    """Growth of the largest mode over the run [nats]."""
     whole = _Whole(network)
     periods = sorted({network.blocks[k].period for k in whole.samples})
     if not periods:
@@ -313,7 +313,7 @@ def _growth(network: Network) -> float:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the run said and what was true: largest error of any output as a share of its range."""
+    """Verdict of the run and the truth: largest error of any output as a share of its range."""
 
     seed: int
     size: int
@@ -356,7 +356,7 @@ def outcome(seed: int, fmus: dict[str, Path]) -> Outcome:
 
 
 def columns(network: Network, run: Any) -> tuple[list[int], Vector]:
-    """Which block each recorded column is of, and the columns, shape (times, columns)."""
+    """Block of each recorded column, and the columns, shape (times, columns)."""
     plant = plant_of(network)
     found = [(plant, course) for course in run.outputs.values()]
     found += [
@@ -368,8 +368,7 @@ def columns(network: Network, run: Any) -> tuple[list[int], Vector]:
 
 
 def plant_of(network: Network) -> int:
-    """The element that is taken as the plant: with law ports, else a continuous one that does not
-    answer at once."""
+    """The element used as plant: one with law ports, else a continuous one without feedthrough."""
     blocks = network.blocks
     ranks = {k: (blocks[k].kind == "axis", blocks[k].kind == "linear") for k in network.order}
     return max(ranks, key=lambda k: ranks[k])
@@ -394,7 +393,7 @@ def main() -> int:
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.networks)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    made = provenance("networks")  # of the code that runs, whatever changes meanwhile
+    made = provenance("networks")  # of the running code, even if files change meanwhile
     with tempfile.TemporaryDirectory() as folder:
         rows = outcomes(seeds, blocks(Path(folder)))
     report = {

@@ -1,10 +1,10 @@
 """Random loops that stick and slip, hit stops, switch, or are sampled, cut into two parts.
 
-They are what the verdict is proven on beside linear loops: nothing of the ball screw is in them.
-A mass is held by stick-slip friction or bounces between stops, is shaken or is not, with or
-without a fast drive before it and friction that the controller compensates; the controller is
-continuous, a relay, or sampled, with or without a quantizer. The truth is both components as one
-system of equations, solved to two tolerances; where the two differ, no truth is known.
+The verdict is tested on them and on linear loops; they are independent of the ball screw. A mass
+has stick-slip friction or bounces between stops, with or without excitation, a fast drive, and
+friction compensation by the controller. The controller is continuous, a relay, or sampled, with or
+without a quantizer. The truth is the solution of both components as one system of equations, with
+two tolerances. If the two solutions differ, the truth is not known.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ from ballscrew.solver.kernel import (
 Vector = np.ndarray
 
 FAMILIES = ("stick-slip", "impacts", "relays", "sampled")
-WITHIN = 1e-10  # tolerance of the parts, so that errors of a run are the coupling's
+WITHIN = 1e-10  # tolerance of the parts, so that errors of a run are coupling errors
 TRUE, TRUER = 1e-11, 1e-12
-KNOWN = 1e-2  # of the tolerance: largest difference of the two references
+KNOWN = 1e-2  # largest difference of the two references, over the tolerance
 FEWEST, MOST = 20, 3000  # communication steps
 OUTPUTS = ("x", "v")
 ROUND_OFF = 1e-9
@@ -65,7 +65,7 @@ x, v, u, q, goal = (symbol(name) for name in ("x", "v", "u", "q", "x_d"))
 
 
 class ModelInstance:
-    """A component's model as the master sees it; exact within itself up to `WITHIN`.
+    """A component's model for the master; its own solution is exact up to `WITHIN`.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class ModelInstance:
         Parameters and initial states.
     can_save : bool
     answers_in_step : bool
-        Whether outputs are those at the start of the last step, as of FMUs that compute them there.
+        Whether outputs are those at the start of the last step, as in FMUs that compute them there.
     """
 
     def __init__(
@@ -185,7 +185,7 @@ def _parameters(**defaults: float) -> tuple[Parameter, ...]:
 
 
 def _mass(friction: bool, driven: bool) -> Component:
-    """A shaken mass on a spring with viscous friction, behind a drive with a lag or not."""
+    """An excited mass on a spring with viscous friction; `driven`: behind a drive with a lag."""
     names = ("m", "k", "c", "shake", "shake_w", *(("lag",) if driven else ()))
     shaken = symbol("shake") * sp.sin(symbol("shake_w") * TIME)
     damping = 0 if friction else symbol("c") * v
@@ -204,7 +204,7 @@ def _mass(friction: bool, driven: bool) -> Component:
 
 
 def _sticking(driven: bool) -> Component:
-    """Friction and `stuck`, which jump with every change of mode, are not among its outputs."""
+    """The mass with friction; friction and `stuck`, which jump with each mode, are not outputs."""
     whole = with_sticking(_mass(True, driven))
     (balance,) = whole.balances
     terms = tuple(
@@ -217,7 +217,7 @@ def _sticking(driven: bool) -> Component:
 
 
 def _between_stops(driven: bool) -> Component:
-    """The mass between two stops; one that comes back slower than `slow` rests at the stop."""
+    """The mass between two stops; if it rebounds slower than `slow`, it rests at the stop."""
     free = _mass(False, driven)
     gap, slow = symbol("gap"), symbol("slow")
     back = -symbol("restitution") * v
@@ -260,7 +260,7 @@ def _inputs(*measured: str) -> tuple[Input, ...]:
 
 
 def _pid(filtered: bool) -> Component:
-    """The velocity is measured, or it is the filtered difference of the position."""
+    """A PID with a measured velocity, or with the filtered difference of the position."""
     speed = (x - symbol("d")) / symbol("filter") if filtered else v
     slow = (State("d", "m", "filtered position", speed),) if filtered else ()
     gains = _parameters(Kp=1.0, Ki=0.0, Kd=1.0, **({"filter": 1.0} if filtered else {}))
@@ -276,7 +276,7 @@ def _pid(filtered: bool) -> Component:
 
 
 def _relay(rests: bool) -> Component:
-    """Full force one way or the other, switched with hysteresis; or none in a dead zone."""
+    """Full force in one of both directions, switched with hysteresis; or zero in a dead zone."""
     seen = goal - x - symbol("lead") * v
     width, level, zone = symbol("width"), symbol("level"), symbol("zone")
 
@@ -336,9 +336,9 @@ _CONTROLLERS = {"pid": _pid, "relay": _relay, "sampled": _sampled}
 
 @dataclass(frozen=True)
 class Structure:
-    """Which equations a loop has; its parameters are drawn apart.
+    """The equations of a loop; its parameters are drawn separately.
 
-    ``variant`` is the controller's: filtered, resting, or quantized.
+    ``variant`` is that of the controller: filtered, resting, or quantized.
     """
 
     plant: str
@@ -372,7 +372,7 @@ def _whole_kernel(structure: Structure) -> Kernel:
 
 @dataclass(frozen=True)
 class Case:
-    """A loop with its parameters, and how it is coupled."""
+    """A loop with its parameters and its coupling."""
 
     family: str
     structure: Structure
@@ -415,7 +415,7 @@ def random_case(seed: int) -> Case:  # noqa: PLR0915
     family = FAMILIES[seed % len(FAMILIES)]
 
     def spread(low: float, high: float) -> float:
-        """Drawn evenly on a logarithmic scale between two powers of ten."""
+        """Random number, logarithmically uniform between two powers of ten."""
         return float(10.0 ** random.uniform(low, high))
 
     plant, controller = {
@@ -442,7 +442,7 @@ def random_case(seed: int) -> Case:  # noqa: PLR0915
     if plant == "stops":
         ours |= {"gap": random.uniform(0.3, 0.9), "restitution": random.uniform(0.1, 0.9)}
         ours["slow"] = 1e-3 * w
-    # most of the friction is compensated by the controller, as linearizing controllers do
+    # the controller compensates most of the friction, as linearizing controllers do
     share = float(random.choice([1.0, 0.99, 0.9, 0.0])) if controller == "pid" else 0.0
     gains = {"Kp": stiffness * spread(-0.5, 0.5)}
     gains["Ki"] = float(random.choice([0.0, 0.1, 0.4])) * gains["Kp"] * w
@@ -499,15 +499,15 @@ def random_case(seed: int) -> Case:  # noqa: PLR0915
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the run said and what was true.
+    """Verdict of the run and the truth.
 
     Attributes
     ----------
     error : float
-        Largest of any output as a share of its range; not finite where the run ended early.
+        Largest error of any output as a share of its range; not finite if the run ended early.
     doubt : float
-        What the two references differ by, likewise; more than `KNOWN` of the tolerance: no truth
-        is known.
+        Difference of the two references, in the same way; if it is more than `KNOWN` times the
+        tolerance, the truth is not known.
     """
 
     seed: int

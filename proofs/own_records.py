@@ -1,14 +1,14 @@
-"""Proof: on what this program writes itself, its own parameters believed, no cause is named.
+"""Proof: on records of this program, with their true parameters, no cause is named.
 
-A hundred records of `run`, `swap` and `rig`, each made and diagnosed as a user would; writes
-``docs/proof/own_records.json``. A record that is refused, with its reason, is no wrong name.
+A hundred records of `run`, `swap` and `rig` are made and diagnosed with the user's commands. Writes
+``docs/proof/own_records.json``. A record that is rejected with a reason is not a wrong name.
 """
 
 from __future__ import annotations
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; the workers are the threads
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; workers run in parallel
 
 import argparse
 import contextlib
@@ -36,13 +36,13 @@ TARGET = ROOT / "docs" / "proof" / "own_records.json"
 SEED = 1700
 RUNS, SWAPS, TRIALS = 40, 10, 40  # a swap writes two records
 CONTROLLERS = ("pid", "pid_sampled", "iol", "nctf")
-TABLES = ("2.3.1", "2.4", "2.6", "viscous", "loading-rate")  # in which the block moves on
-LASTS = 12.0  # s
+TABLES = ("2.3.1", "2.4", "2.6", "viscous", "loading-rate")  # tables in which the block slides
+LASTS = 12.0  # duration [s]
 
 
 @dataclass(frozen=True)
 class Row:
-    """One record and what was said of it."""
+    """One record and its diagnosis."""
 
     record: str
     verdict: str
@@ -52,7 +52,7 @@ class Row:
 
 
 def reference(seed: int, path: Path) -> None:
-    """A motion of `LASTS` seconds: sines, ramps between places, or smooth steps."""
+    """Write a motion of `LASTS` seconds: sines, ramps between positions, or smooth steps."""
     random = np.random.default_rng([SEED, seed])
     t = np.arange(0.0, LASTS + 0.005, 0.01)
     kind = seed % 3
@@ -74,7 +74,7 @@ def reference(seed: int, path: Path) -> None:
 
 
 def quiet(*arguments: str | Path) -> None:
-    """A command that has to succeed, or to end with a result that is not trusted."""
+    """Run a command that must succeed, or end with a result that is not trusted."""
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         code = ballscrew([str(a) for a in arguments])
@@ -83,7 +83,7 @@ def quiet(*arguments: str | Path) -> None:
 
 
 def made(kind: str, number: int, folder: Path) -> Iterator[tuple[str, Path, Path | None]]:
-    """Names and files of records, and the parameter file that goes with each."""
+    """Names and files of records, and the parameter file of each."""
     if kind == "rig":
         trials = [t.name for table in TABLES for t in trials_named(table)]
         name = trials[number * 7 % len(trials)]
@@ -137,7 +137,7 @@ def main() -> int:
         rows += some
         for row in some:
             print(f"{row.record}: {row.verdict} {row.named} {row.message}", file=sys.stderr)
-    rows.sort(key=lambda row: row.record)  # they come as they are finished
+    rows.sort(key=lambda row: row.record)  # they arrive in the order in which they finish
     named = [r for r in rows if r.named]
     report = {
         **provenance("own_records"),

@@ -1,7 +1,7 @@
-"""Proof: where sampled, late and hunting loops stop working, for ``docs/stability.md``.
+"""Proof: limits of sampled, delayed and hunting loops, for ``docs/stability.md``.
 
 Writes ``docs/proof/practice.json`` and the maps' pictures into ``docs/images/``. Longest sampling
-periods and delays are halved to a twentieth; the maps are those of the commands that stand beside
+periods and delays are found by bisection to a twentieth; the maps come from the commands next to
 them.
 """
 
@@ -32,9 +32,9 @@ IMAGES = ROOT / "docs" / "images"
 
 GOAL, BAND = 0.08, 0.02  # set-point [m]; share of it within which the position has to stay
 NAMES = ("iol", "nctf", "pid")
-SETTLED = 10.0  # s: more than twice the longest of their settling times
-RATIO = 1.05  # of what is borne and what is not, where a search ends
-SHORTEST = 2e-6  # s
+SETTLED = 10.0  # more than twice the longest settling time [s]
+RATIO = 1.05  # ratio of the shortest failing to the longest working value at the end of a search
+SHORTEST = 2e-6  # [s]
 MAPS = {
     "hunting_of_the_sampled_pid": (
         "map --controller pid_encoder --plant plant_classical --x Ki=0:4000:21 --y "
@@ -53,7 +53,7 @@ def stays(low: float, high: float) -> bool:
 
 
 def bears_period(name: str, period: float) -> bool:
-    """Whether a sampled controller brings the axis to its set-point, and keeps it there."""
+    """Whether a sampled controller moves the axis to its set-point and keeps it there."""
     kernel = held_loop_kernel("plant", f"{name}_sampled")
     model = Model(kernel, {"controller_sample_time": period}, 1e-6)
     model.set_input("x_d", GOAL)
@@ -76,7 +76,7 @@ def late_loop(name: str) -> Kernel:
 
 
 def bears_delay(name: str, delay: float) -> bool:
-    """Whether a continuous controller does so with its command late."""
+    """Whether a continuous controller does so with a delayed command."""
     model = Model(late_loop(name), {"plant_delay": delay}, 1e-6)
     model.set_input("x_d", GOAL)
     times = np.linspace(0.0, SETTLED, round(200 * SETTLED) + 1)
@@ -88,7 +88,7 @@ def bears_delay(name: str, delay: float) -> bool:
 
 
 def longest(bears: Any, name: str) -> dict[str, float | None]:
-    """The longest time that is borne [s], and the shortest that is not."""
+    """The longest working time [s], and the shortest failing one."""
     borne, not_borne = 0.0, SHORTEST
     while bears(name, not_borne):
         borne, not_borne = not_borne, 4.0 * not_borne
@@ -103,7 +103,7 @@ def longest(bears: Any, name: str) -> dict[str, float | None]:
 
 
 def mapped(name: str, arguments: tuple[str, ...]) -> dict[str, Any]:
-    """The summary of a map, whose picture goes to the documentation."""
+    """The summary of a map; its picture is copied to the documentation."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "map"
         if command([*arguments, "--out", str(out)]) not in (0, 1):

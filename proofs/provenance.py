@@ -1,8 +1,8 @@
-"""Which code a stored proof stands for, how old that code is, and whether it changed since.
+"""The code of a stored proof, the age of that code, and whether it changed since then.
 
 ``python proofs/provenance.py`` prints one line for each file of ``docs/proof/``: its commit, the
-day of that commit, and how many of the files that the proof depends on have other code since then.
-Comments, docstrings and layout are no code. ``--write`` puts commit and day into
+day of that commit, and how many of the files that the proof depends on have changed code since
+then. Comments, docstrings and layout do not count as code. ``--write`` writes commit and day into
 ``docs/proof/README.md``.
 """
 
@@ -129,14 +129,14 @@ SHOWS = {
 
 
 def git(*arguments: str) -> str:
-    """What git prints; an empty string outside a checkout."""
+    """Output of git; an empty string outside a checkout."""
     return subprocess.run(
         ["git", *arguments], capture_output=True, text=True, check=False, cwd=ROOT
     ).stdout.strip()
 
 
 def code_digest(name: str) -> str:
-    """Digest of the files that the proof depends on, as they are now."""
+    """Digest of the present files that the proof depends on."""
     digest = hashlib.sha256()
     for place in DEPENDS_ON[name]:
         path = ROOT / place
@@ -179,12 +179,12 @@ def stored(name: str) -> dict[str, Any]:
 
 
 def changed_files(name: str, commit: str) -> list[str] | None:
-    """Files that the proof depends on and whose code differs from that commit's.
+    """Files that the proof depends on and whose code differs from that of the commit.
 
     Returns
     -------
     list of str, or None
-        None where git does not know the commit.
+        None if git does not know the commit.
     """
     commit = commit.split("-")[0]
     if not git("rev-parse", "--verify", "--quiet", f"{commit}^{{commit}}"):
@@ -201,7 +201,7 @@ def _differs(path: str, commit: str) -> bool:
 
 
 def code_of(path: str, text: str) -> str:
-    """What of a file a program can notice."""
+    """The code of a file, without comments, docstrings and layout."""
     if path.endswith(".py"):
         tree = ast.parse(text)
         for node in ast.walk(tree):

@@ -1,9 +1,9 @@
-"""Chapter 3 of the thesis beside what this program gets.
+"""Comparison of Chapter 3 of the thesis with the results of this program.
 
-Writes ``docs/reproduction.md`` and the figures it is made of, ``docs/proof/reproduction.json``.
-Everything but the thesis' own numbers is computed here. ``--only PART`` computes one part and
-prints its lines of the page, ``--page`` writes the page from the stored figures, ``--pictures``
-draws Figs. 3.4 to 3.24 into ``docs/images/reproduction``.
+Writes ``docs/reproduction.md`` and its figures, ``docs/proof/reproduction.json``. Everything except
+the numbers of the thesis is computed here. ``--only PART`` computes one part and prints its lines
+of the page, ``--page`` writes the page from the stored figures, ``--pictures`` draws Figs. 3.4 to
+3.24 into ``docs/images/reproduction``.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ SECTIONS: tuple[tuple[str, Callable[[Figures], list[Claim]]], ...] = (
 
 
 def page(report: Figures) -> str:
-    """The text of ``docs/reproduction.md`` from what ``docs/proof/reproduction.json`` holds."""
+    """The text of ``docs/reproduction.md`` from ``docs/proof/reproduction.json``."""
     f = report["figures"]
     sections = [(title, make(f)) for title, make in SECTIONS]
     claims = [c for _, found in sections for c in found]
@@ -119,7 +119,7 @@ def page(report: Figures) -> str:
 
 
 def _commands(section: int, count: int) -> list[str]:
-    """A table: which lines, and the command that repeats them."""
+    """A table of lines and the commands that repeat them."""
     by_command: dict[str, list[str]] = {}
     for label in (_label(section, n) for n in range(1, count + 1)):
         by_command.setdefault(REPEATS[label], []).append(label)
@@ -138,13 +138,13 @@ def labelled(figures: Figures) -> list[tuple[str, Claim]]:
 
 
 def stored() -> dict[str, Any]:
-    """What ``docs/proof/reproduction.json`` holds."""
+    """Content of ``docs/proof/reproduction.json``."""
     report: dict[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8"))
     return report
 
 
 def repeat(part: str) -> None:
-    """Compute one part anew and print its lines; the other parts are as stored."""
+    """Compute one part again and print its lines; the other parts are as stored."""
     anew = json.loads(json.dumps(finite_or_null(PARTS[part]())))
     for label, c in labelled(stored()["figures"] | {part: anew}):
         if REPEATS[label].endswith(f" --only {part}"):
@@ -152,7 +152,7 @@ def repeat(part: str) -> None:
 
 
 def whole() -> int:
-    """Compute all, write the figures and the page; 1 where a difference is not explained."""
+    """Compute everything, write the figures and the page; 1 if a difference is not explained."""
     figures: Figures = {}
     for name, compute in PARTS.items():
         before = time.perf_counter()

@@ -1,10 +1,10 @@
 """Whether two installed versions compute the same: every part, every loop, every gallery system.
 
-``python proofs/same_results.py write FILE.json`` computes with the package that is installed;
-``python proofs/same_results.py compare OLD.json NEW.json`` prints what differs, and exits with 1
-where a number does by more than 1e-12 of the largest of its column, or is missing. Words that
-differ are printed, and decide nothing. Only the commands and the public functions are used, and the
-generator of equations.
+``python proofs/same_results.py write FILE.json`` computes with the installed package; ``python
+proofs/same_results.py compare OLD.json NEW.json`` prints the differences, and exits with 1 if a
+number differs by more than 1e-12 of the largest of its column, or is missing. Different words are
+printed, but do not change the exit code. Only the commands, the public functions and the generator
+of equations are used.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def values_of(component: object) -> Iterator[tuple[str, dict[str, float]]]:
 
 
 def commands() -> list[list[str]]:
-    """What is run, each into a folder of its own; the dearest first."""
+    """The commands, each run in a separate folder; the slowest first."""
     from ballscrew import catalogue
     from ballscrew.gallery import SYSTEMS
 
@@ -107,7 +107,7 @@ def commands() -> list[list[str]]:
 
 
 def result_of(command: list[str]) -> dict[str, object]:
-    """The numbers that a command prints, and those of the tables that it writes."""
+    """The numbers printed by a command, and those in its tables."""
     from ballscrew.cli import main
 
     as_json = [] if command[0] == "rig" else ["--json"]
@@ -143,7 +143,7 @@ def leaves(tree: object, path: str = "") -> dict[str, object]:
 
 
 def difference(old: object, new: object) -> float | str:
-    """Largest difference over the largest magnitude; in words where it is not one of numbers."""
+    """Largest difference over the largest magnitude; a text if values are not numbers."""
     old, new = (v if isinstance(v, list) else [v] for v in (old, new))
     if len(old) != len(new):
         return f"{len(old)} values became {len(new)}"

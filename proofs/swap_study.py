@@ -1,9 +1,9 @@
-"""Proof: two equal controllers are seldom called different, one a tenth worse mostly is.
+"""Proof: two equal controllers are seldom called different; one that is 10 % worse mostly is.
 
-Writes ``docs/proof/swap_study.json``: 300 small studies. In each the same controller takes part
-twice and is tuned with seeds of its own, so that the two differ by the luck of their tunings; then
-the errors of one are made a tenth larger. The errors are real runs; that they grow by just a tenth
-on every plant is not, so the second rate is an upper bound.
+Writes ``docs/proof/swap_study.json``: 300 small studies. In each, the same controller takes part
+twice, tuned with different seeds, so that the two differ only by chance in the tuning. Then the
+errors of one are increased by 10 %. The errors come from real runs, but an increase of exactly 10 %
+on every plant is artificial, so the second rate is an upper bound.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ballscrew.orchestration.workers import Processes
 
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "proof" / "swap_study.json"
 STUDIES = 300
-FIRST_SEED = 1000  # those below chose the level of the intervals
+FIRST_SEED = 1000  # smaller seeds were used to choose the level of the intervals
 WORSE = 1.1
 MOST_CALLED_DIFFERENT, LEAST_TOLD_APART = 0.10, 0.80
 GAINS = {"Kp": (30.0, 3000.0), "Ki": (1.0, 3000.0), "Kd": (0.1, 200.0)}
@@ -47,7 +47,7 @@ PLAN = Plan(
 
 
 def outcome(seed: int) -> dict[str, Any]:
-    """One study: whether the equal ones, and the unequal ones, are told apart."""
+    """One study: whether the equal, and the unequal, controllers are distinguished."""
     plan = replace(PLAN, seed=seed)
     loops = studies.loops_of(plan)
     with tempfile.TemporaryDirectory() as folder:
@@ -65,7 +65,7 @@ def outcome(seed: int) -> dict[str, Any]:
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Rates with one-sided 95 % bounds (Clopper and Pearson)."""
+    """Rates with one-sided 95 % bounds (Clopper-Pearson)."""
     count = len(rows)
     wrong = sum(r["equal_told_apart"] for r in rows)
     right = sum(r["worse_told_apart"] for r in rows)

@@ -1,8 +1,8 @@
-"""Table 2.12 of the thesis: which friction law shows which feature, beside what is found here.
+"""Table 2.12 of the thesis: which friction law shows which feature, in the thesis and here.
 
 Writes ``docs/proof/features.json``, Figs. 2.14 to 2.19 into ``docs/images/features/``, and the
-table into ``docs/features.md``. ``--laws lugre dahl`` prints the table of these laws alone, and
-writes nothing. Exit code 1: in some trial an instrument or the screw was past its range.
+table into ``docs/features.md``. ``--laws lugre dahl`` prints the table of these laws only, and
+writes nothing. Exit code 1: in some trial an instrument or the screw was out of range.
 """
 
 from __future__ import annotations

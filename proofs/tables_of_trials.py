@@ -1,8 +1,8 @@
-"""What scatters in the thesis' tables of trials, and what its averaged friction curve costs.
+"""Scatter in the thesis' tables of trials, and the error by its averaged friction curve.
 
 Writes ``docs/proof/tables_of_trials.json`` and the text between the marks of
 ``docs/tables-of-trials.md``. With ``--trials TABLE --value COLUMN`` or ``--directions TABLE`` it
-prints what another table says, and writes nothing.
+prints the results for another table, and writes nothing.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def text_of_cost(cost: AveragingCost) -> str:
 
 
 def thesis() -> tuple[list[TrialsDiagnosis], AveragingCost, str]:
-    """The thesis' tables, and all that is said of them."""
+    """Results for the thesis' tables, and their text."""
     scatter = [explain_scatter(DATA / table, value) for table, value in SCATTER]
     cost = averaging_cost(DATA / DIRECTIONS)
     parts = [*map(text_of_scatter, scatter), f"{DIRECTIONS}: {text_of_cost(cost)}"]

@@ -1,11 +1,11 @@
-"""Proof: tools of others run the exported files as they are, and how far off each is.
+"""Proof: other tools run the exported files unchanged, with the error of each.
 
-Makes an environment for each tool under ``out/tools`` (pip fetches them), exports loops, parts and
-systems by the command, lets every tool run them by its own means (``hosts/``), and compares the
-position of the block with the whole loop in SciPy's Radau solver. Two tools run at a time. Writes
-``docs/proof/tools.json``: provenance, versions, errors. It fails where a tool cannot take a file,
-or is off by twice as much as its row allows. A tool whose environment cannot be made is listed at
-the end. ``--quick`` is what fits into a continuous integration, and writes no file.
+Makes an environment for each tool under ``out/tools`` (with pip), exports loops, parts and systems
+with the command, runs them in every tool (``hosts/``), and compares the position of the block with
+the complete loop in SciPy's Radau solver. Two tools run at a time. Writes
+``docs/proof/tools.json``: provenance, versions, errors. It fails if a tool does not accept a file,
+or has twice the error allowed in its row. A tool whose environment cannot be made is listed at the
+end. ``--quick`` runs only what is fast enough for continuous integration, and writes no file.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "tools.json"
 HOSTS = Path(__file__).resolve().parent / "hosts"
 PACKAGES = {
-    "casadi": ["casadi==3.8.2", "fmpy==0.3.32"],  # FMPy's headers for what it makes
+    "casadi": ["casadi==3.8.2", "fmpy==0.3.32"],  # needs FMPy's headers to make FMUs
     "pathsim": ["pathsim==0.27.1", "pathsim-fmi==0.1.1"],
     "cofmupy": ["cofmupy==1.0.0"],
     "estim8": ["estim8==0.1.6"],
@@ -60,7 +60,7 @@ GRID = 1e-3  # [s]
 
 @dataclass(frozen=True)
 class Job:
-    """One run of one tool; `allowed` is what it was off by [m] when it was last looked at."""
+    """One run of one tool; `allowed` is its error [m] in the last accepted run."""
 
     tool: str
     what: str
@@ -72,12 +72,12 @@ class Job:
 
     @property
     def quick(self) -> bool:
-        """Whether it is for continuous integration: a small environment, and some seconds."""
+        """Whether it is for continuous integration: with a small environment and within seconds."""
         return self.tool in QUICK and self.controller == "iol" and self.stop == 1.0
 
 
 def jobs() -> Iterator[Job]:
-    """Every tool with every kind of file that it takes."""
+    """Every tool with every kind of file that it accepts."""
     solved = {"iol": {1e-6: 1.7e-6, 1e-8: 1.3e-8}, "nctf": {1e-6: 1.9e-7, 1e-8: 1.4e-9}}
     for c in CONTROLLERS:
         exact = 2.6e-9 if c == "iol" else 1e-11
@@ -112,7 +112,7 @@ def jobs() -> Iterator[Job]:
 
 
 def files(folder: Path, what: str, controller: str) -> dict[str, str]:
-    """What a job's files are by the names of their elements; exported if they are not yet."""
+    """A job's files by the names of their elements; exported if they do not exist."""
     build = [] if what.startswith("readable") else ["--native"]
     kind = what.removeprefix("readable ").split()[0]
     build += ["--fmi", what[-1]] if what[-1].isdigit() else []
@@ -132,7 +132,7 @@ def files(folder: Path, what: str, controller: str) -> dict[str, str]:
 
 
 def wires(fmus: dict[str, str], controller: str) -> list[list[list[str]]]:
-    """Which output goes to which input, law ports among them."""
+    """Connections from outputs to inputs, including law ports."""
     if len(fmus) < 2:
         return []
     sides = fmu_kernel("plant"), fmu_kernel(controller)
@@ -162,11 +162,11 @@ def reference(controller: str) -> np.ndarray:
 
 
 class NotMade(RuntimeError):
-    """An environment that pip could not fill; the message is its last word."""
+    """An environment that pip could not fill; the message is pip's last line."""
 
 
 def python_of(tool: str, folder: Path, packages: Sequence[str]) -> Path:
-    """The interpreter of a tool's environment, made if it is not there.
+    """The interpreter of a tool's environment, which is made if it does not exist.
 
     Raises
     ------
@@ -194,7 +194,7 @@ def _last_line(text: str) -> str:
 
 
 def run(job: Job, folder: Path, python: Path) -> dict[str, Any]:
-    """A row of the result; `error` [m] is None where the tool did not get to the end."""
+    """A row of the result; `error` [m] is None if the tool did not reach the end."""
     fmus = files(folder, job.what, job.controller)
     connections = wires(fmus, job.controller)
     told = {"fmus": fmus, "connections": connections, "step": job.step, "stop": job.stop}
@@ -226,7 +226,7 @@ def runs_of(tool: str, asked: Sequence[Job], folder: Path, environments: Path) -
     Raises
     ------
     NotMade
-        As `python_of` does.
+        As in `python_of`.
     """
     start = time.monotonic()
     python = python_of(tool, environments, PACKAGES[tool])
@@ -247,7 +247,7 @@ def main() -> int:
     asked = [j for j in jobs() if j.tool in options.only and (j.quick or not options.quick)]
     rows, not_made = [], {}
     with tempfile.TemporaryDirectory() as place, ThreadPoolExecutor(2) as pool:
-        for job in asked:  # before the threads: they find what they need made
+        for job in asked:  # before the threads start, so that all files exist
             files(Path(place), job.what, job.controller)
             reference(job.controller)
         ends = {

@@ -1,10 +1,11 @@
-"""Proof: friction of two measured screw drives by direction, judged on speeds and runs left out.
+"""Proof: friction of two measured screw drives by direction, tested on held-out speeds and runs.
 
-A lead screw and a worm drive, recorded by their motor controller at constant speeds and in start
-and stop (A. Mablekos-Alexiou, L. da Cruz, C. Bergeles, "Friction-Inclusive Modeling of Sliding
-Contact Transmission Systems in Robotics", IEEE Transactions on Robotics 37(4), 2021; repository
-RViMLab/TRO2021-Dynamic-Modelling). Writes ``docs/proof/tro2021.json`` and a picture of each drive.
-The data are not passed on here: the first argument is their folder, or ``BALLSCREW_TRO2021`` is.
+A lead screw and a worm drive were recorded by their motor controller at constant speeds and in
+start and stop (A. Mablekos-Alexiou, L. da Cruz, C. Bergeles, "Friction-Inclusive Modeling of
+Sliding Contact Transmission Systems in Robotics", IEEE Transactions on Robotics 37(4), 2021;
+repository RViMLab/TRO2021-Dynamic-Modelling). Writes ``docs/proof/tro2021.json`` and a picture of
+each drive. The data are not included: the first argument, or ``BALLSCREW_TRO2021``, is their
+folder.
 """
 
 from __future__ import annotations
@@ -49,8 +50,9 @@ COLUMNS = {
     "Torque actual value averaged": "force",
 }
 UNITS = {"v": "-1 rpm", "force": "-9.84e-5 N*m"}
-PER_CENT = 9.84e-5  # of the motor's nominal torque [N*m]
-# of the worm drive a metre is a thousand radians of the motor, and a newton is a mN*m at its shaft
+PER_CENT = 9.84e-5  # one percent of the motor's nominal torque [N*m]
+# for the worm drive, a metre means a thousand radians of the motor, and a newton a mN*m at its
+# shaft
 DRIVES = {"lead_screw": ("driveNo1", 0.002), "worm_drive": ("driveNo3", 0.006283185307)}
 LAW = "classical"
 FOLDS = 4
@@ -60,10 +62,10 @@ MODELS = {
     "a friction for each direction": {"tied": False},
 }
 STEADY = "steady_state/0.096kg"
-_STEP = 1e-4  # of finite differences in the coordinates
-_PLATEAU = 0.9  # share of a profile's speed from which on it counts as reached
+_STEP = 1e-4  # step of finite differences in the coordinates
+_PLATEAU = 0.9  # share of a profile's speed at which it counts as reached
 _CONFIDENCE = 0.95
-_FEWEST_TURNS = 5.0  # in which one to three periods a turn are told from a slow course
+_FEWEST_TURNS = 5.0  # needed to distinguish one to three periods per turn from a slow course
 
 
 @dataclass(frozen=True)
@@ -76,12 +78,12 @@ class Point:
 
 
 def speed_of(path: Path) -> int:
-    """The motor's speed that a file is named for [rpm], below zero for the other direction."""
+    """The motor's speed in the name of a file [rpm], negative for the other direction."""
     return int(path.stem.replace("n", "-"))
 
 
 def read_folder(folder: Path, lead: float) -> tuple[list[Record], dict[str, str]]:
-    """Records in the order of their speeds, and why the others were refused."""
+    """Records in the order of their speeds, and reasons why others were rejected."""
     records, refused = [], {}
     for path in sorted(folder.glob("*.csv"), key=speed_of):
         try:
@@ -92,7 +94,7 @@ def read_folder(folder: Path, lead: float) -> tuple[list[Record], dict[str, str]
 
 
 def steady_points(records: Sequence[Record]) -> list[Point]:
-    """Means of the records whose velocity varies by less than itself: others stick and slip."""
+    """Means of the records whose velocity varies by less than its mean: others stick and slip."""
     points = []
     for r in records:
         v = r.signals["v"]
@@ -119,7 +121,7 @@ def slope(fit: Fit, v: float) -> Vector:
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a fit says of the mean force of another run, with its 95 % interval [N]."""
+    """Prediction of a fit for the mean force of another run, with its 95 % interval [N]."""
 
     name: str
     velocity: float
@@ -133,7 +135,7 @@ class Forecast:
 
 
 def forecasts(fit: Fit, seen: Sequence[Point], new: Sequence[Point]) -> list[Forecast]:
-    """Means of new runs: interval by the fit's covariance and the scatter of the runs seen."""
+    """Means of new runs; intervals by the fit's covariance and the scatter of the seen runs."""
     left = np.array([p.force - curve(fit, fit.coordinates, p.velocity) for p in seen])
     freedom = len(left) - len(fit.names)
     scatter = float(left @ left) / freedom
@@ -148,7 +150,7 @@ def forecasts(fit: Fit, seen: Sequence[Point], new: Sequence[Point]) -> list[For
 
 
 def speeds_left_out(records: Sequence[Record], per_cent: float) -> dict[str, Any]:
-    """Each speed predicted by the other speeds' records, for each model."""
+    """Predictions for each speed from the records of the other speeds, for each model."""
     speeds = sorted({abs(speed_of(Path(r.name))) for r in records})
     rows: dict[str, list[Forecast]] = {name: [] for name in MODELS}
     for fold in range(FOLDS):
@@ -163,7 +165,7 @@ def speeds_left_out(records: Sequence[Record], per_cent: float) -> dict[str, Any
 
 
 def summary(found: Sequence[Forecast], per_cent: float) -> dict[str, Any]:
-    """How far forecasts are off, and how many intervals hold what was measured."""
+    """Errors of forecasts, and number of intervals that contain the measured value."""
     error = np.array([f.measured - f.foretold for f in found])
     measured = np.array([f.measured for f in found])
     return {
@@ -177,13 +179,13 @@ def summary(found: Sequence[Forecast], per_cent: float) -> dict[str, Any]:
 
 
 def plateaus(record: Record) -> list[Point]:
-    """Both ways of a start and stop, where their speed is reached; accelerations are left out."""
+    """Both directions of a start and stop at full speed; accelerations are left out."""
     name = Path(record.name)
     v, points = record.signals["v"], []
     for sign in (1.0, -1.0):
         usual = float(np.median(v[sign * v > 0.5 * np.max(sign * v)]))
         at = sign * v > _PLATEAU * abs(usual)
-        # the first and last sample of it may be on their way
+        # the first and last sample may be in an acceleration
         inner = at & np.roll(at, 1) & np.roll(at, -1)
         words = f"{name.name} {'forwards' if sign > 0 else 'backwards'}"
         points.append(Point(words, float(v[inner].mean()), float(record.force[inner].mean())))
@@ -196,10 +198,10 @@ def turns(record: Record, lead: float) -> float:
 
 
 def with_the_turn(record: Record, lead: float) -> float:
-    """Share of a steady run's variance of the force that goes with the turn of the shaft.
+    """Share of a steady run's force variance that varies with the angle of the shaft.
 
-    One to three periods a turn, after a straight line in time is taken out; the phase is free,
-    since nobody knows where the run began.
+    It has one to three periods per turn, after subtracting a straight line in time. The phase is
+    free, because the start position of the run is not known.
     """
     time = record.time - record.time.mean()
     angle = 2 * math.pi * record.position / lead
@@ -210,7 +212,7 @@ def with_the_turn(record: Record, lead: float) -> float:
 
 
 def left_by(columns: Vector, values: Vector) -> float:
-    """Sum of squares that a linear fit leaves."""
+    """Residual sum of squares of a linear fit."""
     found, *_ = np.linalg.lstsq(columns, values, rcond=None)
     return float(np.sum((values - columns @ found) ** 2))
 
@@ -238,7 +240,7 @@ def draw(
     per_cent: float,
     lead: float,
 ) -> None:
-    """Mean torque over speed, the fit with its band for another run, and start and stop."""
+    """Draw mean torque over speed, the fit with its band for another run, and start and stop."""
     rpm = 60 / lead
     with mpl.rc_context(STYLE):
         figure, ((axes,),) = new_figure(1, 1, (7.5, 4.2))
@@ -274,7 +276,7 @@ def draw(
 
 
 def examine_drive(name: str, folder: Path, lead: float) -> dict[str, Any]:
-    """All that is found of one drive."""
+    """All results for one drive."""
     per_cent = PER_CENT * 2 * math.pi / lead
     records, refused = read_folder(folder / STEADY, lead)
     profiles, _ = read_folder(folder / "start_stop", lead)

@@ -1,9 +1,10 @@
-"""Proof: over random loops, stiff and linear or not linear, no wrong result is called trusted.
+"""Proof: over random stiff linear and nonlinear loops, no wrong result is called trusted.
 
-Writes ``docs/proof/trusted_loops.json``: provenance, seeds and every outcome. A result is wrong
-where some output is off by more than a percent of its range, and right where none is off by more
-than a third of that, against the exact solution or the whole in one solver. A loop on which two
-such solutions differ by a hundredth of a percent is left out, and counted: its truth is not known.
+Writes ``docs/proof/trusted_loops.json``: provenance, seeds and every outcome. A result is wrong if
+the error of some output is more than one percent of its range, and right if no error is more than a
+third of that, compared with the exact solution or the complete loop in one solver. A loop for which
+two such solutions differ by a hundredth of a percent is left out and counted, because its truth is
+not known.
 
 The verdict's constants were chosen on linear seeds below 6000 and nonlinear seeds below 1000.
 """
@@ -35,12 +36,12 @@ Row = dict[str, Any]
 
 
 def upper_bound(found: int, trials: int) -> float:
-    """Clopper and Pearson's upper bound of a rate, one-sided."""
+    """One-sided Clopper-Pearson upper bound of a rate."""
     return float(beta.ppf(CONFIDENCE, found + 1, trials - found)) if found < trials else 1.0
 
 
 def lower_bound(found: int, trials: int) -> float:
-    """Their lower bound."""
+    """One-sided Clopper-Pearson lower bound of a rate."""
     return 1.0 - upper_bound(trials - found, trials)
 
 
@@ -67,14 +68,14 @@ def summary(rows: Sequence[Row]) -> Row:
 
 
 def summaries(linear: Sequence[Row], nonlinear: Sequence[Row]) -> dict[str, Row]:
-    """Of all linear loops, of all others, and of each family of these."""
+    """Summaries of all linear loops, of all others, and of each family of the others."""
     families = {f: [r for r in nonlinear if r["family"] == f] for f in nonlinear_loops.FAMILIES}
     groups = {"linear": linear, "nonlinear": nonlinear, **families}
     return {name: summary(rows) for name, rows in groups.items()}
 
 
 def plain(o: linear_loops.Outcome | nonlinear_loops.Outcome) -> Row:
-    """An outcome as JSON has it: no reason, and nothing for what is not finite."""
+    """An outcome for JSON: without the reason, and with null for numbers that are not finite."""
     row = asdict(o)
     del row["reason"]
     return {k: (None if isinstance(v, float) and v - v != 0 else v) for k, v in row.items()}

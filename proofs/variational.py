@@ -1,9 +1,9 @@
-"""Proof: the exponents that FMUs with tangents give are those of the whole loop in one solver.
+"""Proof: the exponents from FMUs with tangents equal those of the complete loop in one solver.
 
 Writes ``docs/proof/variational.json`` with the commit: the nominal loops and five perturbed ones,
-every exponent by both roads, and how they approach each other as the communication step shrinks.
-Beside each difference stands how far the reference itself moves between two tolerances: a loop is
-compared for as long as its reference is settled, and not longer.
+every exponent by both methods, and their difference for decreasing communication steps. Each
+difference is given with the change of the reference between two tolerances: a loop is compared only
+for as long as its reference does not depend on the tolerance.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ TARGET = Path(__file__).resolve().parents[1] / "docs" / "proof" / "variational.j
 TANGENTS = 5
 STOP, STEP = 20.0, 1e-3
 TIGHT, LOOSER = 1e-13, 1e-11  # the reference's tolerances
-SETTLED = 0.1  # share of what is allowed by which they may differ
-RELATIVE, ABSOLUTE = 1e-3, 1e-3  # of an exponent, and bits/s near zero
+SETTLED = 0.1  # largest difference of the references, over the allowed difference
+RELATIVE, ABSOLUTE = 1e-3, 1e-3  # share of an exponent, and bits/s near zero
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Case:
     stop: float = STOP
 
 
-SHORT = 3.0  # s; at 5 s and beyond, 1e-10 and 1e-13 part by many times what is allowed
+SHORT = 3.0  # [s]; from 5 s on, tolerances 1e-10 and 1e-13 differ by far more than allowed
 CASES = (
     Case("IOL, nominal", "iol"),
     Case("NCTF, nominal", "nctf"),
@@ -65,7 +65,7 @@ CASES = (
 
 
 def whole(case: Case, stop: float, tolerance: float = TIGHT) -> Spectrum:
-    """The tangents in one solver, their first frame in the order x, v, z, i, w."""
+    """The tangents in one solver, with the first frame in the order x, v, z, i, w."""
     kernel = loop_kernel("plant", case.controller)
     values = {"plant_" + k: v for k, v in case.plant.items()}
     values |= {"controller_" + k: v for k, v in case.values.items()}
@@ -98,7 +98,7 @@ def over_fmus(case: Case, stop: float, step: float, **options: Any) -> TangentRu
 
 
 def compared(case: Case) -> dict[str, Any]:
-    """One loop by both roads [bits/s]."""
+    """One loop by both methods [bits/s]."""
     model = whole(case, case.stop)
     one, looser = _bits(model.exponents), _bits(whole(case, case.stop, LOOSER).exponents)
     began = time.perf_counter()
@@ -126,13 +126,13 @@ def compared(case: Case) -> dict[str, Any]:
 
 
 def _share(found: Vector, reference: Vector) -> float:
-    """Largest difference of an exponent over what is allowed."""
+    """Largest difference of an exponent over the allowed difference."""
     allowed = np.maximum(RELATIVE * np.abs(reference), ABSOLUTE)
     return float(np.max(np.abs(found - reference) / allowed))
 
 
 def convergence() -> list[dict[str, Any]]:
-    """Steps all as long as asked for, from a start that slides, over 0.1 s."""
+    """Results for different fixed steps, from a sliding start, over 0.1 s."""
     rows = []
     for controller in ("iol", "nctf"):
         case = Case(controller, controller, {"v_start": 0.05})
@@ -143,7 +143,7 @@ def convergence() -> list[dict[str, Any]]:
 
 
 def difference(case: Case, step: float) -> list[float]:
-    """What the exponents over FMUs are off by after 0.1 s [bits/s]."""
+    """Errors of the exponents over FMUs after 0.1 s [bits/s]."""
     expected = _bits(whole(case, 0.1).exponents)
     found = _bits(over_fmus(case, 0.1, step, accuracy=np.inf).exponents)
     return [float(d) for d in found - expected]

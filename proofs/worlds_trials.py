@@ -1,4 +1,4 @@
-"""Trials of the worlds: what is hidden where, and how an answer counts."""
+"""Trials of the worlds: hidden effects, and evaluation of answers."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from ballscrew.records.reading import read_drive_records
 from ballscrew.records.record import Record
 
 FAULTLESS, CAUSE, OUTSIDE, SIGNAL = "faultless", "cause", "outside", "signal"
-FAULTLESS_EACH = 10  # faultless records to one of each cause
+FAULTLESS_EACH = 10  # faultless records per record of each cause
 KEPT = Path(__file__).resolve().parents[1] / "out" / "worlds"
-VISIBLE = 12.0  # ratio from which on an answer is asked for
-# the same thing by another name: a wrong value of these is that cause
+VISIBLE = 12.0  # least ratio at which an answer is required
+# equivalent names: a wrong value of these is that cause
 SYNONYMS = {"m": "unmodelled_inertia", "Jm": "unmodelled_inertia", "offset": "load_bias"}
-# a command that is late, and stamps of it that are early, are one thing in a record
+# a late command and early stamps of the command are equal in a record
 LATE = {"input_delay", "time_shift"}
 
 
@@ -37,27 +37,27 @@ class Trial:
 
     world: str
     group: str
-    effect: str  # empty where there is none
+    effect: str  # empty without an effect
     seed: int
 
     @property
     def key(self) -> str:
-        """The trial in one word."""
+        """The trial as a single word."""
         return f"{self.world}:{self.effect or FAULTLESS}:{self.seed}"
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A drawn record on disk, and what the truth says of its effect.
+    """A drawn record on disk, with the truth on its effect.
 
     Attributes
     ----------
     folder : Path
-        With ``record.csv`` and so on, and ``believed.toml``; nothing of the truth is in them.
+        Folder with ``record.csv`` and so on, and ``believed.toml``; they do not contain the truth.
     ratio : float
-        How clearly the effect shows; 0 of a faultless record.
+        Visibility of the effect; 0 for a faultless record.
     shared : list of str
-        Other causes of its shape.
+        Other causes with the same shape.
     """
 
     folder: Path
@@ -65,7 +65,7 @@ class Drawn:
     shared: list[str]
 
     def read(self) -> tuple[list[Record], Drive]:
-        """The records and what their user believes."""
+        """The records, and the model assumed by their user."""
         paths = sorted(self.folder.glob("record*.csv"))
         believed = read_drive(self.folder / "believed.toml")
         records, model, _ = commanded(read_drive_records(paths), believed)
@@ -73,7 +73,7 @@ class Drawn:
 
 
 def drawn(trial: Trial) -> Drawn:
-    """Draw a record, or take it from ``out/worlds`` where it was drawn before.
+    """Draw a record, or take it from ``out/worlds`` if it was drawn before.
 
     Raises
     ------
@@ -108,19 +108,19 @@ def _of_worlds() -> str:
 
 
 def truth_of(effect: str) -> str:
-    """What has to be in an answer."""
+    """The name that must be in an answer."""
     return IN_NO_CAUSE if effect in NOT_IN_CATALOGUE else effect
 
 
 def right_names(effect: str, shared: Sequence[str]) -> set[str]:
-    """The truth, and what has its shape in the record."""
+    """The true cause, and causes with the same shape in the record."""
     truth = truth_of(effect)
     same = {"parameter_error"} if truth in SYNONYMS.values() else set()
     return {truth, *shared, *same, *(LATE if truth in LATE else ())}
 
 
 def share(hits: list[bool]) -> dict[str, Any]:
-    """A share and Wilson's bounds."""
+    """A share with Wilson's bounds."""
     if not hits:
         return {"records": 0}
     interval = binomtest(sum(hits), len(hits)).proportion_ci(method="wilson")
@@ -134,18 +134,18 @@ def plan_trials(
     worlds: tuple[str, ...] = tuple(WORLDS),
     at_least: tuple[int, int] = (0, 0),
 ) -> list[Trial]:
-    """The trials, those of all worlds and effects side by side.
+    """The trials, with all worlds and effects alternately.
 
     Parameters
     ----------
     each : int
-        Records of every cause in every world; ten times as many faultless ones, and four for
-        every five of each effect outside the catalogue.
+        Records of every cause and signal in every world; ten times as many faultless ones, and four
+        fifths as many of each effect outside the catalogue.
     first_seed : int
     worlds : tuple of str
     at_least : tuple of int
-        Faultless records of every world, and records with effects, as evenly of each effect as it
-        goes.
+        Faultless records of every world, and records with effects, as evenly over effects as
+        possible.
     """
     placed = []
     for world in worlds:

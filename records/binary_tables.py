@@ -1,7 +1,7 @@
 """Tables in binary files of measurements, read by maintained libraries.
 
-Each function takes the path, for what it says, and the bytes of the file. A library that is not
-installed is an ImportError.
+Each function takes the path, for messages, and the bytes of the file. It raises ImportError if its
+library is not installed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .csv_table import Table, read_text
 Vector = npt.NDArray[np.float64]
 Array = npt.NDArray[Any]
 
-_WIDEST = 1000  # columns of a matrix; larger ones are pictures
+_WIDEST = 1000  # columns of a matrix; wider ones are pictures
 _FUNCTIONS = (
     "sin cos tan arcsin arccos arctan arctan2 asin acos atan sinh cosh tanh exp expm1 log log10 "
     "log1p sqrt abs floor ceil where"
@@ -38,7 +38,7 @@ _FORMULA = re.compile(
 def table_of(
     path: Path, arrays: Mapping[str, Array], units: Mapping[str, str], group: str = ""
 ) -> Table:
-    """The numbers in arrays as columns; dates are seconds from the first one."""
+    """A table of the numbers in arrays; dates become seconds from the first one."""
     columns: dict[str, Vector] = {}
     said = dict(units)
     starts = []
@@ -55,7 +55,7 @@ def table_of(
 def vectors(name: str, array: Array) -> dict[str, Vector]:
     """The columns of an array of numbers; those of a matrix are ``name.1`` and so on.
 
-    Samples are along the longer side. What has fields has ``name.field``; the rest is nothing.
+    Samples are along the longer side. Fields are named ``name.field``; other arrays are ignored.
     """
     if array.dtype.names:
         parts = {n: vectors(f"{name}.{n}", array[n]) for n in array.dtype.names}
@@ -80,7 +80,7 @@ def read_npz(path: Path, data: bytes) -> list[Table]:
         for name in archive.files:
             try:
                 arrays[name] = archive[name]
-            except ValueError:  # objects, which would be read by running code
+            except ValueError:  # objects; to read them would run code
                 continue
     return [table_of(path, arrays, {})]
 
@@ -92,7 +92,7 @@ def read_npy(path: Path, data: bytes) -> list[Table]:
 
 
 def read_hdf5(path: Path, data: bytes) -> list[Table]:
-    """Each group that holds numbers is a table."""
+    """Each group with numbers is a table."""
     import h5py
 
     def own(group: Any, name: str, kind: type) -> bool:
@@ -116,7 +116,7 @@ def read_hdf5(path: Path, data: bytes) -> list[Table]:
 
 
 def is_within(item: Any, file: Any) -> bool:
-    """Whether an item of an HDF5 file has its numbers there: others read files of the user's."""
+    """Whether an item's numbers are in the HDF5 file itself, and not in other files of the user."""
     import h5py
 
     elsewhere = isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
@@ -124,7 +124,7 @@ def is_within(item: Any, file: Any) -> bool:
 
 
 def read_tdms(path: Path, data: bytes) -> list[Table]:
-    """Each group is a table; one for each rate, where its channels say their own."""
+    """Each group is a table; one per rate if its channels have different rates."""
     from nptdms import TdmsFile
 
     tables = []
@@ -157,7 +157,7 @@ def read_mdf(path: Path, data: bytes) -> list[Table]:
     from asammdf import MDF
     from asammdf.blocks import v2_v3_blocks, v4_blocks
 
-    # to this the library gives a formula of the file that is none of numbers, and it runs it
+    # the library gives formulas of the file to this function, which would run any code in them
     v2_v3_blocks.lambdify = v4_blocks.lambdify = _refuse_formula
     try:
         with MDF(io.BytesIO(data)) as file:
@@ -166,7 +166,7 @@ def read_mdf(path: Path, data: bytes) -> list[Table]:
                     _check_formulas(channel.conversion)
             tables = [_of_mdf(path, file, k) for k in range(len(file.groups))]
     except Exception as error:
-        # what the library leaves half made fails again when it is deleted, and Python prints that
+        # an incomplete object of the library fails again when it is deleted, and Python prints that
         hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
         traceback.clear_frames(error.__traceback__)
         gc.collect()
@@ -176,7 +176,7 @@ def read_mdf(path: Path, data: bytes) -> list[Table]:
 
 
 def _check_formulas(conversion: Any) -> None:
-    """Refuse a formula that is more than a function of the raw value."""
+    """Raise an error for a formula that is more than a function of the raw value."""
     formula = getattr(conversion, "formula", "")
     formula = formula.decode("latin-1") if isinstance(formula, bytes) else str(formula)
     if not _FORMULA.fullmatch(formula):
@@ -210,7 +210,7 @@ def _of_mdf(path: Path, file: Any, k: int) -> Table:
 
 
 def read_xlsx(path: Path, data: bytes) -> list[Table]:
-    """Each sheet with a table, which is found in it as in a text."""
+    """Each sheet with a table; the table is detected as in a text."""
     import openpyxl
 
     book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
@@ -263,5 +263,5 @@ def _of_arrow(path: Path, table: Any) -> Table:
         try:
             arrays[name] = np.asarray(column.cast(kind).to_numpy())
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-            continue  # words are nobody's signal
+            continue  # words are not a signal
     return table_of(path, arrays, {})

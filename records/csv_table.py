@@ -1,7 +1,7 @@
 """Tables of numbers as text, as written by machines.
 
-Separator, decimal sign, lines before the table, names and a line of units below them are detected
-in the text: the table is the part with rows of numbers.
+Separator, decimal sign, lines before the table, names and a line of units below them are detected.
+The table is the part with rows of numbers.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ Vector = npt.NDArray[np.float64]
 Rows = list[list[str]]
 
 _SEPARATORS = ("\t", ";", ",", "|", " ")
-_LOOKED_AT = 400  # lines of the file's second half that tell how it is written
+_LOOKED_AT = 400  # lines of the file's second half used to detect its style
 _DOTS = "the file has decimal commas: use commas only as decimal separators, and remove other dots"
 _COMMAS = "the file has decimal points: remove the commas between thousands"
 _LVM = "LabVIEW Measurement"
 _LVM_END = "***End_of_Header***"
-_MARK = "#"  # before remarks, and before names that are written as one
-_SHOWN = 40  # characters of a cell that is not a number
+_MARK = "#"  # before remarks, and before names written as a remark
+_SHOWN = 40  # characters of a wrong cell in a message
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")  # 19.882 and 1.019.882,5
 _THOUSANDS_OF_POINTS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")  # 1,019,882.5
 _BETWEEN_DIGITS = re.compile(r"(?<=\d)['\u2019\u00a0\u202f](?=\d{3})")  # 1'019'882
-_UNITS_TOO = (*NO_UNIT, "%", "counts", "count", "inc")  # stand in lines of units
+_UNITS_TOO = (*NO_UNIT, "%", "counts", "count", "inc")  # occur in lines of units
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Table:
     ----------
     path : Path
     columns : dict of str to ndarray, shape (n,)
-        Of different lengths, if the file has such; one without a name has its number, from 1 on.
+        Lengths may differ; a column without a name has its number as name, starting at 1.
     units : dict of str to str
         Units of the columns as written in the file.
     lines : ndarray of int, shape (n,), or None
@@ -55,13 +55,13 @@ class Table:
     group : str
         Name of this table in the file, if it has several.
     numbers : dict of str to str
-        Names by the place of the column in a text, from 1 on.
+        Names by the number of the column in a text, starting at 1.
     notes : tuple of str
         Notes for the reader of the table.
     start : str
-        The start date of its time, if time was written as dates.
+        Start date of its time, if time was written as dates.
     renamed : dict of str to str
-        Original names of columns that have our names now.
+        Original names of columns that were renamed to our names.
     """
 
     path: Path
@@ -75,26 +75,26 @@ class Table:
     renamed: dict[str, str] = field(default_factory=dict)
 
     def row(self, k: int) -> int:
-        """Number of the `k`-th sample (from 0) for the user: its line, or its number from 1."""
+        """Number of sample `k` (from 0) for messages: its line, or its number starting at 1."""
         return k + 1 if self.lines is None else int(self.lines[k])
 
 
 @dataclass(frozen=True)
 class _Style:
-    """How a file is written."""
+    """Separator and decimal sign of a file."""
 
     separator: str
     comma: bool  # in decimals
 
     def cells(self, line: str) -> list[str]:
-        # a program that changed the file may have filled up its lines with separators of its own
+        # a program that changed the file may have added separators at the ends of its lines
         line = line.rstrip("".join(s for s in ",; \t" if s != self.separator))
         if self.separator == " ":
             return line.split()
         if '"' in line:
             try:
                 return [c.strip() for c in next(csv.reader([line], delimiter=self.separator))]
-            except csv.Error:  # a quoted cell without end
+            except csv.Error:  # a quoted cell without a closing quote
                 return [line]
         return [c.strip() for c in line.split(self.separator)]
 
@@ -107,14 +107,14 @@ class _Style:
         return _float(cell.replace(".", "").replace(",", "."))
 
     def is_doubtful(self, cell: str) -> bool:
-        """Whether a cell would be another number with the other decimal sign."""
+        """Whether a cell would be a different number with the other decimal sign."""
         if self.comma:
             return "." in cell and _float(cell) is not None
         return cell.count(",") == 1 and "." not in cell and self.number(cell) is not None
 
     @property
     def doubt(self) -> str:
-        """What to do about a column of cells that are all doubtful."""
+        """Advice for a column whose cells are all doubtful."""
         return f"has a dot; {_DOTS}" if self.comma else f"has a comma; {_COMMAS}"
 
     def is_number(self, cell: str) -> bool:
@@ -127,7 +127,7 @@ class _Style:
         return sum(self.is_number(c) for c in cells)
 
     def is_row(self, cells: Sequence[str]) -> bool:
-        """Whether more than half of the cells are numbers or empty, and one at least a number."""
+        """Whether more than half of the cells are numbers or empty, with at least one number."""
         count = self.numbers_in(cells)
         return count > 0 and count + sum(not c for c in cells) > len(cells) / 2
 
@@ -142,13 +142,13 @@ def _float(text: str) -> float | None:
 def read_text(path: Path, data: bytes) -> list[Table]:
     """Read a text with any usual separator, decimal sign, encoding and header.
 
-    Several tables are in it where each signal has its own column of time, and in LabVIEW's files
-    of several segments.
+    The result has several tables if each signal has its own time column, and for LabVIEW files with
+    several segments.
 
     Raises
     ------
     BadRecord
-        If there is no table of numbers, or a row of it is broken.
+        If there is no table of numbers, or one of its rows is broken.
     """
     text = _text(path, data)
     numbered = list(enumerate(text.splitlines(), 1))
@@ -158,7 +158,7 @@ def read_text(path: Path, data: bytes) -> list[Table]:
 
 
 def _tables(path: Path, numbered: Sequence[tuple[int, str]], cut: bool = False) -> list[Table]:
-    """The tables in numbered lines, of which the last may be cut off."""
+    """The tables in numbered lines; with `cut`, the last line may be incomplete."""
     numbered = [(k, t) for k, t in numbered if t.strip(" \t,;")]
     if not numbered:
         raise BadRecord(f"{path}: is empty; expected a header row of names and rows of numbers")
@@ -179,7 +179,7 @@ def _tables(path: Path, numbered: Sequence[tuple[int, str]], cut: bool = False) 
     full = head if width < len(row) <= head or remarks else width
     names, units = _header(path, above, style, full, filled)
     lines = np.array([k for k, _ in numbered[first:]])
-    # separators at the ends of lines make columns that have neither name nor number
+    # separators at the ends of lines give columns without name and number
     wide = filled if names[filled:] == [str(k + 1) for k in range(filled, full)] else full
     plain = _plain(texts[first:], style, wide)
     columns: list[Vector | None]
@@ -199,14 +199,14 @@ def _tables(path: Path, numbered: Sequence[tuple[int, str]], cut: bool = False) 
 
 
 def _by_time(frame: Table, names: Sequence[str], columns: Sequence[Vector | None]) -> list[Table]:
-    """One table, or one for each column of time where signals have their own and these differ."""
+    """One table, or one per time column if signals have their own and these differ."""
     parts = _parts(names)
     found = []
     for start, end in parts:
         there = {k: c for k in range(start, end) if (c := columns[k]) is not None}
         time = there.get(start)
         samples = None
-        if len(parts) > 1 and time is not None and np.isnan(time[-1]):  # ends before others
+        if len(parts) > 1 and time is not None and np.isnan(time[-1]):  # shorter than others
             samples = len(time) - int(np.argmax(np.isfinite(time[::-1])))
         lines = frame.lines if frame.lines is None else frame.lines[:samples]
         part = {names[k]: c[:samples] for k, c in there.items()}
@@ -225,9 +225,10 @@ def _by_time(frame: Table, names: Sequence[str], columns: Sequence[Vector | None
 def _rows(
     rows: Rows, lines: npt.NDArray[np.int64], width: int, style: _Style, cut: bool
 ) -> tuple[Rows, npt.NDArray[np.int64], list[str]]:
-    """The rows without lines that are none of the table, and a note of these.
+    """The rows, and a note on left-out lines.
 
-    Lines without a number, and at the end lines that begin with a word and one that is cut off.
+    Lines without a number are left out, and at the end lines that begin with a word and an
+    incomplete one.
     """
     out = {k for k, row in enumerate(rows) if len(row) < width and not style.numbers_in(row)}
     last = len(rows) - 1
@@ -280,7 +281,7 @@ def _segments(path: Path, numbered: Sequence[tuple[int, str]]) -> list[Table]:
 
 
 def _said(numbered: Sequence[tuple[int, str]]) -> dict[str, list[str]]:
-    """Lines of a name and its text."""
+    """Lines that consist of a name and its text."""
     cells = [re.split(r"[\t;]|,(?=\D)", text.strip()) for _, text in numbered]
     return {first: rest for first, *rest in cells if first}
 
@@ -301,13 +302,13 @@ def _text(path: Path, data: bytes) -> str:
 
 
 def _style(path: Path, texts: Sequence[str]) -> tuple[_Style, int, int, bool]:
-    """How most of the lines become rows of at least two numbers.
+    """The style by which most of the lines are rows of at least two numbers.
 
     Returns
     -------
     style : _Style
     width, filled : int
-        Cells of a row, and those in use.
+        Cells of a row, and number of used cells.
     firm : bool
         Whether all of these rows begin with a number.
     """
@@ -342,7 +343,7 @@ def _fits(row: Sequence[str], width: int) -> bool:
 def _header(
     path: Path, above: Rows, style: _Style, width: int, filled: int
 ) -> tuple[list[str], dict[str, str]]:
-    """Names and units from the lines above the numbers, of which `filled` cells are in use."""
+    """Names and units from the lines above the numbers; `filled` cells of a row are used."""
     names, units = _scope_header(above, width)
     if names:
         return names, units
@@ -375,7 +376,7 @@ def _header(
 
 
 def _scope_header(above: Rows, width: int) -> tuple[list[str], dict[str, str]]:
-    """Names and units of an export of TwinCAT's scope; empty for other files."""
+    """Names and units of an export of the TwinCAT scope; empty for other files."""
     rows = [row for row in above if len(row) == width and len(set(row[0::2])) == 1]
     told = {row[0]: row[1::2] for row in rows if width % 2 == 0}
     if "Name" not in told or not any(n.startswith("SampleTime") for n in told):
@@ -386,7 +387,7 @@ def _scope_header(above: Rows, width: int) -> tuple[list[str], dict[str, str]]:
 
 
 def _parts(names: Sequence[str]) -> list[tuple[int, int]]:
-    """Where the columns of each column of time begin and end; one part if there is one time."""
+    """First and last column that belong to each time column; one part with a single time column."""
     starts = [k for k, name in enumerate(names) if name == names[0]]
     parts = list(zip(starts, [*starts[1:], len(names)], strict=True))
     return parts if all(b - a > 1 for a, b in parts) else [(0, len(names))]
@@ -398,7 +399,7 @@ def _bare(unit: str) -> str:
 
 
 def _plain(texts: Sequence[str], style: _Style, width: int) -> npt.NDArray[np.float64] | None:
-    """All rows at once, if all of their cells are numbers; else None."""
+    """All rows at once, if all their cells are numbers; else None."""
     rows = [t.rstrip("\t;, ") for t in texts]
     if style.comma and any("." in t for t in rows):
         return None
@@ -418,9 +419,9 @@ def _numbers(
     names: Sequence[str],
     style: _Style,
 ) -> tuple[list[Vector | None], dict[str, str]]:
-    """The columns, and the first stamp of those of dates.
+    """The columns, and the first stamp of date columns.
 
-    None for a column of words, or without a name and without a number.
+    None for a column of words, or a column without a name and a number.
     """
     width = len(names)
     for row, line in zip(rows, lines, strict=True):
@@ -431,7 +432,7 @@ def _numbers(
     for k, name in enumerate(names):
         cells = [row[k] for row in rows]
         filled = list(filter(None, cells))
-        if filled and all(map(style.is_doubtful, filled)):  # in thousands, or with decimal points?
+        if filled and all(map(style.is_doubtful, filled)):  # thousands or decimals?
             raise BadRecord(f"{path}, column {name!r}: {filled[0]!r} {style.doubt}")
         stamps = sum(map(is_stamp, filled))
         if stamps > len(filled) / 2:

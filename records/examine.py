@@ -14,15 +14,15 @@ from .resolution import held_samples
 
 Vector = npt.NDArray[np.float64]
 
-_CLIPPED = 0.02  # share of the samples at one extreme, from which on it is said
+_CLIPPED = 0.02  # share of samples at one extreme above which a note is given
 _IN_A_ROW = 3  # samples at an extreme that make a flat top
-_SEGMENT = 1024  # samples
-_LEAKS = 8  # lines of the spectrum beside a strong one that tell nothing
-_BANDS = 12  # an octave
-_NOTHING = 1e-4  # of the power below a frequency, above it, that is taken for nothing
-_HIGHEST = 0.8  # of half the sampling rate, up to which a filter is worth saying
-_STRAIGHT = 1e-3  # of the largest bend, which counts as none
-_REGULAR = 0.98  # of the bends, which come at every so many samples
+_SEGMENT = 1024  # samples of a segment
+_LEAKS = 8  # unused spectral lines on each side of a strong one
+_BANDS = 12  # bands per octave
+_NOTHING = 1e-4  # power above a frequency, over that below it, that counts as zero
+_HIGHEST = 0.8  # highest cut-off of a filter that is reported, over half the sampling rate
+_STRAIGHT = 1e-3  # second difference that counts as zero, over the largest one
+_REGULAR = 0.98  # least share of bends at regular distances
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class Examination:
         Frequency up to which the position carries information [Hz]; half the sampling rate, unless
         it was filtered or interpolated.
     resolution : float
-        Step of a counted position [m]; 0 if it is not counted.
+        Step of a quantized position [m]; 0 if it is not quantized.
     clipped : ndarray of bool, shape (n,)
-        Samples at which the command, or a current, stands at an extreme.
+        Samples at which the command, or a current, is at an extreme.
     notes : tuple of str
         Warnings about the record, and changes made to it; one sentence each.
     """
@@ -101,7 +101,7 @@ def _moves_one_way(x: Vector) -> bool:
 
 
 def _clipped(values: Vector) -> npt.NDArray[np.bool_]:
-    """Samples that stand at the largest or smallest value, several in a row."""
+    """Samples at the largest or smallest value, several in a row."""
     known = values[np.isfinite(values)]
     span = float(np.ptp(known))
     flat = np.zeros(len(values), dtype=bool)
@@ -130,7 +130,7 @@ def _carries(x: Vector, step: float, resolution: float) -> float:
 
 
 def _straight_between(x: Vector) -> int:
-    """At every how many samples a position bends, where it is straight between; else 1."""
+    """Number of samples between bends of a linearly interpolated position; else 1."""
     bends = np.abs(np.diff(x, 2))
     bent = np.flatnonzero(bends > _STRAIGHT * bends.max())
     if not 10 < len(bent) < 0.7 * len(bends):
@@ -141,10 +141,11 @@ def _straight_between(x: Vector) -> int:
 
 
 def _filtered_at(x: Vector, step: float) -> float:
-    """Frequency above which the spectrum falls as no drive's does [Hz]; else half the rate.
+    """Frequency above which the spectrum falls faster than in any drive [Hz]; else half the rate.
 
-    The acceleration that a force makes falls by less than 20 dB an octave, motor and springs
-    included; a filter's stop band lies 40 dB below what is just beneath it, and stays there.
+    The acceleration by a force falls by less than 20 dB per octave, with motor and springs
+    included. The stop band of a filter is 40 dB below the spectrum at slightly lower frequencies,
+    and remains there.
     """
     half = 0.5 / step
     segment = min(_SEGMENT, len(x) // 4)

@@ -1,4 +1,4 @@
-"""Formats of files, detected by their first bytes and not by their names."""
+"""Formats of files, detected by their first bytes, not by their names."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from .csv_table import Table, read_text
 from .mat_tables import read_mat, read_mat73
 
 _CSV = "save it as CSV"
-_DEEPEST = 3  # packed files within packed files
-_LARGEST = 1024**3  # bytes that a packed file may unpack to
+_DEEPEST = 3  # depth of packed files in packed files
+_LARGEST = 1024**3  # largest size of an unpacked file [bytes]
 
 
 @dataclass(frozen=True)
 class _Format:
-    """A format, its first bytes, and what reads it; without a reader it is refused by name."""
+    """A format, its first bytes and its reader; without a reader, it is rejected by name."""
 
     name: str
     magic: bytes
@@ -95,7 +95,7 @@ def tables_in(path: Path, data: bytes, depth: int = 0) -> list[Table]:
     Raises
     ------
     BadRecord
-        If there is none, or the format is not supported.
+        If there is no table, or the format is not supported.
     """
     if depth > _DEEPEST:
         raise BadRecord(f"{path}: contains packed files within packed files; unpack it")
@@ -110,7 +110,7 @@ def tables_in(path: Path, data: bytes, depth: int = 0) -> list[Table]:
             return tables_in(path, data, depth + 1)
     if data.startswith(b"PK\3\4"):
         return _in_zip(path, data, depth)
-    binary_data = b"\0" in data  # a text may begin as a format does
+    binary_data = b"\0" in data  # a text may begin with the bytes of a format
     known = next((f for f in _FORMATS if binary_data and data.startswith(f.magic, f.at)), None)
     if known is None and _is_mat4(data):
         known = _MAT4
@@ -144,7 +144,7 @@ def _damaged(path: Path, name: str, error: Exception, instead: str) -> BadRecord
 
 
 def _in_zip(path: Path, data: bytes, depth: int) -> list[Table]:
-    """A workbook, NumPy's arrays, or the one file in an archive."""
+    """Read a workbook, NumPy arrays, or the single file in an archive."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             names = [n for n in archive.namelist() if not n.endswith("/")]
@@ -175,7 +175,7 @@ def _check_size(path: Path, size: int) -> None:
 
 
 def _is_mat4(data: bytes) -> bool:
-    """Whether the first matrix's header of five integers is one; the format has no first bytes."""
+    """Whether the file starts with a valid header of five integers; it has no fixed first bytes."""
     if len(data) < 21:
         return False
     for order, machine in (("<", 0), (">", 1)):

@@ -20,18 +20,18 @@ def joined(
 ) -> Table:
     """One table from columns of several tables.
 
-    Its stamps are those of the slowest table of which a column is needed: nothing is made up
-    between samples. Other columns are linear between theirs; what is slower and not needed stays
-    at the stamp that is nearest, and is unknown at others.
+    Its stamps are those of the slowest table with a needed column, so that no samples are invented.
+    Other columns are interpolated linearly. A slower column that is not needed is placed at the
+    nearest stamps and is unknown at others.
 
     Parameters
     ----------
     parts : mapping of str to Table
-        By our name of a column, a table with it alone.
+        By our name of a column, a table with this column only.
     times : mapping of str to Table
-        By the group of a table, one with its ``time`` alone.
+        By the group of a table, a table with its ``time`` only.
     needed : collection of str
-        Our names.
+        Our names of needed columns.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def joined(
     for name, part in parts.items():
         values = part.columns[name]
         own = times.get(part.group)
-        if own is None:  # a file may keep one time for all
+        if own is None:  # a file may have one time for all
             if len(values) != len(time):
                 raise BadRecord(
                     f"{path}: {part.group} has no column of time and {name} has {len(values)} "
@@ -100,7 +100,7 @@ def joined(
 
 
 def _step(time: Table, first: Collection[str], parts: Mapping[str, Table]) -> float:
-    """Sampling interval of a table with a needed column; else less than any."""
+    """Sampling interval of a table with a needed column; -1 for others."""
     if time.group not in {parts[n].group for n in first}:
         return -1.0
     stamps = time.columns["time"]

@@ -1,4 +1,4 @@
-"""Tables in MAT-files, as MATLAB, Simulink, dSPACE, Dymola and OpenModelica write them."""
+"""Tables in MAT files of MATLAB, Simulink, dSPACE, Dymola and OpenModelica."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _UNIT = re.compile(r"\[([^\]|:#]+)(?:\|[^\]]*)?\]\s*$")  # at the end of a Model
 
 
 def read_mat(path: Path, data: bytes) -> list[Table]:
-    """Files of the versions 4 to 7."""
+    """Read files of versions 4 to 7."""
     from scipy.io import loadmat
     from scipy.io.matlab import MatlabOpaque
 
@@ -47,7 +47,7 @@ def read_mat73(path: Path, data: bytes) -> list[Table]:
 
 
 def _plain(file: Any, item: Any) -> Any:
-    """A value of a file of version 7.3 as `loadmat` gives those of others."""
+    """A value of a version 7.3 file in the form of `loadmat` for other versions."""
     import h5py
 
     if not is_within(item, file):
@@ -69,7 +69,7 @@ def _plain(file: Any, item: Any) -> Any:
 
 
 def _is_part(item: Any) -> bool:
-    """Whether a field of a structure array holds one reference for each of its elements."""
+    """Whether a field of a structure array has one reference per element."""
     import h5py
 
     return bool(item.dtype == h5py.ref_dtype) and "MATLAB_class" not in item.attrs
@@ -86,7 +86,7 @@ def _tables(path: Path, values: Mapping[str, Any], opaque: bool) -> list[Table]:
 
 
 def _arrays(name: str, value: Any, path: Path, groups: list[Table]) -> Iterator[tuple[str, Array]]:
-    """The arrays of a value, but those that belong to a recording, which goes to `groups`."""
+    """The arrays of a value, except those of a recording, which is added to `groups`."""
     if isinstance(value, Mapping):
         recorded = _simulink(path, name, value) or _series(path, name, value)
         recorded = recorded or _dspace(path, name, value)
@@ -104,7 +104,7 @@ def _arrays(name: str, value: Any, path: Path, groups: list[Table]) -> Iterator[
 
 
 def _several(value: Any) -> list[Mapping[str, Any]]:
-    """A structure, or an array of these, as a list."""
+    """A structure, or an array of structures, as a list."""
     items = [value] if isinstance(value, Mapping) else value
     if not isinstance(items, list | np.ndarray):
         return []
@@ -121,7 +121,7 @@ def _text(value: Any) -> str:
 
 
 def _simulink(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
-    """A structure with time, as Simulink's scopes and To Workspace write it."""
+    """A structure with time, as written by Simulink's scopes and To Workspace."""
     signals = _several(value.get("signals"))
     time = _numbers(value.get("time"))
     if not signals or not time.size:
@@ -136,7 +136,7 @@ def _simulink(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
 
 
 def _series(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
-    """A timeseries that was made a structure."""
+    """A timeseries that was converted to a structure."""
     own = {key.lower(): inner for key, inner in value.items()}
     time, values = _numbers(own.get("time")), _numbers(own.get("data"))
     if not time.size or values.shape[:1] != time.shape[:1] or len(own) > 20:
@@ -152,7 +152,7 @@ def _series(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
 
 
 def _dspace(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
-    """A recording of dSPACE's ControlDesk: axes X, and signals Y that say theirs by number."""
+    """A recording of dSPACE ControlDesk: axes X, and signals Y with the number of their axis."""
     axes, signals = _several(value.get("X")), _several(value.get("Y"))
     axes = [a for a in axes if "Data" in a]
     signals = [s for s in signals if "Data" in s and "Name" in s]
@@ -176,7 +176,7 @@ def _dspace(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
 
 
 def _modelica(path: Path, found: Mapping[str, Array]) -> list[Table]:
-    """A result of Dymola or OpenModelica: columns of `data_k` by number, with a sign."""
+    """A result of Dymola or OpenModelica: columns of `data_k` by signed number."""
     lines = _lines(found["Aclass"])
     if len(lines) < 4 or lines[0] != "Atrajectory":
         raise BadRecord(
@@ -188,7 +188,7 @@ def _modelica(path: Path, found: Mapping[str, Array]) -> list[Table]:
     info = found["dataInfo"].T if turned else found["dataInfo"]
     said = texts.get("description") or [""] * len(texts["name"])
     tables = []
-    for block in sorted(n for n in data if n != "data_1"):  # data_1 has what is constant
+    for block in sorted(n for n in data if n != "data_1"):  # data_1 has constants
         arrays, units = {"time": data[block][0]}, {"time": "s"}
         for name, about, (of, column, *_) in zip(texts["name"], said, info.tolist(), strict=True):
             if block == f"data_{int(of)}" and abs(column) > 1 and name != "time":

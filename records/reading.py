@@ -1,7 +1,7 @@
 """Read records: a rig's folder, or a file of any known format.
 
-Columns are mapped by name and units are given, never guessed: numbers that look like another
-unit are rejected, with advice.
+Columns are mapped by name, and units must be given, they are never guessed. Numbers that look like
+another unit are rejected, with advice.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "force_ref": (FORCE, "torque"),
     "temperature": ("temperature",),
 }
-"""What each column may measure; the first is used if nothing is given."""
+"""Possible quantities of each column; the first is used if nothing is given."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class _Use:
     """Requirements of one use of records."""
 
     columns: tuple[str, ...]
-    needed: tuple[tuple[str, ...], ...]  # one column at least of each
-    samples: int  # fewest
-    believes: bool  # any number whose unit is said
-    slowest: float  # sampling interval beyond which a record is refused [s]
+    needed: tuple[tuple[str, ...], ...]  # at least one column of each
+    samples: int  # least number
+    believes: bool  # accept any number if its unit is given
+    slowest: float  # largest accepted sampling interval [s]
     if_slow: str
-    largest: Mapping[str, tuple[float, str]]  # beyond it a column looks like another unit
+    largest: Mapping[str, tuple[float, str]]  # larger values look like another unit
     smallest: Mapping[str, tuple[float, str]] = field(default_factory=dict)
     lasts: float = 0.0  # shortest [s]
 
@@ -76,7 +76,7 @@ DRIVE_RECORD = _Use(
     needed=(("time",), ("u", "i"), ("x", VELOCITY)),
     samples=200,
     believes=False,
-    slowest=0.0499,  # at 20 Hz nothing of friction is seen
+    slowest=0.0499,  # at 20 Hz friction is not visible
     if_slow="sampled every {step:.4g} s, at {rate:.3g} Hz: too slow for friction; expected at "
     "least 100 Hz; if time is in milliseconds or microseconds, use --unit time=ms or time=us",
     largest={
@@ -109,7 +109,7 @@ def read_response_record(
     Parameters
     ----------
     path, mapping, units, lead
-        As in `read_drive_records`, of one file.
+        As in `read_drive_records`, for one file.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def read_drive_records(
 
 
 def _expanded(paths: Iterable[Path | str]) -> Iterator[Path]:
-    """The paths, those inside for a folder of rig folders."""
+    """The paths; for a folder of rig folders, the rig folders in it."""
     for path in map(Path, paths):
         if not path.is_dir() or (path / "record.csv").is_file():
             yield path
@@ -217,7 +217,7 @@ def _expanded(paths: Iterable[Path | str]) -> Iterator[Path]:
 def _read(
     path: Path, use: _Use, mapping: Mapping[str, str], units: Mapping[str, str], lead: float | None
 ) -> list[Record]:
-    """The record in a file; its pieces where it has gaps."""
+    """The record in a file, or its pieces if it has gaps."""
     tables = read_tables(path / "record.csv" if path.is_dir() else path)
     there = {n for t in tables for n in t.columns}
     wanted = columns_wanted(there, mapping, use.columns)
@@ -242,7 +242,7 @@ def _read(
 
 
 def _from(row: Callable[[int], int], first: int) -> Callable[[int], int]:
-    """Number of a sample of a piece for the user."""
+    """Function from a sample of a piece to its number for messages."""
     return lambda k: row(first + k)
 
 
@@ -254,25 +254,25 @@ def check_record(
     said: Collection[str] = (),
     row: Callable[[int], int] = lambda k: k + 1,
 ) -> Record:
-    """A record of columns in SI units, checked and at even instants.
+    """Return a record from columns in SI units, checked and at equidistant instants.
 
     Parameters
     ----------
     name : str
     signals : mapping of str to ndarray, shape (n,)
-        Those that the use needs; perhaps others.
+        Columns that the use needs, and optional ones.
     command : {"voltage", "current", "force"}, optional
-        What `u` is.
+        Kind of `u`.
     use : FORCE_RECORD or DRIVE_RECORD, optional
     said : collection of str, optional
-        Columns whose unit somebody told.
+        Columns with a given unit.
     row : function of int, optional
-        Number of a sample for the user.
+        Number of a sample for messages.
 
     Raises
     ------
     BadRecord
-        If they are not such a record.
+        If the columns are not such a record.
     """
     signals = {n: np.asarray(v, dtype=float) for n, v in signals.items()}
     said = said if use.believes else ()
@@ -300,7 +300,7 @@ def check_record(
 def _known(
     name: str, signals: Mapping[str, Vector], use: _Use, row: Callable[[int], int]
 ) -> npt.NDArray[np.int64]:
-    """Samples in which all columns have a number that must have one."""
+    """Samples in which all required columns have a number."""
     first = [next(n for n in names if n in signals) for names in use.needed]
     samples = len(signals["time"])
     known = np.ones(samples, dtype=bool)

@@ -16,7 +16,7 @@ from .velocity import VELOCITY
 Vector = npt.NDArray[np.float64]
 
 VOLTAGE, CURRENT, FORCE = "voltage", "current", "force"
-_FINE_RANGE = 1e-4  # of a fine position beside a coarse one; calibrated over 70 um [m]
+_FINE_RANGE = 1e-4  # range of a fine position next to a coarse one; calibrated over 70 um [m]
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class Record:
     ----------
     name : str
     signals : mapping of str to ndarray, shape (n,)
-        Columns by name, SI: ``time``, a position, and what its use needs are always there, and
-        ``v`` where `x` is its integral. What was recorded at a lower rate is NaN in between.
+        Columns by name, SI. ``time``, a position and the columns for its use are always present,
+        and ``v`` if `x` is its integral. A column with a lower rate is NaN in between.
     step : float
         Sampling interval [s].
     command : {"voltage", "current", "force"}
-        What `u` is, in V, A or N; "current" where a drive has no `u`.
+        Kind of `u`, in V, A or N; "current" if a drive has no `u`.
     mass : float
         Mass between load cell and friction [kg].
     lags : mapping of str to float
@@ -40,7 +40,7 @@ class Record:
     delay_std : float
         Standard deviation of the unknown delay between force and motion [s].
     gain_std : float
-        Standard deviation of the scale of `position`, as its calibration leaves it [1].
+        Standard deviation of the scale of `position` after its calibration [1].
     about : mapping
         The rig's ``trial.json``, if there is one.
     notes : tuple of str
@@ -64,7 +64,7 @@ class Record:
 
     @property
     def u(self) -> Vector:
-        """The command; there is none where `current_alone`."""
+        """The command; missing if `current_alone`."""
         return self.signals["u"]
 
     @property
@@ -82,12 +82,12 @@ class Record:
 
     @property
     def velocity_alone(self) -> bool:
-        """Whether the velocity was recorded and no position."""
+        """Whether the velocity was recorded, but no position."""
         return VELOCITY in self.signals
 
     @property
     def position_name(self) -> str:
-        """The finer of the two position columns, within its range, that the record has."""
+        """Name of the fine position column if present and within its range, else of the other."""
         if "x_fine" not in self.signals:
             return "x"
         within = "x" not in self.signals or float(np.ptp(self.signals["x"])) < _FINE_RANGE
@@ -99,5 +99,5 @@ class Record:
 
     @cached_property
     def resolution(self) -> float:
-        """Step of a counted `x` [m]; 0 if it is not counted."""
+        """Step of a quantized `x` [m]; 0 if it is not quantized."""
         return 0.0 if self.velocity_alone else encoder_count(self.x)

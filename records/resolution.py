@@ -7,11 +7,11 @@ import numpy.typing as npt
 
 Vector = npt.NDArray[np.float64]
 
-_ROUNDING = 0.4  # of a count: noise up to which rounding makes most of it
+_ROUNDING = 0.4  # noise in counts up to which most of it is rounding
 
 
 def resolution_of(values: Vector) -> float:
-    """Step of the grid that all values lie on; 0 where there is none.
+    """Step of the grid on which all values lie; 0 without a grid.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ def resolution_of(values: Vector) -> float:
     levels = np.unique(values)
     if len(levels) < 2:
         return 0.0
-    tiny = 1e-9 * float(np.abs(levels).max())  # text rounds
+    tiny = 1e-9 * float(np.abs(levels).max())  # rounding by the text
     gaps = np.diff(levels)
     gaps = np.unique(gaps[gaps > tiny])
     step = float(gaps[0])
@@ -37,10 +37,10 @@ def resolution_of(values: Vector) -> float:
 
 
 def encoder_count(position: Vector) -> float:
-    """Step of a counted position; 0 where its grid does not show above its noise.
+    """Step of a quantized position; 0 if its noise hides the grid.
 
-    Rounding alone makes a noise of 0.29 counts. With more than as much of an instrument's own, as
-    an interpolated encoder or a filter has, an edge no longer says where the drive is.
+    Rounding alone gives a noise of 0.29 counts. If the instrument adds about the same or more, as
+    an interpolated encoder or a filter does, the edges of the counts no longer give the position.
 
     Parameters
     ----------
@@ -53,8 +53,9 @@ def encoder_count(position: Vector) -> float:
 def fast_noise(values: Vector) -> float:
     """Standard deviation of the part of a signal that differs from sample to sample.
 
-    From third differences, of which a smooth course leaves nothing; their root mean square over
-    the quieter nine tenths of the record, so that a jump does not count as noise.
+    It is computed from third differences, which are nearly zero for a smooth course. Their root
+    mean square is over the nine tenths of the record with the smallest values, so that a jump does
+    not count as noise.
     """
     third = np.abs(np.diff(values, 3))
     if not len(third) or not np.any(third):
@@ -66,7 +67,7 @@ def fast_noise(values: Vector) -> float:
 
 
 def held_samples(values: Vector) -> npt.NDArray[np.int64]:
-    """Indices of the samples that bring a new value, where a converter holds each for several.
+    """Indices of the samples with a new value, if a converter holds each value for several samples.
 
     Parameters
     ----------
@@ -75,12 +76,12 @@ def held_samples(values: Vector) -> npt.NDArray[np.int64]:
     Returns
     -------
     ndarray of int
-        All indices where nothing is held in runs of one length.
+        All indices if values are not held in runs of one length.
     """
     fresh = np.concatenate([[0], 1 + np.flatnonzero(np.diff(values))])
     everything = np.arange(len(values))
     if len(fresh) < 10 or len(np.unique(values)) < 0.7 * len(fresh):
-        return everything  # counts come back to the same levels
+        return everything  # quantized values repeat
     runs = np.diff(fresh)[1:]
     usual = int(np.median(runs))
     regular = np.mean(runs % usual == 0) > 0.9

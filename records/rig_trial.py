@@ -19,16 +19,16 @@ from .record import Record
 
 Vector = npt.NDArray[np.float64]
 
-_UNSAID_GAIN_STD = 0.01  # of a fine position whose calibration is not told
+_UNSAID_GAIN_STD = 0.01  # for a fine position without a known calibration
 
 
 def read_about(folder: Path) -> dict[str, Any]:
-    """What a rig's folder says of its trial; nothing for other folders and for files.
+    """Description of the trial in a rig's folder; empty for other folders and for files.
 
     Raises
     ------
     BadRecord
-        If its ``trial.json`` is no JSON object.
+        If its ``trial.json`` is not a JSON object.
     """
     path = folder / "trial.json"
     if not path.is_file():
@@ -43,20 +43,20 @@ def read_about(folder: Path) -> dict[str, Any]:
 
 
 def described(record: Record, about: Mapping[str, Any], mass: float | None = None) -> Record:
-    """A record of force with what its ``trial.json`` says of mass, lags and scale.
+    """A force record with mass, lags and scale from its ``trial.json``.
 
     Parameters
     ----------
     record : Record
     about : mapping
-        Empty where there is none.
+        Empty without ``trial.json``.
     mass : float, optional
         Mass between load cell and friction [kg]; default the rig's, or 1 kg.
 
     Raises
     ------
     BadRecord
-        If `about` is not what a rig writes.
+        If `about` does not have the form written by a rig.
     """
     unsaid = () if about else ("no trial.json: all columns are assumed to have the same lag",)
     record = replace(
@@ -86,11 +86,11 @@ def _lags(about: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]:
-    """Fine position by Eq. 2.1 through the trial's own calibration, and its scale's deviation.
+    """Fine position by Eq. 2.1 with the trial's calibration, and its scale's standard deviation.
 
-    The instrument's polynomial bends away from the hyperbola that the plates follow: at small
-    displacements its slope is wrong by several percent, in every trial in the same way. The
-    polynomial is undone, and displacement fitted to the calibration's points as a + b/C.
+    The instrument's polynomial differs from the hyperbola of the plates: at small displacements its
+    slope is wrong by several percent, in the same way in every trial. The polynomial is inverted,
+    and displacement is fitted to the calibration's points as a + b/C.
     """
     calibration = about.get("calibration")
     if not isinstance(calibration, Mapping):
@@ -110,10 +110,10 @@ def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]
         ) from None
     freedom = len(points) - 2
     error = math.sqrt(rest / freedom / float(np.sum((inverse[:, 1] - inverse[:, 1].mean()) ** 2)))
-    top = -c1 / (2 * c2)  # of the parabola; the sensor is on the side of the calibration
+    top = -c1 / (2 * c2)  # vertex of the parabola; the sensor is on the side of the calibration
     side = 1.0 if float(capacitances.mean()) > top else -1.0
     root = np.sqrt(np.maximum(top**2 - (c0 - x_fine) / c2, 0.0))
-    # as wide as Student's t with so few points
+    # widened as Student's t with so few points
     wider = float(student.ppf(0.975, freedom)) / 1.96
     return a + b / (top + side * root), wider * error / b
 

@@ -13,32 +13,32 @@ from .bad_record import BadRecord
 
 Vector = npt.NDArray[np.float64]
 
-_JITTER = 0.2  # of a sampling interval, below which stamps are taken for even
-_LONGEST_GAP = 5  # samples that may be missing in a row
-_FOLLOWED = 0.1  # share of a stamp's lateness by which the even instants are moved
-_BEGINNING = 20  # samples whose stamps tell where the first instant is
-HOLES = 0.1  # share of the samples that may be missing, or have the stamp of another
+_JITTER = 0.2  # jitter, over the sampling interval, below which stamps count as equidistant
+_LONGEST_GAP = 5  # most missing samples in a row
+_FOLLOWED = 0.1  # share of a stamp's delay by which the equidistant instants are shifted
+_BEGINNING = 20  # samples whose stamps give the first instant
+HOLES = 0.1  # largest share of missing samples or repeated stamps
 
 
 def even_out(
     name: str, signals: Mapping[str, Vector], row: Callable[[int], int]
 ) -> tuple[dict[str, Vector], float, str]:
-    """Signals at even instants, their interval [s], and what was done to them; empty for nothing.
+    """Signals at equidistant instants, their interval [s], and notes on changes.
 
-    Samples that miss a few of their neighbours, stamps that repeat or jitter: linear between
-    samples. What was recorded at a lower rate goes to the nearest instant.
+    If a few samples are missing, or stamps repeat or jitter, signals are interpolated linearly.
+    Samples of a column with a lower rate are placed at the nearest instant.
 
     Parameters
     ----------
     signals : mapping of str to ndarray, shape (n,)
         ``time`` and others; SI.
     row : function of int
-        What the user calls a sample; see `Table.row`.
+        Number of a sample for messages; see `Table.row`.
 
     Raises
     ------
     BadRecord
-        If time goes backwards, or too much is missing.
+        If time goes backwards, or too many samples are missing.
     """
     time = signals["time"]
     steps = np.diff(time)
@@ -102,16 +102,16 @@ def even_out(
 
 
 def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[slice], str]:
-    """The pieces of a record between its gaps that are long enough, and a note.
+    """The sufficiently long pieces of a record between its gaps, and a note.
 
-    No note where it has no gap, or no piece is long enough.
+    Both are empty if the record has no gap, or no piece is long enough.
 
     Parameters
     ----------
     time : ndarray, shape (n,)
         As recorded [s].
     samples, lasts : int, float
-        Of the shortest piece [s].
+        Least number of samples and least duration of a piece [s].
     """
     steps = np.diff(time)
     if not len(steps) or not np.isfinite(steps).all() or np.any(steps < 0):
@@ -132,7 +132,7 @@ def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[
 
 
 def _instants(time: Vector, step: float) -> npt.NDArray[np.int64]:
-    """Numbers of the even instants that jittering stamps belong to, shape (n,).
+    """Numbers of the equidistant instants to which jittering stamps belong, shape (n,).
 
     Each time stamp is estimated from the mean of the previous ones, so that jitter does not add up.
     """

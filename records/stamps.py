@@ -25,10 +25,10 @@ def is_stamp(cell: str) -> bool:
 
 
 def seconds(cells: Sequence[str]) -> Vector | None:
-    """Seconds from the first stamp, shape (n,), NaN for empty cells; None where no order is known.
+    """Seconds from the first stamp, shape (n,), NaN for empty cells; None if dates are ambiguous.
 
-    Times of day without a date go on after midnight. A date whose day and month may be either is
-    known where it is the same in all cells.
+    Times of day without a date continue after midnight. An ambiguous order of day and month is
+    accepted if the date is the same in all cells.
     """
     found = [_DAY * day + s for day, s in _read(cells)]
     times = np.array(found)
@@ -43,7 +43,7 @@ def seconds(cells: Sequence[str]) -> Vector | None:
 
 
 def _read(cells: Sequence[str]) -> list[tuple[float, float]]:
-    """Day and second of it."""
+    """Day of each stamp, and second of the day."""
     texts = {_date(c) for c in cells if c}
     days = {text: _day(text) for text in texts}
     if len(texts) == 1:

@@ -1,4 +1,4 @@
-"""Tables of numbers with columns of any name: the requested one, under our names."""
+"""Tables of numbers with columns of any name: choose the requested one, with our names."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ Vector = npt.NDArray[np.float64]
 
 _WITH_UNIT = re.compile(r"(.*\S)\s*[\[(](.+)[\])]")  # time [ms], x (mm)
 _LISTED = 12  # names in a message
-_POSITIONS = ("x", "x_fine", "x_ref", "time")  # what may wrap
+_POSITIONS = ("x", "x_fine", "x_ref", "time")  # columns that may wrap
 
 
 def read_tables(path: Path) -> list[Table]:
     """All tables of numbers in a file; the format is detected by its first bytes.
 
-    A word in brackets after a name, as in ``time [ms]``, is the column's unit, known or not; the
-    name is what stands before it, where no other column has that name.
+    A word in brackets after a name, as in ``time [ms]``, is the column's unit, known or not. The
+    name is the text before it, if no other column has that name.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def choose(
     known: Sequence[str],
     needed: Sequence[Sequence[str]],
 ) -> Table:
-    """The one of a file's tables that has what is asked for, or columns of several, put together.
+    """The table of a file with the requested columns, or a table from columns of several.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def choose(
     Raises
     ------
     BadRecord
-        If none has it, or several have.
+        If no table has them, or several tables do.
     """
     if len(tables) == 1:
         return rename(tables[0], mapping, known, needed)
@@ -129,7 +129,7 @@ def choose(
     first = {next(n for n in names if n in found) for names in needed}
     times = {t.group: t for t in found.pop("time")}
     called = {"time", *(_column(t, _theirs("time", mapping)) for t in tables)}
-    for table in tables:  # a table's own time, where that which is mapped is of another
+    for table in tables:  # use the table's own time, if the mapped time is in another table
         own = next((n for n in table.columns if n in called), "")
         if table.group not in times and own:
             times[table.group] = rename(table, {own: "time"}, ["time"], [])
@@ -145,7 +145,7 @@ def _asked(needed: Sequence[Sequence[str]], mapping: Mapping[str, str]) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names for a message; the first of many."""
+    """Names for a message; only the first if there are many."""
     every = list(names)
     more = len(every) - _LISTED
     shown = every if more <= 1 else [*every[:_LISTED], f"{more} more"]
@@ -153,7 +153,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 def _column(table: Table, theirs: str) -> str:
-    """The table's name of a column that the user calls so; empty for none."""
+    """The table's name for the user's name of a column; empty if there is none."""
     if table.group and theirs.startswith(f"{table.group}/"):
         theirs = theirs[len(table.group) + 1 :]
     if theirs in table.columns:
@@ -180,7 +180,7 @@ def rename(
     known : sequence of str
         Our names.
     needed : sequence of sequences of str
-        One name at least of each has to be there.
+        At least one name of each must be present.
 
     Raises
     ------
@@ -230,7 +230,7 @@ def in_si(
     quantities: Mapping[str, Sequence[str]],
     lead: float | None,
 ) -> tuple[dict[str, Vector], dict[str, str], list[str]]:
-    """A table's columns in SI units of a linear motion, what each measures, and notes.
+    """A table's columns in SI units of a linear motion, their quantities, and notes.
 
     Positions, and times, that restart after a turn or the counter's range are made continuous.
 
@@ -239,12 +239,12 @@ def in_si(
     table : Table
         With our names.
     units : mapping of str to str
-        What the user says of columns; else the file's word counts. A column that the file calls by
-        our name and without a unit is in SI units; one that it calls otherwise needs a unit.
+        Units given by the user; otherwise those in the file are used. A column with our name and
+        without a unit is in SI units; a column with another name needs a unit.
     quantities : mapping of str to sequence of str
-        What each of our columns may measure, the usual one first.
+        Possible quantities of each of our columns, the usual one first.
     lead : float or None
-        Of the screw [m].
+        Lead of the screw [m].
 
     Raises
     ------

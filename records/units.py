@@ -1,7 +1,7 @@
 """Units of recorded data, and their conversion to SI.
 
-A rotary drive's angles and torques become the positions and forces of the screw that it turns: an
-angle `phi` is the way ``lead*phi/(2*pi)``, a torque `T` the force ``2*pi*T/lead``.
+A rotary drive's angles and torques become positions and forces of its screw: an angle `phi` is the
+position ``lead*phi/(2*pi)``, a torque `T` the force ``2*pi*T/lead``.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ UNITS = {
 }
 """Factors to SI units, by quantity."""
 ROTARY = {"angle": "length", "angular velocity": "velocity", "torque": "force"}
-"""What a screw makes of the quantities of a rotation."""
+"""Linear quantities by a screw, for the quantities of a rotation."""
 NO_UNIT = ("", "-", "1")
 """Words for no unit, or for an unknown one."""
 _SPELLINGS = {
@@ -84,24 +84,24 @@ _SIZED = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)(?:\s*\*\s*|\s+)(.+)")
 
 
 def spell(unit: str) -> str:
-    """A unit as `UNITS` spells it; other text as it is."""
+    """A unit in the spelling of `UNITS`; other text unchanged."""
     unit = unit.strip().replace("μ", "µ")  # two characters look the same
     return _SPELLINGS.get(unit, unit)
 
 
 def quantity_of(unit: str) -> str:
-    """The quantity that a unit measures; empty for none that is known."""
+    """The quantity of a unit; empty for an unknown unit."""
     return next((q for q, units in UNITS.items() if spell(unit) in units), "")
 
 
 class Conversion:
-    """What makes SI values of a linear motion out of a column.
+    """Conversion of a column to SI values of a linear motion.
 
     Attributes
     ----------
     factor : float
     quantity : str
-        Of the column as it was recorded; a key of `UNITS`.
+        Quantity of the recorded column; a key of `UNITS`.
     """
 
     def __init__(
@@ -114,11 +114,11 @@ class Conversion:
         column : str
             Our name of the column.
         text : str
-            A unit, perhaps with a number before it that says how large one step of the column is.
+            A unit, optionally after a number that is the size of one step of the column.
         quantities : sequence of str
-            What the column may measure.
+            Possible quantities of the column.
         lead : float or None
-            Of the screw [m]; None if not given.
+            Lead of the screw [m]; None if not given.
 
         Raises
         ------

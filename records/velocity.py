@@ -1,4 +1,4 @@
-"""Records whose instrument gave the velocity and not the position, as motor controllers do."""
+"""Records with the velocity instead of the position, as from motor controllers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _POSITIONS = {"x", "x_fine"}
 def columns_wanted(
     there: Iterable[str], mapping: Mapping[str, str], known: Iterable[str]
 ) -> list[str]:
-    """Our names without the velocity, where the file has a position and nobody mapped a velocity.
+    """Our names; without the velocity if the file has a position and no velocity is mapped.
 
     Parameters
     ----------
@@ -38,14 +38,14 @@ def columns_wanted(
 
 
 def with_position(signals: Mapping[str, Vector], step: float) -> dict[str, Vector]:
-    """Signals with the integral of ``v`` as ``x``; without ``v`` where a position was recorded.
+    """Signals with the integral of ``v`` as ``x``; without ``v`` if a position was recorded.
 
     The integral is linear between samples and begins at zero.
 
     Parameters
     ----------
     signals : mapping of str to ndarray, shape (n,)
-        At even instants; [m/s].
+        Signals at equidistant instants; ``v`` in m/s.
     step : float
         Sampling interval [s].
     """

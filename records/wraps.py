@@ -8,21 +8,21 @@ import numpy.typing as npt
 Vector = npt.NDArray[np.float64]
 
 _COUNTERS = {2.0**16: "2^16", 2.0**32: "2^32"}
-_NEXT_TO = 3.0  # times the largest other step, up to which a step across the wrap goes on
+_NEXT_TO = 3.0  # largest step across a wrap, over the largest other step
 
 
 def unwrapped(name: str, values: Vector, turn: float | None) -> tuple[Vector, list[str]]:
     """Values made continuous at each restart, and a note; unchanged if there is no restart.
 
-    They did where all of them lie within one turn, and steps of nearly a turn are as small as the
-    others once the turn is taken off.
+    Values restart if all of them are within one turn, and steps of nearly a turn are as small as
+    the others after subtracting the turn.
 
     Parameters
     ----------
     values : ndarray, shape (n,)
-        As recorded; NaN where nothing is known.
+        Recorded values; NaN if unknown.
     turn : float or None
-        Of an angle, in the same unit.
+        One turn of an angle, in the same unit.
     """
     known = np.isfinite(values)
     steps = np.diff(values[known])

@@ -1,4 +1,4 @@
-"""Run a trial on the rig: the moving part in one solver, instruments and controller at 200 Hz."""
+"""Run a trial on the rig: the plant in one solver, instruments and controller at 200 Hz."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def run_trial(
         Seed of all noise.
     noise : Noise, optional
     tolerance : float
-        Of the solver, relative.
+        Relative tolerance of the solver.
     progress : function of time [s], optional
         Called repeatedly.
     told : ParameterFile, optional
@@ -81,7 +81,7 @@ def run_trial(
 
 
 def one_trial(trial: Trial | str, machine: Machine) -> Trial:
-    """The machine's trial of this name, which must be one and no table.
+    """The machine's trial of this name; it must be a single trial, not a table.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def one_trial(trial: Trial | str, machine: Machine) -> Trial:
 def _run(
     setup: Setup, tolerance: float, progress: Callable[[float], None] | None
 ) -> tuple[dict[str, Vector], dict[str, Vector]]:
-    """Columns of the record and of the truth."""
+    """Run the trial; return the columns of the record and of the true signals."""
     trial, machine = setup.trial, setup.machine
     plant = Model(plant_kernel(machine.law, machine.kind), setup.values_of(PLANT), tolerance)
     values = {
@@ -122,7 +122,7 @@ def _run(
     taps = np.empty((len(time), len(program.kernel.outputs)))
     true = np.empty((len(time), len(outputs)))
     y, held = np.empty(len(outputs)), np.empty(len(program.kernel.discrete))
-    # what stays where it is goes by its address: thousands of short calls
+    # fixed arrays are passed by address, because of thousands of short calls
     axis = plant.system.instance(plant.x, plant.u, plant.p, y, plant.atol, plant.info)
     working = at(program.x), at(program.u), at(program.p)
     at_held, at_taps = at(held), at(taps)
@@ -138,12 +138,12 @@ def _run(
         program.u[end:] = held
         program.system.out(t, *working, at_taps + k * taps.strides[0])
         plant.u[at_u] = taps[k, command] if command >= 0 else reference[k]
-        # again: the voltage at the motor follows the new command at once
+        # again, because the voltage at the motor follows the new command immediately
         axis.out(t)
         true[k] = y
         if k + 1 < len(time):
             status = axis.advance(t, time[k + 1], tolerance, MAX_STEPS)
-            if status not in (DONE, NOT_FINITE):  # the latter is told below, with its time
+            if status not in (DONE, NOT_FINITE):  # the latter is reported below, with its time
                 raise IntegrationError(
                     describe_failure(plant.kernel.name, status, plant.info, time[k + 1])
                 )
@@ -163,7 +163,7 @@ def _run(
 def _finish(
     setup: Setup, taps: dict[str, Vector], truth: dict[str, Vector], tolerance: float
 ) -> TrialRecord:
-    """Put columns in order and say what is not trusted."""
+    """Put columns in order and add notes on results that are not trusted."""
     trial = setup.trial
     time = trial.time
     order = ["x", *(["x_fine"] if trial.fine else []), "force", "u"]
@@ -198,9 +198,9 @@ def _finish(
 
 
 def lags(setup: Setup) -> dict[str, float]:
-    """Delays of the recorded columns against the truth, and of the command [s].
+    """Delays of the recorded columns relative to the true signals, and of the command [s].
 
-    Readings carry the time at which they were taken: without a filter they are not late.
+    Readings have the time stamp of their sample instant: without a filter they have no delay.
     """
     values = setup.parameters
     found = {
@@ -214,7 +214,8 @@ def lags(setup: Setup) -> dict[str, float]:
         found["velocity_difference"] = SAMPLE_TIME / 2
     if setup.trial.fine:
         samples = math.ceil(values["capacitance_sensor.samples"])
-        # the mean of a conversion is half of it old, and is shown for as long again
+        # the mean of a conversion is delayed by half of it, and is held for the time of a
+        # conversion
         found["x_fine"] = (samples - 1) * SAMPLE_TIME
     return found
 

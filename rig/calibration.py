@@ -12,24 +12,24 @@ from ..instruments.capacitance_sensor import PER_PICOFARAD
 Vector = npt.NDArray[np.float64]
 
 POINTS = np.arange(0.0, 75e-6, 10e-6)
-"""Displacements at which the capacitance is taken [m]: 0 to 70 um by 10 um."""
+"""Displacements at which the capacitance is measured [m]: 0 to 70 um in steps of 10 um."""
 _STUDENT_95 = 2.5706  # two-sided, for the five degrees of freedom of eight points and a quadratic
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A quadratic polynomial from capacitance to displacement, and what it is worth.
+    """A quadratic polynomial from capacitance to displacement, and its uncertainty.
 
     Attributes
     ----------
     coefficients : ndarray, shape (3,)
         c0, c1, c2 [m] in ``c0 + c1 C + c2 C^2`` with the capacitance C in pF.
     covariance : ndarray, shape (3, 3)
-        Of the coefficients [m^2], from the scatter about the fit.
+        Covariance of the coefficients [m^2], from the scatter about the fit.
     displacements, capacitances : ndarray, shape (8,)
-        What the micrometer said [m], and what the sensor gave [F].
+        Readings of the micrometer [m] and of the sensor [F].
     residual : float
-        Root mean square distance of the points to the fit [m], by its degrees of freedom.
+        Root mean square distance of the points to the fit [m], with its degrees of freedom.
     """
 
     coefficients: Vector
@@ -78,7 +78,7 @@ def calibrate(
     """
     x, c = np.asarray(displacements, dtype=float), np.asarray(capacitance, dtype=float)
     powers = _powers(c)
-    # Columns that nearly agree lose digits: orthogonalize first.
+    # Nearly equal columns lose digits, so orthogonalize them first.
     q, r = np.linalg.qr(powers)
     coefficients = np.linalg.solve(r, q.T @ x)
     rest = x - powers @ coefficients

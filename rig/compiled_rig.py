@@ -1,4 +1,4 @@
-"""The rig's compiled parts: what moves, and the sampled program."""
+"""The rig's compiled parts: the plant, and the sampled program."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @cache
 def plant_kernel(law: str, kind: str = "ball_screw") -> Kernel:
-    """The compiled moving part of this kind with a friction law; the units of `u` are volts.
+    """The compiled plant of this kind with a friction law; `u` is in volts.
 
     Raises
     ------

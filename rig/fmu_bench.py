@@ -35,7 +35,7 @@ def export_rig(folder: Path | str, machine: Machine) -> dict[str, Path]:
     Returns
     -------
     dict of str to Path
-        The FMUs by the part's name.
+        The FMUs by part name.
 
     Raises
     ------
@@ -76,16 +76,17 @@ def export_trial(
     tolerance: float = TOLERANCE,
     told: ParameterFile | None = None,
 ) -> list[Path]:
-    """Write the rig as `export_rig` does, and all that one trial gives its parts.
+    """Write the rig as in `export_rig`, and all inputs of its parts in one trial.
 
-    ``values.json`` holds the parameters and start values of every part, ``outside.csv`` over time
-    [s] what comes from outside: noise and reference. With them and ``wiring.json`` any master can
-    repeat the trial. ``parameters.toml`` is the rig's parameter file; of `told` it has the values.
+    ``values.json`` contains the parameters and start values of every part, ``outside.csv`` the
+    external signals over time [s]: noise and reference. With them and ``wiring.json`` any master
+    can repeat the trial. ``parameters.toml`` is the rig's parameter file, including the values of
+    `told`.
 
     Returns
     -------
     list of Path
-        All files that were written.
+        All written files.
 
     Raises
     ------
@@ -116,6 +117,6 @@ def export_trial(
 
 
 def _values(setup: Setup, name: str, tolerance: float) -> dict[str, float]:
-    """All that a part is given before it starts."""
+    """Parameters and start values of a part."""
     values = setup.values_of(name)
     return values | {SOLVER_TOLERANCE: tolerance} if name == PLANT else values

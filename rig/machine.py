@@ -53,13 +53,13 @@ SIZES = (
     ),
 )
 SIZED = "scaled to the machine, rig/machine.py"
-_RESOLUTION, _CAPACITY = 0.089, 44.5  # of the thesis' load cell [N], Table 2.1
+_RESOLUTION, _CAPACITY = 0.089, 44.5  # load cell of the thesis [N], Table 2.1
 _ENCODERS = {True: (1 / (2 * math.pi), 2.0**20), False: (1000.0, 1000.0)}  # 20 bits a turn, or 1 um
-_SPARE = 0.8  # of the force at the command's limit, that sliding at the largest velocity may take
-_OVER_TRAVEL = 1.0  # s, in which the largest velocity may go over it; also the shortest trial
-_SLOWEST_LAG = 10.0  # s, of a machine without damping
+_SPARE = 0.8  # friction at the largest velocity over the force at the command's limit, at most
+_OVER_TRAVEL = 1.0  # least time over the travel at the largest velocity, and of a trial [s]
+_SLOWEST_LAG = 10.0  # lag of a machine without damping [s]
 _HIGH = 1e3  # velocity at which every law's curve has fallen [m/s]
-_LEAST_COUNTS = 4.0  # of the encoder, over which presliding must go
+_LEAST_COUNTS = 4.0  # least presliding distance in counts of the encoder
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,9 @@ class Machine:
     kind, command, law : str
         As in a parameter file.
     values : mapping of str to float
-        The plant's.
+        Parameters of the plant.
     given : mapping of str to float
-        Those of `SIZES` that were given.
+        Given values of `SIZES`.
     """
 
     kind: str
@@ -84,12 +84,12 @@ class Machine:
 
     @property
     def is_axis(self) -> bool:
-        """Whether it is the thesis' axis, whose trials and instruments are as printed."""
+        """Whether it is the axis of the thesis, with trials and instruments as printed."""
         return self.kind == BALL_SCREW
 
     @property
     def command_words(self) -> dict[str, str]:
-        """Units by its command alone; the plant's equations have the others already."""
+        """Units changed by its command only; the plant's equations already have the others."""
         return UNITS.get(self.command or COMMANDS[0], {})
 
     @property
@@ -115,7 +115,7 @@ class Machine:
         return abs(self.values["gain"]) * largest if largest < UNLIMITED else math.inf
 
     def friction(self, velocity: float) -> float:
-        """Of steady sliding, the larger of both directions' [N, m/s]."""
+        """Friction [N] in steady sliding at a velocity [m/s], the larger of both directions."""
         curve = claims(self.law).steady_state
         return max(abs(self._number(curve, v)) for v in (velocity, -velocity))
 
@@ -130,12 +130,12 @@ class Machine:
 
     @property
     def mass(self) -> float:
-        """Of a drive, all that moves [kg]."""
+        """Total moving mass of a drive [kg]."""
         return self.values["J" if self.kind == ROTARY else "m"]
 
     @property
     def sizes(self) -> dict[str, float]:
-        """Values of `SIZES`; a velocity that nothing says is nan."""
+        """Values of `SIZES`; an unknown velocity is nan."""
         if self.is_axis:
             return {p.name: p.default for p in SIZES} | dict(self.given)
         static = [v for n, v in self.values.items() if n.partition("_")[0] in ("Fs", "Fc")]
@@ -150,7 +150,7 @@ class Machine:
 
     @cached_property
     def trials(self) -> dict[str, Trial]:
-        """All trials by name, in its size."""
+        """All trials by name, scaled to the machine."""
         own = self.sizes
         shares = own["speed"] / FASTEST, own["force"] / BREAK_AWAY
         sizes = Sizes(*shares, own["travel"], self.words, self.is_axis)
@@ -161,12 +161,12 @@ class Machine:
 
     @property
     def noise(self) -> Noise:
-        """Of its instruments, by default."""
+        """Default noise of its instruments."""
         return Noise(load_cell=Noise.load_cell * self.sizes["force"] / BREAK_AWAY)
 
     @property
     def defaults(self) -> dict[str, float]:
-        """Values of sizes, instruments and regulators that are not the thesis'."""
+        """Values of sizes, instruments and regulators that differ from the thesis."""
         if self.is_axis:
             return {}
         gain, damping = self.values["gain"], max(self.viscous, self.mass / _SLOWEST_LAG)
@@ -268,7 +268,7 @@ def _compiled(expression: sp.Expr) -> tuple[tuple[str, ...], Callable[..., Any]]
 def machine_of(
     law: str, parameters: Mapping[str, float] | None = None, told: ParameterFile | None = None
 ) -> Machine:
-    """The machine with a friction law, and the values that a file and a user give it.
+    """The machine with a friction law, and the values given by a file and a user.
 
     Raises
     ------

@@ -26,9 +26,9 @@ class Noise:
         Standard deviation of a conversion [F]. AD7747's data sheet: resolution down to 20 aF.
     micrometer : float
         Standard deviation of setting the micrometer by hand [m]. Not printed; with half a
-        micrometre the identified stiffness scatters as Table 2.9's does, by some percent.
+        micrometre the identified stiffness scatters by a few percent, as in Table 2.9.
     separation : float
-        Half the range in which the plates' initial separation falls [m]. Not printed.
+        Half the range of the plates' initial separation [m]. Not printed.
     """
 
     load_cell: float = 0.03
@@ -44,11 +44,11 @@ class Draw:
     Attributes
     ----------
     encoder_phase : float
-        Where between two counts the origin is.
+        Position of the origin between two counts.
     separation : float
         Deviation of the plates' initial separation [m].
     micrometer : ndarray, shape (8,)
-        Errors of the micrometer's positions [m]; the first is where zero is, so it has none.
+        Errors of the micrometer's positions [m]; the first defines zero, so its error is zero.
     calibration : ndarray, shape (8,)
         Noise of the calibration's average capacitances [F].
     force, capacitance : ndarray, shape (m,)
@@ -64,7 +64,7 @@ class Draw:
 
 
 CALIBRATION_AVERAGE = 25
-"""Conversions that are averaged at each point of the calibration: a second."""
+"""Number of conversions averaged at each point of the calibration: one second."""
 
 
 def draw(trial: Trial, seed: int, noise: Noise) -> Draw:

@@ -19,13 +19,13 @@ from ..solver.nearest import did_you_mean
 from .rig_wiring import PLANT, WIRINGS
 
 TRIAL = "trial"
-"""Before the names of sizes of trials, where those of parts have the part's name."""
+"""Prefix of the names of sizes of trials; names of parts have the part's name as prefix."""
 
-DRAWN = ("encoder.phase", "capacitance_sensor.separation")  # each trial draws them by its seed
+DRAWN = ("encoder.phase", "capacitance_sensor.separation")  # random in each trial, by its seed
 
 
 class BadRig(ValueError):
-    """A parameter that the rig does not have, or a value out of its range; the message says so."""
+    """An unknown parameter of the rig, or a value out of range; the message says which."""
 
 
 def given_values(
@@ -34,14 +34,14 @@ def given_values(
     parameters: Mapping[str, float] | None,
     told: ParameterFile | None,
 ) -> dict[str, float]:
-    """What a file, and over it a user, give the rig, as ``part.name``.
+    """Values for the rig from a file and a user, as ``part.name``; the user's have priority.
 
     Parameters
     ----------
     known : mapping of str to ParameterInfo
-        Parameters as ``part.name``; of the file only these are taken.
+        Parameters as ``part.name``; only these are used from the file.
     law : str
-        Friction law of the rig, which may be another than the file's.
+        Friction law of the rig; it may differ from the file's.
     parameters : mapping of str to float, optional
         The user's; a name without its part is the plant's.
     told : ParameterFile, optional
@@ -64,7 +64,7 @@ def _values_for(
     head = f"{PLANT}."
     plant = {n.removeprefix(head): p for n, p in known.items() if n.startswith(head)}
     others = Part(told.plant_name).parameters
-    if (told.law or law) == law:  # initial states alone: a trial begins at rest
+    if (told.law or law) == law:  # only initial states are ignored: a trial begins at rest
         others = {n: p for n, p in others.items() if n.endswith("_start")}
     values, _ = told.plant_values(plant, others)
     found = {head + n: v for n, v in values.items()}
@@ -90,7 +90,7 @@ def used_by_trial(
 ) -> ParameterFile:
     """All parameters of a trial, as a parameter file that the other commands read.
 
-    What the seed draws is not among them, unless it was given.
+    Values drawn by the seed are not included, unless they were given.
     """
     file = told or ParameterFile()
     parts: dict[str, dict[str, Value]] = {}
@@ -110,7 +110,7 @@ def used_by_trial(
 
 
 def check(name: str, value: float, known: Mapping[str, ParameterInfo], law: str) -> None:
-    """Refuse a name that is not among the parameters, and a value out of its range.
+    """Raise BadRig for an unknown parameter, or a value out of range.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """The moving part of the rig: a drive with its limits, and the force between drive and block.
 
-The thesis' axis has its rotor's inertia, because the real rig has it: reflected through the screw
-it is sixteen times the block. The drive is rigid, as the thesis assumes; friction acts between
-block and table only. A drive of another kind has its whole mass behind the load cell, and its
-constant force before it.
+The thesis' axis includes the inertia of its rotor, as in the real rig: reflected through the screw
+it is sixteen times the mass of the block. The drive is rigid, as in the thesis; friction acts only
+between block and table. In a drive of another kind, the total mass is behind the load cell and the
+constant force is before it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _KINDS = {
 def rig_plant(
     friction: Callable[[sp.Expr], ForceTerm], name: str = "rig_plant", kind: str = "ball_screw"
 ) -> Component:
-    """The rig's moving part, from the command `u` [V] to what the instruments look at.
+    """The rig's moving part, from the command `u` [V] to the inputs of the instruments.
 
     Parameters
     ----------
@@ -49,13 +49,13 @@ def rig_plant(
         A law of `plant/`.
     name : str
     kind : str
-        Of plant, as in a parameter file.
+        Kind of plant, as in a parameter file.
 
     Returns
     -------
     Component
-        Outputs as the plant's, and `friction` [N], `force` [N], which the drive puts on the block,
-        and `voltage` [V], the command within its limit.
+        Outputs are those of the plant, and `friction` [N], `force` [N] of the drive on the block,
+        and `voltage` [V], the limited command.
     """
     make, limit = _KINDS[kind]
     axis = make(friction, name)
@@ -76,7 +76,7 @@ def rig_plant(
         for mode in axis.modes
     )
     voltage = Output("voltage", "V", "command within its limit", symbol("u"), nominal=10.0)
-    # Its commands come from a converter that holds them: no feedback law acts inside a step.
+    # A converter holds its commands, so no feedback law acts within a step.
     commands = tuple(replace(i, law=()) for i in axis.inputs)
     outputs = (*axis.outputs, force, voltage)
     limited = limit(replace(axis, inputs=commands, outputs=outputs, modes=modes))

@@ -26,8 +26,8 @@ UNITS = {
     **dict.fromkeys(("v", "v_ref"), "m/s"),
     **dict.fromkeys(("u", "u_ref"), "V"),
 }
-"""Of columns of the thesis' axis; another machine has its own, see `Machine.unit`."""
-_DIGITS = "%.15g"  # a reading of 3 steps of 0.089 N is written 0.267, and read back as it was
+"""Units of columns for the thesis' axis; another machine has its own, see `Machine.unit`."""
+_DIGITS = "%.15g"  # a reading of 3 steps of 0.089 N is written as 0.267, and read back unchanged
 
 
 @dataclass(frozen=True)
@@ -39,22 +39,23 @@ class TrialRecord:
     trial : Trial
     machine : Machine
     record : dict of str to ndarray, shape (m,)
-        ``time`` [s], ``x`` [m] (encoder), ``x_fine`` [m] (capacitance sensor, where it is used),
-        ``force`` [N] (load cell), ``u`` [V] (command), ``x_filtered`` and ``force_filtered`` (what
-        the controllers see), and what was asked, ``v_ref`` [m/s] or ``force_ref`` [N].
+        ``time`` [s], ``x`` [m] (encoder), ``x_fine`` [m] (capacitance sensor, if used), ``force``
+        [N] (load cell), ``u`` [V] (command), ``x_filtered`` and ``force_filtered`` (inputs of the
+        controllers), and the reference, ``v_ref`` [m/s] or ``force_ref`` [N].
     truth : dict of str to ndarray, shape (m,)
-        On the same times, free of noise: ``time, x, v, friction, force, i`` (of a motor), ``u``
+        At the same times, without noise: ``time, x, v, friction, force, i`` (of a motor), ``u``
         (within its limit) and the law's internal states.
     parameters : dict of str to float
-        Of every part, as ``part.name``; the plant's and its friction law's as ``plant.name``.
+        Parameters of every part, as ``part.name``; those of the plant and its friction law as
+        ``plant.name``.
     settings : dict
         Seed, tolerance, noise, lags of filters and sampling [s].
     notes : list of str
-        Why parts of the record are not trusted; empty if all are.
+        Reasons why parts of the record are not trusted; empty if all are.
     calibration : Calibration or None
-        Of the capacitance sensor.
+        Calibration of the capacitance sensor.
     used : ParameterFile
-        The parameters as a file, without what the seed drew.
+        The parameters as a file, without values drawn by the seed.
     """
 
     trial: Trial
@@ -73,7 +74,7 @@ class TrialRecord:
         return self.machine.law
 
     def description(self) -> dict[str, Any]:
-        """What goes into ``trial.json``."""
+        """Content of ``trial.json``."""
         about: dict[str, Any] = {
             "name": self.trial.name,
             "table": self.trial.table,
@@ -85,7 +86,7 @@ class TrialRecord:
             "note": self.trial.note,
             "kind": self.machine.kind,
             "law": self.law,
-            # without sizes that nobody said: a travel without end, a velocity of no trial
+            # without unknown sizes: infinite travel, or velocity nan
             "parameters": {n: v for n, v in self.parameters.items() if math.isfinite(v)},
             **self.settings,
             "not_trusted": self.notes,
@@ -118,7 +119,7 @@ class TrialRecord:
         write_atomically(folder / "record.csv", self._csv(self.record))
 
     def _csv(self, columns: dict[str, Vector]) -> bytes:
-        """With units, unless they are those of the thesis' axis."""
+        """Columns as CSV, with units unless they are those of the thesis' axis."""
         said = {n: f"{n} [{self.machine.unit(UNITS[n])}]" for n in columns if n in UNITS}
         names = columns if self.machine.is_axis else [said.get(n, n) for n in columns]
         stream = io.StringIO()

@@ -17,7 +17,7 @@ def record_figure(recorded: TrialRecord) -> Any:
     with mpl.rc_context(STYLE | {"font.size": 9, "lines.linewidth": 1.2}):
         figure = empty_figure((7, 6))
         rows = figure.subplots(3, 1, sharex=True)
-        # looking for the best layout would take as long as the drawing itself
+        # the search for the best layout would take as long as the drawing
         figure.subplots_adjust(left=0.11, right=0.98, top=0.95, bottom=0.08, hspace=0.12)
         _draw(recorded, rows)
         figure.align_ylabels(rows)

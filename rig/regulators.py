@@ -6,9 +6,10 @@ Control 13, 291 (2003)) in its series form, for a plant with two lags and a dela
     Kc = lag1 / (gain (tc + delay)),  Ti = min(lag1, 4 (tc + delay)),  Td = lag2
 
 with one choice each, the closed loop's time constant tc. For the velocity it is three times the
-delay: the block follows slow sines and not the encoder's steps. For the force it is 1 s, because
-the thesis' force "takes approximately 4 seconds to reach the steady state" (Section 2.3.4.2), four
-time constants; the response has no overshoot, and the block is loaded without slipping.
+delay, so that the block follows slow sines but not the encoder's steps. For the force it is 1 s,
+because the thesis' force "takes approximately 4 seconds to reach the steady state" (Section
+2.3.4.2), which is four time constants. The response has no overshoot, so the block is loaded
+without slipping.
 """
 
 from __future__ import annotations
@@ -30,18 +31,18 @@ from .plant import ROTOR_INERTIA
 Vector = npt.NDArray[np.float64]
 
 POSITION_CUTOFF = 20.0
-"""Of the filter on the encoder's position [Hz]."""
+"""Cut-off of the filter on the encoder's position [Hz]."""
 FORCE_CUTOFF = 20.0
-"""Of the filter on the load cell's force [Hz]: the same, so that both lag alike."""
+"""Cut-off of the filter on the load cell's force [Hz]: the same, so that both lags are equal."""
 VELOCITY_DELAYS = 3.0
-"""Closed-loop time constant of the velocity in delays of its loop."""
+"""Closed-loop time constant of the velocity over the delay of its loop."""
 FORCE_TIME = 1.0
 """Closed-loop time constant of the force [s]."""
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains of the parallel form, in volts per unit of the error, of its integral, of its rate."""
+    """Gains of the parallel form, in volts per unit of the error, its integral and its rate."""
 
     proportional: float
     integral: float
@@ -67,7 +68,7 @@ def _nominal() -> dict[str, float]:
 
 
 def velocity_gains(mass: float, force_per_command: float, damping: float) -> Gains:
-    """For the sliding block: one lag of the moving mass, one of the filter; the rest is delay."""
+    """Gains for the sliding block: lags are those of mass and filter; the rest is delay."""
     lag, filtering = mass / damping, filter_lag(POSITION_CUTOFF)
     delay = filtering / 2 + SAMPLE_TIME  # half a period to form the difference, half to hold
     return simc(force_per_command / damping, lag, filtering / 2, delay, VELOCITY_DELAYS * delay)
@@ -79,14 +80,14 @@ def _nominal_velocity_gains() -> Gains:
 
 
 def static_force_gains(force_per_command: float) -> Gains:
-    """For a drive whose force is its command's: half of the filter is a lag, the rest delay."""
+    """Gains for a force proportional to the command: half of the filter is lag, the rest delay."""
     filtering = filter_lag(FORCE_CUTOFF)
     delay = (filtering + SAMPLE_TIME) / 2
     return simc(force_per_command, filtering / 2, 0.0, delay, FORCE_TIME)
 
 
 def force_gains() -> Gains:
-    """For the block that sticks: two lags of mass, bristles and back-EMF; filter and hold delay."""
+    """Gains for the stuck block: lags of mass, bristles and back-EMF; filter and hold delay."""
     n = _nominal()
     damping = n["sigma1"] + n["sigma2"] + n["back_emf"]
     root = math.sqrt(damping**2 - 4 * n["mass"] * n["sigma0"])
@@ -106,7 +107,7 @@ def _pid(
 ) -> Component:
     """A PID on ``inputs[1] - measured`` with its derivative on the measurement.
 
-    Its integral stands still while the command is at its limit.
+    Its integral is constant while the command is at its limit.
     """
     error = symbol(inputs[1].name) - measured
     period, limit = symbol("sample_time"), symbol("limit")
@@ -151,7 +152,7 @@ def _pid(
 
 
 def velocity_pid() -> Component:
-    """Command `u` [V] from the filtered position `x` [m], which it differentiates, and `v_ref`."""
+    """Command `u` [V] from `v_ref` and the differentiated filtered position `x` [m]."""
     x = symbol("x")
     return _pid(
         "velocity_pid",
@@ -185,7 +186,7 @@ def force_pid() -> Component:
 def loading_voltage(rate: float, time: Vector) -> Vector:
     """Voltage [V] that loads the stuck block at a constant rate [N/s] from t = 0.
 
-    The bristles move at rate/sigma0; what back-EMF and damping take at that speed comes on top of
+    The bristles move at rate/sigma0. The voltage for back-EMF and damping at that speed is added to
     the ramp, as a constant.
     """
     n = _nominal()

@@ -1,7 +1,7 @@
 """The trials of the thesis: the reference of each, also scaled to another machine.
 
-Where the text is silent (durations of force steps and constant velocities, the twenty loading
-rates) the choice stands here, once, and in `Trial.note`.
+Values that the text does not give (durations of force steps and constant velocities, the twenty
+loading rates) are chosen here, and described in `Trial.note`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ VELOCITY, FORCE, VOLTAGE = "velocity", "force", "voltage"
 FORCE_STEP_TIME = 10.0
 CONSTANT_VELOCITY_TIME = 4.0
 RAMP_TO = 3.5
-"""Quasi-static force at which a loading-rate trial ends [N]; the block has broken away before."""
+"""Quasi-static force at the end of a loading-rate trial [N]; the block breaks away earlier."""
 
 
 FASTEST, BREAK_AWAY = 8e-3, 2.35
@@ -32,7 +32,7 @@ FASTEST, BREAK_AWAY = 8e-3, 2.35
 
 
 class UnknownTrial(ValueError):
-    """No trial of this name; the message lists the available ones."""
+    """An unknown trial; the message lists the available ones."""
 
 
 @dataclass(frozen=True)
@@ -42,15 +42,15 @@ class Sizes:
     Attributes
     ----------
     speed, force : float
-        Its velocities and forces, relative to the thesis'.
+        Its velocities and forces, relative to the thesis.
     travel : float
-        Way that a motion may go [m]: a longer one goes through its course in less time.
+        Longest allowed motion [m]; the time of a longer one is shortened.
     words : mapping of str to str
         Units of the machine, see `unit_in`.
     plates : bool
-        Whether there is the thesis' capacitance sensor.
+        Whether the machine has the thesis' capacitance sensor.
     loading : function of a rate and an array of times, optional
-        Command that loads the machine so [N/s, s]; default that of the thesis' axis.
+        Command that loads the machine at a rate [N/s, s]; by default that of the thesis' axis.
     """
 
     speed: float = 1.0
@@ -61,7 +61,7 @@ class Sizes:
     loading: Callable[[float, Vector], Vector] | None = None
 
     def shorter(self, way: float) -> float:
-        """Share of the thesis' time in which a motion is gone through that would go so far [m]."""
+        """Factor on the thesis' time for a motion of this length [m]."""
         return min(1.0, self.travel / abs(way)) if way else 1.0
 
     def says(self, velocity: float) -> str:
@@ -81,15 +81,15 @@ class Trial:
     name : str
         Such as ``2.4/7``.
     table : str
-        Table or series that it belongs to.
+        Its table or series.
     number : int
-        From 1.
+        Number in the table, starting at 1.
     control : {"velocity", "force", "voltage"}
-        What is controlled; under "voltage" the command is given directly.
+        Controlled quantity; for "voltage" the command is given directly.
     asked : str
         The reference in words.
     duration : float
-        [s]
+        Duration [s].
     course : function of time
         The reference over an array of times [m/s, N or V].
     fine : bool
@@ -97,7 +97,7 @@ class Trial:
     note : str
         What the thesis does not specify, and the choice made here.
     level : float
-        The one number that tells the trial from its neighbours: force [N], peak velocity [m/s] or
+        The number that distinguishes the trials of a series: force [N], peak velocity [m/s] or
         loading rate [N/s].
     """
 
@@ -114,7 +114,7 @@ class Trial:
 
     @property
     def folder(self) -> str:
-        """The name as a folder's, such as ``2.4-07``: sorted as the trials are."""
+        """The name as a folder name, such as ``2.4-07``, in the order of the trials."""
         return f"{self.table}-{self.number:02d}"
 
     @property
@@ -204,7 +204,7 @@ def _constant_velocities(
 
 
 LOADING_RATES = tuple(float(f"{0.08 * (20.3 / 0.08) ** (k / 19):.3g}") for k in range(20))
-"""Twenty rates from 0.08 to 20.3 N/s, evenly spaced in their logarithms [N/s]."""
+"""Twenty loading rates from 0.08 to 20.3 N/s, logarithmically spaced [N/s]."""
 
 
 def _loading_rates(size: Sizes) -> list[Trial]:
@@ -236,7 +236,7 @@ def _loading_rates(size: Sizes) -> list[Trial]:
 
 
 def _staircase(force: float, t: Vector) -> Vector:
-    """Fig. 2.13: 2 s of nothing, then three times a ramp of 0.25 N/s for 2 s and a hold of 3 s."""
+    """Fig. 2.13: 2 s of zero force, then three times 2 s of 0.25 N/s and a hold of 3 s."""
     corners = [(0.0, 0.0), (2.0, 0.0)]
     for step in range(3):
         start = 2.0 + 5.0 * step
@@ -246,7 +246,7 @@ def _staircase(force: float, t: Vector) -> Vector:
 
 
 def trials_of(size: Sizes) -> dict[str, Trial]:
-    """All trials by name, in a machine's size."""
+    """All trials by name, scaled to a machine."""
     steps = (0.3, 0.6, 1.0, 1.5, 1.8, 2.0, 2.1, 2.2, -0.3, -0.6, -2.1, -2.3, -2.4)
     slow = [round(1e-3 * (2.0 + 0.5 * k), 6) for k in range(8)]
     fast = [round(1e-3 * k, 6) for k in range(3, 9)]
@@ -316,16 +316,16 @@ def trials_of(size: Sizes) -> dict[str, Trial]:
 TRIALS: dict[str, Trial] = trials_of(Sizes())
 TABLES: tuple[str, ...] = tuple(dict.fromkeys(t.table for t in TRIALS.values()))
 PRESLIDING: tuple[str, ...] = ("2.8", "presliding")
-"""Those that look at displacements before break-away."""
+"""Tables and series about displacements before break-away."""
 SECTION_2_4: tuple[str, ...] = ("2.10", "viscous", "2.11", "loading-rate", "presliding")
 """The tables and series of the five feature experiments."""
 
 
 def trials_named(name: str, trials: Mapping[str, Trial] = TRIALS) -> list[Trial]:
-    """The trial of this name, or all of a table's.
+    """The trial of this name, or all trials of a table.
 
-    ``2.4/7``, ``table-2.4-7`` and ``2.4-7`` are the same; ``2.4`` is all of Table 2.4; a series of
-    one trial, such as ``presliding``, needs no number.
+    ``2.4/7``, ``table-2.4-7`` and ``2.4-7`` are the same; ``2.4`` means all trials of Table 2.4; a
+    series of one trial, such as ``presliding``, needs no number.
 
     Raises
     ------

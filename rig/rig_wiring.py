@@ -1,8 +1,8 @@
 """Connections of the rig's parts, for the compiled program and for the separate FMUs.
 
-The parts are in the order of the signals. At each sample instant every part takes the newest
-values of those before it; the plant, which is none of them, moves on to the next instant under the
-command that comes out.
+The parts are in the order of the signals. At each sample instant every part uses the new values of
+the parts before it. Then the plant, which is not one of these parts, is solved to the next instant
+with the resulting command.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class ProgramPart:
     make : function without arguments
         Returns the component.
     feeds : dict of str to str
-        For each input where it comes from: ``part.output``, ``plant.output``, or a plain name for
-        what comes from outside: noise, reference.
+        Source of each input: ``part.output``, ``plant.output``, or a plain name for an external
+        signal: noise, reference.
     """
 
     name: str
@@ -46,16 +46,16 @@ class ProgramPart:
 
 @dataclass(frozen=True)
 class Wiring:
-    """All parts of a trial's program, and where its signals are taken.
+    """All parts of a trial's program, and the sources of its signals.
 
     Attributes
     ----------
     parts : tuple of ProgramPart
         In the order of the signals.
     command : str
-        What goes to the plant's input `u`: ``part.output``, or a plain name from outside.
+        Source of the plant's input `u`: ``part.output``, or a plain name for an external signal.
     taps : dict of str to str
-        Columns of the record and where they are taken.
+        Columns of the record and their sources.
     """
 
     parts: tuple[ProgramPart, ...]
@@ -107,7 +107,7 @@ _TAPS = {
 }
 
 REFERENCE = {VELOCITY: "v_ref", FORCE: "force_ref", VOLTAGE: "u_ref"}
-"""What the reference of each kind of trial is called."""
+"""Name of the reference of each kind of trial."""
 
 WIRINGS = {
     VELOCITY: Wiring(
@@ -147,21 +147,21 @@ _WITHOUT_PLATES = WIRINGS | {
 
 
 def wirings(plates: bool = True) -> dict[str, Wiring]:
-    """The wiring of each kind of trial, with the plates of the capacitance sensor or without."""
+    """The wiring of each kind of trial, with or without the capacitance sensor."""
     return WIRINGS if plates else _WITHOUT_PLATES
 
 
 def program(wiring: Wiring, name: str) -> Component:
-    """All parts of a wiring as one component: what they do at a sample instant.
+    """All parts of a wiring as one component that acts at sample instants.
 
     Parameters and discrete states are named ``part_name``; the parts share one ``sample_time``.
-    Inputs are the plant's outputs as ``plant_name`` and what comes from outside under its own name;
-    outputs are the wiring's taps, under theirs, and the command `u`.
+    Inputs are the plant's outputs as ``plant_name`` and the external signals with their own names.
+    Outputs are the wiring's taps, with their names, and the command `u`.
 
     Raises
     ------
     ContractError
-        If a feed names what is not there.
+        If the source of an input does not exist.
     """
     connections = {
         f"{part.name}.{port}": source.replace(f"{PLANT}.", f"{PLANT}_")

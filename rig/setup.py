@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Vector = npt.NDArray[np.float64]
 
 
-# -- what is run -----------------------------------------------------------------------------
+# -- inputs of a run -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Setup:
     external : dict of str to ndarray, shape (m,)
         Signals from outside at each sample: noise and reference.
     used : ParameterFile
-        The parameters as a file, without what the seed drew.
+        The parameters as a file, without values drawn by the seed.
     """
 
     trial: Trial
@@ -57,11 +57,11 @@ class Setup:
 
     @property
     def wiring(self) -> Wiring:
-        """Of the trial's program."""
+        """Wiring of the trial's program."""
         return wirings(self.machine.is_axis)[self.trial.control]
 
     def values_of(self, part: str) -> dict[str, float]:
-        """Parameters and start values of one part, under its own names."""
+        """Parameters and start values of one part, with its own names."""
         head = f"{part}."
         values = {n.removeprefix(head): v for n, v in self.parameters.items() if n.startswith(head)}
         starts = {n.removeprefix(head): v for n, v in self.starts.items() if n.startswith(head)}
@@ -96,7 +96,7 @@ def set_up(
     given = given_values(known, law, parameters, told)
     for name, value in given.items():
         check(name, value, known, law)
-    if f"{PLANT}.p" in given:  # one screw
+    if f"{PLANT}.p" in given:  # the encoder has the same screw
         given.setdefault("encoder.p", given[f"{PLANT}.p"])
     values = {name: p.default for name, p in known.items()}
     values["encoder.phase"] = drawn.encoder_phase
@@ -110,7 +110,7 @@ def set_up(
         values |= dict(zip(_CALIBRATED, calibration.coefficients.tolist(), strict=True))
         at_rest = float(_capacitance(values, np.zeros(1))[0])
         before = math.ceil(values["capacitance_sensor.samples"]) - 1.0
-        # the converter has been running before the trial begins, with the block at rest
+        # the converter runs before the trial begins, with the block at rest
         starts = {
             "capacitance_sensor.count": before,
             "capacitance_sensor.total": before * at_rest,
@@ -129,7 +129,7 @@ _CALIBRATED = tuple(f"capacitance_sensor.c{k}" for k in range(3))
 
 
 def _dotted(control: str, name: str) -> str:
-    """``part.name`` of a parameter that the program calls ``part_name``."""
+    """``part.name`` of a parameter with the name ``part_name`` in the program."""
     for part in WIRINGS[control].parts:
         if name.startswith(f"{part.name}_"):
             return f"{part.name}.{name.removeprefix(part.name + '_')}"

@@ -1,4 +1,4 @@
-"""The catalogue of causes. To add one, add a file and a line here."""
+"""The catalogue of causes. To add a cause, add a file and a line here."""
 
 from __future__ import annotations
 

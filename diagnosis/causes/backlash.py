@@ -1,4 +1,4 @@
-"""A gap between screw and block that every reversal has to cross."""
+"""A gap between screw and block, crossed at every reversal."""
 
 from __future__ import annotations
 

@@ -18,39 +18,39 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 FRICTION = symbol("friction")
-"""The whole friction force of the prior law, opposing motion [N]."""
+"""The total friction force of the prior law, opposing motion [N]."""
 
 DRY = symbol("dry_friction")
-"""The same without what is proportional to velocity [N]."""
+"""The same without the part proportional to velocity [N]."""
 
 ENGAGED = symbol("engaged")
-"""Share of the sliding friction that has come up since a reversal, with its sign, -1 to 1."""
+"""Friction since a reversal as a share of sliding friction, with its sign, -1 to 1."""
 
 RELAXATION = symbol("relaxation_time")
-"""By which the bristles' damping leads their deflection, sigma1/sigma0; 0 without bristles [s]."""
+"""Time by which bristle damping leads deflection, sigma1/sigma0; 0 without bristles [s]."""
 
 ACTING = symbol("acting")
-"""Force of the motor or of the drive on what moves [N]."""
+"""Force of the motor or drive on the moving bodies [N]."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One way in which a cause may show.
+    """One possible effect of a cause on records.
 
     Attributes
     ----------
     amplitudes : tuple of str
-        Names of the numbers in which it is linear; where each record has its own, with the
-        record's number behind a dot.
+        Names of its linear parameters; if each record has its own, with a dot and the record's
+        number.
     force, command : list of ndarray, shape (n, amplitudes), one per record; None: nothing
-        Force against motion in +x [N] and change of the command [its unit] for each amplitude at
+        Force against motion in +x [N] and change of the command [its unit] for each amplitude of
         one.
     values : mapping of str to float
-        What the cause depends on otherwise, as it is taken here, SI.
+        Values of the other parameters, SI.
     sure : float, optional
-        The amplitude is one, give or take this: it is `values` that has the size.
+        The amplitude is one, plus or minus this: the size of the effect is in `values`.
     freed : tuple of str
-        Instead of a force: parameters of the model that may be anything.
+        Instead of a force: parameters of the model without a tolerance.
     """
 
     amplitudes: tuple[str, ...]
@@ -69,12 +69,12 @@ Signals = Callable[[Courses, Drive, Values], Sequence[Mapping[str, Vector]]]
 
 CONSTANT_SPEEDS = "2.3.1"
 """The rig's trial of constant speeds."""
-_SOME = 1e-3  # of the largest command, from which on a share of it means anything
-_LEAST = 1e-3  # of a command, that a shape leaves
+_SOME = 1e-3  # smallest command used, as a share of the largest
+_LEAST = 1e-3  # smallest remaining share of a command
 
 
 def of_command(courses: Courses, shape: Shape, amplitudes: Vector) -> float:
-    """By how much a shape makes a command smaller, as a geometric mean; at most one."""
+    """Factor by which a shape makes a command smaller, as a geometric mean; at most one."""
     logs = []
     for c, change in zip(courses, shape.command or [], strict=True):
         given, asked = np.abs(c.u + change @ amplitudes), np.abs(c.u)
@@ -90,16 +90,16 @@ class Mechanism:
     Attributes
     ----------
     parameters : tuple of Parameter
-        What it is told by; the defaults are those of no effect.
+        Its parameters; with the defaults it has no effect.
     at : function of (courses, model, values) to a Shape
     grid : function of (courses, model) to a list of mappings
-        Values to try of what it depends on other than linearly; one empty mapping where there is
-        nothing of the kind.
+        Values of its nonlinear parameters to try; one empty mapping without such parameters.
     extend : function of (plant, curve, cause) to a plant
-        The plant, not yet able to stick, with it; `curve` is the friction of steady sliding without
-        its viscous part, as a function of ``v``. The same plant where only its values are others.
+        The plant with the cause, before sticking is added; `curve` is the friction in steady
+        sliding without its viscous part, as a function of ``v``. The same plant if only its values
+        change.
     refined : str
-        Which of its values is found between the grid's points, if any.
+        Name of the value that is refined between grid points, if any.
     """
 
     parameters: tuple[Parameter, ...]
@@ -111,7 +111,7 @@ class Mechanism:
 
 @dataclass(frozen=True)
 class Cause:
-    """One thing that may be missing in a model, or wrong with it.
+    """One possible error or omission of a model.
 
     Attributes
     ----------
@@ -120,16 +120,16 @@ class Cause:
         Description for an engineer, in a clause.
     mechanisms : tuple of Mechanism
     confirm : str
-        What would confirm it.
+        Experiment that would confirm it.
     mistaken_for : tuple of str
     beyond : function of (courses, model) to str or None
-        Why these records cannot show it.
+        Reason why these records cannot show it.
     on_screw : bool
-        Its force acts on the screw's side, where a load cell before the block does not feel it.
+        Its force acts on the screw's side, where a load cell at the block does not measure it.
     smaller : function of (courses, shape, amplitudes) to a number, optional
-        By how much it makes the whole residual smaller, were that noise, such as `of_command`.
+        Factor by which it makes a residual of pure noise smaller, such as `of_command`.
     trial : str
-        The trial of `ballscrew rig` that shows it there.
+        The trial of `ballscrew rig` that shows it.
     """
 
     name: str
@@ -151,15 +151,15 @@ class Cause:
         return [values for m in self.mechanisms for values in m.grid(courses, model)]
 
     def at(self, courses: Courses, model: Drive, values: Values) -> Shape:
-        """What it would do to these records."""
+        """Its effect on these records."""
         return self._told_by(values).at(courses, model, values)
 
     def extend(self, plant: Component, curve: sp.Expr, values: Values) -> Component:
-        """The plant with it, see `Mechanism`."""
+        """The plant with the cause, see `Mechanism`."""
         return self._told_by(values).extend(plant, curve, self)
 
     def refined_of(self, values: Values) -> str | None:
-        """Which of these values is found between the grid's points, if any."""
+        """Name of the value that is refined between grid points, if any."""
         return self._told_by(values).refined or None
 
     def _told_by(self, values: Values) -> Mechanism:
@@ -168,7 +168,7 @@ class Cause:
 
 
 def parameter(name: str, unit: str, meaning: str, default: float = 0.0) -> Parameter:
-    """A parameter that a diagnosis finds."""
+    """A parameter estimated by a diagnosis."""
     return Parameter(name, default, unit, meaning, "found in measured data")
 
 
@@ -184,21 +184,21 @@ def force(
     per_record: bool = False,
     signals: Signals = no_signals,
 ) -> Mechanism:
-    """One more force, linear in its amplitudes.
+    """An additional force, linear in its amplitudes.
 
     Parameters
     ----------
     amplitudes : mapping of Parameter to expression
-        Force against motion in +x for the amplitude at one, in the symbols ``x``, ``v``, ``t``,
+        Force against motion in +x for an amplitude of one, in the symbols ``x``, ``v``, ``t``,
         `FRICTION`, `DRY`, `RELAXATION`, `ACTING`, the plant's parameters and the `constants`.
     constants : tuple of Parameter, optional
-        What it depends on other than linearly.
+        Its nonlinear parameters.
     grid, refined
-        As of a `Mechanism`.
+        As in `Mechanism`.
     per_record : bool
-        Each record has amplitudes of its own, as where a phase is another after each homing.
+        Each record has its own amplitudes, for example if a phase changes with each homing.
     signals : function of (courses, model, values) to a mapping for each record, optional
-        Of symbols to what they are along it, in place of a constant value.
+        Signals along the record that replace constant values, by symbol.
     """
     names = tuple(p.name for p in amplitudes)
     parameters = (*amplitudes, *constants)
@@ -246,16 +246,16 @@ def voltage(
     sure: float | None = None,
     signals: Signals = no_signals,
 ) -> Mechanism:
-    """A change of what lies between the command and the motor's current.
+    """A change between the command and the motor's current.
 
     Parameters
     ----------
     changed : mapping of Symbol to expression
         Expressions that replace ``u`` or ``R`` in the winding's balance.
     parameters : tuple of Parameter
-        The first is its amplitude. A plant that has them all has such an equation already.
+        The first is its amplitude. A plant that has all of them already has such an equation.
     sure : float, optional
-        As of a `Shape`; else the change is proportional to the amplitude.
+        As in `Shape`; otherwise the change is proportional to the amplitude.
     """
     first = parameters[0].name
     before = symbol("L") * bare_ball_screw().derivative("i")
@@ -291,7 +291,7 @@ def _along(
     values: Values,
     own: Mapping[str, Vector],
 ) -> Matrix:
-    """What expressions are along a record, shape (n, expressions)."""
+    """Values of expressions along a record, shape (n, expressions)."""
     signals: dict[str, Callable[[], Vector]] = {
         "x": lambda: course.middle_x,
         "v": lambda: course.middle_v,

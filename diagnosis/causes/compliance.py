@@ -1,4 +1,4 @@
-"""A spring between the encoder and the load, friction behind it or before it."""
+"""A spring between the encoder and the load, with friction on either side of it."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from ..drive import Drive
 from .cause import Cause, Courses, Mechanism, Shape, Values
 from .joint import joint
 
-_YIELDING = 1e-6 * 2.0 ** np.arange(-4.0, 8.0)  # under the friction of slow sliding [m]
-_RESONANCES = (0.02, 1.0)  # of one over the sampling interval [rad/s]
+_YIELDING = 1e-6 * 2.0 ** np.arange(-4.0, 8.0)  # deflection under the friction of slow sliding [m]
+_RESONANCES = (0.02, 1.0)  # limits of the resonance, over the sampling rate [rad]
 
 
 def _grid(courses: Courses, model: Drive) -> list[Values]:
-    stiffest = model.values.get("sigma0", math.inf)  # beyond, bristles of another form do the same
+    stiffest = model.values.get("sigma0", math.inf)  # a stiffer spring acts like bristles
     grid = (model.friction_scale / float(way) for way in _YIELDING)
     return [{STIFFNESS.name: k} for k in grid if k < stiffest]
 
 
 def _load_grid(courses: Courses, model: Drive) -> list[Values]:
-    """Stiffnesses at which the load swings within what the samples show, half octaves.
+    """Stiffnesses with a resonance that the samples can show, in half octaves.
 
-    None if it is not known which part of the mass is the load.
+    Empty if the mass of the load is not known.
     """
     if not model.values.get("Jm"):
         return []
@@ -42,9 +42,9 @@ def _load_grid(courses: Courses, model: Drive) -> list[Values]:
 
 
 def _load_at(courses: Courses, model: Drive, values: Values) -> Shape:
-    """What a load that swings behind a spring asks for beyond a rigid one.
+    """Additional force of a load behind a spring, relative to a rigid load.
 
-    The plant's spring is linear, and so its answer from one sample to the next is known exactly.
+    The plant's spring is linear, so its response from sample to sample is exact.
     """
     resonance = math.sqrt(values[LOAD_STIFFNESS.name] / model.block)
     swings = [1.0, 2.0 * float(SPRING_DAMPING) * resonance, resonance**2]

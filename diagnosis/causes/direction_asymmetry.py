@@ -1,4 +1,4 @@
-"""Friction that is larger one way than the other: dry, viscous, or both by shares of their own."""
+"""Friction that is larger in one direction: dry, viscous, or both with separate shares."""
 
 from __future__ import annotations
 

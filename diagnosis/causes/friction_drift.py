@@ -1,4 +1,4 @@
-"""Friction that changes in time, as a screw does that warms up, or with a recorded temperature."""
+"""Friction that changes in time, as when a screw warms up, or with a recorded temperature."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _drifting(how: InTime) -> Mechanism:
 
 
 def _temperature(course: ModelledRecord) -> Vector | None:
-    """What a thermometer, perhaps a slower one, shows at each sample [degC]."""
+    """Recorded temperature at each sample, interpolated if sampled more slowly [degC]."""
     recorded = course.record.signals.get("temperature")
     if recorded is None:
         return None

@@ -1,4 +1,4 @@
-"""How something changes in the course of a record: along a line, settling, or at once."""
+"""Changes during a record: linear, exponential, or as a step."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import sympy as sp
 from ...solver.component import TIME, Parameter, symbol
 from .cause import Courses, Grid, parameter
 
-# what is over at once, or comes at the very end, is another constant value for nearly all the time
-_SETTLING = (0.15, 0.25, 0.45)  # of the record
+# a change that is very fast, or at the very end, is a constant value for nearly the entire record
+_SETTLING = (0.15, 0.25, 0.45)  # time constants, as shares of the record
 _STEPS = 16  # parts of a record; a step is not in the first two or the last
-_SUDDEN = 0.01  # of a step [s]
+_SUDDEN = 0.01  # duration of a step [s]
 
 
 class InTime(NamedTuple):
-    """A change of a name, in a course that is 0 at first and 1 when all of it has come.
+    """A named change; its course in time goes from 0 to 1.
 
-    The course is told by a constant, see `Mechanism` for its values and whether it is refined.
+    The course has one constant; see `Mechanism` for `grid` and `refined`.
     """
 
     change: str
@@ -33,7 +33,7 @@ def _longest(courses: Courses) -> float:
 
 
 def in_time(name: str, line: str) -> tuple[InTime, ...]:
-    """The courses of a change of `name`; `line` is the constant of the straight one."""
+    """The courses of a change of `name`; `line` is the constant of the linear one."""
     settling, step = f"{name}_settling_time", f"{name}_step_time"
     parts = [k / _STEPS for k in range(2, _STEPS - 1)]
     return (

@@ -1,8 +1,8 @@
-"""A command that arrives late: all of it at once, or smeared by a filter or a mean.
+"""A command that arrives late: by a delay, or through a filter or a moving mean.
 
-The plant has a delay or a filter as an instrument before it. A recorded command is held from
-sample to sample, so its mean over each interval is known exactly; an expression in time
-has no such steps.
+The plant has a delay or a filter as an instrument at its input. A recorded command is held from
+sample to sample, so its mean over each interval is known exactly; an expression in time has no such
+steps.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from ..drive import Drive
 from ..weak_form import lagged
 from .cause import Cause, Courses, Mechanism, Shape, Values, Vector, parameter
 
-_SHARES = 2.0 ** np.arange(-5.0, 12.0)  # of a sampling interval
-_LONGEST = 5e-3  # s, or eight samples
+_SHARES = 2.0 ** np.arange(-5.0, 12.0)  # delays over a sampling interval
+_LONGEST = 5e-3  # longest delay [s]; at least eight samples
 
 
 def late(u: Vector, delay: float, step: float) -> Vector:
@@ -33,18 +33,18 @@ def late(u: Vector, delay: float, step: float) -> Vector:
 
 
 def _times(courses: Courses) -> Vector:
-    """By which a command may be late [s]."""
+    """Delays to try [s]."""
     step = courses[0].step
     times = _SHARES * step
     return times[times <= max(8.0 * step, _LONGEST)]
 
 
 def smeared(u: Vector, window: float, step: float) -> Vector:
-    """Mean over each sampling interval of the mean that a held command had over a window [s]."""
+    """Mean over each sampling interval of a held command averaged over a moving window [s]."""
     whole, share = divmod(window / step, 1.0)
     n = int(whole)
     before = np.concatenate([np.full(n + 2, u[0]), u])
-    now, last = before[1:], before[:-1]  # all intervals but the first, and those before them
+    now, last = before[1:], before[:-1]  # all intervals except the first, and their predecessors
     means = np.cumsum(np.append(0.0, 0.5 * (now + last)))
     count = len(u)
     ended = len(now) - count - n
@@ -59,7 +59,7 @@ def _late_by(
     arrives: Callable[[Vector, float, float], Vector],
     built: Callable[[Component, Parameter], Component],
 ) -> Mechanism:
-    """A command that is late by one time."""
+    """A command delayed by one time parameter."""
     time = parameter(name, "s", meaning, 1e-4)
 
     def at(courses: Courses, model: Drive, values: Values) -> Shape:
@@ -76,9 +76,10 @@ def _late_by(
 
 
 def _behind_filters(name: str, meaning: str, count: int) -> Mechanism:
-    """A command behind filters of first order in series.
+    """A command behind first-order filters in series.
 
-    Along a record, each has what the one before gives on average over an interval, held.
+    Along a record, the input of each filter is the mean output of the previous one over an
+    interval, held.
     """
 
     def arrives(u: Vector, time_constant: float, step: float) -> Vector:
@@ -94,7 +95,7 @@ def _behind_filters(name: str, meaning: str, count: int) -> Mechanism:
 
 
 def _behind(coefficients: Sequence[sp.Expr]) -> Callable[[Component, Parameter], Component]:
-    """What puts a plant's command behind a filter, see `with_command_behind`."""
+    """Function that adds a filter to a plant's command, see `with_command_behind`."""
     return lambda plant, time: with_command_behind(plant, time, coefficients)
 
 

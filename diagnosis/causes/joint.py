@@ -1,8 +1,9 @@
-"""A block behind something that lies between it and the encoder.
+"""A block behind a joint, which is between the block and the encoder.
 
-The plant has the joint as a force between two bodies, see `two_masses`. Along a record, where the
-encoder's side is given, the block is followed by a compiled step that is stable however stiff the
-joint is: its friction has states of its own, and no expression gives its motion.
+The plant has the joint as a force between two bodies, see `two_masses`. Along a record, the motion
+of the encoder's side is given, and compiled code integrates that of the block with steps that are
+stable for any stiffness. The friction of the block has its own states, so its motion is not a
+closed expression.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from .cause import Courses, Grid, Mechanism, Shape, Values
 def joint(
     kind: str, told: Parameter, build: Callable[[Component], Component], grid: Grid, sure: float
 ) -> Mechanism:
-    """A joint that is told by one number; `kind` as in `force_behind`."""
+    """A joint with one parameter; `kind` as in `force_behind`."""
 
     def at(courses: Courses, model: Drive, values: Values) -> Shape:
         size, forces = values[told.name], []

@@ -1,4 +1,4 @@
-"""A constant force, as from gravity, a spring far from its rest or an amplifier's offset."""
+"""A constant force, for example gravity, a long spring or an amplifier's offset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Viscous friction that grows faster, or slower, than the velocity."""
+"""Viscous friction that grows faster or slower than the velocity."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from .cause import Cause, force, parameter
 from .travel import fast_speed
 
 _V = symbol("v")
-_SLOWEST = sp.Float("1e-5")  # below it a root is a line [m/s]
+_SLOWEST = sp.Float("1e-5")  # below this speed a root is replaced by a line [m/s]
 _POWERS = (0.5, 1.5, 3.0)
-_CHANGES = (0.1, 0.3, 1.0)  # of the record's fast speeds
+_CHANGES = (0.1, 0.3, 1.0)  # speeds of the change, over the record's fast speed
 
 _QUADRATIC = force(
     {parameter("sigma3", "N*s^2/m^2", "quadratic viscous coefficient"): _V * sp.Abs(_V)}

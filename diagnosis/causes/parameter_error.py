@@ -1,4 +1,4 @@
-"""Nothing is missing: a value of the model is wrong by more than its tolerance."""
+"""A value of the model that is wrong by more than its tolerance; nothing is missing."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _OTHERS = ("m", "Jm", "offset", "Fs", "Vs")
 
 def _grid(courses: Courses, model: Drive) -> list[Values]:
     names = [n for n in model.adjustable if n.partition("_")[0] not in _OTHERS]
-    # more than two at once can be anything: all forces together are the mass
+    # more than two at once are not distinguished: all forces together act like the mass
     sets = [*combinations(names, 1), *combinations(names, 2)]
     levels = [(n, n.replace("Fc", "Fs")) for n in names if n.startswith("Fc")]
-    sets += [pair for pair in levels if pair[1] in model.adjustable]  # of sliding and of rest
+    sets += [pair for pair in levels if pair[1] in model.adjustable]  # sliding and static friction
     return [{n: model.values[n] for n in those} for those in sets]
 
 

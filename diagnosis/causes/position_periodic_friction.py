@@ -1,6 +1,6 @@
-"""Friction that swings along the travel, as with the turn of the screw or of the balls.
+"""Friction that oscillates along the travel, with the turns of the screw or of the balls.
 
-It flips its sign with the velocity.
+It changes its sign with the velocity.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from .cause import Cause, Mechanism, force, parameter
 from .travel import changing, either_way, periods, viscous_share, waves
 
 _SHARE = "periodic_viscous_share"
-_TURNS = (1, 2)  # swings in a turn of the screw
+_TURNS = (1, 2)  # periods per turn of the screw
 
 
 def _swinging(per_metre: str, harmonics: tuple[int, ...]) -> Mechanism:

@@ -1,4 +1,4 @@
-"""Friction that changes along the travel: a bent screw, a bow, an end that is worn."""
+"""Friction that changes along the travel: a misaligned or bowed screw, a worn end."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from .cause import Cause, Courses, Mechanism, Values, force, parameter
 from .travel import changing, either_way, middle_and_half, viscous_share
 
 _SHARE = "trend_viscous_share"
-_WORN_FROM = (-0.4, 0.0, 0.4)  # of half the travel
+_WORN_FROM = (-0.4, 0.0, 0.4)  # start of the worn end, over half the travel
 _BEYOND = "friction at the end of the travel minus that in its middle, as a share"
 _AT_BOTH = "friction at both ends minus that in the middle, as a share"
 
 
 def _over_travel(middle: str, half: str, amplitudes: dict[tuple[str, str], int]) -> Mechanism:
-    """Powers of the place, from the middle of the travel on, by names and meanings."""
+    """Friction by powers of the position from the middle of the travel; by name and meaning."""
     place = (symbol("x") - symbol(middle)) / symbol(half)
     return force(
         {

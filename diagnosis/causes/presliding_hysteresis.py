@@ -1,6 +1,6 @@
-"""Bristles that bend before the block slides, where the law knows sticking and sliding only.
+"""Bristles that bend before the block slides, for a law with only sticking and sliding.
 
-The law is another one, in the plant and along a record: see `bristled`.
+The law is changed in the plant and along a record, see `bristled`.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from ..modelled_record import with_law_force
 from .cause import Cause, Courses, Mechanism, Shape, Values, parameter
 
 NAME = "presliding_hysteresis"
-_RATIOS = (0.35, 0.0)  # of the bristles' damping to the critical one, beside that one itself
-_WAYS = 1e-6 * 2.0 ** np.arange(0.0, 9.5, 0.5)  # over which the force comes up [m]
+_RATIOS = (0.35, 0.0)  # bristle damping over critical damping, in addition to one
+_WAYS = 1e-6 * 2.0 ** np.arange(0.0, 9.5, 0.5)  # presliding distances [m]
 
 
 def bristled(model: Drive, sigma0: float, damping_ratio: float = 1.0) -> Drive:
-    """The model with LuGre's bristles under its own curve over speed, see `damping_ratio`."""
+    """The model with LuGre bristles and its own curve over speed, see `damping_ratio`."""
     sigma1 = assumed_damping(sigma0, model.values["sigma2"], model.block, damping_ratio)
     values = {**model.values, "sigma0": sigma0, "sigma1": max(sigma1, 0.0), "Kv": SHARPNESS}
     return replace(model, law="modified_lugre", values=values)

@@ -1,4 +1,4 @@
-"""A motor that warms up: its resistance grows in the course of the record."""
+"""A motor that warms up: its resistance increases during the record."""
 
 from __future__ import annotations
 

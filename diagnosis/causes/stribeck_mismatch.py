@@ -1,4 +1,4 @@
-"""A friction curve that rises or falls from low speed on where the model's does not."""
+"""A friction curve that rises or falls at low speed, unlike that of the model."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ..modelled_record import with_law_force
 from .cause import ENGAGED, Cause, Courses, Shape, Values, force, parameter
 
 _SPEEDS = 14
-_SMALL = 0.05  # of the friction: a bend so small that its effect is proportional to it
-_DEEPEST = 0.9  # of the friction, that a bend may take from it
+_SMALL = 0.05  # bend, as a share of friction, whose effect is still proportional to it
+_DEEPEST = 0.9  # largest decrease by a bend, as a share of friction
 _BEYOND = "friction at low speed minus that of the model"
 _FALLEN = "speed by which it has fallen to 1/e"
-# Stribeck's own curve from one to nothing, as the law along a record has it
+# the Stribeck curve from one to zero, as in the law along a record
 _BEND = stribeck(symbol("v")).xreplace(
     {symbol("Fc"): sp.Integer(0), symbol("Fs"): sp.Integer(1), symbol("Vs"): symbol("V_mismatch")}
 )
@@ -26,7 +26,7 @@ _FALL = sp.exp(-sp.Abs(symbol("v")) / symbol("V_fall"))
 
 
 def _speeds(courses: Courses) -> list[float]:
-    """Characteristic speeds within those of the record."""
+    """Characteristic speeds within the range of the record."""
     speeds = np.abs(np.concatenate([c.v for c in courses]))
     high = 0.5 * float(np.quantile(speeds, 0.98))
     low = max(0.03 * high, float(np.quantile(speeds, 0.05)))
@@ -46,7 +46,7 @@ def _at(courses: Courses, model: Drive, values: Values) -> Shape:
 
 
 def _extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
-    """The bend goes into the law's curve where it has Stribeck's, else beside the law."""
+    """Add the bend to the law's Stribeck curve if it has one, otherwise to the law's force."""
     names = [p.name for p in plant.all_parameters]
     bent = [n for n in names if n.partition("_")[0] in ("Fc", "Fs")]
     if not any(n.startswith("Fs") for n in bent):

@@ -1,4 +1,4 @@
-"""A force that swings with the motor's angle and does not ask for the direction of motion."""
+"""A force that oscillates with the motor's angle, independent of the direction of motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a study's motion went: what position-dependent causes need to know."""
+"""Travel of a study's motion, for position-dependent causes."""
 
 from __future__ import annotations
 
@@ -17,35 +17,37 @@ from ..drive import Drive
 from ..modelled_record import ModelledRecord
 from .cause import DRY, FRICTION, RELAXATION, Courses, Values, Vector, parameter
 
-_FEWEST_PERIODS = 2  # in the travel
+_FEWEST_PERIODS = 2  # fewest periods in the travel
 _MOST_PERIODS = 250
-_SHORTEST_PERIOD = 5e-5  # m; shorter ones are an encoder's own error
-_FINER = 5  # periods that are tried, to each whole one in the travel
-_CELLS = 4096  # of the travel: 16 in the shortest period
-_PEAKS = 6  # of most power over what lies around them
-_STRONGEST = 3  # of most power: what is swift may hide between its own multiples
-_AROUND = 75  # fifths of a period of the travel
-_CONSTANT = 0.05  # of a speed, by which the longest part of a record differs
-_HARMONICS, _BESIDE = 4, 3.0  # of rounding, and how far around each
+_SHORTEST_PERIOD = 5e-5  # [m]; shorter periods are errors of the encoder
+_FINER = 5  # frequencies tried per additional period in the travel
+_CELLS = 4096  # cells in the travel: 16 in the shortest period
+_PEAKS = 6  # number of peaks with most power relative to their surroundings
+_STRONGEST = 3  # number of peaks with most power; a fast one may lie between its own multiples
+_AROUND = 75  # width of the surroundings, in fifths of a period in the travel
+_CONSTANT = 0.05  # largest relative deviation of a constant speed
+_HARMONICS, _BESIDE = 4, 3.0  # harmonics of rounding, and half-width around each
 
 
 def viscous_share(name: str) -> Parameter:
-    """How much of the viscous friction goes along with the dry: lubricant may be the same
-    everywhere while the surfaces are not."""
+    """Share of the viscous friction that changes with the dry friction.
+
+    The lubricant may be the same everywhere while the surfaces differ.
+    """
     return parameter(name, "1", "share of the viscous friction that changes as well")
 
 
 def changing(name: str, course: sp.Expr) -> sp.Expr:
-    """Friction of which a share changes along a course: the dry part, and `name` of the rest.
+    """Change of friction along a course: the dry part, and the share `name` of the rest.
 
-    Where the law has bristles, its level changes: what holds the bristles gives way with them.
+    In a law with bristles, the level of friction changes, and the bristles relax with it.
     """
     rate = symbol("v") * sp.diff(course, symbol("x"))
     return DRY * (course + RELAXATION * rate) + symbol(name) * (FRICTION - DRY) * course
 
 
 def either_way(values: list[Values], name: str) -> list[Values]:
-    """Each of them for the dry friction alone and for all of it."""
+    """Each of the values for the dry friction alone and for all friction."""
     return [{**v, name: share} for v in values for share in (0.0, 1.0)]
 
 
@@ -56,7 +58,7 @@ class Wave(NamedTuple):
 
 
 def waves(per_metre: str, harmonics: Sequence[int]) -> Iterator[Wave]:
-    """Cosine and sine of each multiple of as many swings; of several, names have its number."""
+    """Cosine and sine of each harmonic; with several harmonics, names contain the number."""
     for times in harmonics:
         angle = 2 * sp.pi * times * symbol(per_metre) * symbol("x")
         suffix = f"_{times}" if len(harmonics) > 1 else ""
@@ -72,22 +74,22 @@ def middle_and_half(courses: Courses) -> tuple[float, float]:
 
 
 def fast_speed(courses: Courses) -> float:
-    """Speed that the records hardly exceed [m/s]."""
+    """Speed exceeded by only 2 % of the samples [m/s]."""
     return float(np.quantile(np.abs(np.concatenate([c.v for c in courses])), 0.98))
 
 
 def periods(courses: Courses, model: Drive, name: str, harmonics: Sequence[int]) -> list[Values]:
-    """Swings per metre to try: those of the screw's turn, and the strongest of the record.
+    """Periods per metre to try: those of the screw's turn, and the strongest in the record.
 
-    Those of forces that change sign with the velocity and of forces that do not: whichever it is,
-    a cause of the other kind has to be tried there, too.
+    They are those of forces that change sign with the velocity and of forces that do not, because
+    causes of both kinds have to be tried at each.
 
     Parameters
     ----------
     name : str
-        Under which the values go.
+        Name of the values.
     harmonics : sequence of int
-        Swings in a turn, where the model knows the turns in a metre, ``p``.
+        Periods per turn, if the model has the turns per metre, ``p``.
     """
     middle, half = middle_and_half(courses)
     low, way = middle - half, 2 * half
@@ -115,18 +117,19 @@ def periods(courses: Courses, model: Drive, name: str, harmonics: Sequence[int])
 
 
 class _Beats(NamedTuple):
-    """What rounding to counts makes at a constant speed: it beats with the samples.
+    """Frequencies of the rounding error at a constant speed, a beat with the samples.
 
-    A sample is so many counts and a fraction after the one before; what is rounded away comes again
-    after one over the fraction, its harmonics after that of their multiples. A force that is told
-    once in a window is seen alike at all frequencies that differ by whole windows.
+    The distance between two samples is an integer number of counts and a fraction. The rounding
+    error repeats after one over the fraction, and its harmonics after one over the fraction of
+    their multiples. A force known once per window is aliased: frequencies that differ by an integer
+    number of periods per window are equal.
 
     Attributes
     ----------
     way : float
-        Of a window [m].
+        Distance of a window [m].
     shares : list of float
-        Of a window's frequency, 0 to 1/2.
+        Frequencies in periods per window, 0 to 1/2.
     """
 
     way: float
@@ -134,7 +137,7 @@ class _Beats(NamedTuple):
 
     @classmethod
     def of(cls, course: ModelledRecord) -> _Beats | None:
-        """Those of a course, whose speed is the same for more than half of it; None for others."""
+        """Frequencies of a course with constant speed for more than half of it; None for others."""
         usual = float(np.median(course.v))
         odd = np.flatnonzero(np.abs(course.v - usual) > _CONSTANT * abs(usual))
         ends = np.concatenate([[-1], odd, [len(course.v)]])
@@ -149,14 +152,14 @@ class _Beats(NamedTuple):
         return cls(speed * course.step * course.width, [abs(s - round(s)) for s in of_window])
 
     def have(self, swing: float, around: float) -> bool:
-        """Whether a number of periods per metre is seen as one of them, or as close to it."""
+        """Whether periods per metre are aliased to one of the frequencies, within `around`."""
         share = abs(swing * self.way - round(swing * self.way))
         return any(abs(share - own) < around * self.way for own in self.shares)
 
 
 def _strongest(power: Vector, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
-    """Where a spectrum has its peaks."""
-    # peaks over what lies around them: slow structure has more power at few periods
+    """Indices of a spectrum's peaks."""
+    # peaks relative to their surroundings: slow variation has more power at few periods
     rises = np.where(known, power / median_filter(power, _AROUND, mode="nearest"), 0.0)
     power = np.where(known, power, 0.0)
     inner = np.flatnonzero((rises[1:-1] > rises[:-2]) & (rises[1:-1] > rises[2:])) + 1
@@ -166,7 +169,7 @@ def _strongest(power: Vector, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.in
 
 
 def _along_way(course: ModelledRecord, flips: bool) -> Vector:
-    """What is unknown, per way and not per time: a rest has none, shape (n,)."""
+    """The unknown force per distance instead of per time, zero at rest, shape (n,)."""
     speed = course.v if flips else np.abs(course.v)
     whole = float(np.sum(np.abs(speed)))
     mean = float(course.unknown @ speed) / max(whole, 1e-300)
@@ -174,16 +177,16 @@ def _along_way(course: ModelledRecord, flips: bool) -> Vector:
 
 
 def _power(place: Vector, force: Vector) -> Vector:
-    """How much of a force swings with the place, 0 to 1 over the travel, by fifths of a period."""
+    """Power spectrum of a force over position, 0 to 1 in the travel, in fifths of a period."""
     cell = np.minimum((place * _CELLS).astype(int), _CELLS - 1)
     summed = np.bincount(cell, force, _CELLS)
     return np.asarray(np.abs(np.fft.rfft(summed, _FINER * _CELLS)) ** 2)
 
 
 def _peak(courses: Courses, swings: float, apart: float, flips: bool) -> float:
-    """Where around there the record has most power [1/m]."""
+    """Periods per metre with most power near `swings` [1/m]."""
 
-    # what is unknown is told once in a window
+    # the unknown force is known once per window
     forces = [_along_way(c, flips)[:: c.width] for c in courses]
     places = [2j * np.pi * c.x[:: c.width] for c in courses]
 

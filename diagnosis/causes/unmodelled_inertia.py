@@ -1,4 +1,4 @@
-"""Mass that moves with the block and that the model does not have."""
+"""Mass that moves with the block and is missing in the model."""
 
 from __future__ import annotations
 

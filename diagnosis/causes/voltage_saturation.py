@@ -1,4 +1,4 @@
-"""An amplifier that cannot give the voltage it is asked for."""
+"""An amplifier that cannot supply the commanded voltage."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ..drive import Drive
 from ..modelled_record import ModelledRecord
 from .cause import Cause, Courses, Values, Vector, of_command, parameter, voltage
 
-# of the largest command; the last cuts nothing off, as an end for what is sought between them
+# limits over the largest command; the last one cuts nothing and is the end of the search
 _LEVELS = np.concatenate(
     [np.geomspace(0.02, 0.36, 12), 1.0 - np.append(np.geomspace(0.6, 0.001, 24), 0.0)]
 )
-_SAGS = (0.1, 0.3, 1.0)  # resistance of a supply, of the motor's
-_SCALES = np.geomspace(0.02, 12.0, 17)  # of the largest command; a bend, not a limit
+_SAGS = (0.1, 0.3, 1.0)  # resistance of a supply over that of the motor
+_SCALES = np.geomspace(0.02, 12.0, 17)  # scales over the largest command; a bend, not a limit
 _SURE = 0.3
 _U, _LIMIT, _SCALE = map(symbol, ("u", "voltage_limit", "voltage_scale"))
 
@@ -38,7 +38,7 @@ def _sags(courses: Courses, model: Drive) -> list[Values]:
 
 
 def _drawn(courses: Courses, model: Drive, values: Values) -> Sequence[Mapping[str, Vector]]:
-    """Where no current is measured: as the limited voltage makes it once settled [A]."""
+    """Steady-state current of the limited voltage, for records without a measured current [A]."""
 
     def settled(course: ModelledRecord) -> Vector:
         generated = np.sign(course.u) * model.back_emf * course.middle_v

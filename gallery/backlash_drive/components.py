@@ -1,4 +1,4 @@
-"""A drive of two masses with a compliant screw and backlash, and the usual cascade as its law."""
+"""A drive of two masses with a compliant screw and backlash, and the usual cascade controller."""
 
 import sympy as sp
 
@@ -18,7 +18,7 @@ SOURCE = "made for the gallery"
 
 
 def drive() -> Component:
-    """Motor and table, as masses along the axis; the screw pushes where the backlash is used up."""
+    """Motor and table, as masses along the axis; the screw pushes beyond the backlash."""
     x, v, xm, vm, k, b = (symbol(n) for n in ("x", "v", "xm", "vm", "k", "b"))
     lead = xm - x
     push = k * (lead - sp.Min(sp.Max(lead, -b), b))
@@ -108,5 +108,5 @@ def table_loop() -> Component:
 
 
 def motor_loop() -> Component:
-    """The cascade with the encoder of the motor alone."""
+    """The cascade with the motor's encoder only."""
     return _cascade("motor_loop", "Position and velocity of the motor", "xm")

@@ -1,4 +1,4 @@
-"""How a drive with backlash hunts, and what its describing function says of it."""
+"""Hunting of a drive with backlash, in simulation and by the describing function."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DRIVE = part(__file__, "drive")
 TABLE_LOOP, MOTOR_LOOP = part(__file__, "table_loop"), part(__file__, "motor_loop")
 MM, M, D, K, B = 10.0, 50.0, 200.0, 1e6, 1e-5
 KP, KI = 6000.0, 1.5e5
-HIGH, LOW = 100.0, 30.0  # position gains that are looked at [1/s]
+HIGH, LOW = 100.0, 30.0  # studied position gains [1/s]
 SHOWN = (7.5, 10.0, 15.0, 22.0, 30.0, 45.0, 60.0, 80.0, 100.0, 120.0, 133.0)
 DESCRIBING = "describing function of the backlash"
 LEFT_OUT = "the share of the neglected third harmonic is its tolerance"
@@ -49,18 +49,18 @@ def linear(gain: float, stiffness: float) -> Matrix:
 
 @dataclass(frozen=True)
 class Swing:
-    """A cycle as the describing function has it.
+    """A cycle by the describing function.
 
     Attributes
     ----------
     frequency : float
-        [rad/s]
+        Angular frequency [rad/s].
     lead : float
-        Amplitude by which the motor leads [m].
+        Amplitude of the motor's lead [m].
     table : float
         Amplitude of the table [m].
     third : float
-        Amplitude of the lead's third harmonic that this leaves out, over `lead`.
+        Amplitude of the lead's neglected third harmonic, over `lead`.
     """
 
     frequency: float
@@ -75,7 +75,7 @@ def share(lead: float) -> float:
 
 
 def growth(gain: float, stiffness: float) -> complex:
-    """The eigenvalue of the swing that grows fastest [1/s]."""
+    """Eigenvalue of the fastest growing oscillation [1/s]."""
     values = np.linalg.eigvals(linear(gain, stiffness))
     swings = values[values.imag > 0.0]
     return complex(swings[np.argmax(swings.real)])
@@ -84,13 +84,13 @@ def growth(gain: float, stiffness: float) -> complex:
 def predicted(gain: float) -> Swing:
     """The cycle for a position gain [1/s].
 
-    A swing of the lead by A sees a screw of the stiffness N(A). It goes on for ever where the loop
-    with this stiffness has an imaginary eigenvalue.
+    For an oscillation of the lead with amplitude A, the screw has the stiffness N(A). A cycle
+    exists if the loop with this stiffness has an imaginary eigenvalue.
 
     Raises
     ------
     ValueError
-        If no stiffness up to that of the screw has one.
+        If there is no such stiffness up to that of the screw.
     """
     stiffness = float(brentq(lambda n: growth(gain, n).real, 1e-3 * K, K, xtol=1e-9 * K))
     frequency = growth(gain, stiffness).imag
@@ -104,20 +104,20 @@ def predicted(gain: float) -> Swing:
 
 
 def answer(s: complex, gain: float) -> complex:
-    """By how much the lead shrinks per force of the screw [m/N]."""
+    """Decrease of the lead per force of the screw [m/N]."""
     table = M * s**2 + D * s
     return (1.0 + (KP + KI / s) * gain / table) / (MM * s**2 + KP * s + KI) + 1.0 / table
 
 
 def after_a_push(gain: float) -> float:
-    """Where the table rests after a push, over where it waited before, on the other side.
+    """Rest position of the table after a push, over that before it, on the other side.
 
-    The motor has come up with the steady speed gain |x|, and the table stands. What follows is
-    linear until they part; then the table glides to rest.
+    The motor arrives with the steady speed gain |x|, and the table is at rest. The motion is linear
+    until they separate; then the table slides to rest.
     """
     matrix, step = linear(gain, K), 1e-4
     once = expm(matrix * step)
-    state = np.array([-1.0, 0.0, -1.0, gain, 0.0])  # the backlash is counted as used up
+    state = np.array([-1.0, 0.0, -1.0, gain, 0.0])  # positions without the backlash
     while (later := once @ state)[2] >= later[0]:
         state = later
     parts = brentq(lambda s: (expm(matrix * s) @ state)[[2, 0]] @ [1.0, -1.0], 0.0, step)
@@ -127,19 +127,19 @@ def after_a_push(gain: float) -> float:
 
 @cache
 def begin() -> float:
-    """The position gain at which a push moves the table as far beyond as it was before [1/s]."""
+    """Position gain at which a push moves the table to the same distance beyond zero [1/s]."""
     return float(brentq(lambda gain: after_a_push(gain) - 1.0, 4.0, 12.0))
 
 
 @cache
 def end() -> float:
-    """The position gain at which the drive without backlash loses its stability [1/s]."""
+    """Position gain at which the drive without backlash becomes unstable [1/s]."""
     return float(brentq(lambda gain: growth(gain, K).real, HIGH, 2.0 * HIGH))
 
 
 @cache
 def motion(law: str, gain: float, stop: float, step: float, start: float = 2e-5) -> Any:
-    """The drive's course to zero, from a start [m] in the middle of the backlash."""
+    """The drive's motion to zero, from a start [m] in the middle of the backlash."""
     return ballscrew.run(
         law,
         DRIVE,
@@ -162,7 +162,7 @@ def cycle(gain: float) -> Any:
 
 @cache
 def measured_push(gain: float) -> float:
-    """As `after_a_push`, of the last pushes of a run whose waits are long."""
+    """Like `after_a_push`, from the last pushes of a run with long waits."""
     x = motion(TABLE_LOOP, gain, 20.0, 4e-3, start=1e-6).outputs["x"]
     turns = np.flatnonzero(np.sign(x[1:]) != np.sign(x[:-1]))
     waits = [np.abs(x[a + 1 : b + 1]).max() for a, b in itertools.pairwise(turns)]

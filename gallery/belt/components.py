@@ -1,7 +1,7 @@
 """A mass on a spring and a moving belt, m x'' + c x' + k x = F(vb - x'), with five friction laws.
 
-The state w is the speed of the mass on the belt, x' - vb: where it is zero, the mass sticks. All
-start so, with the spring at rest.
+The state w is the speed of the mass relative to the belt, x' - vb: if it is zero, the mass sticks.
+All motions start sticking, with the spring at rest.
 """
 
 import sympy as sp
@@ -54,7 +54,7 @@ def _body(name: str, friction: str) -> Component:
 
 
 def belt() -> Component:
-    """Dry friction that falls with the speed of sliding as exp(-|w|/v0)."""
+    """Dry friction that falls with the sliding speed as exp(-|w|/v0)."""
     w, fc, fs, v0 = (symbol(n) for n in ("w", "Fc", "Fs", "v0"))
     friction = ForceTerm(
         name="friction",
@@ -71,7 +71,7 @@ def belt() -> Component:
 
 
 def belt_coulomb() -> Component:
-    """Coulomb friction, and a larger force that holds while the mass sticks."""
+    """Coulomb friction, with a larger static friction."""
     w, fc = symbol("w"), symbol("Fc")
     friction = ForceTerm(
         name="friction",
@@ -100,6 +100,6 @@ def belt_lugre() -> Component:
 
 
 def belt_dahl() -> Component:
-    """Dahl friction, which has no fall."""
+    """Dahl friction, which does not fall with speed."""
     values = {"Fc": 0.5, "sigma": 1e3}
     return with_friction(_body("belt_dahl", "Dahl friction"), "dahl", values, velocity="w")

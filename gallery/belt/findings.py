@@ -1,4 +1,4 @@
-"""Where the friction oscillator on a belt begins to oscillate, and where it ends."""
+"""Speeds at which the friction oscillator on a belt begins and stops to oscillate."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ SHARES = {
     1.7: 0.4922,
     1.775: 0.5678,
 }
-NONE, ALL = (1.025, 1.1), (1.85, 1.925, 2.0)  # speeds at which none of them rests, and all
+NONE, ALL = (1.025, 1.1), (1.85, 1.925, 2.0)  # speeds: no start comes to rest, all do
 STARTS = 5000
 SLOPE = "where the slope of friction is the damping"
 
@@ -183,7 +183,7 @@ def picture() -> Any:
 
 
 def _draw_plane(axes: Any) -> None:
-    """Cycle, unstable cycle and two motions of `belt`."""
+    """Draw cycle, unstable cycle and two motions of `belt`."""
     length, course = turn(FALLING, falling, SPEED, border(SPEED))
     time = np.linspace(0.0, length, 400)
     rest = falling(SPEED)
@@ -204,7 +204,7 @@ def _draw_plane(axes: Any) -> None:
 
 
 def _draw_swings(axes: Any) -> None:
-    """Swings of cycles against the belt's speed; on the axis, where steady sliding is stable."""
+    """Draw amplitudes of cycles over the belt's speed, and on the axis stable steady sliding."""
     end = end_of_cycle(FALLING, 1.75, 1.9)
     shown = (
         (FALLING, 0.02, end, COLOURS[1], "exponential fall"),
@@ -233,7 +233,7 @@ def _draw_swings(axes: Any) -> None:
 
 
 def _draw_starts(axes: Any) -> None:
-    """Shares of starts that come to rest, ours and those of bSTAB."""
+    """Draw shares of starts that come to rest, ours and those of bSTAB."""
     turns, end = exponential_turning_point(), end_of_cycle(FALLING, 1.75, 1.9)
     speeds = [1.0, turns, *SHARES]
     ours = [0.0, 0.0, *map(share_that_rests, SHARES)]
@@ -253,7 +253,7 @@ def _draw_starts(axes: Any) -> None:
 
 
 def _draw_laws(axes: Any) -> None:
-    """Motions from the belt at a low speed under the laws of the catalogue."""
+    """Draw motions from the belt at a low speed, with the laws of the catalogue."""
     speed = 0.3
     shown = ((CLASSICAL, "classical", 0, 2.6), (LUGRE, "LuGre", 2, 1.4), (DAHL, "Dahl", 3, 1.0))
     for belt, label, k, wide in shown:

@@ -1,7 +1,7 @@
 """A ball that falls on a rigid floor, x'' = -g, and leaves it with a share of its speed.
 
-Its end rule is the one of the Reference-FMUs: a bounce that would leave the floor slower than
-`v_min` is the last, and the ball rests.
+Its end rule is that of the Reference-FMUs: if a bounce would leave the floor slower than `v_min`,
+the ball rests.
 """
 
 from ballscrew import Component, Event, Mode, Output, Parameter, State, symbol
@@ -12,8 +12,8 @@ SOURCE = "Reference-FMUs"
 def ball() -> Component:
     """The ball; its height x is called h in the Reference-FMUs."""
     x, v, g, e, v_min = (symbol(n) for n in ("x", "v", "g", "e", "v_min"))
-    # An impact takes no time, and is a mode of its own: what happens next hangs on the speed after
-    # it. The height is set to zero, since an event is found a hair's breadth beyond its crossing.
+    # An impact has zero duration and is a separate mode, because the next mode depends on the speed
+    # after it. The height is set to zero, because an event is located slightly after its crossing.
     hits = Event("hits", x, direction=-1, reset={"x": 0, "v": -e * v}, next_mode="impact")
     ends = Event("ends", v - v_min, direction=-1, reset={"v": 0}, next_mode="rest")
     leaves = Event("leaves", v - v_min, direction=1, next_mode="flight")

@@ -1,4 +1,4 @@
-"""How a bouncing ball comes to rest, and how the table of the Reference-FMUs has it."""
+"""Final rest of a bouncing ball, here and in the table of the Reference-FMUs."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ G, E, V_MIN = 9.81, 0.7, 0.1
 TABLE = "BouncingBall_out.csv of the Reference-FMUs"
 EULER = "their table is explicit Euler in steps of 1 ms; with it we get the same digits"
 FIRST = math.sqrt(2.0 / G)  # until the first impact, from a height of 1 m [s]
-ZENO = FIRST * (1.0 + E) / (1.0 - E)  # where all bounces would end, were there no last one [s]
+ZENO = FIRST * (1.0 + E) / (1.0 - E)  # end of infinitely many bounces [s]
 
 Vector = npt.NDArray[np.float64]
 
 
 @cache
 def motion(v_min: float = V_MIN, step: float = 0.01, stop: float = 3.0) -> Any:
-    """The ball's course from a height of 1 m, whose last bounce is faster than `v_min`."""
+    """The ball's motion from a height of 1 m; bounces slower than `v_min` are left out."""
     return ballscrew.run(
         "none",
         BALL,
@@ -53,7 +53,7 @@ def table() -> tuple[Vector, Vector, Vector]:
 
 
 def rests_from(time: Vector, v: Vector) -> float:
-    """The first time from which on the ball does not move [s]."""
+    """Time after which the ball does not move [s]."""
     return float(time[np.flatnonzero(v)[-1] + 1])
 
 

@@ -1,8 +1,8 @@
 """An inverted pendulum on a cart, without and with friction, and the law that balances it.
 
-Of the pendulum's two equations the one across the rod holds no force of the cart: with the speed of
-the bob across the rod, q = l th' + v cos(th), it is q' = g sin(th) - v th' sin(th). So friction
-is only in the balance of the cart, for any law.
+The pendulum's equation across the rod contains no force of the cart: with the speed of the bob
+across the rod, q = l th' + v cos(th), it is q' = g sin(th) - v th' sin(th). So friction is only in
+the balance of the cart, for any law.
 """
 
 import sympy as sp
@@ -23,7 +23,7 @@ SOURCE = "made for the gallery"
 
 
 def cart() -> Component:
-    """Cart and pendulum without friction; the pendulum stands at th = 0."""
+    """Cart and pendulum without friction; the pendulum is upright at th = 0."""
     x, v, th, q, big, m, length, g = (symbol(n) for n in ("x", "v", "th", "q", "M", "m", "l", "g"))
     turning = (q - v * sp.cos(th)) / length
     rod = m * sp.sin(th) * (length * turning**2 - g * sp.cos(th))
@@ -69,12 +69,12 @@ def cart() -> Component:
 
 
 def dry_cart() -> Component:
-    """With Coulomb friction at the cart, which sticks and slides."""
+    """The cart with Coulomb friction, which sticks and slides."""
     return with_friction(cart(), "classical", {"Fc": 0.1, "Fs": 0.1, "sigma2": 0.0})
 
 
 def lugre_cart() -> Component:
-    """With LuGre friction at the cart, whose bristles bend."""
+    """The cart with LuGre friction, whose bristles bend."""
     values = {"Fc": 0.1, "Fs": 0.1, "sigma0": 1e4, "sigma1": 50.0, "sigma2": 0.0}
     return with_friction(cart(), "lugre", values)
 

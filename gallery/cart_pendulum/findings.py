@@ -1,4 +1,4 @@
-"""How a balanced pendulum hunts where its cart has friction, and what theory says of it."""
+"""Hunting of a balanced pendulum on a cart with friction, in simulation and theory."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Matrix = npt.NDArray[np.float64]
 
 
 def upright() -> tuple[Matrix, Vector]:
-    """Rates of (x, v, th, w) near the upright pendulum, and what a force on the cart adds."""
+    """Rates of (x, v, th, w) near the upright pendulum, and the effect of a force on the cart."""
     rates = np.array(
         [
             [0.0, 1.0, 0.0, 0.0],
@@ -58,16 +58,16 @@ def closed(viscous: float = 0.0) -> Matrix:
 
 @dataclass(frozen=True)
 class Swing:
-    """A cycle as the describing function has it, per newton of Coulomb friction.
+    """A cycle by the describing function, per newton of Coulomb friction.
 
     Attributes
     ----------
     frequency : float
-        [rad/s]
+        Angular frequency [rad/s].
     cart : float
         Amplitude of the cart [m/N].
     third : float
-        Amplitude of the velocity's third harmonic, which is left out, over that of the first.
+        Amplitude of the velocity's neglected third harmonic over that of the first.
     """
 
     frequency: float
@@ -79,8 +79,8 @@ class Swing:
 def predicted() -> Swing:
     """The cycle of the describing function.
 
-    A velocity of amplitude V sees Coulomb friction as a viscous one, of 4 Fc/(pi V). A cycle goes
-    on where the loop with this viscous friction has an imaginary eigenvalue.
+    For a velocity of amplitude V, Coulomb friction acts as a viscous friction of 4 Fc/(pi V). A
+    cycle exists if the loop with this viscous friction has an imaginary eigenvalue.
     """
     viscous = float(brentq(lambda d: np.linalg.eigvals(closed(d)).real.max(), 1e-3, 1e3))
     values = np.linalg.eigvals(closed(viscous))
@@ -96,7 +96,7 @@ def mobility(s: complex) -> complex:
 
 @cache
 def motion(plant: str, stop: float, step: float, angle: float = 0.05) -> Any:
-    """The loop's course from a tilted pendulum over a cart at rest."""
+    """The loop's motion from a tilted pendulum with the cart at rest."""
     return ballscrew.run(
         BALANCE,
         plant,

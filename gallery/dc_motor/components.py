@@ -53,7 +53,7 @@ def motor() -> Component:
 
 
 def motor_lugre() -> Component:
-    """The motor with LuGre friction: it sticks by bristles, which bend."""
+    """The motor with LuGre friction: it sticks by bending bristles."""
     return with_friction(_motor(), "lugre", FRICTION | BRISTLES)
 
 

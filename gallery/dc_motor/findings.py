@@ -47,7 +47,7 @@ def motion(
 
 
 def left(law: str, goal: float) -> float:
-    """The error that is left [rad]."""
+    """The remaining error [rad]."""
     return float(goal - motion(law, goal, 0.3, 0.03).outputs["x"][-1])
 
 
@@ -71,9 +71,9 @@ def moves_from() -> float:
 def ratio() -> float:
     """Error after a slip over the error before, with Fs = Fc, in closed form.
 
-    With the torque t of the current beyond Coulomb friction and the torque y that the voltage would
-    give at rest, less Coulomb friction, a slip is linear in (e, v, t, y) and begins at t = 0, v = 0
-    with what the inductance leaves between t and y while the integral fills.
+    t is the torque of the current less Coulomb friction, and y the torque of the voltage at rest
+    less Coulomb friction. A slip is linear in (e, v, t, y). It begins at t = 0, v = 0, with the
+    difference between t and y that the inductance causes while the integral grows.
     """
     pull = KT / R
     rates = np.array(
@@ -97,7 +97,7 @@ def ratio() -> float:
 
 @cache
 def creeping() -> tuple[np.ndarray, np.ndarray]:
-    """When each stick ends [s] and its error [rad], with Fs = Fc."""
+    """End of each stick [s] and its error [rad], with Fs = Fc."""
     run = motion("PID", 1.0, 5.0, 2e-3, given={"Fs": FC})
     stuck = run.outputs["stuck"] > 0.5
     ends = np.flatnonzero(stuck[1:-1] & ~stuck[2:]) + 1
@@ -111,7 +111,7 @@ def hunting() -> Any:
 
 @cache
 def hunts_from(motor: str) -> float:
-    """The Fs / Fc from which the motor hunts after a step of 1 rad."""
+    """Smallest Fs / Fc at which the motor hunts after a step of 1 rad."""
     low, high = 1.2, 1.6
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
@@ -122,14 +122,14 @@ def hunts_from(motor: str) -> float:
 
 
 def largest_integral() -> float:
-    """The Ki above which the loop without dry friction is unstable, by Routh [V/(rad*s)]."""
+    """Largest Ki with a stable loop without dry friction, by Routh [V/(rad*s)]."""
     cubic, square = R * J + L * VISCOUS, R * VISCOUS + KT * (KE + KD)
     return KP * (cubic * square - L * J * KT * KP) / cubic**2
 
 
 @cache
 def runs_away_from() -> float:
-    """The Ki above which swings of a hundred radians grow [V/(rad*s)]."""
+    """The Ki above which oscillations of a hundred radians grow [V/(rad*s)]."""
     low, high = 4000.0, 4200.0
     while high - low > 2.0:
         middle = 0.5 * (low + high)
@@ -182,7 +182,7 @@ def findings() -> list[Finding]:
 
 
 def _map() -> tuple[Any, Any, Any]:
-    """Fs / Fc, Ki, and the swing where it hunts [mrad]; infinite where it runs away."""
+    """Fs / Fc, Ki, and the amplitude of hunting [mrad]; infinite if it diverges."""
     with tempfile.TemporaryDirectory() as folder:
         cells = ballscrew.stability_map(
             LAWS["PID"],

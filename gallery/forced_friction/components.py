@@ -1,8 +1,8 @@
-"""A mass on a spring with dry friction, driven by a force that swings.
+"""A mass on a spring with dry friction, driven by a harmonic force.
 
     m x'' + k x + F sign(x') = P cos(w t),    w = b sqrt(k/m)
 
-At rest, friction is the force that holds it, up to F.
+At rest, friction holds the mass, with a force of up to F.
 """
 
 import sympy as sp
@@ -64,7 +64,7 @@ def driven() -> Component:
 
 
 def oscillator() -> Component:
-    """With Coulomb friction, which holds the mass by as much as it brakes it."""
+    """The mass with Coulomb friction, with equal static and sliding friction."""
     friction = ForceTerm(
         "friction",
         -symbol("F") * sp.sign(symbol("v")),

@@ -1,7 +1,7 @@
-"""What a driven mass with dry friction does, beside the closed form of its motion without stops.
+"""Motions of a driven mass with dry friction, and the closed form of its motion without stops.
 
-In units of mass and spring, with the force P as unit, too, the mass slides from its turn at x0 back
-to the turn at -x0, half a period later, as
+In units of mass, spring and the force P, the mass slides from its turn at x0 to the turn at -x0,
+half a period later, as
 
     x = f (1 - cos t - b U sin t) + x0 cos(b t) + f U sin(b t),
 
@@ -29,12 +29,12 @@ from ..finding import Finding
 OSCILLATOR = part(__file__, "oscillator")
 CLOSED_FORM = "closed form of the motion without stops"
 SWINGS = ((0.45, 0.1), (0.8, 0.5), (1.4, 0.5))  # b and F, without stops
-SLOW, STIFF = (0.8, 0.5), (0.8, 0.8)  # exponents: a pair that turns, and two that do not
-BORDERS = {0.45: (0.15, 0.35), 0.8: (0.75, 0.95), 1.4: (0.55, 0.75)}  # F between which it lies
+SLOW, STIFF = (0.8, 0.5), (0.8, 0.8)  # exponents: a complex pair, and two real ones
+BORDERS = {0.45: (0.15, 0.35), 0.8: (0.75, 0.95), 1.4: (0.55, 0.75)}  # F below and above the border
 STOPPING = ((0.3, 0.6), (0.1, 0.3), (0.1, 0.5))
-SIDE = 0.2, 0.05  # F, and by how much the motion is off its middle
+SIDE = 0.2, 0.05  # F, and offset of the motion from the middle
 HALVINGS = 10
-ROWS = 200  # in a period, where stops are counted
+ROWS = 200  # output rows per period to count stops
 
 Vector = npt.NDArray[np.float64]
 
@@ -46,16 +46,15 @@ class Turning:
     Attributes
     ----------
     swing : float
-        How far it goes to either side, over that of a slow force without friction; NaN if it is
-        none.
+        Amplitude, over that of a slow force without friction; NaN if the motion does not exist.
     phase : float
-        Of the force where the mass turns at the far end [rad].
+        Phase of the force at the turn at the far end [rad].
     ratio : float
-        Its acceleration just after a turn over that just before; below 0 the mass would stop.
+        Acceleration just after a turn over that just before; below 0 the mass would stop.
     multipliers : ndarray of complex, shape (2,)
-        By what half a period multiplies disturbances.
+        Multipliers of disturbances per half period.
     goes_on : bool
-        Whether it exists: no stop where it turns, nor on its way.
+        Whether the motion exists: no stop at the turns or in between.
     """
 
     b: float
@@ -67,7 +66,7 @@ class Turning:
     goes_on: bool
 
     def at(self, times: Vector) -> tuple[Vector, Vector]:
-        """Displacement and velocity at times of half a period, from its far end on."""
+        """Displacement and velocity at times within half a period, starting at the far end."""
         b, f, u = self.b, self.f, damping(self.b)
         x = f * (1.0 - np.cos(times) - b * u * np.sin(times))
         x = x + self.swing * np.cos(b * times) + f * u * np.sin(b * times)
@@ -77,7 +76,7 @@ class Turning:
 
     @property
     def start(self) -> tuple[float, float]:
-        """Displacement and velocity where the force is largest."""
+        """Displacement and velocity at the largest force."""
         half = math.pi / self.b
         turns, since = divmod(-self.phase / self.b, half)
         x, v = self.at(np.array(since))
@@ -86,19 +85,19 @@ class Turning:
 
 
 def response(b: float) -> float:
-    """V: the swing without friction, with its sign."""
+    """V: the amplitude without friction, with its sign."""
     return 1.0 / (1.0 - b**2)
 
 
 def damping(b: float) -> float:
-    """U, by which friction makes the swing smaller."""
+    """U, by which friction reduces the amplitude."""
     return math.sin(math.pi / b) / (b * (1.0 + math.cos(math.pi / b)))
 
 
 def steepness(b: float) -> float:
-    """S: the swing, over f, that it takes to go on.
+    """S: the amplitude, over f, needed for motion without stops.
 
-    At a turn it takes 1/b^2. At some frequencies below 1/2 it takes more on the way.
+    At a turn 1/b^2 is needed. At some frequencies below 1/2 more is needed between the turns.
     """
     t = np.linspace(0.0, math.pi / b, 4002)[1:-1]
     needed = np.sin(t) + b * damping(b) * (np.cos(b * t) - np.cos(t))
@@ -106,12 +105,12 @@ def steepness(b: float) -> float:
 
 
 def border(b: float) -> float:
-    """The friction, over the force, from which on the mass stops."""
+    """Smallest friction, over the force, at which the mass stops."""
     return abs(response(b)) / math.hypot(damping(b), steepness(b))
 
 
 def turning(b: float, f: float) -> Turning:
-    """The motion without stops, where the force has the frequency b, and friction the share f."""
+    """The motion without stops for the frequency b of the force and the share f of friction."""
     v, u = response(b), damping(b)
     square = v**2 - (f * u) ** 2
     swing = math.sqrt(square) if square > 0.0 else math.nan
@@ -140,7 +139,7 @@ def motion(b: float, f: float, periods: float = 20.0, x: float = 0.0) -> Any:
 
 
 def course(values: Mapping[str, float], periods: float, rows: int) -> Any:
-    """A motion, with so many rows in each period."""
+    """A motion with `rows` output rows per period."""
     period = 2.0 * math.pi / values["b"]
     return ballscrew.run(
         "none",
@@ -153,16 +152,16 @@ def course(values: Mapping[str, float], periods: float, rows: int) -> Any:
 
 
 def stops(b: float, f: float) -> int:
-    """How often the mass stands still in a period, after ten of them."""
+    """Number of stops per period, after ten periods."""
     stuck = course({"b": b, "F": f}, 11, ROWS).outputs["stuck"][-ROWS - 1 :] > 0.5
     return int(np.sum(stuck[1:] & ~stuck[:-1]))
 
 
 @cache
 def first_stop(b: float) -> float:
-    """The friction from which on the mass stops, by bisection.
+    """Smallest friction at which the mass stops, by bisection.
 
-    A stop forgets where the mass came from: an exponent becomes minus infinity.
+    After a stop, the motion does not depend on the state before: an exponent is minus infinity.
     """
     low, high = BORDERS[b]
     for _ in range(HALVINGS):
@@ -174,7 +173,7 @@ def first_stop(b: float) -> float:
 
 @cache
 def growth(f: float) -> float:
-    """By how much the swing grows in a period at resonance, over that of a slow force."""
+    """Growth of the amplitude per period at resonance, over the amplitude of a slow force."""
     outputs = course({"b": 1.0, "F": f}, 400, 4).outputs
     size = np.hypot(outputs["x"], outputs["v"])[::4]
     return float((size[400] - size[200]) / 200.0)
@@ -259,7 +258,7 @@ def findings() -> list[Finding]:
 
 
 def _map() -> tuple[Vector, Vector, npt.NDArray[np.float64]]:
-    """Frequencies, shares of friction, and swing where the motion is a cycle."""
+    """Frequencies, shares of friction, and amplitude if the motion is a cycle."""
     with tempfile.TemporaryDirectory() as folder:
         cells = ballscrew.stability_map(
             "none", "plant.b=0.2:1.8:17", "plant.F=0.1:1:10", folder, OSCILLATOR, stop=300.0

@@ -1,8 +1,8 @@
-"""A forced oscillator beside a rigid stop, x'' + 2 zeta x' + x = F cos(omega t), x <= gap.
+"""A forced oscillator next to a rigid stop, x'' + 2 zeta x' + x = F cos(omega t), x <= gap.
 
-At the stop it keeps a share of its speed and turns back. Impacts that follow each other ever faster
-end, as those of a bouncing ball do, where one would leave slower than `v_min`: the mass then stays
-at the stop until the force pulls it away.
+At the stop it rebounds with a share of its speed. Impacts in ever shorter intervals end, as with a
+bouncing ball, if the mass would leave slower than `v_min`. It then stays at the stop until the
+force pulls it away.
 """
 
 import sympy as sp
@@ -13,7 +13,7 @@ SOURCE = "made for the gallery"
 
 
 def oscillator() -> Component:
-    """The oscillator, in units of its own frequency and of the gap."""
+    """The oscillator, in units of its natural frequency and of the gap."""
     x, v, zeta, force, omega, gap, r, v_min, ramp, ramp_end = (
         symbol(n)
         for n in ("x", "v", "zeta", "force", "omega", "gap", "r", "v_min", "ramp", "ramp_end")

@@ -1,4 +1,4 @@
-"""What an oscillator that strikes a stop does, beside the closed form of its simplest motion."""
+"""Motions of an oscillator that strikes a stop, and the closed form of its simplest motion."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from ..finding import Finding
 OSCILLATOR = part(__file__, "oscillator")
 ZETA, OMEGA, GAP, R = 0.1, 2.5, 1.0, 0.5
 PERIOD = 2.0 * math.pi / OMEGA
-PERIODS = 3000  # of the slow sweep
+PERIODS = 3000  # periods of the slow sweep
 LOW, HIGH = 0.9, 2.6  # shares of the grazing force
 PERIODIC, CHAOTIC = 2.5, 1.5
-SHORT = 30  # periods after which chaos has not yet made round-off large
+SHORT = 30  # periods within which chaos does not make round-off large
 CLOSED_FORM = "closed form of the motion with one impact in each period"
 
 Vector = npt.NDArray[np.float64]
@@ -45,13 +45,13 @@ class SingleImpact:
     Attributes
     ----------
     speed : float
-        Before the impact [1/s].
+        Speed before the impact [1/s].
     phase : float
-        Of the force at the impact [rad].
+        Phase of the force at the impact [rad].
     multipliers : ndarray of complex, shape (2,)
-        By what a period multiplies disturbances.
+        Multipliers of disturbances per period.
     start : tuple of float
-        Displacement and velocity [1/s] where the force is largest.
+        Displacement and velocity [1/s] at the largest force.
     """
 
     speed: float
@@ -63,7 +63,7 @@ class SingleImpact:
 def single_impact(
     force: float, zeta: float = ZETA, omega: float = OMEGA, gap: float = GAP, r: float = R
 ) -> SingleImpact:
-    """The motion with one impact in each period; that nothing is hit in between is not asked.
+    """The motion with one impact per period; other impacts in between are not checked.
 
     After an impact at the time 0 the motion is h(t), free and damped, with the forced swing p(t).
     From h(T) = h(0) and h'(T) - h'(0) = (1 + r) V follow h'(0), h'(T) and V as multiples of h(0),
@@ -72,7 +72,7 @@ def single_impact(
     Raises
     ------
     ValueError
-        If there is none.
+        If there is no such motion.
     """
     w, period = math.sqrt(1.0 - zeta**2), 2.0 * math.pi / omega
     decay, c, s = math.exp(-zeta * period), math.cos(w * period), math.sin(w * period)
@@ -105,7 +105,7 @@ def single_impact(
 
 @cache
 def doubling() -> float:
-    """The force over that of grazing where the period of the motion with one impact doubles."""
+    """Force over the grazing force at the period doubling of the motion with one impact."""
 
     def beyond(share: float) -> float:
         return float(single_impact(share * GRAZING).multipliers.real.min()) + 1.0
@@ -114,13 +114,13 @@ def doubling() -> float:
 
 
 def without_impacts(share: float) -> dict[str, float]:
-    """Force and start of the swing without impacts, at a share of the force of grazing."""
+    """Force and start of the motion without impacts, at a share of the grazing force."""
     a, b = (share * GRAZING * q for q in swing(ZETA, OMEGA))
     return {"force": share * GRAZING, "x_start": a, "v_start": b * OMEGA}
 
 
 def motion(values: Mapping[str, float], periods: float, rows: int = 1) -> Any:
-    """A motion, with so many rows in each period."""
+    """A motion with `rows` output rows per period."""
     return ballscrew.run(
         "none",
         OSCILLATOR,
@@ -133,21 +133,21 @@ def motion(values: Mapping[str, float], periods: float, rows: int = 1) -> Any:
 
 @cache
 def exponents(share: float, periods: float = 100.0) -> Any:
-    """Exponents at a share of the force of grazing."""
+    """Exponents at a share of the grazing force."""
     return ballscrew.lyapunov(
         "none", OSCILLATOR, stop=periods * PERIOD, plant_values={"force": share * GRAZING}
     )
 
 
 def ramp(low: float, high: float, periods: float) -> dict[str, float]:
-    """A force that grows slowly from one share of that of grazing to another."""
+    """A force that grows slowly from one share of the grazing force to another."""
     end = periods * PERIOD
     return {"force": low * GRAZING, "ramp": (high - low) * GRAZING / end, "ramp_end": end}
 
 
 @cache
 def sweep() -> tuple[Vector, Vector]:
-    """Displacements once in a period while the force grows, over its share of that of grazing."""
+    """Displacements once per period while the force grows, over the share of the grazing force."""
     run = motion(without_impacts(LOW) | ramp(LOW, HIGH, PERIODS), PERIODS)
     return np.linspace(LOW, HIGH, PERIODS + 1), run.outputs["x"]
 
@@ -156,7 +156,7 @@ def sweep() -> tuple[Vector, Vector]:
 def largest_exponents(low: float, high: float, points: int) -> tuple[Vector, Vector]:
     """Largest exponents while the force grows, each over 30 periods [nats/s].
 
-    They end where a chatter leaves no tangent.
+    They end at a chatter, after which there is no tangent.
     """
     periods = 30 * points
     start = without_impacts(low) if low < 1.0 else {}
@@ -179,7 +179,7 @@ def findings() -> list[Finding]:
     end = motion({"force": PERIODIC * GRAZING}, 200)
     rates = np.sort(np.log(np.abs(known.multipliers)))[::-1] / PERIOD
     chaos = exponents(CHAOTIC, SHORT)
-    impacts = chaos.spectrum.events / 2.0  # each is found, and left
+    impacts = chaos.spectrum.events / 2.0  # two events per impact
     dissipation = -2.0 * ZETA + 2.0 * math.log(R) * impacts / chaos.spectrum.time[-1]
     near = np.array([1.01, 1.02]) * doubling()
     factors = [-math.exp(exponents(share).motion.limit[0] * PERIOD) for share in near]

@@ -1,8 +1,8 @@
 """A mass with rate-and-state friction, pulled at constant velocity over an inclined spring.
 
-The states are zero in steady sliding: the spring's stretch along the surface beyond that of steady
-sliding, and the logarithms of the velocity over the pull's and of the contacts' age over that of
-steady sliding. So no state comes near the logarithm of zero, and the velocity stays above zero.
+All states are zero in steady sliding: the spring's stretch along the surface less that of steady
+sliding, the logarithm of the velocity over that of the pull, and the logarithm of the contacts' age
+over that of steady sliding. So no logarithm of zero occurs, and the velocity remains positive.
 """
 
 import sympy as sp
@@ -70,12 +70,12 @@ def _mass(name: str, law: str, evolution: sp.Expr) -> Component:
 
 
 def ageing() -> Component:
-    """Contacts grow older while they rest, and are renewed by sliding."""
+    """The ageing law: contacts age at rest, and are renewed by sliding."""
     u, w, v0, length = map(symbol, ("u", "w", "v0", "L"))
     return _mass("ageing", "ageing", v0 / length * (sp.exp(-w) - sp.exp(u)))
 
 
 def slip() -> Component:
-    """Contacts change by sliding alone."""
+    """The slip law: contacts change only by sliding."""
     u, w, v0, length = map(symbol, ("u", "w", "v0", "L"))
     return _mass("slip", "slip", -v0 / length * sp.exp(u) * (u + w))

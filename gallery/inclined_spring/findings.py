@@ -1,4 +1,4 @@
-"""Where steady sliding over an inclined spring ends, and what comes after."""
+"""Stability limit of steady sliding over an inclined spring, and the motion beyond it."""
 
 from __future__ import annotations
 

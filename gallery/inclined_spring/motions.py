@@ -1,8 +1,8 @@
-"""Steady sliding in closed form, and what its neighbourhood does in runs.
+"""Steady sliding in closed form, and simulated motions near it.
 
-With time in units of L/v0, the normal force N of steady sliding, M = m v0^2/(N L),
-kappa = k cos(psi) L/N, g = cos(psi) + mu0 sin(psi) and c = 1 + alpha kappa sin(psi)/b, its linear
-part has the characteristic polynomial
+With time in units of L/v0, the normal force N of steady sliding, M = m v0^2/(N L), kappa = k
+cos(psi) L/N, g = cos(psi) + mu0 sin(psi) and c = 1 + alpha kappa sin(psi)/b, its linear part has
+the characteristic polynomial
 
     M s^3 + (M + a) s^2 + (a + g kappa - b c) s + g kappa.
 """
@@ -23,8 +23,8 @@ import ballscrew
 from ..drawing import part
 
 AGEING, SLIP = part(__file__, "ageing"), part(__file__, "slip")
-SMALL = 1e-4  # swings of ln(v/v0) that grow or fade as the linear part says
-POINTS, FINE = 48, 400  # outputs in a turn; where the largest is printed as the peak
+SMALL = 1e-4  # amplitudes of ln(v/v0) that grow or decay as in the linear part
+POINTS, FINE = 48, 400  # outputs per turn; FINE if the largest output is the peak
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Sliding:
 
     @property
     def grip(self) -> float:
-        """The spring's force that friction leaves over, as a share: g."""
+        """g: net share of the spring's force along the surface, with its effect on friction."""
         return math.cos(self.psi) + self.mu0 * math.sin(self.psi)
 
     @property
@@ -54,12 +54,12 @@ class Sliding:
 
     @property
     def inertia(self) -> float:
-        """M/a."""
+        """Dimensionless inertia M/a."""
         return self.m * self.v0**2 / (self.a * self.normal * self.L)
 
     @property
     def critical(self) -> float:
-        """The stiffness at which a pair of roots is imaginary, by Hurwitz [N/m]."""
+        """Stiffness at which a pair of roots is imaginary, by Hurwitz [N/m]."""
         heavy = 1 + self.inertia
         gain = self.grip - self.alpha * heavy * math.sin(self.psi)
         return self.normal * (self.b - self.a) * heavy / (self.L * math.cos(self.psi) * gain)
@@ -88,7 +88,7 @@ class Sliding:
     def bends(self) -> float:
         """First Lyapunov coefficient of the ageing law's Hopf point at psi = 0, over M/a.
 
-        That of the slip law is below zero. Both per square of the amplitude of ln(v/v0).
+        That of the slip law is negative. Both are per square of the amplitude of ln(v/v0).
         """
         x, s = self.inertia, self.b / self.a - 1
         below = (x * x * s + (x + 1) ** 2) * (4 * x * x * s + (x + 1) ** 2)
@@ -102,7 +102,7 @@ class Sliding:
 
 
 def at(share: float, **values: float) -> Sliding:
-    """Steady sliding with a stiffness of so many times the critical one."""
+    """Steady sliding with `share` times the critical stiffness."""
     return Sliding(**{**values, "k": share * Sliding(**values).critical})
 
 
@@ -125,18 +125,18 @@ def verdict(law: str, sliding: Sliding, stop: float, swing: float = 0.01) -> Any
 
 
 def turns(law: str, sliding: Sliding, swing: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """When the spring's force is largest or least [s], and what it is there [N]."""
+    """Times of maxima and minima of the spring's force [s], and the force there [N]."""
     turn = 2 * np.pi / abs(sliding.roots()[0].imag)
     run = motion(law, sliding, (count + 0.5) * turn, turn / POINTS, **sliding.start(swing))
     rate = sliding.k * math.cos(sliding.psi) * (sliding.v0 - run.outputs["v"])
     force = CubicHermiteSpline(run.time, run.outputs["F"], rate)
     times = force.derivative().roots(extrapolate=False)
-    times = times[times > 0.6 * turn]  # what is no part of the turning has faded
+    times = times[times > 0.6 * turn]  # other modes have decayed
     return times, force(times)
 
 
 def growth(law: str, sliding: Sliding, swing: float = SMALL, count: int = 6) -> float:
-    """Rate at which swings grow [nats/s]."""
+    """Growth rate of amplitudes [nats/s]."""
     times, force = turns(law, sliding, swing, count)
     ranges = np.abs(np.diff(force))
     return float(np.log(ranges[-1] / ranges[0]) / (times[-2] - times[0]))
@@ -144,7 +144,7 @@ def growth(law: str, sliding: Sliding, swing: float = SMALL, count: int = 6) -> 
 
 @cache
 def critical(law: str, **values: float) -> tuple[float, float]:
-    """Stiffness at which small swings neither grow nor fade [N/m], and their period there [s]."""
+    """Stiffness at which small amplitudes are constant [N/m], and their period [s]."""
     guess = Sliding(**values).critical
 
     def rate(k: float) -> float:
@@ -156,7 +156,7 @@ def critical(law: str, **values: float) -> tuple[float, float]:
 
 
 def escape(law: str, sliding: Sliding, swing: float = SMALL) -> float:
-    """Rate at which ln(v/v0) leaves or comes back to zero, without turning [nats/s]."""
+    """Rate at which ln(v/v0) grows or decays without oscillation [nats/s]."""
     stop = 1.0 / abs(sliding.roots()[0].real)
     run = motion(law, sliding, stop, stop / 4, **sliding.start(swing))
     return float(np.log(np.log(run.outputs["v"][-1] / sliding.v0) / swing) / stop)
@@ -164,9 +164,9 @@ def escape(law: str, sliding: Sliding, swing: float = SMALL) -> float:
 
 @cache
 def jams(**values: float) -> float:
-    """Angle below which sliding at a given normal force leaves its velocity without turning [rad].
+    """Angle below which sliding at a given normal force is unstable without oscillation [rad].
 
-    The pull's weight is such that the normal force is the same as with a level spring.
+    The weight is such that the normal force is the same as with a level spring.
     """
 
     def rate(psi: float) -> float:
@@ -180,7 +180,7 @@ def jams(**values: float) -> float:
 
 @cache
 def turning_velocity() -> float:
-    """Pull at which swings at the ageing law's Hopf point begin to fade, not grow [m/s]."""
+    """Pulling speed above which amplitudes at the ageing law's Hopf point decay [m/s]."""
 
     def rate(v0: float) -> float:
         return growth(AGEING, at(1.0, v0=v0), 0.1, 12)
@@ -189,7 +189,7 @@ def turning_velocity() -> float:
 
 
 def late_swing(law: str, sliding: Sliding, start: float, count: int, points: int = POINTS) -> float:
-    """Swing of ln(v/v0) in the second half of so many turns from a start."""
+    """Amplitude of ln(v/v0) in the second half of `count` turns from a start."""
     turn = 2 * np.pi / abs(sliding.roots()[0].imag)
     run = motion(law, sliding, (count + 0.5) * turn, turn / points, **sliding.start(start))
     late = np.log(run.outputs["v"][len(run.time) // 2 :])
@@ -198,13 +198,13 @@ def late_swing(law: str, sliding: Sliding, start: float, count: int, points: int
 
 @cache
 def balanced(sliding: Sliding, low: float, high: float) -> float:
-    """Swing of ln(v/v0) in a cycle of the ageing law, stable or not, between two starts."""
+    """Amplitude of ln(v/v0) in a cycle of the ageing law, stable or not, between two starts."""
     start = float(brentq(lambda s: growth(AGEING, sliding, s, 10), low, high, xtol=1e-7))
     return late_swing(AGEING, sliding, start, 10, FINE)
 
 
 def cycle_of(law: str, start: float, v0: float) -> tuple[float, float]:
-    """Stiffness over the critical one where a start leads to a cycle, and its swing of ln(v/v0)."""
+    """Stiffness over the critical one at which a start gives a cycle, and amplitude of ln(v/v0)."""
     share = float(
         brentq(lambda r: growth(law, at(r, v0=v0), start), 0.8, 1.05, xtol=1e-4, rtol=1e-4)
     )
@@ -212,7 +212,7 @@ def cycle_of(law: str, start: float, v0: float) -> tuple[float, float]:
 
 
 def small_cycle(law: str, sliding: Sliding) -> float:
-    """Swing of ln(v/v0) in the cycle just beyond the Hopf point, to leading order."""
+    """Amplitude of ln(v/v0) in the cycle just beyond the Hopf point, to leading order."""
     grows = sliding.roots()[0].real * sliding.L / sliding.v0
     bends = sliding.bends if law == AGEING else sliding.bends_slip
     turns_at = math.sqrt(sliding.b / sliding.a - 1)

@@ -5,7 +5,7 @@ the force q of the proportional and integral action beyond Coulomb friction,
 
     e' = -v,   q' = Ki e - Kp v,   m v' = q - D v,   D = Kd + sigma2.
 
-So a slip from rest is known in closed form, and so is what it leaves: `slip`.
+So a slip from rest and the state after it are known in closed form: `slip`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ STEP = 1.0  # of the set-point [m]
 M, FC, KP, KI, KD = 1.0, 1.0, 3.0, 4.0, 6.0
 DAMPING = KD + 0.4  # with the viscous friction [N*s/m]
 VS = 1e-3  # Stribeck velocity of the example [m/s]
-SOFT = {"Vs": 0.05, "sigma2": 0.0}  # where hunting ends within the map
+SOFT = {"Vs": 0.05, "sigma2": 0.0}  # values with which hunting ends within the map
 AIRY = 1.9863527  # smallest s > 0 with sqrt(3) Ai(-s) + Bi(-s) = 0
 SLIP = "slip by slip in closed form"
 
@@ -51,19 +51,19 @@ def motion(stop: float, step: float, static: float, soft: bool = False, kd: floa
 
 @cache
 def exponents() -> Any:
-    """Of the example, whose Fs is 1.5 Fc."""
+    """Exponents of the example, with Fs = 1.5 Fc."""
     return ballscrew.lyapunov(PID, MASS, stop=200.0, reference=STEP)
 
 
 def slip(error: float, beyond: float) -> tuple[float, float, float]:
-    """A slip from rest: how long, and error and force beyond Coulomb friction at its end.
+    """A slip from rest: its duration, and error and force beyond Coulomb friction at its end.
 
     Parameters
     ----------
     error : float
-        At its begin [m], more than 0 or, with `beyond` more than 0, also 0.
+        Error at the start [m], more than 0; 0 is possible if `beyond` is more than 0.
     beyond : float
-        Force beyond Coulomb friction at its begin [N].
+        Force beyond Coulomb friction at the start [N].
     """
     rates = np.array([[0.0, 0.0, -1.0], [KI, 0.0, -KP], [0.0, 1.0 / M, -DAMPING / M]])
     start = np.array([error, beyond, 0.0])
@@ -83,23 +83,24 @@ def ratio() -> float:
 
 
 def late(error: float, fall: float) -> float:
-    """How long the fall of friction, by `fall` [N], takes to begin [s].
+    """Time before friction begins to fall by `fall` [N], in seconds.
 
-    While v is far below Vs, m v' = Ki e t + fall (v/Vs)^2: a Riccati equation, solved by Airy
-    functions, whose v is infinite at this time.
+    While v is far below Vs, m v' = Ki e t + fall (v/Vs)^2. This Riccati equation is solved by Airy
+    functions; its v is infinite at this time.
     """
     return float(AIRY * (M**2 * VS**2 / (KI * error * fall)) ** (1 / 3))
 
 
 def after(error: float, fall: float, smooth: bool) -> tuple[float, float]:
-    """The size of the error after one slip, and how long stick and slip take.
+    """Magnitude of the error after one slip, and duration of stick and slip.
 
     Parameters
     ----------
     fall : float
         Fs - Fc [N].
     smooth : bool
-        Whether friction falls as the Stribeck curve does, to leading order, or at once.
+        Whether friction falls with the Stribeck curve, to leading order; otherwise it falls
+        immediately.
     """
     waits = late(error, fall) if smooth else 0.0
     duration, over, beyond = slip(error, fall + KI * error * waits)
@@ -119,21 +120,21 @@ def cycle(fall: float, smooth: bool = True) -> tuple[float, float, float]:
 
 
 def sticks(run: Any) -> tuple[np.ndarray, np.ndarray]:
-    """When each stick of a motion was seen last [s], and its error [m]."""
+    """Last output time of each stick of a motion [s], and its error [m]."""
     stuck = run.outputs["stuck"] > 0.5
     ends = np.flatnonzero(stuck[1:-1] & ~stuck[2:]) + 1
     return run.time[ends], STEP - run.outputs["x"][ends]
 
 
 def hunts(kd: float) -> bool:
-    """Whether it still swings after a long time, with Fs = 1.5 Fc and the larger Vs."""
+    """Whether it still oscillates after a long time, with Fs = 1.5 Fc and the larger Vs."""
     x = motion(2000.0, 2.0, 1.5, True, kd).outputs["x"]
     return bool(np.ptp(x[len(x) // 2 :]) > 0.02)
 
 
 @cache
 def border() -> float:
-    """The gain on the velocity at which hunting ends, with Fs = 1.5 Fc [N*s/m]."""
+    """The velocity gain at which hunting ends, with Fs = 1.5 Fc [N*s/m]."""
     low, high = 6.0, 9.0
     for _ in range(12):
         middle = 0.5 * (low + high)
@@ -142,7 +143,7 @@ def border() -> float:
 
 
 def steepest(fall: float) -> float:
-    """The steepest fall of the Stribeck curve with the larger Vs [N*s/m]."""
+    """Largest negative slope of the Stribeck curve with the larger Vs [N*s/m]."""
     return fall / SOFT["Vs"] * math.sqrt(2 / math.e)
 
 
@@ -205,7 +206,7 @@ def findings() -> list[Finding]:
 
 
 def _map(x: str, y: str, values: dict[str, float]) -> tuple[Any, Any, Any]:
-    """Values along x and y, and the swing of the position where it hunts [mm]."""
+    """Values along x and y, and the amplitude of hunting [mm]."""
     with tempfile.TemporaryDirectory() as folder:
         cells = ballscrew.stability_map(
             PID, x, y, folder, MASS, stop=300.0, reference=STEP, plant_values=values

@@ -19,7 +19,7 @@ FRICTION = {"Fc": 0.1, "Fs": 0.1, "sigma2": 0.1}  # T_c [N*m] and b [N*m*s/rad]
 
 
 def servo() -> Component:
-    """A rotor that a motor turns; the friction sticks and slides as modes."""
+    """A rotor driven by a motor; friction sticks and slides as modes."""
     x, v, u = map(symbol, ("x", "v", "u"))
     body = Component(
         name="servo",
@@ -76,14 +76,14 @@ def _law(name: str, description: str, direction: sp.Expr) -> Component:
 
 
 def by_velocity() -> Component:
-    """At rest, where sign(v) is zero, it compensates nothing."""
+    """The law by sign(v): at rest it compensates nothing."""
     return _law(
         "by_velocity", "PD control that compensates friction by sign(v)", sp.sign(symbol("v"))
     )
 
 
 def by_error() -> Component:
-    """At rest it compensates in the direction in which the servo should start."""
+    """The law by the error: at rest it compensates in the direction of the error."""
     moving, wanted = sp.sign(symbol("v")), sp.sign(symbol("x_d") - symbol("x"))
     return _law(
         "by_error",

@@ -1,4 +1,4 @@
-"""Where a servo swings whose friction is compensated too much or too little, and how far.
+"""Oscillation of a servo with too much or too little friction compensation, and its amplitude.
 
 While it moves, with D = Kamp KT Kd + b - b_hat and k = Kamp KT Kp,
 
@@ -8,7 +8,7 @@ which is linear from one stop to the next. With x > 0 at one stop, the next is a
 
     -(q x - (1 + q) (Tc - Tc_hat) / k),   q = exp(-pi z / sqrt(1 - z^2)),   z = D / (2 sqrt(k J)).
 
-What happens at a stop depends on what is compensated at rest: `holds`.
+What happens at a stop depends on the compensation at rest: `holds`.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ J, K, TC, B, KD = 0.01, 1.0, 0.1, 0.1, 0.02  # the amplifier's gain times KT is 
 START = 0.3  # [rad]
 NATURAL = math.sqrt(K / J)  # [rad/s]
 OVER, FAR_OVER, UNDER = 0.12, 0.2, 0.05  # Tc_hat [N*m]
-DAMPED = (0.02, 0.06, 0.12)  # D where cycles are looked at [N*m*s/rad]
-HEAVY = 0.24  # D of a servo that does not swing
+DAMPED = (0.02, 0.06, 0.12)  # D at which cycles are computed [N*m*s/rad]
+HEAVY = 0.24  # D of a servo that does not oscillate
 EXACT = "from stop to stop in closed form"
 DESCRIBING = "describing function of the sign, with its third harmonic as tolerance"
 GRID = (14, 10)
@@ -46,13 +46,13 @@ def ratio(damping: float) -> float:
 
 
 def decay(damping: float) -> float:
-    """Swing from the centre that is left at the next stop; more than 1 where D is below 0."""
+    """Amplitude at the next stop over that at the last one; more than 1 for D below 0."""
     z = ratio(damping)
     return math.exp(-math.pi * z / math.sqrt(1.0 - z * z))
 
 
 def swing(mismatch: float, damping: float) -> float:
-    """Amplitude of the cycle [rad]; `mismatch` is Tc - Tc_hat [N*m], of the other sign than D."""
+    """Amplitude of the cycle [rad]; `mismatch` is Tc - Tc_hat [N*m], of opposite sign to D."""
     q = decay(damping)
     return -mismatch / K * (1.0 + q) / (1.0 - q)
 
@@ -63,18 +63,18 @@ def period(damping: float) -> float:
 
 
 def sine(mismatch: float, damping: float) -> float:
-    """As `swing`, by the describing function: D + 4 mismatch / (pi A w) is zero."""
+    """Like `swing`, by the describing function: D + 4 mismatch / (pi A w) is zero."""
     return -4.0 * mismatch / (math.pi * damping * NATURAL)
 
 
 def third(damping: float) -> float:
-    """Third harmonic of the angle, which the describing function leaves out, over the first."""
+    """Third harmonic of the angle, which the describing function neglects, over the first."""
     z = abs(ratio(damping))
     return 2.0 * z / (3.0 * abs(8.0 - 6.0j * z))
 
 
 def holds(law: str, angle: float, mismatch: float) -> bool:
-    """Whether the servo stays where it has stopped, at an angle [rad]."""
+    """Whether the servo stays at rest after a stop at an angle [rad]."""
     return K * abs(angle) <= (TC if law == BY_VELOCITY else mismatch)
 
 
@@ -91,12 +91,12 @@ def outcome(law: str, mismatch: float, damping: float, start: float = START) -> 
 
 
 def least(damping: float) -> float:
-    """The over-compensation from which there is a cycle, where nothing is compensated at rest."""
+    """Smallest over-compensation with a cycle, if nothing is compensated at rest."""
     return TC * (1.0 - decay(damping)) / (1.0 + decay(damping))
 
 
 def _gains(model: float, damping: float) -> dict[str, float]:
-    """For less damping than by Kd, viscous friction is over-compensated; for more, Kd is raised."""
+    """Gains for D: viscous friction is over-compensated for a small D, else Kd is raised."""
     return {"Tc_hat": model, "Kd": max(damping, KD), "b_hat": B + KD - min(damping, KD)}
 
 
@@ -109,7 +109,7 @@ def motion(
     step: float = 0.5,
     start: float = START,
 ) -> Any:
-    """The course to zero from a start at rest [rad]; `model` is Tc_hat [N*m]."""
+    """The motion to zero from a start at rest [rad]; `model` is Tc_hat [N*m]."""
     return ballscrew.run(
         law,
         SERVO,
@@ -124,7 +124,7 @@ def motion(
 
 @cache
 def cycle(law: str, model: float, damping: float) -> Any:
-    """Its long-term motion."""
+    """Long-term motion of the servo."""
     return ballscrew.lyapunov(
         law, SERVO, stop=40.0, reference=0.0, controller_values=_gains(model, damping)
     ).motion
@@ -135,7 +135,7 @@ def rests(run: Any) -> bool:
 
 
 def _border(rested: Callable[[float], bool], low: float, high: float) -> float:
-    """Where `rested` changes from true to false."""
+    """Value at which `rested` changes from true to false."""
     while high - low > 1e-7:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if rested(middle) else (low, middle)
@@ -144,19 +144,19 @@ def _border(rested: Callable[[float], bool], low: float, high: float) -> float:
 
 @cache
 def swings_from(damping: float) -> float:
-    """The over-compensation [N*m] from which it swings, where nothing is compensated at rest."""
+    """Smallest over-compensation with oscillation [N*m], if nothing is compensated at rest."""
     return _border(lambda m: rests(motion(BY_VELOCITY, TC + m, damping)), 0.0, TC)
 
 
 @cache
 def radius(damping: float) -> float:
-    """The start from which it does not come to rest, with D below 0 and too little [rad]."""
+    """Smallest start without a final rest, with D below 0 and too little compensation [rad]."""
     return _border(lambda x: rests(motion(BY_VELOCITY, UNDER, damping, start=x)), TC / K, 1.0)
 
 
 @cache
 def moves_from(law: str) -> float:
-    """The start at rest from which it moves, with too little compensated [rad]."""
+    """Smallest start at rest from which it moves, with too little compensation [rad]."""
     return _border(
         lambda x: motion(law, UNDER, KD, 0.2, 0.1, x).outputs["x"][-1] == x, 0.0, 1.5 * TC / K
     )
@@ -164,7 +164,7 @@ def moves_from(law: str) -> float:
 
 @cache
 def cells(law: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Tc - Tc_hat, D, what became of it in each cell, and the swing of the cycle [rad]."""
+    """Tc - Tc_hat, D, result of each cell, and amplitude of the cycle [rad]."""
     across, along = GRID
     with tempfile.TemporaryDirectory() as folder:
         found = ballscrew.stability_map(
@@ -184,7 +184,7 @@ def cells(law: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 
 def differing(law: str) -> int:
-    """Cells of the map that are not as `outcome` has them."""
+    """Number of cells of the map that differ from `outcome`."""
     mismatch, damping, kinds, _ = cells(law)
     theory = [outcome(law, *cell) for cell in zip(mismatch, damping, strict=True)]
     return int(np.sum(kinds != theory))
@@ -302,7 +302,7 @@ def findings() -> list[Finding]:
 
 
 def _plane(axes: Any) -> None:
-    """Two starts beside the cycle, and one within the band of rest."""
+    """Draw motions from two starts next to the cycle, and one start within the band of rest."""
     for k, (start, label) in enumerate(((0.45, "from outside"), (0.115, "from inside"))):
         run = motion(BY_VELOCITY, FAR_OVER, DAMPED[1], 1.2, 1e-3, start)
         style = {"color": COLOURS[k], "ls": DASHES[k], "lw": 1.4, "label": label}
@@ -323,7 +323,7 @@ def _plane(axes: Any) -> None:
 
 
 def _sizes(axes: Any) -> None:
-    """The swing over the damping ratio, by all three."""
+    """Draw the amplitude over the damping ratio, by all three methods."""
     ratios = np.linspace(0.02, 0.98, 200)
     unit = (FAR_OVER - TC) / K
     dampings = 2.0 * math.sqrt(K * J) * ratios

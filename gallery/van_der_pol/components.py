@@ -4,7 +4,7 @@ from ballscrew import Component, Output, Parameter, State, symbol
 
 
 def van_der_pol() -> Component:
-    """The oscillator; it starts as the one of the Reference-FMUs does."""
+    """The oscillator, with the initial state of the Reference-FMUs."""
     x, v, mu = symbol("x"), symbol("v"), symbol("mu")
     return Component(
         name="van_der_pol",

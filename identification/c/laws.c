@@ -1,26 +1,25 @@
-/* Friction laws along a given motion; see law_along_record.py, which says what each function is for
- * and in which units. The laws' equations come from plant/, by laws_in_c.py; here is what is done with
- * them.
+/* Friction laws along a given motion; law_along_record.py describes the functions and their units.
+ * The laws' equations come from plant/, by laws_in_c.py; this file integrates them.
  *
- * Between two samples the velocity is taken as constant, and g(v) as moving evenly; then every law
- * named here has an exact step, which is stable however stiff the law is. Of all others the core
- * solves the equations. Every parameter comes twice, for motion forwards and backwards. */
+ * Between two samples the velocity is constant and g(v) is linear in time. Then every law named here
+ * has an exact step, which is stable for any stiffness. For all other laws the core solves the
+ * equations. There are two sets of parameters, for motion forwards and backwards. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
 
 #include "laws_from_plant.h"
 
-#define STATES 32             /* of any law, at most */
+#define STATES 32             /* most states of any law */
 #define GAP_PARTS 8           /* steps between two samples */
-#define SPRING_STEP 0.15      /* over the spring's own time */
-#define SLOW 1e-6             /* velocity where no law asks how fast [m/s] */
+#define SPRING_STEP 0.15      /* step over the spring's time constant */
+#define SLOW 1e-6             /* velocity for laws independent of it [m/s] */
 #define MOST_STEPS 10000
 
 enum { LUGRE, DAHL, BLIMAN_SORINE, MAXWELL_SLIP, CLASSICAL, ANY };
 
 /* The equations of a law without an exact step here, see law_equations.py: the core's functions, and
- * what they read and write. Of v there are two, the second for the way back of a motion to and fro. */
+ * their memory. v has two values, the second for the way back of a vibration. */
 typedef struct {
     int (*step)(const void *instance, double t0, double t1, double tolerance, int most);
     void (*output)(const void *instance, double t);
@@ -31,14 +30,14 @@ typedef struct {
     double tolerance;
 } Equations;
 
-/* A law with its parameters by direction. LuGre's sigma0 goes with the side to which the bristles are
- * bent. */
+/* A law with its parameters by direction. LuGre's sigma0 depends on the direction in which the
+ * bristles are bent. */
 typedef struct {
     int32_t kind;
-    int32_t count; /* of parameters */
+    int32_t count; /* number of parameters */
     const double *forwards, *backwards;
     double sharpness; /* Kv of the modified law [s/m]; 0 for abs(v) itself */
-    const Equations *equations; /* of ANY law */
+    const Equations *equations; /* for ANY */
 } Law;
 
 static const double *towards_side(const Law *law, double side)
@@ -48,7 +47,7 @@ static const double *towards_side(const Law *law, double side)
 
 static double sign_of(double v) { return v > 0.0 ? 1.0 : -1.0; }
 
-/* LuGre's curve; with two more parameters, one more bend of it at low speed. */
+/* LuGre's curve; with two additional parameters, it has another bend at low speed. */
 static inline double bent(const Law *law, const double *q, double v)
 {
     const double g = lugre_curve(q, v);
@@ -60,14 +59,14 @@ static inline double curve(const Law *law, const double *q, double v)
     switch (law->kind) {
     case DAHL:
     case BLIMAN_SORINE:
-    case ANY: return 0.0; /* they have none, or ask for none */
+    case ANY: return 0.0; /* they have no curve, or do not use it */
     case MAXWELL_SLIP: return maxwell_slip_curve(q, v);
     case CLASSICAL: return classical_curve(q, v);
     default: return bent(law, q, v);
     }
 }
 
-/* A velocity [m/s], and the law's curve there [N], which costs most and is asked for again. */
+/* A velocity [m/s], and the law's curve there [N], which is stored because it is expensive. */
 typedef struct {
     double v, curve;
 } Pace;
@@ -77,7 +76,7 @@ static inline Pace pace_of(const Law *law, double v)
     return (Pace){v, curve(law, towards_side(law, v), v)};
 }
 
-/* A state without force. */
+/* Set a state without force. */
 static void begin(const Law *law, double *state)
 {
     memset(state, 0, STATES * sizeof *state);
@@ -95,7 +94,7 @@ static void put_before_core(const Law *law, const double *state, const double *q
     e->v[1] = back;
 }
 
-/* What the core makes of a state in a time h, half of it at each velocity; NAN where it fails. */
+/* The core solves for a time h, half of it at each velocity; NAN if it fails. */
 static void follow(const Law *law, double *state, const double *q, double v, double back, double h)
 {
     const Equations *const e = law->equations;
@@ -128,7 +127,7 @@ static double friction_at(const Law *law, const double *state, Pace pace)
     return lugre_friction(state, q, towards_side(law, state[0]), s, v, pace.curve);
 }
 
-/* What going to and fro at a mean speed leaves of the deflection after h [s]. */
+/* Deflection after h [s] of vibration at a mean speed. */
 static void wear(const Law *law, double *state, double speed, double h, double v)
 {
     const double *const q = towards_side(law, v);
@@ -160,7 +159,7 @@ typedef struct {
     Pace before, after;
 } Move;
 
-/* The law's curve where a move begins and ends: the same where it does not go one way throughout. */
+/* The law's curve at both ends of a move; the same value if the direction changes in between. */
 typedef struct {
     double first, last, mean;
 } Curve;
@@ -175,20 +174,20 @@ static inline Curve curve_over(const Law *law, const double *q, const Move *m)
     return (Curve){g, g, g};
 }
 
-/* Where a state that tends to a rest comes. */
+/* New value of a state that tends to `rest`. */
 static inline double settled(double state, double rest, double run)
 {
     return rest + (state - rest) * exp(-run);
 }
 
-/* The same while the rest moves evenly from `begin` to `end`. */
+/* The same if `rest` changes linearly from `begin` to `end`. */
 static inline double towards(double state, double begin, double end, double run)
 {
     const double gone = -expm1(-run);
     return end + (state - begin) * (1.0 - gone) - (end - begin) * gone / run;
 }
 
-/* What is left to the rest, as a share of it, falls with a power of itself. */
+/* The relative distance to the final force falls with a power of itself. */
 static void move_dahl(const double *q, double *state, double d)
 {
     const double rest = sign_of(d) * dahl_rest(q), run = dahl_decay(q) * fabs(d);
@@ -218,7 +217,7 @@ static void move_bristles(const Law *law, double *state, const Move *m)
     if (law->sharpness > 0.0 && m->h < HUGE_VAL)
         s = lugre_sign(m->d / m->h, law->sharpness);
     double way = s * m->d;
-    if (z * s < 0.0) { /* bent to the other side: first back to nothing */
+    if (z * s < 0.0) { /* bent in the other direction: first back to zero */
         const double *const b = towards_side(law, -m->d);
         const double rest = lugre_rest(b, s, g.mean);
         const double back = lugre_length(b, g.mean) * log(1.0 - z / rest);
@@ -289,7 +288,7 @@ API void friction_along(const Law *law, const double *x, const double *v, const 
     for (int64_t r = 0; r < records; r++) {
         const double h = step[r];
         begin(law, state);
-        /* slow, as far as the law is concerned: no sample saw it */
+        /* slow for the law, because no sample shows it */
         const Pace still = {0.0, 0.0};
         move(law, state, shifts[r], HUGE_VAL, still, still);
         Pace now = pace_of(law, v[starts[r]]);
@@ -364,7 +363,7 @@ API void force_behind_spring(const Law *law, const double *x, const double *v, i
             const double s = (j + 1.0) / parts;
             const double place = place_at(&b, s), pace = pace_at(&b, s);
             const double friction = friction_at(law, state, speed), v0 = speed.v;
-            /* implicit in what joins the two: stable however stiff */
+            /* implicit in the joint: stable for any stiffness */
             const double pull = stiffness * (place - block - h * v0) + damping * (pace - v0);
             const double heavy = mass + h * damping + h * h * stiffness;
             const Pace then = pace_of(law, v0 + h * ((pull - friction) / heavy));
@@ -424,7 +423,7 @@ API void force_behind_gap(const Law *law, const double *x, const double *v, int6
     force[n - 1] = force[n - 2];
 }
 
-/* Positions that come short by `backlash` [m] after a record's start and after each reversal. */
+/* Positions that are short by `backlash` [m] after a record's start and after each reversal. */
 API void with_backlash(const double *x, const int64_t *starts, int64_t records, const double *backlash,
                    double *dragged)
 {

@@ -1,11 +1,11 @@
-/* Likelihood of samples that an instrument has rounded; see `score` in law_along_record.py. */
+/* Likelihood of samples rounded by an instrument; see `score` in law_along_record.py. */
 #include <math.h>
 #include <stdint.h>
 
 #define ROOT_2 1.4142135623730951
 #define BELL 0.3989422804014327 /* one over the root of two pi */
 
-/* The normal distribution's mass between two places; the tail on the far side keeps its digits. */
+/* The normal distribution's mass between two points, accurate in the tails. */
 static double mass_between(double low, double high)
 {
     if (low > 0.0)
@@ -15,8 +15,8 @@ static double mass_between(double low, double high)
 
 static double bell(double at) { return BELL * exp(-0.5 * at * at); }
 
-/* Expected products of the score's parts: the sum over all counts that a sample that is off by `off`
- * might have fallen into. */
+/* Expected products of the score's parts: the sum over all counts to which a sample with the offset
+ * `off` can be rounded. */
 static void expect(double off, double spread, double count, double *twice, double *both,
                    double *spread_twice)
 {
@@ -62,7 +62,7 @@ API double score(const double *force, const double *predicted, const double *spr
             total -= log(mass);
             gradient[k] = (at_low - at_high) / mass;
             gradient[n + k] = (low * at_low - high * at_high) / mass;
-        } else { /* far out: the nearest edge of the count decides */
+        } else { /* far out: the nearest edge of the count dominates */
             const double edge = low > 0.0 ? low : high;
             total += 0.5 * edge * edge + log(fabs(edge)) - log(BELL);
             gradient[k] = edge / s;

@@ -1,1 +1,1 @@
-"""The five experiments of Section 2.4 on every friction law, and Table 2.12 that comes of them."""
+"""The five experiments of Section 2.4 on every friction law, and the resulting Table 2.12."""

@@ -1,9 +1,9 @@
-"""Which features of friction a law shows: what is looked at, and the criterion for each.
+"""Features of friction that a law shows: the measures, and the criterion for each.
 
-The criteria are fixed numbers; ``tests/rig/test_features.py`` holds them to laws whose features are
-known by construction. A cell is "yes" where every check is met, "no" where the feature is absent or
-far from what the thesis measured, "conditional" where Table 2.12's footnotes apply: the velocity
-term that the law lacks would do, or presliding is right at some of the forces only.
+The criteria are fixed numbers; ``tests/rig/test_features.py`` tests them on laws whose features are
+known by construction. A cell is "yes" if every check is passed, "no" if the feature is absent or
+far from the measurement of the thesis, and "conditional" if the footnotes of Table 2.12 apply: an
+additional velocity term would be enough, or presliding is right at only some of the forces.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ THESIS: dict[str, dict[str, str]] = {
         "lugre": "yes yes yes yes yes",
     }.items()
 }
-"""Table 2.12; laws that the thesis does not compare have no row."""
+"""Table 2.12; laws that are not compared in the thesis have no row."""
 
 
 MEASURED_BREAK_AWAY = {"forwards": 2.2, "backwards": -2.4}
@@ -42,7 +42,7 @@ MEASURED_BREAK_AWAY = {"forwards": 2.2, "backwards": -2.4}
 
 
 VISCOUS = 173.0
-"""sigma2 as measured, the mean of both directions: Table 2.3 [N*s/m]."""
+"""Measured sigma2, the mean of both directions: Table 2.3 [N*s/m]."""
 
 
 STIFFNESS = 66967.231
@@ -50,7 +50,7 @@ STIFFNESS = 66967.231
 
 
 LAG_DEVIATION, LAG_SPEED = 0.076, 5e-4
-"""The thesis' largest deviation of LuGre in Section 2.4.4, and where [m/s]."""
+"""The thesis' largest deviation of LuGre in Section 2.4.4, and its velocity [m/s]."""
 
 
 RATE_DEVIATION, FASTEST_RATE = 0.08, 20.3
@@ -96,7 +96,7 @@ CRITERIA: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Check:
-    """One measure against its threshold, as the criterion says."""
+    """One measure compared with the threshold of its criterion."""
 
     name: str
     measure: float
@@ -110,7 +110,7 @@ class Check:
 
     @property
     def margin(self) -> float:
-        """Distance from the threshold as a share of it, positive where the check is met."""
+        """Distance from the threshold as a share of it, positive if the check is passed."""
         distance = (self.measure - self.threshold) / self.threshold
         return distance if self.at_least else -distance
 
@@ -122,11 +122,11 @@ class Cell:
     Attributes
     ----------
     checks : list of Check
-        Those that decide: what is missing for a better word is among them.
+        Checks that decide, including those that are missing for a better result.
     figures : dict of str to float
         Further numbers of this experiment.
     explanation : str
-        The numbers in words.
+        The numbers in a sentence.
     """
 
     feature: str
@@ -139,7 +139,7 @@ class Cell:
 
     @property
     def margin(self) -> float:
-        """How far the measures are from where the decision would change, in thresholds."""
+        """Distance of the measures from a change of the decision, in thresholds."""
         margins = [c.margin for c in self.checks]
         if self.decision == YES:
             return min(margins)
@@ -149,7 +149,7 @@ class Cell:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the thesis says the same; None where it says nothing."""
+        """Whether the thesis has the same result; None if it has none."""
         return None if self.thesis is None else self.thesis == self.decision
 
 
@@ -165,7 +165,7 @@ def decide_features(seen: Observations) -> dict[str, Cell]:
 
 
 def break_away(seen: Observations) -> Cell:
-    """Peak before sliding, and its size."""
+    """Decide by the peak before sliding and its size."""
     peaks = {"forwards": seen.forwards, "backwards": seen.backwards}
     drops = {k: 0.0 if p.force is None else p.force / p.sliding - 1 for k, p in peaks.items()}
     checks = [Check("peak over sliding friction", min(drops.values()), "1", LEAST_DROP, True)]
@@ -194,7 +194,7 @@ def break_away(seen: Observations) -> Cell:
 
 
 def viscous(seen: Observations) -> Cell:
-    """Slope of steady friction over velocity."""
+    """Decide by the slope of steady friction over velocity."""
     slopes = {}
     for name, sign in (("forwards", 1), ("backwards", -1)):
         there = sign * seen.speed > 0
@@ -214,7 +214,7 @@ def viscous(seen: Observations) -> Cell:
 
 
 def lag(seen: Observations) -> Cell:
-    """Friction going up less friction coming down, averaged over the velocities of a cycle."""
+    """Decide by friction at rising less that at falling velocity, averaged over a cycle."""
     v, f = seen.loop_speed, seen.loop_friction
     width = float(np.trapezoid(f, v) / np.ptp(v))
     checks = [Check("friction going up less coming down", width, "N", LEAST_LAG, True)]
@@ -226,7 +226,7 @@ def lag(seen: Observations) -> Cell:
 
 
 def varying(seen: Observations) -> Cell:
-    """Fall of the break-away force over the loading rates."""
+    """Decide by the decrease of the break-away force over the loading rates."""
     peaks = seen.rate_peaks
     missing = int(np.isnan(peaks).sum())
     if missing:
@@ -250,7 +250,7 @@ def varying(seen: Observations) -> Cell:
 
 
 def presliding(seen: Observations) -> Cell:
-    """Displacement before sliding against the measured one."""
+    """Decide by the displacement before sliding, compared with the measured one."""
     at = seen.hold_ends
     ratios = STIFFNESS * seen.staircase.x[at] / seen.staircase.force[at]
     errors = ratios - 1
@@ -264,7 +264,7 @@ def presliding(seen: Observations) -> Cell:
     figures = {f"deviation_at_{f:g}_N": float(e) for f, e in zip(asked, errors, strict=True)}
     listed = ", ".join(f"{e:+.1%}" for e in errors)
     words = f"displacement at 0.5, 1, 1.5 N off by {listed}"
-    if min(ratios) > 0.01 and max(ratios) < 100:  # neither rigid nor sliding away
+    if min(ratios) > 0.01 and max(ratios) < 100:  # not rigid and not sliding
         scale = float((max(ratios) + min(ratios)) / 2)
         left = float(max(ratios) / scale - 1)
         figures |= {"stiffer_by": scale - 1, "deviation_if_stiffer": left}
@@ -285,7 +285,7 @@ def rise_time(step: ForceCurve) -> float:
 
 
 def _rising(values: Vector, time: Vector) -> tuple[Vector, Vector]:
-    """The part of a curve before it first comes to its last value, made to rise."""
+    """The part of a curve before it first reaches its last value, made monotonic."""
     end = int(np.argmax(values >= values[-1])) + 1
     return np.maximum.accumulate(values[:end]), time[:end]
 
@@ -306,7 +306,7 @@ def _cell(
 
 
 def _difference(feature: str, checks: list[Check], figures: dict[str, float]) -> str:
-    """Why the decision is not the thesis', in numbers."""
+    """Reason why the decision differs from the thesis, with numbers."""
     failed = [c for c in checks if not c.met]
     sums = "; ".join(
         f"{c.name}: {c.measure:.3g} against {'at least' if c.at_least else 'at most'} "

@@ -1,9 +1,9 @@
-"""The five experiments of Section 2.4 on every friction law, and the table that comes of them.
+"""The five experiments of Section 2.4 on every friction law, and the resulting table.
 
-All is decided on the trials' truth: what the instruments add says nothing of a law. Parameters are
-those that were identified from records, where they are given, and otherwise the laws' nominal ones,
-which the thesis identified (Tables 2.3, 2.5, 2.7, 2.9); laws that it does not have borrow theirs
-from it, as their files say. Where each came from stands in ``features.json``.
+All decisions use the true signals of the trials, because errors of instruments give no information
+on a law. Parameters are the given ones, identified from records, or the nominal ones of the laws,
+which are from the thesis (Tables 2.3, 2.5, 2.7, 2.9). Laws that are not in the thesis use its
+values as described in their files. The source of each value is in ``features.json``.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from .observations import ForceCurve, ForceStep, Observations, Peak
 
 Vector = npt.NDArray[np.float64]
 SLOW_RATE = 0.25
-"""Of the loading that shows the break-away force: the slope in Section 2.4.1's staircase [N/s]."""
+"""Loading rate for the break-away force: the slope in the staircase of Section 2.4.1 [N/s]."""
 
 
 LOAD_TO = 12.0
-"""Quasi-static force at its end [N]: the block then slides at 4 mm/s, past the Stribeck curve."""
+"""Quasi-static force at its end [N]: the block then slides at 4 mm/s, beyond the Stribeck fall."""
 
 
 STEP_FORCE, STEP_TIME = 1.5, 3.0
 FALL = 1e-3
-"""Share by which friction has to fall for a maximum to count: over what the solver leaves."""
+"""Least relative fall of friction after a maximum: more than the error of the solver."""
 
 
 CYCLE = 2 * math.pi / 3.0
-"""Table 2.11's [s]."""
+"""Period of Table 2.11 [s]."""
 
 
 HARMONICS = 8
-"""Of the cycle, kept: the jitter from the encoder's steps is faster."""
+"""Harmonics of the cycle that are kept: the jitter from the encoder's steps is faster."""
 
 
 def observe(law: str, parameters: Mapping[str, float] | None = None) -> Observations:
@@ -54,7 +54,7 @@ def observe(law: str, parameters: Mapping[str, float] | None = None) -> Observat
     law : str
         One of `plant.LAWS`.
     parameters : mapping of str to float, optional
-        Values that are not nominal, as for `bench.run_trial`.
+        Values other than nominal, as in `bench.run_trial`.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def observe(law: str, parameters: Mapping[str, float] | None = None) -> Observat
         If a motion cannot be computed.
     """
     notes: list[str] = []
-    # some fifty trials are worth a fifth of a second
+    # for about fifty trials, a fifth of a second is worth it
     for kernel in (plant_kernel(law), *map(program_kernel, (FORCE, VELOCITY, VOLTAGE))):
         kernel.compile()
 
@@ -141,7 +141,7 @@ def _step(t: Vector) -> Vector:
 
 
 def _peak(friction: Vector, direction: int) -> Peak:
-    """The largest friction before it first falls, and the least after that."""
+    """The largest friction before its first fall, and the smallest after that."""
     along = direction * friction
     highest = np.maximum.accumulate(along)
     fallen = np.flatnonzero(along < (1 - FALL) * highest)
@@ -161,7 +161,7 @@ def _steady(record: TrialRecord) -> tuple[float, float]:
 
 
 def _cycle(truth: Mapping[str, Vector]) -> tuple[Vector, Vector]:
-    """Velocity and friction over one cycle, from the harmonics of all cycles but the first."""
+    """Velocity and friction over one cycle, from the harmonics of all cycles except the first."""
     time = truth["time"]
     later = time >= CYCLE
 
@@ -181,7 +181,7 @@ def _course(record: TrialRecord) -> ForceCurve:
 
 
 def _law_parameters(law: str, record: TrialRecord) -> dict[str, float]:
-    """Of the law alone, which come after the drive's."""
+    """Parameters of the law only, which follow those of the drive."""
     from ballscrew.plant.ball_screw import PARAMETERS as DRIVE
 
     drive = {p.name for p in DRIVE} | {"voltage_limit", "current_limit"}

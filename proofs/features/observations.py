@@ -1,4 +1,4 @@
-"""What one friction law does in the experiments of Section 2.4."""
+"""Results of one friction law in the experiments of Section 2.4."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 Vector = npt.NDArray[np.float64]
 
 
-# -- what is looked at -------------------------------------------------------------------------
+# -- observed quantities -------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Peak:
     force : float or None
         Largest friction before it falls [N]; None: it never falls.
     sliding : float
-        Least friction afterwards [N]; without a peak, the last.
+        Smallest friction afterwards [N]; without a peak, the last one.
     """
 
     force: float | None
@@ -31,7 +31,7 @@ class Peak:
 
 @dataclass(frozen=True)
 class ForceStep:
-    """One trial of Table 2.10: force asked for [N], the block's way in its last second [m]."""
+    """One trial of Table 2.10: reference force [N], motion of the block in the last second [m]."""
 
     asked: float
     last_second: float
@@ -53,15 +53,15 @@ class ForceCurve:
 
 @dataclass(frozen=True)
 class Observations:
-    """What one law does in the five experiments of Section 2.4.
+    """Results of one law in the five experiments of Section 2.4.
 
     Attributes
     ----------
     law : str
     parameters : dict of str to float
-        The friction law's.
+        Parameters of the friction law.
     forwards, backwards : Peak
-        Slow loading in either direction.
+        Slow loading in each direction.
     steps : list of ForceStep
         Table 2.10.
     speed, friction : ndarray, shape (60,)
@@ -73,11 +73,11 @@ class Observations:
     staircase : Course
         Presliding.
     hold_ends : ndarray, shape (3,) of int
-        Where in it the holds end.
+        Indices of the ends of the holds.
     step : Course
-        Motor's force stepped to 1.5 N.
+        Step of the motor's force to 1.5 N.
     notes : list of str
-        What an instrument or the screw could not do.
+        Instruments out of range, or the screw.
     """
 
     law: str

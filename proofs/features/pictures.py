@@ -1,6 +1,6 @@
 """Figs. 2.14 to 2.19 with the predictions of all laws.
 
-The measured points are not printed in the thesis: what is drawn in grey is what its text names.
+The measured points are not printed in the thesis; values from its text are drawn in grey.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .observations import ForceCurve, Observations
 
 GREY = "#555555"
 MARKS = ("o", "s", "^", "v", "D", "P", "X")
-# Table 2.3: what the constant velocities were fitted with, by direction
+# Table 2.3: parameters fitted to the constant velocities, by direction
 _MEASURED_CURVE = {1: (1.11, 2.3, 0.001943, 193.4), -1: (1.458, 2.4, 0.0003365, 152.6)}
 
 Laws = Mapping[str, Observations]
@@ -94,7 +94,7 @@ def _break_away(laws: Laws, folder: Path) -> None:
         label = "Stribeck curve of Table 2.3" if direction > 0 else None
         curve = _measured_curve(direction, speed)
         whole.plot(direction * speed * 1e3, curve, color=GREY, label=label)
-    # side by side, so that laws which agree do not hide each other
+    # next to each other, so that equal laws do not hide each other
     shown = [n for n, s in laws.items() if None not in (s.forwards.force, s.backwards.force)]
     places = {law: k for k, law in enumerate(shown)}
     for k, (law, seen) in enumerate(laws.items()):
@@ -238,7 +238,7 @@ def _step(laws: Laws, folder: Path) -> None:
 
 
 def _limit(axes: Any, laws: Laws, courses: list[ForceCurve]) -> None:
-    """Leave out what slides away: the rest could not be seen beside it."""
+    """Set limits without curves that slide away, because the others would not be visible."""
     held = [c.x.max() for c in courses if c.x.max() < 5e-4]
     if held and len(held) < len(laws):
         axes.set_ylim(-0.05e6 * max(held), 1.2e6 * max(held))

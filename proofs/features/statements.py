@@ -1,4 +1,4 @@
-"""What the thesis says of several laws in words, each with its number here."""
+"""Statements of the thesis on several laws, each with its number here."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .observations import Observations
 
 @dataclass(frozen=True)
 class NamedFigure:
-    """A figure that the thesis names for LuGre, beside what the same comparison gives here.
+    """A number of the thesis for LuGre, and the result of the same comparison here.
 
     Attributes
     ----------
     thesis, here : float or None
-        Shares; None where the text does not say what was measured.
+        Shares; None if the text does not give the measured quantity.
     """
 
     what: str
@@ -34,7 +34,7 @@ class NamedFigure:
 
 
 def named_figures(cells: dict[str, Cell], seen: Observations) -> list[NamedFigure]:
-    """The largest deviations that the thesis names, for the cells of LuGre."""
+    """The largest deviations given in the thesis, for the cells of LuGre."""
     deviations = cells["breakaway_force"].figures
     largest = max(abs(deviations[f"deviation_{k}"]) for k in MEASURED_BREAK_AWAY)
     nominal = seen.parameters["Fs"] / MEASURED_BREAK_AWAY["forwards"] - 1
@@ -67,7 +67,7 @@ def _implied(what: str, deviation: float, predicted: float) -> NamedFigure:
 
 
 def statements(cells: dict[str, dict[str, Cell]], seen: dict[str, Observations]) -> list[str]:
-    """What the thesis says of several laws in words, each with its number here."""
+    """Statements of the thesis on several laws, each with its number here."""
     found = []
     if {"lugre", "classical"} <= set(cells):
         lugre, classical = seen["lugre"].forwards.force, seen["classical"].forwards.force

@@ -33,12 +33,12 @@ class FeatureTable:
 
     @property
     def notes(self) -> list[str]:
-        """What was past its range in a trial, and makes it one not trusted."""
+        """Instruments or screw out of range in a trial; such a trial is not trusted."""
         return [f"{law}: {note}" for law, seen in self.observations.items() for note in seen.notes]
 
     @property
     def differences(self) -> list[str]:
-        """One line for each cell that is not as the thesis has it."""
+        """One line for each cell that differs from the thesis."""
         return [
             f"{law}, {_words(cell.feature)}: {cell.decision}, the thesis says {cell.thesis}; "
             f"{cell.difference}"
@@ -49,18 +49,18 @@ class FeatureTable:
 
     @property
     def named_figures(self) -> list[NamedFigure]:
-        """The thesis' own figures for LuGre; empty without that law."""
+        """The numbers of the thesis for LuGre; empty without that law."""
         if "lugre" not in self.cells:
             return []
         return named_figures(self.cells["lugre"], self.observations["lugre"])
 
     @property
     def statements(self) -> list[str]:
-        """What the thesis says of its four laws in words, and the numbers here."""
+        """Statements of the thesis on its four laws, with the numbers here."""
         return statements(self.cells, self.observations)
 
     def text(self) -> str:
-        """The table beside the thesis', with every difference explained."""
+        """The table and that of the thesis, with every difference explained."""
         rows = [["law", *(_words(f) for f in FEATURES)]]
         for law, row in self.cells.items():
             rows.append([law, *(_shown(row[f]) for f in FEATURES)])
@@ -80,7 +80,7 @@ class FeatureTable:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """What goes into ``features.json``."""
+        """Content of ``features.json``."""
         return {
             "criteria": CRITERIA,
             "laws": {
@@ -108,11 +108,11 @@ def feature_table(
     Parameters
     ----------
     laws : sequence of str, optional
-        Of `plant.LAWS`; all of them if left out.
+        Names in `plant.LAWS`; by default all.
     processes : int
-        How many to share the laws among.
+        Number of processes for the laws.
     progress : function of a text, optional
-        Told how many laws are done.
+        Called with the number of finished laws.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def feature_table(
             if progress:
                 progress(f"{len(found)} of {len(names)} laws")
 
-    # the last ones of the list take longest
+    # the last laws of the list take longest
     names.reverse()
     if processes > 1 and len(names) > 1:
         with pool(min(processes, len(names))) as workers:

@@ -5,7 +5,7 @@ from host import answer
 
 
 def run(job):
-    """Its tolerance goes to the FMU, which then solves with it."""
+    """Run with a tolerance that is passed to the FMU's solver."""
     model = FmuModel(next(iter(job["fmus"].values())), fmi_type=job["kind"], r_tol=1e-8)
     run = model.simulate(0.0, job["stop"], job["step"], observe=["x"])
     return run["x"].timepoints, run["x"].values

@@ -5,7 +5,7 @@ from host import answer
 
 
 def run(job):
-    """A tolerance goes to CVODE, and to the FMU in co-simulation, which then solves with it."""
+    """Run with a tolerance for CVODE or, in co-simulation, for the FMU's solver."""
     course = fmpy.simulate_fmu(
         next(iter(job["fmus"].values())),
         fmi_type=job["kind"],

@@ -1,4 +1,4 @@
-"""The FMU container's own command on an .ssp; fmpy steps what it makes."""
+"""The command of FMU container on an .ssp; fmpy steps the resulting FMU."""
 
 import shutil
 import subprocess
@@ -11,7 +11,7 @@ from host import answer
 
 
 def run(job):
-    """By locals, since an .ssp of ours has no connectors of its own."""
+    """Run with local variables as outputs, because our .ssp has no connectors."""
     with tempfile.TemporaryDirectory() as folder:
         system = Path(shutil.copy(next(iter(job["fmus"].values())), folder))
         command = Path(sys.executable).with_name("fmucontainer")

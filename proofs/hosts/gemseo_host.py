@@ -6,7 +6,7 @@ from numpy import array
 
 
 def run(job):
-    """By names: left out, it sets every parameter during the run, which no FMU takes."""
+    """Run with named inputs; otherwise it sets all parameters during the run, which FMUs reject."""
     loop = FMUDiscipline(
         next(iter(job["fmus"].values())),
         input_names=["x_d"],

@@ -1,4 +1,4 @@
-"""What the hosts share: a job in, the times and positions of the block out."""
+"""Common part of the hosts: read a job, write times and positions of the block."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ GOAL = 0.08  # [m]
 
 
 def answer(run: Callable[[dict[str, Any]], tuple[Iterable[float], Iterable[float]]]) -> None:
-    """Run the job of the first argument, write what it gives to the second."""
+    """Run the job in the file of the first argument, write the result to that of the second."""
     job = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     time, x = ([float(value) for value in column] for column in run(job))
     Path(sys.argv[2]).write_text(json.dumps({"time": time, "x": x}), encoding="utf-8")
 
 
 def answer_models(run: Callable[..., tuple[list[float], dict[str, list[float]]]]) -> None:
-    """Run the models of the first argument one by one, write what each gives, or why not."""
+    """Run the models of the first argument one by one, write each result or error."""
     job = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     told = {}
     for name, text in job["models"].items():
@@ -32,12 +32,12 @@ def answer_models(run: Callable[..., tuple[list[float], dict[str, list[float]]]]
 
 
 def steps(job: dict[str, Any]) -> int:
-    """How many communication steps the run has."""
+    """Number of communication steps of the run."""
     return round(job["stop"] / job["step"])
 
 
 def first_outputs(path: str) -> dict[str, float]:
-    """What a controller puts out at first: the master begins with zeros if nobody tells it."""
+    """First outputs of a controller; without them, the master begins with zeros."""
     import fmpy  # not every environment has it
 
     described = fmpy.read_model_description(path)

@@ -6,7 +6,7 @@ from jaxonomy.library import Constant, ModelicaFMU, ModelicaFMUME
 
 
 def run(job):
-    """Of co-simulation, its block shows the value of before the step that it takes."""
+    """Run; in co-simulation, the output of its block is that before the step."""
     name, path = next(iter(job["fmus"].items()))
     builder = jaxonomy.DiagramBuilder()
     names = {"input_names": ["x_d"], "output_names": ["x"]}

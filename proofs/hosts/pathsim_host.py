@@ -7,7 +7,7 @@ from pathsim_fmi import CoSimulationFMU
 
 
 def run(job):
-    """A block steps at the beginning of an interval: what it shows is labelled one step early."""
+    """Run; a block steps at the start of an interval, so outputs are labelled one step early."""
     goal, scope = Constant(GOAL), Scope()
     last = list(job["fmus"])[-1]
     blocks = {

@@ -1,7 +1,7 @@
 """pymoca: Modelica as CasADi's expressions, solved by CVODES.
 
-Each equation of the files has one name on its left; these are put into one another until there are
-derivatives and outputs of time and states alone.
+Each equation of the files has one name on its left side. The equations are substituted into each
+other until derivatives and outputs depend only on time and states.
 """
 
 import logging
@@ -18,7 +18,7 @@ logging.disable(logging.CRITICAL)
 
 def run(job, name, text):
     with tempfile.TemporaryDirectory() as folder:
-        # it knows the inverse tangent by CasADi's own name
+        # it has the inverse tangent with CasADi's name
         (Path(folder) / f"{name}.mo").write_text(text.replace("atan(", "arctan("))
         model = transfer_model(folder, name, {"cache": False})
     known = [*model.parameters, *model.constants]

@@ -7,7 +7,7 @@ from sofirpy import simulate
 
 
 def run(job):
-    """It exchanges nothing before the first step: who receives commands is given the first ones."""
+    """Run; nothing is exchanged before the first step, so set the plant's first commands."""
     shown, last = (list(job["fmus"])[k] for k in (0, -1))
     starts = {last: {"x_d": GOAL}}
     if job["connections"]:

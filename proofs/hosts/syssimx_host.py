@@ -8,7 +8,7 @@ from syssimx.system.algorithms.jacobi import JacobiAlgorithm
 
 
 class Part(FMUComponent):
-    """As its own example does: a system begins with steps of no length, which FMI does not have."""
+    """A component as in its example: a system begins with steps of zero length, not part of FMI."""
 
     def _do_step_internal(self, t, dt):
         if dt > 0.0:

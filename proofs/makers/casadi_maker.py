@@ -1,6 +1,6 @@
-"""CasADi: its own FMI 3.0 export, model exchange, of which a C compiler makes a library.
+"""CasADi: its FMI 3.0 export for model exchange, compiled to a library by a C compiler.
 
-The headers of FMI 3.0 are those that FMPy brings.
+The headers of FMI 3.0 come from FMPy.
 """
 
 import os
@@ -14,7 +14,7 @@ from maker import answer
 
 
 def make(gains, scratch: Path, target: Path):
-    """It writes sources; to compile and to pack them is left to the user."""
+    """Make the FMU: CasADi writes sources, which the user compiles and packs."""
     model = casadi.DaeBuilder("pid")
     model.add("time", "independent")
     x_d, x, v = (model.add(name, "input", "continuous") for name in ("x_d", "x", "v"))

@@ -1,4 +1,4 @@
-"""component-model: a model class of its own, on top of pythonfmu."""
+"""component-model: its model class, based on pythonfmu."""
 
 from pathlib import Path
 

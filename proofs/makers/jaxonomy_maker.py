@@ -1,4 +1,4 @@
-"""jaxonomy: a block diagram with an integrator, which its own solver steps."""
+"""jaxonomy: a block diagram with an integrator, stepped by its own solver."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What the makers share: gains in, an FMU of the same PID out."""
+"""Common part of the makers: read gains, write an FMU of the same PID."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def answer(make: Callable[[dict[str, float], Path, Path], None]) -> None:
-    """Make the FMU named in the second argument of the gains in the first; scratch beside it."""
+    """Make the FMU of the second argument from the gains of the first; scratch files next to it."""
     gains = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     target = Path(sys.argv[2])
     scratch = target.parent / f"{target.stem}_scratch"
@@ -29,6 +29,6 @@ def held(gains: dict[str, float]) -> str:
 
 
 def beside() -> str:
-    """Lines that let an FMU's Python find this environment's packages, behind its own."""
+    """Lines with which an FMU's Python finds this environment's packages, after its own."""
     places = [p for p in sys.path if p.endswith("site-packages")]
     return f"import sys\nsys.path += {places!r}\n"

@@ -1,4 +1,4 @@
-"""pythonfmu3: a class in Python that answers in its step, as FMI 3.0."""
+"""pythonfmu3: a Python class that computes outputs in its step, as FMI 3.0."""
 
 from pathlib import Path
 

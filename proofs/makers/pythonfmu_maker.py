@@ -1,4 +1,4 @@
-"""pythonfmu: a class in Python that answers in its step."""
+"""pythonfmu: a Python class that computes outputs in its step."""
 
 from pathlib import Path
 

@@ -9,7 +9,7 @@ from maker import answer
 
 
 def make(gains, scratch: Path, target: Path):
-    """Its Euler steps are of 1e-5 s."""
+    """Make the FMU with Euler steps of 1e-5 s."""
     matrices = {
         "A": [[0.0]],
         "B": [[1.0, -1.0, 0.0]],

@@ -1,4 +1,4 @@
-"""UniFMU: its template for Python, which runs in a process of its own."""
+"""UniFMU: its template for Python, which runs in a separate process."""
 
 import subprocess
 import sys
@@ -31,7 +31,7 @@ VARIABLES = {"x": "input", "v": "input", "x_d": "input", "u": "output"}
 
 
 def make(gains, scratch: Path, target: Path):
-    """Its launcher calls `python3`; here it is told which one, as who installs it has to."""
+    """Make the FMU; its launcher calls `python3`, so set the path as in an installation."""
     folder = scratch / "pid"
     subprocess.run(
         [Path(sys.executable).with_name("unifmu"), "generate", "python", folder], check=True

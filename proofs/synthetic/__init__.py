@@ -1,4 +1,4 @@
-"""Made-up friction laws, records of known friction, and random rigs whose parameters are known.
+"""Synthetic friction laws, records of known friction, and random rigs with known parameters.
 
-The proofs of the identification and of the features' criteria, and their tests, draw them here.
+They are used by the proofs of the identification and of the features' criteria, and by their tests.
 """

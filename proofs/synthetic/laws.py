@@ -1,7 +1,7 @@
-"""Friction laws whose features are known because they are built in, one by one.
+"""Friction laws whose features are known, because each is added separately.
 
-`rigid` is a smooth sign of the velocity times whatever is switched on by a parameter that is not
-zero; `sprung` is a spring that gives way. Neither is a model of anything.
+`rigid` is a smooth sign of the velocity times terms that are active if their parameter is not zero;
+`sprung` is a yielding spring. They are not models of a real machine.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MEMORY_TIME = sp.Float("0.1")  # s
 AGEING_TIME = sp.Float("2.0")  # s
 CONTACT_LENGTH = sp.Float("5e-6")  # m
 
-# What is compiled is kept under the law's name: another content, another name.
+# Compiled code is stored by the law's name, so a changed law needs another name.
 _CONTENT = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:8]
 RIGID, SPRUNG = f"synthetic_rigid_{_CONTENT}", f"synthetic_sprung_{_CONTENT}"
 NAMES = {RIGID: "synthetic.laws:rigid", SPRUNG: "synthetic.laws:sprung"}
@@ -48,10 +48,10 @@ def _term(
 
 
 def rigid(velocity: sp.Expr) -> ForceTerm:
-    """No presliding: friction is there as soon as the block moves.
+    """A law without presliding: friction acts as soon as the block moves.
 
-    The Coulomb force, a share that fades with speed, a share that grows while the block sticks and
-    is worn off by sliding, a viscous share, and a share that follows the velocity's changes.
+    Its terms are the Coulomb force, a share that decreases with speed, a share that grows at rest
+    and is removed by sliding, a viscous share, and a share that follows changes of the velocity.
     """
     coulomb, fading, ageing, viscous, memory = map(
         symbol, ("coulomb", "fading", "ageing", "viscous", "memory")
@@ -85,7 +85,7 @@ def sprung(velocity: sp.Expr) -> ForceTerm:
     """Presliding only: a spring that slides at `limit`, the more abruptly the larger `hardness`."""
     stiffness, limit, hardness, z = map(symbol, ("stiffness", "limit", "hardness", "z"))
     share = stiffness * z / limit
-    # tiny, so that the power has a derivative where the spring is slack
+    # tiny, so that the power has a derivative at zero force
     power = sp.exp((hardness - 1) * sp.log(sp.Abs(share) + sp.Float("1e-12")))
     rate = velocity - sp.Abs(velocity) * power * share
     return _term(
@@ -99,7 +99,7 @@ def sprung(velocity: sp.Expr) -> ForceTerm:
     )
 
 
-# what is switched on, and the features that this is, in the order of FEATURES
+# active parameters, and the resulting features in the order of FEATURES
 MADE = {
     "Coulomb friction alone": (RIGID, {"coulomb": 1.3}, "no conditional no no no"),
     "viscous friction alone": (RIGID, {"viscous": 173.0}, "no yes no no no"),
@@ -149,7 +149,7 @@ MADE = {
 
 
 def judged(what: str) -> dict[str, Cell]:
-    """Decisions on one of `MADE`, which is in the list of laws only while it runs."""
+    """Decisions on a law of `MADE`, which is in the list of laws only while it runs."""
     law, values, _ = MADE[what]
     with mock.patch.dict(LAWS, {law: NAMES[law]}):
         return decide_features(observe(law, values))

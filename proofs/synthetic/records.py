@@ -1,6 +1,6 @@
-"""Records of known truth: a law along a prescribed motion, as load cell and encoder see it.
+"""Records of known truth: a law along a prescribed motion, measured by load cell and encoder.
 
-The law is integrated in small implicit steps, independently of what is tested.
+The law is integrated in small implicit steps, independently of the tested code.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FINE = 20  # steps of the law in one sampling interval
 
 @dataclass(frozen=True)
 class Trial:
-    """A prescribed motion: position [m] as a function of time from rest, and how it is sampled."""
+    """A prescribed motion: position [m] as a function of time from rest, and its sampling."""
 
     name: str
     duration: float
@@ -59,7 +59,7 @@ def sine_velocity(amplitude: float, omega: float, duration: float) -> Trial:
 
 
 def slow_load(displacement: float, time: float = 0.8, duration: float = 5.0) -> Trial:
-    """A presliding displacement as a force step gives it, seen by the capacitance sensor."""
+    """A presliding displacement as after a force step, measured by the capacitance sensor."""
     return Trial(
         f"load {displacement}",
         duration,
@@ -77,7 +77,7 @@ def _lugre(x: Vector, h: float, p: Vector) -> Vector:
         v = (x[k] - x[k - 1]) / h
         q = p[:6] if v > 0 else p[6:]
         g = q[3] + (q[4] - q[3]) * math.exp(-((v / q[5]) ** 2))
-        b = p[:6] if z > 0 else p[6:]  # the stiffness is that of the side the bristles are bent to
+        b = p[:6] if z > 0 else p[6:]  # by the direction in which the bristles are bent
         half = 0.5 * h * b[0] * abs(v) / g
         z = (z * (1 - half) + h * v) / (1 + half)
         if k + 1 < len(x):
@@ -146,14 +146,14 @@ def record_of(
     noise: float = 0.03,
     mass: float = 1.0,
 ) -> Record:
-    """What the instruments record of a trial.
+    """The record of a trial by the instruments.
 
     Parameters
     ----------
     delay : float
-        How much later than the motion the force is sampled [s].
+        Delay of the force sample relative to the motion [s].
     noise : float
-        Of the load cell before it is rounded [N].
+        Noise of the load cell before rounding [N].
     """
     h = trial.step / FINE
     margin = 2 * FINE

@@ -1,4 +1,4 @@
-"""Random rigs of known truth, identified: what the proof counts and the tests sample."""
+"""Random rigs of known truth, identified: for the proof and for tests."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from ballscrew.rig.bench import run_trial
 from ballscrew.rig.rig_trials import TRIALS
 from synthetic.records import Trial, constant_velocity, record_of, sine_velocity, slow_load
 
-# Laws that are made along prescribed motions; the others' records come from the rig alone, where
-# force makes the motion.
+# Laws with prescribed motions; records of the others come only from the rig, where the force causes
+# the motion.
 PRESCRIBED = tuple(n for n in LAWS if n not in ("maxwell_slip", "classical"))
-_SEEDED = [*(n for n in LAWS if n != "classical"), "classical"]  # a law's place is part of its seed
+_SEEDED = [*(n for n in LAWS if n != "classical"), "classical"]  # a law's index is part of its seed
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One parameter of one rig: its truth, what was found, and whether the interval holds it."""
+    """One parameter of one rig: true value, result, and whether the interval contains the truth."""
 
     law: str
     seed: int
@@ -48,7 +48,7 @@ class Outcome:
 
 
 def random_truth(law: str, random: np.random.Generator) -> dict[str, float]:
-    """Parameters around the thesis', a factor of about one and a half to either side."""
+    """Parameters around those of the thesis, by a factor of up to about one and a half."""
 
     def near(value: float, spread: float = 0.25) -> float:
         return value * math.exp(float(np.clip(random.normal(0.0, spread), -0.6, 0.6)))
@@ -89,7 +89,7 @@ def random_truth(law: str, random: np.random.Generator) -> dict[str, float]:
 
 
 def random_trials(random: np.random.Generator) -> list[Trial]:
-    """Sixteen trials in the manner of Tables 2.4, 2.6, 2.8 and of the Stribeck curve."""
+    """Sixteen trials similar to Tables 2.4, 2.6, 2.8 and to the Stribeck curve."""
     trials = []
     for sign in (1.0, -1.0):
         rise = random.uniform(0.02, 0.1)
@@ -113,7 +113,7 @@ def identify_random_rig(law: str, seed: int) -> list[Outcome]:
 def identify_accelerated_rig(law: str, seed: int) -> list[Outcome]:
     """The same with motions that accelerate, the mass unknown, and the force late in half of them.
 
-    What is compared is all that `identify` says: the law, the mass and the time.
+    All results of `identify` are compared: the law, the mass and the delay.
     """
     random = np.random.default_rng([seed, _SEEDED.index(law), 2])
     truth = random_truth(law, random)
@@ -145,7 +145,7 @@ def _shaken(
     omegas: npt.NDArray[np.float64],
     t: npt.NDArray[np.float64],
 ) -> npt.NDArray[np.float64]:
-    """Sines that begin gently from rest [m]."""
+    """Sines that begin smoothly from rest [m]."""
     gently = (1 - np.exp(-t / 0.3)) ** 3
     waves = sizes[:, None] * np.sin(omegas[:, None] * t + phases[:, None])
     return np.asarray(gently * waves.sum(axis=0))
@@ -157,7 +157,7 @@ _POOL = ("2.2", "2.3.1", "2.4", "2.6", "2.8", "2.10", "2.11", "presliding", "loa
 
 
 def closed_loop_trials(seed: int, random: np.random.Generator) -> tuple[str, list[str]]:
-    """What a closed-loop rig is identified from: trials of one table alone, or of all."""
+    """Trials for the identification of a closed-loop rig: from one table, or from all."""
     subset = SUBSETS[seed % len(SUBSETS)]
     names = [n for n, t in TRIALS.items() if t.table in (_POOL if subset == MIXED else (subset,))]
     count = min(int(random.integers(6, 13)), len(names))
@@ -165,7 +165,7 @@ def closed_loop_trials(seed: int, random: np.random.Generator) -> tuple[str, lis
 
 
 def identify_closed_loop_rig(law: str, seed: int) -> list[Outcome]:
-    """The same with records of the virtual rig: controllers, counts, filters and all."""
+    """The same with records of the virtual rig, with its controllers, counts and filters."""
     random = np.random.default_rng([seed, _SEEDED.index(law), 1])
     truth = random_truth(law, random)
     subset, names = closed_loop_trials(seed, random)
@@ -174,7 +174,7 @@ def identify_closed_loop_rig(law: str, seed: int) -> list[Outcome]:
         made = run_trial(name, law, truth, seed=seed)
         signals = {n: v for n, v in made.record.items() if n in FORCE_RECORD.columns}
         record = described(Record(name, signals, SAMPLE_TIME), made.description())
-        if np.ptp(record.position) > 0:  # others are refused when they are read
+        if np.ptp(record.position) > 0:  # others are rejected when they are read
             records.append(record)
     return _compared(law, seed, subset, truth, records)
 

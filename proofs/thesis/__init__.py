@@ -1,1 +1,1 @@
-"""Chapter 3 of the thesis, section by section: what is computed, and what is claimed."""
+"""Chapter 3 of the thesis, section by section: computed results, and claims of the thesis."""

@@ -1,4 +1,4 @@
-"""One line of the page: what the thesis claims, and what this program finds."""
+"""One line of the page: a claim of the thesis, and the result of this program."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ class Claim:
     where : str
         Section, equation, table or figure of the thesis.
     says : str
-        What is claimed.
+        The claim.
     thesis, here : str
     rule : str
-        When the two agree.
+        Condition under which both agree.
     agrees : bool
     why : str
-        Explanation; needed where they differ.
+        Explanation; needed if they differ.
     printed : bool
-        False where the thesis prints nothing that this program could agree with. The line is
-        shown and not counted.
+        False if the thesis prints no comparable result. The line is then shown but not counted.
     """
 
     where: str
@@ -37,7 +36,7 @@ class Claim:
 
     @property
     def verdict(self) -> str:
-        """What the last column of the page says."""
+        """Text of the last column of the page."""
         if not self.printed:
             return "not counted" if self.agrees else "**our own check fails**"
         return "agrees" if self.agrees else "**differs**"

@@ -1,4 +1,4 @@
-"""What repeats each line of the page: a command of ballscrew, or a part of this proof."""
+"""Commands that repeat each line of the page: a command of ballscrew, or a part of this proof."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ _STEP = "--coupling monolithic --step 1e-3 --stop 20"
 _HATS = "--set controller.sigma0_hat={} --set controller.sigma1_hat={}"
 _SYSTEM_1 = _HATS.format("66967.331", "355.76")
 _SYSTEM_2 = _HATS.format("66966.331", "349.41")
-# what `ballscrew.controllers.nctf.design` makes of the perturbed plants
+# results of `ballscrew.controllers.nctf.design` for the perturbed plants
 _GAINS = "--set controller.c={} --set controller.Kp={} --set controller.Ki={}"
 _NCTF_70 = _GAINS.format("9.55252", "526.273", "2631.36")
 _NCTF_130 = _GAINS.format("16.7594", "299.964", "1499.82")

@@ -1,4 +1,4 @@
-"""Loops of the thesis, run and followed by this program."""
+"""Loops of the thesis, simulated with exponents by this program."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ Figures = dict[str, Any]
 Vector = npt.NDArray[np.float64]
 
 
-SWING = 1e-6  # m to either side in the last two seconds; less counts as standing still
+SWING = 1e-6  # amplitude in the last two seconds below which the loop is at rest [m]
 
 
-SEEN = 1e-5  # m: the same for an eye on a picture of 8 cm
+SEEN = 1e-5  # the same for a reader of a picture of 8 cm [m]
 
 
 def hats(sigma0: float, sigma1: float) -> dict[str, float]:
@@ -42,7 +42,7 @@ def loop_run(
     setpoint: float = SETPOINT,
     plant: str = "plant",
 ) -> Any:
-    """One step to a set-point by one solver, on a grid of a millisecond."""
+    """One step to a set-point in one solver, on a grid of one millisecond."""
     reference = Reference.constant(setpoint)
     return run_monolithic(Loop(controller, plant, reference, stop, controller_values=values), 1e-3)
 
@@ -66,7 +66,7 @@ def growth(
 
 
 def spectrum_figures(run: LyapunovRun) -> Figures:
-    """The part of ``lyapunov.json`` that is needed here."""
+    """The part of ``lyapunov.json`` needed here."""
     keep = (
         "time_s", "exponents_bits_per_s", "exponents_error_bits_per_s", "asymptotic_bits_per_s",
         "mean_trace_bits_per_s", "sum_rule_error", "lambda1_times_t_bits", "verdict", "rest",
@@ -77,7 +77,7 @@ def spectrum_figures(run: LyapunovRun) -> Figures:
 
 @dataclass(frozen=True)
 class End:
-    """What a loop does in the last two seconds of 20 s, as the thesis' pictures would show it."""
+    """Motion of a loop in the last two seconds of 20 s, as visible in a picture of the thesis."""
 
     kind: str  # "diverges", "swings", "stands"
     swing: float  # m to either side

@@ -24,7 +24,7 @@ from thesis.printed import (
 
 
 def parameters() -> Figures:
-    """Numbers that follow from the printed ones by arithmetic."""
+    """Numbers computed from the printed ones."""
     (low0, high0), (low1, high1) = REGION_1
     steps0 = round(SIGMA0 * (high0 - low0) / GRID_1) + 1
     steps1 = round(SIGMA1 * (high1 - low1) / GRID_1) + 1
@@ -59,7 +59,7 @@ def parameters() -> Figures:
 
 
 def friction_model() -> Figures:
-    """Section 3.3: modified against original LuGre friction in closed loops."""
+    """Section 3.3: modified and original LuGre friction in closed loops."""
     apart = {}
     for controller in ("iol", "nctf"):
         ours, original = loop_run(controller), loop_run(controller, plant="plant_lugre")

@@ -38,7 +38,7 @@ def with_faster_bristles(scale: float) -> dict[str, float]:
 
 
 def coasting() -> Figures:
-    """The open-loop step of Section 3.4.2.1: speed, and the way to a stop."""
+    """The open-loop step of Section 3.4.2.1: speed, and motion until the stop."""
     plant = Model(stored_kernel("plant", axis, "ballscrew.plant.axis"), None)
     plant.set_input("u", STEP_VOLTAGE)
     plant.advance(0.0, 1.0)
@@ -117,7 +117,7 @@ def nctf_claims(f: Figures) -> list[Claim]:
 
 
 def _design_claims(f: Figures) -> list[Claim]:
-    """Section 3.4.2.1, and the gains made of it."""
+    """Claims of Section 3.4.2.1, and the gains computed from it."""
     p, o, r = f["parameters"], f["coasting"], f["nctf"]
     by_threshold = o["stopping_time_by_threshold_and_sigma0"]
     printed, fitted = o["printed_design"], o["fitted_design"]

@@ -1,6 +1,6 @@
-"""Figs. 3.4 to 3.24 drawn anew by this program, with what the thesis says or prints of each.
+"""Figs. 3.4 to 3.24 drawn by this program, with statements and numbers of the thesis.
 
-The thesis' own pictures are not copied. What is black is a number or a statement of its text.
+The pictures of the thesis are not copied. Numbers and statements of its text are black.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ CAPTIONS = {
 
 
 def thesis_text(axes: Any, text: str, place: tuple[float, float], **style: Any) -> None:
-    """A statement of the thesis, at a place in shares of the axes."""
+    """Draw a statement of the thesis, at a position in shares of the axes."""
     style = {"fontsize": 9, "color": "black", "transform": axes.transAxes, **style}
     axes.text(*place, f"thesis: {text}", **style)
 
@@ -86,7 +86,7 @@ def course(controller: str, values: dict[str, float] | None, stop: float, points
 
 
 def exponents(controller: str, values: dict[str, float] | None, stop: float) -> tuple[Any, Any]:
-    """Times [s], and all finite-time exponents [bits/s] in falling order, a column each."""
+    """Times [s], and all finite-time exponents [bits/s] in descending order, one per column."""
     model = loop_maker(Loop(controller, reference=SETPOINT, controller_values=values))(1e-11)
     frame = np.eye(len(model.x))[loop_order(model.kernel)]
     run = follow_tangents(model, np.linspace(0.0, stop, 401), frame=frame)
@@ -131,7 +131,7 @@ def nctf() -> Any:
     plant.set_input("u", STEP_VOLTAGE)
     up = plant.simulate(np.linspace(0.0, 0.3, 1501))
     plant.set_input("u", 0.0)
-    # the creep is seen in the plane of speed and way, where the time goes by its logarithm
+    # the creep is visible in the plane of speed and distance, with logarithmic time
     down = plant.simulate(0.3 + np.concatenate([[0.0], np.geomspace(1e-6, 0.3, 1500)]))
     time = np.concatenate([up.time, down.time])
     speed = np.concatenate([up.outputs["v"], down.outputs["v"]])
@@ -142,7 +142,7 @@ def nctf() -> Any:
     thesis_text(step, f"stops within\n$A$ = {PRINTED_A} s (grey)", (0.53, 0.45))
     step.set_ylim(-0.005, 0.145)
     titled(step, "Fig. 3.7: 30 V until 0.3 s, then 0 V", "time [s]", "velocity $v$ [m/s]")
-    last = int(np.argmax(down.outputs["x"]))  # from here on it creeps back
+    last = int(np.argmax(down.outputs["x"]))  # then it creeps back
     x, v = down.outputs["x"][: last + 1], down.outputs["v"][: last + 1]
     plane.semilogx(1e6 * np.maximum(x[-1] - x, 1e-9), v, color=COLOURS[0], label="here")
     error = np.geomspace(1e-9, 0.1, 200)
@@ -272,7 +272,7 @@ KINDS = ("stands", "swings", "diverges")
 
 
 def kinds_of(across: Any, up: Any) -> Any:
-    """What loops do, as places in `KINDS`: a row for each sigma1_hat, a column for sigma0_hat."""
+    """Motion of loops as index in `KINDS`: one row per sigma1_hat, one column per sigma0_hat."""
     return np.array([[KINDS.index(end_of(a, b).kind) for a in across] for b in up])
 
 

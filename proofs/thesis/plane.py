@@ -13,7 +13,7 @@ from thesis.printed import CYCLE, GRID_1, NOMINAL, RUNAWAY, SETPOINT, SIGMA0, SI
 
 
 def edge(settled: Callable[[float], bool], good: float, bad: float, width: float) -> float | None:
-    """Where `settled` turns from true at `good` to false at `bad`; None if it does not."""
+    """Value between `good` and `bad` at which `settled` changes to false; None without a change."""
     if not settled(good) or settled(bad):
         return None
     while abs(bad - good) > width:
@@ -25,7 +25,7 @@ def edge(settled: Callable[[float], bool], good: float, bad: float, width: float
 def runaway_edge(
     sigma1: float, setpoint: float = SETPOINT, controller: str = "iol"
 ) -> float | None:
-    """Least sigma0_hat from which the loop diverges, to 0.0005 N/m."""
+    """Smallest sigma0_hat at which the loop diverges, to 0.0005 N/m."""
     return edge(
         lambda s0: end_of(s0, sigma1, controller, setpoint).kind != "diverges",
         SIGMA0,
@@ -35,7 +35,7 @@ def runaway_edge(
 
 
 def cycle_edge(sigma0: float, controller: str = "iol") -> float | None:
-    """Largest sigma1_hat below which the loop swings, to 0.005 N*s/m."""
+    """Largest sigma1_hat below which the loop oscillates, to 0.005 N*s/m."""
     return edge(lambda s1: end_of(sigma0, s1, controller).kind == "stands", 347.0, 340.0, 0.005)
 
 

@@ -1,4 +1,4 @@
-"""The thesis' own numbers, and the nominal parameters that they are about."""
+"""The numbers of the thesis, and the nominal parameters for them."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ LONG = 300.0  # s
 VARIANTS = {"estimated": "iol", "true": "iol_true_acceleration"}
 
 
-# The thesis' own numbers.
+# The numbers of the thesis.
 NOMINAL_VOLTAGE = 35.0  # V, 3.4.1.2
 
 
 PEAK = (0.32, 33.0)  # Fig. 3.5, s and V, "approximately"
 
 
-STEADY = 1.5  # Fig. 3.5: the voltage is steady from here on, s
+STEADY = 1.5  # Fig. 3.5: the voltage is steady after this time, s
 
 
 SECOND_PEAK = 0.3  # Fig. 3.10: time of the second peak, s, "approximately"
 
 
-STEADY_NCTF = 2.2  # Fig. 3.10: the voltage is steady from here on, s
+STEADY_NCTF = 2.2  # Fig. 3.10: the voltage is steady after this time, s
 
 
 SYSTEM_1 = (66967.331, 355.76)  # 3.5.1.1: sigma0_hat, sigma1_hat
@@ -86,4 +86,4 @@ ROWS = (
 )  # fmt: skip
 
 
-MISPRINT = (130, 90, 0.0123)  # row, column and value of the one cell unlike its row
+MISPRINT = (130, 90, 0.0123)  # row, column and value of the only cell that differs from its row

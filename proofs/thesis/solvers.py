@@ -1,4 +1,4 @@
-"""What other solvers make of the two perturbed loops, and what is a loose one."""
+"""Results of other solvers for the two perturbed loops, and of loose tolerances."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from thesis.printed import RUNAWAY, SETPOINT, SIGMA0, STOP, SYSTEM_1, SYSTEM_2, 
 
 
 def by_scipy(sigma0: float, sigma1: float, method: str, rtol: float, atol: float) -> End:
-    """The same by a solver of scipy, with one absolute tolerance for all states."""
+    """The same with a solver of scipy, with one absolute tolerance for all states."""
     model = loop_maker(Loop("iol", reference=SETPOINT, controller_values=hats(sigma0, sigma1)))(
         1e-8
     )
@@ -42,11 +42,11 @@ SOLVERS = tuple(
 )
 
 
-NEIGHBOURS = 9  # loops whose sigma0_hat differs by parts of 1e-13: what hangs on the last bits
+NEIGHBOURS = 9  # loops with sigma0_hat differing by parts of 1e-13: dependence on the last bits
 
 
 def loose_solvers() -> Figures:
-    """What integration makes of 3.5.1.1, 3.5.1.2 and of the plane."""
+    """Effect of the integration on 3.5.1.1, 3.5.1.2 and the plane."""
     systems = {}
     for method, rtol, atol in SOLVERS:
         ends = [by_scipy(*s, method, rtol, atol) for s in (SYSTEM_1, SYSTEM_2)]
@@ -81,7 +81,7 @@ def loose_solvers() -> Figures:
 
 
 def solver_table(f: Figures) -> list[str]:
-    """What solvers make of the two systems of 3.5.1."""
+    """Results of solvers for the two systems of 3.5.1."""
     loose = f["loose_solvers"]
     rows = [
         "| solver | relative, absolute tolerance | 3.5.1.1: swing, offset [um] | 3.5.1.2: swing, "

@@ -49,7 +49,7 @@ def spectra() -> Figures:
                 **_after_300_s(controller, system),
                 "last_below_printed": float(times[1 + below[-1]]),
             }
-    taken = []  # the best of three: others work on this machine, too
+    taken = []  # the best of three, because other programs run on this machine
     for _ in range(3):
         model = loop_maker(Loop("iol", reference=SETPOINT, controller_values=hats(*SYSTEM_1)))(1e-9)
         before = time.perf_counter()

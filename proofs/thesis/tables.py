@@ -30,8 +30,7 @@ from thesis.printed import (
 def table_run(sigma0_percent: float, sigma1_percent: float, followed: float = LONG) -> Figures:
     """A cell of Tables 3.3 and 3.4: the controller of a perturbed plant on the nominal one.
 
-    The largest exponent is the one at 300 s. At rest it falls like 1/t, so that following the
-    motion for 20 s is enough.
+    The largest exponent is that at 300 s. At rest it falls like 1/t, so a motion of 20 s is enough.
     """
     made = design(
         {"sigma0": sigma0_percent / 100 * SIGMA0, "sigma1": sigma1_percent / 100 * SIGMA1}
@@ -41,7 +40,7 @@ def table_run(sigma0_percent: float, sigma1_percent: float, followed: float = LO
 
 
 def with_stopping_time(stopping_time: float) -> dict[str, float]:
-    """The controller that the printed design's rule gives for a stopping time [s]."""
+    """The controller by the rule of the printed design for a stopping time [s]."""
     share = stopping_time / PRINTED_A
     kernel = loop_kernel("plant", "nctf")
     default = {p.name: p.default for p in kernel.parameters}
@@ -247,7 +246,7 @@ def _printed_cells(t: Figures, coasting: Figures, alone: Vector, both: Vector) -
 
 
 def _trends(ways: list[Figures], alone: Vector, both: Vector) -> list[Claim]:
-    """What Section 3.5.2.3 says of the tables."""
+    """Statements of Section 3.5.2.3 on the tables."""
     centre = COARSE.index(100)
     quickest = [w["A"] for w in sorted(ways, key=lambda w: w["settling"])]
     lowest = [w["A"] for w in sorted(ways, key=lambda w: w["lambda1"])]
@@ -288,7 +287,7 @@ def _trends(ways: list[Figures], alone: Vector, both: Vector) -> list[Claim]:
 
 
 def exponent_tables(f: Figures) -> list[str]:
-    """Tables 3.3 and 3.4 beside what is found here."""
+    """Tables 3.3 and 3.4 with the results here."""
     t = f["tables"]
     rows = [
         "| sigma1 | printed (all columns) | here, sigma0 left alone | difference | A [ms] | A "

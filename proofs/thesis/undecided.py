@@ -1,4 +1,4 @@
-"""What the thesis' text leaves open."""
+"""Questions that the text of the thesis does not answer."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from thesis.printed import COARSE, GRID_1, LARGEST_1, ROWS, VARIANTS
 
 
 def undecided(f: Figures) -> list[str]:
-    """What the thesis' text leaves open."""
+    """Questions that the text of the thesis does not answer."""
     s, t, q = f["spectra"], f["tables"], f["plane"]
     loose, edges = f["loose_solvers"], f["plane"]["edges"]
     swings = loose["systems"]["RK45 0.001 1e-06"]

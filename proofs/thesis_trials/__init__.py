@@ -1,1 +1,1 @@
-"""What scatters in the thesis' tables of trials, and what its averaged friction curve costs."""
+"""Scatter in the thesis' tables of trials, and the error by its averaged friction curve."""

@@ -1,7 +1,7 @@
-"""What it costs in force to describe friction in both directions by one averaged set of parameters.
+"""Force error of one averaged set of friction parameters for both directions.
 
-The thesis fits Eq. 1.8 to each direction and takes the means of the parameters for its nominal
-model (Table 2.3).
+The thesis fits Eq. 1.8 to each direction and uses the means of the parameters in its nominal model
+(Table 2.3).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from thesis_trials.scatter import BadTable, number, read_columns
 
 Vector = npt.NDArray[np.float64]
 
-FASTEST = 5.5e-3  # m/s, of the trials in Table 2.4
+FASTEST = 5.5e-3  # largest speed of the trials in Table 2.4 [m/s]
 _POINTS = 1101
 FORWARDS, BACKWARDS = "positive_velocity", "negative_velocity"
 _SYMBOLS = ("Fc", "Fs", "Vs", "sigma2")
@@ -27,16 +27,16 @@ _SYMBOLS = ("Fc", "Fs", "Vs", "sigma2")
 
 @dataclass(frozen=True)
 class ForceError:
-    """How far one curve is from another over a range of speed.
+    """Difference between two curves over a range of speed.
 
     Attributes
     ----------
     rms, largest : float
-        [N]; `largest` with its sign.
+        Errors [N]; `largest` with its sign.
     at_speed : float
-        Of the largest [m/s].
+        Speed of the largest error [m/s].
     share : float
-        `rms` over the root mean square of the force itself.
+        `rms` over the root mean square of the force.
     """
 
     rms: float
@@ -52,17 +52,17 @@ class AveragingCost:
     Attributes
     ----------
     fastest : float
-        The range of speed is from rest to this [m/s].
+        Upper end of the range of speed, which starts at rest [m/s].
     averaged : dict of str to float
         Means of both directions' Fc [N], Fs [N], Vs [m/s] and sigma2 [N*s/m].
     forwards, backwards : ForceError
-        The curve of the averaged parameters, less that direction's own.
+        The curve of the averaged parameters less the curve of that direction.
     unavoidable : ForceError
-        Half the difference of both directions, backwards less forwards: what any one curve for
-        both leaves at the least.
+        Half the difference of both directions, backwards less forwards: the smallest error of any
+        single curve for both.
     of_parameters : ForceError
-        The curve of the averaged parameters less the mean of both curves: what averaging the
-        parameters costs over averaging the force.
+        The curve of the averaged parameters less the mean of both curves: the additional error by
+        averaging parameters instead of forces.
     """
 
     fastest: float
@@ -91,7 +91,7 @@ def averaging_cost(table: Path | str, fastest: float = FASTEST) -> AveragingCost
     Raises
     ------
     BadTable
-        If the table has not these columns and rows, or `fastest` is not above zero.
+        If the table does not have these columns and rows, or `fastest` is not above zero.
     """
     path = Path(table)
     if not (math.isfinite(fastest) and fastest > 0):

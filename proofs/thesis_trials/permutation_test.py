@@ -1,4 +1,4 @@
-"""Exact or drawn permutations of a condition's levels among trials that are alike otherwise."""
+"""Exact or random permutations of a condition's levels among otherwise equal trials."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import numpy.typing as npt
 Vector = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-MOST_COUNTED = 10_000_000  # assignments that are all counted; of more a sample is drawn
+MOST_COUNTED = 10_000_000  # most assignments that are all counted; of more, a random sample is used
 _MOST_OF_ONE_STRATUM = 100_000
 DRAWS = 99_999
 _SEED = 20240229
 _ROWS = 2000
-_ROUND = 1e-9  # relative; assignments this close explain the same
+_ROUND = 1e-9  # relative difference below which assignments explain the same
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class _Test:
 
 
 def level_codes(labels: Sequence[str]) -> Indices:
-    """Levels numbered in the order they come, so that equal divisions have equal codes."""
+    """Levels numbered in order of appearance, so that equal divisions have equal codes."""
     order: dict[str, int] = {}
     return np.array([order.setdefault(x, len(order)) for x in labels], dtype=np.int64)
 
@@ -52,7 +52,7 @@ def _basis(columns: Vector) -> Vector:
 
 
 def residual_squares(y: Vector, conditions: Sequence[Indices]) -> tuple[float, int]:
-    """Sum of squares left by all conditions together, and its degrees of freedom."""
+    """Residual sum of squares with all conditions, and its degrees of freedom."""
     basis = _basis(np.hstack([np.ones((len(y), 1)), *map(_columns, conditions)]))
     residual = y - basis @ (basis.T @ y)
     freedom = len(y) - basis.shape[1]
@@ -83,8 +83,8 @@ def permute_levels(y: Vector, codes: Indices, others: Sequence[Indices]) -> _Tes
             hits += int((explained >= observed - near).sum())
         smallest = 1 / (DRAWS + 1)
         return _Test(observed, (1 + hits) / (1 + DRAWS), smallest, DRAWS, False)
-    # An assignment's sum over the trials is a sum over strata: what they give one by one is put
-    # together in two halves, and every pair of these is an assignment.
+    # An assignment's sum over the trials is a sum over strata. The sums of the strata are combined
+    # in two halves, and every pair of the halves is an assignment.
     halves = [np.zeros((1, design.shape[1]))] * 2
     for members in strata:
         parts = np.array(
@@ -105,7 +105,7 @@ def permute_levels(y: Vector, codes: Indices, others: Sequence[Indices]) -> _Tes
 
 
 def _draws(strata: Indices) -> Iterator[Indices]:
-    """Random permutations within strata, `DRAWS` in all, some rows at a time."""
+    """Random permutations within strata, `DRAWS` in total, in groups of rows."""
     random = np.random.default_rng(_SEED)
     sorted_places = np.argsort(strata, kind="stable")
     for begin in range(0, DRAWS, _ROWS):
@@ -122,7 +122,7 @@ def _arrangements(codes: Indices) -> int:
 
 
 def _orders(codes: Indices) -> Iterator[tuple[int, ...]]:
-    """Every different arrangement of the levels, as places to take them from."""
+    """Every different arrangement of the levels, as indices."""
     places = {int(c): [int(k) for k in np.flatnonzero(codes == c)] for c in np.unique(codes)}
 
     def fill(free: tuple[int, ...], levels: list[int]) -> Iterator[dict[int, int]]:

@@ -1,8 +1,8 @@
-"""A table of trials: is the scatter of a value scatter, or does a recorded condition explain it?
+"""A table of trials: is the scatter of a value random, or does a recorded condition explain it?
 
-The trials are permuted, not assumed normal: if a condition has no effect, every assignment of its
-levels to the trials that differ in nothing else was as likely as the one recorded. Few trials have
-few such assignments, and the smallest p-value they could have given is said beside the one found.
+The test permutes the trials and does not assume normal values: if a condition has no effect, all
+assignments of its levels to otherwise equal trials are equally likely. A few trials have only a few
+such assignments, so the smallest possible p-value is given with the result.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class BadTable(ValueError):
 
 @dataclass(frozen=True)
 class Level:
-    """The trials at one level of a condition: how many, and the mean of their value."""
+    """The trials at one level of a condition: their number, and the mean of their value."""
 
     label: str
     trials: int
@@ -46,29 +46,29 @@ class Level:
 
 @dataclass(frozen=True)
 class Condition:
-    """What one recorded condition has to do with a value.
+    """Relation of one recorded condition to a value.
 
     Attributes
     ----------
     same_as : tuple of str
-        Columns that divide the trials just as this one does: what is said holds for any of them.
+        Columns that divide the trials in the same way; the results hold for any of them.
     levels : tuple of Level
     share : float
-        Of the sum of squares about the mean, what this condition explains beyond all others.
+        Share of the sum of squares about the mean that only this condition explains.
     difference : float
         Largest mean of a level less the smallest, in the value's unit.
     standardized : float
-        The same in standard deviations of what no condition explains; infinite where that is zero.
+        The same in residual standard deviations; infinite if the residual is zero.
     p_value, corrected : float
         Share of the assignments that explain at least as much; Holm's correction for the number of
         conditions tested.
     smallest_p, smallest_corrected : float
-        The smallest these trials could have given, and what the correction would leave of it were
-        it the only small one. 1: no two trials differ in this condition alone.
+        The smallest p-value possible with these trials, and its correction if it were the only
+        small one. 1: no two trials differ in this condition only.
     assignments : int
-        Different ones there are, or were drawn.
+        Number of different assignments, or of random ones.
     exact : bool
-        All were counted.
+        All assignments were counted.
     explains : bool
         `corrected` is below `LEVEL`.
     """
@@ -89,34 +89,34 @@ class Condition:
 
     @property
     def can_tell(self) -> bool:
-        """Whether the strongest effect there could be would have been seen in these trials."""
+        """Whether these trials could have shown the strongest possible effect."""
         return self.smallest_corrected < LEVEL
 
 
 @dataclass(frozen=True)
 class TrialsDiagnosis:
-    """What the conditions of the trials explain of one column's scatter.
+    """Scatter of one column explained by the conditions of the trials.
 
     Attributes
     ----------
     table, value : str
     trials : int
-        Those that have the value and all conditions.
+        Number of trials with the value and all conditions.
     left_out : int
-        Those that do not.
+        Number of other trials.
     mean, deviation : float
-        Of the value over all trials; n - 1 in the deviation's denominator.
+        Mean and standard deviation of the value over all trials, with n - 1 in the denominator.
     explained : float
-        Share of the sum of squares that all conditions explain together, each level of each
-        condition with a mean of its own.
+        Share of the sum of squares explained by all conditions together, with a separate mean for
+        each level of each condition.
     adjusted : float
-        The same less what as many columns of noise would explain; below zero where they do worse.
+        The same less the share explained by equally many columns of noise; may be below zero.
     residual_deviation : float
-        What is left, with the degrees of freedom that are left; NaN where none are.
+        Residual standard deviation with its degrees of freedom; NaN without any.
     conditions : tuple of Condition
-        In order of what they explain.
+        Conditions in the order of their explained share.
     no_conditions : dict of str to str
-        The other columns, and why each was not taken for a condition.
+        The other columns, with the reason why each is not a condition.
     """
 
     table: str
@@ -133,7 +133,7 @@ class TrialsDiagnosis:
 
     @property
     def answer(self) -> str:
-        """One sentence: whether the scatter is scatter."""
+        """One sentence: whether the scatter is random."""
         explaining = [c for c in self.conditions if c.explains]
         if explaining:
             told = "; ".join(
@@ -160,18 +160,17 @@ class TrialsDiagnosis:
 
 
 def explain_scatter(table: Path | str, value: str) -> TrialsDiagnosis:
-    """Ask whether the recorded conditions of trials explain a value's scatter.
+    """Test whether the recorded conditions of trials explain a value's scatter.
 
-    Columns that are one value throughout say nothing, and columns with more than half as many
-    different values as trials are taken for the trial's number or another result, not for a
-    condition.
+    Constant columns are not used. A column with more than half as many different values as trials
+    counts as the trial's number or another result, not as a condition.
 
     Parameters
     ----------
     table : Path or str
-        CSV with a header, one trial a row; an empty cell is a missing value.
+        CSV with a header, one trial per row; an empty cell is a missing value.
     value : str
-        The column whose scatter is asked about.
+        The column whose scatter is tested.
 
     Returns
     -------
@@ -196,7 +195,7 @@ def explain_scatter(table: Path | str, value: str) -> TrialsDiagnosis:
     n, total = len(y), float(((y - y.mean()) ** 2).sum())
     labels = {n: [columns[n][k] for k in complete] for n in conditions}
     codes = {n: level_codes(cells) for n, cells in labels.items()}
-    # the trials that are left out may have taken a level or a difference with them
+    # without the left-out trials, a level or a difference may be missing
     for name in [n for n, c in codes.items() if c.max() == 0]:
         no_conditions[name] = "the same in every trial that has the value"
         del codes[name]
@@ -225,7 +224,7 @@ def explain_scatter(table: Path | str, value: str) -> TrialsDiagnosis:
 
 
 def _values(path: Path, value: str, cells: Sequence[str]) -> Vector:
-    """The value's numbers, which are enough and differ."""
+    """The value's numbers; raise BadTable if there are too few or if they are all equal."""
     y = np.array([number(path, value, cell) for cell in cells])
     if len(y) < LEAST_TRIALS:
         raise BadTable(
@@ -245,7 +244,7 @@ def _tested(
     same_as: Mapping[str, Sequence[str]],
     residual: float,
 ) -> list[Condition]:
-    """Each condition against all others, in order of what it explains."""
+    """Each condition tested with all others, in the order of the explained share."""
     total = float(((y - y.mean()) ** 2).sum())
     tests = {
         n: permute_levels(y, c, [o for m, o in codes.items() if m != n]) for n, c in codes.items()
@@ -306,7 +305,7 @@ def number(path: Path, column: str, cell: str) -> float:
     Raises
     ------
     BadTable
-        If it is none.
+        If it is not a finite number.
     """
     try:
         value = float(cell)
@@ -318,7 +317,7 @@ def number(path: Path, column: str, cell: str) -> float:
 
 
 def _conditions(columns: Mapping[str, list[str]], value: str) -> tuple[list[str], dict[str, str]]:
-    """The columns that are conditions, and why the others are not."""
+    """The columns that are conditions, and the reasons why others are not."""
     conditions, others = [], {}
     for name, cells in columns.items():
         if name == value:

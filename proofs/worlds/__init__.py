@@ -1,7 +1,7 @@
-"""Records of made-up machines whose truth is known: the worlds that the diagnosis is judged in.
+"""Simulated records of machines with known truth: the worlds in which the diagnosis is tested.
 
-Written from a list of what real drives, instruments and motions do, and from the equations of the
-axis; nothing of the estimator is imported.
+They are based on a list of properties of real drives, instruments and motions, and on the equations
+of the axis. Nothing of the estimator is imported.
 """
 
 from worlds.cases import Case, Unusable, draw_case, more_of, write_case, write_record

@@ -1,4 +1,4 @@
-"""What the motor gets of a command, compiled: late, smeared, limited, with the mains on it."""
+"""Amplifier between command and motor, compiled: delay, averaging, limits, and mains ripple."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from worlds.layout import (
 
 @compiled
 def command_at(par, commands, t, period):  # type: ignore[no-untyped-def]
-    """The command at a time: held, or on a line to the next value."""
+    """The command at a time: held, or linear to the next value."""
     if t <= 0.0:
         return commands[0]
     place = t / period
@@ -33,7 +33,7 @@ def command_at(par, commands, t, period):  # type: ignore[no-untyped-def]
 
 @compiled
 def integral_at(par, commands, integrals, t, period):  # type: ignore[no-untyped-def]
-    """The command's integral from zero to a time (before it, the first value was there)."""
+    """The command's integral from zero to a time (before zero, the first value is used)."""
     if t <= 0.0:
         return commands[0] * t
     k = min(int(t / period), commands.size - 1)
@@ -54,7 +54,7 @@ def late_command(par, commands, integrals, t, period):  # type: ignore[no-untype
 
 @compiled
 def amplify(par, lags, command, current, t, h):  # type: ignore[no-untyped-def]
-    """The voltage on the motor; `lags` are the states of the lag."""
+    """The voltage at the motor; `lags` are the states of the lag."""
     u = command
     if par[LAG] > 0.0:
         share = -math.expm1(-h / par[LAG])

@@ -1,4 +1,4 @@
-"""A machine by the values that its maker would print, and as the simulator's vector."""
+"""A machine by the values of its data sheet, and as the simulator's vector."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from worlds import layout
 from worlds.layout import Vector
 
 BALL_SCREW, DRIVE = "ball_screw", "drive"
-# what a maker can be wrong in, by plant; kt and ke are one thing and go together
+# values that a data sheet may have wrong, by plant; kt and ke are one quantity and change together
 UNCERTAIN = {
     BALL_SCREW: ("R", "kt", "m", "sigma2", "Fc", "Vs"),
     DRIVE: ("gain", "m", "sigma2", "Fc"),
@@ -26,17 +26,17 @@ class Axis:
     Attributes
     ----------
     plant, law : str
-        As a parameter file says them.
+        As in a parameter file.
     values : dict
-        SI, by the parameter file's names.
+        Values in SI units, by the parameter file's names.
     formulation : int
-        Of friction, as the simulator has it (`layout`).
+        Formulation of friction in the simulator (`layout`).
     travel : float
-        Half of it, m.
+        Half of the travel, m.
     most : float
         The largest command, V.
     fastest : float
-        Speed to be used, m/s.
+        Largest speed used, m/s.
     """
 
     plant: str
@@ -49,7 +49,7 @@ class Axis:
 
 
 def double_of(axis: Axis, duration: float) -> Vector:
-    """The axis with the law that its parameter file names."""
+    """The axis with the law of its parameter file."""
     par = vector_of(axis.plant, axis.values)
     par[layout.LAW] = layout.SET_VALUED if axis.law == "classical" else layout.LUGRE
     par[layout.TRAVEL], par[layout.DURATION] = axis.travel, duration
@@ -57,7 +57,7 @@ def double_of(axis: Axis, duration: float) -> Vector:
 
 
 def vector_of(plant: str, values: dict[str, float]) -> Vector:
-    """A machine's values in the simulator's order; law and travel are still blank."""
+    """A machine's values in the simulator's order; law and travel are not set."""
     par = layout.blank()
     par[layout.BLOCK_MASS] = values["m"]
     if plant == BALL_SCREW:
@@ -78,7 +78,7 @@ def vector_of(plant: str, values: dict[str, float]) -> Vector:
 
 
 def scaled(values: dict[str, float], name: str, factor: float) -> dict[str, float]:
-    """The values with one changed, and those with it that cannot change alone."""
+    """The values with one changed, and those that must change with it."""
     together = {"kt": ("kt", "ke"), "Fc": ("Fc", "Fs")}.get(name, (name,))
     return {n: v * factor if n in together else v for n, v in values.items()}
 
@@ -86,9 +86,9 @@ def scaled(values: dict[str, float], name: str, factor: float) -> dict[str, floa
 def misjudged(
     rng: np.random.Generator, axis: Axis, share_exact: float
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Values as the maker believes them, and the factors by which they are off.
+    """Values of the data sheet, and the factors by which they are wrong.
 
-    Two to four values are off at once, each by up to the tolerance; none in a share of cases.
+    Two to four values are wrong, each by up to the tolerance; in a share of cases none.
     """
     values, factors = dict(axis.values), {}
     if rng.uniform() >= share_exact:
@@ -111,5 +111,5 @@ def rated_command(axis: Axis, speed: float) -> float:
 
 
 def breakaway_command(axis: Axis) -> float:
-    """Command that just breaks it away, V."""
+    """Smallest command that breaks the axis away, V."""
     return axis.values["Fs"] / axis.values["Fc"] * rated_command(axis, 0.0)

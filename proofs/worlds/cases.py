@@ -1,4 +1,4 @@
-"""One machine with or without hidden effects: its records, and what the truth says of them."""
+"""One machine with or without hidden effects: its records, and the truth on them."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from worlds.worlds import WORLDS
 
 TRIES = 12
 REST = 1e-5  # m/s
-SAME_LAW = 3.0  # ratio up to which another formulation of friction is the believed one
-UNSEEN = 2.5  # ratio of what is tolerated, all of it together
+SAME_LAW = 3.0  # ratio up to which another formulation of friction counts as the believed one
+UNSEEN = 2.5  # largest ratio of all tolerated effects together
 BELIEVED = {
     BALL_SCREW: ("kt", "ke", "R", "L", "p", "m", "Jm"),
     DRIVE: ("m", "gain", "offset"),
@@ -39,35 +39,35 @@ EFFECTS = CATALOGUE | OUTSIDE | SIGNALS
 
 
 class Unusable(Exception):
-    """No draw of a world gave a record that moves both ways and stays in range."""
+    """No draw of a world gave a record that moves in both directions and stays in range."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """Records of a machine, what their user believes, and the truth.
+    """Records of a machine, the model assumed by their user, and the truth.
 
     Attributes
     ----------
     world, seed
-        Where it comes from.
+        World and seed of the case.
     effects : tuple of Effect
     records : list of dict
-        Columns time [s], u [V], x [m] and perhaps i [A], each shape (samples,).
+        Columns time [s], u [V], x [m] and optionally i [A], each shape (samples,).
     plant, law : str
     believed : dict
-        Values that the parameter file says.
+        Values in the parameter file.
     wrong : dict
-        Factors by which believed values are off.
+        Factors by which believed values are wrong.
     sights : tuple of Sight
-        Of each effect.
+        Visibility of each effect.
     law_ratio : float
-        What the records show of friction formulated otherwise than the believed law.
+        Ratio of the difference between the machine's friction and the believed law.
     tolerated_ratio : float
-        The most that they show of something that is in the machine and is no effect.
+        Largest ratio of tolerated properties of the machine, which are not effects.
     conditions : Conditions
     instruments : Instruments
     scenes : tuple of Scene
-        Of each record; what `more_of` runs again.
+        Scene of each record; `more_of` runs them again.
     """
 
     world: str
@@ -106,9 +106,9 @@ def draw_case(world: str, effects: tuple[str, ...], seed: int) -> Case:
     Raises
     ------
     ValueError
-        For a world or an effect that there is not.
+        For an unknown world or effect.
     Unusable
-        If no draw of the world moves both ways and stays in range.
+        If no draw of the world moves in both directions and stays in range.
     """
     if world not in WORLDS:
         raise ValueError(f"world {world!r}, expected one of {', '.join(WORLDS)}")
@@ -136,7 +136,7 @@ def draw_case(world: str, effects: tuple[str, ...], seed: int) -> Case:
 
 @dataclass(frozen=True)
 class Take:
-    """One record of a machine without an effect: how it is made, and its motion."""
+    """One record of a machine without an effect: its inputs, and its motion."""
 
     scene: Scene
     motion: Motion
@@ -151,18 +151,18 @@ class Take:
         return Take(scene, scene.run({}, 0.0, clean=False))
 
     def weights(self, setting: Setting) -> Weights:
-        """Of its noise."""
+        """Weights by its noise."""
         _, errors = make_record(self.scene, self.motion, {})
         noise = sampled(needs(self.motion.log, self.with_current), self.scene.per_sample)
         return weigh(setting, noise, errors, _resting(self.motion))
 
     def along(self, setting: Setting, log: Columns) -> Along:
-        """Shapes along another log of it."""
+        """Shapes along another log of the record."""
         return Along(setting, log, self.scene.period / self.scene.logged, self.with_current)
 
 
 def _usable(motions: list[Motion], scene: Scene) -> bool:
-    """Whether they move both ways, each far enough to be read, and stay in range."""
+    """Whether they move in both directions, far enough to be measured, and stay in range."""
     x, v = (np.concatenate([m.log[:, c] for m in motions]) for c in (at.X, at.V))
     if not all(np.all(np.isfinite(m.log)) for m in motions):
         return False
@@ -242,7 +242,7 @@ def _together(effects: tuple[Effect, ...]) -> tuple[dict[int, float], float]:
 
 
 def _same_law(takes: list[Take], setting: Setting) -> tuple[list[Take], float]:
-    """The takes with a friction that the records cannot tell from the believed law's."""
+    """The takes with a friction that the records cannot distinguish from the believed law."""
     axis = takes[0].scene.conditions.axis
     own = {"classical": (at.SET_VALUED,), "lugre": (at.LUGRE, at.MODIFIED_LUGRE)}[axis.law]
     if axis.formulation in own:
@@ -261,7 +261,7 @@ def _same_law(takes: list[Take], setting: Setting) -> tuple[list[Take], float]:
 
 
 def _tolerated(takes: list[Take], setting: Setting) -> tuple[list[Take], float]:
-    """The takes with what is in the machine and is no effect, so small that nobody sees it."""
+    """The takes with tolerated properties of the machine, reduced until they are not visible."""
     most, places = 0.0, {}
     tolerated = takes[0].scene.conditions.tolerated
     for effect in tolerated:
@@ -270,7 +270,7 @@ def _tolerated(takes: list[Take], setting: Setting) -> tuple[list[Take], float]:
         most = max(most, share * ratio)
         for place, value in effect.changes.items():
             believed = takes[0].scene.double[place]
-            # forms and times are what they are, sizes get smaller
+            # forms and times do not change, sizes are reduced
             whole = place in (at.DRIFT_FORM, at.DRIFT_TIME)
             places[place] = value if whole else believed + share * (value - believed)
     if not places:
@@ -279,7 +279,7 @@ def _tolerated(takes: list[Take], setting: Setting) -> tuple[list[Take], float]:
 
 
 def _ratio(takes: list[Take], setting: Setting, effect: Effect | None) -> float:
-    """What the records show of an effect, or of the law as it is formulated."""
+    """Ratio of an effect, or of the law's formulation, in the records."""
     alongs, weights = [], []
     for take in takes:
         weights.append(take.weights(setting))
@@ -289,12 +289,12 @@ def _ratio(takes: list[Take], setting: Setting, effect: Effect | None) -> float:
 
 
 def _resting(motion: Motion) -> float:
-    """Share of the time that the bristles hold it."""
+    """Share of the time in which the bristles hold the body."""
     return float(np.mean(np.abs(motion.log[:, at.V]) < REST))
 
 
 def _misread(log: Columns, scene: Scene, effect: Effect) -> Columns:
-    """A log whose needs are those of the motion as a bent scale reads it."""
+    """A log whose needs are those of the motion measured by a bent scale."""
     axis = scene.faultless.copy()
     axis[at.RESOLUTION] = axis[at.INTERPOLATION] = 0.0
     for place, value in effect.changes.items():
@@ -321,9 +321,9 @@ def more_of(case: Case, command: Mapping[str, Columns]) -> dict[str, Columns]:
     ----------
     case : Case
     command : mapping
-        Columns time [s] and either x_d [m], which the world's controller follows (one of its own
-        where the world has none), or u [V], which is held between its times. The record begins
-        with the command, has the world's sampling, and friction noise of its own.
+        Columns time [s] and either x_d [m], which the world's controller follows (a default one if
+        the world has none), or u [V], which is held between its times. The record begins with the
+        command and has the world's sampling and new friction noise.
 
     Raises
     ------
@@ -346,7 +346,7 @@ def more_of(case: Case, command: Mapping[str, Columns]) -> dict[str, Columns]:
 def write_case(case: Case, folder: Path) -> tuple[list[Path], Path]:
     """Write ``record.csv`` (and ``record_2.csv`` ...) and ``believed.toml``; return their paths.
 
-    Nothing of the truth is in them.
+    They do not contain the truth.
     """
     paths, believed = [], folder / "believed.toml"
     for k, record in enumerate(case.records, 1):

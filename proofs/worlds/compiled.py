@@ -1,7 +1,7 @@
-"""What the worlds' functions are compiled by, and where they are kept between processes.
+"""Compiler of the worlds' functions, and folder of the compiled code.
 
-numba keeps a function while its own file stays as it is, and does not notice that something it
-calls has changed. So the folder is another one whenever any file of the worlds is.
+numba reuses a compiled function until its own file changes, and does not notice changes in
+functions that it calls. So the folder changes with any file of the worlds.
 """
 
 from __future__ import annotations

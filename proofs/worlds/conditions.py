@@ -1,4 +1,4 @@
-"""What a world draws, and what it draws with."""
+"""Quantities that a world draws, and functions to draw them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from worlds.effects import Effect
 
 @dataclass(frozen=True)
 class Conditions:
-    """One draw of a world: everything about a record but the effect.
+    """One draw of a world: everything about a record except the effect.
 
     Attributes
     ----------
@@ -22,42 +22,41 @@ class Conditions:
     faster : int
         Control periods in a sampling period.
     substep : float
-        At most, s.
+        Largest substep, s.
     duration : float
-        s.
+        Duration, s.
     loop : str
         ``open``, ``cascade`` or ``pid``.
     excitation : str
     bandwidth : float
-        Of a closed loop's velocity, Hz.
+        Bandwidth of a closed loop's velocity, Hz.
     command : str
-        How it goes between samples, and what the record has of it.
+        Course of the command between samples, and form in the record.
     encoders, currents : dict
         Odds of each kind.
     resolution : float
-        m.
+        Resolution of the encoder, m.
     interpolation : float
-        m.
+        Interpolation error, m.
     noise : str
     noise_size : float
         Share of the dry friction.
     exact : float
         Share of records in which no believed value is off.
     finest : float
-        What the smallest effects are multiplied by.
+        Factor on the smallest effects.
     correlation_time : float
-        Of slow friction noise, s; drawn where it is 0.
+        Correlation time of slow friction noise, s; 0: random.
     current_noise : float
-        What the ammeter's noise is multiplied by.
+        Factor on the ammeter's noise.
     jitter : float
         Standard deviation of the time stamps, share of the sampling period.
     resampled : float
-        Period that a record was first taken with, share of the one it was brought to; 0: it was
-        not.
+        Original period of a resampled record, share of the new one; 0: not resampled.
     lead_in : float
-        Time before the record begins, in which the axis goes to where it begins, s.
+        Time before the record in which the axis moves to its start position, s.
     tolerated : tuple of Effect
-        What nobody knows and nobody can see: made smaller until its ratio is below 3.
+        Unknown and invisible properties: reduced until their ratio is below 3.
     """
 
     axis: Axis
@@ -95,5 +94,5 @@ def pick(rng: np.random.Generator, **odds: float) -> str:
 
 
 def scattered(rng: np.random.Generator, **values: float) -> dict[str, float]:
-    """Values scattered by up to a third either way."""
+    """Values changed at random by up to a third."""
     return {name: value * log_uniform(rng, 0.75, 1.33) for name, value in values.items()}

@@ -6,11 +6,11 @@ import math
 
 from worlds.compiled import compiled
 
-# numbers of a controller
+# parameters of a controller
 KIND, POSITION_GAIN, GAIN_P, GAIN_I, GAIN_D, FILTER, MOST, FEEDFORWARD = range(8)
 NUMBERS = 8
 OPEN, CASCADE, PID = range(3)
-# its memory
+# its states
 INTEGRAL, LAST_X, LAST_V, LAST_REFERENCE, STARTED = range(5)
 MEMORY = 5
 
@@ -34,6 +34,6 @@ def control(numbers, memory, reference, measured, period):  # type: ignore[no-un
         now = numbers[GAIN_P] * error + numbers[GAIN_D] * (wanted - memory[LAST_V])
     command = now + memory[INTEGRAL] + numbers[GAIN_I] * period * integrand
     limited = min(max(command, -numbers[MOST]), numbers[MOST])
-    if command == limited or command * integrand < 0.0:  # else it would wind up
+    if command == limited or command * integrand < 0.0:  # anti-windup
         memory[INTEGRAL] += numbers[GAIN_I] * period * integrand
     return limited

@@ -1,4 +1,4 @@
-"""The causes of the catalogue, each in the forms in which machines have them."""
+"""The causes of the catalogue, each in the forms that occur in machines."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from worlds.layout import Vector
 
 @dataclass(frozen=True)
 class Setting:
-    """What an effect's size goes by.
+    """Quantities that determine an effect's size.
 
     Attributes
     ----------
@@ -25,17 +25,17 @@ class Setting:
     sampling : float
         Period of the record, s.
     duration : float
-        s.
+        Duration, s.
     peak : float
         Largest command of the faultless run, V.
     fastest : float
         Largest speed of the faultless run, m/s.
     reach : float
-        Largest way from the middle in the faultless run, m.
+        Largest distance from the middle in the faultless run, m.
     shrink : float
-        What upper ends of sizes are multiplied by, 1 at first.
+        Factor on the upper ends of sizes, initially 1.
     finest : float
-        What lower ends are multiplied by: less than 1 where there is little noise.
+        Factor on the lower ends: less than 1 with little noise.
     """
 
     axis: Axis
@@ -49,39 +49,39 @@ class Setting:
     finest: float = 1.0
 
     def size(self, rng: np.random.Generator, low: float, high: float) -> float:
-        """A size, log-uniform."""
+        """A random size, log-uniform."""
         low *= self.finest
         high = max(high * self.shrink, 2 * low)
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
     @property
     def lead(self) -> float:
-        """Way of one turn of the screw, or of a pole pair of the drive, m."""
+        """Travel per turn of the screw, or per pole pair of the drive, m."""
         return 1 / self.axis.values["p"] if self.axis.plant == BALL_SCREW else 0.024
 
     @property
     def mass(self) -> float:
-        """All of it, kg."""
+        """Total mass, kg."""
         return float(self.double[at.MOTOR_MASS] + self.double[at.BLOCK_MASS])
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One thing that the parameter file does not know.
+    """One effect that is not in the parameter file.
 
     Attributes
     ----------
     name, form : str
     changes : dict
-        Places of the axis' vector and what stands there.
+        Indices in the axis' vector and their values.
     truth : dict
         Values that have a counterpart in an answer.
     period : float
-        Of a periodic effect, m.
+        Period of a periodic effect, m.
     bursts : float
         Force of bursts, N.
     factors : dict
-        What columns of the record are multiplied by.
+        Factors on columns of the record.
     shift : int
         Samples by which the record's command is late; negative: early.
     """
@@ -104,7 +104,7 @@ def _sign(rng: np.random.Generator) -> float:
 
 
 def _part(rng: np.random.Generator, size: float, dry: int, viscous: int) -> dict[int, float]:
-    """A share of the dry friction alone, or of all of it."""
+    """A share of the dry friction only, or of all friction."""
     return {dry: size, viscous: size} if rng.uniform() < 0.4 else {dry: size}
 
 
@@ -113,7 +113,7 @@ def _part_name(changes: dict[int, float], viscous: int) -> str:
 
 
 def direction_asymmetry(rng: np.random.Generator, s: Setting) -> Effect:
-    """Friction is larger one way."""
+    """Friction is larger in one direction."""
     size = _sign(rng) * s.size(rng, 0.005, 0.6)
     changes = _part(rng, size, at.ASYMMETRY, at.ASYMMETRY_VISCOUS)
     form = _part_name(changes, at.ASYMMETRY_VISCOUS)
@@ -124,7 +124,7 @@ def direction_asymmetry(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def position_periodic_friction(rng: np.random.Generator, s: Setting) -> Effect:
-    """Friction swings with the screw's turn, or with the balls' return."""
+    """Friction oscillates with the screw's turn, or with the return of the balls."""
     changes = _part(rng, s.size(rng, 0.01, 0.6), at.PERIODIC, at.PERIODIC_VISCOUS)
     form = _part_name(changes, at.PERIODIC_VISCOUS)
     period = s.lead * float(rng.choice([1.0, 1.0, 2.0, 0.5, 0.41]))
@@ -140,13 +140,13 @@ def position_trend_friction(rng: np.random.Generator, s: Setting) -> Effect:
     size = _sign(rng) * s.size(rng, 0.01, 0.7)
     changes = _part(rng, size, at.TREND, at.TREND_VISCOUS)
     name = ("slope", "bow", "worn_end")[form] + "_" + _part_name(changes, at.TREND_VISCOUS)
-    # along the part of the travel that the record uses
+    # along the used part of the travel
     changes |= {at.TREND_FORM: float(form), at.TRAVEL: s.reach}
     return Effect("position_trend_friction", name, changes)
 
 
 def torque_ripple(rng: np.random.Generator, s: Setting) -> Effect:
-    """The motor's force swings with its angle: cogging, or a torque constant that ripples."""
+    """The motor's force oscillates with its angle: cogging, or ripple of the torque constant."""
     form = str(rng.choice(["cogging", "two_harmonics", "of_current", "with_friction"]))
     period = s.lead / float(rng.choice([1, 1, 2, 4, 6]))
     changes = {at.RIPPLE_PERIOD: period, at.RIPPLE_PHASE: float(rng.uniform(0, 2 * math.pi))}
@@ -162,7 +162,7 @@ def torque_ripple(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def load_bias(rng: np.random.Generator, s: Setting) -> Effect:
-    """A force that does not change, or hardly along the travel (a cable chain)."""
+    """A force that is constant, or nearly constant along the travel (a cable chain)."""
     force = _sign(rng) * s.size(rng, 0.01, 1.0) * s.double[at.FC]
     changes = {at.LOAD: s.double[at.LOAD] + force}
     if rng.uniform() < 0.3:
@@ -188,7 +188,7 @@ def nonlinear_viscous(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def stribeck_mismatch(rng: np.random.Generator, s: Setting) -> Effect:
-    """Friction at low speed rises or falls otherwise than believed."""
+    """Friction at low speed rises or falls differently from the believed law."""
     peak = s.double[at.FS] - s.double[at.FC]
     forms = ["peak", "exponential", "lorentz", "polynomial"] + (["speed"] if peak > 0 else [])
     form = str(rng.choice(forms))
@@ -210,7 +210,7 @@ def stribeck_mismatch(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def presliding_hysteresis(rng: np.random.Generator, s: Setting) -> Effect:
-    """Bristles, where the believed law has none."""
+    """Bristles, with a believed law without bristles."""
     form = str(rng.choice(["lugre", "dahl", "elasto_plastic", "maxwell"]))
     way = s.size(rng, 0.5e-6, 300e-6)
     stiffness = float(s.double[at.FS] / way)
@@ -226,7 +226,7 @@ def presliding_hysteresis(rng: np.random.Generator, s: Setting) -> Effect:
 def unmodelled_inertia(rng: np.random.Generator, s: Setting) -> Effect:
     """More mass than believed: a load on the block, or a rotor."""
     more = s.size(rng, 0.05, 5.0) * s.mass
-    truth = {"m": s.axis.values["m"] + more}  # as if all of it were the block's
+    truth = {"m": s.axis.values["m"] + more}  # as if the total were the block's
     if rng.uniform() < 0.5:
         mass = float(s.double[at.MOTOR_MASS] + more)
         return Effect("unmodelled_inertia", "rotor", {at.MOTOR_MASS: mass}, truth)
@@ -235,7 +235,7 @@ def unmodelled_inertia(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def input_delay(rng: np.random.Generator, s: Setting) -> Effect:
-    """The command is late: all of it, or smeared by a filter or a mean."""
+    """The command is late: by a delay, or by a filter or a moving mean."""
     form = str(rng.choice(["pure", "lag", "lag_twice", "mean"]))
     late = s.size(rng, max(0.05 * s.sampling, 2e-5), max(3 * s.sampling, 2e-3))
     if form == "pure":
@@ -249,7 +249,7 @@ def input_delay(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def _course(name: str, form: int, size: float, time: float) -> dict[str, float]:
-    """What an answer calls the size of a change in time, and when it comes."""
+    """Names in an answer for the size and the time of a change, with their values."""
     if form == 0:
         return {f"{name}_drift": size}
     course = "settling" if form == 1 else "step"
@@ -257,7 +257,7 @@ def _course(name: str, form: int, size: float, time: float) -> dict[str, float]:
 
 
 def friction_drift(rng: np.random.Generator, s: Setting) -> Effect:
-    """Friction changes in time: along a line, exponentially, in a step."""
+    """Friction changes in time: linearly, exponentially, or in a step."""
     form = int(rng.integers(0, 3))
     size = s.size(rng, 0.01, 1.0)
     size = -size / (1 + size) if rng.uniform() < 0.6 else size
@@ -269,7 +269,7 @@ def friction_drift(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def resistance_drift(rng: np.random.Generator, s: Setting) -> Effect:
-    """The winding warms up: along a line, exponentially, in a step, by its own current."""
+    """The winding warms up: linearly, exponentially, in a step, or by its own current."""
     form = int(rng.integers(0, 4))
     name = ("line", "exponential", "step", "own_current")[form]
     force = s.double[at.FC] + 0.5 * s.double[at.SIGMA2] * s.fastest
@@ -285,16 +285,16 @@ def resistance_drift(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def _coupled(rng: np.random.Generator, s: Setting) -> tuple[dict[int, float], float]:
-    """Two bodies of the one mass, and what they weigh against each other."""
+    """Divide the mass into two bodies; return the changes and the reduced mass."""
     motor = float(s.double[at.MOTOR_MASS])
-    if motor < 0.05 * s.mass:  # the screw's or the frame's share
+    if motor < 0.05 * s.mass:  # share of the screw or the frame
         motor = float(rng.uniform(0.05, 0.4)) * s.mass
     rest = s.mass - motor
     return {at.MOTOR_MASS: motor, at.BLOCK_MASS: rest}, motor * rest / s.mass
 
 
 def backlash(rng: np.random.Generator, s: Setting) -> Effect:
-    """A gap that reversals cross, with and without a rebound at its ends."""
+    """A gap crossed at reversals, with and without a rebound at its ends."""
     changes, mass = _coupled(rng, s)
     gap, spring = s.size(rng, 2e-6, 1e-3), mass * 8e3**2
     rebounds = rng.uniform() < 0.5
@@ -304,7 +304,7 @@ def backlash(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def compliance(rng: np.random.Generator, s: Setting) -> Effect:
-    """A spring between motor and block, with little or much damping of its own."""
+    """A spring between motor and block, with little or much damping."""
     changes, mass = _coupled(rng, s)
     spring = min(float(s.double[at.FS]) / s.size(rng, 0.1e-6, 100e-6), mass * 1.5e4**2)
     little = rng.uniform() < 0.6
@@ -319,7 +319,7 @@ def compliance(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def voltage_saturation(rng: np.random.Generator, s: Setting) -> Effect:
-    """The amplifier cannot give what is asked for: it clips, bends, or sags with the current."""
+    """The amplifier cannot supply the command: it clips, bends, or sags with the current."""
     form = int(rng.integers(0, 3 if s.axis.plant == BALL_SCREW else 2))
     cut = s.size(rng, 0.01, 0.7)
     limit = s.peak * (1 - cut) if form == 0 else s.peak / math.sqrt(3 * cut)
@@ -335,7 +335,7 @@ def voltage_saturation(rng: np.random.Generator, s: Setting) -> Effect:
 def parameter_error(rng: np.random.Generator, s: Setting) -> Effect:
     """One value is wrong beyond its tolerance.
 
-    Mass and offset are left to `unmodelled_inertia` and `load_bias`, which are the same things.
+    Mass and offset are not included: they are `unmodelled_inertia` and `load_bias`.
     """
     ball = s.axis.plant == BALL_SCREW
     name = str(rng.choice(["R", "kt", "sigma2", "Fc"] if ball else ["gain", "sigma2", "Fc"]))

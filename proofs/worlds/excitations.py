@@ -13,23 +13,23 @@ CLOSED_LOOP = ("laps", "points", "sines", "sweep")
 def open_loop(
     rng: np.random.Generator, kind: str, time: Signal, most: float, least: float, way: float
 ) -> Signal:
-    """A command that swings about zero.
+    """A command that oscillates about zero.
 
     Parameters
     ----------
     kind : str
         One of `OPEN_LOOP`.
     time : ndarray, shape (n,)
-        s.
+        Times, s.
     most, least : float
-        The largest command, and the one that just breaks the axis away, V.
+        The largest command, and the smallest one that breaks the axis away, V.
     way : float
-        How far the command may drive it one way: its integral, V*s.
+        Largest integral of the command in one direction, V*s.
 
     Raises
     ------
     ValueError
-        For a kind that there is not.
+        For an unknown kind.
     """
     duration = time[-1]
     if kind == "steps":
@@ -60,7 +60,7 @@ def open_loop(
 
 
 def _steps(rng: np.random.Generator, time: Signal, most: float, least: float, way: float) -> Signal:
-    """Steps up and back again, some with a rest between."""
+    """Steps up and back, some with a rest in between."""
     signal, at, sign = np.zeros(time.size), 0.0, 1.0
     while at < time[-1]:
         height = float(np.exp(rng.uniform(np.log(1.5 * least), np.log(most))))
@@ -76,12 +76,12 @@ def _steps(rng: np.random.Generator, time: Signal, most: float, least: float, wa
 def reference(
     rng: np.random.Generator, kind: str, time: Signal, half: float, fastest: float
 ) -> Signal:
-    """Positions to follow, about zero, m; `half` bounds them and `fastest` their speed.
+    """Reference positions about zero, m; limited to `half`, and their speed to `fastest`.
 
     Raises
     ------
     ValueError
-        For a kind that there is not.
+        For an unknown kind.
     """
     if kind == "laps":
         legs = [(s * half, fastest * f) for f in (1.0, 0.3, 0.1) for s in (0.9, -0.9)]
@@ -109,7 +109,7 @@ def reference(
 
 
 def one_way(rng: np.random.Generator, time: Signal, half: float, fastest: float) -> Signal:
-    """From one end to the other in a few moves that never turn, long rests between, m."""
+    """From one end to the other in a few moves in one direction, with long rests between, m."""
     count = int(rng.integers(4, 10))
     places = np.sort(np.append(rng.uniform(-half, half, count - 1), [-half, half]))
     moves = np.diff(places)
@@ -125,7 +125,7 @@ def one_way(rng: np.random.Generator, time: Signal, half: float, fastest: float)
 
 
 def lead_in(place: float, time: Signal) -> Signal:
-    """From the middle to a place and a rest there, m."""
+    """From the middle to a position, with a rest there, m."""
     share = np.minimum(time / (0.8 * time[-1]), 1.0)
     return np.asarray(0.5 * place * (1 - np.cos(np.pi * share)))
 
@@ -133,7 +133,7 @@ def lead_in(place: float, time: Signal) -> Signal:
 def _profile(
     rng: np.random.Generator, legs: list[tuple[float, float]], time: Signal, *, repeat: bool
 ) -> Signal:
-    """From place to place at given speeds, rounded by a moving mean of a tenth of a second."""
+    """From position to position at given speeds, smoothed by a moving mean over 0.1 s."""
     at, here = 0.1, 0.0
     stamps, places = [0.0, at], [0.0, 0.0]
     rest = float(rng.uniform(0.02, 0.2))

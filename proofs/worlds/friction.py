@@ -1,9 +1,9 @@
-"""Friction laws, compiled: each advanced exactly for a velocity that is constant over a substep.
+"""Friction laws, compiled: each is solved exactly for a constant velocity over a substep.
 
-Set-valued Coulomb friction has no state: it is solved with the velocity (`kick`). The others have
-deflections; a step of constant velocity is an exponential (LuGre, with or without the smooth sign;
-Dahl's law is LuGre without damping and peak), piecewise one (elasto-plastic) or a limited straight
-line (Maxwell's elements). Whatever changes the dry friction changes its level.
+Set-valued Coulomb friction has no state: it is solved together with the velocity (`kick`). The
+others have deflections. At constant velocity these are exponential (LuGre, with or without the
+smooth sign; Dahl's law is LuGre without damping and peak), piecewise exponential (elasto-plastic),
+or linear with a limit (Maxwell's elements). All changes of the dry friction change its level.
 """
 
 from __future__ import annotations
@@ -60,20 +60,20 @@ from worlds.layout import (
     VS,
 )
 
-ELEMENTS = 4  # of Maxwell's
-SHARES = np.array([0.4, 0.3, 0.2, 0.1])  # of the level
-STIFFNESSES = np.array([0.1, 0.2, 0.3, 0.4])  # of sigma0
+ELEMENTS = 4  # number of Maxwell's elements
+SHARES = np.array([0.4, 0.3, 0.2, 0.1])  # shares of the level
+STIFFNESSES = np.array([0.1, 0.2, 0.3, 0.4])  # shares of sigma0
 BREAKAWAY = 0.7  # elasto-plastic: elastic below this share of the level
-# state: deflections, direction, farthest place in it, place of the last reversal, rest, way since
+# state: deflections, direction, farthest position in it, last reversal, rest, distance since then
 DIRECTION, EXTREME, REVERSED_AT, RESTED, SLID = range(ELEMENTS, ELEMENTS + 5)
 STATES = ELEMENTS + 5
-REVERSAL = 2e-6  # m back: a reversal
+REVERSAL = 2e-6  # motion back that counts as a reversal, m
 AT_REST = 1e-6  # m/s
 
 
 @compiled
 def fall(form: float, speed: float, scale: float) -> float:
-    """What is left of the break-away peak at a speed, 1 at rest."""
+    """Remaining share of the break-away peak at a speed, 1 at rest."""
     r = speed / scale
     if form == GAUSSIAN:
         return math.exp(-r * r) if r < 7.0 else 0.0
@@ -115,7 +115,7 @@ def along_travel(form: float, x: float, half: float) -> float:
 
 @compiled
 def factors(par, state, x, v, t):  # type: ignore[no-untyped-def]
-    """What multiplies the dry level and the viscous force, here and now."""
+    """Present factors on the dry level and on the viscous force."""
     dry, viscous = 1.0, 1.0
     sign = 1.0 if v > 0.0 else (-1.0 if v < 0.0 else state[DIRECTION])
     dry += par[ASYMMETRY] * sign
@@ -161,7 +161,7 @@ def smooth_sign(par, v):  # type: ignore[no-untyped-def]
     """The sign of the modified LuGre law; a plain sign for the others."""
     if par[LAW] == MODIFIED_LUGRE:
         steep = par[KV] * v
-        if abs(steep) > 1e4:  # the arc tangent's own series, to its last digit
+        if abs(steep) > 1e4:  # series of the arc tangent, to the last digit
             return (1.0 if v > 0.0 else -1.0) - 2.0 / math.pi / steep
         return 2.0 / math.pi * math.atan(steep)
     return 1.0 if v > 0.0 else (-1.0 if v < 0.0 else 0.0)
@@ -204,7 +204,7 @@ def dry_force(par, state, v, dry):  # type: ignore[no-untyped-def]
 
 @compiled
 def decay(a):  # type: ignore[no-untyped-def]
-    """exp(-a); by a fraction that is as exact where a is small."""
+    """exp(-a), by an equally exact fraction for small a."""
     if a < 0.02:
         even, odd = 1.0 + a * a / 12.0, 0.5 * a
         return (even - odd) / (even + odd)
@@ -213,7 +213,7 @@ def decay(a):  # type: ignore[no-untyped-def]
 
 @compiled
 def advance(par, state, x, v, dry, h):  # type: ignore[no-untyped-def]
-    """Deflections, direction, rest and way after a time at a constant velocity."""
+    """Deflections, direction, rest and distance after a time at constant velocity."""
     law = par[LAW]
     if law == MAXWELL:
         g = dry * level(par, v)
@@ -233,7 +233,7 @@ def advance(par, state, x, v, dry, h):  # type: ignore[no-untyped-def]
     if state[DIRECTION] == 0.0:
         if v != 0.0:
             state[DIRECTION] = 1.0 if v > 0.0 else -1.0
-            state[EXTREME], state[REVERSED_AT] = x, x - 1.0  # long ago
+            state[EXTREME], state[REVERSED_AT] = x, x - 1.0  # far back
     elif (x - state[EXTREME]) * state[DIRECTION] > 0.0:
         state[EXTREME] = x
     elif (state[EXTREME] - x) * state[DIRECTION] > REVERSAL:
@@ -250,9 +250,10 @@ def advance(par, state, x, v, dry, h):  # type: ignore[no-untyped-def]
 
 @compiled
 def kick(par, state, mass, v, v_mid, force, dry, viscous, h):  # type: ignore[no-untyped-def]  # noqa: PLR0913
-    """Velocity after a step, the dry force along with it.
+    """Velocity after a step, and the dry force.
 
-    `force` is all but friction; `v_mid` is the last guess of the mean velocity of the step.
+    `force` is the total force without friction; `v_mid` is the last estimate of the step's mean
+    velocity.
     """
     rest = force - viscous * viscous_force(par, v_mid)
     if par[LAW] != SET_VALUED:

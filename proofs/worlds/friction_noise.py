@@ -1,4 +1,4 @@
-"""Friction that is not the same twice: white, slow, fixed to the place, growing with speed."""
+"""Friction noise: white, slow, fixed to the position, or growing with speed."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ KINDS = (
     "texture_not_repeating",
     "growing_with_speed",
 )
-SPACING = 10e-6  # m, of the texture's table
+SPACING = 10e-6  # spacing of the texture's table, m
 FLAT = Texture(0.0, 1.0, np.zeros((2, 1)))
 
 
 def slow_noise(
     rng: np.random.Generator, count: int, period: float, correlation_time: float
 ) -> NDArray[np.float64]:
-    """First-order noise of unit variance, one value a period, shape (count,); times in [s]."""
+    """First-order noise of unit variance, one value per period, shape (count,); times in [s]."""
     keep = np.exp(-period / correlation_time)
     white = rng.standard_normal(count) * np.sqrt(1 - keep**2)
     white[0] = rng.standard_normal()
@@ -32,14 +32,14 @@ def slow_noise(
 
 
 def texture_of(rng: np.random.Generator, half: float, way: float, size: float) -> Texture:
-    """Friction over the travel: unit shape of a correlation length `way` [m], `size` a share."""
+    """Friction over the travel: correlation length `way` [m], relative size `size`."""
     count = int(2.4 * half / SPACING) + 2
     tables = np.stack([slow_noise(rng, count, SPACING, way) for _ in range(2)])
     return Texture(-1.2 * half, SPACING, size * tables)
 
 
 def draw_correlation_time(rng: np.random.Generator) -> float:
-    """Of slow noise, s."""
+    """Correlation time of slow noise, s."""
     return float(np.exp(rng.uniform(np.log(0.003), np.log(0.3))))
 
 
@@ -61,23 +61,23 @@ def draw_noise(
     size : float
         Share of the dry friction.
     axis : Vector
-        Its travel is read.
+        Gives the travel.
     count, period
-        Control periods, and how long one is [s].
+        Number of control periods, and length of one [s].
     correlation_time : float, optional
-        Of slow noise, s; drawn if not given.
+        Correlation time of slow noise, s; random by default.
 
     Returns
     -------
     noise : ndarray, shape (count, 3)
     texture : Texture
     growth : float
-        To be written to the axis' NOISE_GROWTH [s/m].
+        Value for NOISE_GROWTH of the axis [s/m].
 
     Raises
     ------
     ValueError
-        For a kind that there is not.
+        For an unknown kind.
     """
     if kind not in KINDS:
         raise ValueError(f"friction noise {kind!r}, expected one of {', '.join(KINDS)}")

@@ -1,4 +1,4 @@
-"""What a record shows of the motion: encoders, current sensors, and the column of the command."""
+"""Instruments of a record: encoders, current sensors, and the column of the command."""
 
 from __future__ import annotations
 
@@ -24,14 +24,15 @@ class Instruments:
     Attributes
     ----------
     encoder, current, command : str
-        Of `ENCODERS`, `CURRENTS`, `COMMANDS`.
+        Kinds in `ENCODERS`, `CURRENTS`, `COMMANDS`.
     cutoff : float
-        Of the filtered positions, share of the sampling frequency; forwards and backwards.
+        Cut-off of filtered positions, share of the sampling frequency; filtered in both time
+        directions.
     current_noise, current_offset, current_step : float
-        A.
+        Errors of the current, A.
     current_gain : float
     current_lag : float
-        s.
+        Lag of the current, s.
     """
 
     encoder: str
@@ -85,7 +86,7 @@ def read_current(
 def draw_instruments(
     rng: np.random.Generator, encoders: dict[str, float], currents: dict[str, float], command: str
 ) -> Instruments:
-    """Instruments by the shares that a world gives each kind."""
+    """Random instruments by the world's odds of each kind."""
     encoder = _pick(rng, encoders)
     current = _pick(rng, currents)
     fine = current == "good"

@@ -1,6 +1,6 @@
-"""The numbers that the compiled simulator takes, by their place in one vector.
+"""Inputs of the compiled simulator, by their index in one vector.
 
-A vector is zero where nothing is said, and zero always means "this is not there".
+The default is zero, and zero always means "not present".
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Vector = NDArray[np.float64]
     BLOCK_MASS,  # kg
     SPRING,  # N/m between motor and block; 0: one rigid body
     SPRING_DAMPING,  # N*s/m
-    GAP,  # m, whole width
+    GAP,  # m, total width
     FRICTION_AT_MOTOR,  # 1: all friction acts before the spring
     # the motor
     IS_DRIVE,  # 1: force is GAIN*u, no electrical part
@@ -28,7 +28,7 @@ Vector = NDArray[np.float64]
     R_DRIFT,  # share of R
     R_FORM,  # 0 linear, 1 exponential, 2 step, 3 heated by its own current
     R_TIME,  # s
-    R_CURRENT,  # A, that would warm it by R_DRIFT
+    R_CURRENT,  # A, that warms the winding by R_DRIFT
     # the amplifier
     DELAY,  # s, pure
     LAG,  # s, first order
@@ -39,7 +39,7 @@ Vector = NDArray[np.float64]
     SAG,  # ohm
     MAINS,  # V
     MAINS_FREQUENCY,  # Hz
-    RAMPED,  # 1: the command goes on a line between its values, else it is held
+    RAMPED,  # 1: the command is linear between its values, else it is held
     # friction
     LAW,
     FALL,
@@ -50,7 +50,7 @@ Vector = NDArray[np.float64]
     FS,
     VS,
     KV,
-    LEAST_SPEED,  # m/s, of the double: below, its set-valued law takes the motion for rest
+    LEAST_SPEED,  # m/s, of the double: slower motion is rest for its set-valued law
     ASYMMETRY,  # half the difference of the two directions, dry part
     ASYMMETRY_VISCOUS,
     PERIODIC,  # share of the dry part
@@ -105,7 +105,7 @@ COUNT = 81
 SET_VALUED, LUGRE, MODIFIED_LUGRE, ELASTO_PLASTIC, MAXWELL = range(5)
 GAUSSIAN, EXPONENTIAL, LORENTZ, POLYNOMIAL = range(4)
 
-# columns of what is logged, a row per logging period
+# columns of the log, one row per logging period
 (
     X,  # m, at the period's start
     CURRENT,  # A, at the period's start
@@ -113,10 +113,10 @@ GAUSSIAN, EXPONENTIAL, LORENTZ, POLYNOMIAL = range(4)
     V,  # m/s, mean
     A,  # m/s^2, mean
     CURRENT_MEAN,  # A
-    CURRENT_BELIEVED,  # A that the command would give along this motion, mean
+    CURRENT_BELIEVED,  # A, by the command along this motion, mean
     DRY,  # N, dry friction of the faultless law along this motion, mean
-    FRICTION,  # N, all of it, mean
-    NEED,  # N that the command gives and the motion does not need, no current known, mean
+    FRICTION,  # N, all friction, mean
+    NEED,  # N, force of the command beyond that of the motion, without a current, mean
     NEED_FORCE,  # N, the same from the current, mean
     NEED_VOLTAGE,  # V, the same for the armature, mean
 ) = range(12)
@@ -124,5 +124,5 @@ LOGGED = 12
 
 
 def blank() -> Vector:
-    """A vector in which nothing is there."""
+    """A vector with nothing present."""
     return np.zeros(COUNT)

@@ -1,14 +1,14 @@
-"""Worlds made after what machines in use have, and what the thesis' axis has not.
+"""Worlds with properties of real machines that the thesis' axis does not have.
 
-- `heavy_friction`: friction of seals and preload, 10 to 60 times what the motion's mass needs.
-- `slow_noise`: friction that wanders over 80 ms to a second.
-- `jittered`: a PC's time stamps, or a record brought from another rate to an even grid.
+- `heavy_friction`: friction of seals and preload, 10 to 60 times the inertial force.
+- `slow_noise`: friction that varies slowly, over 80 ms to a second.
+- `jittered`: time stamps of a PC, or a record resampled to an equidistant grid.
 - `one_way`: two records, one forwards and one backwards, and a force that acts in both.
 - `geared_joint`: an arm behind a high gear, as a mass at a radius: slow, viscous, its weight nearly
   constant over the travel.
-- `low_sampling`: 50 to 100 Hz, of slow machines.
-- `warming`: friction that falls within a record, by less than its own noise would show.
-- `held_back_lead_screw`, `held_back_gantry`: for the last look only, see `HELD_BACK`.
+- `low_sampling`: 50 to 100 Hz, for slow machines.
+- `warming`: friction that falls within a record, by less than its noise.
+- `held_back_lead_screw`, `held_back_gantry`: for the final test only, see `HELD_BACK`.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from worlds.axes import BALL_SCREW, DRIVE, Axis
 from worlds.conditions import Conditions, log_uniform, pick
 from worlds.effects import Effect
 
-ROUNDED = 0.1  # s, in which a reference comes to its speed
-STIFF = 1.5  # m/s^2 of dry friction: with more, unseen bristles are too stiff for the substep
+ROUNDED = 0.1  # time in which a reference reaches its speed, s
+STIFF = 1.5  # dry friction over mass above which invisible bristles are too stiff, m/s^2
 
 
 def _slide(
     rng: np.random.Generator, mass: float, coulomb: float, fastest: float, travel: float
 ) -> Axis:
-    """A slide on which a force acts, by mass, dry friction, speed and half its travel."""
+    """A slide driven by a force, from mass, dry friction, speed and half the travel."""
     values = {
         "m": mass,
         "gain": log_uniform(rng, 10.0, 60.0),
@@ -49,7 +49,7 @@ def _slide(
 def _screw(
     rng: np.random.Generator, lead: float, mass: float, coulomb: float, fastest: float
 ) -> Axis:
-    """A ball screw with a motor that suits its friction and its speed."""
+    """A ball screw with a motor sized for its friction and its speed."""
     turn = 2 * np.pi / lead
     torque = log_uniform(rng, 0.05, 0.5)
     rated = 2 * coulomb / (torque * turn)  # A
@@ -82,7 +82,7 @@ def _screw(
 
 
 def heavy_friction(rng: np.random.Generator) -> Conditions:
-    """Seals and preload: accelerating is next to nothing."""
+    """Seals and preload: inertial forces are very small."""
     mass, fastest = log_uniform(rng, 5.0, 50.0), log_uniform(rng, 0.03, 0.2)
     coulomb = log_uniform(rng, 6.0, 40.0) * mass * fastest / ROUNDED  # most speeds are lower
     return Conditions(
@@ -106,7 +106,7 @@ def heavy_friction(rng: np.random.Generator) -> Conditions:
 
 
 def slow_noise(rng: np.random.Generator) -> Conditions:
-    """Friction that wanders, as of lubricant and balls that settle and roll on."""
+    """Friction that varies slowly, as from lubricant and balls."""
     fastest = log_uniform(rng, 0.08, 0.4)
     mass = log_uniform(rng, 10.0, 150.0)
     coulomb = mass * log_uniform(rng, 0.3, 2.0)
@@ -136,7 +136,7 @@ def slow_noise(rng: np.random.Generator) -> Conditions:
 
 
 def jittered(rng: np.random.Generator) -> Conditions:
-    """Stamps of a computer that had other things to do; some records were made even afterwards."""
+    """Time stamps of a busy computer; some records are resampled to an equidistant grid."""
     fastest = log_uniform(rng, 0.05, 0.4)
     mass = log_uniform(rng, 5.0, 100.0)
     coulomb = mass * log_uniform(rng, 0.2, 1.5)
@@ -169,7 +169,7 @@ def jittered(rng: np.random.Generator) -> Conditions:
 def one_way(rng: np.random.Generator) -> Conditions:
     """A press or a feed: forwards in one record, backwards in the other, the same force in both.
 
-    The offset is believed nearly as it is; what more there may be of it is `load_bias`.
+    The believed offset is nearly right; an additional one is `load_bias`.
     """
     fastest, travel = log_uniform(rng, 0.1, 0.3), 0.25
     mass = log_uniform(rng, 5.0, 150.0)
@@ -201,11 +201,11 @@ def one_way(rng: np.random.Generator) -> Conditions:
 
 
 def geared_joint(rng: np.random.Generator) -> Conditions:
-    """An arm's joint, as a mass on the circle of its tool; its rotor makes most of the mass."""
+    """An arm's joint, as a mass on the circle of its tool; most of the mass is the rotor's."""
     radius, ratio = log_uniform(rng, 0.1, 0.4), log_uniform(rng, 50.0, 160.0)
     rotor = log_uniform(rng, 2e-5, 2e-4)  # kg*m^2
     mass = rotor * (ratio / radius) ** 2 * log_uniform(rng, 1.1, 1.6)
-    travel = radius * float(rng.uniform(0.3, 0.6))  # m, the way of up to a third of a turn
+    travel = radius * float(rng.uniform(0.3, 0.6))  # m, up to a third of a turn
     fastest = radius * log_uniform(rng, 0.15, 0.6)
     axis = _slide(rng, mass, mass * fastest / ROUNDED * log_uniform(rng, 0.5, 3.0), fastest, travel)
     coulomb = axis.values["Fc"]
@@ -229,7 +229,7 @@ def geared_joint(rng: np.random.Generator) -> Conditions:
         noise_size=log_uniform(rng, 0.01, 0.06),
         exact=0.2,
         tolerated=(
-            # the weight's moment arm changes along the travel, and so does what loads the gear
+            # the weight's lever arm changes along the travel, and so does the load of the gear
             Effect("gravity", "tolerated", {at.LOAD_SLOPE: 0.2 * weight / travel}),
             Effect("load_dependence", "tolerated", {at.TREND: 0.05}),
         ),
@@ -237,7 +237,7 @@ def geared_joint(rng: np.random.Generator) -> Conditions:
 
 
 def low_sampling(rng: np.random.Generator) -> Conditions:
-    """What a PLC keeps of a slow machine."""
+    """A slow machine recorded by a PLC."""
     fastest = log_uniform(rng, 0.02, 0.15)
     mass = log_uniform(rng, 10.0, 200.0)
     coulomb = mass * log_uniform(rng, 0.3, 2.0)
@@ -265,7 +265,7 @@ def low_sampling(rng: np.random.Generator) -> Conditions:
 
 
 def warming(rng: np.random.Generator) -> Conditions:
-    """A cold machine started for the record: oil thins, slowly against friction's own wandering."""
+    """A machine that starts cold: oil thins, slowly compared with the friction noise."""
     fastest = log_uniform(rng, 0.08, 0.3)
     mass = log_uniform(rng, 10.0, 150.0)
     duration = float(rng.uniform(14, 22))
@@ -299,7 +299,7 @@ def warming(rng: np.random.Generator) -> Conditions:
 
 
 def held_back_lead_screw(rng: np.random.Generator) -> Conditions:
-    """A trapezoidal thread: it holds by itself, and breaks away with a jerk."""
+    """A trapezoidal thread: self-locking, and breaks away abruptly."""
     lead = float(rng.choice([2e-3, 3e-3, 4e-3]))
     fastest = log_uniform(rng, 0.01, 0.04)
     mass = log_uniform(rng, 3.0, 40.0)
@@ -329,7 +329,7 @@ def held_back_lead_screw(rng: np.random.Generator) -> Conditions:
 
 
 def held_back_gantry(rng: np.random.Generator) -> Conditions:
-    """A heavy bridge on rails, driven by belt or rack: hardly any friction for its weight."""
+    """A heavy bridge on rails, driven by belt or rack: little friction for its weight."""
     fastest = log_uniform(rng, 0.3, 1.0)
     mass = log_uniform(rng, 80.0, 600.0)
     return Conditions(
@@ -367,9 +367,9 @@ MACHINES: dict[str, Callable[[np.random.Generator], Conditions]] = {
         held_back_gantry,
     )
 }
-# nothing may be fitted, tuned or chosen by these
+# not to be used to fit, tune or choose anything
 HELD_BACK = (held_back_lead_screw.__name__, held_back_gantry.__name__)
-# of which some or all records are of a slide on which a force acts
+# worlds with some or all records of a slide driven by a force
 NO_MOTOR = (
     "heavy_friction", "slow_noise", "jittered", "one_way", "geared_joint", "low_sampling",
     "held_back_gantry",

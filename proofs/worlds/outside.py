@@ -17,7 +17,7 @@ def burst_disturbance(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def detent_notch(rng: np.random.Generator, s: Setting) -> Effect:
-    """One place that holds the block."""
+    """A position that holds the block."""
     changes = {
         at.DETENT: s.size(rng, 0.1, 2.0) * float(s.double[at.FC]),
         at.DETENT_PLACE: float(rng.uniform(-0.5, 0.5)) * s.reach,
@@ -27,7 +27,7 @@ def detent_notch(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def reversal_memory(rng: np.random.Generator, s: Setting) -> Effect:
-    """Dry friction is larger for some way after each reversal."""
+    """Dry friction is larger for some distance after each reversal."""
     changes = {
         at.MEMORY: s.size(rng, 0.05, 1.0),
         at.MEMORY_WAY: float(rng.uniform(0.02, 0.1)) * s.reach,
@@ -47,14 +47,14 @@ def scale_error(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def mains_ripple(rng: np.random.Generator, s: Setting) -> Effect:
-    """The mains on the amplifier's voltage."""
+    """Mains ripple on the amplifier's voltage."""
     frequency = float(rng.choice([50.0, 100.0]))
     changes = {at.MAINS: s.size(rng, 0.0003, 0.2) * s.peak, at.MAINS_FREQUENCY: frequency}
     return Effect("mains_ripple", f"{frequency:.0f}_hz", changes)
 
 
 def dwell_ageing(rng: np.random.Generator, s: Setting) -> Effect:
-    """Dry friction grows with the time at rest, and sliding wears that off again."""
+    """Dry friction grows with the time at rest, and decreases again in sliding."""
     changes = {
         at.AGEING: s.size(rng, 0.05, 1.0),
         at.AGEING_WAY: float(rng.uniform(0.005, 0.05)) * s.reach,
@@ -63,7 +63,7 @@ def dwell_ageing(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def second_resonance(rng: np.random.Generator, s: Setting) -> Effect:
-    """Something on the block swings on a spring of its own."""
+    """A body on the block oscillates on a spring."""
     block = float(s.double[at.BLOCK_MASS])
     mass = s.size(rng, 0.02, 0.6) * block
     angular = 2 * math.pi * float(np.exp(rng.uniform(np.log(4.0), np.log(80.0))))
@@ -71,13 +71,13 @@ def second_resonance(rng: np.random.Generator, s: Setting) -> Effect:
         at.RESONATOR: mass,
         at.RESONATOR_SPRING: mass * angular**2,
         at.RESONATOR_DAMPING: float(rng.uniform(0.005, 0.05)) * 2 * mass * angular,
-        at.BLOCK_MASS: block - mass,  # at rest nothing is heavier than believed
+        at.BLOCK_MASS: block - mass,  # the static mass is as believed
     }
     return Effect("second_resonance", "appended_mass", changes)
 
 
 def other_bristles(rng: np.random.Generator, s: Setting) -> Effect:
-    """Bristles of another law than the believed one, which has some too."""
+    """Bristles of a law that differs from the believed one, which has bristles, too."""
     form = str(rng.choice(["elasto_plastic", "maxwell", "dahl"]))
     if form == "dahl":
         return Effect("other_bristles", form, {at.SIGMA1: 0.0})

@@ -1,4 +1,4 @@
-"""What is written down of a motion: columns at samples, stamps that jitter, other rates."""
+"""Records of a motion: columns at samples, jittering stamps, other rates."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from worlds.simulator import Motion
 from worlds.visibility import Errors, sampled
 
 Columns = NDArray[np.float64]
-LARGEST_JITTER = 0.45  # of the period: stamps stay in order
+LARGEST_JITTER = 0.45  # share of the period: stamps stay in order
 
 
 def make_record(
@@ -45,19 +45,19 @@ def make_record(
 
 def _read_current(scene: Scene, i: Columns, period: float) -> tuple[Columns, Columns]:
     """The column and its error."""
-    rng = np.random.default_rng(i.size)  # of its own: a record's other draws stay the same
+    rng = np.random.default_rng(i.size)  # separate: other random values do not change
     read = read_current(scene.instruments, rng, i, period)
-    line = np.polyfit(i, read, 1)  # a sensor's gain and offset are refitted
+    line = np.polyfit(i, read, 1)  # a user fits a sensor's gain and offset
     return read, read - np.polyval(line, i)
 
 
 def _uneven(
     scene: Scene, motion: Motion, axis: NDArray[np.float64]
 ) -> tuple[dict[str, Columns], Errors]:
-    """A record whose stamps jitter, or one brought from another period to an even grid.
+    """A record with jittering stamps, or one resampled from another period.
 
-    Stamps are true, positions and currents are those at the stamps, and a command is the mean to
-    the next stamp. Lines between the samples make the even grid.
+    Stamps are true, positions and currents are those at the stamps, and a command is the mean until
+    the next stamp. Resampling is linear between samples.
     """
     conditions, log = scene.conditions, motion.log
     own = conditions.sampling * (conditions.resampled or 1.0)

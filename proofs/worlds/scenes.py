@@ -1,4 +1,4 @@
-"""A world's draw made ready: the motion asked for, noise and instruments, to be run in variants."""
+"""A world's draw ready for simulation: reference motion, noise and instruments, for variants."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from worlds.instruments import Instruments, draw_instruments
 from worlds.layout import Vector
 from worlds.simulator import BURST, Motion, Run, Texture, simulate
 
-LOGGED_AT_LEAST = 5e-4  # s
-SHOWN_WITHIN = 0.01  # s: a motion by less than the encoder's error in this time is rest
-UNSEEN_WAY = 0.02e-6  # m: bristles that break away so soon are as good as none
+LOGGED_AT_LEAST = 5e-4  # longest logging period, s
+SHOWN_WITHIN = 0.01  # motion of less than the encoder's error in this time is rest, s
+UNSEEN_WAY = 0.02e-6  # bristles with a shorter presliding distance have no effect, m
 
 Columns = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A world's draw, ready to be simulated: motion asked for, noise, instruments.
+    """A world's draw, ready for simulation: reference motion, noise, instruments.
 
-    `tolerated` is what the noisy axis has and nobody can see.
+    `tolerated` are invisible properties of the noisy axis.
     """
 
     conditions: Conditions
@@ -58,26 +58,26 @@ class Scene:
 
     @property
     def period(self) -> float:
-        """Of control, s."""
+        """Control period, s."""
         return self.conditions.sampling / self.conditions.faster
 
     @property
     def logged(self) -> int:
-        """Logging periods in a control period."""
+        """Number of logging periods in a control period."""
         return int(np.ceil(self.period / LOGGED_AT_LEAST - 1e-9))
 
     @property
     def per_sample(self) -> int:
-        """Logging periods in a sampling period."""
+        """Number of logging periods in a sampling period."""
         return self.logged * self.conditions.faster
 
     @property
     def skipped(self) -> int:
-        """Control periods before the record begins."""
+        """Number of control periods before the record begins."""
         return int(self.conditions.lead_in / self.conditions.sampling) * self.conditions.faster
 
     def run(self, changes: dict[int, float], bursts: float, *, clean: bool) -> Motion:
-        """The axis with changes, with its noise or without."""
+        """Simulate the axis with changes, with or without its noise."""
         axis = self.faultless.copy()
         for place, value in (changes if clean else self.tolerated | changes).items():
             axis[place] = value
@@ -126,7 +126,7 @@ def make_scenes(
 
 
 def asked(scene: Scene, wanted: Columns, rng: np.random.Generator) -> Scene:
-    """The same machine asked for another motion, its friction's noise drawn anew."""
+    """The same machine with another reference motion and new friction noise."""
     c = scene.conditions
     noise, _, _ = draw_noise(
         rng, c.noise, c.noise_size, scene.double, wanted.size, scene.period, scene.correlation_time
@@ -140,7 +140,7 @@ def commanded(scene: Scene, command: Mapping[str, Columns], rng: np.random.Gener
     Raises
     ------
     ValueError
-        If neither or both are there, or the time does not grow.
+        If neither or both are given, or the time does not increase.
     """
     if len({"x_d", "u"} & set(command)) != 1 or "time" not in command:
         raise ValueError(f"columns {', '.join(command)}, expected time and either x_d or u")
@@ -150,7 +150,7 @@ def commanded(scene: Scene, command: Mapping[str, Columns], rng: np.random.Gener
     closed, c = "x_d" in command, scene.conditions
     values = np.asarray(command["x_d" if closed else "u"], dtype=float)
     long = float(stamps[-1] - stamps[0])
-    # from the middle, where it rests, to where the motion begins
+    # from rest in the middle to the start of the motion
     away = abs(values[0]) if closed else 0.0
     lead = 0.5 + 1.5 * away / c.axis.fastest if away > 0 else 0.0
     held = c.loop if c.loop != "open" else "cascade"
@@ -183,7 +183,7 @@ def commanded(scene: Scene, command: Mapping[str, Columns], rng: np.random.Gener
 
 
 def _led_in(scene: Scene, wanted: Columns) -> Columns:
-    """The motion with the way to where it begins."""
+    """The motion, after a motion to its start."""
     if not scene.skipped:
         return wanted
     time = np.arange(scene.skipped) * scene.period
@@ -209,7 +209,7 @@ def make_scene(conditions: Conditions, rng: np.random.Generator, *, bare: bool) 
     faultless = double.copy()
     faultless[at.LAW] = axis.formulation
     if axis.law == "classical" and axis.formulation != at.SET_VALUED:
-        # bristles too stiff to be seen, as a user of the classical law would say
+        # invisibly stiff bristles: a user would choose the classical law
         faultless[at.SIGMA0] = axis.values["Fs"] / UNSEEN_WAY
         mass = faultless[at.MOTOR_MASS] + faultless[at.BLOCK_MASS]
         faultless[at.SIGMA1] = np.sqrt(faultless[at.SIGMA0] * mass)
@@ -256,7 +256,7 @@ def make_scene(conditions: Conditions, rng: np.random.Generator, *, bare: bool) 
 
 
 def _controller(conditions: Conditions, par: Vector) -> Vector:
-    """Gains from the axis' first-order answer and the bandwidth wanted of its velocity."""
+    """Gains from the axis' first-order response and the bandwidth of its velocity."""
     numbers = np.zeros(NUMBERS)
     if conditions.loop == "open":
         return numbers

@@ -1,8 +1,8 @@
-"""What a refit could take away, and what each cause looks like: shapes along one true motion.
+"""Shapes of refitted values and of each cause, along one true motion.
 
-A shape is what a small unknown would add to the balances of a record, shape (balances, rows). The
-balances are one of force where no current is recorded, else one of force and one of voltage.
-Nothing here is an estimator's: the shapes come from the generator's own log of the motion.
+A shape is the effect of a small unknown on the balances of a record, shape (balances, rows). The
+balances are one of force if no current is recorded, otherwise one of force and one of voltage.
+Nothing is from the estimator: the shapes come from the generator's log of the motion.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def dry_along(par, v, period):  # type: ignore[no-untyped-def]
 
 @compiled
 def way_since_reversal(x):  # type: ignore[no-untyped-def]
-    """How far the motion has gone since it last turned."""
+    """Distance moved since the last reversal."""
     way, turned, extreme, direction = np.zeros(x.size), x[0], x[0], 0.0
     for k in range(x.size):
         if direction == 0.0:
@@ -54,17 +54,17 @@ def way_since_reversal(x):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True)
 class Along:
-    """A motion's log and how its shapes become balances.
+    """A motion's log, and the conversion of shapes to balances.
 
     Attributes
     ----------
     setting : Setting
     log : ndarray, shape (rows, LOGGED)
     period : float
-        Of the log, s.
+        Period of the log, s.
     with_current : bool
     moving : ndarray, shape (rows,), optional
-        0 where the balance of force says nothing, else 1.
+        0 if the balance of force gives no information, else 1.
     """
 
     setting: Setting
@@ -74,12 +74,12 @@ class Along:
     moving: Shape | None = None
 
     def force(self, shape: Shape) -> Shape:
-        """A force, as the balances have it."""
+        """The effect of a force on the balances."""
         shape = shape if self.moving is None else shape * self.moving
         return np.stack([shape, np.zeros_like(shape)]) if self.with_current else shape[None]
 
     def voltage(self, shape: Shape) -> Shape:
-        """A voltage, as the balances have it."""
+        """The effect of a voltage on the balances."""
         par = self.setting.double
         if self.with_current:
             return np.stack([np.zeros_like(shape), shape])
@@ -95,17 +95,17 @@ class Along:
 
     @property
     def current(self) -> Shape:
-        """The current that the balances go by, A."""
+        """The current used in the balances, A."""
         if self.with_current:
             return self.log[:, at.CURRENT_MEAN]
         return self.needed / self.setting.double[at.KT]
 
 
 def refits(along: Along) -> dict[str, Shape]:
-    """What each believed value adds if it is off by its tolerance.
+    """Effect of each believed value if it is wrong by its tolerance.
 
-    Gains go by the force that is needed, not by the one that is given: the given one contains the
-    effect, and all values together would explain it by there being no machine at all.
+    Gains act on the needed force, not on the supplied force: the supplied force contains the
+    effect, and all values together could explain everything by a machine without any force.
     """
     s, log = along.setting, along.log
     par, v = s.double, log[:, at.V]
@@ -131,7 +131,7 @@ def refits(along: Along) -> dict[str, Shape]:
 
 
 def _derivative(along: Along, place: int) -> Shape:
-    """Change of the dry friction for a value twice as large, by a small difference."""
+    """Change of the dry friction for twice the value, from a small difference."""
     par, v = along.setting.double, along.log[:, at.V]
     more: Vector = par.copy()
     more[place] *= 1.02
@@ -139,7 +139,7 @@ def _derivative(along: Along, place: int) -> Shape:
 
 
 def families(along: Along, periods: tuple[float, ...]) -> dict[str, list[list[Shape]]]:
-    """The catalogue's shapes: of each cause several forms, of each form its columns.
+    """The catalogue's shapes: several forms of each cause, with the columns of each form.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def families(along: Along, periods: tuple[float, ...]) -> dict[str, list[list[Sh
 
 
 def _late(along: Along, samples: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)) -> list[list[Shape]]:
-    """The command some times later, in place of the command."""
+    """Changes of the command by some delays."""
     u = along.log[:, at.COMMAND]
     time = np.arange(u.size) * along.period
     steps = along.setting.sampling * np.array(samples)
@@ -209,7 +209,7 @@ def _late(along: Along, samples: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)) -> li
 
 
 def _clipped(along: Along) -> list[list[Shape]]:
-    """The command within some limits, in place of the command."""
+    """Changes of the command by some limits."""
     u = along.log[:, at.COMMAND]
     limits = np.abs(u).max() * np.array([0.97, 0.9, 0.8, 0.65, 0.5, 0.35])
     return [[along.voltage(np.clip(u, -most, most) - u)] for most in limits]

@@ -1,4 +1,4 @@
-"""Columns that are not what their heads say: scales, signs and times as people mistake them.
+"""Columns that differ from their headers: mistakes in scale, sign and time.
 
 They change the record after the motion, not the axis.
 """
@@ -16,7 +16,7 @@ from worlds.effects import Draw, Effect, Setting
 from worlds.shapes import Along, dry_along
 
 Columns = NDArray[np.float64]
-# factors by the mistake that makes them
+# factors by usual mistakes
 OF_ANY = {
     "twice": 2.0,
     "half": 0.5,
@@ -53,12 +53,12 @@ def _scale(rng: np.random.Generator, column: str, factors: dict[str, float]) -> 
 
 
 def scale_of_u(rng: np.random.Generator, s: Setting) -> Effect:
-    """The command's unit is another one."""
+    """The command has another unit."""
     return _scale(rng, "u", OF_U)
 
 
 def scale_of_i(rng: np.random.Generator, s: Setting) -> Effect:
-    """The current's unit is another one."""
+    """The current has another unit."""
     return _scale(rng, "i", OF_I)
 
 
@@ -68,17 +68,17 @@ def scale_of_x(rng: np.random.Generator, s: Setting) -> Effect:
 
 
 def sign_of_u(rng: np.random.Generator, s: Setting) -> Effect:
-    """The command is positive the other way."""
+    """The command has the opposite sign."""
     return Effect("sign_of_u", "turned", truth={"factor": -1.0}, factors={"u": -1.0})
 
 
 def sign_of_x(rng: np.random.Generator, s: Setting) -> Effect:
-    """The position grows the other way."""
+    """The position has the opposite sign."""
     return Effect("sign_of_x", "turned", truth={"factor": -1.0}, factors={"x": -1.0})
 
 
 def time_shift(rng: np.random.Generator, s: Setting) -> Effect:
-    """The command was recorded by a clock of its own: it stands some samples late or early."""
+    """The command was recorded with a separate clock: it is some samples late or early."""
     shift = int(rng.integers(2, MOST_SHIFT + 1))
     if rng.uniform() < 0.5:
         shift = -shift
@@ -93,11 +93,11 @@ SIGNALS: dict[str, Draw] = {
 
 
 def spoilt(record: dict[str, Columns], effects: tuple[Effect, ...]) -> dict[str, Columns]:
-    """The record with the columns that the effects make of it."""
+    """The record with its columns changed by the effects."""
     for effect in effects:
         record = {n: column * effect.factors.get(n, 1.0) for n, column in record.items()}
         late = abs(effect.shift)
-        if late:  # what has no partner any more is cut off
+        if late:  # cut off samples without a counterpart
             first, last = slice(late, None), slice(None, -late)
             of_u, of_others = (last, first) if effect.shift > 0 else (first, last)
             record = {n: column[of_u if n == "u" else of_others] for n, column in record.items()}
@@ -106,9 +106,9 @@ def spoilt(record: dict[str, Columns], effects: tuple[Effect, ...]) -> dict[str,
 
 
 def misread(along: Along, effect: Effect) -> Along:
-    """A motion as the wrong columns tell it, with what these leave unneeded.
+    """A motion as in the wrong columns, with the force that it does not need.
 
-    What is held by a set-valued law takes any force: there the balance of force says nothing.
+    A set-valued law at rest holds any force: there, the balance of force gives no information.
     """
     setting, log, period = along.setting, along.log, along.period
     par, read = setting.double, log.copy()

@@ -1,10 +1,10 @@
-"""The axis in time: a compiled loop of fine fixed substeps, symmetric and of second order.
+"""Simulation of the axis: a compiled loop of small fixed substeps, symmetric and of second order.
 
 A substep is half a step of position, current and deflections at constant velocity (each exact), a
-whole step of the velocities with the forces at their mean (set-valued friction solved with it), and
-the other halves in reverse order. Beside the axis runs its faultless double along the motor's
-motion: the law and the values without any effect. What the command gives and the double's motion
-does not need is logged; it is zero to the last digits where nothing is hidden.
+full step of the velocities with the mean forces (solved together with set-valued friction), and the
+other halves in reverse order. A faultless double of the axis, with the law and the values without
+any effect, is computed along the motor's motion. The log contains the force of the command beyond
+that needed by the double; without hidden effects, it is zero to the last digits.
 """
 
 from __future__ import annotations
@@ -92,14 +92,14 @@ from worlds.layout import (
 
 # the moving state; NOW is the current
 X1, V1, X2, V2, NOW, NOW_BELIEVED, XA, VA, WARMTH = range(9)
-# columns of the friction's noise, a row per control period
+# columns of the friction noise, one row per control period
 RELATIVE, TEXTURE_PHASE, BURST = range(3)
 GUESSES = 3
 
 
 @dataclass(frozen=True)
 class Texture:
-    """Friction fixed to the place: two tables, of which time mixes one into the other."""
+    """Friction fixed to the position: two tables, mixed with a phase that changes in time."""
 
     first: float
     spacing: float
@@ -108,22 +108,22 @@ class Texture:
 
 @dataclass(frozen=True)
 class Run:
-    """All that one simulation is made of.
+    """All inputs of one simulation.
 
     Attributes
     ----------
     axis, double : Vector
-        The axis as it is, and without any effect.
+        The axis, and the axis without any effect.
     controller : Vector
     wanted : ndarray, shape (periods,)
-        Commands [V], or references [m] where a controller is.
+        Commands [V], or references [m] with a controller.
     noise : ndarray, shape (periods, 3)
         Relative friction noise, phase of the texture [rad], bursts of force [N].
     texture : Texture
     substeps, periods_logged : int
-        Substeps of a control period, and logging periods in it.
+        Numbers of substeps and of logging periods in a control period.
     period : float
-        Of control, s.
+        Control period, s.
     """
 
     axis: Vector
@@ -139,14 +139,14 @@ class Run:
 
 @dataclass(frozen=True)
 class Motion:
-    """What a run gives: `log` (rows, LOGGED) and the `commands` of the control periods [V]."""
+    """Result of a run: `log` (rows, LOGGED) and the `commands` of the control periods [V]."""
 
     log: NDArray[np.float64]
     commands: NDArray[np.float64]
 
 
 def simulate(run: Run) -> Motion:
-    """Run it."""
+    """Run a simulation."""
     texture = run.texture
     log, commands = _simulate(
         run.axis,
@@ -165,7 +165,7 @@ def simulate(run: Run) -> Motion:
 
 @compiled
 def read_encoder(par, x):  # type: ignore[no-untyped-def]
-    """Position as a controller reads it."""
+    """Position measured by the controller's encoder."""
     s = x / par[TRAVEL]
     if par[SCALE_ERROR] != 0.0:
         course = s * abs(s) if par[SCALE_FORM] == 0.0 else math.sin(2.0 * math.pi * s)
@@ -182,7 +182,7 @@ def read_encoder(par, x):  # type: ignore[no-untyped-def]
 
 @compiled
 def texture_at(where, tables, phase, x):  # type: ignore[no-untyped-def]
-    """Relative friction at a place."""
+    """Relative friction at a position."""
     if tables.shape[1] < 2:
         return 0.0
     place = (x - where[0]) / where[1]
@@ -195,7 +195,7 @@ def texture_at(where, tables, phase, x):  # type: ignore[no-untyped-def]
 
 @compiled
 def motor_force(par, x, current, voltage):  # type: ignore[no-untyped-def]
-    """Force of the motor on its side, ripple and all."""
+    """Force of the motor on its side, with ripple."""
     force = par[GAIN] * voltage if par[IS_DRIVE] != 0.0 else par[KT] * current
     if par[RIPPLE] != 0.0 or par[RIPPLE_OF_CURRENT] != 0.0:
         angle = 2.0 * math.pi * x / par[RIPPLE_PERIOD] + par[RIPPLE_PHASE]
@@ -206,7 +206,7 @@ def motor_force(par, x, current, voltage):  # type: ignore[no-untyped-def]
 
 @compiled
 def outer_force(par, y, burst):  # type: ignore[no-untyped-def]
-    """What acts on the block from outside, against +x."""
+    """External force on the block, against +x."""
     x = y[X2]
     force = par[LOAD] + par[LOAD_SLOPE] * x + burst
     if par[DETENT] != 0.0:
@@ -230,14 +230,14 @@ def spring_force(par, way, speed):  # type: ignore[no-untyped-def]
 
 @compiled
 def current_after(par, resistance, current, voltage, v, kept):  # type: ignore[no-untyped-def]
-    """Armature current after a time at constant voltage and velocity, which kept a share of it."""
+    """Armature current after a time at constant voltage and velocity; `kept`: decay factor."""
     end = (voltage - par[KE] * v) / resistance
     return end + (current - end) * kept
 
 
 @compiled
 def resistance_now(par, y, t, period):  # type: ignore[no-untyped-def]
-    """Resistance of the winding; advances its warmth."""
+    """Resistance of the winding; updates its temperature."""
     if par[R_DRIFT] == 0.0:
         return par[R]
     if par[R_FORM] == 3.0:
@@ -279,7 +279,7 @@ def move(par, y, rub, at, h):  # type: ignore[no-untyped-def]
 def double_friction(double, rub, v_old, v_new, given):  # type: ignore[no-untyped-def]
     """Dry and viscous friction of the faultless double in a substep.
 
-    `given` is the force that would be left to friction if the set-valued law held the motion.
+    `given` is the force on friction if the set-valued law held the body.
     """
     v = 0.5 * (v_old + v_new)
     viscous = viscous_force(double, v)

@@ -1,26 +1,27 @@
-"""How far a record can show an effect, and what else would look like it: from the truth alone.
+"""Visibility of an effect in a record, and causes with the same shape, computed from the truth.
 
-The method, in the generator's own terms:
+The method, in terms of the generator:
 
 1. *Trace.* The axis is simulated with the effect, with neither friction noise nor instruments. At
-   every substep the force that the command gives (or the recorded current does) is compared with
-   what the faultless axis, with its true values, needs for that motion; where the current is
-   recorded so is the voltage. The differences, averaged over sampling periods, are what the effect
-   does to a record.
-   A set-valued law has no force at a speed that the encoder cannot show: such motion is rest.
+   every substep the force of the command (or of the recorded current) is compared with the force
+   that the faultless axis, with its true values, needs for that motion. If the current is recorded,
+   the voltage is also compared. The differences, averaged over sampling periods, are the trace: the
+   effect in the record. At a speed that the encoder cannot show, motion counts as rest, and a
+   set-valued law gives no force.
 2. *Noise.* The axis is simulated without the effect, with its friction noise. The same
-   differences are its force noise as such, with no differentiation in between. The errors of the
-   instruments are those of that run's columns against its truth; a position error becomes force by
-   mass, damping and back-EMF, and at rest by the bristles, in the frequency domain. Welch's spectra
-   of both are added.
-3. *Ratio.* Trace and shapes are weighted by that spectrum. What a user would refit is projected
-   out: each believed value, at the price of its tolerance (3 % off costs 1), and an offset for
-   nothing (not of `load_bias`, which is one). The length of what is left is the ratio: the
-   signal-to-noise ratio of the best test for an effect of known shape.
-4. *Same shape.* Each other cause of the catalogue is taken in several forms along the same motion;
-   it has the effect's shape if one of them, beside the refits, leaves a ratio below 3.
+   differences are directly its force noise, without differentiation. The errors of the instruments
+   are the differences between the columns and the true signals of that run. A position error is
+   converted to a force by mass, damping and back-EMF, and at rest by the bristles, in the frequency
+   domain. Welch's spectra of both are added.
+3. *Ratio.* Trace and shapes are weighted by that spectrum. Values that a user would fit are
+   projected out: each believed value, with a cost by its tolerance (an error of 3 % costs 1), and
+   an offset without cost (except for `load_bias`, which is an offset). The length of the remaining
+   trace is the ratio: the signal-to-noise ratio of the best test for an effect of known shape.
+4. *Same shape.* Each other cause of the catalogue is evaluated in several forms along the same
+   motion. It has the effect's shape if one of them, together with the fitted values, gives a
+   remaining ratio below 3.
 
-A rounding encoder is counted as one with additive noise, so the ratio is a cautious one.
+A rounding encoder is treated as one with additive noise, so the ratio is conservative.
 """
 
 from __future__ import annotations
@@ -38,9 +39,9 @@ from worlds.axes import BALL_SCREW
 from worlds.effects import Effect, Setting
 from worlds.shapes import Along, Shape, families, refits
 
-SAME = 3.0  # a ratio below which two shapes are one
-HIGHEST = 1000.0  # Hz; above, no record of a machine says anything
-LEAST_NOISE = 1e-4  # of the Coulomb force (or its voltage), rms: the arithmetic's own
+SAME = 3.0  # ratio below which two shapes count as equal
+HIGHEST = 1000.0  # highest used frequency, Hz
+LEAST_NOISE = 1e-4  # numerical noise, share of the Coulomb force (or its voltage), rms
 TAPER = 0.02
 
 Columns = NDArray[np.float64]
@@ -48,15 +49,15 @@ Columns = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sight:
-    """What the truth says of one effect in one record.
+    """Visibility of one effect in one record, from the truth.
 
     Attributes
     ----------
     ratio : float
     shared : tuple of str
-        Other causes of the same shape (empty where the ratio is below `SAME`).
+        Other causes of the same shape (empty if the ratio is below `SAME`).
     remaining : dict
-        The ratio that each other cause leaves.
+        Remaining ratio after fitting each other cause.
     """
 
     ratio: float
@@ -75,7 +76,7 @@ class Errors:
 
 @dataclass(frozen=True)
 class Weights:
-    """What makes the noise of the balances white: spectra at the samples' frequencies."""
+    """Weights that make the noise of the balances white: spectra at the samples' frequencies."""
 
     samples: int
     sampling: float
@@ -113,7 +114,8 @@ def weigh(setting: Setting, noise: Shape, errors: Errors, resting: float) -> Wei
         The differences of a faultless run, sampled.
     errors : Errors
     resting : float
-        Share of the time at rest, in which a position error is one of the bristles' deflection.
+        Share of the time at rest, in which a position error is an error of the bristles'
+        deflection.
     """
     par, rate = setting.double, 1 / setting.sampling
     length = min(noise.shape[1], max(256, int(4 * rate)))
@@ -149,7 +151,7 @@ def weigh(setting: Setting, noise: Shape, errors: Errors, resting: float) -> Wei
         spectra[-1] = spectra[-1] + of_u**2 * spectrum(errors.u)
     own = np.fft.rfftfreq(noise.shape[1], setting.sampling)
     own = own[own <= HIGHEST]
-    # the lowest line of Welch's has lost its mean: the next one stands for it
+    # Welch's lowest line is without its mean: use the next one instead
     at_own = [np.exp(np.interp(own, frequencies[1:], np.log(one[1:]))) for one in spectra]
     return Weights(noise.shape[1], setting.sampling, np.array(at_own))
 
@@ -162,10 +164,10 @@ def see(
     *,
     alike: bool = True,
 ) -> Sight:
-    """Points 3 and 4 for an effect, or for the law's own mismatch where there is none.
+    """Points 3 and 4 for an effect, or for the mismatch of the law if there is no effect.
 
-    One motion and its weights for every record of the machine; the offset is one for all. What is
-    alike is not looked for if not `alike`.
+    There is one motion with weights for every record of the machine, and one offset for all. Causes
+    of the same shape are only searched with `alike`.
     """
 
     def white(shapes: Iterable[Shape]) -> Columns:
@@ -199,7 +201,7 @@ def see(
         if name.startswith("sign") and not effect.name.startswith("sign"):
             continue
         if name != effect.name:
-            forms = zip(*(one[name] for one in known), strict=True)  # of each, that of every record
+            forms = zip(*(one[name] for one in known), strict=True)  # each form, for all records
             blocks = [
                 np.column_stack([left(white(c)) for c in zip(*form, strict=True)]) for form in forms
             ]
@@ -209,7 +211,7 @@ def see(
 
 
 def _beside(trace: Columns, block: Columns) -> float:
-    """What a block of columns leaves of a trace."""
+    """Residual of a trace after fitting a block of columns."""
     sizes = np.linalg.norm(block, axis=0)
     if not np.all(sizes > 1e-9):
         return float(np.linalg.norm(trace))

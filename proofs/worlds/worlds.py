@@ -1,21 +1,21 @@
 """Named distributions over machines, noise, instruments and motions: the worlds.
 
-They differ in many assumptions at once, so that what is right in all of them hangs on none.
+They differ in many assumptions, so that a result valid in all of them does not depend on a single
+one.
 
-- `fast_screw`: the thesis' axis, no rotor inertia, drive faster than the sampling, counted
-  positions, a good ammeter or none, hardly any noise; open loop.
-- `heavy_screw`: a rotor sixteen times the block, believed; friction fixed to the place or slow;
-  interpolating encoders; open and closed loop.
+- `fast_screw`: the thesis' axis, no rotor inertia, drive faster than the sampling, quantized
+  positions, a good ammeter or none, very little noise; open loop.
+- `heavy_screw`: a rotor of sixteen times the block's mass, known to the user; friction noise fixed
+  to the position or slow; interpolating encoders; open and closed loop.
 - `linear_drive`: a force on a slide, no armature; Coulomb friction, set-valued or of stiff
-  bristles; closed loop, 200 Hz to 1 kHz, positions that a filter went over.
+  bristles; closed loop, 200 Hz to 1 kHz, filtered positions.
 - `industrial`: a machine tool's axis, drive slower than the sampling; commands averaged over PWM
   periods by a faster controller; encoders that floor; imperfect currents; friction noise that grows
   with speed.
-- `simulated`: what another program would write: 2 to 10 kHz, positions without counts, ramped or
-  held commands, no noise or a trace of it.
-- those of `machines`, each for something that real machines and their records have.
-- `wrong_scales`: the first or the fourth of these, written down by somebody who took one scale for
-  another.
+- `simulated`: output of another program: 2 to 10 kHz, positions without counts, ramped or held
+  commands, no noise or very little.
+- those of `machines`, each for a property of real machines and their records.
+- `wrong_scales`: the first or the fourth of these, with one wrong scale in the record.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ THESIS = {
 
 
 def fast_screw(rng: np.random.Generator) -> Conditions:
-    """The thesis' axis as its owner believes it, faster than its record."""
+    """The thesis' axis without rotor inertia, faster than its record."""
     values = (
         THESIS
         if rng.uniform() < 0.3
@@ -82,7 +82,7 @@ def fast_screw(rng: np.random.Generator) -> Conditions:
 
 
 def heavy_screw(rng: np.random.Generator) -> Conditions:
-    """A rotor that outweighs the block, and friction that hangs on the place."""
+    """A rotor with more inertia than the block, and friction that depends on position."""
     values = THESIS | {"Jm": 4.2e-7 * log_uniform(rng, 0.5, 3.0)}
     values |= scattered(
         rng, m=1.0, sigma0=66967.0, sigma1=344.0, sigma2=173.0, Fc=1.284, Vs=1.14e-3
@@ -113,7 +113,7 @@ def heavy_screw(rng: np.random.Generator) -> Conditions:
 
 
 def linear_drive(rng: np.random.Generator) -> Conditions:
-    """A slide on which a force acts, its positions filtered before they were kept."""
+    """A slide driven by a force, with filtered positions."""
     mass = log_uniform(rng, 5.0, 150.0)
     coulomb = mass * log_uniform(rng, 0.1, 0.5)
     fastest = log_uniform(rng, 0.1, 0.6)
@@ -157,7 +157,7 @@ def linear_drive(rng: np.random.Generator) -> Conditions:
 
 
 def industrial(rng: np.random.Generator) -> Conditions:
-    """A machine tool's axis behind a drive amplifier, with everything that is bought with it."""
+    """A machine tool's axis with a drive amplifier and its usual components."""
     lead = float(rng.choice([5e-3, 10e-3, 20e-3]))
     turn = 2 * np.pi / lead
     mass = log_uniform(rng, 20.0, 200.0)
@@ -207,7 +207,7 @@ def industrial(rng: np.random.Generator) -> Conditions:
 
 
 def simulated(rng: np.random.Generator) -> Conditions:
-    """Another program's output: no counts, hardly any noise, much faster than any recorder."""
+    """Output of another program: no counts, very little noise, much faster than a recorder."""
     rotor = 4.2e-7 * float(rng.choice([0.0, 1.0]))
     values = THESIS | {"Jm": rotor} | scattered(rng, m=1.0, sigma2=173.0, Fc=1.284)
     values["Fs"] = values["Fc"] * float(rng.uniform(1.0, 1.9))
@@ -240,7 +240,7 @@ def simulated(rng: np.random.Generator) -> Conditions:
 
 
 def wrong_scales(rng: np.random.Generator) -> Conditions:
-    """A known axis whose record somebody converted to SI by hand."""
+    """A known axis with a record that was converted to SI by hand."""
     conditions = industrial(rng) if rng.uniform() < 0.6 else fast_screw(rng)
     return replace(conditions, currents=conditions.currents | {"none": 0.3}, finest=1.0)
 
@@ -249,8 +249,8 @@ WORLDS: dict[str, Callable[[np.random.Generator], Conditions]] = {
     draw.__name__: draw for draw in (fast_screw, heavy_screw, linear_drive, industrial, simulated)
 }
 WORLDS |= MACHINES | {wrong_scales.__name__: wrong_scales}
-# a slide on which a force acts has no resistance and no current
-# and other bristles than the law's are there only where the law always has some
+# a slide driven by a force has no resistance and no current
+# and other bristles than the law's exist only if the law always has bristles
 LACKING = {
     "linear_drive": {"resistance_drift", "other_bristles", "scale_of_i"},
     "industrial": {"other_bristles"},
@@ -258,13 +258,13 @@ LACKING = {
     **{name: {"other_bristles"} for name in MACHINES},
     **{name: {"resistance_drift", "other_bristles", "scale_of_i"} for name in NO_MOTOR},
 }
-# what looks like a wrong scale, beside which it has to be told
+# causes that look like a wrong scale and must be distinguished from it
 LIKE_A_SCALE = ("direction_asymmetry", "load_bias", "unmodelled_inertia", "input_delay",
                 "parameter_error")  # fmt: skip
 
 
 def effects_of(world: str) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-    """Names of the causes, of the outside effects and of the wrong signals a world can have."""
+    """Names of the causes, outside effects and wrong signals that a world can have."""
     lacking = LACKING.get(world, set())
     if world == wrong_scales.__name__:
         return LIKE_A_SCALE, (), tuple(SIGNALS)

@@ -1,7 +1,7 @@
-"""Make this interpreter look like one on Windows to what is imported after it.
+"""Make this interpreter look like one on Windows, for modules imported afterwards.
 
-What is not ours is imported before, as it is here. Then the modules and functions that Windows has
-not are taken away, and what it has instead is put there, as far as this package uses it.
+Third-party modules are imported before, unchanged. Then modules and functions that do not exist on
+Windows are removed, and their Windows counterparts are added, as far as this package uses them.
 """
 
 import ctypes
@@ -31,7 +31,7 @@ LACKS = {
 
 
 def look_like_windows() -> None:
-    """As the module says; nothing of this package may be imported yet."""
+    """Change this interpreter as described above; no module of this package may be imported yet."""
     assert not any(name.partition(".")[0] == "ballscrew" for name in sys.modules)
     for name in THEIRS:
         importlib.import_module(name)
@@ -46,7 +46,7 @@ def look_like_windows() -> None:
     msvcrt = types.ModuleType("msvcrt")
     msvcrt.LK_NBLCK, msvcrt.locking = 2, lambda descriptor, mode, size: None
     sys.modules["msvcrt"] = msvcrt
-    kernel = types.SimpleNamespace(GlobalMemoryStatusEx=lambda status: 0)  # does not say
+    kernel = types.SimpleNamespace(GlobalMemoryStatusEx=lambda status: 0)  # unknown
     ctypes.windll = types.SimpleNamespace(kernel32=kernel)
     subprocess.CREATE_NEW_PROCESS_GROUP = 0x200
     socket.fromshare = lambda share: socket.socket(fileno=int(share))

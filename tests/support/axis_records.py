@@ -1,6 +1,6 @@
-"""Records of the thesis' axis with an effect that is too large to be overlooked.
+"""Records of the thesis' axis with a large, clearly visible effect.
 
-The axis moves in the simulator of `proofs/worlds`, which imports nothing of this program.
+The axis is simulated with `proofs/worlds`, which imports nothing of this program.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from worlds import layout as at
 from ballscrew.records.reading import check_record
 from ballscrew.records.record import Record
 
-COUNT = 1e-3 / 512  # m, of the encoder
+COUNT = 1e-3 / 512  # step of the encoder [m]
 NOISE_TIME = 0.01  # s
 SUBSTEPS = 50
-# as the axis' owner believes it to be
+# the axis as believed by its user
 NOMINAL = {
     "m": 1.0,
     "Jm": 4.2e-7,
@@ -38,11 +38,11 @@ NOMINAL = {
     "Kv": 1e8,
 }
 ASYMMETRY = {at.ASYMMETRY: 0.2, at.ASYMMETRY_VISCOUS: 0.2}
-NOTCH = {at.DETENT: 1.0, at.DETENT_PLACE: 0.002, at.DETENT_WIDTH: 0.0005}  # no cause has its form
+NOTCH = {at.DETENT: 1.0, at.DETENT_PLACE: 0.002, at.DETENT_WIDTH: 0.0005}  # no cause has this form
 
 
 def gap(width: float) -> dict[int, float]:
-    """A gap between screw and block [m], and how stiff they are where they touch."""
+    """A gap between screw and block [m], and the contact stiffness."""
     return {at.GAP: width, at.SPRING: 2e7, at.SPRING_DAMPING: 4.5e3}
 
 
@@ -55,22 +55,22 @@ def friction_noise(seed: int, count: int) -> np.ndarray:
 
 
 def to_and_fro(count: int) -> np.ndarray:
-    """A voltage that takes the axis through both directions and many speeds."""
+    """A voltage that moves the axis in both directions and at many speeds."""
     time = np.arange(count) * PERIOD
     return 3.0 * np.sin(2 * math.pi * 0.7 * time) + 1.5 * np.sin(2 * math.pi * 1.9 * time + 1)
 
 
 def moved(changes: Mapping[int, float], u: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """The simulator's log, a row a sample.
+    """The simulator's log, one row per sample.
 
     Parameters
     ----------
     changes : mapping of int to float
-        What differs from the nominal axis, by its place in the simulator's vector.
+        Differences from the nominal axis, by the index in the simulator's vector.
     u : array
         Voltage [V].
     force : array
-        Against motion in +x [N]: noise, and what a test adds.
+        Force against motion in +x [N]: noise, and additions by a test.
     """
     double = nominal_axis()
     double[at.MOTOR_MASS] = NOMINAL["Jm"] * TURN**2
@@ -83,7 +83,7 @@ def moved(changes: Mapping[int, float], u: np.ndarray, force: np.ndarray) -> np.
 
 
 def signals_of(log: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns of a record: time, voltage, counted position, current."""
+    """Columns of a record: time, voltage, quantized position, current."""
     counted = np.floor(log[:, at.X] / COUNT) * COUNT
     return {"time": np.arange(len(u)) * PERIOD, "u": u, "x": counted, "i": log[:, at.CURRENT]}
 
@@ -91,14 +91,14 @@ def signals_of(log: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
 def strong_record(
     changes: Mapping[int, float], *, with_current: bool = False, samples: int = 12_000
 ) -> Record:
-    """Twelve seconds to and fro of the axis with these numbers changed."""
+    """Twelve seconds of motion in both directions with these values changed."""
     u = to_and_fro(samples)
     signals = signals_of(moved(changes, u, friction_noise(3, samples)), u)
     return check_record("made", {n: s for n, s in signals.items() if with_current or n != "i"})
 
 
 def write_strong(changes: Mapping[int, float], folder: Path) -> tuple[Path, Path]:
-    """``record.csv`` and ``believed.toml``, the axis without the effect."""
+    """Write ``record.csv``, and ``believed.toml`` with the axis without the effect."""
     folder.mkdir(parents=True, exist_ok=True)
     record, believed = folder / "record.csv", folder / "believed.toml"
     signals = strong_record(changes).signals

@@ -27,9 +27,9 @@ class Page:
     Attributes
     ----------
     errors : list of str
-        What scripts threw, what was written to the console, and what the browser complained of.
+        Exceptions of scripts, console output, and errors of the browser.
     requests : list of str
-        Addresses that the page asked for.
+        Addresses requested by the page.
     """
 
     def __init__(self, to_browser: int, from_browser: int) -> None:
@@ -107,7 +107,7 @@ class Page:
 
 @contextmanager
 def opened(path: Path, width: int = 1100, height: int = 800, touch: bool = False) -> Iterator[Page]:
-    """A page in a browser of its own, which has no network but what its page asks of it.
+    """A page in a separate browser, without other network access than the page's requests.
 
     With `touch` it is a device without a mouse.
     """

@@ -1,6 +1,6 @@
-"""Small inputs from public reports that once failed: each folder lies beside the project.
+"""Small inputs from public reports that once failed, in folders next to the project.
 
-Each folder has a README with the command, what is expected and what came.
+Each folder has a README with the command, the expected result and the actual result.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _BALLSCREW = Path(sys.executable).with_name("ballscrew")
 
 
 def case(name: str, folder: Path) -> Path:
-    """A copy of a case's files, that a test may write into."""
+    """A copy of a case's files, into which a test may write."""
     if not (CASES / name).is_dir():
         pytest.skip(f"the case {name} is not here; set BALLSCREW_CASES to the folder of all cases")
     copy = folder / name
@@ -36,7 +36,7 @@ def case(name: str, folder: Path) -> Path:
 
 
 def maker() -> ModuleType:
-    """The module by which the cases' FMUs were made, for more of them."""
+    """The module that made the cases' FMUs, to make more of them."""
     if not (CASES / "mk.py").is_file():
         pytest.skip(
             "mk.py of the cases is not here; set BALLSCREW_CASES to the folder of all cases"
@@ -49,7 +49,7 @@ def maker() -> ModuleType:
     build = module.build
 
     def quiet(*words: Any, **named: Any) -> None:
-        with warnings.catch_warnings():  # it leaves closing its files to the interpreter
+        with warnings.catch_warnings():  # it does not close its files
             warnings.simplefilter("ignore", ResourceWarning)
             build(*words, **named)
 
@@ -58,7 +58,7 @@ def maker() -> ModuleType:
 
 
 def ballscrew(folder: Path, words: str, seconds: float = 120.0) -> subprocess.CompletedProcess[str]:
-    """The command as a user would give it inside a folder: its exit code and what it printed."""
+    """Run the command in a folder like a user; return exit code and output."""
     return subprocess.run(
         [_BALLSCREW, *words.split()],
         cwd=folder,

@@ -1,4 +1,4 @@
-"""A Dask scheduler and workers, as processes of their own."""
+"""A Dask scheduler and workers, as separate processes."""
 
 import json
 import os
@@ -15,7 +15,7 @@ WAIT = 60.0  # [s]
 
 
 class Processes(list[subprocess.Popen]):
-    """Those of the workers; the scheduler is apart."""
+    """Processes of the workers, without the scheduler."""
 
     def __init__(self, processes: list[subprocess.Popen]) -> None:
         self.scheduler = processes[0]
@@ -24,9 +24,9 @@ class Processes(list[subprocess.Popen]):
 
 @contextmanager
 def cluster(folder: Path, workers: int = 2, **variables: str) -> Iterator[tuple[Dask, Processes]]:
-    """What runs work on them, and the processes of the workers; all end with the block.
+    """An executor on the cluster, and the processes of the workers; all end with the block.
 
-    The workers' environment has the variables, too.
+    The workers' environment also has the variables.
     """
     place = folder / "scheduler.json"
     run = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0"]
@@ -43,7 +43,7 @@ def cluster(folder: Path, workers: int = 2, **variables: str) -> Iterator[tuple[
             time.sleep(0.05)
 
     try:
-        # the file is there before all of it is written
+        # the file exists before it is complete
         wait(lambda: place.is_file() and place.read_text().endswith("}"))
         environment = {**os.environ, **variables}
         for _ in range(workers):

@@ -1,4 +1,4 @@
-"""The command ``diagnose``, called in this process, what it left behind, and what is believed."""
+"""The command ``diagnose`` in this process, its results, and the believed model."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ballscrew.diagnosis.drive import Drive
 
 
 def nominal() -> Drive:
-    """The axis of `axis_records` as believed where nothing is wrong, each value within 3 %."""
+    """The axis of `axis_records` as believed without errors, with 3 % tolerance for each value."""
     tolerance = {n: 0.03 for n in NOMINAL if n not in ("p", "Kv", "L")}
     return Drive("ball_screw", "modified_lugre", dict(NOMINAL), tolerance)
 
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """What ``ballscrew diagnose`` was given, wrote and printed."""
+    """Input, files and output of ``ballscrew diagnose``."""
 
     record: Path
     parameters: Path

@@ -1,6 +1,7 @@
-"""All components of the catalogue; those outside of a sample are long, and left to ``make prove``.
+"""All components of the catalogue; those outside a sample take long and are for ``make prove``.
 
-The sample has states and none, modes, samples, limits, a feedback law, an observer, events.
+The sample has components with and without states, modes, samples, limits, a feedback law, an
+observer, events.
 """
 
 import pytest

@@ -1,7 +1,7 @@
 """Random courses of components with modes, in model exchange and in co-simulation.
 
-A course has held commands that jump at communication points, a tolerance, and round-off that is put
-on the states. What the same tolerance, steps and round-off do to co-simulation is the yardstick.
+A course has held commands that jump at communication points, a tolerance, and round-off added to
+the states. The reference is the effect of the same tolerance, steps and round-off on co-simulation.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Case:
     seed : int
     tolerance : float
     times, commands : ndarray
-        Communication points [s], and the command from each on.
+        Communication points [s], and the command after each.
     """
 
     seed: int
@@ -51,7 +51,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a course in model exchange compares.
+    """Comparison of a course in model exchange.
 
     Attributes
     ----------
@@ -61,10 +61,10 @@ class Outcome:
     held : float
         Largest friction force while stuck [N].
     zeros : int
-        How often continuous time began with an event indicator of exactly zero.
+        Number of starts of continuous time with an event indicator of exactly zero.
     events : int
     travel : float
-        Of the reference [m].
+        Travel of the reference [m].
     """
 
     case: Case
@@ -77,7 +77,7 @@ class Outcome:
 
 
 def case(seed: int, volts: float, tolerances: tuple[float, float]) -> Case:
-    """A sine, held over communication steps; `volts` break away and `tolerances` bound it."""
+    """A sine, held over communication steps; `volts` break away, `tolerances` are the limits."""
     random = np.random.default_rng(seed)
     low, high = np.log10(tolerances)
     steps = int(random.integers(10, 25))
@@ -134,7 +134,7 @@ def outcome(kernel: Kernel, path: Path, one: Case) -> Outcome:
 
 @dataclass(frozen=True)
 class Subject:
-    """A component with modes that gives `x`, `friction` and `stuck`; `volts` break it away."""
+    """A component with modes and outputs `x`, `friction`, `stuck`; `volts` break it away."""
 
     make: Callable[[], Component]
     volts: float
@@ -153,7 +153,7 @@ COMPONENTS = {
 
 
 def cases(name: str, fmi: int, count: int) -> list[Case]:
-    """The first courses of a component; of every fourth the tolerance is far too wide."""
+    """The first courses of a component; every fourth has a much too large tolerance."""
     first = 10_000 * list(COMPONENTS).index(name) + 1000 * fmi
     return [
         case(first + k, COMPONENTS[name].volts, WIDE_TOLERANCES if k % 4 == 3 else TOLERANCES)
@@ -162,7 +162,7 @@ def cases(name: str, fmi: int, count: int) -> list[Case]:
 
 
 def complaint(one: Outcome) -> str:
-    """What a course does that it must not; empty if nothing."""
+    """Errors of a course; empty if there are none."""
     said = f"seed {one.case.seed}, tolerance {one.case.tolerance:.1e}: "
     if one.held > BREAK_AWAY * (1 + 1e-9):
         return f"{said}stuck at {one.held:.9g} N"

@@ -1,8 +1,8 @@
-"""A host of model exchange that is as careless as hosts are allowed to be.
+"""A host of model exchange that is as inaccurate as hosts are allowed to be.
 
-It integrates with the method of co-simulation (`ballscrew.solver.stepper`), so that what is left
-to compare is what the FMU does at events. It leaves round-off on the states after every step, and
-at an event it goes on from just before it, exactly at it, just past it or well past it.
+It integrates with the method of co-simulation (`ballscrew.solver.stepper`), so that only the FMU's
+behaviour at events is compared. It adds round-off to the states after every step, and at an event
+it continues from just before, exactly at, just after or well after the event.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from scipy.optimize import brentq
 from ballscrew.solver import core, stepper
 
 ROUND_OFF = 2.0**-52
-MOST_EVENTS = 20_000  # in one course
-FIRST_STEP = 1e-5  # s, after an event; solvers begin anew there, and friction is steep near rest
+MOST_EVENTS = 20_000  # most events in one course
+FIRST_STEP = 1e-5  # after an event [s]; solvers restart there, and friction is steep near rest
 A, C = (
     np.array([[*row, *[0.0] * (core.STAGES - len(row))] for row in rows])
     for rows in (stepper.A, stepper.C)
@@ -42,14 +42,14 @@ class ExchangeHost:
     tolerance : float
         Relative tolerance of the host's own solver.
     random : numpy.random.Generator
-        Draws the round-off and where the host stops at an event.
+        Draws the round-off and the stop of the host at an event.
 
     Attributes
     ----------
     x : ndarray
         The states.
     z : ndarray
-        The event indicators when continuous time last began.
+        The event indicators at the last start of continuous time.
     """
 
     def __init__(self, path: Any, values: Any, tolerance: float, random: np.random.Generator):
@@ -96,7 +96,7 @@ class ExchangeHost:
         self.fmu.terminate()
         self.fmu.freeInstance()
 
-    # These three go past fmpy's wrappers, which cost ten times what the FMU does.
+    # These three do not use fmpy's wrappers, which take ten times as long as the FMU.
 
     def put_states(self, t: float, x: np.ndarray) -> None:
         self._buffers[0][:] = x
@@ -114,7 +114,7 @@ class ExchangeHost:
         return self._buffers[2].copy()
 
     def update(self) -> None:
-        """Let events happen and go on in continuous time; the FMU is in event mode."""
+        """Process events and continue in continuous time; the FMU is in event mode."""
         self.events += 1
         if self.events > MOST_EVENTS:
             raise RuntimeError(f"events without end at t = {self.time:.9g} s")
@@ -132,7 +132,7 @@ class ExchangeHost:
         self.step = FIRST_STEP
 
     def jump(self, values: Any) -> None:
-        """Let inputs jump, in event mode."""
+        """Change inputs, in event mode."""
         self.fmu.enterEventMode()
         self.set(values)
         self.update()
@@ -194,7 +194,7 @@ class ExchangeHost:
                 continue
             self.step = h * min(6.0, max(0.2, 0.9 * max(error, 1e-10) ** -0.2))
             z = self.indicators(self.time + h, end)
-            # as CVODE: an indicator that begins at zero is not looked at before it has a sign
+            # as in CVODE: an indicator that begins at zero is ignored until it has a sign
             crossed = (self.z != 0.0) & (np.sign(z) != np.sign(self.z))
             if not crossed.any():
                 return h, end, False
@@ -202,10 +202,10 @@ class ExchangeHost:
             end, error = self._attempt(stop, jacobian)
             if error <= 1.0:
                 return stop, end, True
-            h = 0.5 * stop  # beyond the event other equations hold, which may hide an error
+            h = 0.5 * stop  # after the event other equations hold, which may hide an error
 
     def _stop(self, h: float, jacobian: np.ndarray, crossed: np.ndarray) -> float:
-        """Where in the step the host stops for the first of the events in it."""
+        """Time within the step at which the host stops for the first event."""
 
         def past(k: int, part: float) -> float:
             if part == 0.0:

@@ -1,7 +1,8 @@
-"""Controllers whose whole loops stand for all, where each loop is generated and compiled.
+"""Representative controllers, for tests that generate and compile each loop.
 
-That takes seconds for each. Of the laws that follow ``pid_encoder`` in the list, two have what none
-before has: references beside the set-point, and modes. As parts, all go through every suite.
+This takes seconds per loop. Two of the laws after ``pid_encoder`` in the list have properties that
+none before has: references in addition to the set-point, and modes. As parts, all controllers are
+in every suite.
 """
 
 from ballscrew.controllers import CONTROLLERS

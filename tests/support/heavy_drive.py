@@ -1,4 +1,4 @@
-"""A linear drive of 40 kg, whose command is its force."""
+"""A linear drive of 40 kg whose command is its force."""
 
 HEAVY = {
     "m": 40.0,

@@ -1,4 +1,4 @@
-"""Names that want to be part of a page, and how to find out whether one is."""
+"""Names with HTML that must not become part of a page, and checks of pages with them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ALL = " ".join(HOSTILE)
 
 
 class _Elements(HTMLParser):
-    """The elements that a page has, and its text."""
+    """The elements of a page, and its text."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
@@ -36,7 +36,7 @@ class _Elements(HTMLParser):
 
 
 def check_text(page: str) -> None:
-    """The page holds what is meant badly as text, and no element but its own."""
+    """Check that the page has hostile names as text only, and no other element than its own."""
     found = _Elements(page)
     assert found.names.count("script") == 2
     assert not {"img", "a", "iframe", "object"} & set(found.names)
@@ -46,9 +46,9 @@ def check_text(page: str) -> None:
 
 
 def check_in_browser(path: Path, in_pictures: bool = True) -> None:
-    """Nothing of it runs, nothing is complained of, and each picture is drawn.
+    """Check that no hostile script runs, no error occurs, and each picture is drawn.
 
-    `in_pictures`: texts of pictures have names of others, too.
+    `in_pictures`: texts of pictures also contain names from the user.
     """
     with opened(path) as page:
         end = time.monotonic() + 60.0
@@ -62,4 +62,4 @@ def check_in_browser(path: Path, in_pictures: bool = True) -> None:
         assert page.evaluate(inside) == 0
         shown = page.evaluate("[...document.querySelectorAll('svg text')].map(t => t.textContent)")
         assert shown
-        assert any(HOSTILE[0] in text for text in shown) == in_pictures  # as they are
+        assert any(HOSTILE[0] in text for text in shown) == in_pictures  # unchanged

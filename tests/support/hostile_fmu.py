@@ -1,4 +1,4 @@
-"""A third-party controller that tries to harm its user, and what shows what it could do."""
+"""A third-party controller that tries to harm its user, and checks of its effects."""
 
 from __future__ import annotations
 
@@ -57,12 +57,12 @@ EVERYTHING = {"tells", "reads", "lists", "kills", "knows", *FOLDERS}
 
 
 class World:
-    """Places and things of a user that an FMU has no business with.
+    """Folders and files of a user that an FMU must not access.
 
     Attributes
     ----------
     folders : dict of str to Path
-        Of these, ``here`` is where the user is, and ``out`` is for results.
+        ``here`` is the working folder of the user, and ``out`` is for results.
     """
 
     def __init__(self, folder: Path, server: socket.socket, victim: subprocess.Popen) -> None:
@@ -74,7 +74,7 @@ class World:
         self.server, self.victim = server, victim
 
     def hostile(self, in_step: str, name: str = "Hostile") -> Path:
-        """An FMU whose module ``hostile`` acts; innocent but for the lines of its step."""
+        """An FMU with the module ``hostile``, which is harmless except for the given step."""
         text = ACTS.format(
             port=self.server.getsockname()[1],
             secret=str(self.secret),
@@ -87,7 +87,7 @@ class World:
         return proportional(folder, name, head="import hostile\n", in_step=in_step, modules=modules)
 
     def harm(self) -> set[str]:
-        """What was done, as seen from outside."""
+        """Damage that is visible from outside."""
         found = {n for n, place in self.folders.items() if (place / "planted").exists()}
         self.server.setblocking(False)
         try:
@@ -105,7 +105,7 @@ class World:
 
 @contextmanager
 def world(folder: Path, patch: pytest.MonkeyPatch):
-    """A `World`, with the home folder, the variables and the place of its user."""
+    """A `World`, with the home folder, the variables and the working folder of its user."""
     victim = subprocess.Popen(["sleep", "300"])
     try:
         with socket.create_server(("127.0.0.1", 0)) as server:
@@ -120,7 +120,7 @@ def world(folder: Path, patch: pytest.MonkeyPatch):
 
 
 def needs_sandbox() -> None:
-    """Skip, and say so, where there is no sandbox."""
+    """Skip with a message if there is no sandbox."""
     try:
         check_sandbox()
     except NoSandbox as error:
@@ -128,7 +128,7 @@ def needs_sandbox() -> None:
 
 
 def processes_with(word: str) -> list[str]:
-    """Processes that live and have this among the words of their command."""
+    """Running processes with this word in their command."""
     found = []
     for place in Path("/proc").iterdir():
         try:

@@ -35,7 +35,7 @@ def exact_course(
     stop: float,
     values: Mapping[str, float] | None = None,
 ) -> np.ndarray:
-    """`SIGNALS` at each sample of the whole loop in one solver; shape (samples, signals)."""
+    """`SIGNALS` at each sample of the complete loop in one solver; shape (samples, signals)."""
     whole = measured_through(component(controller), instruments)
     values = {"controller_" + n: v for n, v in (values or {}).items()}
     model = Model(loop_kernel("plant", whole), values, tolerance=1e-10)

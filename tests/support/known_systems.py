@@ -1,7 +1,7 @@
-"""Small systems whose Lyapunov exponents are known: exactly, from a map, or from the literature.
+"""Small systems with known Lyapunov exponents: exact, from a map, or from the literature.
 
 Entries of the linear system are parameters, so that a focus, a line of equilibria, a centre and all
-random matrices are one compiled module.
+random matrices need only one compiled module.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def van_der_pol() -> Kernel:
 
 @cache
 def slow_and_fading() -> Kernel:
-    """Van der Pol's oscillator, and a state that fades beside it."""
+    """Van der Pol's oscillator, and a separate decaying state."""
     x, v, z, mu = (symbol(n) for n in ("x", "v", "z", "mu"))
     return generate(
         _component(
@@ -108,7 +108,7 @@ def slow_and_fading() -> Kernel:
 
 @cache
 def torus() -> Kernel:
-    """Two Van der Pol oscillators side by side, whose frequencies have no common period."""
+    """Two independent Van der Pol oscillators, whose frequencies have no common period."""
     a, b, c, d, mu, w = (symbol(n) for n in ("a", "b", "c", "d", "mu", "w"))
     return generate(
         _component(
@@ -158,7 +158,7 @@ HARMONICS = 6
 def many_passes() -> Kernel:
     """A cycle of period 2 pi in closed form: y is h1 cos t + ... + h6 cos 6t, exponents 0, -2.
 
-    A disturbance of y turns with w and fades with k, however slowly: two exponents of -k.
+    A disturbance of y rotates with w and decays with k, however small: two exponents of -k.
     """
     a, b, y, z, k, w = (symbol(n) for n in ("a", "b", "y", "z", "k", "w"))
     names = [f"h{n}" for n in range(1, HARMONICS + 1)]
@@ -181,9 +181,9 @@ def many_passes() -> Kernel:
 
 @cache
 def belt() -> Kernel:
-    """A unit mass on a unit spring on a belt; friction falls with the speed of sliding.
+    """A unit mass on a unit spring on a belt; friction falls with the sliding speed.
 
-    Sticking ends where the spring pulls with the largest friction, 1.
+    Sticking ends when the spring force reaches the largest friction, 1.
     """
     vb = symbol("vb")
     friction = 1 / (1 + FALLING * (vb - v))
@@ -199,7 +199,7 @@ def belt() -> Kernel:
 
 @cache
 def bouncing_ball() -> Kernel:
-    """A ball on a table that moves as (G g / w^2) sin(w t), with w = 2 pi and g = 1.
+    """A ball on a table with the motion (G g / w^2) sin(w t), w = 2 pi and g = 1.
 
     Both the surface and the reset depend on time.
     """
@@ -216,9 +216,9 @@ def bouncing_ball() -> Kernel:
 
 @cache
 def elastic_ball() -> Kernel:
-    """A ball that falls with g = 1 from a height of 1/2 and loses nothing at the floor.
+    """A ball that falls with g = 1 from a height of 1/2, without losses at the floor.
 
-    An impact is a mode of its own, which takes no time.
+    An impact is a separate mode of zero duration.
     """
     hits = Event("hits", x, direction=-1, reset={"x": sp.Integer(0)}, next_mode="impact")
     leaves = Event("leaves", -v, direction=1, reset={"v": -v}, next_mode="flight")
@@ -296,7 +296,7 @@ def relay_loop() -> Kernel:
 
 
 def maker(kernel: Kernel, values: Mapping[str, float] | None = None) -> Callable[[float], Model]:
-    """What `lyapunov` asks for: the model, at its start, with a tolerance."""
+    """The function for `lyapunov`: the model, at its start, for a tolerance."""
     return lambda tolerance: Model(kernel, values, tolerance)
 
 
@@ -308,7 +308,8 @@ def stretched(
     Parameters
     ----------
     parts : int
-        Equal parts of the time with a QR after each, so many that none loses the fast directions.
+        Number of equal parts of the time with a QR after each, large enough to keep the fast
+        directions.
     """
     from scipy.linalg import expm
 

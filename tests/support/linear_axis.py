@@ -1,7 +1,6 @@
-"""Linear axes for the controllers' tests, written apart from the plant: what formulas are exact
-for.
+"""Linear axes for the controllers' tests, independent of the plant; formulas are exact for them.
 
-All have the outputs x, v and i, and a constant load `load` [N], which no controller knows.
+All have the outputs x, v and i, and a constant load `load` [N], which is unknown to controllers.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ def _axis(name: str, *states: State) -> Component:
 
 
 def rigid() -> Component:
-    """Without inductance: lag dv/dt = b (u - load R/motor) - v."""
+    """The axis without inductance: lag dv/dt = b (u - load R/motor) - v."""
     u, v, load = symbol("u"), symbol("v"), symbol("load")
     return _axis(
         "rigid",
@@ -51,7 +50,7 @@ def rigid() -> Component:
 
 
 def sliding() -> Component:
-    """With inductance; friction is viscous."""
+    """The axis with inductance; friction is viscous."""
     u, v, i, load = (symbol(n) for n in ("u", "v", "i", "load"))
     return _axis(
         "sliding",
@@ -70,7 +69,7 @@ def matrices() -> tuple[np.ndarray, np.ndarray]:
 def loop(
     plant: Component, controller: Component, goal: float = 0.08, tolerance: float = TIGHT, **values
 ) -> Model:
-    """The closed loop; values are the controller's, or the plant's where they begin with plant_."""
+    """The closed loop; values are the controller's, or the plant's if they begin with plant_."""
     named = {k if k.startswith(PLANT) else CONTROLLER + k: v for k, v in values.items()}
     model = Model(generate(connect(plant, controller)), named, tolerance)
     if "x_d" in [i.name for i in model.kernel.inputs]:
@@ -80,7 +79,7 @@ def loop(
 
 
 def following(controller: Component, course: object) -> Component:
-    """The controller whose set-point is a function of the time, and v_d and a_d its derivatives."""
+    """The controller with a set-point as a function of time, and v_d and a_d as its derivatives."""
     rates = [course]
     for _ in range(2):
         rates.append(rates[-1].diff(TIME))

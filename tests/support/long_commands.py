@@ -1,7 +1,7 @@
-"""Commands that take long, started from a shell's point of view, and all processes that they own.
+"""Long commands, started as by a shell, and all their processes.
 
-Every process inherits the environment of the one that started it: a mark in there finds all of
-them, whatever session or parent they have by then.
+Every process inherits the environment of its parent: a mark in it identifies all processes of a
+command, even after a change of session or parent.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ WITH_CHILDREN = ("run_isolated", "swap", "map")
 
 
 def write_data(folder: Path) -> None:
-    """The files that some of the commands read: a rig's record, and one of an axis."""
+    """Write the input files of some commands: a rig's record, and a record of an axis."""
     from ballscrew.rig.bench import run_trial
     from ballscrew.rig.rig_trials import TRIALS
 
@@ -52,14 +52,14 @@ def write_data(folder: Path) -> None:
 
 
 class Command:
-    """A command that runs.
+    """A running command.
 
     Parameters
     ----------
     name : str
-        Of `COMMANDS`.
+        Name in `COMMANDS`.
     data, out : Path
-        What `write_data` wrote, and the folder for results.
+        Folder of `write_data`, and the folder for results.
     """
 
     def __init__(self, name: str, data: Path, out: Path) -> None:
@@ -67,7 +67,7 @@ class Command:
 
     @classmethod
     def of(cls, words: list[str], out: Path) -> Command:
-        """Another command than those of `COMMANDS`."""
+        """A command that is not in `COMMANDS`."""
         command = cls.__new__(cls)
         command._start(words, out)
         return command
@@ -81,13 +81,13 @@ class Command:
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
-            # a shell that starts the tests in the background has them ignore SIGINT
+            # tests started in the background by a shell ignore SIGINT
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
             env=os.environ | {_MARK: self._mark},
         )
 
     def processes(self) -> dict[int, float]:
-        """Its processes that live, with the processor time of each [s]."""
+        """Its running processes, with the processor time of each [s]."""
         found = {}
         wanted = f"{_MARK}={self._mark}".encode()
         for folder in Path("/proc").iterdir():
@@ -97,14 +97,14 @@ class Command:
                 if wanted not in (folder / "environ").read_bytes().split(b"\0"):
                     continue
                 fields = (folder / "stat").read_text().rpartition(")")[2].split()
-            except OSError:  # another user's, or gone
+            except OSError:  # of another user, or ended
                 continue
             if fields[0] != "Z":
                 found[int(folder.name)] = (int(fields[11]) + int(fields[12])) / _TICKS
         return found
 
     def wait_until_it_answers(self) -> None:
-        """Wait out the interpreter's own start, before which no code of the command has run."""
+        """Wait until the interpreter has started and code of the command can run."""
         interrupt = 1 << (signal.SIGINT - 1)
         while True:
             status = Path(f"/proc/{self.process.pid}/status").read_text(encoding="utf-8")
@@ -113,7 +113,7 @@ class Command:
             time.sleep(0.001)
 
     def wait_until_busy(self, seconds: float, children: int = 0, patience: float = 120.0) -> None:
-        """Wait until its processes have used some processor time, and it has some children."""
+        """Wait until its processes have used this processor time, and it has this many children."""
         self.wait_until_it_answers()
         deadline = time.monotonic() + patience
         while True:
@@ -125,7 +125,7 @@ class Command:
             time.sleep(0.02)
 
     def left_after(self, seconds: float) -> dict[int, float]:
-        """Its processes that still live after some seconds; returns as soon as there are none."""
+        """Its processes still running after some seconds; returns as soon as there are none."""
         deadline = time.monotonic() + seconds
         while (left := self.processes()) and time.monotonic() < deadline:
             time.sleep(0.05)
@@ -134,17 +134,17 @@ class Command:
 
 @dataclass(frozen=True)
 class Ending:
-    """How a command ended.
+    """The end of a command.
 
     Attributes
     ----------
     code : int
     seconds : float
-        From the signal to the end of the process that the user sees.
+        Time from the signal to the end of the main process.
     said : str
-        On standard error.
+        Standard error.
     left : dict of int to float
-        Processes that live five seconds later.
+        Processes still running five seconds later.
     """
 
     code: int
@@ -153,7 +153,7 @@ class Ending:
     left: dict[int, float]
 
     def fault(self) -> str:
-        """What is wrong with it, if it was interrupted; empty if nothing."""
+        """Error of the end of an interrupted command; empty if there is none."""
         lines = self.said.splitlines()
         if self.code != 130:
             return f"exit code {self.code}: {self.said}"
@@ -165,7 +165,7 @@ class Ending:
 
 
 def interrupted(command: Command, number: int) -> Ending:
-    """Send a signal to a command and see how it ends."""
+    """Send a signal to a command and return its end."""
     begin = time.monotonic()
     command.process.send_signal(number)
     _, said = command.process.communicate(timeout=60)
@@ -174,5 +174,5 @@ def interrupted(command: Command, number: int) -> Ending:
 
 
 def seen_in(folder: Path) -> dict[str, bytes]:
-    """What a user sees in a folder."""
+    """Files visible to a user in a folder."""
     return {p.name: p.read_bytes() for p in folder.glob("[!.]*") if p.is_file()}

@@ -1,4 +1,4 @@
-"""Motions to move friction laws with."""
+"""Motions for friction laws."""
 
 import numpy as np
 

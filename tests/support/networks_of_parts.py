@@ -1,4 +1,4 @@
-"""Systems of several FMUs, each part a few lines, and the whole of each as SciPy solves it."""
+"""Systems of several small FMUs, and the solution of each complete system by SciPy."""
 
 from __future__ import annotations
 
@@ -84,7 +84,8 @@ def _outputs(**values: object) -> tuple[Output, ...]:
     return tuple(Output(n, "1", "signal", v) for n, v in values.items())
 
 
-# -- a plant cut in three: the force of friction is a law of the screw's speed ---------------------
+# -- a plant in three parts: the force of friction is a law of the screw's speed
+# ---------------------
 
 R, L, KE, KT, MASS = 2.0, 2e-3, 20.0, 20.0, 5.0
 SIGMA0, SIGMA1, SIGMA2, COULOMB, STATIC, STRIBECK = 1e5, 300.0, 60.0, 30.0, 40.0, 0.01
@@ -118,7 +119,7 @@ def screw() -> Component:
 
 
 def friction() -> Component:
-    """The friction law of LuGre, whose force follows the speed at once."""
+    """The friction law of LuGre, whose force depends directly on the speed."""
     import sympy as sp
 
     v, z = symbol("v"), symbol("z")
@@ -159,7 +160,7 @@ LAW_WIRES = (
 
 
 def whole_drive(times: np.ndarray) -> np.ndarray:
-    """x, v, i, z of the uncut drive, shape (times, 4)."""
+    """x, v, i, z of the drive as one system, shape (times, 4)."""
 
     def rates(_: float, s: np.ndarray) -> list[float]:
         x, v, i, z = s
@@ -175,7 +176,7 @@ def whole_drive(times: np.ndarray) -> np.ndarray:
     return solved.y.T
 
 
-# -- two axes on one digital controller that minds how far they are apart --------------------------
+# -- two axes on one digital controller that uses their distance --------------------------
 
 PERIOD, SPRING, DAMPER, SHARE = 2e-3, 60.0, 12.0, 25.0
 
@@ -222,7 +223,7 @@ TWO_AXES = (
 
 
 def whole_axes(times: np.ndarray, masses: tuple[float, float]) -> np.ndarray:
-    """x and v of both axes, shape (times, 4): SciPy from sample to sample."""
+    """x and v of both axes by SciPy from sample to sample, shape (times, 4)."""
     state, rows, now = np.zeros(4), {0.0: np.zeros(4)}, 0.0
     samples = round(times[-1] / PERIOD)
     for k in range(samples):

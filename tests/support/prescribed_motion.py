@@ -1,7 +1,7 @@
-"""A friction law alone, moved as prescribed: what force does this motion meet?
+"""The force of a single friction law under a prescribed motion.
 
-Within a communication step the velocity is v + a (t - t_step), a held; over several steps that is
-any velocity that is linear in between, jumps included.
+Within a communication step the velocity is v + a (t - t_step), with constant a. Over several steps,
+any piecewise linear velocity is possible, including jumps.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ def prescribed_motion(friction: Law, name: str = "prescribed_motion") -> Compone
     Returns
     -------
     Component
-        Inputs `v` [m/s] and `a` [m/s^2]; states x [m], `work` [N*m] put in against friction, and
-        those of the law; outputs of them all, `velocity` [m/s] and the law's own, `friction` [N]
-        among them.
+        Inputs `v` [m/s] and `a` [m/s^2]; states x [m], `work` [N*m] against friction, and those of
+        the law. Outputs are all states, `velocity` [m/s] and the law's outputs, including
+        `friction` [N].
     """
     velocity = symbol("v") + symbol("a") * (TIME - symbol("t_step"))
     term = _switched(friction(velocity))
@@ -66,7 +66,7 @@ def prescribed_motion(friction: Law, name: str = "prescribed_motion") -> Compone
 
 
 def _switched(term: ForceTerm) -> ForceTerm:
-    """The term with its signs as cases: the velocity moves with time, and d sgn/dt is none."""
+    """The term with its signs as cases: velocity depends on time, and d sgn/dt does not exist."""
 
     def cases(expression: sp.Expr) -> sp.Expr:
         return sp.sympify(expression).replace(
@@ -94,15 +94,15 @@ def prescribed_friction(
     values: Mapping[str, float] | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Trajectory:
-    """The friction that a law of `LAWS` answers to a motion with.
+    """The friction of a law of `LAWS` under a motion.
 
     Parameters
     ----------
     name : str
     times : array_like, shape (n,)
-        [s], not decreasing; a time that occurs twice is a jump of the velocity.
+        Times [s], not decreasing; a time that occurs twice is a jump of the velocity.
     velocity : array_like, shape (n,)
-        [m/s] at these times, linear in between.
+        Velocity [m/s] at these times, linear in between.
     values : mapping of str to float, optional
         Parameters, and initial states as ``<state>_start``; without these, undeflected.
     tolerance : float
@@ -115,7 +115,7 @@ def prescribed_friction(
     model = Model(motion_kernel(name), values, tolerance)
     grid = np.ascontiguousarray(times, dtype=float)
     speeds = np.ascontiguousarray(velocity, dtype=float)
-    # velocity at each step's start, its slope, and when that was; then at the time itself
+    # velocity at each step's start, its slope, and the start time; then the velocity at the time
     spans = np.diff(grid)
     slopes = np.divide(np.diff(speeds), spans, out=np.zeros(len(spans)), where=spans > 0.0)
     still = np.zeros(len(grid))

@@ -35,9 +35,9 @@ def reference_fmu(
     exchanges: bool = False,
     change: tuple[bytes, bytes] = (b"", b""),
 ) -> Path:
-    """An FMU of sources only; with `exchanges` one for model exchange alone.
+    """An FMU of sources only; with `exchanges`, for model exchange only.
 
-    `change` is what is replaced in its equations, and by what.
+    `change` has the replacements in its equations.
     """
     model = _model(name)
     description = (model / f"FMI{fmi}.xml").read_text(encoding="utf-8")
@@ -65,7 +65,7 @@ def reference_fmu(
 
 
 def reference_result(name: str) -> dict[str, np.ndarray]:
-    """The columns of numbers of the result that is published with a model."""
+    """The numeric columns of the result published with a model."""
     with (_model(name) / f"{name}_out.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     truth = {"false": 0.0, "true": 1.0}

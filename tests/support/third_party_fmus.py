@@ -1,4 +1,4 @@
-"""FMUs as somebody else would write them, with pythonfmu alone."""
+"""FMUs as written by third parties, with pythonfmu only."""
 
 import textwrap
 from pathlib import Path
@@ -32,7 +32,7 @@ class {name}(Fmi2Slave):
 def proportional(
     folder: Path, name: str, *, in_step="pass", at_start="pass", head="", modules=None
 ) -> Path:
-    """A controller u = 400 (x_d - x) - 2 v that answers in its step, with lines of the caller's."""
+    """A controller u = 400 (x_d - x) - 2 v that computes outputs in its step, with given lines."""
     folder.mkdir(parents=True, exist_ok=True)
     script = folder / f"script_{name.lower()}.py"
     text = PROPORTIONAL.format(name=name, in_step=in_step, at_start=at_start)
@@ -73,7 +73,7 @@ class {name}(Fmi2Slave):
 
 
 def feedthrough(folder: Path, name: str) -> Path:
-    """A part whose output follows its input at once: b = gain * a."""
+    """A part with direct feedthrough: b = gain * a."""
     folder.mkdir(parents=True, exist_ok=True)
     script = folder / f"script_{name.lower()}.py"
     script.write_text(FEEDTHROUGH.format(name=name))
@@ -116,7 +116,7 @@ STATE_FEEDBACK_PORTS = {"position": "x", "speed": "v", "goal": "x_d", "voltage":
 
 
 def state_feedback(folder: Path, name: str, saves: bool = True) -> Path:
-    """A controller voltage = gain (goal - position) - 2 speed that answers at once."""
+    """A controller with direct feedthrough: voltage = gain (goal - position) - 2 speed."""
     folder.mkdir(parents=True, exist_ok=True)
     script = folder / f"script_{name.lower()}.py"
     script.write_text(STATE_FEEDBACK.format(name=name))

@@ -1,7 +1,7 @@
-"""A loop of two FMUs as any master understands it, and how to have it run in a process of its own.
+"""A loop of two FMUs for any master, and functions to run it in a separate process.
 
 The hosts are the scripts ``*_host.py`` in ``tests/third_party``. Each is started with two paths,
-the job to read and the result to write, both JSON, and knows nothing of this project.
+the job to read and the result to write, both JSON, and does not use this project.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ TIMEOUT = 120  # seconds; a host that takes longer hangs
 
 
 class HostFailed(AssertionError):
-    """A host did not end in good order; the message is what it wrote."""
+    """A host did not end correctly; the message is its output."""
 
 
 @dataclass(frozen=True)
 class WiredLoop:
-    """What to run.
+    """A loop to run.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class WiredLoop:
     connections : list of ((instance, output), (instance, input))
     starts : list of (instance, variable, value)
     outputs : list of str
-        Of the plant, to be recorded at every communication point.
+        Outputs of the plant, recorded at every communication point.
     step : float
         Communication step [s].
     steps : int
@@ -62,7 +62,7 @@ def wired(
     goal: float = 0.08,
     outputs: tuple[str, ...] = OUTPUTS,
 ) -> WiredLoop:
-    """Connect what has the same name on both sides; without `law`, of the commands only ``u``."""
+    """Connect equal names on both sides; without `law`, only ``u`` of the commands."""
     fmus = {"plant": plant, "controller": controller}
     ports = {name: _real_ports(path) for name, path in fmus.items()}
     connections = []
@@ -89,18 +89,18 @@ def _real_ports(path: Path) -> dict[str, list[str]]:
 
 
 def run_in(host: str, loop: WiredLoop, **options: Any) -> Any:
-    """What the script ``<host>_host.py`` computes for this loop.
+    """Run the script ``<host>_host.py`` on this loop; return its result.
 
     Raises
     ------
     HostFailed
-        If it ends with another exit code than 0, by its own fault or an FMU's, or hangs.
+        If its exit code is not 0, by its own error or that of an FMU, or it hangs.
     """
     return ask(HOSTS / f"{host}_host.py", asdict(loop) | options)
 
 
 def ask(script: Path, job: dict[str, Any]) -> Any:
-    """Run a script on a job in a fresh process; raises as `run_in` does."""
+    """Run a script on a job in a new process; raises like `run_in`."""
     with tempfile.TemporaryDirectory() as folder:
         paths = [Path(folder) / "job.json", Path(folder) / "result.json"]
         paths[0].write_text(json.dumps(job))
@@ -112,7 +112,7 @@ def ask(script: Path, job: dict[str, Any]) -> Any:
                 text=True,
                 timeout=TIMEOUT,
                 cwd=folder,
-                env=os.environ | {"TMPDIR": folder},  # hosts unpack FMUs, and not all clean up
+                env=os.environ | {"TMPDIR": folder},  # hosts unpack FMUs, and some do not clean up
             )
         except subprocess.TimeoutExpired as error:
             raise HostFailed(f"{script.name} is not done after {TIMEOUT} s") from error
@@ -126,7 +126,7 @@ def ask(script: Path, job: dict[str, Any]) -> Any:
 
 @functools.cache
 def missing_for_ecos() -> str:
-    """What to install before ecospy can be imported; empty if it can."""
+    """Packages needed to import ecospy; empty if it can be imported."""
     done = subprocess.run(
         [sys.executable, "-c", "import ecospy"], capture_output=True, text=True, timeout=TIMEOUT
     )

@@ -28,7 +28,7 @@ def nominal_axis():
 
 
 def drive(mass: float = 2.0, viscous: float = 0.0):
-    """A force on a slide, one newton a volt, without dry friction."""
+    """A slide driven by a force of one newton per volt, without dry friction."""
     par = at.blank()
     par[at.BLOCK_MASS], par[at.IS_DRIVE], par[at.GAIN] = mass, 1.0, 1.0
     par[at.SIGMA2], par[at.FC], par[at.FS], par[at.VS] = viscous, 1e-12, 1e-12, 1.0
@@ -57,6 +57,6 @@ def run(par, commands, double=None, substeps=100, bursts=None):
 
 
 def swing(count=300):
-    """A smooth command that turns the nominal axis round."""
+    """A smooth command that reverses the nominal axis."""
     t = np.arange(count) * PERIOD
     return 8 * np.sin(2 * math.pi * 5 * t) + 3 * np.sin(2 * math.pi * 17 * t)
