@@ -174,3 +174,18 @@ def test_a_record_of_the_velocity_gives_the_parameters_and_says_so(data, tmp_pat
     told = json.loads((tmp_path / "out" / "identified.json").read_text())["parameters"]
     assert told["Fc"]["low"] <= DAHL["Fc"] <= told["Fc"]["high"]
     assert "x is the integral of v" in capsys.readouterr().err
+
+
+def test_a_record_of_friction_alone_is_identified_without_a_mass(tmp_path):
+    time = np.arange(0.0, 4.0, 1e-3)
+    x = 0.02 * (1.0 - np.cos(2 * np.pi * time))
+    v = 0.02 * 2 * np.pi * np.sin(2 * np.pi * time)
+    force = 5.0 * np.sign(v) + 20.0 * v + 0.05 * np.random.default_rng(0).standard_normal(len(time))
+    table = np.column_stack([time, x, force])
+    path = tmp_path / "friction.csv"
+    np.savetxt(path, table, delimiter=",", header="time,x,force", comments="")
+    out = tmp_path / "out"
+    run(str(path), "--law", "classical", "--mass", "0", "--out", str(out))
+    found = read_parameters(out / "parameters.toml").plant
+    assert found["Fc"].value == pytest.approx(5.0, rel=0.02)
+    assert found["sigma2"].value == pytest.approx(20.0, rel=0.02)
