@@ -171,9 +171,9 @@ static double attempt(const System *s, double t, double h, const double *x, cons
 /* Note the effect of an event on tangents, and carry it out.
  *
  * The first event since the note was cleared determines the time of all events that follow at once.
- * A tangent d becomes (a + (f - b) w) d, with f the state's rate after the last: the saltation
- * matrix (e.g. R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical
- * Systems, Springer 2004, Section 7). */
+ * A tangent d becomes (a + (f - b) w) d, with f the state's rate after the last: this is the
+ * saltation matrix (e.g. R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth
+ * Mechanical Systems, Springer 2004, Section 7). */
 static void note_event(const System *s, double t, const double *x, const double *u, const double *p,
                        int k, Note *note)
 {

@@ -122,7 +122,10 @@ def test_a_motion_that_hardly_accelerates_does_not_tell_the_mass():
 
 
 def test_an_exact_record_of_lugre_is_trusted():
-    """No noise but the digits of a file: what rounding makes of an acceleration is no misfit."""
+    """No noise but the digits of a file: what rounding makes of an acceleration is no misfit.
+
+    With 0.3 ms the doubt of the delay leaves sigma1 just known or just not, by the machine.
+    """
     s0, s1, s2, fc, fs, vs = 1e5, math.sqrt(1e5), 0.4, 1.0, 1.5, 1e-3
 
     def friction(v, z):
@@ -140,7 +143,7 @@ def test_an_exact_record_of_lugre_is_trusted():
     solved = solve_ivp(motion, (0, 6), np.zeros(3), "LSODA", times, rtol=1e-8, atol=1e-12)
     pull = np.round([force(t) for t in times], 4)
     signals = {"time": times, "x": np.round(solved.y[0], 8), "force": pull}
-    found = identify([Record("exact", signals, 1e-3, delay_std=3e-4)], "lugre")
+    found = identify([Record("exact", signals, 1e-3, delay_std=2e-4)], "lugre")
     assert found.trusted, found.warnings
     truth = {"sigma0": s0, "sigma1": s1, "sigma2": s2, "Fc": fc, "Fs": fs, "Vs": vs}
     for name, value in truth.items():
