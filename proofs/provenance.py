@@ -14,6 +14,7 @@ import hashlib
 import json
 import re
 import subprocess
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -178,6 +179,7 @@ def stored(name: str) -> dict[str, Any]:
     return report
 
 
+@cache
 def changed_files(name: str, commit: str) -> list[str] | None:
     """Files that the proof depends on and whose code differs from that of the commit.
 
@@ -193,11 +195,12 @@ def changed_files(name: str, commit: str) -> list[str] | None:
     return [p for p in paths if p.endswith(CODE) and _differs(p, commit)]
 
 
+@cache  # proofs have commits and files in common
 def _differs(path: str, commit: str) -> bool:
-    now = ROOT / path
-    if not now.exists() or not git("ls-tree", "--name-only", commit, "--", path):
+    now, before = ROOT / path, git("show", f"{commit}:{path}")
+    if not now.exists() or not before:
         return True
-    return code_of(path, git("show", f"{commit}:{path}")) != code_of(path, now.read_text("utf-8"))
+    return code_of(path, before) != code_of(path, now.read_text("utf-8"))
 
 
 def code_of(path: str, text: str) -> str:
