@@ -102,22 +102,21 @@ def _map(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(figures))
     else:
-        _show(figures, options.out)
+        _show(figures, summary.plan.finer_words, options.out)
     return TRUSTED
 
 
-def _show(figures: dict[str, Any], folder: Path) -> None:
+def _show(figures: dict[str, Any], finer: str, folder: Path) -> None:
     from .solver.tables import table_path
 
     cells = figures["cells"]
-    again = "at half the step" if figures["study"]["fmus"] else "at a tenth of the tolerance"
     for verdict, number in sorted(figures["verdicts"].items(), key=lambda row: -row[1]):
         print(f"{number:>9} of {cells}  {verdict}")
         if verdict == "undecided":
             for reason, count in figures["undecided"].items():
                 print(f"{'':>11}{count} of them: {reason}")
     print(
-        f"again {again}: {figures['checked_tighter']} cells, "
+        f"again at {finer}: {figures['checked_tighter']} cells, "
         f"{figures['disagreed']} with another verdict; of {figures['checked_at_random']} away from "
         f"borders, {figures['disagreed_at_random']}"
     )

@@ -101,6 +101,11 @@ class MapPlan:
         return TIGHTER if self.fmus is None else SHORTER
 
     @property
+    def finer_words(self) -> str:
+        """How cells are computed again, for messages."""
+        return "a tenth of the tolerance" if self.fmus is None else "half the step"
+
+    @property
     def cells(self) -> int:
         return self.x.count * self.y.count
 

@@ -175,7 +175,7 @@ def _complete(
     for name in again:
         columns = load(parts, name)
         checked |= dict(zip(columns["cell"], map(Kind, columns["verdict"]), strict=True))
-    finer = "a tenth of the tolerance" if plan.fmus is None else "half the step"
+    finer = plan.finer_words
     changed: dict[int, str] = {}
     for cell, finer_kind in checked.items():
         kind = kinds[verdicts[cell]]

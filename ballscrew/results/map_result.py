@@ -45,12 +45,6 @@ class StabilityMap(Reported):
     def _undecided(self) -> int:
         return self.summary.verdicts.get(Kind.UNDECIDED.value, 0)
 
-    @property
-    def _again(self) -> str:
-        return (
-            "at a tenth of the tolerance" if self.summary.plan.fmus is None else "at half the step"
-        )
-
     def pictures(self) -> dict[str, Any]:
         from ..stability.map_pictures import map_figure
 
@@ -60,7 +54,7 @@ class StabilityMap(Reported):
         s = self.summary
         open_ = f", {self._undecided} undecided" if self._undecided else ""
         return (
-            f"{s.plan.cells} loops of {s.plan.loop.label}{open_}; {self._again} "
+            f"{s.plan.cells} loops of {s.plan.loop.label}{open_}; at {s.plan.finer_words} "
             f"{s.disagreed} of {s.checked} have another verdict"
         )
 
@@ -73,7 +67,8 @@ class StabilityMap(Reported):
         s = self.summary
         counts = sorted(s.verdicts.items(), key=lambda row: -row[1])
         ends = ", ".join(f"{count} {verdict}" for verdict, count in counts)
-        checked = f"Again {self._again}: {s.disagreed} of {s.checked} cells have another verdict."
+        again = f"Again at {s.plan.finer_words}"
+        checked = f"{again}: {s.disagreed} of {s.checked} cells have another verdict."
         return f"{s.plan.cells} loops of {s.plan.loop.label}: {ends}", checked
 
     def doubts(self) -> Iterable[str]:
