@@ -14,7 +14,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.law_ports import gain_port, rate_port, reference_port
+from ..fmus.law_ports import law_ports
 from ..fmus.reading import Description, FmuError, NumberVariable, UnpackedFmu, unpack
 from .fmi_status import DISCARD, ERROR, FATAL, OK, Refused
 from .fmi_versions import Fmi2, Fmi3, Ports, forget, last_words
@@ -375,12 +375,7 @@ def inputs_of(description: Description) -> list[str]:
     The law's ramp counts from the start of a communication step: model exchange has none.
     """
     inputs = description.names("input")
-    law = {
-        port
-        for u in inputs
-        for y in description.names("output")
-        for port in (gain_port(u, y), reference_port(u, y), rate_port(u))
-    }
+    law = law_ports(inputs, description.names("output"))
     return [n for n in inputs if not description.exchanges or n not in law]
 
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.law_ports import gain_port, rate_port, reference_port
+from ..fmus.law_ports import law_ports
 from .fmu_instance import Instance, Value, Writer
 
 Vector = npt.NDArray[np.float64]
@@ -41,12 +41,8 @@ class _Sampled:
 
     def __init__(self, instance: Instance, period: float) -> None:
         self._instance, self.sample_time = instance, period
-        law = {
-            port
-            for u in instance.outputs
-            for y in instance.inputs
-            for port in (gain_port(u, y), reference_port(u, y), rate_port(u))
-        }  # a feedback law between samples is not applied by a digital controller
+        # a feedback law between samples is not applied by a digital controller
+        law = law_ports(instance.outputs, instance.inputs)
         self.outputs = [name for name in instance.outputs if name not in law]
         self._initialized = False
         self._samples = 0
