@@ -359,15 +359,15 @@ def swap(  # noqa: PLR0913
     values_of = _of_each(names, "controller_values", controller_values)
     ports_of = _of_each(names, "mapping", mapping)
     for k, loop in enumerate(loops):
-        part, practice, notes = in_practice(loop.controller, sampled, noise)
-        values = {**loop.controller_values, **values_of[k], **practice}
+        part, _, notes = in_practice(loop.controller, sampled, noise)
+        values = {**loop.controller_values, **values_of[k]}
         loops[k] = replace(
             loop,
             controller=part,
             controller_values=values,
             mapping={**loop.mapping, **ports_of[k]},
             notes=(*loop.notes, *notes),
-            sampled=loop.sampled if sampled is None or part.has_equations else sampled,
+            sampled=sampled or loop.sampled,
         )
     return Comparison.of(swapped(loops, progress))
 

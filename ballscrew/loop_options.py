@@ -213,25 +213,17 @@ def read_practice_loops(
         return read_closed_loops(options, asked, option)
     from .orchestration.in_practice import in_practice
 
-    period = None
-    if options.sampled is not None:
-        period = read_number("--sampled", options.sampled)
-        if period <= 0:
-            raise BadRequest(f"--sampled is {options.sampled} s, expected more than 0")
+    period = None if options.sampled is None else read_length("--sampled", options.sampled)
     parts = [read_part(option, controller, CONTROLLERS) for controller in asked]
     put = [guard(lambda p=p: in_practice(p, period, noise)) for p in parts]
     loops = read_closed_loops(options, [part.name for part, _, _ in put], option)
-    for k, (part, values, notes) in enumerate(put):
+    for _, values, _ in put:
         for parameter in values:
             _refuse_another(options, parameter)
-        values_of = {**loops[k].controller_values, **values}
-        sampled = None if part.has_equations else period
-        loops[k] = guard(
-            lambda loop=loops[k], values_of=values_of, notes=notes, sampled=sampled: replace(
-                loop, controller_values=values_of, notes=notes, sampled=sampled
-            )
-        )
-    return loops
+    return [
+        guard(lambda loop=loop, notes=notes: replace(loop, notes=notes, sampled=period))
+        for loop, (_, _, notes) in zip(loops, put, strict=True)
+    ]
 
 
 def _refuse_another(options: argparse.Namespace, parameter: str) -> None:
