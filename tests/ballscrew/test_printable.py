@@ -1,11 +1,10 @@
 """No name or message of a file's own reaches a terminal as what it obeys."""
 
-import os
-import subprocess
 import sys
 
 import numpy as np
 import pytest
+from terminal import in_terminal
 from third_party_fmus import proportional
 
 from ballscrew import supervision
@@ -78,31 +77,19 @@ def test_main_leaves_the_streams_of_its_caller(tmp_path):
 
 
 PROGRESS = """
-import fcntl, os, pty, struct, sys, termios
-pid, terminal = pty.fork()
-if not pid:
-    fcntl.ioctl(2, termios.TIOCSWINSZ, struct.pack("4H", 24, 80, 0, 0))
-    from ballscrew.console import Progress
-    from ballscrew.printable import printing
-    sys.stderr = printing(sys.stderr)
-    progress = Progress(1.0)
-    progress(0.5, "a\\x1b[31mb")
-    progress.finish()
-    os._exit(0)
-seen = b""
-try:
-    while data := os.read(terminal, 1000):
-        seen += data
-except OSError:
-    pass
-os.waitpid(pid, 0)
-sys.stdout.buffer.write(seen)
+import sys
+from ballscrew.console import Progress
+from ballscrew.printable import printing
+sys.stderr = printing(sys.stderr)
+progress = Progress(1.0)
+progress(0.5, "a\\x1b[31mb")
+progress.finish()
 """
 
 
 def test_a_bar_moves_on_its_line_and_the_name_in_it_does_not():
-    asked = [sys.executable, "-P", "-c", PROGRESS]
-    seen = subprocess.run(asked, capture_output=True, check=True, env=os.environ).stdout
-    assert b"a\\x1b[31mb: " in seen
-    assert b"\r" in seen
-    assert b"\x1b[31m" not in seen
+    code, said = in_terminal([sys.executable, "-P", "-c", PROGRESS])
+    assert code == 0
+    assert "a\\x1b[31mb: " in said
+    assert "\r" in said
+    assert "\x1b[31m" not in said

@@ -1,12 +1,10 @@
 """How far a command is: one line in a terminal, nothing where standard error is none."""
 
-import os
-import pty
 import subprocess
 import sys
-import termios
 
 import pytest
+from terminal import in_terminal
 
 COMMANDS = {
     "run": ["run", "--controller", "pid", "--stop", "4"],
@@ -26,22 +24,6 @@ SHOWN = {
 
 def command(name, folder):
     return [sys.executable, "-m", "ballscrew", *COMMANDS[name], "--out", str(folder / name)]
-
-
-def in_terminal(words):
-    """What a command writes on a terminal of 100 columns that is its standard error."""
-    ours, theirs = pty.openpty()
-    termios.tcsetwinsize(theirs, (24, 100))
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=theirs)
-    os.close(theirs)
-    said = b""
-    while True:
-        try:
-            said += os.read(ours, 4096)
-        except OSError:  # the last process that had it has ended
-            break
-    os.close(ours)
-    return process.wait(), said.decode()
 
 
 @pytest.mark.parametrize("name", COMMANDS)

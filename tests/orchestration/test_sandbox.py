@@ -149,11 +149,12 @@ sys.stdin.read()
 """
 
 
-def gone(word):
+def soon(true):
+    """What becomes true within ten seconds: a started process has its command a little later."""
     end = time.monotonic() + 10
-    while processes_with(word) and time.monotonic() < end:
+    while not (held := true()) and time.monotonic() < end:
         time.sleep(0.05)
-    return not processes_with(word)
+    return held
 
 
 def test_what_it_starts_ends_with_it_and_with_the_master(tmp_path):
@@ -162,18 +163,18 @@ def test_what_it_starts_ends_with_it_and_with_the_master(tmp_path):
     path = proportional(tmp_path, "Starts", at_start=STARTS.format(number))
     scratch = set(Path(os.environ["TMPDIR"]).glob("ballscrew-scratch-*"))
     one = IsolatedInstance(path, "one", sandbox=True)
-    assert processes_with(number)
+    assert soon(lambda: processes_with(number))
     one.close()
-    assert gone(number)
+    assert soon(lambda: not processes_with(number))
     assert set(Path(os.environ["TMPDIR"]).glob("ballscrew-scratch-*")) == scratch
     asked = [sys.executable, "-P", "-c", PARENT, str(path)]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen(asked, **pipes) as parent:
         assert parent.stdout.readline() == b"open\n"
-        assert processes_with(number)
+        assert soon(lambda: processes_with(number))
         parent.send_signal(signal.SIGKILL)
         parent.wait(10)
-        assert gone(number)
+        assert soon(lambda: not processes_with(number))
 
 
 def test_a_scratch_folder_is_removed_whatever_was_left_there(tmp_path):
