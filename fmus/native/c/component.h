@@ -596,7 +596,7 @@ static Status advance(Instance *c, double t0, double t1)
             return fail(c, "there is no memory for what delayed signals were");
     }
     const double reached = INFO(c)->reached;
-    const char *rest = "the solution leaves every bound";
+    const char *rest = "the solution diverges";
     switch (status) {
     case DONE:
         return OK;
