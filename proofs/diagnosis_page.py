@@ -114,6 +114,12 @@ def loop(proof: Mapping[str, Any]) -> list[str]:
         else:
             both = [f"{value:.1f}" for value in (first, after[key])]
         lines.append(f"| {LOOP[key]} | {both[0]} | {both[1]} |")
+    explained = (
+        [h for r in proof["rows"] if r[k]["verdict"] == "explained" for h in r[k]["holds"]]
+        for k in ("before", "after")
+    )
+    both = [f"{sum(held)} of {len(held)}" for held in explained]
+    lines.insert(-1, f"| the same where the verdict is `explained` | {both[0]} | {both[1]} |")
     return lines
 
 
