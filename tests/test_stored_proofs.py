@@ -95,7 +95,7 @@ def test_a_record_of_this_program_made_again_gets_the_stored_verdict_and_no_name
 @pytest.mark.parametrize(
     ("group", "law", "identified"),
     [
-        ("closed_loop", "dahl", identify_closed_loop_rig),
+        ("closed_loop", "classical", identify_closed_loop_rig),
         ("mass_fitted", "lugre", identify_accelerated_rig),
     ],
 )
