@@ -36,11 +36,15 @@ from ballscrew.orchestration.run_folder import settle  # noqa: E402
 
 SEED = 16
 LATEST = 8.0  # s of processor time
-OF_ALL = 0.8  # of a command's processor time, the latest for those that end sooner
+OF_ALL = 0.7  # of a command's processor time, the latest for those that end sooner
 
 
 def latest_of(name: str, data: Path, out: Path) -> float:
-    """Processor time of a command up to which it is interrupted [s]."""
+    """Processor time of a command up to which it is interrupted [s]: the first run may compile."""
+    return min(_latest(name, data, out) for _ in range(2))
+
+
+def _latest(name: str, data: Path, out: Path) -> float:
     command = Command(name, data, out)
     used = 0.0
     while command.process.poll() is None and OF_ALL * used < LATEST:

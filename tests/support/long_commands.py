@@ -24,7 +24,7 @@ _TICKS = os.sysconf("SC_CLK_TCK")
 COMMANDS = {
     "run": "run --controller nctf --stop 4000",
     "run_isolated": "run --controller nctf --stop 4000 --isolate",
-    "run_monolithic": "run --controller nctf --stop 200000 --step 1 --coupling monolithic",
+    "run_monolithic": "run --controller nctf --stop 400000 --step 1 --coupling monolithic",
     "swap": "swap --controllers iol nctf --stop 4000 --isolate",
     "lyapunov": "lyapunov --controller nctf --stop 20000",
     "lyapunov_fmu": "lyapunov --controller nctf --stop 2000 --via fmu",
