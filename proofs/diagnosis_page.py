@@ -114,11 +114,11 @@ def loop(proof: Mapping[str, Any]) -> list[str]:
         else:
             both = [f"{value:.1f}" for value in (first, after[key])]
         lines.append(f"| {LOOP[key]} | {both[0]} | {both[1]} |")
-    explained = (
-        [h for r in proof["rows"] if r[k]["verdict"] == "explained" for h in r[k]["holds"]]
-        for k in ("before", "after")
-    )
-    both = [f"{sum(held)} of {len(held)}" for held in explained]
+    both = []
+    for when in ("before", "after"):
+        answers = [row[when] for row in proof["rows"] if row[when]["verdict"] == "explained"]
+        holds = [held for answer in answers for held in answer["holds"]]
+        both.append(f"{sum(holds)} of {len(holds)}")
     lines.insert(-1, f"| the same where the verdict is `explained` | {both[0]} | {both[1]} |")
     return lines
 

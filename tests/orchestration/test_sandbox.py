@@ -149,12 +149,12 @@ sys.stdin.read()
 """
 
 
-def soon(true):
-    """What becomes true within ten seconds: a started process has its command a little later."""
+def soon(condition):
+    """Whether it holds within ten seconds: /proc shows a process a little later than its start."""
     end = time.monotonic() + 10
-    while not (held := true()) and time.monotonic() < end:
+    while not (holds := condition()) and time.monotonic() < end:
         time.sleep(0.05)
-    return held
+    return holds
 
 
 def test_what_it_starts_ends_with_it_and_with_the_master(tmp_path):

@@ -7,15 +7,15 @@ import subprocess
 import termios
 
 
-def in_terminal(words: list[str], columns: int = 100) -> tuple[int, str]:
-    """The exit code of a command, and what it writes on a terminal that is its standard error.
+def in_terminal(words: list[str]) -> tuple[int, str]:
+    """The exit code of a command, and what it writes on its standard error, a terminal.
 
-    Our end of the terminal's other side stays open until all is read: some systems lose what
-    is not read yet when the last process closes it.
+    The terminal has 100 columns. It is kept open here until all is read: when the last process
+    closes it, some systems lose what is not read yet.
     """
     ours, theirs = pty.openpty()
     try:
-        termios.tcsetwinsize(theirs, (24, columns))
+        termios.tcsetwinsize(theirs, (24, 100))
         said = b""
         with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=theirs) as process:
             ended = False
