@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 from dask_cluster import cluster
+from waiting import wait_for
 
 PROOFS = Path(__file__).resolve().parents[1] / "proofs"
 GROUP = ("--groups", "prescribed_motion", "--laws", "dahl", "--rigs", "3", "--first", "40")
@@ -20,9 +20,8 @@ def test_a_proof_on_dask_that_loses_a_worker_is_that_of_one_process(tmp_path, mo
     with cluster(tmp_path) as (dask, workers):
         on_dask = [*proof, "--dask", dask.address, "--out", str(tmp_path / "dask.json")]
         running = subprocess.Popen(on_dask, stderr=subprocess.PIPE, text=True)
-        while not all(dask.client.processing().values()):  # each worker has a rig in hand
-            assert running.poll() is None, running.stderr.read()
-            time.sleep(0.05)
+        # each worker has a rig in hand
+        wait_for(lambda: all(dask.client.processing().values()), 120.0, running)
         workers[0].kill()
         assert running.wait() in (0, 1), running.stderr.read()  # 1: an interval misses too often
         running.stderr.close()

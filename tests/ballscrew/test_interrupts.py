@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 from long_commands import BALLSCREW, COMMANDS, Command, interrupted, seen_in, write_data
+from waiting import wait_for
 
 from ballscrew.orchestration.run_folder import HIDDEN, written_files
 
@@ -49,9 +50,7 @@ def test_an_interrupt_while_pictures_are_drawn_leaves_the_earlier_run(tmp_path):
     before = seen_in(out)
     assert "trajectory.csv" in before
     command = Command.of(["run", "--controller", "iol", "--stop", "20"], out)
-    while not (out / HIDDEN / "next").is_dir():
-        assert command.process.poll() is None
-        time.sleep(0.005)
+    wait_for((out / HIDDEN / "next").is_dir, 120.0, command.process)
     ending = interrupted(command, signal.SIGTERM)
     assert ending.fault() == ""
     assert ", writing the results; nothing of this run is kept in " in ending.said

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from waiting import wait_for
 
 from ballscrew.solver import files
 
@@ -28,14 +29,11 @@ def begin(temporary, out):
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    deadline = time.monotonic() + 60
-    while True:  # until something is unpacked
-        new = [f for f in set(temporary.iterdir()) - before if f.is_dir() and list(f.iterdir())]
-        if new:
-            return process, new[0]
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+
+    def unpacked():
+        return [f for f in set(temporary.iterdir()) - before if f.is_dir() and list(f.iterdir())]
+
+    return process, wait_for(unpacked, 60.0, process)[0]
 
 
 def test_folders_of_killed_commands_are_removed_and_those_of_living_ones_never(tmp_path):

@@ -6,7 +6,6 @@ import base64
 import html
 import json
 import re
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +13,7 @@ import plotly.graph_objects as go
 import pytest
 from browser import PROGRAM, opened
 from hostile import ALL, HOSTILE, check_in_browser, check_text
+from waiting import wait_for
 
 import ballscrew
 from ballscrew.cli import main
@@ -295,19 +295,12 @@ def test_letters_that_no_text_has_do_not_cost_the_page(tmp_path):
 # -- in a browser ----------------------------------------------------------------------------
 
 
-def wait_until(true):
-    end = time.monotonic() + 60.0
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
 @browser
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_telephone_shows_all_of_it_and_a_drag_zooms(folders, name):
     path = folders[name] / "report.html"
     with opened(path, width=390) as page:
-        wait_until(lambda: page.evaluate("document.documentElement.dataset.pictures"))
+        wait_for(lambda: page.evaluate("document.documentElement.dataset.pictures"), 60.0)
         assert page.evaluate("document.documentElement.dataset.pictures") == str(PICTURES[name])
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
         sizes = page.evaluate(
@@ -332,7 +325,7 @@ def test_a_telephone_shows_all_of_it_and_a_drag_zooms(folders, name):
         page.mouse("mousePressed", x + 0.3 * width, y + 0.3 * height, **held)
         page.mouse("mouseMoved", x + 0.7 * width, y + 0.7 * height, button="left", buttons=1)
         page.mouse("mouseReleased", x + 0.7 * width, y + 0.7 * height, **held)
-        wait_until(lambda: page.evaluate(shown) != before)
+        wait_for(lambda: page.evaluate(shown) != before, 60.0)
         low, high = page.evaluate(shown)
         assert high - low == pytest.approx(0.4 * (before[1] - before[0]), rel=0.05)
         assert page.errors == []

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import re
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +12,7 @@ import plotly.graph_objects as go
 import pytest
 from browser import PROGRAM, opened
 from hostile import ALL, HOSTILE, check_in_browser, check_text
+from waiting import wait_for
 
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.closed_loop_effect import (
@@ -57,7 +57,7 @@ PICTURES = [
 @pytest.fixture(scope="module")
 def page(diagnosed):
     with opened(diagnosed.folder / "report.html") as made:
-        wait_until(lambda: drawn(made))
+        wait_for(lambda: drawn(made))
         yield made
 
 
@@ -86,14 +86,6 @@ def numbers(page, name):
         f"[...document.querySelectorAll('#{name} .xtick text')].map(t => t.textContent)"
     )
     return sorted(float(text.replace("\u2212", "-")) for text in found)
-
-
-def wait_until(true):
-    """Events come when the browser has drawn."""
-    end = time.monotonic() + 10.0
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.02)
 
 
 def drag(page, start, end):
@@ -134,15 +126,15 @@ def test_a_drag_zooms_and_a_double_click_goes_back(page, name):
     home, ticks = ranges(page, name), numbers(page, name)
     x, y, width, height = box(page, name)
     drag(page, (x - 0.2 * width, y - 0.3 * height), (x + 0.2 * width, y + 0.3 * height))
-    wait_until(lambda: ranges(page, name) != home)
+    wait_for(lambda: ranges(page, name) != home)
     for (low, high), (first, last), share in zip(ranges(page, name), home, (0.4, 0.6), strict=True):
         assert high - low == pytest.approx(share * (last - first), rel=0.02)
         assert first < low < high < last
     closer = numbers(page, name)
     assert max(closer) - min(closer) < max(ticks) - min(ticks)
     click(page, x, y, times=2)
-    wait_until(lambda: ranges(page, name) == home)
-    wait_until(lambda: numbers(page, name) == ticks)
+    wait_for(lambda: ranges(page, name) == home)
+    wait_for(lambda: numbers(page, name) == ticks)
 
 
 @browser
@@ -155,7 +147,7 @@ def test_the_buttons_zoom_and_go_back(page):
             ".getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2];})()"
         )
         click(page, x, y, times=1)
-        wait_until(lambda narrower=narrower: (ranges(page, "force") != home) == narrower)
+        wait_for(lambda narrower=narrower: (ranges(page, "force") != home) == narrower)
     assert ranges(page, "force") == home
 
 
@@ -175,7 +167,7 @@ def test_the_wheel_over_a_plot_scrolls_the_page(page):
     home = ranges(page, "force")
     before = page.evaluate("scrollY")
     page.mouse("mouseWheel", x, y, deltaX=0, deltaY=200)
-    wait_until(lambda: page.evaluate("scrollY") > before)
+    wait_for(lambda: page.evaluate("scrollY") > before)
     assert ranges(page, "force") == home
 
 
@@ -197,11 +189,11 @@ def test_a_printed_page_has_the_plots_in_the_width_of_paper_and_in_black_on_whit
     before = ranges(page, "force")
     page.call("Emulation.setEmulatedMedia", media="print")
     width = "+document.querySelector('#force .main-svg').getAttribute('width')"
-    wait_until(lambda: page.evaluate(width) < 700)
+    wait_for(lambda: page.evaluate(width) < 700)
     assert contrast(rgb(page, "#force .xtick text", "fill"), [1.0, 1.0, 1.0]) >= 4.5
     assert ranges(page, "force") == before
     page.call("Emulation.setEmulatedMedia", media="")
-    wait_until(lambda: page.evaluate(width) > 700)
+    wait_for(lambda: page.evaluate(width) > 700)
 
 
 @browser
@@ -217,7 +209,7 @@ def test_the_browser_refuses_what_a_script_of_the_page_would_ask_of_a_network(di
             "addEventListener('securitypolicyviolation', e => {refused = e.effectiveDirective});"
             "var refused = ''; fetch('http://127.0.0.1:9/').catch(() => 0); 0"
         )
-        wait_until(lambda: other.evaluate("refused") == "connect-src")
+        wait_for(lambda: other.evaluate("refused") == "connect-src")
 
 
 @browser
@@ -244,7 +236,7 @@ def test_what_is_written_can_be_read_in_light_and_in_dark(page, scheme):
     paper = rgb(page, "body", "backgroundColor")
     for selector in ("h1", "figcaption", "td", "dd", "footer"):
         assert contrast(rgb(page, selector, "color"), paper) >= 4.5, selector
-    wait_until(lambda: contrast(rgb(page, ".xtick text", "fill"), paper) >= 4.5)
+    wait_for(lambda: contrast(rgb(page, ".xtick text", "fill"), paper) >= 4.5)
     for name, curves in (("force", ("measured", "before", "after")), ("causes", ("cause",))):
         for k, colour in enumerate(curves, 1):
             line = f"#{name} .trace:nth-child({k}) path.js-line"
@@ -263,7 +255,7 @@ def test_the_page_is_no_wider_than_its_window(diagnosed, width):
 @browser
 def test_a_finger_on_a_plot_is_left_to_scroll_the_page(diagnosed):
     with opened(diagnosed.folder / "report.html", width=360, touch=True) as phone:
-        wait_until(lambda: drawn(phone))
+        wait_for(lambda: drawn(phone))
         x, y, *_ = box(phone, "force")
         home = ranges(phone, "force")
         phone.evaluate(

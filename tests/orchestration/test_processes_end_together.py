@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from third_party_fmus import proportional
+from waiting import wait_for
 
 PARENT_OF_ONE_THAT_HOLDS_THE_INTERPRETER = """
 import ctypes, os, time
@@ -49,13 +50,6 @@ def first_line(stream):
     return line.strip()
 
 
-def ends_within(seconds, processes):
-    deadline = time.monotonic() + seconds
-    while any(lives(p) for p in processes) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    return not any(lives(p) for p in processes)
-
-
 @pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])
 def test_a_child_in_code_that_holds_the_interpreter_ends_with_its_parent(ending):
     with subprocess.Popen(
@@ -66,7 +60,7 @@ def test_a_child_in_code_that_holds_the_interpreter_ends_with_its_parent(ending)
         assert lives(child)
         parent.send_signal(ending)
         parent.wait(10)
-        assert ends_within(5.0, [child])
+        wait_for(lambda: not lives(child), 5.0)
 
 
 def test_a_hanging_fmu_and_what_it_started_end_with_the_master(tmp_path):
@@ -82,14 +76,11 @@ def test_a_hanging_fmu_and_what_it_started_end_with_the_master(tmp_path):
     with subprocess.Popen(
         [sys.executable, "-c", PARENT_OF_A_THIRD_PARTY_FMU, str(hang)], cwd=tmp_path
     ) as master:
-        deadline = time.monotonic() + 60
-        while not (tmp_path / "pids").is_file() or (tmp_path / "pids").read_text()[-1:] != " ":
-            assert master.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
-        fmu, started = map(int, (tmp_path / "pids").read_text().split())
+        pids = tmp_path / "pids"
+        wait_for(lambda: pids.is_file() and pids.read_text().endswith(" "), 60.0, master)
+        fmu, started = map(int, pids.read_text().split())
         assert lives(fmu)
         assert lives(started)
         os.kill(master.pid, signal.SIGKILL)
         master.wait(10)
-        assert ends_within(5.0, [fmu, started])
+        wait_for(lambda: not lives(fmu) and not lives(started), 5.0)

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from hostile_fmu import EVERYTHING, needs_sandbox, processes_with, world
 from third_party_fmus import proportional
+from waiting import wait_for
 
 from ballscrew.cli import main
 from ballscrew.fmus import sandbox
@@ -149,32 +150,24 @@ sys.stdin.read()
 """
 
 
-def soon(condition):
-    """Whether it holds within ten seconds: /proc shows a process a little later than its start."""
-    end = time.monotonic() + 10
-    while not (holds := condition()) and time.monotonic() < end:
-        time.sleep(0.05)
-    return holds
-
-
 def test_what_it_starts_ends_with_it_and_with_the_master(tmp_path):
     needs_sandbox()
     number = f"300.{os.getpid()}"
     path = proportional(tmp_path, "Starts", at_start=STARTS.format(number))
     scratch = set(Path(os.environ["TMPDIR"]).glob("ballscrew-scratch-*"))
     one = IsolatedInstance(path, "one", sandbox=True)
-    assert soon(lambda: processes_with(number))
+    wait_for(lambda: processes_with(number))  # /proc shows it a little later than its start
     one.close()
-    assert soon(lambda: not processes_with(number))
+    wait_for(lambda: not processes_with(number))
     assert set(Path(os.environ["TMPDIR"]).glob("ballscrew-scratch-*")) == scratch
     asked = [sys.executable, "-P", "-c", PARENT, str(path)]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen(asked, **pipes) as parent:
         assert parent.stdout.readline() == b"open\n"
-        assert soon(lambda: processes_with(number))
+        wait_for(lambda: processes_with(number))
         parent.send_signal(signal.SIGKILL)
         parent.wait(10)
-        assert soon(lambda: not processes_with(number))
+        wait_for(lambda: not processes_with(number))
 
 
 def test_a_scratch_folder_is_removed_whatever_was_left_there(tmp_path):

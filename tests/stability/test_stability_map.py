@@ -5,13 +5,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from dask_cluster import cluster
 from scipy.integrate import solve_ivp
+from waiting import wait_for
 
 from ballscrew.orchestration.limits import TOLERANCE_OF_MOTIONS
 from ballscrew.orchestration.loop import Loop
@@ -238,11 +238,7 @@ def test_a_killed_map_is_resumed_with_nothing_lost_and_the_same_table(whole, tmp
     folder, _ = whole
     process = subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path)], cwd=tmp_path)
     parts = tmp_path / "map.parts"
-    deadline = time.monotonic() + 120
-    while len(list(parts.glob("c0-*"))) < 3:
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_for(lambda: len(list(parts.glob("c0-*"))) >= 3, 120.0, process)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     kept = {f.name: f.stat().st_mtime_ns for f in parts.glob("c0-*")}

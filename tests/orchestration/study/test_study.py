@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 import signal
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +12,7 @@ from browser import PROGRAM, opened
 from dask_cluster import cluster
 from hostile import ALL, check_in_browser, check_text
 from long_commands import Command, interrupted
+from waiting import wait_for
 
 from ballscrew.cli import main
 from ballscrew.orchestration.loop import Loop
@@ -258,9 +258,7 @@ def test_an_interrupt_says_what_is_kept_and_before_the_first_part_nothing_blocks
     for part in (out / PARTS).glob("run-*"):
         part.unlink()
     command = Command.of([*words, "--resume"], out)
-    while not list((out / PARTS).glob("run-*")):
-        assert command.process.poll() is None
-        time.sleep(0.001)
+    wait_for(lambda: list((out / PARTS).glob("run-*")), 60.0, command.process)
     ending = interrupted(command, signal.SIGINT)
     assert ending.fault() == ""
     assert "finished tasks are kept, continue with --resume" in ending.said
@@ -315,9 +313,7 @@ def test_a_browser_draws_the_page_zooms_and_asks_for_nothing(result, tmp_path):
         page.mouse("mousePressed", x + 0.3 * width, y + 0.3 * height, **held)
         page.mouse("mouseMoved", x + 0.7 * width, y + 0.7 * height, button="left", buttons=1)
         page.mouse("mouseReleased", x + 0.7 * width, y + 0.7 * height, **held)
-        end = time.monotonic() + 10.0
-        while page.evaluate(shown) == [low, high] and time.monotonic() < end:
-            time.sleep(0.02)
+        wait_for(lambda: page.evaluate(shown) != [low, high])
         closer = np.subtract(*page.evaluate(shown)[::-1])
         assert closer == pytest.approx(0.4 * (high - low), rel=0.03)
 
