@@ -36,6 +36,13 @@ def test_an_interrupt_ends_a_command_within_two_seconds_with_one_line(name, data
     assert seen_in(tmp_path) == {"notes.txt": b"mine"}
 
 
+def test_a_command_that_already_waits_for_interrupts_is_seen_to_answer(data, tmp_path):
+    command = Command("lyapunov", data, tmp_path)
+    wait_for(lambda: sum(command.processes().values()) > LATEST, 60.0, command.process)
+    command.wait_until_it_answers()
+    assert interrupted(command, signal.SIGINT).fault() == ""
+
+
 def test_an_interrupt_says_how_far_the_run_was(data, tmp_path):
     command = Command("run", data, tmp_path)
     command.wait_until_busy(3.0)

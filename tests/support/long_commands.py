@@ -104,11 +104,17 @@ class Command:
         return found
 
     def wait_until_it_answers(self) -> None:
-        """Wait until the interpreter has started and code of the command can run."""
+        """Wait until the interpreter has started and code of the command can run.
+
+        The command blocks interrupts, starts its work in a child and waits for them. Linux does
+        not count a signal as blocked while a process waits for it; then the child is there.
+        """
         interrupt = 1 << (signal.SIGINT - 1)
         while True:
+            assert self.process.poll() is None, "the command ended by itself"
             status = Path(f"/proc/{self.process.pid}/status").read_text(encoding="utf-8")
-            if int(status.partition("SigBlk:")[2].split()[0], 16) & interrupt:
+            blocked = int(status.partition("SigBlk:")[2].split()[0], 16)
+            if blocked & interrupt or len(self.processes()) > 1:
                 return
             time.sleep(0.001)
 
