@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := $(shell find ballscrew solver instruments plant controllers fmus orchestration stability rig records identification diagnosis gallery -name '*.py' -o -name '*.[ch]' -o -name '*.csv' -o -name '*.jinja' -o -name '*.json' -o -name 'page.md') pyproject.toml
 
-.PHONY: demo check test docs prove tools lint bench wheels pythons clean
+.PHONY: demo check test test-ci docs prove tools lint bench wheels pythons clean
 
 # The package is installed, not linked: what runs and is tested is what a user gets.
 $(VENV)/installed: $(SOURCES) constraints.txt
@@ -13,6 +13,13 @@ $(VENV)/installed: $(SOURCES) constraints.txt
 	rm -rf build  # what an earlier version left there would be installed, too
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt ".[test]"
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-deps --force-reinstall .
+	test -n "$$(command -v cc)$$(command -v gcc)$$(command -v clang)" || \
+	  $(BIN)/python -m pip install --quiet --constraint constraints.txt ".[native]"
+	touch $@
+
+# What linters and the tests of CI need beside that.
+$(VENV)/ci: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt ".[ci]"
 	touch $@
 
 demo: $(VENV)/installed
@@ -23,15 +30,20 @@ demo: $(VENV)/installed
 
 # What one runs while one works: two minutes of tests, of the parts that all others stand on.
 check: lint
-	$(BIN)/pytest -q -n 2 --dist loadgroup -m "not long" \
+	$(PYTEST) -q -m "not ci and not prove" \
 	  tests/solver tests/plant tests/instruments tests/controllers tests/records \
-	  tests/orchestration/test_step_choice.py tests/test_conformance.py tests/test_layout.py \
-	  --ignore tests/controllers/test_controllers_page.py --ignore tests/solver/test_core.py
+	  tests/orchestration/test_step_choice.py tests/test_conformance.py tests/test_layout.py
 
-test: lint
-	$(BIN)/pytest -n 2 --dist loadgroup -m "not long"
+# Tests have three tiers, by two markers: these convince a stranger that all of it works, those
+# marked `ci` run in CI as well, and those marked `prove` take hours.
+PYTEST := $(BIN)/pytest -n 2 --dist loadgroup
+test: $(VENV)/installed
+	$(PYTEST) -m "not ci and not prove"
 
-lint: $(VENV)/installed
+test-ci: $(VENV)/ci
+	$(PYTEST) -m "ci and not prove"
+
+lint: $(VENV)/ci
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	cd docs && ../$(BIN)/mypy --config-file ../pyproject.toml -p ballscrew
@@ -40,8 +52,8 @@ docs: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt ".[docs]"
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs out/docs
 
-prove: $(VENV)/installed
-	$(BIN)/pytest -n 2 --dist loadgroup -m long
+prove: $(VENV)/ci
+	$(PYTEST) -m prove
 	$(BIN)/python proofs/trusted_loops.py
 	$(BIN)/python proofs/networks.py
 	$(BIN)/python proofs/fuzz.py
@@ -65,7 +77,7 @@ prove: $(VENV)/installed
 	$(BIN)/python proofs/swap_study.py
 
 # Tools of others, each in an environment of its own that pip fills. FLAGS=--quick is what CI runs.
-tools: $(VENV)/installed
+tools: $(VENV)/ci
 	$(BIN)/python proofs/tools.py $(FLAGS)
 	$(BIN)/python proofs/made_by_others.py $(FLAGS)
 	$(BIN)/python proofs/modelica.py $(FLAGS)
@@ -83,14 +95,13 @@ bench: $(VENV)/installed
 
 # One for each platform, compiled here by ziglang; `WHEELS=win64` makes one.
 WHEELS ?= linux64 win64 darwin64 aarch64-linux aarch64-windows aarch64-darwin
-wheels: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt ziglang
+wheels: $(VENV)/ci
 	for target in $(WHEELS); do \
 	  $(BIN)/python -m build --wheel --no-isolation -C target=$$target --outdir out/wheels . || exit 1; \
 	done
 
 # The wheel under every other Python that is found, see the script.
-pythons: $(VENV)/installed
+pythons: $(VENV)/ci
 	$(BIN)/python .ci/pythons.py
 
 clean:

@@ -42,7 +42,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for test, stays in rules:
             meant = where == test or (where.startswith(f"{test}::") and case)
             if meant and not (stays and stays.search(case)):
-                item.add_marker("long")
+                item.add_marker("prove")
 
 
 @pytest.fixture(scope="session", autouse=True)
