@@ -11,15 +11,15 @@ $(VENV)/installed: $(SOURCES) constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt "setuptools>=77" wheel
 	rm -rf build  # what an earlier version left there would be installed, too
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt ".[test]"
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-deps --force-reinstall .
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt "ballscrew[test]"
 	test -n "$$(command -v cc)$$(command -v gcc)$$(command -v clang)" || \
-	  $(BIN)/python -m pip install --quiet --constraint constraints.txt ".[native]"
+	  $(BIN)/python -m pip install --quiet --constraint constraints.txt "ballscrew[native]"
 	touch $@
 
 # What linters and the tests of CI need beside that.
 $(VENV)/ci: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt ".[ci]"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt "ballscrew[ci]"
 	touch $@
 
 demo: $(VENV)/installed
@@ -49,7 +49,7 @@ lint: $(VENV)/ci
 	cd docs && ../$(BIN)/mypy --config-file ../pyproject.toml -p ballscrew
 
 docs: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt ".[docs]"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt "ballscrew[docs]"
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs out/docs
 
 prove: $(VENV)/ci
@@ -87,8 +87,8 @@ PEERS := .venv-peers/bin/python
 bench: $(VENV)/installed
 	test -x $(PEERS) || $(PYTHON) -m venv .venv-peers
 	$(PEERS) -m pip install --quiet --constraint constraints.txt "setuptools>=77" wheel
-	$(PEERS) -m pip install --quiet --constraint constraints.txt ".[test]" -r benchmarks/peers.txt
 	$(PEERS) -m pip install --quiet --constraint constraints.txt --no-deps --force-reinstall .
+	$(PEERS) -m pip install --quiet --constraint constraints.txt "ballscrew[test]" -r benchmarks/peers.txt
 	for name in start master lyapunov map native study peers scale; do \
 	  $(PEERS) benchmarks/$$name.py || exit 1; \
 	done
