@@ -232,7 +232,7 @@ def page() -> str:
         "",
         "Each file is the result of a command of `make prove` for the code of one commit.",
         "`python proofs/provenance.py` counts the files that have other code since then.",
-        "`make test` repeats a few trials with their seeds and fails if the results differ",
+        "CI repeats a few trials with their seeds and fails if the results differ",
         "(`tests/test_stored_proofs.py`). All of it is repeated by hand only.",
         "",
         "| file | what it shows | commit | date |",
