@@ -46,21 +46,11 @@ def gain_of(part: str) -> float:
     return float(read_component(part).output("u").value.coeff(symbol("x")))
 
 
-@pytest.mark.parametrize(
-    ("name", "is_one"),
-    [
-        ("mine.py:pi", True),
-        ("a/b.c/mine.py", True),
-        ("C:\\mine.py:pi", True),
-        ("mine.py:", True),
-        ("iol", False),
-        ("mine.fmu", False),
-        ("mine.pyx:pi", False),
-        ("", False),
-    ],
-)
-def test_a_python_file_is_told_from_a_name_and_an_fmu(name, is_one):
-    assert names_file(name) is is_one
+def test_a_python_file_is_told_from_a_name_and_an_fmu():
+    for name in ("mine.py:pi", "a/b.c/mine.py", "C:\\mine.py:pi", "mine.py:"):
+        assert names_file(name), name
+    for name in ("iol", "mine.fmu", "mine.pyx:pi", ""):
+        assert not names_file(name), name
 
 
 def test_files_and_helpers_of_one_name_in_two_folders_do_not_meet(tmp_path):
@@ -90,6 +80,7 @@ def test_nothing_is_left_in_the_process_or_beside_the_file(tmp_path, monkeypatch
     assert sorted(p.name for p in (tmp_path / "a").iterdir()) == ["helper.py", "mine.py"]
 
 
+@pytest.mark.ci
 def test_what_a_file_finds_is_right_for_dataclasses_packages_and_its_own_place(tmp_path):
     (tmp_path / "package").mkdir()
     (tmp_path / "package" / "__init__.py").write_text("from .inner import NAME\n")
@@ -120,32 +111,12 @@ def test_what_a_file_prints_is_no_result(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("text", "function", "said"),
     [
-        (None, "make", "there is no file mine.py"),
-        ("def make(:\n", "make", "mine.py, line 1: it cannot be imported: SyntaxError: invalid"),
         ("\nimport nothing_of_it\n", "make", "mine.py, line 2: it cannot be imported: ModuleNotFo"),
-        ("import sys\nsys.exit(3)\n", "make", "mine.py, line 2: it cannot be imported: SystemExit"),
         ("import broken\n", "make", "broken.py, line 2: it cannot be imported: SyntaxError: "),
-        (GAIN, "mak", "mine.py has no function 'mak'; nearest: make"),
-        (GAIN, "other", "mine.py has no function 'other'; it has make"),
-        (
-            GAIN,
-            "",
-            "give the function that makes the component, such as mine.py:FUNCTION; it has m",
-        ),
+        (GAIN, "", "give the function that makes the component, such as mine.py:FUNCTION; it h"),
         ("make = 3\n", "make", "mine.py: make is 3; expected a function without arguments"),
         ("def make(gain): ...\n", "make", "missing a required argument: 'gain'; give it a default"),
         ("def make(): return [1.5]\n", "make", "make() returned [1.5], which is a list; expected"),
-        ("def make(): ...\n", "make", "make() returned None, which is a NoneType; expected a Comp"),
-        (
-            "def make():\n    return 1 / 0\n",
-            "make",
-            "mine.py, line 2: make() failed: ZeroDivisionError: division by zero",
-        ),
-        (
-            "def make():\n    raise ValueError('one\\ntwo')\n",
-            "make",
-            "mine.py, line 2: make() failed: ValueError: one two",
-        ),
         (
             "import helper\ndef make():\n    return helper.broken()\n",
             "make",
@@ -161,23 +132,15 @@ def test_what_a_file_prints_is_no_result(tmp_path, capsys):
 def test_a_file_that_gives_no_component_is_refused_with_its_line(
     tmp_path, monkeypatch, text, function, said
 ):
-    written(tmp_path / "a", text or "")
+    written(tmp_path / "a", text)
     monkeypatch.chdir(tmp_path / "a")
     with Path("helper.py").open("a", encoding="utf-8") as stream:
         stream.write("def broken(): return [][1]\n")
     Path("broken.py").write_text("\nx = = 1\n", encoding="utf-8")
-    if text is None:
-        Path("mine.py").unlink()
     with pytest.raises(BadComponentFile) as refused:
         read_component(f"mine.py:{function}")
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-def test_a_folder_is_no_file(tmp_path):
-    (tmp_path / "mine.py").mkdir()
-    with pytest.raises(BadComponentFile, match="cannot be read: Is a directory"):
-        read_component(f"{tmp_path / 'mine.py'}:make")
 
 
 def test_the_digest_tells_apart_whatever_differs():
@@ -195,19 +158,15 @@ def test_the_digest_tells_apart_whatever_differs():
     assert pid().digest == one.digest
 
 
+@pytest.mark.ci
 def test_the_digest_is_the_same_in_every_process():
     code = (
         "from ballscrew.fmus.catalogue import component as c; "
         "print(*(c(n).digest for n in ('plant_classical', 'iol', 'pid_sampled')))"
     )
-    told = {
-        subprocess.run(
-            [sys.executable, "-c", code],
-            env={**os.environ, "PYTHONHASHSEED": seed},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for seed in ("1", "2", "3")
-    }
-    assert len(told) == 1
+
+    def told(seed):
+        environment = os.environ | {"PYTHONHASHSEED": seed}
+        return subprocess.check_output([sys.executable, "-c", code], env=environment)
+
+    assert told("1") == told("2")

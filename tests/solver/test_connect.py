@@ -8,11 +8,9 @@ import sympy as sp
 import ballscrew
 from ballscrew.solver.component import (
     Component,
-    ContractError,
     ForceBalance,
     ForceTerm,
     Input,
-    Mode,
     Output,
     State,
     symbol,
@@ -76,10 +74,3 @@ def test_a_cycle_of_a_law_with_a_sign_has_its_exponent_in_closed_form():
     swing = EXTRA * (1 + ratio) / (1 - ratio)
     assert found.amplitude["plant_x"] == pytest.approx(swing, rel=1e-3)
     assert found.limit == pytest.approx([0.0, -DAMPING / 2, -1.0], abs=1e-4)
-
-
-def test_the_sign_is_of_a_state_and_a_whole_number():
-    state = State("v", "m/s", "velocity", sp.Integer(0))
-    for signs, said in (({"w": 1}, "'w'"), ({"v": 2}, "2")):
-        with pytest.raises(ContractError, match=said):
-            Component("still", "still", states=(state,), modes=(Mode("one", signs=signs),))

