@@ -30,29 +30,14 @@ def with_digits(values, digits=9):
 @pytest.mark.parametrize(
     ("x", "resolution"),
     [
-        (COUNTED, COUNT),
         (np.round((WAY + 3.3e-7) / COUNT) * COUNT + 7.1e-7, COUNT),
         (with_digits(COUNTED), COUNT),
         (np.round((WAY + 0.2 * COUNT * RANDOM.standard_normal(len(WAY))) / COUNT) * COUNT, COUNT),
-        (60 * COUNTED, 60 * COUNT),  # on a way of eight metres
-        (np.round(WAY / 0.005 * 4096) * 0.005 / 4096, 0.005 / 4096),
         (np.round((WAY + 2 * COUNT * RANDOM.standard_normal(len(WAY))) / COUNT) * COUNT, 0.0),
-        (WAY + 1e-7 * RANDOM.standard_normal(len(WAY)), 0.0),
         (with_digits(WAY + 1e-7 * RANDOM.standard_normal(len(WAY))), 0.0),
         (with_digits(WAY), 0.0),
     ],
-    ids=[
-        "floor",
-        "round",
-        "text",
-        "trembling",
-        "far",
-        "turns",
-        "noisy",
-        "analog",
-        "digits",
-        "smooth",
-    ],
+    ids=["round", "text", "trembling", "noisy", "digits", "smooth"],
 )
 def test_the_resolution_of_an_encoder_is_found_and_none_where_noise_hides_it(x, resolution):
     seen = look(x)
@@ -65,17 +50,16 @@ def low_passed(x, corner):
     return np.convolve(np.pad(x, 50, "edge"), taps, "valid")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("x", "least", "most"),
     [
         (low_passed(COUNTED, 300.0), 200.0, 320.0),
-        (with_digits(low_passed(COUNTED, 300.0)), 200.0, 320.0),
-        (low_passed(COUNTED, 100.0), 80.0, 130.0),
         (sosfiltfilt(butter(4, 300, fs=1 / STEP, output="sos"), COUNTED), 200.0, 350.0),
         (np.interp(TIME, TIME[::4], COUNTED[::4]), 125.0, 125.0),
         (np.repeat((WAY + 1e-7 * RANDOM.standard_normal(len(WAY)))[::10], 10), 50.0, 50.0),
     ],
-    ids=["fir", "text", "deep", "twice", "straight", "held"],
+    ids=["fir", "twice", "straight", "held"],
 )
 def test_what_a_filter_or_interpolation_left_of_a_position_is_said(x, least, most):
     seen = look(x)
@@ -87,6 +71,7 @@ def test_what_a_filter_or_interpolation_left_of_a_position_is_said(x, least, mos
     )
 
 
+@pytest.mark.ci
 def test_an_exact_motion_with_friction_is_not_taken_for_filtered():
     """A block with dry friction under steps of force, solved finely: smooth, but of all speeds."""
     force = np.repeat(RANDOM.uniform(-8, 8, 80), 250)
@@ -110,22 +95,11 @@ def test_clipped_samples_are_marked():
     assert not look().clipped.any()
 
 
+@pytest.mark.ci
 def test_a_smooth_top_is_not_clipped_and_neither_is_a_step_of_the_converter():
     u = np.round(np.sin(3 * TIME + 0.1 * RANDOM.standard_normal(len(TIME))) / 0.01) * 0.01
     assert np.mean(look(u=u).clipped) < 0.1
     assert look(u=np.sin(3 * TIME)).clipped.sum() == 0
-
-
-@pytest.mark.parametrize(
-    ("signals", "words"),
-    [
-        ({"x": np.full(len(TIME), 0.3)}, "the position never changes"),
-        ({"u": np.zeros(len(TIME))}, "the command u is zero"),
-    ],
-)
-def test_records_that_tell_nothing_are_refused(signals, words):
-    with pytest.raises(BadRecord, match=words):
-        look(**signals)
 
 
 def test_a_record_with_the_current_alone_is_examined_by_it():

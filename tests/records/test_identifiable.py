@@ -15,16 +15,14 @@ def record(name="mine", notes=(), **signals):
     return Record(name, SWINGS | signals, 1e-3, notes=notes)
 
 
-def test_sound_records_have_no_doubts():
-    assert check_identifiable([record(), record()]) == []
-
-
+@pytest.mark.ci
 def test_doubts_of_each_record_are_said_with_what_was_done_on_reading():
     notes = check_identifiable([record(notes=("resampled",)), record("other", x=0.1 * TIME)])
     assert notes[0] == "mine: resampled"
     assert notes[1].startswith("other: moves in one direction only")
 
 
+@pytest.mark.ci
 def test_records_with_and_without_a_current_are_not_one_study():
     with pytest.raises(BadRecord, match="some records have the current `i` and some do not"):
         check_identifiable([record(), record(i=SWINGS["u"])])

@@ -57,6 +57,7 @@ def test_asynchronous_stamps_are_put_to_the_slower_ones_where_both_are_known(tmp
     assert note.endswith("every 2.5, 1 in 2.5 of its samples")
 
 
+@pytest.mark.ci
 def test_a_slow_signal_that_is_not_needed_stays_at_its_samples(tmp_path):
     slow = np.arange(0.0, 4.0, 0.5)
     extra = [("oil", "temp", slow, 20 + slow, "s")]
@@ -71,6 +72,7 @@ def test_a_slow_signal_that_is_not_needed_stays_at_its_samples(tmp_path):
     assert len(record.time) == len(TIME)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("of_u", "unit", "words"),
     [
@@ -82,19 +84,6 @@ def test_a_slow_signal_that_is_not_needed_stays_at_its_samples(tmp_path):
 def test_tables_that_cannot_be_put_together_are_refused(tmp_path, of_u, unit, words):
     with pytest.raises(BadRecord, match=words):
         read(write(tmp_path / "a.xlsx", TIME, of_u, unit))
-
-
-def test_tables_whose_dates_begin_apart_are_refused(tmp_path):
-    from nptdms import ChannelObject, TdmsWriter
-
-    begin = np.datetime64("2024-03-01T12:00:00", "us")
-    with TdmsWriter(str(tmp_path / "a.tdms")) as writer:
-        for name, column, values, late in (("a", "x", x_at(TIME), 0), ("b", "u", u_at(TIME), 7)):
-            stamps = begin + (1e6 * TIME + late).round().astype("m8[us]")
-            channels = [ChannelObject(name, "t", stamps), ChannelObject(name, column, values)]
-            writer.write_segment(channels)
-    with pytest.raises(BadRecord, match="times of a and b start at different dates"):
-        read(tmp_path / "a.tdms")
 
 
 def test_a_time_that_is_given_by_number_is_that_of_each_signal(tmp_path):

@@ -52,6 +52,7 @@ def test_vectors_are_columns_by_their_names(tmp_path, form):
     is_given(path)
 
 
+@pytest.mark.ci
 def test_a_matrix_is_columns_along_its_longer_side(tmp_path):
     names = {"run.1": "time", "run.2": "x", "run.3": "u"}
     units = {"time": "s", "x": "m", "u": "V"}
@@ -67,6 +68,7 @@ def test_a_structure_with_time_has_its_labels(tmp_path):
     is_given(path, {"both.1": "x", "both.2": "u"}, {"x": "m", "u": "V"})
 
 
+@pytest.mark.ci
 def test_timeseries_as_structures_come_together_by_their_times(tmp_path):
     def series(name, values):
         return {"Name": name, "Time": TIME, "Data": values, "DataInfo": {"Units": ""}}
@@ -143,6 +145,7 @@ def test_version_7_3_has_vectors_matrices_and_structures(tmp_path):
     is_given(mat73(tmp_path / "c.mat", scope))
 
 
+@pytest.mark.ci
 def test_objects_are_refused_with_what_to_save(tmp_path):
     def series(file):
         item = file.create_dataset("ts", data=np.zeros((1, 6), "u4"))

@@ -31,17 +31,11 @@ def read(path, **options):
     ("column", "unit", "size"),
     [
         ("time", "ms", 1e-3),
-        ("time", "us", 1e-6),
-        ("time", "min", 60.0),
         ("x", "mm", 1e-3),
-        ("x", "um", 1e-6),
         ("x", "2.5e-6*m", 2.5e-6),
         ("x", "in", 0.0254),
-        ("x", "ft", 12 * 0.0254),
-        ("u", "mV", 1e-3),
         ("u", "-1*V", -1.0),
         ("u", "kV", 1e3),
-        ("i", "mA", 1e-3),
         ("force", "kN", 1e3),
     ],
 )
@@ -53,7 +47,7 @@ def test_units_are_said_for_each_column(tmp_path, column, unit, size):
     assert record.command == "voltage"
 
 
-@pytest.mark.parametrize(("unit", "per_turn"), [("rad", 2 * math.pi), ("deg", 360.0), ("rev", 1.0)])
+@pytest.mark.parametrize(("unit", "per_turn"), [("rad", 2 * math.pi), ("deg", 360.0)])
 def test_a_rotary_record_becomes_a_linear_one_of_the_same_work(tmp_path, unit, per_turn):
     lead, torque = 0.005, 0.3 * np.sin(TIME)
     path = write(tmp_path / "a.csv", MOTION | {"u": torque, "x": MOTION["x"] / lead * per_turn})
@@ -83,15 +77,14 @@ def test_the_current_alone_is_a_command_and_a_force_is_one(tmp_path):
     assert (record.current_alone, record.command) == (False, "force")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("units", "words"),
     [
         ({"x": "inch"}, "expected one of m, cm, mm, um, nm, in, ft, rad, deg, rev, or a number"),
-        ({"x": "V"}, "--unit x=V: expected one of m"),
         ({"x": "0*m"}, "--unit x=0[*]m: expected one of m"),
         ({"speed": "rpm"}, "columns are time, u, x"),
         ({"x": "deg"}, "use --lead METRES"),
-        ({"u": "N*m"}, "use --lead METRES"),
     ],
 )
 def test_units_that_make_no_sense_are_refused(tmp_path, units, words):
@@ -99,16 +92,7 @@ def test_units_that_make_no_sense_are_refused(tmp_path, units, words):
         read(write(tmp_path / "a.csv", MOTION), units=units)
 
 
-@pytest.mark.parametrize(
-    ("unit", "size"),
-    [
-        ("m/min", 1 / 60),
-        ("mm/min", 1e-3 / 60),
-        ("km/h", 1000 / 3600),
-        ("in/s", 0.0254),
-        ("ft/s", 0.3048),
-    ],
-)
+@pytest.mark.parametrize(("unit", "size"), [("mm/min", 1e-3 / 60), ("km/h", 1000 / 3600)])
 def test_units_of_a_velocity_in_brackets_are_converted(tmp_path, unit, size):
     velocity = 0.3 * np.cos(3 * TIME)
     table = {"time": TIME, "u": MOTION["u"], "v": velocity / size}
@@ -116,19 +100,11 @@ def test_units_of_a_velocity_in_brackets_are_converted(tmp_path, unit, size):
     np.testing.assert_allclose(record.signals["v"], velocity, rtol=1e-9, atol=1e-11)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
-    ("column", "unit"),
-    [
-        ("x", "turns"),
-        ("x", "digits"),
-        ("x", "V"),
-        ("u", "%"),
-        ("i", "A_rms"),
-        ("force", "lbf"),
-        ("time", "ticks"),
-    ],
+    ("column", "unit", "brackets"),
+    [("x", "V", "{} [{}]"), ("u", "%", "{}({})"), ("time", "ticks", "{} ( {} )")],
 )
-@pytest.mark.parametrize("brackets", ["{} [{}]", "{}({})", "{} ( {} )"])
 def test_a_unit_in_brackets_that_nobody_knows_has_to_be_said(tmp_path, column, unit, brackets):
     given = MOTION | {"i": 0.5 * np.cos(TIME), "force": 2 * np.cos(3 * TIME)}
     heads = {c: brackets.format(c, unit) if c == column else c for c in given}
@@ -141,20 +117,8 @@ def test_a_unit_in_brackets_that_nobody_knows_has_to_be_said(tmp_path, column, u
     np.testing.assert_allclose(record.signals[column], 2 * given[column], atol=1e-9)
 
 
-def test_a_unit_of_the_file_that_nobody_knows_has_to_be_said(tmp_path):
-    lines = [
-        "time,u,x",
-        "s,%,m",
-        *(f"{t:.3f},{u:.6f},{x:.9f}" for t, u, x in zip(*MOTION.values(), strict=True)),
-    ]
-    path = tmp_path / "a.csv"
-    path.write_text("\n".join(lines))
-    with pytest.raises(BadRecord, match="the file says that u is in '%'; use --unit u="):
-        read(path)
-    assert read(path, units={"u": "0.01*N"}).u.max() == pytest.approx(0.03, rel=1e-3)
-
-
-@pytest.mark.parametrize("factor", [50.0, 100.0, 1e3, 1e6])
+@pytest.mark.ci
+@pytest.mark.parametrize("factor", [50.0, 1e3])
 def test_slow_records_and_times_that_are_no_seconds_are_refused(factor):
     signals = MOTION | {"time": factor * TIME}
     if factor < 1e3:  # a motion recorded at 20 Hz, or 10 Hz
@@ -179,24 +143,18 @@ def test_missing_repeated_and_jittering_samples_are_put_right_and_said():
     assert "resampled every 1 ms" in note
 
 
-def test_an_even_record_is_left_as_it_is():
-    record = check_record("mine", MOTION)
-    assert record.notes == ()
-    np.testing.assert_array_equal(record.x, MOTION["x"])
-
-
-@pytest.mark.parametrize("column", ["temperature", "x_ref"])
-def test_slower_instruments_values_stay_where_they_were_when_samples_are_missing(column):
+def test_slower_instruments_values_stay_where_they_were_when_samples_are_missing():
     slow = np.full(len(TIME), np.nan)
     slow[::10] = TIME[::10]
     keep = np.delete(np.arange(len(TIME)), [301, 302])
-    signals = MOTION | {column: slow}
+    signals = MOTION | {"temperature": slow}
     record = check_record("mine", {n: v[keep] for n, v in signals.items()})
-    known = np.isfinite(record.signals[column])
+    known = np.isfinite(record.signals["temperature"])
     assert known.sum() == 200
-    np.testing.assert_allclose(record.signals[column][known], record.time[known], atol=1e-9)
+    np.testing.assert_allclose(record.signals["temperature"][known], record.time[known], atol=1e-9)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("keep", "words"),
     [
@@ -227,6 +185,7 @@ def test_a_record_with_gaps_is_its_pieces(tmp_path):
     assert note.endswith("into 2 pieces of at least 1 s; 2 % of its samples are in shorter ones")
 
 
+@pytest.mark.ci
 def test_a_record_whose_pieces_are_all_too_short_is_refused(tmp_path):
     keep = np.r_[0:500, 600:1100, 1200:1700]
     path = write(tmp_path / "a.csv", {n: v[keep] for n, v in MOTION.items()})
@@ -273,6 +232,7 @@ def test_csv_and_mat_with_other_names_and_units_give_the_same_record(tmp_path):
         assert record.mass == 2.5
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("unit", ["", "-"])
 def test_a_column_of_another_name_without_a_unit_is_asked_for_it(tmp_path, unit):
     """One that the file calls by our name is in SI units, as `ballscrew` writes it."""
@@ -284,20 +244,7 @@ def test_a_column_of_another_name_without_a_unit_is_asked_for_it(tmp_path, unit)
     assert read_force_records([path], {"q": "x"}, {"x": "m"})
 
 
-def test_a_missing_column_is_named_with_the_nearest_ones(tmp_path):
-    table = columns()
-    table["Forces"] = table.pop("force")
-    message = complaint(write(tmp_path / "a.csv", table))
-    assert "'force'" in message
-    assert "Forces" in message
-    assert "--map" in message
-
-
-def test_a_mapped_column_that_is_not_there_is_named(tmp_path):
-    path = write(tmp_path / "a.csv", columns())
-    assert "no column 'F'" in complaint(path, mapping={"F": "force"})
-
-
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
@@ -307,9 +254,9 @@ def test_a_mapped_column_that_is_not_there_is_named(tmp_path):
         ("backwards", "time decreases in row 52"),
         ("slow column", "lower rate"),
         ("text", "'abc' is not a number"),
-        ("twice", "occurs twice"),
         ("empty", "is empty"),
         ("ragged", "row 3: 2 cells, expected 3"),
+        ("rates", "columns of different length (time 100, x 100, force 50 samples)"),
     ],
 )
 def test_each_fault_of_a_file_is_said_in_one_line(tmp_path, fault, words):
@@ -327,28 +274,22 @@ def test_each_fault_of_a_file_is_said_in_one_line(tmp_path, fault, words):
     text = path.read_text()
     if fault == "text":
         path.write_text(text.replace("0.005,", "abc,", 1))
-    elif fault == "twice":
-        path.write_text(text.replace("time,x,force", "time,x,x"))
     elif fault == "empty":
         path.write_text("")
     elif fault == "ragged":
         lines = text.splitlines()
         lines[2] = lines[2].rsplit(",", 1)[0]
         path.write_text("\n".join(lines))
+    elif fault == "rates":
+        path = tmp_path / "a.mat"
+        scipy.io.savemat(path, table | {"force": table["force"][::2]})
     assert words in complaint(path)
 
 
-def test_columns_of_different_rates_are_refused(tmp_path):
-    table = columns()
-    table["force"] = table["force"][::2]
-    path = tmp_path / "a.mat"
-    scipy.io.savemat(path, table)
-    assert "different rates" in complaint(path)
-
-
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("name", "factor", "unit"),
-    [("x", 1e6, "mm"), ("time", 1e3, "ms"), ("force", 1e4, "mN"), ("force", 1e-3, "kN")],
+    [("x", 1e6, "mm"), ("time", 1e3, "ms"), ("force", 1e-3, "kN")],
 )
 def test_numbers_that_look_like_another_unit_are_refused_until_the_unit_is_said(
     tmp_path, name, factor, unit
@@ -361,28 +302,3 @@ def test_numbers_that_look_like_another_unit_are_refused_until_the_unit_is_said(
     si = {"x": "m", "time": "s", "force": "N"}[name]
     (record,) = read_force_records([path], units={name: si})
     np.testing.assert_allclose(record.signals[name], table[name])
-
-
-def test_what_is_no_file_and_what_is_no_table_is_said_whatever_it_is_called(tmp_path):
-    assert "no such file" in complaint(tmp_path / "none.csv")
-    (tmp_path / "bad.mat").write_bytes(b"nonsense")
-    assert "no rows of numbers" in complaint(tmp_path / "bad.mat")
-    for read_all in (read_force_records, read_drive_records):
-        with pytest.raises(BadRecord, match=r"no record\.csv"):
-            read_all([tmp_path])
-
-
-def test_a_record_of_force_with_a_gap_is_two_and_one_with_jitter_is_made_even(tmp_path):
-    table = columns()
-    kept = {n: np.delete(v, np.arange(51, 60)) for n, v in table.items()}
-    first, second = read_force_records([write(tmp_path / "gap.csv", kept)])
-    np.testing.assert_allclose(first.force, table["force"][:51])
-    np.testing.assert_allclose(second.force, table["force"][60:])
-    assert first.notes[1].startswith("1 gaps, the first of 0.05 s after 0.25 s")
-    jitter = 0.002 * np.random.default_rng(1).uniform(-1, 1, 100)
-    uneven = {n: np.interp(table["time"] + jitter, table["time"], v) for n, v in table.items()}
-    (even,) = read_force_records([write(tmp_path / "jitter.csv", uneven)])
-    assert any("resampled every" in note for note in even.notes)
-    np.testing.assert_allclose(np.diff(even.time), even.step, rtol=1e-9)
-    truth = 1.5 + 0.2 * np.sin(3 * even.time)
-    assert np.abs(even.force - truth).max() < 1e-4

@@ -46,6 +46,7 @@ def test_a_file_without_a_trial_is_said_to_have_none(folder):
     assert any("no trial.json" in note for note in record.notes)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -11,15 +11,13 @@ from ballscrew.records.table import read_tables
 X = ["1.5", "2.5", "4.0", "8.0"]
 
 
-def read(tmp_path, stamps, separator=";", names="time;x"):
-    rows = [separator.join(row) for row in zip(stamps, X, strict=True)]
+def read(tmp_path, stamps):
     path = tmp_path / "a.csv"
-    path.write_text("\n".join([names.replace(";", separator), *rows, ""]))
+    path.write_text("\n".join(["time;x", *map(";".join, zip(stamps, X, strict=True)), ""]))
     (table,) = read_tables(path)
     return table
 
 
-@pytest.mark.parametrize("separator", [";", ",", "\t"])
 @pytest.mark.parametrize(
     "stamps",
     [
@@ -33,8 +31,8 @@ def read(tmp_path, stamps, separator=";", names="time;x"):
         ["59:59.5", "59:59.75", "60:00.0"],
     ],
 )
-def test_stamps_are_seconds_from_the_first_one(tmp_path, stamps, separator):
-    table = read(tmp_path, [*stamps, ""], separator)
+def test_stamps_are_seconds_from_the_first_one(tmp_path, stamps):
+    table = read(tmp_path, [*stamps, ""])
     np.testing.assert_allclose(table.columns["time"], [0, 0.25, 0.5, np.nan], atol=1e-9)
     assert table.units == {"time": "s"}
     assert table.notes == (f"time is in seconds from {stamps[0]}",)

@@ -25,11 +25,10 @@ def read(folder, x, unit, time=TIME, time_unit="s"):
 
 
 @pytest.mark.parametrize(
-    ("unit", "turn"), [("deg", 360.0), ("rad", 2 * math.pi), ("rev", 1.0), ("0.25*deg", 1440.0)]
+    ("unit", "turn", "half"),
+    [("deg", 360.0, 0.5), ("rad", 2 * math.pi, 0.0), ("0.25*deg", 1440.0, 0.0)],
 )
-@pytest.mark.parametrize("from_minus", [False, True])
-def test_angles_of_one_turn_go_on(tmp_path, unit, turn, from_minus):
-    half = 0.5 if from_minus else 0.0
+def test_angles_of_one_turn_go_on(tmp_path, unit, turn, half):
     record = read(tmp_path, turn * ((TURNS + half) % 1.0 - half), unit)
     np.testing.assert_allclose(record.x - record.x[0], X - X[0], atol=1e-9)
     (note,) = record.notes
@@ -53,6 +52,7 @@ def test_a_counter_of_time_goes_on(tmp_path):
     assert record.notes == ("time jumps by 2^32 1 times: it wraps around and was unwrapped",)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("fault", ["more than a turn", "one wrong sample", "a step"])
 def test_other_jumps_stay_as_they_are(fault):
     x = 100 * np.sin(3 * TIME) + 150
@@ -65,6 +65,7 @@ def test_other_jumps_stay_as_they_are(fault):
     assert unwrapped("x", x, 360.0)[1] == []
 
 
+@pytest.mark.ci
 def test_samples_that_are_not_known_stay_so():
     x = 360 * (TURNS % 1.0)
     x[5::7] = np.nan
