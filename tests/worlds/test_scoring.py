@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 from worlds import WORLDS
-from worlds_trials import FAULTLESS, plan_trials, right_names, share
+from worlds_trials import FAULTLESS, plan_trials, right_names
 
 from ballscrew.diagnosis.scores import OUTSIDE
+
+pytestmark = pytest.mark.ci
 
 
 def test_a_proof_takes_sixty_faultless_records_and_twice_as_many_with_effects_in_every_world():
@@ -31,10 +33,3 @@ def test_a_proof_takes_sixty_faultless_records_and_twice_as_many_with_effects_in
 )
 def test_right_is_the_truth_and_what_has_its_shape_in_the_record(effect, shared, right):
     assert right_names(effect, shared) == right
-
-
-def test_a_share_of_none_of_sixty_is_below_seven_per_cent():
-    """Wilson's bound of none: z^2/(n + z^2)."""
-    told = share([False] * 60)
-    assert told["wilson_95"][1] == pytest.approx(3.8415 / 63.8415, rel=1e-3)
-    assert share([]) == {"records": 0}

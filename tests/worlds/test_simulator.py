@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 from world_runs import PERIOD, drive, nominal_axis, run, swing
 from worlds import layout as at
 
-pytestmark = pytest.mark.xdist_group("worlds")  # whose simulators are compiled once
+# the simulators are compiled once
+pytestmark = [pytest.mark.ci, pytest.mark.xdist_group("worlds")]
 
 
 def interpolated(commands):
@@ -92,32 +93,3 @@ def test_every_law_slides_at_the_level_of_the_stribeck_curve(law):
     log = run(par, np.full(1500, 4.0))
     v = log[-1, at.V]
     assert 20 * v + 1 + math.exp(-((v / 0.05) ** 2)) == pytest.approx(4.0, rel=1e-3)
-
-
-@pytest.mark.parametrize("law", [at.LUGRE, at.ELASTO_PLASTIC, at.MAXWELL])
-def test_bristles_are_springs_below_breaking_away(law):
-    par = drive(mass=1.0)
-    par[at.LAW], par[at.SIGMA0], par[at.SIGMA1] = law, 1e5, 600.0
-    par[at.FC], par[at.FS], par[at.VS] = 1.0, 1.0, 0.05
-    log = run(par, np.linspace(0, 0.05, 400))
-    assert log[-1, at.X] == pytest.approx(0.05 / 1e5, rel=0.06)
-
-
-@pytest.mark.parametrize("law", [at.SET_VALUED, at.LUGRE, at.MAXWELL, at.ELASTO_PLASTIC])
-def test_a_faultless_axis_needs_what_the_command_gives(law):
-    par = nominal_axis()
-    par[at.LAW] = law
-    log = run(par, swing())
-    assert np.abs(log[:, at.NEED_FORCE]).max() < 1e-6
-    assert np.abs(log[5:, at.NEED]).max() < 1e-6
-    assert np.abs(log[:, at.NEED_VOLTAGE]).max() < 0.05  # the current's slope within a substep
-
-
-def test_a_spring_without_damping_keeps_its_energy():
-    par = drive(mass=1.0)
-    par[at.RESONATOR], par[at.RESONATOR_SPRING], par[at.BLOCK_MASS] = 0.5, 0.5 * 40.0**2, 1e6
-    bursts = np.zeros(3000)
-    bursts[:20] = -1e8  # N on a block of a thousand tonnes: a kick of 2 m/s
-    log = run(par, np.zeros(3000), bursts=bursts)
-    needed = log[100:, at.NEED]
-    assert np.abs(needed[:900]).max() == pytest.approx(np.abs(needed[-900:]).max(), rel=1e-2)
