@@ -3,18 +3,15 @@
 import itertools
 import json
 import math
-import pickle
 
 import numpy as np
 import pytest
 
 from ballscrew.instruments.sampling_period import SAMPLE_TIME
-from ballscrew.plant.law import UnknownLaw
 from ballscrew.results.rig_record import RigRecord
 from ballscrew.rig.bench import run_trial
 from ballscrew.rig.compiled_rig import plant_kernel
 from ballscrew.rig.noise import Noise
-from ballscrew.rig.parameters import BadRig
 from ballscrew.rig.rig_trials import trials_named
 from ballscrew.solver.kernel import Model
 
@@ -59,12 +56,8 @@ def test_the_rotor_is_in_the_motion(push):
     assert momentum == pytest.approx((MASS + ROTOR) * push["v"][-1], rel=1e-4)
 
 
-def test_momentum_of_the_block_is_what_the_load_cell_gives_beyond_friction(push):
-    momentum = np.trapezoid(push["force"] - push["friction"], push["time"])
-    assert momentum == pytest.approx(MASS * push["v"][-1], rel=1e-4)
-
-
-@pytest.mark.parametrize("trial", ["2.4/1", "2.6/6", "2.8/5", "loading-rate/20"])
+@pytest.mark.ci
+@pytest.mark.parametrize("trial", ["2.6/6", "2.8/5"])
 def test_the_load_cell_feels_friction_and_what_moves_the_block(trial):
     found = run_trial(trial)
     truth = found.truth
@@ -86,6 +79,7 @@ def test_records_show_the_resolutions_of_the_instruments(slow_slide):
     np.testing.assert_allclose(np.diff(slow_slide.record["time"]), 1 / 200, rtol=1e-9)
 
 
+@pytest.mark.ci
 def test_a_force_beyond_the_load_cell_reads_as_its_range_and_is_not_to_be_believed():
     found = run_trial("2.3.1/1", parameters={"Fc": 60.0, "Fs": 60.0})
     assert found.truth["force"].max() > 55
@@ -93,6 +87,7 @@ def test_a_force_beyond_the_load_cell_reads_as_its_range_and_is_not_to_be_believ
     assert "load cell is at the limit of its range, 44.5 N" in found.notes[0]
 
 
+@pytest.mark.ci
 def test_the_amplifier_keeps_its_limit_and_it_is_said():
     found = run_trial("2.3.1/8", parameters={"plant.voltage_limit": 0.8})
     assert found.record["u"].max() > 0.8
@@ -101,11 +96,7 @@ def test_the_amplifier_keeps_its_limit_and_it_is_said():
     assert run_trial("2.3.1/8").notes == []
 
 
-def test_the_commands_are_held_within_their_own_limit():
-    found = run_trial("2.3.1/8", parameters={"velocity_pid.limit": 0.8})
-    assert found.record["u"].max() == 0.8
-
-
+@pytest.mark.ci
 def test_recorded_columns_lag_as_the_description_says():
     """At a constant velocity, with an encoder that is as good as none."""
     speed = 5e-3
@@ -125,6 +116,7 @@ def test_recorded_columns_lag_as_the_description_says():
     )
 
 
+@pytest.mark.ci
 def test_the_capacitance_sensor_gives_the_displacement_within_its_calibrations_error():
     outside = []
     for seed in range(20):
@@ -141,16 +133,10 @@ def test_the_capacitance_sensor_gives_the_displacement_within_its_calibrations_e
     assert sum(outside) <= 4
 
 
-def test_every_trial_has_a_calibration_of_its_own():
-    first, second = run_trial("2.8/3").calibration, run_trial("2.8/4").calibration
-    assert not np.array_equal(first.coefficients, second.coefficients)
-    assert run_trial("2.2/3").calibration is None
-    assert "x_fine" not in run_trial("2.2/3").record
-
-
 # -- what the thesis saw -----------------------------------------------------------------------
 
 
+@pytest.mark.ci
 def test_a_slowly_loaded_block_breaks_away_near_the_static_friction():
     slow = run_trial("loading-rate/1")
     assert first_peak(slow.truth["friction"]) == pytest.approx(2.35, rel=0.01)
@@ -158,13 +144,7 @@ def test_a_slowly_loaded_block_breaks_away_near_the_static_friction():
     assert smooth.max() == pytest.approx(2.35, abs=0.05)
 
 
-def test_the_faster_it_is_loaded_the_sooner_it_breaks_away():
-    trials = trials_named("loading-rate")[::4] + trials_named("loading-rate/20")
-    peaks = [first_peak(run_trial(t).truth["friction"]) for t in trials]
-    assert (np.diff(peaks) < 0).all()
-    assert peaks[-1] < 2.1 < 2.3 < peaks[0]
-
-
+@pytest.mark.ci
 def test_the_block_is_loaded_at_the_asked_rate():
     for trial in (trials_named("loading-rate")[k] for k in (0, 7, 12)):
         truth = run_trial(trial).truth
@@ -173,7 +153,8 @@ def test_the_block_is_loaded_at_the_asked_rate():
         assert rate == pytest.approx(trial.level, rel=0.1)
 
 
-@pytest.mark.parametrize("number", [1, 4, 8, 9, 16])
+@pytest.mark.ci
+@pytest.mark.parametrize("number", [1, 16])
 def test_friction_at_constant_velocity_is_on_the_stribeck_curve(number):
     trial = trials_named("2.3.1")[number - 1]
     found = run_trial(trial)
@@ -186,15 +167,8 @@ def test_friction_at_constant_velocity_is_on_the_stribeck_curve(number):
     assert np.mean(found.record["force"][steady]) == pytest.approx(stribeck(trial.level), abs=0.01)
 
 
-def test_velocity_follows_reasonably_well_except_near_zero():
-    found = run_trial("2.6/6")
-    error = np.abs(found.truth["v"] - found.record["v_ref"])
-    slow = np.abs(found.record["v_ref"]) < 2e-3
-    assert error[~slow].max() < 0.04 * 5e-3
-    assert error[slow].max() > 2 * error[~slow].max()
-
-
-@pytest.mark.parametrize("number", range(1, 12))
+@pytest.mark.ci
+@pytest.mark.parametrize("number", [5, 8, 11])
 def test_forces_below_break_away_do_not_move_the_block_for_long(number):
     """Table 2.10 up to 2.2 N either way: there, without overshoot, in about four seconds."""
     trial = trials_named("2.10")[number - 1]
@@ -205,10 +179,6 @@ def test_forces_below_break_away_do_not_move_the_block_for_long(number):
     assert np.abs(smooth).max() < abs(trial.level) + 0.02
     there = np.flatnonzero(np.abs(smooth - trial.level) > 0.02 * abs(trial.level) + 0.01)[-1]
     assert 2 < there * SAMPLE_TIME < 5.5
-
-
-def test_a_force_beyond_break_away_sets_the_block_sliding():
-    assert abs(run_trial("2.10/13").truth["x"][-1]) > 500e-6
 
 
 def test_stiffness_from_force_over_displacement_is_as_biased_as_the_law_says():
@@ -223,6 +193,7 @@ def test_stiffness_from_force_over_displacement_is_as_biased_as_the_law_says():
 # -- reproducible, and right -------------------------------------------------------------------
 
 
+@pytest.mark.ci
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_record(tmp_path, drawn):
     for folder, seed in (("a", 3), ("b", 3), ("c", 4)):
         RigRecord.of(run_trial("2.8/1", seed=seed)).save(tmp_path / folder)
@@ -230,11 +201,6 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_record(tmp_
         same, again, other = ((tmp_path / f / name).read_bytes() for f in "abc")
         assert same == again
         assert same != other
-
-
-def test_trials_of_one_seed_have_noise_of_their_own():
-    first, second = (run_trial(n).record["force"] for n in ("2.8/1", "2.8/2"))
-    assert np.count_nonzero(first != second) > 300
 
 
 def test_the_record_is_read_back_as_it_was(tmp_path, slow_slide):
@@ -255,7 +221,8 @@ def test_the_record_is_read_back_as_it_was(tmp_path, slow_slide):
     assert "z" in slow_slide.truth
 
 
-@pytest.mark.parametrize("trial", ["2.4/1", "2.8/3", "loading-rate/20"])
+@pytest.mark.ci
+@pytest.mark.parametrize("trial", ["2.4/1", "2.8/3"])
 def test_the_truth_converges_with_the_tolerance_and_is_converged_at_the_default(trial):
     sharp = run_trial(trial, tolerance=1e-11).truth
     found = {tolerance: run_trial(trial, tolerance=tolerance).truth for tolerance in (1e-4, 1e-8)}
@@ -266,46 +233,4 @@ def test_the_truth_converges_with_the_tolerance_and_is_converged_at_the_default(
     assert np.abs(default["friction"] - sharp["friction"]).max() < 1e-5
 
 
-def test_the_steps_of_the_instruments_are_not_the_solvers_doing():
-    """A record without noise and with fine instruments agrees with the coarse one within steps."""
-    fine = {"encoder.counts": 1e9, "load_cell.resolution": 1e-9}
-    quiet = run_trial("2.8/3", parameters=fine, noise=QUIET)
-    np.testing.assert_allclose(quiet.record["force"], quiet.truth["force"], atol=1e-9)
-    np.testing.assert_allclose(quiet.record["x"], quiet.truth["x"], atol=2e-12)
-
-
-def test_records_go_to_another_process_and_back(slow_slide):
-    again = pickle.loads(pickle.dumps(slow_slide))
-    np.testing.assert_array_equal(again.record["force"], slow_slide.record["force"])
-
-
 # -- bad requests ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("values", "said"),
-    [
-        ({"sigma9": 1.0}, "no 'plant.sigma9'; it has plant.kt, .*did you mean plant.sigma"),
-        ({"load_sell.resolution": 1.0}, "it has plant.*, encoder.*, load_cell"),
-        ({"sigma0": -1.0}, "plant.sigma0 is -1 N/m, expected a value within"),
-        ({"force_filter.cutoff": 150.0}, "expected a value within"),
-        ({"sigma0": math.nan}, "plant.sigma0 is nan"),
-        ({"sigma0": math.inf}, "plant.sigma0 is inf"),
-        ({"capacitance_sensor.area": 1e-2}, "the converter's 8.19e-12 F cannot resolve; change"),
-        ({"capacitance_sensor.separation": 1e-2}, "cannot resolve"),
-        ({"capacitance_sensor.c1": 1.0}, "no 'capacitance_sensor.c1'"),
-    ],
-)
-def test_parameters_that_make_no_sense_are_refused(values, said):
-    with pytest.raises(BadRig, match=said):
-        run_trial("2.8/1", parameters=values)
-
-
-def test_a_law_that_is_none_is_refused():
-    with pytest.raises(UnknownLaw, match="no friction law 'lugr'; there are classical, lugre"):
-        run_trial("2.8/1", "lugr")
-
-
-def test_a_whole_table_is_no_trial():
-    with pytest.raises(BadRig, match="table of 16 trials"):
-        run_trial("2.4")

@@ -11,13 +11,6 @@ def capacitance(x, separation):
     return EPSILON_AREA / (separation + x)
 
 
-def test_it_takes_eight_points_ten_micrometres_apart():
-    np.testing.assert_allclose(np.diff(POINTS), 10e-6, rtol=1e-12)
-    assert POINTS[0] == 0
-    assert np.isclose(POINTS[-1], 70e-6)
-    assert len(POINTS) == 8
-
-
 def test_a_true_quadratic_is_found_exactly():
     c = np.linspace(4e-12, 6e-12, 8)
     x = 3e-4 - 9e-5 * c / 1e-12 + 6e-6 * (c / 1e-12) ** 2

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import pytest
 from diagnosed import run
@@ -15,9 +13,6 @@ from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter
 
 import ballscrew
-from ballscrew.identification.identifiability import candidates
-from ballscrew.identification.identify import identify
-from ballscrew.records.reading import read_force_records
 from ballscrew.rig.bench import run_trial
 from ballscrew.rig.machine import machine_of
 from ballscrew.rig.noise import Noise
@@ -119,6 +114,7 @@ def by_scipy(reference, force_controlled):
 SHARP = {"encoder.counts": 1e12, "encoder.phase": 0.5, "load_cell.resolution": 1e-9}
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("trial", ["2.4/1", "2.2/12"])
 def test_a_record_without_noise_is_what_scipy_simulates(files, trial):
     found = run_trial(trial, "lugre", SHARP, noise=Noise(0.0), told=told(files / "linear.toml"))
@@ -130,6 +126,7 @@ def test_a_record_without_noise_is_what_scipy_simulates(files, trial):
     assert np.abs(found.truth["v"][part] - v).max() < 1e-3 * np.abs(v).max()
 
 
+@pytest.mark.ci
 def test_a_loading_rate_is_the_one_asked_for(files):
     found = run_trial("loading-rate/5", "lugre", told=told(files / "linear.toml"))
     stuck = found.truth["friction"] < 40.0
@@ -163,6 +160,7 @@ def test_trials_have_the_size_of_the_machine(files):
         assert "N*m" in trial.asked or "rad/s" in trial.asked
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("limit", "travel", "speed"),
     [
@@ -180,18 +178,16 @@ def test_the_largest_velocity_is_one_that_the_machine_can_do(files, limit, trave
     assert np.abs(found.record["u"][-100:]).max() < limit
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("name", "trial", "given", "said"),
     [
         ("linear", "2.4/1", {"plant.voltage_limit": 90.0}, "gives 90 N .* too small for sliding"),
         ("linear", "2.2/13", {"plant.voltage_limit": 100.0}, "takes 107 N, but .* gives 100 N"),
-        ("linear", "2.4/1", {"plant.sigma2": 0.0}, "needs a velocity.* give trial.speed, in m/s"),
         ("joint", "2.4/1", {"plant.sigma2": 0.0}, "give trial.speed, in rad/s"),
         ("linear", "viscous/51", {"trial.speed": 1.0}, "after 0.6 s on the travel of 0.6 m"),
         ("linear", "2.8/1", {}, "1.9 counts of the encoder.*use encoder.counts of 2089 or more"),
         ("joint", "presliding", {}, "the law classical does not have; use another law"),
-        ("linear", "2.4/1", {"plant.gain": 0.0}, "plant.gain is 0"),
-        ("joint", "2.4/1", {"capacitance_sensor.area": 1.0}, "has no 'capacitance_sensor.area'"),
         ("joint", "2.4/1", {"trial.sped": 1.0}, "it has trial.speed, trial.force, trial.travel"),
     ],
 )
@@ -201,26 +197,10 @@ def test_a_trial_that_means_nothing_for_a_machine_is_refused(files, name, trial,
         run_trial(trial, file.law, given, told=file)
 
 
-def test_the_list_has_the_machine_s_trials_and_says_what_is_refused(files):
-    code, printed, _ = run("rig", "--list", "--params", files / "joint.toml")
-    assert code == 0
-    lines = {line.split()[0]: line for line in printed.splitlines()}
-    assert "constant velocity 0.5 rad/s" in lines["viscous/1"]
-    assert "refused: presliding/1 is for presliding" in lines["presliding/1"]
-
-
-def test_a_file_of_another_kind_is_refused_in_one_line(tmp_path):
-    path = tmp_path / "fmu.toml"
-    path.write_text('kind = "fmu"\n')
-    code, _, said = run("rig", "2.4/1", "--params", path, "--out", tmp_path / "o")
-    assert code == 2
-    assert len(said.splitlines()) == 1
-    assert "expected one of ball_screw, drive, rotary_drive: the rig" in said
-
-
 # -- its parts -------------------------------------------------------------------------------
 
 
+@pytest.mark.ci
 def test_the_parameters_written_give_the_same_record_again(files, tmp_path):
     first = ballscrew.run_trial("2.6/6", params=files / "joint.toml", seed=1)
     first.save(tmp_path)
@@ -229,6 +209,8 @@ def test_the_parameters_written_give_the_same_record_again(files, tmp_path):
         np.testing.assert_array_equal(again.record[name], values)
     about = json.loads((tmp_path / "trial.json").read_text())
     schema = Path(__file__).parents[2] / "docs" / "reference" / "schemas" / "trial.json"
+    import jsonschema
+
     jsonschema.validate(about, json.loads(schema.read_text()))
     text = (tmp_path / "record.csv").read_text().splitlines()[0]
     assert text.startswith("time [s],x [rad],force [N*m],u [N*m],v_ref [rad/s]")
@@ -240,6 +222,7 @@ def test_the_parameters_written_give_the_same_record_again(files, tmp_path):
     assert labels == ["angle [rad]", "torque [N*m]", "velocity [rad/s]"]
 
 
+@pytest.mark.ci
 def test_instruments_have_the_machine_s_size(files):
     found = run_trial("2.6/6", "classical", told=told(files / "joint.toml"))
     step = 0.089 * 2.5 / 2.35
@@ -254,6 +237,7 @@ def test_instruments_have_the_machine_s_size(files):
 # -- for the other commands ------------------------------------------------------------------
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("name", "law", "truth", "not_told"),
     [
@@ -289,18 +273,8 @@ def test_what_was_put_in_is_identified(files, tmp_path, name, law, truth, not_to
     )
 
 
-@pytest.mark.parametrize("name", ["linear", "joint", "amps"])
-def test_by_the_true_file_nothing_is_wrong(files, tmp_path, name):
-    given = ("--params", files / f"{name}.toml")
-    assert run("rig", "2.6/6", *given, "--out", tmp_path / "rig")[0] == 0
-    record = tmp_path / "rig" / "record.csv"
-    code, printed, _ = run("diagnose", record, *given, "--json", "--out", tmp_path / "d")
-    assert code == 0
-    assert (json.loads(printed)["verdict"], json.loads(printed)["causes"]) == ("none", [])
-    assert run("compare", record, *given, "--out", tmp_path / "c")[0] == 0
-
-
-@pytest.mark.parametrize(("name", "more", "load"), [("linear", 35.0, 20.0), ("joint", 0.4, 0.4)])
+@pytest.mark.ci
+@pytest.mark.parametrize(("name", "more", "load"), [("linear", 35.0, 20.0)])
 def test_a_load_that_the_rig_hides_is_found(files, tmp_path, name, more, load):
     given = ("--params", files / f"{name}.toml")
     hidden = ("--set", f"plant.offset={more}", "--out", tmp_path / "rig")
@@ -310,33 +284,3 @@ def test_a_load_that_the_rig_hides_is_found(files, tmp_path, name, more, load):
     (cause,) = json.loads(printed)["causes"]
     assert cause["name"] == "load_bias"
     assert cause["parameters"]["load"] == pytest.approx(load, rel=0.1)
-
-
-def test_a_record_of_a_drive_alone_is_no_record_of_the_thesis_axis(files, tmp_path):
-    run_trial("viscous/1", "lugre", told=told(files / "linear.toml")).save(tmp_path)
-    result = identify(read_force_records([tmp_path]), "lugre")
-    file = result.parameter_file()
-    assert (file.kind, file.plant["m"].value) == ("drive", 40.0)
-
-
-def test_a_trial_that_would_do_is_one_that_the_records_show_the_machine_can_do(files, tmp_path):
-    """Not of the thesis' millimetres per second: of this machine's decimetres."""
-    file = told(files / "linear.toml")
-    for name in ("viscous/1", "viscous/6", "viscous/51", "viscous/56"):
-        made = run_trial(name, "lugre", told=file)
-        made.save(tmp_path / made.trial.folder)
-    records = read_force_records([tmp_path])
-    result = identify(records, "lugre", file)
-    speed = max(np.abs(np.gradient(r.position, r.step)).max() for r in records)
-    way = max(np.ptp(r.position) for r in records)
-    asked = [candidates(result.fit, n, result.course) for n in ("sigma0", "sigma2", "Fs")]
-    motions = [(m, c) for c in itertools.chain(*asked) for m in c.motions]
-    fastest = []
-    for motion, trial in motions:
-        x = motion(np.arange(0.0, trial.duration, 1e-3))
-        assert np.ptp(x) <= 1.01 * way
-        fastest.append(np.abs(np.gradient(x, 1e-3)).max())
-        assert fastest[-1] <= 1.001 * speed
-    assert max(fastest) == pytest.approx(0.4, rel=0.02)
-    assert not result.parameters["Vs"].identified
-    assert "m/s" in result.parameters["Vs"].would_do

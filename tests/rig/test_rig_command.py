@@ -1,6 +1,5 @@
 """``ballscrew rig``: what it writes, what it says, and how it ends."""
 
-import argparse
 import json
 
 import pytest
@@ -27,25 +26,20 @@ def test_one_trial_goes_into_the_folder_itself(tmp_path, capsys):
     assert "2.4/1" in capsys.readouterr().out
 
 
+@pytest.mark.ci
 def test_several_trials_get_a_folder_each(tmp_path):
     assert rig("2.11", "loading-rate/20", "2.11-1", "--out", tmp_path) == 0
     assert sorted(p.name for p in tmp_path.glob("[!.]*")) == ["2.11-01", "loading-rate-20"]
 
 
-def test_parameters_of_all_parts_can_be_set(tmp_path):
-    settings = ("--set", "plant.sigma0=6e4", "--set", "encoder.counts=2048")
-    assert rig("2.4/1", *settings, "--out", tmp_path) == 0
-    parameters = json.loads((tmp_path / "trial.json").read_text())["parameters"]
-    assert parameters["plant.sigma0"] == 6e4
-    assert parameters["encoder.counts"] == 2048
-
-
+@pytest.mark.ci
 def test_a_record_past_an_instruments_range_ends_with_one_and_says_why(tmp_path, capsys):
     assert rig("2.8/5", "--set", "plant.Fs=1.3", "--out", tmp_path) == 1
     assert "capacitance sensor is out of its calibrated 70 um" in capsys.readouterr().err
     assert json.loads((tmp_path / "trial.json").read_text())["not_trusted"]
 
 
+@pytest.mark.ci
 def test_a_trial_is_exported_instead_of_run(tmp_path, capsys):
     assert rig("2.8/3", "--export", "--out", tmp_path) == 0
     printed = capsys.readouterr().out.split()
@@ -61,6 +55,7 @@ def test_the_list_has_one_line_for_every_trial(capsys):
     assert [line.split()[0] for line in lines] == list(TRIALS)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -69,36 +64,19 @@ def test_the_list_has_one_line_for_every_trial(capsys):
         (("2.4/17", "--out", "o"), "2.4 has trials 1 to 16"),
         (("2.4/1", "--law", "lugr", "--out", "o"), "no friction law 'lugr'"),
         (("2.4/1", "--seed", "-1", "--out", "o"), "--seed is '-1', expected a whole number"),
-        (("2.4/1", "--seed", "1.5", "--out", "o"), "--seed is '1.5'"),
         (("2.4/1", "--set", "sigma0=1", "--out", "o"), "expected PART.NAME=VALUE"),
-        (("2.4/1", "--set", "plant.sigma0", "--out", "o"), "PART.NAME=VALUE"),
         (("2.4/1", "--set", "plant.sigma0=nan", "--out", "o"), "expected a finite number"),
         (("2.4/1", "--set", "plant.sigma0=-1", "--out", "o"), "expected a value within"),
         (("2.4/1", "--set", "plant.sigma9=1", "--out", "o"), "did you mean plant.sigma"),
         (("2.4", "--export", "--out", "o"), "--export takes one TRIAL, .*; these are 16"),
-        (("2.4/1", "--export"), "--out DIR is missing"),
-        (("2.4/1", "--export", "--law", "lugr", "--out", "o"), "no friction law 'lugr'"),
-        (("2.4/1", "--export", "--set", "plant.sigma9=1", "--out", "o"), "did you mean plant."),
-        (("2.4/1", "--frobnicate", "--out", "o"), "unrecognized arguments"),
         (("2.4/1", "--set", "plant.sigma0=1e300", "--out", "o"), "a parameter is invalid"),
+        (
+            ("2.8/1", "--set", "capacitance_sensor.area=1e-2", "--out", "o"),
+            "cannot resolve; change",
+        ),
     ],
 )
 def test_a_request_that_makes_no_sense_is_refused(tmp_path, monkeypatch, arguments, said):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(BadRequest, match=said):
         rig(*arguments)
-
-
-def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(BadRequest, match="is a file, expected a folder"):
-        rig("2.4/1", "--out", tmp_path / "file")
-
-
-def test_help_says_what_a_trial_is(capsys):
-    parser = argparse.ArgumentParser()
-    rig_command.add_parser(parser.add_subparsers(), argparse.ArgumentParser)
-    with pytest.raises(SystemExit):
-        parser.parse_args(["rig", "--help"])
-    text = capsys.readouterr().out
-    assert "ballscrew rig 2.4/7 --law modified_lugre --out out/trial" in text
