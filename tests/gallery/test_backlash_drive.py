@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import root
 
@@ -13,10 +12,8 @@ from ballscrew.gallery.backlash_drive.findings import (
     DRIVE,
     HIGH,
     LOW,
-    MOTOR_LOOP,
     TABLE_LOOP,
     B,
-    D,
     K,
     M,
     after_a_push,
@@ -104,43 +101,6 @@ def test_what_the_describing_function_leaves_out_goes_as_its_third_harmonic():
     assert np.polyfit(np.log(third), np.log(frequency), 1)[0] == pytest.approx(2.0, abs=0.15)
 
 
-def test_more_harmonics_lead_from_the_describing_function_to_the_motion():
-    """The balance of up to twenty odd harmonics, at a gain where the first is far off."""
-    theory, found = predicted(LOW), cycle(LOW)
-    angle = 2.0 * np.pi * (np.arange(2048) + 0.5) / 2048
-
-    def balance(harmonics):
-        orders = np.arange(1, 2 * harmonics, 2)
-        waves = np.exp(1j * np.outer(orders, angle))
-
-        def missed(given):
-            frequency, parts = given[0], given[1::2] + 1j * given[2::2]
-            lead = (parts[:, None] * waves).real.sum(axis=0)
-            push = K / 1e6 * (lead - np.clip(lead, -1.0, 1.0))
-            pushes = 2.0 * np.mean(push * waves.conj(), axis=1)
-            s = 1j * orders * frequency
-            table = M * s**2 + D * s
-            motor = 10.0 * s**2 + 6000.0 * s + 1.5e5
-            answer = 1e6 * ((1.0 + (6000.0 + 1.5e5 / s) * LOW / table) / motor + 1.0 / table)
-            off = parts + answer * pushes
-            return [parts[0].imag, *off.real, *off.imag]
-
-        start = np.zeros(1 + 2 * harmonics)
-        start[:2] = (theory.frequency if harmonics == 1 else previous[0]), theory.lead / B
-        if harmonics > 1:
-            start[: len(previous)] = previous
-        return root(missed, start, tol=1e-12).x
-
-    errors = []
-    for harmonics in (1, 2, 4, 8, 12, 20):
-        previous = balance(harmonics)
-        errors.append(abs(previous[0] * found.period / (2 * np.pi) - 1.0))
-        if harmonics == 1:
-            assert previous[:2] == pytest.approx([theory.frequency, theory.lead / B], rel=1e-6)
-    assert np.all(np.array(errors) < [0.32, 0.09, 1e-3, 4e-4, 1e-4, 1e-5]), errors
-    assert errors[0] > 0.3
-
-
 @pytest.mark.parametrize("gain", [6.3, 6.6])
 def test_a_push_after_a_long_wait_is_that_of_its_matrix_exponential(gain):
     assert measured_push(gain) == pytest.approx(after_a_push(gain), rel=1e-5)
@@ -166,46 +126,3 @@ def test_without_backlash_the_drive_is_stable_up_to_the_end_of_the_cycles():
     assert found.kind.value == "isolated fixed point"
     slowest = np.linalg.eigvals(linear(HIGH, K)).real.max()
     assert found.limit[0] == pytest.approx(slowest, rel=1e-6)
-
-
-def test_the_amplitude_is_a_multiple_of_the_backlash_and_the_frequency_does_not_depend_on_it():
-    wide = ballscrew.lyapunov(
-        TABLE_LOOP,
-        DRIVE,
-        stop=2.0,
-        reference=0.0,
-        plant_values={"b": 5 * B},
-        controller_values={"Kx": HIGH},
-    ).motion
-    assert wide.period == pytest.approx(cycle(HIGH).period, rel=1e-6)
-    assert wide.amplitude["plant_x"] == pytest.approx(
-        5 * cycle(HIGH).amplitude["plant_x"], rel=1e-5
-    )
-
-
-def test_measured_at_the_motor_it_rests_within_the_backlash():
-    run = motion(MOTOR_LOOP, 60.0, 8.0, 1e-2).outputs
-    assert abs(run["xm"][-1]) < 1e-12
-    assert 1e-7 < abs(run["x"][-1]) < B
-    assert abs(run["v"][-1]) < 1e-12
-
-
-def test_dry_friction_at_the_table_ends_the_hunting_as_another_solver_has_it():
-    dry = DRIVE.replace(":drive", ":dry_drive")
-    found = ballscrew.lyapunov(TABLE_LOOP, dry, stop=2.0, reference=0.0)
-    assert found.motion.kind.value == "stuck on a line of equilibria"
-
-    def rates(_t, y, dry):
-        x, v, xm, vm, w = y
-        lead = xm - x
-        push = K * (lead - min(max(lead, -B), B))
-        error = -60.0 * x - vm
-        motor = 6000.0 * error + w - push
-        return [v, (push - D * v - dry * math.tanh(v / 1e-7)) / M, vm, motor / 10.0, 1.5e5 * error]
-
-    def swing(dry):
-        y = [2e-5, 0.0, 2e-5, 0.0, 0.0]
-        run = solve_ivp(rates, (0.0, 1.0), y, "LSODA", rtol=1e-8, atol=1e-12, args=(dry,))
-        return np.abs(run.y[0, run.t > 0.8]).max()
-
-    assert swing(1.0) < 1e-6 < 2e-5 < swing(0.0)

@@ -16,20 +16,14 @@ from ballscrew.gallery.belt.cycles import (
     FALLING,
     FC,
     FS,
-    LUGRE,
-    REGION,
-    V0,
     classical,
     end_of_cycle,
     exponential_turning_point,
     falling,
     gaussian_turning_points,
     lugre_turning_point,
-    share_that_rests,
-    swings_on,
     verdict,
 )
-from ballscrew.gallery.belt.findings import SHARES, STARTS
 
 EXACT = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-12}
 
@@ -92,71 +86,6 @@ def test_at_lugre_s_turning_point_a_pair_of_eigenvalues_is_imaginary():
     ]
     values = np.linalg.eigvals(np.column_stack(columns))
     assert np.sort(values.real)[-2:] == pytest.approx(0.0, abs=1e-6)
-
-
-@pytest.mark.parametrize(("side", "swings"), [(-4e-3, True), (4e-3, False)])
-def test_lugre_s_cycle_ends_where_another_solver_s_does(side, swings):
-    speed = end_of_cycle(LUGRE, 1.85, 2.0) + side
-    run = solve_ivp(
-        lugre_rates(speed), (0.0, 150.0), [0.0, speed, 0.0], "LSODA", rtol=1e-9, atol=1e-11
-    )
-    late = run.y[0][run.t > 140.0]
-    assert (np.ptp(late) > speed) == swings
-    assert swings_on(speed) == swings
-
-
-@pytest.mark.parametrize("speed", [1.175, 1.5, 1.7])
-def test_the_share_that_rests_is_that_within_the_cycle_that_reversed_time_runs_into(speed):
-    forward = sliding(falling, speed)
-
-    def up(_t, y):
-        return y[0] - falling(speed)
-
-    up.direction = -1.0  # x rises, so that it falls in reversed time
-    start = [falling(speed), 0.2]
-    back = solve_ivp(
-        lambda t, y: -np.array(forward(t, y)),
-        (0.0, 1500.0),
-        start,
-        events=up,
-        dense_output=True,
-        **EXACT,
-    )
-    time = np.linspace(*back.t_events[0][-2:], 20001)
-    x, v = back.sol(time)
-    inside = np.where((v > 0) & (np.abs(x) < REGION), v, 0.0)
-    assert share_that_rests(speed) == pytest.approx(
-        np.trapezoid(inside**2, time) / (2 * REGION**2), abs=2e-4
-    )
-
-
-def test_near_the_turning_point_we_get_bstab_s_share_by_bstab_s_rule():
-    """Rest is what is below 0.2 m/s from 400 s on; starts around the equilibrium, in polar form."""
-    speed = 1.175
-    radius, angle = np.meshgrid(np.linspace(0.02, 0.4, 96), 2 * np.pi * np.arange(24) / 24)
-    x, v = falling(speed) + radius * np.cos(angle), radius * np.sin(angle)
-    h, fastest = 0.05, np.zeros_like(x)
-
-    def rates(x, v):
-        ahead = speed - v  # where it meets the belt it has grown, and is no rest whatever it does
-        friction = np.sign(ahead) * (FC + (FS - FC) * np.exp(-np.abs(ahead) / V0))
-        return v, friction - DAMPING * v - x
-
-    for k in range(8200):
-        a = rates(x, v)
-        b = rates(x + h / 2 * a[0], v + h / 2 * a[1])
-        c = rates(x + h / 2 * b[0], v + h / 2 * b[1])
-        d = rates(x + h * c[0], v + h * c[1])
-        x = x + h / 6 * (a[0] + 2 * b[0] + 2 * c[0] + d[0])
-        v = v + h / 6 * (a[1] + 2 * b[1] + 2 * c[1] + d[1])
-        if k >= 8000:  # of those after 400 s, the first turn is the fastest
-            fastest = np.maximum(fastest, np.abs(v))
-    rests = np.where(fastest < 0.2, radius, 0.0).max(axis=1)
-    upper = np.sin(angle[:, 0]) >= 0.0
-    share = 0.5 * np.mean(rests[upper] ** 2) * np.pi / (2 * REGION**2)
-    error = np.sqrt(SHARES[speed] * (1 - SHARES[speed]) / STARTS)
-    assert share == pytest.approx(SHARES[speed], abs=2 * error)
-    assert share_that_rests(speed) > SHARES[speed] + 2 * error  # what the rule makes of it
 
 
 def damped(speed, zeta):

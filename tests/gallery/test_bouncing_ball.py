@@ -1,7 +1,5 @@
 """The bouncing ball: its closed form, the table of the Reference-FMUs, and its end rule."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +7,7 @@ from hypothesis import strategies as st
 from reference_fmus import reference_result
 
 import ballscrew
-from ballscrew.gallery.bouncing_ball.findings import BALL, findings, motion, table
+from ballscrew.gallery.bouncing_ball.findings import BALL, motion, table
 
 
 def course(times, g=9.81, e=0.7, v_min=0.1, height=1.0):
@@ -49,42 +47,6 @@ def test_the_table_has_the_digits_of_explicit_euler():
     np.testing.assert_allclose(times, published["time"], atol=1e-12)
     np.testing.assert_allclose(heights, published["h"], atol=1e-12)
     np.testing.assert_allclose(velocities, published["v"], atol=1e-12)
-
-
-def test_what_is_set_beside_ours_is_in_that_table():
-    times, heights, velocities = table()
-    theirs = {f.what: (f.theirs, f.digit) for f in findings() if "Reference" in f.source}
-    rebounds = sum(a <= 0 < b for a, b in itertools.pairwise(velocities))
-    assert theirs == {
-        "height at 1 s": (pytest.approx(heights[100], abs=5e-7), 1e-6),
-        "highest row after the first impact": (pytest.approx(heights[50:].max(), abs=5e-7), 1e-6),
-        "rebounds until it rests": (rebounds, 0),
-        "first row at rest": (pytest.approx(times[np.flatnonzero(velocities)[-1] + 1]), 0.01),
-    }
-
-
-def test_ours_are_those_of_the_closed_form():
-    heights, end = course(np.arange(301) * 0.01)
-    ours = {f.what: f.ours for f in findings()}
-    assert ours["height at 1 s"] == pytest.approx(heights[100], abs=1e-12)
-    assert ours["highest row after the first impact"] == pytest.approx(heights[50:].max())
-    assert ours["first row at rest"] == pytest.approx(np.ceil(end / 0.01) * 0.01)
-    speed, rebounds = np.sqrt(2 * 9.81), 0
-    while (speed := 0.7 * speed) >= 0.1:
-        rebounds += 1
-    assert ours["rebounds until it rests"] == rebounds
-    _, end = course(np.zeros(1), v_min=1e-6)
-    assert ours["rests from, with v_min = 1e-6 m/s"] == pytest.approx(end, abs=1e-3)
-
-
-def test_the_slower_the_last_bounce_the_closer_to_the_end_of_infinitely_many():
-    ends = []
-    for v_min in (0.5, 0.1, 1e-2, 1e-3):
-        run = motion(v_min, 1e-3)
-        ends.append(run.time[np.flatnonzero(run.outputs["v"])[-1] + 1])
-        assert ends[-1] == pytest.approx(course(np.zeros(1), v_min=v_min)[1], abs=1.001e-3)
-    assert ends == sorted(ends)
-    assert ends[-1] < np.sqrt(2 / 9.81) * 1.7 / 0.3 + 1e-3
 
 
 def test_without_an_end_rule_the_run_stops_where_infinitely_many_bounces_end_and_says_so():

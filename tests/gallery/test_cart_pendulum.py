@@ -5,9 +5,6 @@ import math
 import numpy as np
 import pytest
 import sympy as sp
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import root
 
@@ -17,18 +14,13 @@ from ballscrew.gallery.cart_pendulum.findings import (
     BOB,
     CART,
     DRY,
-    FRICTION,
-    LUGRE,
     ROD,
     G,
     M,
     becomes,
-    closed,
     designed,
     findings,
     motion,
-    predicted,
-    swing_of,
     upright,
 )
 
@@ -69,55 +61,6 @@ def test_the_gains_are_those_of_the_design_and_the_loop_has_its_eigenvalues():
     expected = np.sort(np.linalg.eigvals(rates - np.outer(force, list(GAINS.values()))).real)[::-1]
     assert becomes(CART).kind.value == "isolated fixed point"
     assert becomes(CART).limit == pytest.approx(expected, rel=1e-9)
-
-
-@given(weights=st.lists(st.floats(-1.0, 2.0), min_size=5, max_size=5))
-@settings(max_examples=12, deadline=None, derandomize=True)
-def test_every_design_balances_without_friction_and_if_its_slowest_motion_swings_hunts_with_it(
-    weights,
-):
-    """The theorem of the design, and what a cart that sticks makes of it.
-
-    A motion that swings stands still now and then, and a cart that stands lets the rod fall.
-    """
-    from scipy.linalg import solve_continuous_are
-
-    rates, force = upright()
-    *of_states, of_force = 10.0 ** np.array(weights)
-    cost = solve_continuous_are(rates, force[:, None], np.diag(of_states), [[of_force]])
-    gains = dict(zip(GAINS, (force @ cost / of_force).tolist(), strict=True))
-    values = np.linalg.eigvals(rates - np.outer(force, list(gains.values())))
-    last = values[np.argmax(values.real)]
-    slowest = -last.real
-    assume(abs(last.imag) > 0.2 * slowest)
-    given = {"stop": 20.0 / slowest, "reference": 0.0, "controller_values": gains}
-    free = ballscrew.lyapunov(BALANCE, CART, **given).motion
-    assert free.kind.value == "isolated fixed point"
-    assert free.limit[0] == pytest.approx(-slowest, rel=1e-3)
-    dry = ballscrew.lyapunov(BALANCE, DRY, **given, plant_values={"Fc": 1e-3, "Fs": 1e-3}).motion
-    assert dry.kind.value == "limit cycle", dry.evidence
-
-
-def test_a_design_whose_slowest_motion_does_not_swing_creeps_to_rest_where_friction_is_all_used():
-    """From one side only: it slides for ever more slowly, and never stands."""
-    from scipy.linalg import solve_continuous_are
-
-    rates, force = upright()
-    cost = solve_continuous_are(rates, force[:, None], np.diag([1.0, 10.0, 1.0, 1.0]), [[1.0]])
-    gains = dict(zip(GAINS, (force @ cost).tolist(), strict=True))
-    values = np.linalg.eigvals(rates - np.outer(force, list(gains.values())))
-    last = values[np.argmax(values.real)]
-    assert last.imag == 0.0
-    found = ballscrew.lyapunov(
-        BALANCE,
-        DRY,
-        **{"stop": 60.0, "reference": 0.0, "controller_values": gains},
-        plant_values={"Fc": 1e-3, "Fs": 1e-3},
-    ).motion
-    assert found.kind.value == "isolated fixed point"
-    assert found.limit[0] == pytest.approx(last.real, rel=1e-6)
-    edge = 1e-3 / abs(gains["kx"])  # where the feedback pulls with all of the friction
-    assert abs(found.equilibrium.state[0]) == pytest.approx(edge, rel=1e-6)
 
 
 class Exact:
@@ -184,30 +127,3 @@ def test_the_cycle_and_its_exponents_are_those_of_exact_pieces():
     assert np.mean(run.outputs["stuck"][late]) == pytest.approx(
         2 * exact.times[0] / exact.period, abs=0.01
     )
-
-
-def test_the_describing_function_is_right_to_its_third_harmonic_in_amplitude_only():
-    theory, exact = predicted(), Exact(1.1, 2.45)
-    assert abs(theory.cart / exact.swing - 1.0) < theory.third
-    assert theory.frequency * exact.period / (2 * np.pi) - 1.0 > theory.third
-    # its own condition: the rate of Coulomb friction, 4/(pi V), keeps a swing of this size going
-    viscous = 4.0 / (np.pi * theory.cart * theory.frequency)
-    values = np.linalg.eigvals(closed(viscous))
-    assert values.real.max() == pytest.approx(0.0, abs=1e-9)
-    assert np.linalg.eigvals(closed(0.9 * viscous)).real.max() < 0.0
-    assert np.linalg.eigvals(closed(1.1 * viscous)).real.max() > 0.0
-
-
-def test_with_bent_bristles_another_solver_finds_the_same_swing():
-    def rates(_t, y):
-        x, v, th, w, z = y
-        friction_rate = v - 1e4 * abs(v) / FRICTION * z
-        friction = 1e4 * z + 50.0 * friction_rate
-        u = -np.dot(list(GAINS.values()), [x, v, th, w])
-        s, c = math.sin(th), math.cos(th)
-        a = (u - friction + BOB * s * (ROD * w**2 - G * c)) / (M + BOB * s**2)
-        return [v, a, w, (G * s - a * c) / ROD, friction_rate]
-
-    other = solve_ivp(rates, (0.0, 60.0), [0, 0, 0.05, 0, 0], "LSODA", rtol=1e-9, atol=1e-12)
-    swing = 0.5 * np.ptp(other.y[0, other.t > 40.0])
-    assert swing_of(motion(LUGRE, 60.0, 0.02), 40.0) == pytest.approx(swing, rel=1e-3)

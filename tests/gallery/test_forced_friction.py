@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import ballscrew
@@ -14,10 +13,8 @@ from ballscrew.gallery.forced_friction.findings import (
     BORDERS,
     OSCILLATOR,
     STOPPING,
-    SWINGS,
     border,
     course,
-    findings,
     growth,
     motion,
     rates,
@@ -78,40 +75,11 @@ class SlideBySlide:
         return sum(end > since for _, end in self.stands) / 5
 
 
-def another_solver(b, f, state, stop):
-    """Displacement and velocity at the end, by DOP853 from turn to turn; nothing may stop."""
-    t, y, largest = 0.0, np.array(state), 0.0
-    while t < stop:
-        side = math.copysign(1.0, y[1] or math.cos(b * t) - y[0])
-
-        def slide(t, y, side=side):
-            return [y[1], math.cos(b * t) - y[0] - f * side]
-
-        def turns(_t, y):
-            return y[1]
-
-        turns.terminal, turns.direction = True, -side
-        run = solve_ivp(slide, (t, stop), y, "DOP853", rtol=1e-12, atol=1e-13, events=turns)
-        t, y = run.t[-1], run.y[:, -1].copy()
-        if run.status == 1:
-            y[1] = 0.0
-            largest = max(largest, abs(y[0]))
-    return y, largest
-
-
-@pytest.mark.parametrize(("b", "f"), [*SWINGS, (0.3, 0.05), (2.5, 0.3)])
-def test_the_closed_form_is_the_motion_of_another_solver(b, f):
-    known = turning(b, f)
-    end, largest = another_solver(b, f, known.start, 4 * math.pi / b)
-    assert end == pytest.approx(known.start, abs=1e-8)
-    assert largest == pytest.approx(known.swing, rel=1e-9)
-
-
 frequencies = st.floats(0.36, 2.5).filter(lambda b: abs(b - 1.0) > 0.05)
 
 
 @given(b=frequencies, share=st.floats(0.05, 0.98))
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=10, deadline=None, derandomize=True)
 def test_below_the_border_the_motion_of_the_closed_form_comes_back_at_every_instant(b, share):
     known, rows = turning(b, share * border(b)), 40
     x_start, v_start = known.start
@@ -124,8 +92,9 @@ def test_below_the_border_the_motion_of_the_closed_form_comes_back_at_every_inst
     assert run.outputs["v"] == pytest.approx(side * v, abs=1e-6 * known.swing)
 
 
+@pytest.mark.ci
 @given(b=frequencies, share=st.floats(0.05, 0.98), start=st.floats(-2.0, 2.0))
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=10, deadline=None, derandomize=True)
 def test_below_the_border_every_motion_comes_to_the_swing_of_the_closed_form(b, share, start):
     known = turning(b, share * border(b))
     slowest = np.abs(known.multipliers).max() ** 2
@@ -144,7 +113,7 @@ def test_below_the_border_every_motion_comes_to_the_swing_of_the_closed_form(b, 
 
 
 @given(b=frequencies)
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=10, deadline=None, derandomize=True)
 def test_slide_by_slide_the_mass_stops_above_the_border_and_not_below(b):
     assume(abs(b - 0.5) > 0.02)  # there it does not forget its start
     above = SlideBySlide(b, 1.02 * border(b)).over(60)
@@ -156,37 +125,20 @@ def test_slide_by_slide_the_mass_stops_above_the_border_and_not_below(b):
     assert abs(below.x) == pytest.approx(known.swing, rel=1e-2)
 
 
-@pytest.mark.parametrize(("b", "f"), [*SWINGS, (0.8, 0.8)])
-def test_the_multipliers_are_the_slopes_of_the_map_over_half_a_period(b, f):
-    known = turning(b, f)
-    half = math.pi / b
-
-    def onward(shift):
-        x, v = known.start
-        end, _ = another_solver(b, f, (x + shift[0], v + shift[1]), 2 * half)
-        return end
-
-    h = 1e-5
-    columns = [(onward(h * e) - onward(-h * e)) / (2 * h) for e in np.eye(2)]
-    found = np.linalg.eigvals(np.column_stack(columns))
-    assert np.sort_complex(found) == pytest.approx(np.sort_complex(known.multipliers**2), abs=1e-6)
-
-
 @pytest.mark.parametrize("b", BORDERS)
 def test_the_second_exponent_is_lost_at_the_border(b):
     assert np.isfinite(motion(b, 0.999 * border(b), 10.0).limit).all()
     assert np.isneginf(motion(b, 1.001 * border(b), 10.0).limit).any()
 
 
-@pytest.mark.parametrize(
-    ("b", "f"), [*STOPPING, (0.2, 0.6), (0.15, 0.8), (0.8, 0.5), (0.8, 0.9), (1.4, 0.8)]
-)
+@pytest.mark.parametrize(("b", "f"), STOPPING)
 def test_it_stops_as_often_as_slide_by_slide(b, f):
     assert stops(b, f) == SlideBySlide(b, f).over(20).stops()
 
 
-@pytest.mark.parametrize(("b", "f"), [*STOPPING, (0.8, 0.9), (1.4, 0.8)])
-@pytest.mark.parametrize("periods", [5.0, 20.0, 20.3])
+@pytest.mark.ci
+@pytest.mark.parametrize(("b", "f"), [(0.8, 0.9), (1.4, 0.8)])
+@pytest.mark.parametrize("periods", [5.0, 20.3])
 def test_a_motion_with_stops_is_a_cycle_wherever_the_run_ends(b, f, periods):
     found = motion(b, f, periods)
     assert found.kind.value == "limit cycle", found.evidence
@@ -194,36 +146,12 @@ def test_a_motion_with_stops_is_a_cycle_wherever_the_run_ends(b, f, periods):
     assert found.amplitude["plant_x"] == pytest.approx(max(turns[-10:]), rel=1e-6)
 
 
-@pytest.mark.parametrize(("b", "f"), [(0.3, 0.99), (1.5, 0.99), (0.05, 0.95)])
-def test_with_twenty_rows_in_a_period_no_short_push_is_missed(b, f):
-    exact = SlideBySlide(b, f).over(42)
-    run = course({"b": b, "F": f}, 40.35, 20)
-    end = float(run.time[-1])
-    assert any(begin < end < over for begin, over in exact.stands)
-    where = [x for t, x in exact.turns if t < end][-1]
-    assert run.outputs["x"][-1] == pytest.approx(where, rel=1e-6)
-
-
-def test_a_short_push_leaves_the_verdict_undecided_or_right():
-    found, exact = motion(0.3, 0.99), SlideBySlide(0.3, 0.99).over(60)
-    if found.kind.value != "undecided":
-        assert found.amplitude["plant_x"] == pytest.approx(abs(exact.x), rel=1e-3)
-
-
-@pytest.mark.parametrize("f", [0.3, 0.6, 0.7])
+@pytest.mark.parametrize("f", [0.3, 0.7])
 def test_at_resonance_the_swing_grows_by_what_friction_leaves_of_the_force(f):
     assert growth(f) == pytest.approx(math.pi - 4 * f, abs=1e-5)
 
 
-@pytest.mark.parametrize("f", [0.8, 0.9])
-def test_at_resonance_more_friction_than_a_quarter_of_pi_bounds_the_swing(f):
-    found = motion(1.0, f, 60.0)
-    assert found.kind.value == "limit cycle", found.evidence
-    near = SlideBySlide(1.0 + 1e-6, f).over(60)
-    assert found.amplitude["plant_x"] == pytest.approx(abs(near.x), rel=1e-4)
-
-
-@pytest.mark.parametrize("aside", [0.0, 0.05, -0.1])
+@pytest.mark.parametrize("aside", [0.05, -0.1])
 def test_at_half_the_frequency_motions_lie_side_by_side_and_the_exponent_between_them_is_zero(
     aside,
 ):
@@ -239,7 +167,7 @@ def test_at_half_the_frequency_motions_lie_side_by_side_and_the_exponent_between
     assert ours[1:] == pytest.approx(turns[: len(ours) - 1], abs=1e-6)
 
 
-@pytest.mark.parametrize(("start", "stuck"), [(0.0, True), (0.03, True), (0.2, False)])
+@pytest.mark.parametrize(("start", "stuck"), [(0.03, True), (0.2, False)])
 def test_a_force_that_friction_outweighs_moves_nothing_unless_the_spring_helps(start, stuck):
     found = ballscrew.lyapunov(
         "none",
@@ -249,7 +177,3 @@ def test_a_force_that_friction_outweighs_moves_nothing_unless_the_spring_helps(s
     ).motion
     assert found.kind.value == "stuck on a line of equilibria"  # sooner or later
     assert (found.equilibrium.state[0] == start) == stuck
-
-
-def test_every_number_of_the_closed_form_is_met():
-    assert all(f.agrees for f in findings() if f.theirs is not None)

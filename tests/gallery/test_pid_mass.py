@@ -1,7 +1,5 @@
 """A mass under PID control: another solver, the closed form of a slip, and a theorem."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
@@ -10,83 +8,6 @@ from scipy.integrate import solve_ivp
 
 import ballscrew
 from ballscrew.gallery.pid_mass import findings as ours
-
-
-@dataclass(frozen=True)
-class Loop:
-    """The example, written anew: error e, velocity v and force q of P and I."""
-
-    static: float = 1.5
-    stribeck: float = 1e-3
-    viscous: float = 0.4
-    kd: float = 6.0
-
-    def rates(self, direction):
-        def of(_t, y):
-            e, v, q = y
-            fall = (self.static - 1.0) * np.exp(-((v / self.stribeck) ** 2))
-            friction = direction * (1.0 + fall) + self.viscous * v
-            return [-v, q - self.kd * v - friction, 4.0 * e - 3.0 * v]
-
-        return of
-
-    def sticks(self, error, stop):
-        """Begin and error of each stick after a step from rest, by DOP853 between events."""
-        time, y, found = 0.0, np.array([error, 0.0, 3.0 * error]), []
-
-        def stops(_t, y):
-            return y[1]
-
-        while time < stop:
-            if abs(y[2]) < self.static:
-                found.append((time, y[0]))
-                held = (np.sign(y[0]) * self.static - y[2]) / (4.0 * y[0])
-                time, y[2] = time + held, np.sign(y[0]) * self.static
-            direction = np.sign(y[2])
-            stops.terminal, stops.direction = True, -direction
-            end = solve_ivp(
-                self.rates(direction),
-                (time, max(stop, time) + 100.0),
-                y,
-                "DOP853",
-                rtol=1e-10,
-                atol=1e-13,
-                events=stops,
-                first_step=1e-6,
-            )
-            if end.status != 1:
-                break
-            time, y = end.t[-1], end.y[:, -1].copy()
-            y[1] = 0.0
-        return np.array(found)
-
-    def hunts(self, error=1.0):
-        return len(self.sticks(error, 2000.0)) > 50
-
-
-@pytest.mark.parametrize("static", [1.0, 1.5])
-def test_the_sticks_of_both_motions_are_those_of_another_solver(static):
-    run = ballscrew.run(
-        ours.PID,
-        ours.MASS,
-        reference=1.0,
-        stop=200.0,
-        step=0.1,
-        coupling=ballscrew.Coupling("monolithic"),
-        plant_values={"Fs": static},
-    ).run
-    _, errors = ours.sticks(run)
-    _, theirs = Loop(static).sticks(1.0, 200.0).T
-    assert len(errors) >= 6
-    assert errors == pytest.approx(theirs[: len(errors)], rel=1e-5)
-
-
-def test_without_a_fall_each_stick_takes_as_long_as_its_error_says():
-    times, errors = ours.sticks(ours.motion(4000.0, 0.5, 1.0))
-    begins = Loop(1.0).sticks(1.0, 3000.0)[:, 0]
-    late = slice(4, len(errors))
-    lasts = times[late] - begins[late]
-    assert lasts == pytest.approx(2.0 / (4.0 * np.abs(errors[late])), rel=0.02)
 
 
 def test_the_closed_form_of_the_cycle_leaves_out_terms_in_the_width_of_the_fall():
@@ -119,42 +40,6 @@ def test_the_time_until_friction_falls_is_that_of_the_riccati_equation():
     far.terminal = True
     end = solve_ivp(rates, (0.0, 1.0), [0.0], "DOP853", rtol=1e-11, atol=1e-14, events=far)
     assert end.t[-1] == pytest.approx(ours.late(error, fall), rel=1e-5)
-
-
-def test_the_cycle_is_in_proportion_to_the_fall_of_friction():
-    swings = [
-        ballscrew.lyapunov(
-            ours.PID, ours.MASS, stop=200.0, reference=1.0, plant_values={"Fs": fs, "Vs": 1e-6}
-        ).motion.amplitude["plant_x"]
-        for fs in (1.25, 1.5)
-    ]
-    assert swings[1] == pytest.approx(2.0 * swings[0], rel=1e-3)
-
-
-def test_another_solver_hunts_below_the_border_of_the_gain_and_not_above():
-    soft = {"stribeck": 0.05, "viscous": 0.0}
-    assert Loop(kd=0.98 * ours.border(), **soft).hunts()
-    assert not Loop(kd=1.02 * ours.border(), **soft).hunts()
-
-
-def test_with_the_same_gains_it_hunts_after_a_large_step_and_not_after_a_small_one():
-    soft = {"stribeck": 0.05, "viscous": 0.0, "kd": 5.0}
-    swings = []
-    for step in (0.01, 0.04):
-        run = ballscrew.run(
-            ours.PID,
-            ours.MASS,
-            reference=step,
-            stop=400.0,
-            step=1.0,
-            coupling=ballscrew.Coupling("monolithic"),
-            plant_values=ours.SOFT,
-            controller_values={"Kd": 5.0},
-        ).run
-        x = run.outputs["x"]
-        swings.append(np.ptp(x[len(x) // 2 :]))
-        assert Loop(**soft).hunts(step) == (swings[-1] > 0.05)
-    assert swings[0] < 0.01 < 0.05 < swings[1]
 
 
 @settings(max_examples=15, deadline=None, derandomize=True, phases=[Phase.generate])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from ballscrew.gallery.van_der_pol.findings import exponents, findings, motion
+from ballscrew.gallery.van_der_pol.findings import exponents, findings
 
 
 def rates(_t, y, mu=1.0):
@@ -20,35 +20,6 @@ def test_the_reference_fmus_table_is_what_explicit_euler_gives():
     assert course[-1] == pytest.approx(printed["x at 20 s, mu = 1"], abs=1e-5)
     peak = max(course[400:1000])  # of the turn whose peak the table has near 6.7 s
     assert peak == pytest.approx(printed["swing of x in the cycle, mu = 1"], abs=1e-5)
-
-
-@pytest.fixture(scope="module")
-def turn():
-    """One turn of the cycle by DOP853: its course and its period."""
-
-    def top(_t, y):
-        return y[1]
-
-    top.direction = -1.0
-    settle = solve_ivp(rates, (0.0, 60.0), [2.0, 0.0], "DOP853", rtol=1e-12, atol=1e-13, events=top)
-    start = settle.y_events[0][-1]
-    run = solve_ivp(
-        rates, (0.0, 10.0), start, "DOP853", rtol=1e-12, atol=1e-13, events=top, dense_output=True
-    )
-    return run.sol, run.t_events[0][run.t_events[0] > 1.0][0], start[0]
-
-
-def test_motion_period_swing_and_exponent_are_those_of_another_solver(turn):
-    course, period, swing = turn
-    found = exponents(1.0).motion
-    assert found.period == pytest.approx(period, rel=1e-8)
-    assert found.amplitude["plant_x"] == pytest.approx(swing, rel=1e-6)
-    times = np.linspace(0.0, period, 4001)
-    damping = 1 - course(times)[0] ** 2
-    mean = np.trapezoid(damping, times) / period  # spectrally exact over a period
-    assert found.limit[1] == pytest.approx(mean, rel=1e-6)
-    other = solve_ivp(rates, (0.0, 20.0), [2.0, 0.0], "DOP853", rtol=1e-12, atol=1e-13)
-    assert motion(1.0, 20.0).run.outputs["x"][-1] == pytest.approx(other.y[0, -1], abs=1e-8)
 
 
 def test_weakly_damped_its_exponent_is_the_mean_damping_of_another_solver():

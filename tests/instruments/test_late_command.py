@@ -6,7 +6,7 @@ import pytest
 from ballscrew.instruments.late_command import with_late_command
 from ballscrew.plant.ball_screw import ball_screw
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import Parameter, symbol
+from ballscrew.solver.component import Parameter
 from ballscrew.solver.kernel import Model
 
 DELAY = 3e-4
@@ -44,13 +44,3 @@ def test_nothing_arrives_before_the_delay_has_passed():
     assert model.x.tolist() == [0.0] * len(model.x)
     model.advance(DELAY, 1.1 * DELAY)
     assert model.x[[s.name for s in model.kernel.states].index("i")] > 0.0
-
-
-def test_the_command_acts_through_its_delay_only():
-    late = with_late_command(ball_screw(), PARAMETER)
-    assert symbol("u") not in late.derivative("i").free_symbols
-    assert [d.expression for d in late.delays] == [symbol("u")]
-
-
-def test_a_feedback_law_stays_at_the_command():
-    assert with_late_command(ball_screw(), PARAMETER).inputs == ball_screw().inputs

@@ -44,7 +44,7 @@ def impulse(rise, force, begin, t):
     return ramp + force * np.clip(t - begin - rise, 0, None)
 
 
-@pytest.mark.parametrize("rise", [1e-9, 1e-3, 0.2])
+@pytest.mark.parametrize("rise", [1e-9, 0.2])
 def test_the_momentum_is_the_impulse_of_all_forces(rise):
     run = speed(load_force=-3.0, load_time=0.1, load_rise=rise)
     expected = (DRIVE * TIME + impulse(rise, -3.0, 0.1, TIME)) / MASS

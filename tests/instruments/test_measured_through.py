@@ -7,18 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ballscrew.controllers.linearization import with_true_acceleration
-from ballscrew.controllers.nctf import nctf
 from ballscrew.controllers.pid_sampled import pid_sampled
 from ballscrew.controllers.sampled import iol_sampled, nctf_sampled
-from ballscrew.fmus.catalogue import component
 from ballscrew.instruments.current_sensor import current_sensor
 from ballscrew.instruments.encoder import encoder
 from ballscrew.instruments.measured_through import measured_through
 from ballscrew.instruments.position_encoder import position_encoder
 from ballscrew.instruments.velocity_estimate import velocity_estimate
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import ContractError, Delay, symbol
+from ballscrew.solver.component import ContractError
 from ballscrew.solver.kernel import Model
 
 PERIOD = 1e-3
@@ -73,31 +70,6 @@ def test_at_each_sample_it_commands_as_the_chain_asked_one_after_the_other(contr
     np.testing.assert_allclose(commands, expected, rtol=1e-12, atol=1e-9)
 
 
-def test_names_say_whose_a_parameter_is_and_one_period_is_left():
-    whole = measured_through(pid_sampled(), CHAIN[:2])
-    names = [p.name for p in whole.all_parameters]
-    assert {"Kp", "position_encoder_resolution", "velocity_estimate_cutoff"} <= set(names)
-    assert [n for n in names if "sample_time" in n] == ["sample_time"]
-    assert [d.name for d in whole.discrete if "velocity" in d.name][1] == "velocity_estimate_x_last"
-
-
-def test_a_continuous_law_reads_what_a_sampled_instrument_holds():
-    whole = Model(generate(measured_through(nctf(), [velocity_estimate()])))
-    alone = Model(generate(nctf()))
-    for k, x in enumerate((0.0, 1e-4)):
-        whole.set_input("x", x)
-        whole.sample(k * PERIOD)
-    alone.set_input("x", x)
-    alone.set_input("v", 0.1)
-    assert whole.outputs(1.5e-3, whole.x)["u"] == pytest.approx(alone.outputs(0.0, alone.x)["u"])
-
-
-def test_signals_that_no_instrument_measures_stay_true():
-    whole = measured_through(with_true_acceleration(), [position_encoder()])
-    assert symbol("v") in whole.used_symbols()
-    assert whole.inputs == with_true_acceleration().inputs
-
-
 def test_what_makes_no_chain_is_refused_with_one_line():
     late = replace(
         velocity_estimate(), sample_time=replace(velocity_estimate().sample_time, default=2e-3)
@@ -108,15 +80,3 @@ def test_what_makes_no_chain_is_refused_with_one_line():
         measured_through(pid_sampled(), [encoder()])
     with pytest.raises(ContractError, match="measures 'i', which none of velocity_estimate takes"):
         measured_through(velocity_estimate(), [current_sensor()])
-    with pytest.raises(ContractError, match="plant_classical has modes"):
-        measured_through(pid_sampled(), [component("plant_classical")])
-    twice = [position_encoder(), position_encoder()]
-    with pytest.raises(ContractError, match="is given twice"):
-        measured_through(pid_sampled(), twice)
-
-
-def test_a_delay_of_the_controller_delays_what_is_measured():
-    late = replace(nctf(), delays=(Delay("x_late", symbol("x"), symbol("h"), unit="m"),))
-    whole = measured_through(late, [position_encoder()])
-    (measured,) = position_encoder().prefixed("position_encoder_").outputs
-    assert whole.delays[0].expression == measured.value
