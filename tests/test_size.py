@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1875, 1736),
     "docs": (1405, 1356),
     ".ci": (276, 255),
-    "tests": (34551, 33187),
+    "tests": (34192, 32837),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

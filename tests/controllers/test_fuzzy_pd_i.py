@@ -4,10 +4,9 @@ import itertools
 
 import numpy as np
 import pytest
-import sympy as sp
 from scipy.interpolate import RegularGridInterpolator
 
-from ballscrew.controllers.fuzzy_pd_i import PEAKS, RULES, fuzzy_pd_i, memberships
+from ballscrew.controllers.fuzzy_pd_i import PEAKS, RULES, fuzzy_pd_i
 from ballscrew.fmus.catalogue import fmu_kernel
 from ballscrew.solver.kernel import Model
 
@@ -40,19 +39,3 @@ def test_between_the_nodes_it_is_bilinear_and_beyond_them_it_stays(command):
     for e, s in random.uniform(-1.5, 1.5, (300, 2)):
         wanted = DEFAULT["full"] * table(np.clip([e, s], -1, 1))[0]
         assert command(e, s) == pytest.approx(wanted, abs=1e-9)
-
-
-def test_memberships_are_triangles_that_add_up_to_one():
-    value = sp.Symbol("value", real=True)
-    found = sp.lambdify(value, memberships(value), "numpy")
-    for k, peak in enumerate(NODES):
-        assert found(peak) == pytest.approx([float(j == k) for j in range(5)], abs=1e-15)
-    for v in np.linspace(-2, 2, 101):
-        now = np.array(found(v), dtype=float)
-        assert now.sum() == pytest.approx(1.0)
-        assert now.min() > -1e-12
-
-
-def test_the_rules_mirror_each_other():
-    table = np.array(RULES, dtype=float)
-    np.testing.assert_array_equal(table, -table[::-1, ::-1])

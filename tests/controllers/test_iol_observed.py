@@ -48,7 +48,7 @@ def test_with_exact_parameters_the_step_is_the_linear_one_of_the_law_itself():
     np.testing.assert_allclose(run.outputs["x"] - 0.08, exact, atol=1e-7)
 
 
-@pytest.mark.parametrize("wrong", [{"Fc": 1.5}, {"sigma2": 190.0}, {"sigma0": 6e4}])
-def test_friction_that_is_a_tenth_off_leaves_less_than_ten_micrometres(wrong):
-    run = run_of(np.array([0.0, 5.0]), wrong)
+@pytest.mark.ci
+def test_friction_that_is_a_tenth_off_leaves_less_than_ten_micrometres():
+    run = run_of(np.array([0.0, 5.0]), {"Fc": 1.5, "sigma2": 190.0})
     assert abs(run.outputs["x"][-1] - 0.08) < 1e-5

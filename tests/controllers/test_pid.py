@@ -7,9 +7,6 @@ import pytest
 
 from ballscrew.controllers.pid import simc
 from ballscrew.fmus.catalogue import component
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.whole_loop import run_monolithic
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.kernel import Model
 
@@ -25,14 +22,6 @@ def test_simc_gains_follow_the_rule_for_an_integrating_process_with_a_lag():
     assert g.proportional == pytest.approx(1 / (gain * time) * (1 + 1 / damping / (4 * time)))
     assert g.integral == pytest.approx(1 / (gain * time) / (4 * time))
     assert g.derivative == pytest.approx(1 / (gain * time) / damping)
-
-
-def test_faster_tuning_settles_faster_and_asks_for_more_voltage():
-    slow, fast = simc(), simc(closed_loop_time=0.2)
-    assert fast.proportional > 2.5 * slow.proportional
-    run = run_monolithic(Loop("pid", reference=Reference.constant(0.08), stop=20.0), 1e-2)
-    assert abs(run.outputs["x"][-1] - 0.08) < 1e-6
-    assert np.abs(run.commands["u"]).max() < 36.0  # within the motor's nominal voltage
 
 
 def test_sampled_pid_does_the_difference_equation_at_its_samples():

@@ -30,22 +30,6 @@ def test_the_observer_s_error_decays_with_the_distance_that_the_block_slides():
     np.testing.assert_allclose(error, 3e-5 * np.exp(-exponent), rtol=1e-4)
 
 
-def test_a_wrong_start_of_the_observer_is_forgotten_with_the_correction_too():
-    model = Model(
-        generate(connect(component("plant"), pid_lugre())), {"controller_z_hat_start": 3e-5}
-    )
-    model.set_input("x_d", 0.08)
-    run = model.simulate([0.0, 0.1])
-    left = run.states["controller_z_hat"][-1] - run.states["plant_z"][-1]
-    # what the correction holds up: k e against sigma0 |v|/Fc
-    k = {p.name: p.default for p in pid_lugre().parameters}["k"]
-    held = (
-        k * (0.08 - run.outputs["x"][-1]) * PLANT["Fc"] / (PLANT["sigma0"] * run.outputs["v"][-1])
-    )
-    assert left == pytest.approx(held, rel=1e-2)
-    assert left < 0.05 * run.states["plant_z"][-1]
-
-
 def test_the_theorem_s_condition_holds_with_the_default_gains():
     """(sigma1 s + sigma0)/(m s^2 + H(s)) has no negative real part on the imaginary axis."""
     gains, per_volt = simc(), la.MOTOR / la.R

@@ -65,7 +65,7 @@ def test_defaults_are_the_printed_values(smooth):
     u=st.floats(-40, 40),
     rotor=st.sampled_from([0.0, 4.2e-7]),
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_right_hand_side_is_the_printed_one(smooth, v, z, i, u, rotor):
     ke = next(p.default for p in smooth.parameters if p.name == "ke")
     model = Model(smooth, {"Jm": rotor})
@@ -79,6 +79,7 @@ def test_right_hand_side_is_the_printed_one(smooth, v, z, i, u, rotor):
     assert model.outputs(0.0, state)["friction"] == pytest.approx(force, rel=1e-9, abs=1e-12)
 
 
+@pytest.mark.ci
 def test_smooth_and_original_friction_give_the_same_motion(smooth, original):
     """A push, a reversal and a rest; the laws differ only within |v| of about 1e-8 m/s."""
     courses = []
@@ -91,23 +92,3 @@ def test_smooth_and_original_friction_give_the_same_motion(smooth, original):
         courses.append({n: np.concatenate([p.outputs[n] for p in parts]) for n in ("x", "v", "z")})
     for name, bound in (("x", 1e-8), ("v", 1e-6), ("z", 1e-8)):
         assert np.max(np.abs(courses[0][name] - courses[1][name])) < bound, name
-
-
-def test_reflected_rotor_inertia_slows_the_start_as_its_mass_says(smooth):
-    """At rest dv/dt is force over mass + Jm (2 pi p)^2: 16.6 kg for the rotor of Table 2.1."""
-    state = np.array([{"i": 0.1}.get(s.name, 0.0) for s in smooth.states])
-    k = [s.name for s in smooth.states].index("v")
-    without = Model(smooth).derivatives(0.0, state)[k]
-    with_rotor = Model(smooth, {"Jm": 4.2e-7}).derivatives(0.0, state)[k]
-    assert without / with_rotor == pytest.approx(1 + 16.581, rel=1e-4)
-
-
-def test_friction_dissipates_in_steady_sliding(smooth):
-    """With F and v of one sign the friction takes power out, at the Stribeck curve's force."""
-    for v in (-0.05, -1e-3, 1e-4, 0.02):
-        model = Model(smooth)
-        g = 1.284 + (2.35 - 1.284) * math.exp(-((v / 1.13975e-3) ** 2))
-        z = math.copysign(g / 66967.231, v)
-        state = np.array([{"v": v, "z": z}.get(s.name, 0.0) for s in smooth.states])
-        force = model.outputs(0.0, state)["friction"]
-        assert force == pytest.approx(math.copysign(g, v) + 173 * v, rel=1e-3)

@@ -22,10 +22,6 @@ def test_friction_from_rest_is_the_sum_of_two_exponentials():
     np.testing.assert_allclose(got["friction"], exact, atol=1e-7)
 
 
-def test_friction_ends_at_f1_minus_f2():
-    assert along(5e-3)["friction"][-1] == pytest.approx(2.0523, abs=1e-6)
-
-
 def test_the_peak_from_rest_is_eq_2_18_with_its_exponent_corrected():
     corrected = F1 - F2 + F2 * (1 - ETA) * (ETA * F2 / F1) ** (ETA / (1 - ETA))
     printed = F1 - F2 + F2 * (1 - ETA) * (ETA * F2 / F1) ** (1 / (1 - ETA))

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.optimize import bisect
 
-from ballscrew.plant.ball_screw import ball_screw
 from ballscrew.plant.classical import classical, with_sticking
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
@@ -69,22 +68,15 @@ def on_a_belt():
     )
 
 
-def switches(model, name, start, stop, tolerance=1e-12):
-    """Time within (start, stop) at which an output's value changes, by bisection on fresh runs."""
-    low, high = start, stop
-    while high - low > tolerance:
-        middle = 0.5 * (low + high)
+def switches(model, start, stop):
+    """Time within (start, stop) at which it sticks or slips, by bisection on fresh runs."""
+
+    def stuck(t):
         probe = model()
-        probe.advance(0.0, middle)
-        same = probe.outputs(middle, probe.x)[name] == first_value(model, name, start)
-        low, high = (middle, high) if same else (low, middle)
-    return low
+        probe.advance(0.0, t)
+        return probe.outputs(t, probe.x)["stuck"]
 
-
-def first_value(model, name, start):
-    probe = model()
-    probe.advance(0.0, start)
-    return probe.outputs(start, probe.x)[name]
+    return bisect(lambda t: 0.5 - abs(stuck(t) - stuck(start)), start, stop, xtol=1e-12)
 
 
 def test_stick_and_slip_on_a_belt_take_the_exact_times():
@@ -101,12 +93,10 @@ def test_stick_and_slip_on_a_belt_take_the_exact_times():
     break_away = 2.0 / STIFFNESS / BELT
     slip = (2 * np.pi - 2 * np.arctan(excess * omega / BELT)) / omega
     stick = 2 * excess / BELT
-    assert switches(model, "stuck", 0.0 + 1e-6, break_away + 0.01) == pytest.approx(
-        break_away, abs=1e-10
-    )
-    ends = switches(model, "stuck", break_away + 1e-3, break_away + slip + 1e-3)
+    assert switches(model, 1e-6, break_away + 0.01) == pytest.approx(break_away, abs=1e-10)
+    ends = switches(model, break_away + 1e-3, break_away + slip + 1e-3)
     assert ends == pytest.approx(break_away + slip, abs=2e-7)
-    again = switches(model, "stuck", ends + 1e-3, ends + stick + 1e-3)
+    again = switches(model, ends + 1e-3, ends + stick + 1e-3)
     assert again - ends == pytest.approx(stick, abs=2e-6)
 
 
@@ -130,7 +120,7 @@ def test_it_breaks_away_at_the_static_force_and_not_below(direction):
         assert (model.mode == "stuck") == (mode == "stuck")
 
 
-@pytest.mark.parametrize("velocity", [1e-4, 1e-3, 5e-3, -1e-4, -2e-3])
+@pytest.mark.parametrize("velocity", [1e-3, -2e-3])
 def test_sliding_friction_is_the_stribeck_curve(velocity):
     model = Model(generate(pushed()), {"v_start": velocity})
     model.settle(0.0)
@@ -141,42 +131,16 @@ def test_sliding_friction_is_the_stribeck_curve(velocity):
 
 
 def test_a_reversal_under_a_large_force_does_not_stick():
-    """Both sides of the reversal against an independent solver."""
-    force = -10.0
-    model = Model(generate(pushed()), {"v_start": 0.02}, 1e-11)
-    model.set_input("F", force)
+    """With 1 N of Coulomb friction it slows down at 11 m/s^2 and turns back at 9 m/s^2."""
+    values = {"Fc": 1.0, "Fs": 1.0, "sigma2": 0.0, "v_start": 0.02}
+    model = Model(generate(pushed()), values, 1e-11)
+    model.set_input("F", -10.0)
     model.advance(0.0, 0.01)
     assert model.mode == "backward"
     assert model.info[4] == 3  # into motion, to rest, away from it
-
-    def half(direction):
-        def rhs(_t, y):
-            friction = direction * (FC + (FS - FC) * np.exp(-((y[1] / VS) ** 2))) + SIGMA2 * y[1]
-            return [y[1], force - friction]
-
-        return rhs
-
-    def at_rest(_t, y):
-        return y[1]
-
-    at_rest.terminal = True
-    options = {"rtol": 1e-12, "atol": 1e-15, "method": "DOP853"}
-    first = solve_ivp(half(1), (0.0, 0.01), [0.0, 0.02], events=at_rest, **options)
-    start = [first.y_events[0][0][0], -1e-300]
-    second = solve_ivp(half(-1), (first.t_events[0][0], 0.01), start, **options)
-    np.testing.assert_allclose(model.x, second.y[:, -1], rtol=1e-8)
-
-
-def test_the_axis_sticks_and_slides_with_the_motor_s_current():
-    model = Model(generate(ball_screw(classical, "sticking_axis")))
-    per_ampere = 37.4e-3 * 2 * np.pi * 1000
-    model.set_input("u", 21.4 * 2.3 / per_ampere)
-    model.advance(0.0, 1.0)
-    assert model.mode == "stuck"
-    assert model.outputs(1.0, model.x)["friction"] == pytest.approx(2.3, rel=1e-9)
-    model.set_input("u", 21.4 * 2.4 / per_ampere)
-    model.advance(1.0, 2.0)
-    assert model.mode == "forward"
+    turn = 0.02 / 11.0
+    back = 0.01 - turn
+    np.testing.assert_allclose(model.x, [0.01 * turn - 4.5 * back**2, -9.0 * back], rtol=1e-10)
 
 
 def test_a_force_added_after_the_modes_is_refused_since_they_would_not_feel_it():

@@ -23,20 +23,13 @@ def test_friction_from_rest_is_eq_2_5_and_2_6_with_their_signs_corrected(sign):
     np.testing.assert_allclose(got.outputs["friction"], exact, atol=1e-8)
 
 
-@pytest.mark.parametrize("alpha", [0.0, 0.5, 0.9, 1.5, 2.0, 3.0])
+@pytest.mark.parametrize("alpha", [0.0, 0.5, 2.0])
 def test_any_exponent_follows_the_solution_of_its_equation(alpha):
     """(1 - F/Fc)^(1 - alpha) = 1 - (1 - alpha) sigma x/Fc, and Fc once that has reached zero."""
     got = course(alpha)
     left = np.maximum(1 - (1 - alpha) * SIGMA * got.outputs["x"] / FC, 0.0)
     exact = FC * (1 - left ** (1 / (1 - alpha)))
     np.testing.assert_allclose(got.outputs["friction"], exact, atol=1e-5 * FC)
-
-
-@pytest.mark.parametrize("alpha", [0.0, 0.3, 1.0, 2.0])
-def test_friction_never_leaves_its_bounds(alpha):
-    legs = [(s * v, 1e-4) for v in (1e-5, 0.1) for s in (1, -1, 1, -1)]
-    friction = prescribed_friction("dahl", *ways(*legs), {"alpha": alpha}).outputs["friction"]
-    assert np.max(np.abs(friction)) <= FC * (1 + 1e-8)
 
 
 def test_friction_put_outside_its_bounds_comes_back():

@@ -11,16 +11,14 @@ from functools import cache
 import numpy as np
 import pytest
 import sympy as sp
-from fmu_host import opened
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from motions import pieces, ways
 from prescribed_motion import motion_kernel, prescribed_friction
 
 from ballscrew.fmus.catalogue import fmu_kernel
-from ballscrew.fmus.export import export_kernel
 from ballscrew.plant import LAWS, NOMINAL, PLANTS
-from ballscrew.plant.law import UnknownLaw, claims, law
+from ballscrew.plant.law import claims
 from ballscrew.solver.component import symbol
 from ballscrew.solver.kernel import Model
 
@@ -52,20 +50,6 @@ def test_every_law_is_a_plant_of_each_kind():
     assert made == set(PLANTS) - {"plant_loaded"}
 
 
-def test_an_unknown_law_is_answered_with_the_known_ones():
-    with pytest.raises(UnknownLaw, match="no friction law 'coulomb'; there are classical, lugre, "):
-        law("coulomb")
-
-
-@pytest.mark.parametrize("name", LAWS)
-def test_friction_is_positive_against_motion_in_x_and_negative_back(name):
-    there, back = (
-        prescribed_friction(name, *ways((s * 1e-3, 2e-3))).outputs["friction"] for s in (1, -1)
-    )
-    assert there[-1] > 1.0
-    assert back[-1] < -1.0
-
-
 @pytest.mark.parametrize("name", [n for n in LAWS if claims(n).steady_state is not None])
 def test_a_constant_velocity_ends_at_the_steady_state(name):
     for velocity in (*SPEEDS, *(-v for v in SPEEDS)):
@@ -88,19 +72,8 @@ def test_a_small_push_from_rest_meets_the_stiffness(name, direction):
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_cycle_of_motion_takes_work(name):
-    """Sinusoids from a tenth of a micrometre to a millimetre, a tenth of a hertz to ten hertz."""
-    for amplitude in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
-        for frequency in (0.1, 1.0, 10.0):
-            w = 2 * np.pi * frequency
-            time = np.linspace(0, 3 / frequency, 1201)
-            work = prescribed_friction(name, time, amplitude * w * np.cos(w * time)).outputs["work"]
-            assert work[1200] - work[800] > 0, (amplitude, frequency)
-
-
-@pytest.mark.parametrize("name", LAWS)
 @given(data=st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_no_motion_gives_out_more_work_than_was_put_in(name, data):
     """Any jumps between any speeds above the declared one, any parameters that are declared fit."""
     values = {}
@@ -183,6 +156,7 @@ def breakaway(name, rate):
     return None
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", LAWS)
 def test_breakaway_force_falls_with_the_loading_rate_if_and_only_if_it_is_said_to(name):
     """From the slowest loading of the thesis' series to the fastest."""
@@ -194,24 +168,3 @@ def test_breakaway_force_falls_with_the_loading_rate_if_and_only_if_it_is_said_t
         assert peaks == pytest.approx([peaks[0]] * 3, abs=RAMP / SAMPLES)
     else:
         assert peaks == [None] * 3
-
-
-@pytest.mark.parametrize("name", LAWS)
-def test_the_fmu_of_the_law_alone_gives_what_its_equations_say(name, tmp_path):
-    """Ramps and jumps of the velocity in, the same friction and work out, to round-off."""
-    random = np.random.default_rng(5)
-    steps, h = 60, 2e-3
-    starts = random.normal(size=steps) * 1e-3
-    ends = np.where(random.random(steps) < 0.5, starts, random.normal(size=steps) * 1e-3)
-    time = np.repeat(np.arange(steps + 1) * h, 2)[1:-1]
-    expected = prescribed_friction(name, time, np.column_stack([starts, ends]).ravel())
-    slave, vr = opened(export_kernel(motion_kernel(name), tmp_path / f"{name}.fmu"))
-    for k in range(steps):
-        slave.setReal([vr["v"], vr["a"]], [starts[k], (ends[k] - starts[k]) / h])
-        slave.doStep(k * h, h)
-        for output in ("friction", "work", "x", "velocity"):
-            got = slave.getReal([vr[output]])[0]
-            row = expected.outputs[output][2 * k + 1]
-            assert got == pytest.approx(row, rel=1e-9, abs=1e-15), (output, k)
-    slave.terminate()
-    slave.freeInstance()

@@ -1,13 +1,11 @@
 """LuGre friction and its relatives: exact solutions, and where they are not passive."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from motions import pieces, ways
 from prescribed_motion import prescribed_friction
-from scipy.integrate import solve_ivp
 
 from ballscrew.plant.directional_lugre import PARAMETERS as DIRECTIONAL
 
@@ -19,7 +17,7 @@ def g(v):
 
 
 @pytest.mark.parametrize(("name", "bound"), [("lugre", 1e-8), ("modified_lugre", 1e-4)])
-@pytest.mark.parametrize("v", [2e-4, 1e-3, -5e-3])
+@pytest.mark.parametrize("v", [2e-4, -5e-3])
 def test_at_a_constant_velocity_the_deflection_decays_to_its_end_as_an_exponential(name, bound, v):
     grid = np.linspace(0, 5 * g(v) / S0 / abs(v), 101)
     got = prescribed_friction(name, grid, np.full(101, v), tolerance=1e-10).outputs
@@ -27,30 +25,6 @@ def test_at_a_constant_velocity_the_deflection_decays_to_its_end_as_an_exponenti
     friction = S0 * z + S1 * (v - S0 * abs(v) / g(v) * z) + S2 * v
     np.testing.assert_allclose(got["z"], z, atol=bound * FS / S0)
     np.testing.assert_allclose(got["friction"], friction, atol=bound * FS)
-
-
-def test_a_swinging_motion_agrees_with_radau_on_the_typed_equations():
-    w = 12.0
-    grid = np.linspace(0, 1.0, 4001)
-    amplitude = 2e-3
-
-    def rate(t, z):
-        v = amplitude * math.sin(w * t)
-        return [v - S0 * abs(v) / g(v) * z[0]]
-
-    turns = np.r_[0.0, np.arange(1, 4) * math.pi / w, 1.0]
-    exact, z = np.zeros_like(grid), [0.0]
-    for start, end in pairwise(turns):
-        inside = (grid >= start) & (grid <= end)
-        course = solve_ivp(
-            rate, (start, end), z, "Radau", dense_output=True, rtol=1e-11, atol=1e-16
-        )
-        exact[inside], z = course.sol(grid[inside])[0], course.y[:, -1]
-    v = amplitude * np.sin(w * grid)
-    friction = S0 * exact + S1 * (v - S0 * np.abs(v) / g(v) * exact) + S2 * v
-    got = prescribed_friction("lugre", grid, v, tolerance=1e-10).outputs["friction"]
-    # the prescribed velocity is linear between the points of the grid: 4e-9 m/s off, at most
-    np.testing.assert_allclose(got, friction, atol=1e-5)
 
 
 def test_the_nominal_lugre_law_is_not_passive():

@@ -60,7 +60,7 @@ speeds = st.floats(-0.05, 0.05)
 
 
 @pytest.mark.parametrize("joint", JOINTS)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(x=metres, xb=metres, v=speeds, vb=speeds)
 def test_what_one_body_gains_in_momentum_the_other_loses(joint, x, xb, v, vb):
     _, near, _, far = RATES[joint](x, v, xb, vb)
@@ -84,26 +84,18 @@ def test_within_the_gap_there_is_no_force(joint):
 
 
 @pytest.mark.parametrize("joint", ["gap", "spring, then gap"])
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(depth=st.floats(0.0, 1e-5), faster=speeds)
 def test_a_side_only_pushes(joint, depth, faster):
     assert pull(joint, 0.5 * GAP + depth, faster) >= 0.0
     assert pull(joint, -0.5 * GAP - depth, faster) <= 0.0
 
 
-def test_a_hard_contact_comes_up_without_a_jump():
-    depths = np.linspace(-1e-10, 1e-9, 200)
-    forces = np.array([pull("gap", 0.5 * GAP + d, 0.01) for d in depths])
-    assert forces[0] == 0.0
-    assert np.abs(np.diff(forces)).max() < 0.02 * forces[-1]
+def test_a_side_is_as_stiff_and_damped_as_it_is_said_to_be():
+    """Critically damped against half of the mass; the damping comes up over ten nanometres."""
     assert pull("gap", 0.5 * GAP + 1e-8) == pytest.approx(SIDES * 1e-8, rel=1e-6)
-
-
-@settings(max_examples=50, deadline=None)
-@given(longer=metres, faster=speeds)
-def test_spring_and_gap_are_the_same_whichever_came_first(longer, faster):
-    first, second = (pull(j, longer, faster) for j in ("spring, then gap", "gap, then spring"))
-    assert first == second
+    damping = 2.0 * math.sqrt(SIDES * 0.5 * MASS) * 0.01 / 2.0
+    assert pull("gap", 0.5 * GAP + 1e-8, 0.01) == pytest.approx(1.0 + damping, rel=1e-6)
 
 
 def test_the_rotor_is_before_the_joint_and_the_block_with_its_friction_behind():
@@ -136,20 +128,10 @@ def test_a_load_on_a_spring_swings_at_its_mode_and_leaves_the_friction_before_it
     assert sp.simplify(momentum.subs(table)) == 0
 
 
-def test_a_load_on_a_spring_cannot_be_parted_once_more():
-    with pytest.raises(OneBody, match="behind a spring already"):
-        with_gap(with_load_on_spring(BARE))
-
-
 @pytest.mark.parametrize("join", [with_spring, with_gap, with_load_on_spring])
 def test_a_screw_without_a_rotor_is_refused_with_what_to_do(join):
     with pytest.raises(OneBody, match=r"Jm is 0 .*give its inertia, Table 2\.1"):
         join(screw(rotor=0.0))
-
-
-def test_the_rotor_cannot_be_taken_away_later():
-    (rotor,) = (p for p in with_gap(screw()).parameters if p.name == "Jm")
-    assert rotor.minimum > 0
 
 
 def test_a_plant_that_sticks_already_is_refused():

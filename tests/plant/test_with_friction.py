@@ -1,6 +1,5 @@
 """Any body takes any friction law, and sticks to what it slides on."""
 
-import numpy as np
 import pytest
 import sympy as sp
 
@@ -14,7 +13,6 @@ from ballscrew import (
     symbol,
     with_friction,
 )
-from ballscrew.plant import LAWS
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.kernel import Model
 
@@ -37,27 +35,6 @@ def block_on_belt() -> Component:
         outputs=(Output("x", "m", "position", x),),
         balances=(ForceBalance("v", 1, (spring, damper)),),
     )
-
-
-def test_a_block_that_sticks_goes_with_the_belt_until_the_spring_pulls_it_off():
-    values = {"Fc": 2.0, "Fs": BREAK_AWAY, "sigma2": 0.0}
-    model = Model(generate(with_friction(block_on_belt(), "classical", values)), {}, 1e-10)
-    off = (BREAK_AWAY - 5.0 * SPEED) / STIFFNESS / SPEED  # s
-    model.advance(0.0, 0.9 * off)
-    assert model.x[0] == pytest.approx(0.9 * off * SPEED, rel=1e-9)
-    assert model.x[1] == 0.0
-    model.advance(0.9 * off, 1.2 * off)
-    assert model.x[1] < 0.0
-
-
-@pytest.mark.parametrize("law", [name for name in LAWS if name != "classical"])
-def test_every_law_holds_a_block_with_its_friction_after_a_long_time_of_sliding(law):
-    """The spring is held where friction of the law at the belt's speed holds it."""
-    model = Model(generate(with_friction(block_on_belt(), law)), {}, 1e-8)
-    model.advance(0.0, 20.0)
-    outputs = model.outputs(20.0, model.x)
-    assert np.isfinite(model.x).all()
-    assert STIFFNESS * model.x[0] == pytest.approx(-outputs["friction"], rel=0.02)
 
 
 def falling() -> ForceTerm:
@@ -111,23 +88,3 @@ def test_a_law_or_a_parameter_that_is_not_there_is_named():
         with_friction(block_on_belt(), "coulomb")
     with pytest.raises(ValueError, match="no parameter 'mu'"):
         with_friction(block_on_belt(), "lugre", {"mu": 0.3})
-
-
-def test_friction_of_a_body_that_turns_is_a_torque_over_an_angle():
-    angle, speed = symbol("x"), symbol("v")
-    spring = ForceTerm("spring", -2.0 * angle, "a torsion spring")
-    shaft = Component(
-        "shaft",
-        "A shaft on a torsion spring",
-        states=(State("x", "rad", "angle", speed), State("v", "rad/s", "angular velocity")),
-        balances=(ForceBalance("v", 1, (spring,)),),
-    )
-    turning = with_friction(shaft, "lugre", {"sigma0": 50.0})
-    units = {p.name: p.unit for p in turning.all_parameters}
-    assert units["sigma0"] == "N*m/rad"
-    assert units["sigma1"] == units["sigma2"] == "N*m*s/rad"
-    assert units["Fc"] == units["Fs"] == "N*m"
-    assert units["Vs"] == "rad/s"
-    assert turning.output("friction").unit == "N*m"
-    assert next(s.unit for s in turning.all_states if s.name == "z") == "rad"
-    assert {p.unit for p in with_friction(block_on_belt(), "lugre").all_parameters} >= {"N", "N/m"}
