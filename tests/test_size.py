@@ -30,9 +30,9 @@ MOST = {  # folder: lines, lines without docstrings
     "rig": (1845, 1448),
     "proofs": (12908, 11440),
     "benchmarks": (1875, 1736),
-    "docs": (1405, 1356),
+    "docs": (1401, 1352),
     ".ci": (276, 255),
-    "tests": (34192, 32837),
+    "tests": (32727, 31393),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -9,6 +9,8 @@ from ballscrew.fmus.system_reading import BadSystem, read_system
 
 FILES = 300
 
+pytestmark = pytest.mark.ci
+
 
 @pytest.fixture(scope="module")
 def good():

@@ -16,6 +16,12 @@ from ballscrew.fmus.system_reading import (
 )
 
 STANDARD = "http://ssp-standard.org/SSP1/SystemStructure"
+SPACES = {
+    "ssc": "Common",
+    "ssd": "Description",
+    "ssm": "ParameterMapping",
+    "ssv": "ParameterValues",
+}
 UNITS = """
   <ssd:Units>
     <ssc:Unit name="m"><ssc:BaseUnit m="1"/></ssc:Unit>
@@ -72,21 +78,13 @@ ELEMENTS = """
     </ssd:Elements>"""
 
 
-def described(system, *, version="1.0", rest=UNITS, prolog="", tag="SystemStructureDescription"):
-    spaces = " ".join(
-        f'xmlns:{prefix}="{STANDARD}{part}"'
-        for prefix, part in (
-            ("ssc", "Common"),
-            ("ssd", "Description"),
-            ("ssm", "ParameterMapping"),
-            ("ssv", "ParameterValues"),
-        )
-    )
+def described(system, *, version="1.0", rest=UNITS, prolog=""):
+    spaces = " ".join(f'xmlns:{prefix}="{STANDARD}{part}"' for prefix, part in SPACES.items())
     return f"""<?xml version="1.0" encoding="UTF-8"?>{prolog}
-<ssd:{tag} {spaces} version="{version}" name="rig">
+<ssd:SystemStructureDescription {spaces} version="{version}" name="rig">
   <ssd:System name="top">{system}
   </ssd:System>{rest}
-</ssd:{tag}>"""
+</ssd:SystemStructureDescription>"""
 
 
 def packed(path, system, files=None, **options):
@@ -141,25 +139,22 @@ def connected(inside="", start="a.y", end="b.x", attributes="", before=""):
     </ssd:Connections>"""
 
 
-def parameters(content, attributes="", mapping="", units=""):
+def parameters(content, attributes="", mapping=""):
     return f"""
     <ssd:ParameterBindings><ssd:ParameterBinding {attributes}>
       <ssd:ParameterValues><ssv:ParameterSet version="1.0" name="set">
-        <ssv:Parameters>{content}</ssv:Parameters>{units}
+        <ssv:Parameters>{content}</ssv:Parameters>
       </ssv:ParameterSet></ssd:ParameterValues>{mapping}
     </ssd:ParameterBinding></ssd:ParameterBindings>"""
 
 
+def typed(name, inside):
+    return f'<ssv:Parameter name="{name}">{inside}</ssv:Parameter>'
+
+
 def real(name, value, unit=""):
     unit = f' unit="{unit}"' if unit else ""
-    return f'<ssv:Parameter name="{name}"><ssv:Real value="{value}"{unit}/></ssv:Parameter>'
-
-
-def mapped(*entries):
-    return (
-        '<ssd:ParameterMapping><ssm:ParameterMapping version="1.0">'
-        f"{''.join(entries)}</ssm:ParameterMapping></ssd:ParameterMapping>"
-    )
+    return typed(name, f'<ssv:Real value="{value}"{unit}/>')
 
 
 def values(system, element):
@@ -269,13 +264,10 @@ def test_ssp_2_0_is_read_with_its_own_names_of_types(read):
     assert [str(c.target) for c in system.inputs[0].drives] == ["a.x"]
 
 
-@pytest.mark.parametrize(
-    ("attributes", "scale"), [("", 1000.0), ('suppressUnitConversion="true"', 1.0)]
-)
-def test_units_are_converted_unless_the_connection_forbids_it(read, attributes, scale):
+def test_units_are_not_converted_where_the_connection_forbids_it(read):
     files = TWO | {"resources/b.fmu": an_fmu("input Real x mm")}
-    system = read(connected(attributes=attributes), files)
-    assert system.connections[0].factor == scale
+    system = read(connected(attributes='suppressUnitConversion="true"'), files)
+    assert system.connections[0].factor == 1.0
 
 
 def test_a_later_parameter_binding_and_an_outer_one_have_the_last_word(read):
@@ -289,44 +281,29 @@ def test_a_later_parameter_binding_and_an_outer_one_have_the_last_word(read):
 
 
 def test_a_parameter_mapping_renames_converts_and_scales(read):
-    mapping = mapped(
-        '<ssm:MappingEntry source="p.l" target="a.x">'
-        '<ssc:LinearTransformation factor="2" offset="1"/></ssm:MappingEntry>',
-        '<ssm:MappingEntry source="p.l" target="b.length"/>',
-        '<ssm:MappingEntry source="p.gone" target="b.x"/>',
-    )
+    mapping = """<ssd:ParameterMapping><ssm:ParameterMapping version="1.0">
+      <ssm:MappingEntry source="p.l" target="a.x">
+        <ssc:LinearTransformation factor="2" offset="1"/></ssm:MappingEntry>
+      <ssm:MappingEntry source="p.l" target="b.length"/>
+      <ssm:MappingEntry source="p.gone" target="b.x"/>
+    </ssm:ParameterMapping></ssd:ParameterMapping>"""
     content = real("l", 500, "mm") + real("other", 1)
     system = read(parameters(content, 'prefix="p."', mapping) + ELEMENTS)
     assert values(system, "a") == {"x": 2.0}  # 500 mm = 0.5 m
-    system_b = {"length": 500.0 * 0.001}
-    files = TWO | {"resources/b.fmu": an_fmu("parameter Real length m", "input Real x")}
-    assert values(read(parameters(content, 'prefix="p."', mapping) + ELEMENTS, files), "b") == (
-        system_b
-    )
+    assert values(system, "b") == {"length": 500.0 * 0.001}
     assert len(system.ignored) == 2
     assert all(any(name in text for text in system.ignored) for name in ("p.gone", "p.other"))
 
 
-def test_parameters_and_mappings_come_from_files_of_their_own_too(read):
-    ssm = (
-        f'<ssm:ParameterMapping xmlns:ssm="{STANDARD}ParameterMapping" version="1.0">'
-        '<ssm:MappingEntry source="size" target="a.gain"/></ssm:ParameterMapping>'
-    )
-    binding = """<ssd:ParameterBindings><ssd:ParameterBinding source="extra/start%20values.ssv">
-      <ssd:ParameterMapping source="extra/names.ssm"/></ssd:ParameterBinding>
-    </ssd:ParameterBindings>"""
-    files = TWO | {"extra/start values.ssv": START, "extra/names.ssm": ssm}
-    system = read(binding + ELEMENTS, files)
-    assert values(system, "a") == {"gain": 250.0}
-    assert values(system, "b") == {"x": 7.0}
-
-
-def test_integers_and_booleans_keep_their_kind(read):
-    content = (
-        '<ssv:Parameter name="a.n"><ssv:Integer value="3"/></ssv:Parameter>'
-        '<ssv:Parameter name="a.on"><ssv:Boolean value="true"/></ssv:Parameter>'
-        '<ssv:Parameter name="a.gain"><ssv:Integer value="4"/></ssv:Parameter>'
-        '<ssv:Parameter name="a.file"><ssv:String value="table 1.csv"/></ssv:Parameter>'
+def test_integers_booleans_and_texts_keep_their_kind(read):
+    content = "".join(
+        typed(f"a.{name}", f'<ssv:{kind} value="{value}"/>')
+        for name, kind, value in (
+            ("n", "Integer", 3),
+            ("on", "Boolean", "true"),
+            ("gain", "Integer", 4),
+            ("file", "String", "table 1.csv"),
+        )
     )
     found = values(read(parameters(content) + ELEMENTS), "a")
     assert found == {"n": 3, "on": True, "gain": 4.0, "file": "table 1.csv"}
@@ -335,7 +312,7 @@ def test_integers_and_booleans_keep_their_kind(read):
 
 def test_a_set_for_several_systems_is_read_and_says_what_it_did_not_use(read):
     content = real("a.gain", 1) + real("a.gian", 2)
-    content += '<ssv:Parameter name="c.name"><ssv:String value="x"/></ssv:Parameter>'
+    content += typed("c.name", '<ssv:String value="x"/>')
     system = read(parameters(content) + ELEMENTS)
     assert values(system, "a") == {"gain": 1.0}
     assert [text.split()[0] for text in system.ignored] == ["a.gian", "c.name"]
@@ -367,7 +344,6 @@ def refusal(tmp_path, system, files=None, **options):
 
 
 BOMB = """<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>"""
-FOREIGN = """<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>"""
 
 
 def test_a_file_that_is_missing_or_no_zip_is_refused(tmp_path):
@@ -378,33 +354,26 @@ def test_a_file_that_is_missing_or_no_zip_is_refused(tmp_path):
         read_system(tmp_path / "text.ssp")
 
 
+def experiment(attributes):
+    return {"system": ELEMENTS, "rest": f"<ssd:DefaultExperiment {attributes}/>"}
+
+
+DEEP = '<ssd:Elements><ssd:System name="s">' * 60 + "</ssd:System></ssd:Elements>" * 60
+
+
 @pytest.mark.parametrize(
     ("options", "text"),
     [
         ({"system": None}, "holds no SystemStructure.ssd"),
-        ({"system": ELEMENTS, "tag": "Wrong"}, "Wrong, expected"),
         ({"system": ELEMENTS, "version": "3.0"}, "is SSP version 3.0, expected 1.0 or 2.0"),
         ({"system": "<ssd:Elements>"}, "SystemStructure.ssd is no XML"),
-        ({"system": "<unknown:Elements/>"}, "SystemStructure.ssd is no XML"),
         ({"system": "&b;" + ELEMENTS, "prolog": BOMB}, "declares a document type"),
-        ({"system": "&a;" + ELEMENTS, "prolog": FOREIGN}, "declares a document type"),
         ({"system": ""}, "holds no component"),
-        (
-            {"system": ELEMENTS, "rest": '<ssd:DefaultExperiment stopTime="INF"/>'},
-            "the stop time is 'INF', expected a finite number",
-        ),
-        (
-            {"system": ELEMENTS, "rest": '<ssd:DefaultExperiment startTime="2" stopTime="1"/>'},
-            "the stop time 1 s is not after the start time 2 s",
-        ),
-        (
-            {
-                "system": '<ssd:Elements><ssd:System name="s">' * 60
-                + "</ssd:System></ssd:Elements>" * 60
-            },
-            "systems lie more than 50 levels deep",
-        ),
+        (experiment('stopTime="INF"'), "the stop time is 'INF', expected a finite number"),
+        (experiment('startTime="2" stopTime="1"'), "stop time 1 s is not after the start time 2 s"),
+        ({"system": DEEP}, "systems lie more than 50 levels deep"),
     ],
+    ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_what_is_no_system_is_refused(tmp_path, options, text):
     assert text in refusal(tmp_path, **options)
@@ -414,11 +383,9 @@ def test_an_archive_that_climbs_out_or_unpacks_to_too_much_is_refused(tmp_path, 
     files = TWO | {"../outside.txt": "x"}
     assert "is outside its folder" in refusal(tmp_path, ELEMENTS, files)
     assert not (tmp_path.parent / "outside.txt").exists()
-    monkeypatch.setattr("ballscrew.fmus.archive.LARGEST", 1000)
-    assert "would unpack to" in refusal(tmp_path, ELEMENTS, TWO | {"zeros": "0" * 2000})
-
-
-def test_a_small_file_of_many_large_fmus_is_refused(tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr("ballscrew.fmus.archive.LARGEST", 1000)
+        assert "would unpack to" in refusal(tmp_path, ELEMENTS, TWO | {"zeros": "0" * 2000})
     monkeypatch.setattr("ballscrew.fmus.system_reading.LARGEST_OF_ALL", 100)
     assert "its FMUs would unpack to" in refusal(tmp_path, ELEMENTS)
 
@@ -427,13 +394,9 @@ def test_a_small_file_of_many_large_fmus_is_refused(tmp_path, monkeypatch):
     ("attributes", "text"),
     [
         ('source="resources/c.fmu"', "which is not in the archive; nearest: resources/"),
-        ('source="../../a.fmu"', "expected a file in the archive"),
+        ('source="two&#10;lines.fmu"', "'two\\nlines.fmu', which is not in the archive"),
         ('source="resources/%2e%2e/%2e%2e/a.fmu"', "expected a file in the archive"),
-        ('source="/etc/passwd"', "expected a file in the archive"),
         ('source="file:///etc/passwd"', "expected a file in the archive"),
-        ('source="https://example.org/a.fmu"', "expected a file in the archive"),
-        ('source="//host/a.fmu"', "expected a file in the archive"),
-        ('source="#other"', "expected a file in the archive"),
         ("", "element 'c' has no source"),
         ('source="x.ssp" type="application/x-ssp-package"', "is of type application/x-ssp-package"),
         ('source="text.fmu"', "text.fmu is not an FMU that can be read"),
@@ -444,26 +407,6 @@ def test_an_element_without_an_fmu_that_can_run_is_refused(tmp_path, attributes,
     files = TWO | {"text.fmu": "no XML", "old.fmu": an_fmu(version="1.0")}
     system = f'<ssd:Elements><ssd:Component name="c" {attributes}/></ssd:Elements>'
     assert text in refusal(tmp_path, system, files)
-
-
-def test_a_signal_dictionary_is_refused_by_name(tmp_path):
-    system = """<ssd:Elements><ssd:SignalDictionaryReference name="bus" dictionary="d"/>
-      </ssd:Elements>"""
-    assert "element 'bus' is a SignalDictionaryReference" in refusal(tmp_path, system)
-
-
-def test_a_message_is_one_line_whatever_the_names_in_the_file(tmp_path):
-    system = '<ssd:Elements><ssd:Component name="c" source="two&#10;lines.fmu"/></ssd:Elements>'
-    assert "'two\\nlines.fmu', which is not in the archive" in refusal(tmp_path, system)
-    system = (
-        '<ssd:Elements><ssd:Component name="c" source="x" type="two&#10;lines"/></ssd:Elements>'
-    )
-    assert "is of type two lines;" in refusal(tmp_path, system)
-
-
-def test_two_elements_of_one_name_are_refused(tmp_path):
-    twice = ELEMENTS.replace('name="b"', 'name="a"')
-    assert "two elements are called 'a'" in refusal(tmp_path, twice)
 
 
 MANY = """<ssd:Connectors>
@@ -477,58 +420,54 @@ MANY = """<ssd:Connectors>
     ("connection", "text"),
     [
         ({"start": "bb.y"}, "names the element 'bb', which does not exist; nearest: b"),
-        ({"start": "a.z"}, "names the connector 'z' of 'a', which does not exist"),
         ({"end": "b.xx"}, "names the connector 'xx' of 'b', which does not exist; nearest: x"),
         ({"end": "b.y"}, "joins a.y and b.y, which both give a value"),
         ({"start": "a.x"}, "joins a.x and b.x, which both take a value"),
         ({"start": "both"}, "joins both of kind inout"),
         ({"start": "in", "end": "out"}, "the system's output out is its input in"),
         ({"start": "a.y", "end": "b.length"}, "only outputs and inputs can be connected"),
-        ({"start": "a.words"}, "a.words is of type String; only numbers and truth values"),
         ({"attributes": 'suppressUnitConversion="maybe"'}, "expected true or false"),
         ({"inside": '<ssc:LinearTransformation factor="nan"/>'}, "the factor is 'nan'"),
-        *(
-            ({"inside": f"<ssc:{kind}/>"}, f"has a {kind}; only a LinearTransformation")
-            for kind in (
-                "BooleanMappingTransformation",
-                "IntegerMappingTransformation",
-                "EnumerationMappingTransformation",
-            )
-        ),
+        ({"inside": "<ssc:IntegerMappingTransformation/>"}, "only a LinearTransformation"),
     ],
 )
 def test_a_connection_that_makes_no_sense_is_refused(tmp_path, connection, text):
     assert text in refusal(tmp_path, connected(before=MANY, **connection))
 
 
-def test_a_transformation_in_a_namespace_of_its_own_is_not_dropped(read):
-    inside = '<ssd:LinearTransformation factor="3"/>'
-    assert read(connected(inside)).connections[0].factor == 3.0
+DICTIONARY = (
+    '<ssd:Elements><ssd:SignalDictionaryReference name="bus" dictionary="d"/></ssd:Elements>'
+)
+SECOND = '<ssd:Connection startConnector="in" endElement="b" endConnector="x"/></ssd:Connections>'
+RING = f"""<ssd:Elements><ssd:System name="s">{MANY}<ssd:Connections>
+    <ssd:Connection startConnector="in" endConnector="out"/></ssd:Connections></ssd:System>
+  </ssd:Elements><ssd:Connections><ssd:Connection startElement="s" startConnector="out"
+    endElement="s" endConnector="in"/></ssd:Connections>"""
 
 
-def test_two_connections_into_one_input_are_refused(tmp_path):
-    system = connected(before=MANY).replace(
-        "</ssd:Connections>",
-        '<ssd:Connection startConnector="in" endElement="b" endConnector="x"/></ssd:Connections>',
-    )
-    assert "b.x is driven twice, by a.y and in" in refusal(tmp_path, system)
+def goal_in(unit):
+    connectors = f"""<ssd:Connectors><ssd:Connector name="g" kind="input"><ssc:Real unit="{unit}"/>
+      </ssd:Connector></ssd:Connectors>"""
+    return connected(start="g", end="a.x", before=connectors)
 
 
-def test_a_ring_of_connections_without_an_fmu_is_refused(tmp_path):
-    inner = f"""{MANY}<ssd:Connections>
-      <ssd:Connection startConnector="in" endConnector="out"/></ssd:Connections>"""
-    system = f"""<ssd:Elements><ssd:System name="s">{inner}</ssd:System></ssd:Elements>
-      <ssd:Connections><ssd:Connection startElement="s" startConnector="out" endElement="s"
-        endConnector="in"/></ssd:Connections>"""
-    assert "form a ring" in refusal(tmp_path, system)
-
-
-def component(name, connector):
-    return f"""<ssd:Elements><ssd:Component name="{name}" source="resources/{name}.fmu">
-      <ssd:Connectors>{connector}</ssd:Connectors></ssd:Component></ssd:Elements>
-      <ssd:Connectors><ssd:Connector name="g" kind="input"/></ssd:Connectors>
-      <ssd:Connections><ssd:Connection startConnector="g" endElement="{name}" endConnector="x"/>
-      </ssd:Connections>"""
+@pytest.mark.parametrize(
+    ("system", "text"),
+    [
+        (DICTIONARY, "element 'bus' is a SignalDictionaryReference"),
+        (ELEMENTS.replace('name="b"', 'name="a"'), "two elements are called 'a'"),
+        (
+            connected(before=MANY).replace("</ssd:Connections>", SECOND),
+            "b.x is driven twice, by a.y and in",
+        ),
+        (RING, "form a ring"),
+        (goal_in("N"), "'N' cannot be converted to 'm': they are units of different quantities"),
+        (goal_in("ell"), "the unit 'ell' is not defined, so 'ell' cannot be converted to 'm'"),
+    ],
+    ids=["dictionary", "names", "twice", "ring", "quantity", "unit"],
+)
+def test_elements_that_cannot_be_joined_as_they_are_are_refused(tmp_path, system, text):
+    assert text in refusal(tmp_path, system)
 
 
 @pytest.mark.parametrize(
@@ -541,41 +480,23 @@ def component(name, connector):
     ],
 )
 def test_a_connector_that_contradicts_its_fmu_is_refused(tmp_path, connector, text):
-    entry = f'<ssd:Connector name="x" {connector}</ssd:Connector>'
-    assert text in refusal(tmp_path, component("a", entry))
-
-
-@pytest.mark.parametrize(
-    ("unit", "text"),
-    [
-        ("N", "'N' cannot be converted to 'm': they are units of different quantities"),
-        ("ell", "the unit 'ell' is not defined, so 'ell' cannot be converted to 'm'"),
-    ],
-)
-def test_units_that_cannot_be_converted_are_refused(tmp_path, unit, text):
-    connectors = f"""<ssd:Connectors><ssd:Connector name="g" kind="input"><ssc:Real unit="{unit}"/>
-      </ssd:Connector></ssd:Connectors>"""
-    assert text in refusal(tmp_path, connected(start="g", end="a.x", before=connectors))
+    system = f"""<ssd:Elements><ssd:Component name="a" source="resources/a.fmu"><ssd:Connectors>
+      <ssd:Connector name="x" {connector}</ssd:Connector></ssd:Connectors></ssd:Component>
+      </ssd:Elements><ssd:Connectors><ssd:Connector name="g" kind="input"/></ssd:Connectors>
+      <ssd:Connections><ssd:Connection startConnector="g" endElement="a" endConnector="x"/>
+      </ssd:Connections>"""
+    assert text in refusal(tmp_path, system)
 
 
 @pytest.mark.parametrize(
     ("content", "text"),
     [
         (real("a.gain", "NaN"), "parameter 'a.gain' is 'NaN', expected a finite number"),
-        (real("a.gain", "1 2"), "parameter 'a.gain' is '1 2', expected a finite number"),
         (real("a.n", 1.5), "is a Real, but a.n is a Integer"),
-        (real("b.length", 1, "N"), "'N' cannot be converted to 'm'"),
-        (
-            '<ssv:Parameter name="a.file"><ssv:Binary value="00"/></ssv:Parameter>',
-            "is a Binary; only numbers, truth values and texts can be set",
-        ),
-        (
-            '<ssv:Parameter name="a.gain"><ssv:String value="x"/></ssv:Parameter>',
-            "is a String, but a.gain is a Real",
-        ),
-        ('<ssv:Parameter name="a.on"><ssv:Boolean value="on"/></ssv:Parameter>', "true or false"),
-        ('<ssv:Parameter name="a.n"><ssv:Integer value="1.5"/></ssv:Parameter>', "an integer"),
-        ('<ssv:Parameter name="a.n"/>', "parameter 'a.n' has no value"),
+        (typed("a.file", '<ssv:Binary value="00"/>'), "only numbers, truth values and texts can"),
+        (typed("a.gain", '<ssv:String value="x"/>'), "is a String, but a.gain is a Real"),
+        (typed("a.on", '<ssv:Boolean value="on"/>'), "true or false"),
+        (typed("a.n", ""), "parameter 'a.n' has no value"),
     ],
 )
 def test_a_parameter_value_that_cannot_be_set_is_refused(tmp_path, content, text):
@@ -588,7 +509,6 @@ def test_a_parameter_value_that_cannot_be_set_is_refused(tmp_path, content, text
         ('source="gone.ssv"', "which is not in the archive"),
         ('source="resources/a.fmu"', "a.fmu is no XML"),
         ('source="start.ssv" sourceBase="component"', "is inside an FMU"),
-        ('source="start.ssv" type="text/csv"', "is of type text/csv"),
         ("", "has neither a source nor a ParameterSet in it"),
     ],
 )

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 import sympy as sp
-from fmpy import read_model_description
-from fmpy.validation import validate_fmu
 
 from ballscrew.controllers.nctf import nctf
 from ballscrew.fmus.catalogue import component
@@ -56,17 +54,6 @@ def opened(fmu):
     yield make
     for instance in kept:
         instance.close()
-
-
-def test_an_fmu_with_tangents_is_valid_and_describes_them(fmu):
-    assert validate_fmu(str(fmu)) == []
-    variables = {v.name: v for v in read_model_description(str(fmu)).modelVariables}
-    assert variables["x_d1"].causality == "output"
-    assert variables["v_d2"].causality == "output"
-    assert variables["u_d2"].causality == "input"
-    assert variables["v_d1_start"].causality == "parameter"
-    assert variables["v_d1_start"].unit == "rad/s"
-    assert variables["tangent_frame"].causality == "input"
 
 
 def test_tangents_are_the_differences_of_neighbouring_motions(opened):

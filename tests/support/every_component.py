@@ -1,7 +1,7 @@
-"""All components of the catalogue; those outside a sample take long and are for ``make prove``.
+"""All components of the catalogue, in the three tiers.
 
-The sample has components with and without states, modes, samples, limits, a feedback law, an
-observer, events.
+The first have states, modes, samples, limits and the feedback law; with those that landings are
+tested with, there are an observer and an instrument, too.
 """
 
 import pytest
@@ -9,15 +9,14 @@ import pytest
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus.catalogue import NAMES
 
-SAMPLE = (
-    "plant plant_classical plant_maxwell_slip iol nctf pid pid_sampled iol_observed relay "
-    "position_encoder"
-).split()
+FIRST = "plant", "nctf", "plant_classical", "pid_sampled"
+MORE = "plant_maxwell_slip", "iol", "iol_observed", "relay", "position_encoder"
 
 
-def sampled(names):
-    return [n if n in SAMPLE else pytest.param(n, marks=pytest.mark.long) for n in names]
+def in_tiers(names):
+    marks = {n: pytest.mark.ci if n in MORE else pytest.mark.prove for n in names}
+    return [n if n in FIRST else pytest.param(n, marks=marks[n]) for n in names]
 
 
-EVERY_COMPONENT = sampled(NAMES)
-EVERY_CONTROLLER = sampled(CONTROLLERS)
+EVERY_COMPONENT = in_tiers(NAMES)
+EVERY_CONTROLLER = in_tiers(CONTROLLERS)

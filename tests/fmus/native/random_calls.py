@@ -3,8 +3,7 @@
 Started with a library, an instantiation token, the version of FMI, value references as JSON, a seed
 and a number of calls; prints, as JSON, how often each function went well and how often it did not.
 That an error comes without a message, or a function of the standard is missing, is an error here; a
-crash is seen from outside. Some instances of FMI 3.0 call back within a step, and get more random
-calls then; those to an instance that is in a step are counted as "within" it.
+crash is seen from outside.
 """
 
 import ctypes
@@ -29,16 +28,6 @@ LOGGERS = {
     2: ctypes.CFUNCTYPE(None, c_void_p, c_char_p, c_int, c_char_p, c_char_p),
     3: ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p),
 }
-
-
-UPDATE = ctypes.CFUNCTYPE(
-    None,
-    c_void_p,
-    c_double,
-    *[c_bool] * 4,
-    ctypes.POINTER(c_bool),
-    ctypes.POINTER(c_double),
-)
 
 
 class Callbacks(ctypes.Structure):
@@ -71,10 +60,6 @@ class Host:
         self.counts = {}
         self.keep = None
         self.instance = c_void_p(None)
-        self.within = []  # instances that are in a step and have called back
-        self.wrong = None
-        self.begins = False  # a step, of which nothing was told yet
-        self.updater = UPDATE(self.update)
 
     def function(self, name):
         f = getattr(self.library, f"fmi{self.version}{name}")
@@ -128,10 +113,7 @@ class Host:
     def call(self, name, *arguments):
         heard = len(self.messages)
         status = self.function(name)(self.instance, *arguments)
-        if self.wrong is not None:  # raised in a callback, where ctypes would drop it
-            raise self.wrong
-        key = f"within {name}" if self.instance.value in self.within else name
-        one = self.counts.setdefault(key, [0, 0])
+        one = self.counts.setdefault(name, [0, 0])
         one[status != 0] += 1
         if status not in (0, 3):
             raise SystemExit(f"{name} has status {status}")
@@ -157,56 +139,16 @@ class Host:
             head = (name, token, None, c_bool(False), c_bool(True))
             more, tail = (), ()
             if not exchange:
-                more = (c_bool(r.random() < 0.02), c_bool(r.random() < 0.7), *self.wanted())
-                tail = (r.choice((None, self.updater, self.updater)),)
+                more = (c_bool(r.random() < 0.02), c_bool(r.random() < 0.7), None, c_size_t(0))
+                tail = (None,)
             made = make(*head, *more, None, self.logger, *tail)
         if made:
             self.instances.append(made)
 
-    def wanted(self):
-        """Intermediate variables, most of them such that may be."""
-        r = self.random
-        known = self.references["intermediate"]
-        chosen = [*known] if r.random() < 0.7 else r.sample(known, r.randrange(len(known)))
-        if r.random() < 0.05:
-            chosen.append(r.choice((r.randrange(2**32), r.randrange(200))))
-        return self.pointer((c_uint32 * len(chosen))(*chosen)), c_size_t(len(chosen))
-
-    def update(self, _environment, _time, _set, _get, _finished, may_return, asked, until):
-        """What the host does within a step: mostly nothing."""
-        r = self.random
-        often, self.begins = 0.9 if self.begins else 0.005, False
-        if self.wrong is not None or len(self.within) > 2 or r.random() > often:
-            return
-        stepping = self.instance
-        self.within.append(stepping.value)
-        try:
-            if asked[0] or until[0] != _time:
-                raise SystemExit("a return is asked for before the host has")
-            for _ in range(r.randrange(90)):
-                other = self.instances and r.random() < 0.2
-                self.instance = c_void_p(r.choice(self.instances)) if other else stepping
-                kinds = [self.phase, self.saved, self.derivatives] + [self.signals] * 6
-                r.choice([*kinds, self.continuous, self.others])()
-            if self.instances and r.random() < 0.1:
-                self.free_instance(r.choice((r.choice(self.instances), stepping.value)))
-            if r.random() < 0.2:
-                asked[0], until[0] = True, self.time().value
-        except BaseException as error:
-            self.wrong = error
-        finally:
-            self.instance = stepping
-            self.within.pop()
-
     def free_instance(self, chosen):
-        heard = len(self.messages)
         free = getattr(self.library, f"fmi{self.version}FreeInstance")
         free.restype = None
         free(c_void_p(chosen))
-        if chosen in self.within:
-            if len(self.messages) == heard:
-                raise SystemExit("an instance within a step is freed without a message")
-            return
         self.instances.remove(chosen)
         self.states = []  # some of them were its own
 
@@ -264,7 +206,6 @@ class Host:
         elif name == "DoStep" and three:
             pointers = [self.pointer(byref(flags, k)) for k in range(3)]
             last = self.pointer(byref(doubles))
-            self.begins = True
             self.call(name, self.time(), self.step(), c_bool(True), *pointers, last)
         elif name == "DoStep":
             self.call(name, self.time(), self.step(), 1)
@@ -320,31 +261,11 @@ class Host:
         )
         self.call("GetAdjointDerivative", *head, self.values(), sizes[1], self.values(), sizes[0])
 
-    def others(self):
-        n = c_size_t(self.count())
-        integers = (c_int * ROOM)()
-        if self.version == 2:
-            self.call("SetDebugLogging", 1, c_size_t(0), None)
-            self.call("SetRealInputDerivatives", self.names("outputs"), n, integers, self.values())
-            self.call("GetRealOutputDerivatives", self.names("outputs"), n, integers, self.values())
-            kind = self.random.randrange(-1, 5)
-            for name in ("Status", "RealStatus", "IntegerStatus", "BooleanStatus", "StringStatus"):
-                self.call(f"Get{name}", kind, self.values())
-            self.call("CancelStep")
-        else:
-            self.call("SetDebugLogging", c_bool(True), c_size_t(0), None)
-            self.call("GetOutputDerivatives", self.names("outputs"), n, integers, self.values(), n)
-            self.call("EvaluateDiscreteStates")
-            self.call("GetNumberOfEventIndicators", self.pointer(integers))
-            self.call("GetNumberOfContinuousStates", self.pointer(integers))
-            self.call("EnterConfigurationMode")
-            self.call("ExitConfigurationMode")
-
     def run(self, calls):
         r = self.random
         kinds = [self.phase] * 6 + [self.signals] * 5 + [self.saved] * 3
-        kinds += [self.continuous, self.continuous, self.derivatives, self.others]
-        while sum(sum(v) for k, v in self.counts.items() if k[:6] != "within") < calls:
+        kinds += [self.continuous, self.continuous, self.derivatives]
+        while sum(map(sum, self.counts.values())) < calls:
             if not self.instances or (len(self.instances) < 3 and r.random() < 0.01):
                 self.instantiate()
                 continue

@@ -1,8 +1,7 @@
-"""``ballscrew export --native`` as a person uses it."""
+"""``ballscrew export`` as a person uses it: parts, native parts and loops."""
 
 import ast
 import importlib.util
-import os
 import stat
 import subprocess
 import sys
@@ -11,11 +10,13 @@ import zipfile
 
 import pytest
 import sympy as sp
+from any_fmu import Host, written
 from fmpy.validation import validate_fmu
-from fmu_host import opened
 
 from ballscrew.cli import main
-from ballscrew.fmus.native.export import export_native
+from ballscrew.fmus.catalogue import fmu
+from ballscrew.fmus.native import ready
+from ballscrew.fmus.native.ready import NATIVE, READABLE, ready_fmu
 from ballscrew.solver import compilers
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, ContractError, Input, Output, symbol
@@ -25,7 +26,7 @@ from ballscrew.solver.translation import in_c
 
 
 def export(*arguments):
-    return main(["export", "--native", *map(str, arguments)])
+    return main(["export", *map(str, arguments)])
 
 
 @pytest.fixture
@@ -35,12 +36,10 @@ def no_compiler(monkeypatch):
 
 
 def test_what_is_named_is_written_with_sources_binary_and_documentation(native, tmp_path, capsys):
-    assert export("--only", "plant", "nctf", "--out", tmp_path) == 0
-    assert sorted(p.name for p in tmp_path.glob("*.fmu")) == ["nctf.fmu", "plant.fmu"]
-    assert capsys.readouterr().out.split() == [
-        str(tmp_path / "plant.fmu"),
-        str(tmp_path / "nctf.fmu"),
-    ]
+    assert export("--native", "--only", "plant", "nctf", "--out", tmp_path) == 0
+    written_to = [str(tmp_path / name) for name in ("plant.fmu", "nctf.fmu")]
+    assert capsys.readouterr().out.split() == written_to
+    assert sorted(map(str, tmp_path.glob("*.fmu"))) == sorted(written_to)
     with zipfile.ZipFile(tmp_path / "plant.fmu") as archive:
         names = set(archive.namelist())
     assert {"modelDescription.xml", "sources/fmi2.c", "documentation/index.html"} <= names
@@ -48,11 +47,10 @@ def test_what_is_named_is_written_with_sources_binary_and_documentation(native, 
     assert not [n for n in names if n.endswith(".py")]
 
 
+@pytest.mark.ci
 def test_fmi_3_and_tangents_can_be_asked_for(native, tmp_path):
-    assert (
-        export("--variational", "--tangents", 1, "--fmi", 3, "--only", "pid", "--out", tmp_path)
-        == 0
-    )
+    options = ["--native", "--variational", "--tangents", 1, "--fmi", 3, "--only", "pid"]
+    assert export(*options, "--out", tmp_path) == 0
     path = tmp_path / "pid_variational.fmu"
     assert validate_fmu(str(path)) == []
     with zipfile.ZipFile(path) as archive:
@@ -63,8 +61,8 @@ def test_fmi_3_and_tangents_can_be_asked_for(native, tmp_path):
 def test_without_a_compiler_there_are_sources_only_and_a_line_says_so(
     no_compiler, tmp_path, capsys
 ):
-    platforms = "linux64,win64"
-    assert export("--only", "pid", "--platforms", platforms, "--out", tmp_path) == 0
+    options = ["--native", "--only", "pid", "--platforms", "linux64,win64"]
+    assert export(*options, "--out", tmp_path) == 0
     heard = capsys.readouterr().err.strip()
     assert heard.count("\n") == 0
     assert "no C compiler for linux64, win64, so it contains sources only" in heard
@@ -76,17 +74,15 @@ def test_without_a_compiler_there_are_sources_only_and_a_line_says_so(
 
 
 def test_a_compiler_that_fails_is_quoted_in_one_block_and_nothing_is_written(
-    tmp_path, capsys, monkeypatch
+    native, tmp_path, capsys, monkeypatch
 ):
-    if not compilers.own_platform():
-        pytest.skip("needs x86-64")
     folder = tmp_path / "bin"
     folder.mkdir()
     command = folder / "cc"
     command.write_text("#!/bin/sh\necho 'first word' >&2\necho 'second word' >&2\nexit 4\n")
     command.chmod(command.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", f"{folder}:/bin:/usr/bin")
-    assert export("--only", "pid", "--out", tmp_path / "out") == 2
+    assert export("--native", "--only", "pid", "--out", tmp_path / "out") == 2
     heard = capsys.readouterr().err
     assert heard.startswith("ballscrew: cc does not compile pid for ")
     assert heard.endswith("says:\nfirst word\nsecond word\n")
@@ -96,53 +92,36 @@ def test_a_compiler_that_fails_is_quoted_in_one_block_and_nothing_is_written(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--only", "plnt"], "--component 'plnt' is neither one of plant"),
-        (["--fmi", "1"], "--fmi is '1', expected one of 2, 3"),
-        (["--platforms", "linux64,amiga"], "--platforms: no platform 'amiga'; there are linux64"),
-        (["--platforms", ""], "--platforms: no platform ''"),
-        (["--only", "plant_classical", "--variational"], "plant_classical has modes"),
+        ("--native --only plnt", "--component 'plnt' is neither one of plant"),
+        ("--native --fmi 1", "--fmi is '1', expected one of 2, 3"),
+        ("--native --platforms linux64,amiga", "--platforms: no platform 'amiga'; there are "),
+        ("--native --only plant_classical --variational", "plant_classical has modes"),
+        ("--platforms linux64", "--platforms needs --native"),
+        ("--loop iool", "--loop 'iool' is neither one of iol, iol_true_acceleration, nctf, pid, "),
+        ("--loop ../iol", "--loop '../iol' is neither one of iol"),
+        ("--loop iol --only iol", "--loop and --only: expected one of them"),
+        ("--loop iol --ssp", "--loop and --ssp: expected one of them"),
+        ("--loop iol --variational", "--loop and --variational: expected one of them"),
+        ("--loop iol --fmi 3", "--fmi needs --native"),
+        ("--modelica --native", "--modelica and --native: expected one of them"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_one_line(tmp_path, capsys, arguments, said):
-    assert export(*arguments, "--out", tmp_path) == 2
+    assert export(*arguments.split(), "--out", tmp_path / "out") == 2
     heard = capsys.readouterr().err
     assert heard.startswith(f"ballscrew: {said}")
     assert heard.count("\n") == 1
+    assert list(tmp_path.glob("out/*")) == []
 
 
-@pytest.mark.parametrize("option", [["--fmi", "3"], ["--platforms", "linux64"]])
-def test_options_of_native_fmus_are_refused_for_others(tmp_path, capsys, option):
-    assert main(["export", *option, "--out", str(tmp_path)]) == 2
-    assert "needs --native" in capsys.readouterr().err
-
-
-def test_an_output_that_cannot_be_written_is_one_line(native, tmp_path, capsys):
-    (tmp_path / "pid.fmu").mkdir()
-    assert export("--only", "pid", "--out", tmp_path) == 2
+@pytest.mark.parametrize("arguments", [["--native", "--only", "pid"], ["--loop", "pid"]])
+def test_an_output_that_cannot_be_written_is_one_line(native, tmp_path, capsys, arguments):
+    for name in ("pid", "pid_loop"):
+        (tmp_path / f"{name}.fmu").mkdir()
+    assert export(*arguments, "--out", tmp_path) == 2
     heard = capsys.readouterr().err
     assert heard.startswith("ballscrew: cannot write")
     assert heard.count("\n") == 1
-
-
-def test_without_only_what_cannot_be_exported_is_left_out_and_said(
-    no_compiler, tmp_path, capsys, monkeypatch
-):
-    from ballscrew.fmus.native import sources
-
-    original = sources.catalogued_model
-
-    def refusing(name, *kind):
-        if name == "plant_dahl":
-            raise UnsupportedComponent("plant_dahl has delays")
-        return original(name, *kind)
-
-    monkeypatch.setattr(sources, "catalogued_model", refusing)
-    assert export("--out", tmp_path) == 0
-    heard = capsys.readouterr().err
-    assert "left out: plant_dahl has delays" in heard
-    names = {p.stem for p in tmp_path.glob("*.fmu")}
-    assert "plant_dahl" not in names
-    assert {"plant", "pid_sampled", "plant_classical"} <= names
 
 
 def test_an_equation_that_c_has_no_function_for_is_named():
@@ -150,6 +129,17 @@ def test_an_equation_that_c_has_no_function_for_is_named():
     function = ast.parse(text).body[0]
     with pytest.raises(UnsupportedComponent, match=r"'u\[0\] // 2.0' in its equations has no"):
         in_c(function, 1)
+
+
+def test_a_function_that_no_fmu_has_is_refused_in_one_line_before_anything_is_written():
+    with pytest.raises(ContractError, match="odd: output b uses factorial") as refused:
+        Component(
+            "odd",
+            "a part with a factorial",
+            inputs=(Input("a", "1", "a"),),
+            outputs=(Output("b", "1", "b", sp.factorial(symbol("a"))),),
+        )
+    assert "\n" not in str(refused.value)
 
 
 def test_every_function_that_equations_may_use_is_the_same_in_c(native, tmp_path):
@@ -173,59 +163,68 @@ def test_every_function_that_equations_may_use_is_the_same_in_c(native, tmp_path
         inputs=(Input("a", "1", "a"), Input("b", "1", "b")),
         outputs=tuple(Output(name, "1", name, value) for name, value in values.items()),
     )
-    path = export_native(part, tmp_path / "functions.fmu").path
-    slave, at = opened(path)
+    host = Host(written(part, "native-2", tmp_path))
     model = Model(generate(part))
     for point in ((0.3, 0.7), (-1.5, 2.0), (2.0, -0.5), (0.9, 0.2), (-0.1, -3.0), (0.0, 1.0)):
-        slave.setReal([at["a"], at["b"]], list(point))
+        host.set(dict(zip("ab", point, strict=True)))
         model.u[:] = point
         expected = model.outputs(0.0, model.x)
-        got = dict(zip(expected, slave.getReal([at[n] for n in expected]), strict=True))
+        got = dict(zip(expected, host.get(*expected), strict=True))
         assert got == pytest.approx(expected, rel=1e-14)
         assert got["cases"] == expected["cases"]
         assert got["limits"] == expected["limits"]
-    slave.freeInstance()
+        at = dict(zip((a, b), map(sp.Rational, point), strict=True))
+        exact = [float(sp.sympify(v).subs(at).evalf(30)) for v in values.values()]
+        assert list(got.values()) == pytest.approx(exact, rel=1e-13)
+    host.close()
 
 
-@pytest.mark.parametrize("fmi", [2, 3])
-def test_export_is_reproducible_byte_for_byte(native, tmp_path, fmi):
+@pytest.mark.parametrize(
+    "more",
+    [
+        [],
+        pytest.param(["--native"], marks=pytest.mark.ci),
+        pytest.param(["--native", "--fmi", "3"], marks=pytest.mark.ci),
+    ],
+)
+def test_export_is_reproducible_byte_for_byte(tmp_path, more):
     code = "import sys; from ballscrew.cli import main; sys.exit(main(sys.argv[1:]))"
-    for k in range(2):
-        command = ["export", "--native", "--only", "nctf", "--fmi", str(fmi)]
-        command += ["--out", str(tmp_path / str(k))]
-        done = subprocess.run(
-            [sys.executable, "-c", code, *command],
-            capture_output=True,
-            text=True,
-            cwd=tempfile.gettempdir(),
-            env=os.environ,
-        )
-        assert done.returncode == 0, done.stderr
-    first, second = ((tmp_path / str(k) / "nctf.fmu").read_bytes() for k in range(2))
-    assert first == second
-    assert first == native("nctf", fmi).read_bytes()
+    command = ["export", *more, "--only", "nctf", "--out"]
+    assert main([*command, str(tmp_path / "here")]) == 0
+    done = subprocess.run(
+        [sys.executable, "-c", code, *command, str(tmp_path / "there")],
+        capture_output=True,
+        text=True,
+        cwd=tempfile.gettempdir(),
+    )
+    assert done.returncode == 0, done.stderr
+    here, there = (tmp_path / place / "nctf.fmu" for place in ("here", "there"))
+    assert here.read_bytes() == there.read_bytes()
 
 
+def test_a_native_fmu_is_made_once_and_a_readable_one_taken_where_nothing_compiles(
+    native, monkeypatch, tmp_path
+):
+    made = ready_fmu("pid")
+    assert made.build == NATIVE
+    monkeypatch.setattr(ready, "compiler_for", lambda _: [])
+    assert ready_fmu("pid") == made  # it is there already
+    monkeypatch.setenv("BALLSCREW_CACHE", str(tmp_path))
+    assert ready_fmu("pid").build == READABLE
+    assert ready_fmu("pid").path == fmu("pid")
+
+
+@pytest.mark.ci
 @pytest.mark.xdist_group("ziglang")  # which compiles a C library for each platform once
 def test_ziglang_makes_binaries_for_windows_and_macos_here(tmp_path):
     if importlib.util.find_spec("ziglang") is None:
         pytest.skip("needs the package ziglang, which compiles for other platforms")
-    assert export("--only", "pid", "--platforms", "linux64,win64,darwin64", "--out", tmp_path) == 0
-    with zipfile.ZipFile(tmp_path / "pid.fmu") as archive:
-        library = archive.read("binaries/win64/pid.dll")
+    options = ["--native", "--platforms", "linux64,win64,darwin64"]
+    assert export(*options, "--loop", "pid", "--out", tmp_path) == 0
+    with zipfile.ZipFile(tmp_path / "pid_loop.fmu") as archive:
+        library = archive.read("binaries/win64/pid_loop.dll")
         assert library[:2] == b"MZ"
         assert b"fmi2DoStep" in library
-        assert archive.read("binaries/darwin64/pid.dylib")[:4] == b"\xcf\xfa\xed\xfe"
-        assert archive.read("binaries/linux64/pid.so")[:4] == b"\x7fELF"
-    assert (tmp_path / "pid.fmu").stat().st_size < 3 * 100_000
-
-
-def test_a_function_that_no_fmu_has_is_refused_in_one_line_before_anything_is_written():
-    with pytest.raises(ContractError, match="odd: output b uses factorial") as refused:
-        Component(
-            "odd",
-            "a part with a factorial",
-            inputs=(Input("a", "1", "a"),),
-            outputs=(Output("b", "1", "b", sp.factorial(symbol("a"))),),
-        )
-    assert "\n" not in str(refused.value)
+        assert archive.read("binaries/darwin64/pid_loop.dylib")[:4] == b"\xcf\xfa\xed\xfe"
+        assert archive.read("binaries/linux64/pid_loop.so")[:4] == b"\x7fELF"
+    assert (tmp_path / "pid_loop.fmu").stat().st_size < 3 * 100_000

@@ -1,0 +1,436 @@
+"""Readable and native FMUs, of FMI 2 and 3, are one thing to a host: held to the same demands."""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import textwrap
+import threading
+from itertools import pairwise
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from any_fmu import KINDS, NATIVE, Host, written
+from every_component import EVERY_COMPONENT
+from fmpy.validation import validate_fmu
+from thesis_axis import axis_under
+
+from ballscrew.fmus.catalogue import fmu, fmu_kernel
+from ballscrew.fmus.native.export import write_native
+from ballscrew.fmus.native.sources import catalogued_model
+from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
+from ballscrew.orchestration.master import run_loop
+from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.solver.kernel import Model
+
+SUPPORT = str(Path(__file__).resolve().parents[1] / "support")
+every_kind = pytest.mark.parametrize("kind", KINDS)
+few_kinds = pytest.mark.parametrize(
+    "kind", ["readable", "native-2", pytest.param("native-3", marks=pytest.mark.ci)]
+)
+every_component = pytest.mark.parametrize("name", EVERY_COMPONENT)
+
+
+def ports(name):
+    """Names of inputs and outputs."""
+    kernel = fmu_kernel(name)
+    inputs = [i.name for i in kernel.inputs if i.role != "internal"]
+    return inputs, [o.name for o in kernel.outputs]
+
+
+def driven(host, name, steps, first=0):
+    """Outputs after steps of a millisecond with drawn inputs, which begin with step `first`."""
+    inputs, outputs = ports(name)
+    rows = []
+    for k in range(first, first + steps):
+        values = np.random.default_rng(k).normal(size=len(inputs))
+        values *= [1.0 if n[0] == "u" else 1e-3 for n in inputs]
+        host.set(dict(zip(inputs, values, strict=True)))
+        host.step(k * 1e-3, 1e-3)
+        rows.append(host.get(*outputs))
+    return np.array(rows)
+
+
+# -- descriptions ------------------------------------------------------------------------------
+
+
+@every_component
+def test_every_kind_is_valid_and_has_the_same_variables(made, name):
+    fields = "valueReference causality variability unit min max nominal start description"
+
+    def table(kind):
+        assert validate_fmu(str(made(name, kind))) == []
+        variables = fmpy.read_model_description(str(made(name, kind))).modelVariables
+        return {v.name: [getattr(v, f) for f in fields.split()] for v in variables}
+
+    readable, two, three = map(table, KINDS)
+    assert {n: two[n] for n in readable} == readable
+    slopes = {n for n in two if n.startswith("der(")}
+    assert len(slopes) == len(fmu_kernel(name).states)
+    assert {n: three[n] for n in two} == two
+    more = {n for n in three if n not in two and not n.startswith("event_indicator_")}
+    assert more == {"time"}
+
+
+@every_component
+def test_no_fmu_is_larger_than_a_hundred_kilobytes(made, name):
+    assert max(made(name, kind).stat().st_size for kind in NATIVE) < 100_000
+
+
+# -- numbers -----------------------------------------------------------------------------------
+
+
+@every_kind
+@every_component
+def test_outputs_under_random_inputs_are_those_of_the_equations(made, name, kind):
+    kernel = fmu_kernel(name)
+    inputs, outputs = ports(name)
+    host = Host(made(name, kind))
+    found = driven(host, name, 20)
+    host.close()
+    model = Model(kernel)
+    expected = []
+    for k in range(20):
+        values = np.random.default_rng(k).normal(size=len(inputs))
+        for n, value in zip(inputs, values, strict=True):
+            model.set_input(n, value * (1.0 if n[0] == "u" else 1e-3))
+        for i in kernel.inputs:
+            if i.role == "internal":
+                model.set_input(i.name, k * 1e-3)
+        samples = round(1e-3 / model.sample_time) if kernel.sample_time else 1
+        times = 1e-3 * (k + np.arange(samples + 1) / samples)
+        for begin, end in pairwise(times):
+            if kernel.sample_time:
+                model.sample(begin)
+            model.advance(begin, end)
+        y = model.outputs(times[-1], model.x)
+        expected.append([y[n] for n in outputs])
+    span = np.ptp(expected, axis=0)
+    assert (np.abs(found - expected).max(axis=0) <= 1e-10 * span + 1e-15).all()
+    assert span.max() > 0
+
+
+@every_kind
+def test_the_axis_alone_moves_as_the_equations_of_the_thesis_do_in_scipy(made, kind):
+    times = np.arange(1, 101) * 1e-3
+    truth = axis_under(5.0, times)[:, :4]
+    for steps in ([1], [2], [0.5, 1.5]):  # equal and unequal ones
+        host = Host(made("plant", kind), {"u": 5.0, "solver_tolerance": 1e-11})
+        t, rows = 0, []
+        for h in steps * (100 // round(sum(steps))):
+            host.step(t * 1e-3, h * 1e-3)
+            t += h
+            if t == round(t):
+                rows.append(host.get("x", "v", "z", "i"))
+        host.close()
+        every = 100 // len(rows)
+        error = np.abs(rows - truth[every - 1 :: every]).max(axis=0)
+        assert (error <= 3e-9 * np.ptp(truth, axis=0)).all()
+    assert np.ptp(truth[:, 0]) > 1e-3
+
+
+def course(plant, controller, stop):
+    parts = FmuInstance(plant, "plant"), FmuInstance(controller, "controller")
+    run = run_loop(*parts, Reference.constant(0.08), stop, 1e-3)
+    for part in parts:
+        part.close()
+    return run.outputs | run.commands
+
+
+@pytest.mark.parametrize("kind", ["native-2", pytest.param("native-3", marks=pytest.mark.ci)])
+@pytest.mark.parametrize(
+    ("plant", "controller"),
+    [
+        ("plant_classical", "pid_sampled"),  # sticks and slides
+        *(
+            pytest.param("plant", name, marks=pytest.mark.ci)
+            for name in ("nctf", "iol", "pid_sampled")
+        ),
+    ],
+)
+def test_kinds_agree_along_the_closed_loop(made, plant, controller, kind):
+    theirs = course(made(plant, "readable"), made(controller, "readable"), 1.0)
+    mixed = course(made(plant, kind), made(controller, "readable"), 1.0)
+    ours = course(made(plant, kind), made(controller, kind), 1.0)
+    for name, values in theirs.items():
+        for other in (mixed, ours):
+            assert np.abs(other[name] - values).max() <= 1e-9 * np.ptp(values), name
+
+
+@few_kinds
+def test_an_output_that_follows_an_input_with_a_feedback_law_is_there_at_once(tmp_path, kind):
+    """The law's own clock stands in such an equation and is no variable of the FMU."""
+    from ballscrew.solver.component import Component, Input, Output, State, symbol
+
+    x, u = symbol("x"), symbol("u")
+    part = Component(
+        "through",
+        "an output with direct feed-through",
+        inputs=(Input("u", "1", "command", law=("x",)),),
+        states=(State("x", "1", "state", u - x),),
+        outputs=(Output("x", "1", "state", x), Output("doubled", "1", "twice u", 2 * u)),
+    )
+    path = written(part, kind, tmp_path)
+    assert validate_fmu(str(path)) == []
+    host = Host(path, {"u": 3.0})
+    assert host.get("doubled") == [6.0]
+    host.close()
+
+
+@pytest.mark.parametrize(
+    "kind", [k if k == "native-2" else pytest.param(k, marks=pytest.mark.ci) for k in KINDS]
+)
+def test_tangents_are_carried_and_set_at_a_new_frame(tmp_path, kind):
+    if kind == "readable":
+        path = fmu("plant", tangents=2)
+    else:
+        model = catalogued_model("plant", tangents=2)
+        path = write_native(model, tmp_path / "v.fmu", int(kind[-1])).path
+    assert validate_fmu(str(path)) == []
+    assert fmpy.read_model_description(str(path)).modelExchange is None
+    host = Host(path, {"u": 5.0})
+    host.step(0.0, 1e-3)
+    host.set({"x_d1_set": 0.5, "v_d2_set": 2.0, "tangent_frame": 1.0})
+    assert host.get("x_d1", "v_d2", "x_d2") == [0.5, 2.0, 0.0]
+    host.step(1e-3, 1e-3)
+    model = Model(fmu_kernel("plant", tangents=2))
+    model.set_input("u", 5.0)
+    model.advance(0.0, 1e-3)
+    names = [s.name for s in model.kernel.states]
+    for name in names:
+        if name.endswith(("_d1", "_d2")):
+            model.x[names.index(name)] = {"x_d1": 0.5, "v_d2": 2.0}.get(name, 0.0)
+    model.advance(1e-3, 2e-3)
+    expected = dict(zip(names, model.x, strict=True))
+    tangents = [n for n in names if n.endswith(("_d1", "_d2"))]
+    assert host.get(*tangents) == pytest.approx([expected[n] for n in tangents], rel=1e-9)
+    host.close()
+
+
+# -- saved states ------------------------------------------------------------------------------
+
+
+@every_kind
+@every_component
+def test_a_state_restored_or_deserialized_and_a_reset_instance_go_on_bit_for_bit(made, name, kind):
+    host = Host(made(name, kind))
+    begin = driven(host, name, 10).tolist()
+    state = host.fmu.getFMUState()
+    data = bytes(host.fmu.serializeFMUState(state))
+    first = driven(host, name, 10, 10).tolist()
+    host.fmu.setFMUState(state)
+    assert driven(host, name, 10, 10).tolist() == first
+    host.fmu.freeFMUState(state)
+    host.fmu.setFMUState(host.fmu.deserializeFMUState(data))  # which nobody frees
+    assert driven(host, name, 10, 10).tolist() == first
+    host.fmu.reset()
+    host.begin()
+    assert driven(host, name, 10).tolist() == begin
+    host.fmu.terminate()
+    host.close()
+
+
+def python(code, *arguments):
+    """Output of code in a process of its own, which ends without a crash."""
+    head = f"import sys; sys.path.insert(0, {SUPPORT!r})\n"
+    done = subprocess.run(
+        [sys.executable, "-c", head + textwrap.dedent(code), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        env=os.environ,
+        cwd=tempfile.gettempdir(),
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    "kind", [k if k == "native-2" else pytest.param(k, marks=pytest.mark.ci) for k in KINDS]
+)
+def test_a_state_serialized_in_one_process_goes_on_in_another(made, tmp_path, kind):
+    code = """
+        import json
+        from pathlib import Path
+        from any_fmu import Host
+        host, file = Host(sys.argv[1], {"u": 20.0}), Path(sys.argv[2])
+        if file.exists():
+            host.fmu.setFMUState(host.fmu.deserializeFMUState(file.read_bytes()))
+        else:
+            for k in range(30):
+                host.step(k * 1e-3, 1e-3)
+            file.write_bytes(bytes(host.fmu.serializeFMUState(host.fmu.getFMUState())))
+        for k in range(30, 60):
+            host.step(k * 1e-3, 1e-3)
+        print(json.dumps(host.get("x", "v", "z", "i")))
+    """
+    runs = [json.loads(python(code, made("plant", kind), tmp_path / "state")) for _ in range(2)]
+    assert runs[0] == runs[1]
+
+
+@pytest.mark.parametrize("kind", NATIVE)
+def test_bytes_that_are_no_state_of_this_fmu_are_refused(made, kind):
+    host, other = Host(made("plant", kind)), Host(made("plant_classical", kind))
+    exchanging = Host(made("plant", kind), exchange=True)
+    data = bytearray(host.fmu.serializeFMUState(host.fmu.getFMUState()))
+    for bad in (data[:-1], bytes(len(data)), data[:99] + bytes([data[99] ^ 1]) + data[100:]):
+        with pytest.raises(Exception, match="erializeFMU"):
+            host.fmu.deserializeFMUState(bytes(bad))
+        assert "no serialized state of this FMU" in host.heard[-1]
+    for stranger in (other, exchanging):
+        with pytest.raises(Exception, match="erializeFMU"):
+            stranger.fmu.deserializeFMUState(bytes(data))
+    host.fmu.setFMUState(host.fmu.deserializeFMUState(bytes(data)))
+    for one in (host, other, exchanging):
+        one.close()
+
+
+@pytest.mark.parametrize("kind", NATIVE)
+def test_a_state_saved_before_a_failure_can_be_gone_on_from(made, kind):
+    host, again = (Host(made("plant", kind), {"u": 5.0}) for _ in range(2))
+    for one in (host, again):
+        one.step(0.0, 1e-3)
+    saved = host.fmu.getFMUState()
+    with pytest.raises(Exception, match="fmi"):
+        host.set({"u": np.inf})
+    assert host.message() == "instance: u was set to inf, not a number"
+    with pytest.raises(Exception, match="DoStep"):
+        host.step(1e-3, 1e-3)
+    host.fmu.setFMUState(saved)
+    assert host.message() == ""
+    for one in (host, again):
+        one.step(1e-3, 1e-3)
+    assert host.get("x", "v", "i") == again.get("x", "v", "i")
+    host.close()
+    again.close()
+
+
+@pytest.mark.parametrize("kind", ["native-2"])
+def test_instances_in_threads_of_one_process_do_not_disturb_each_other(made, kind):
+    def one(voltage, seen):
+        host = Host(made("plant", kind), {"u": voltage})
+        for k in range(300):
+            host.step(k * 1e-3, 1e-3)
+        seen[voltage] = tuple(host.get("x", "z"))
+        host.close()
+
+    alone, together = {}, {}
+    voltages = [1.0 + k for k in range(8)]
+    for voltage in voltages:
+        one(voltage, alone)
+    threads = [threading.Thread(target=one, args=(v, together)) for v in voltages]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert together == alone
+    assert len({*alone.values()}) == len(voltages)
+
+
+# -- parameters, tolerance and errors ----------------------------------------------------------
+
+
+@every_kind
+def test_the_host_s_tolerance_replaces_the_parameter(made, kind):
+    def begun(given):
+        host = Host(made("plant", kind), begun=False)
+        host.begin({"solver_tolerance": 1e-9}, given)
+        (value,) = host.get("solver_tolerance")
+        host.close()
+        return value
+
+    assert [begun(given) for given in (None, 0.0, 1e-4)] == [1e-9, 1e-9, 1e-4]
+
+
+@every_kind
+def test_a_parameter_is_taken_at_its_limit_and_refused_with_a_text_beyond_it(made, kind):
+    path = made("plant", kind)
+    low = next(float(v.min) for v in Host(path).variables if v.name == "Fc")
+    Host(path, {"Fc": low}).close()
+    instance = FmuInstance(path, "axis")
+    with pytest.raises(StepFailed) as failed:
+        instance.initialize({"Fc": low * (1 - 1e-15)}, 1.0)
+    instance.close()
+    said = f"axis: parameter Fc = {low:g} N is out of its range [{low:g}, inf]"
+    assert str(failed.value) == said
+
+
+@every_kind
+def test_what_is_not_a_number_fails_the_step_with_the_same_words(made, kind):
+    plant = FmuInstance(made("plant", kind), "plant")
+    plant.initialize({}, 1.0)
+    with contextlib.suppress(StepFailed):  # a readable one says so in the step only
+        plant.writer(["u"])(np.array([np.nan]))
+    with pytest.raises(StepFailed, match=r"^plant: u was set to nan, not a number$"):
+        plant.step(0.0, 1e-3)
+    plant.close()
+
+
+@few_kinds
+def test_a_solution_that_leaves_every_bound_fails_with_a_text(tmp_path, kind):
+    from ballscrew.solver.component import Component, Output, State, symbol
+
+    x = symbol("x")
+    blow_up = Component(
+        "blow_up",
+        "x' = x^2",
+        states=(State("x", "1", "state", x**2, start=1.0),),
+        outputs=(Output("y", "1", "output", x),),
+    )
+    host = Host(written(blow_up, kind, tmp_path))
+    host.step(0.0, 0.5)
+    assert host.get("y") == pytest.approx([2.0], rel=1e-7)
+    with pytest.raises(Exception, match="DoStep failed"):
+        host.step(0.5, 1.0)
+    assert host.message() == (
+        "instance: the internal step became too small at t = 1 s; the solution diverges"
+    )
+    host.close()
+
+
+# -- variables taken for another type than they are ----------------------------------------------
+
+NUMBER_OF_NONE = 4_000_000
+WRONG = [
+    ("getReal", ["x", "message"], "message is a String, not a number"),
+    ("getReal", [NUMBER_OF_NONE], f"no variable has the value reference {NUMBER_OF_NONE}"),
+    ("getReal", [0], "no variable has the value reference 0"),
+    ("getInteger", ["x"], "there are none"),
+    ("getBoolean", ["x"], "there are none"),
+    ("getString", ["x"], "no String has the value reference"),
+    ("setReal", ["message"], "message cannot be set"),
+    ("setReal", [NUMBER_OF_NONE], f"no variable has the value reference {NUMBER_OF_NONE}"),
+    ("setInteger", ["u"], "there are none"),
+    ("setBoolean", ["u"], "there are none"),
+    ("setString", ["message"], "there are none"),
+]
+
+
+@every_kind
+def test_a_variable_taken_for_another_type_is_refused_in_words_and_moves_nothing(made, kind):
+    """pythonfmu's getters have no status, so that the refusal comes with the next step."""
+    for name, variables, said in WRONG:
+        host = Host(made("plant", kind), {"u": 20.0}, name="axis")
+        host.step(0.0, 1e-3)
+        before = host.get("x", "v")
+        if kind == "native-3":
+            name = name.replace("Real", "Float64").replace("Integer", "Int32")
+        given = [[host.at.get(n, n) for n in variables]]
+        given += [["well" if "String" in name else 1]] * name.startswith("set")
+        if kind == "readable":
+            got = getattr(host.fmu, name)(*given)
+            assert name != "getReal" or np.isnan(got[-1])
+            with pytest.raises(Exception, match="fmi2DoStep"):
+                host.step(1e-3, 1e-3)
+            assert said in host.message()
+        else:
+            with pytest.raises(Exception, match=f"fmi{host.version}"):
+                getattr(host.fmu, name)(*given)
+            assert said in host.heard[-1]
+            assert host.get("x", "v") == before
+            host.step(1e-3, 1e-3)
+            assert host.message() == ""
+        host.close()
