@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1875, 1736),
     "docs": (1401, 1352),
     ".ci": (276, 255),
-    "tests": (32727, 31393),
+    "tests": (32658, 31320),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

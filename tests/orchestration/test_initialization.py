@@ -141,15 +141,6 @@ def test_an_algebraic_loop_is_solved(network):
     np.testing.assert_allclose(values_of(members), truth, atol=1e-8, rtol=1e-8)
 
 
-def test_what_is_computed_when_initialization_ends_goes_on_to_the_others():
-    source = Static("source", np.zeros((1, 0)), np.array([3.0]), late=True)
-    double = Static("double", np.array([[2.0]]), np.array([0.0]), late=True)
-    group = joined([double, source], [1])
-    group.enter_initialization({}, 1.0)
-    group.leave_initialization()
-    assert group.reader(["double.y0"])()[0] == 6.0
-
-
 def test_a_loop_without_a_solution_is_named():
     one = Static("one", np.array([[1.0]]), np.array([1.0]), told=False)  # y = y + 1
     group = joined([one], [0])

@@ -128,13 +128,3 @@ def test_bristles_are_a_spring_and_a_damper_while_the_body_is_stuck():
     response = (plant.c @ np.linalg.solve(1j * w * np.eye(len(plant.a)) - plant.a, plant.b))[0, 0]
     by_formula = 1e7 + 1j * w * (2e4 + DAMPING) - MASS * w**2
     assert 1 / response == pytest.approx(by_formula, rel=1e-9)
-
-
-def test_a_smooth_sign_is_one_where_the_bristles_of_the_modified_law_are_taken():
-    machine = Machine(Part("plant"), {}, 36.0)
-    plant = machine.linear(("x", "i"), machine.stuck())
-    w = 100.0
-    x, i = plant.c @ np.linalg.solve(1j * w * np.eye(len(plant.a)) - plant.a, plant.b)[:, 0]
-    force = 37.4e-3 * 2 * np.pi * 1000 * i
-    by_formula = 66967.231 + 1j * w * (344.56 + 173.0) - w**2
-    assert force / x == pytest.approx(by_formula, rel=1e-3)

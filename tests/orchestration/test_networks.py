@@ -1,6 +1,5 @@
 """Systems of more than two FMUs against the whole of them in one solver of SciPy's."""
 
-import csv
 import json
 from pathlib import Path
 
@@ -8,30 +7,24 @@ import networks
 import numpy as np
 import pytest
 from networks_of_parts import (
-    CHAIN,
     CUT_IN_THREE,
     LAW_WIRES,
-    LINKS,
     PERIOD,
     TWO_AXES,
     axis,
     friction,
-    link,
     motor,
     position_controller,
     screw,
     two_axis_controller,
     whole_axes,
-    whole_chain,
     whole_drive,
     write_system,
 )
-from trusted_loops import WRONG, summary
+from trusted_loops import WRONG
 
-from ballscrew.cli import main
 from ballscrew.fmus.native.export import export_native
 from ballscrew.orchestration.couplings import Coupling
-from ballscrew.orchestration.group import Group
 from ballscrew.orchestration.loop import SystemLoop
 from ballscrew.orchestration.run import run_closed_loop
 
@@ -54,7 +47,7 @@ def drive(tmp_path_factory):
     }
 
 
-@pytest.mark.parametrize("wired", ["plain", "law"])
+@pytest.mark.parametrize("wired", ["law", pytest.param("plain", marks=pytest.mark.ci)])
 def test_a_plant_cut_in_motor_screw_and_friction_is_the_whole_plant(drive, wired):
     result = run_closed_loop(SystemLoop(drive[wired], stop=0.3))
     run = result.run
@@ -65,6 +58,7 @@ def test_a_plant_cut_in_motor_screw_and_friction_is_the_whole_plant(drive, wired
     assert off(run.outputs["v"], truth[:, 1]) < 0.01
 
 
+@pytest.mark.ci
 def test_two_axes_on_one_digital_controller(tmp_path):
     side = export_native(axis(), tmp_path / "axis.fmu").path
     elements = {
@@ -83,25 +77,6 @@ def test_two_axes_on_one_digital_controller(tmp_path):
         assert off(course[at_samples], exact[at_samples]) < 0.01
 
 
-def test_twenty_fmus_in_a_chain_by_the_command_line(tmp_path, capsys):
-    fmu = export_native(link(), tmp_path / "link.fmu").path
-    path = write_system(tmp_path / "chain.ssp", {f"m{k}": fmu for k in range(LINKS)}, CHAIN)
-    out = tmp_path / "out"
-    asked = ["run", "--system", str(path), "--stop", "1", "--set", "m0.push=100"]
-    assert main([*asked, "--out", str(out)]) == 0
-    assert "trusted" in capsys.readouterr().out
-    with (out / "trajectory.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    time = np.array([float(row["time"]) for row in rows])
-    some = np.linspace(0, len(time) - 1, 40, dtype=int)
-    truth = whole_chain(time[some], 100.0)
-    names = ["x", *(f"m{k}.x" for k in range(1, LINKS))]
-    shown = [n if n in rows[0] else "after" for n in names]  # of the plant's drive its port
-    for k, name in enumerate(shown):
-        found = np.array([float(rows[i][name]) for i in some])
-        assert off(found, truth[:, k]) < 0.01, name
-
-
 # random networks, see proofs/networks.py
 
 
@@ -116,6 +91,7 @@ def stored():
     return json.loads(text)
 
 
+@pytest.mark.ci
 def test_random_networks_made_again_end_as_stored_and_no_wrong_one_is_trusted(fmus, stored):
     rows = [r for r in stored["outcomes"] if r["step"] > 2e-3][:8]
     again = [networks.outcome(row["seed"], fmus) for row in rows]
@@ -124,30 +100,3 @@ def test_random_networks_made_again_end_as_stored_and_no_wrong_one_is_trusted(fm
         assert found.error == pytest.approx(row["error"], rel=1e-3)
     assert not any(o.trusted and o.error > WRONG for o in again)
     assert any(o.error > WRONG for o in again)
-
-
-def test_the_stored_summary_is_that_of_the_stored_outcomes(stored):
-    assert summary(stored["outcomes"]) == stored["summary"]
-    assert stored["summary"]["wrong_called_trusted"] == []
-    assert stored["summary"]["right_called_trusted_rate"] >= 0.9
-
-
-def test_a_group_stepped_by_compiled_code_gives_what_one_stepped_from_python_gives(
-    fmus, tmp_path, monkeypatch
-):
-    network = networks.random_network(6)
-    path = network.write(tmp_path / "network.ssp", fmus)
-    loop = SystemLoop(path, stop=20 * network.step, step=network.step)
-    compiled = run_closed_loop(loop).run
-    monkeypatch.setattr(Group, "is_compiled", lambda self: False)
-    plain = run_closed_loop(loop).run
-    assert len(compiled.others) > 3
-    for name, course in (plain.outputs | plain.others).items():
-        np.testing.assert_array_equal((compiled.outputs | compiled.others)[name], course)
-
-
-def test_what_samples_comes_before_what_it_feeds_both_ways(fmus, tmp_path):
-    """A stiff block behind a sampled one: exact at steps that meet the samples."""
-    again = networks.outcome(207, fmus)
-    assert again.trusted
-    assert again.error < 1e-6
