@@ -28,11 +28,11 @@ MOST = {  # folder: lines, lines without docstrings
     "identification": (4810, 3982),
     "diagnosis": (6691, 5351),
     "rig": (1845, 1448),
-    "proofs": (12908, 11440),
+    "proofs": (12922, 11452),
     "benchmarks": (1875, 1736),
     "docs": (1401, 1352),
     ".ci": (276, 255),
-    "tests": (32658, 31320),
+    "tests": (31944, 30609),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -11,9 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from ballscrew.records.record import Record
+
+try:
+    from numba import njit
+except ModuleNotFoundError:  # the same, slower
+
+    def njit(cache: bool) -> Callable[[Callable[..., Vector]], Callable[..., Vector]]:
+        return lambda function: function
+
 
 LUGRE = {
     "sigma0": 66967.0,

@@ -1,18 +1,17 @@
-"""One diagnosis that the tests of the command and of the report share."""
+"""One diagnosis that the tests of the command share."""
 
 from __future__ import annotations
 
 import pytest
-from axis_records import write_strong
 from diagnosed import Diagnosed, run
-from worlds import layout as at
+from slide_records import write_slide
 
 
 @pytest.fixture(scope="session")
 def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
-    """A record with a hidden load, diagnosed by the command."""
+    """The record of a slide with a ripple, diagnosed by the command."""
     folder = tmp_path_factory.mktemp("diagnosed")
-    record, prior_model = write_strong({at.LOAD: 0.4}, folder / "data")
+    record, prior_model = write_slide(folder, "torque_ripple")
     out = folder / "out"
     given = ("diagnose", record, "--params", prior_model, "--out", out)
     return Diagnosed(record, prior_model, out, *run(*given))

@@ -14,6 +14,9 @@ from ballscrew.diagnosis.balance import Added, leftovers, responses, sensitiviti
 from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.modelled_record import lay_along
 
+pytestmark = pytest.mark.ci
+
+
 FORCES = "kt m Jm sigma0 sigma1 sigma2 Fc Fs".split()
 
 

@@ -7,9 +7,11 @@ import pytest
 from axis_records import strong_record
 from diagnosed import nominal
 
-from ballscrew.diagnosis.bands import BLOCKS, EDGES, cut, products
+from ballscrew.diagnosis.bands import EDGES, cut, products
 from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.records.reading import check_record
+
+pytestmark = pytest.mark.ci
 
 
 @pytest.fixture(scope="module")
@@ -41,12 +43,6 @@ def test_a_band_holds_the_frequencies_between_its_edges(course):
     power = products(lines, lines)[:, : len(EDGES) - 1, 0, 0].sum(axis=0)
     own = int(np.searchsorted(EDGES, frequency)) - 1
     assert power[own] > 0.98 * power.sum()
-
-
-def test_a_record_is_cut_in_blocks_and_several_records_into_no_more_than_they_need(course):
-    assert len(cut([course], nominal()).parts) == BLOCKS
-    assert len(cut([course] * BLOCKS, nominal()).parts) == BLOCKS
-    assert {r for r, *_ in cut([course, course], nominal()).parts} == {0, 1}
 
 
 def test_what_happens_at_rest_counts_for_nothing():

@@ -14,14 +14,15 @@ from ballscrew.diagnosis.commanded import commanded, driven_by_current
 from ballscrew.diagnosis.compare import compare_records
 from ballscrew.diagnosis.corrected import corrected
 from ballscrew.diagnosis.diagnose import diagnose
-from ballscrew.diagnosis.drive import Drive
 from ballscrew.diagnosis.modelled_record import lay_along
 from ballscrew.diagnosis.residuals import residual
-from ballscrew.orchestration.parameter_file import BadParameters
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.reading import check_record
-from ballscrew.records.record import CURRENT, FORCE
+from ballscrew.records.record import CURRENT
+
+pytestmark = pytest.mark.ci
+
 
 LOAD = 0.6
 
@@ -67,39 +68,6 @@ def test_the_current_leaves_the_same_residual_as_the_voltage(signals):
     assert left[0] == pytest.approx(left[1], rel=0.05)
 
 
-def test_records_keep_what_the_model_takes(signals):
-    both, current = check_record("both", signals), check_record("current", without(signals, "u"))
-    (kept,), model, notes = commanded([both], nominal())
-    assert (kept, model, notes) == (both, nominal(), [])
-    (driven,), model, (note,) = commanded([current], nominal())
-    assert driven.command == CURRENT
-    assert np.array_equal(driven.u, current.signals["i"])
-    assert "i" not in driven.signals
-    assert "current: there is no voltage: the current is the command" in note
-    named = dataclasses.replace(check_record("u", {**without(signals, "i")}), command=CURRENT)
-    (driven,), model, _ = commanded([named], nominal())
-    assert (model.kind, driven.u is named.u) == ("drive", True)
-
-
-def test_a_drive_leaves_its_current_aside(signals):
-    drive = Drive("drive", "classical", {"m": 1.0, "gain": 1.0, "offset": 0.0}, {})
-    (record,), _, _ = commanded([check_record("both", signals)], drive)
-    assert "i" not in record.signals
-
-
-def test_commands_that_no_model_takes_are_one_line(signals):
-    both, current = check_record("both", signals), check_record("current", without(signals, "u"))
-    drive = Drive("drive", "classical", {"m": 1.0, "gain": 1.0, "offset": 0.0}, {})
-    for records, model, words in (
-        ([both, current], nominal(), "current: has the current as its only command, and both"),
-        ([current], drive, "and give gain in N/A"),
-        ([dataclasses.replace(both, command=FORCE)], nominal(), "u is a force, but the ball screw"),
-    ):
-        with pytest.raises(BadRecord, match=words) as caught:
-            commanded(records, model)
-        assert "\n" not in str(caught.value)
-
-
 def test_current_alone_is_diagnosed_and_compared_in_any_units(signals, tmp_path):
     """Milliamperes and degrees, with the lead: what is left is the load, in newtons."""
     lead = 1e-3
@@ -126,10 +94,3 @@ def test_current_alone_is_diagnosed_and_compared_in_any_units(signals, tmp_path)
     assert models["prior"]["all"].force.value == pytest.approx(LOAD, rel=0.1)
     with pytest.raises(BadRecord, match="u is a voltage, but the model was diagnosed with a curr"):
         compare_records([check_record("voltage", without(other.signals, "i"))], file)
-
-
-def test_a_lead_that_is_said_twice_is_one_line(tmp_path):
-    params = tmp_path / "screw.toml"
-    params.write_text("[plant]\np = 1000.0\n")
-    with pytest.raises(BadParameters, match="both give the lead of the screw"):
-        diagnose([tmp_path / "no.csv"], params, lead=1e-3)

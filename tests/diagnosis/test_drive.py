@@ -7,7 +7,6 @@ import pytest
 from ballscrew.diagnosis.corrected import corrected
 from ballscrew.diagnosis.drive import BadParameters, read_drive
 from ballscrew.diagnosis.with_causes import with_causes
-from ballscrew.identification.fitted_law import LAWS
 
 EMPS = """
 kind = "drive"
@@ -72,25 +71,19 @@ def test_another_law_takes_what_it_knows_of_the_file(written):
     assert "sigma2" not in model.values
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ('plan = "drive"', "there is no 'plan', did you mean plant"),
-        ('kind = "rocket"', "kind is 'rocket', expected one of ball_screw, drive"),
         ('kind = "fmu"', "kind is 'fmu', expected one of ball_screw, drive: the equations"),
-        ("law = 3", "law is 3, expected one of classical"),
         ("[plant]\nFcc = 1.0", r"\[plant\] there is no 'Fcc', did you mean Fc"),
         ("[plant]\nFc = '1'", r"Fc is '1', expected a finite number in SI units"),
-        ("[plant]\nFc = true", "Fc is True, expected a finite number"),
-        ("[plant]\nFc = inf", "Fc is inf, expected a finite number"),
         ("[plant]\nm = -1", "m is -1 kg, expected 1e-06 to inf .mass of the block"),
-        ("found = 3", r"found is 3, expected a table \[found\]"),
         ("[parameters]\nm = 1", r"in older versions; the table .* is called \[plant\]"),
-        ('plant = "drive"', 'such as kind = "drive"'),
         ("[tolerance]\nKv = 0.1", "Kv, which is never adjusted; remove it"),
         ("[tolerance]\nm = 3", "the tolerance of m is 3, expected a share of its value"),
         ('kind = "drive"\n[plant]\nR = 2', r"\[plant\] there is no 'R'"),
-        ("m = = 3", "is not a TOML file"),
     ],
 )
 def test_what_makes_no_sense_is_one_line(written, text, said):
@@ -98,11 +91,6 @@ def test_what_makes_no_sense_is_one_line(written, text, said):
         read_drive(written(text))
     assert "\n" not in str(caught.value)
     assert "axis.toml" in str(caught.value)
-
-
-def test_a_missing_file_is_one_line(tmp_path):
-    with pytest.raises(BadParameters, match=r"none\.toml cannot be read"):
-        read_drive(tmp_path / "none.toml")
 
 
 def written_by_a_diagnosis(model, name, values):
@@ -120,8 +108,10 @@ def written_by_a_diagnosis(model, name, values):
     return corrected(result, with_causes(model, [(name, values)]), None).text()
 
 
-@pytest.mark.parametrize("kind", ["ball_screw", "drive"])
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    ("kind", "law"),
+    [("ball_screw", "directional_lugre"), ("drive", "classical"), ("drive", "maxwell_slip")],
+)
 def test_an_extended_plants_file_is_read_back(written, kind, law):
     model = read_drive(written(f'kind = "{kind}"\nlaw = "{law}"\n[plant]\nm = 0.1234567'))
     again = read_drive(written(written_by_a_diagnosis(model, "load_bias", {"load": 0.3})))

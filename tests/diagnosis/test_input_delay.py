@@ -12,7 +12,7 @@ from ballscrew.diagnosis.causes.input_delay import late, smeared
 STEP = 1e-3
 
 
-@pytest.mark.parametrize("window", [3e-4, 1e-3, 2.6e-3, 7.123e-3])
+@pytest.mark.parametrize("window", [3e-4, 7.123e-3])
 def test_a_mean_over_a_window_is_the_mean_of_all_delays_in_it(window):
     u = np.random.default_rng(1).normal(size=50)
     delays = (np.arange(4000) + 0.5) / 4000 * window

@@ -1,6 +1,6 @@
 """Predicted positions of a drive that moves, rests under a load and moves again.
 
-The oracles are plain loops typed here: Karnopp's stiction, and LuGre's bristles.
+The oracle is a plain loop typed here, Karnopp's stiction.
 """
 
 import math
@@ -8,14 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from axis_records import NOMINAL
+from diagnosed import NOMINAL
 
-from ballscrew.diagnosis.balance import Added
 from ballscrew.diagnosis.compare import compare_records
 from ballscrew.diagnosis.drive import Drive
 from ballscrew.diagnosis.modelled_record import lay_along
-from ballscrew.diagnosis.predicted import NotPredicted, Predictor
-from ballscrew.diagnosis.residuals import residual
+from ballscrew.diagnosis.predicted import Predictor
 from ballscrew.diagnosis.with_causes import with_causes
 from ballscrew.orchestration.parameter_file import DRIVE, Diagnosed, ParameterFile, Value
 from ballscrew.plant import LAWS
@@ -27,7 +25,6 @@ from ballscrew.solver.kernel import Model
 STEP, SECOND = 1e-3, 1000
 TRUTH = {"m": 10.0, "gain": 1.0, "offset": 0.0, "Fc": 15.0, "Fs": 20.0, "Vs": 0.01, "sigma2": 30.0}
 WEAK = {**TRUTH, "Fs": 11.0, "Fc": 8.0}
-BRISTLES = {"sigma0": 5e5, "sigma1": 2e3}
 LOAD = 12.0  # below the true break-away force, above the weak one
 LOADED = slice(2900, 6500)  # its jumps bend the motion where no second begins
 RESTS = slice(4000, 6000)
@@ -60,22 +57,6 @@ def karnopp_by_second(record, v, p):
     """Position [m], begun anew at each second from the oracle's own state."""
     parts = (slice(k, k + SECOND) for k in range(0, len(v), SECOND))
     return np.concatenate([karnopp(record.u[q], record.x[q][0], v[q][0], p)[0] for q in parts])
-
-
-def bristles(u, p, parts=200):
-    """Position and velocity at the samples, of LuGre's law from rest."""
-    h, out = STEP / parts, []
-    x = v = z = 0.0
-    for force in u:
-        out.append((x, v))
-        for _ in range(parts):
-            g = p["Fc"] + (p["Fs"] - p["Fc"]) * math.exp(-((v / p["Vs"]) ** 2))
-            after = (z + h * v) / (1 + h * p["sigma0"] * abs(v) / g)
-            friction = p["sigma0"] * after + p["sigma1"] * (after - z) / h + p["sigma2"] * v
-            z = after
-            v += h * (force - friction) / p["m"]
-            x += h * v
-    return np.array(out).T
 
 
 def a_record(u, x):
@@ -112,6 +93,7 @@ def test_the_true_classical_law_stays_at_rest_and_follows_the_motion(stuck):
     assert rms(off) < 1e-5 < 1e-4 * np.ptp(record.x)
 
 
+@pytest.mark.ci
 def test_a_law_that_breaks_away_too_soon_drifts_as_karnopps_does(stuck):
     record, v = stuck
     off = predicted(record, Drive(DRIVE, "classical", WEAK)) - record.x
@@ -148,29 +130,7 @@ def test_the_figures_of_a_comparison_are_those_of_the_prediction(stuck):
     assert weak.says.endswith(f"; its position drifts {1e3 * drifts:.2g} mm rms within a second")
 
 
-def test_a_diagnosis_lets_no_error_grow_at_rest(stuck):
-    """Its position residual is linear in the force, which at rest is the command's, 12 N here."""
-    record, _ = stuck
-    drive = Drive(DRIVE, "classical", TRUTH)
-    course = lay_along(record, drive)
-    found = residual([course], drive, Added.nothing([course]))
-    assert np.all(found.position[RESTS] == 0.0)
-
-
-@pytest.mark.parametrize("noise", [0.0, 1e-6], ids=["exact", "encoder of 1 um"])
-def test_the_true_bristles_keep_their_force_at_rest(noise):
-    """A load that swings below break-away bends the bristles by some 24 um without sliding."""
-    time = STEP * np.arange(9 * SECOND)
-    u = command(LOAD * np.cos(2 * math.pi * 0.8 * (time - 3.0)))
-    values = {**TRUTH, **BRISTLES}
-    x, _ = bristles(u, values)
-    assert 2e-5 < np.ptp(x[RESTS]) < 6e-5
-    read = np.round(x / noise) * noise if noise else x
-    off = predicted(a_record(u, read), Drive(DRIVE, "lugre", values)) - x
-    assert rms(off[RESTS]) < 1e-7 + noise
-    assert rms(off) < 3e-5
-
-
+@pytest.mark.ci
 @pytest.mark.parametrize("name", LAWS)
 def test_every_law_goes_on_from_second_to_second_as_in_one_run(name):
     """One run of the package's solver from the start, which the seconds have to follow."""
@@ -196,14 +156,7 @@ def _without_friction(body):
     return replace(body, balances=(replace(balance, terms=terms),))
 
 
-def test_causes_that_no_plant_can_have_predict_nothing(stuck):
-    record, _ = stuck
-    drive = Drive(DRIVE, "lugre", {**TRUTH, **BRISTLES})
-    predictor = Predictor(drive, {"presliding_hysteresis": {"sigma0": 1e6}})
-    with pytest.raises(NotPredicted, match="prior law already has presliding"):
-        predictor(lay_along(record, drive), np.zeros(len(record.x)))
-
-
+@pytest.mark.ci
 def test_a_gap_before_a_block_that_sticks_is_crossed_as_in_one_run():
     """The gap of a diagnosis, with the rotor on one side and stiction on the other."""
     plain = Drive("ball_screw", "classical", {})

@@ -19,7 +19,7 @@ def course(speed, count=COUNT):
     return lay_along(check_record("made", {"time": time, "u": 0 * time + 1.0, "x": x}), nominal())
 
 
-@pytest.mark.parametrize("speed", [0.00213, 0.0049871, 0.0055013, -0.0069713])
+@pytest.mark.parametrize("speed", [0.00213, -0.0069713])
 def test_the_strongest_line_of_what_is_rounded_away_is_one_of_its_beats(speed):
     """By the spectrum of the rounding itself, as a sample and as the mean of a window tell it."""
     made = course(speed)
@@ -45,9 +45,8 @@ def test_few_frequencies_are_taken_for_beats():
     assert np.mean([beats.have(swing, 12.0) for swing in tried]) < 0.1
 
 
-@pytest.mark.parametrize(
-    ("trial", "seed"), [("2.3.1/1", 0), ("2.3.1/8", 1), ("viscous/23", 9), ("viscous/44", 12)]
-)
+@pytest.mark.ci
+@pytest.mark.parametrize(("trial", "seed"), [("2.3.1/8", 1), ("viscous/44", 12)])
 def test_a_trial_of_the_rig_at_constant_speed_has_no_ripple(tmp_path, trial, seed):
     assert run("rig", trial, "--seed", seed, "--out", tmp_path / "trial")[0] == 0
     given = (tmp_path / "trial" / "record.csv", "--params", tmp_path / "trial" / "parameters.toml")

@@ -35,12 +35,12 @@ def test_newtons_law_holds_to_rounding_for_any_force_that_is_held(seed, width):
     assert found == pytest.approx(averaged(given_, width), abs=1e-7)
 
 
-@pytest.mark.parametrize("width", [1, 2, 7, 30])
+@pytest.mark.parametrize("width", [1, 7])
 def test_an_average_of_a_constant_is_the_constant(width):
     assert averaged(np.full((300, 2), 3.0), width) == pytest.approx(3.0, rel=1e-12)
 
 
-@pytest.mark.parametrize("width", [1, 3, 10])
+@pytest.mark.parametrize("width", [1, 10])
 def test_the_noise_of_the_readings_is_averaged(width):
     random = np.random.default_rng(1)
     noise = random.standard_normal(400_000)
@@ -49,7 +49,7 @@ def test_the_noise_of_the_readings_is_averaged(width):
     assert quieter < 1.01 * (1.0 if width == 1 else 0.85 / np.sqrt(width))
 
 
-@pytest.mark.parametrize("time_constant", [1e-5, 3e-4, 1e-3, 2e-2])
+@pytest.mark.parametrize("time_constant", [3e-4, 2e-2])
 def test_a_lag_is_what_an_independent_solver_makes_of_it(time_constant):
     random = np.random.default_rng(2)
     command = random.standard_normal(30)
@@ -69,8 +69,7 @@ def test_a_lag_is_what_an_independent_solver_makes_of_it(time_constant):
     assert lagged(command[:, None], STEP, time_constant)[:, 0] == pytest.approx(means, abs=1e-7)
 
 
-@pytest.mark.parametrize("inductance", [1e-5, 0.2])
-@pytest.mark.parametrize("mass", [0.5, 20.0])
+@pytest.mark.parametrize(("inductance", "mass"), [(1e-5, 20.0), (0.2, 0.5)])
 def test_the_mean_current_is_what_an_independent_solver_makes_of_a_motor(inductance, mass):
     """Windings faster and slower than the sampling, drives faster and slower than it."""
     random = np.random.default_rng(2)

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from diagnosed import NOMINAL
 from scipy.signal import lfilter
 from world_runs import PERIOD, TURN, nominal_axis, run
 from worlds import layout as at
@@ -20,23 +21,6 @@ from ballscrew.records.record import Record
 COUNT = 1e-3 / 512  # step of the encoder [m]
 NOISE_TIME = 0.01  # s
 SUBSTEPS = 50
-# the axis as believed by its user
-NOMINAL = {
-    "m": 1.0,
-    "Jm": 4.2e-7,
-    "kt": 37.4e-3,
-    "ke": 60 / (255 * 2 * math.pi),
-    "R": 21.4,
-    "L": 0.953e-3,
-    "p": 1000.0,
-    "sigma0": 66967.231,
-    "sigma1": 344.56,
-    "sigma2": 173.0,
-    "Fc": 1.284,
-    "Fs": 2.35,
-    "Vs": 1.13975e-3,
-    "Kv": 1e8,
-}
 ASYMMETRY = {at.ASYMMETRY: 0.2, at.ASYMMETRY_VISCOUS: 0.2}
 NOTCH = {at.DETENT: 1.0, at.DETENT_PLACE: 0.002, at.DETENT_WIDTH: 0.0005}  # no cause has this form
 
