@@ -29,10 +29,10 @@ MOST = {  # folder: lines, lines without docstrings
     "diagnosis": (6691, 5351),
     "rig": (1845, 1448),
     "proofs": (12922, 11452),
-    "benchmarks": (1875, 1736),
+    "benchmarks": (1871, 1732),
     "docs": (1401, 1352),
     ".ci": (276, 255),
-    "tests": (31944, 30609),
+    "tests": (31943, 30602),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

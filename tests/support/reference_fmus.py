@@ -1,30 +1,28 @@
-"""The official Reference FMUs, packed from their sources, which are not part of this project."""
+"""The official Reference FMUs of the Modelica Association, made from their sources.
+
+What the tests need of modelica/Reference-FMUs, commit 1258711, is packed with its licence (BSD,
+two clauses) in ``tests/data/reference_fmus.tar.xz``.
+"""
 
 from __future__ import annotations
 
 import csv
-import os
 import re
+import tarfile
 import zipfile
+from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-SOURCES = Path(
-    os.environ.get("BALLSCREW_REFERENCE_FMUS", ROOT.parent / "shared" / "Reference-FMUs")
-)
 ALL_C = '#include "fmi2Functions.c"\n#include "model.c"\n#include "cosimulation.c"\n'
 
 
-def _model(name: str) -> Path:
-    if not (SOURCES / name).is_dir():
-        pytest.skip(
-            "the Reference FMUs are not here: get modelica/Reference-FMUs from GitHub, "
-            "and set BALLSCREW_REFERENCE_FMUS to its folder"
-        )
-    return SOURCES / name
+@cache
+def _files() -> dict[str, bytes]:
+    packed = Path(__file__).parents[1] / "data" / "reference_fmus.tar.xz"
+    with tarfile.open(packed) as archive:
+        return {member.name: archive.extractfile(member).read() for member in archive}
 
 
 def reference_fmu(
@@ -39,22 +37,21 @@ def reference_fmu(
 
     `change` has the replacements in its equations.
     """
-    model = _model(name)
-    description = (model / f"FMI{fmi}.xml").read_text(encoding="utf-8")
+    packed = _files()
+    description = packed[f"{name}/FMI{fmi}.xml"].decode()
     if exchanges:
         element = r"<CoSimulation[^>]*/>|<CoSimulation.*?</CoSimulation>"
         description = re.sub(element, "", description, flags=re.DOTALL)
     files = {"modelDescription.xml": description.encode()}
-    own = [model / "config.h", model / "model.c"]
-    shared = [SOURCES / "include" / n for n in ("model.h", "cosimulation.h")]
-    code = [SOURCES / "src" / n for n in (f"fmi{fmi}Functions.c", "cosimulation.c")]
-    files |= {f"sources/{p.name}": p.read_bytes() for p in (*own, *shared, *code)}
+    own = [f"{name}/config.h", f"{name}/model.c", "include/model.h", "include/cosimulation.h"]
+    own += [f"src/fmi{fmi}Functions.c", "src/cosimulation.c"]
+    files |= {f"sources/{Path(n).name}": packed[n] for n in own}
     if fmi == 2:
         files["sources/all.c"] = f"#define FMI_VERSION 2\n{ALL_C}".encode()
     else:
-        files["sources/buildDescription.xml"] = (model / "buildDescription.xml").read_bytes()
+        files["sources/buildDescription.xml"] = packed[f"{name}/buildDescription.xml"]
     if name == "Resource":
-        files["resources/y.txt"] = (model / "y.txt").read_bytes()
+        files["resources/y.txt"] = packed["Resource/y.txt"]
     assert change[0] in files["sources/model.c"]
     files["sources/model.c"] = files["sources/model.c"].replace(*change)
     path = folder / f"{name}{fmi}{'_me' if exchanges else ''}.fmu"
@@ -66,8 +63,7 @@ def reference_fmu(
 
 def reference_result(name: str) -> dict[str, np.ndarray]:
     """The numeric columns of the result published with a model."""
-    with (_model(name) / f"{name}_out.csv").open(encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))
+    rows = list(csv.DictReader(_files()[f"{name}/{name}_out.csv"].decode().splitlines()))
     truth = {"false": 0.0, "true": 1.0}
     return {
         column: np.array([float(truth.get(row[column], row[column])) for row in rows])

@@ -24,90 +24,53 @@ class {name}(Fmi2Slave):
 
     def do_step(self, current_time, step_size):
         {in_step}
-        self.u = 400.0 * (self.x_d - self.x) - 2.0 * self.v
+        self.u = {law}
         return True
 """
 
 
 def proportional(
-    folder: Path, name: str, *, in_step="pass", at_start="pass", head="", modules=None
+    folder: Path,
+    name: str,
+    *,
+    in_step="pass",
+    at_start="pass",
+    head="",
+    modules=None,
+    law="400.0 * (self.x_d - self.x) - 2.0 * self.v",
+    **options: bool,
 ) -> Path:
     """A controller u = 400 (x_d - x) - 2 v that computes outputs in its step, with given lines."""
     folder.mkdir(parents=True, exist_ok=True)
     script = folder / f"script_{name.lower()}.py"
-    text = PROPORTIONAL.format(name=name, in_step=in_step, at_start=at_start)
+    text = PROPORTIONAL.format(name=name, in_step=in_step, at_start=at_start, law=law)
     script.write_text(head + textwrap.dedent(text))
     files = []
     for module, source in (modules or {}).items():
         (folder / f"{module}.py").write_text(source)
         files.append(folder / f"{module}.py")
     path = folder / f"{name}.fmu"
-    FmuBuilder.build_FMU(script, dest=path, project_files=files)
+    FmuBuilder.build_FMU(script, dest=path, project_files=files, **options)
     return path
 
 
-FEEDTHROUGH = """
+FOLLOWING = """
 from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
 
 
 class {name}(Fmi2Slave):
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
-        self.a = 0.0
-        self.gain = 1.0
-        self.register_variable(Real("a", causality=Fmi2Causality.input))
-        self.register_variable(
-            Real(
-                "gain",
-                causality=Fmi2Causality.parameter,
-                variability=Fmi2Variability.tunable,
-            )
-        )
-        self.register_variable(
-            Real("b", causality=Fmi2Causality.output, getter=lambda: self.gain * self.a)
-        )
-
-    def do_step(self, current_time, step_size):
-        return True
-"""
-
-
-def feedthrough(folder: Path, name: str) -> Path:
-    """A part with direct feedthrough: b = gain * a."""
-    folder.mkdir(parents=True, exist_ok=True)
-    script = folder / f"script_{name.lower()}.py"
-    script.write_text(FEEDTHROUGH.format(name=name))
-    FmuBuilder.build_FMU(script, dest=folder / f"{name}.fmu")
-    return folder / f"{name}.fmu"
-
-
-STATE_FEEDBACK = """
-from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
-
-
-class {name}(Fmi2Slave):
-    def __init__(self, **kwargs):
-        super().__init__(**kwargs)
-        self.position = 0.0
-        self.speed = 0.0
-        self.goal = 0.0
-        self.gain = 400.0
-        for name in ("position", "speed", "goal"):
+        for name in {inputs}:
+            setattr(self, name, 0.0)
             self.register_variable(Real(name, causality=Fmi2Causality.input))
+        self.gain = {gain}
+        tunable = Fmi2Variability.tunable
         self.register_variable(
-            Real(
-                "gain",
-                causality=Fmi2Causality.parameter,
-                variability=Fmi2Variability.tunable,
-            )
+            Real("gain", causality=Fmi2Causality.parameter, variability=tunable)
         )
-        self.register_variable(
-            Real(
-                "voltage",
-                causality=Fmi2Causality.output,
-                getter=lambda: self.gain * (self.goal - self.position) - 2.0 * self.speed,
-            )
-        )
+        law = lambda: {law}
+        self.register_variable(Real({output!r}, causality=Fmi2Causality.output, getter=law))
 
     def do_step(self, current_time, step_size):
         return True
@@ -115,11 +78,25 @@ class {name}(Fmi2Slave):
 STATE_FEEDBACK_PORTS = {"position": "x", "speed": "v", "goal": "x_d", "voltage": "u"}
 
 
-def state_feedback(folder: Path, name: str, saves: bool = True) -> Path:
-    """A controller with direct feedthrough: voltage = gain (goal - position) - 2 speed."""
+def _following(folder: Path, name: str, options: dict[str, bool], **parts) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     script = folder / f"script_{name.lower()}.py"
-    script.write_text(STATE_FEEDBACK.format(name=name))
+    script.write_text(FOLLOWING.format(name=name, **parts))
     path = folder / f"{name}.fmu"
-    FmuBuilder.build_FMU(script, dest=path, **({"canGetAndSetFMUstate": True} if saves else {}))
+    FmuBuilder.build_FMU(script, dest=path, **options)
     return path
+
+
+def feedthrough(folder: Path, name: str) -> Path:
+    """A part with direct feedthrough: b = gain * a."""
+    return _following(
+        folder, name, {}, inputs=("a",), gain=1.0, output="b", law="self.gain * self.a"
+    )
+
+
+def state_feedback(folder: Path, name: str, saves: bool = True) -> Path:
+    """A controller with direct feedthrough: voltage = gain (goal - position) - 2 speed."""
+    options = {"canGetAndSetFMUstate": True} if saves else {}
+    law = "self.gain * (self.goal - self.position) - 2.0 * self.speed"
+    ports = ("position", "speed", "goal")
+    return _following(folder, name, options, inputs=ports, gain=400.0, output="voltage", law=law)

@@ -8,7 +8,7 @@ values until the controller answers to the plant's initial state, as our master 
 
 import numpy as np
 import pytest
-from wired_loop import OUTPUTS, missing_for_ecos, run_in, wired
+from wired_loop import OUTPUTS, run_in, wired
 
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import FmuInstance
@@ -17,16 +17,10 @@ from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
 
+pytestmark = pytest.mark.ci
 GOAL = Reference.constant(0.08)
 NCTF_STOP = 0.5  # seconds
 IOL_STOP = 1.0  # the error is largest at 0.36 s, also of a run over 20 s
-
-
-def course_in(host, loop, **options):
-    missing = missing_for_ecos() if host == "ecos" else ""
-    if missing:
-        pytest.skip(missing)
-    return np.array(run_in(host, loop, **options))
 
 
 @pytest.fixture(scope="module")
@@ -36,13 +30,11 @@ def our_master(fmus):
 
     def course(coupling):
         if coupling not in kept:
-            plant = FmuInstance(fmus["plant"], "plant")
-            controller = FmuInstance(fmus["nctf"], "controller")
-            run = run_loop(
-                plant, controller, GOAL, NCTF_STOP, 1e-4, coupling=coupling, corrections=0
-            )
-            plant.close()
-            controller.close()
+            parts = FmuInstance(fmus["plant"], "plant"), FmuInstance(fmus["nctf"], "controller")
+            options = {"coupling": coupling, "corrections": 0}
+            run = run_loop(*parts, GOAL, NCTF_STOP, 1e-4, **options)
+            for part in parts:
+                part.close()
             kept[coupling] = table(run)
         return kept[coupling]
 
@@ -64,14 +56,14 @@ JACOBI = ["libcosim", "container", "ecos"]
 @pytest.mark.parametrize("host", JACOBI)
 def test_nctf_in_a_stranger_s_jacobi_master_agrees_with_ours(fmus, our_master, host):
     loop = wired(fmus["plant"], fmus["nctf"], 1e-4, NCTF_STOP, law=False)
-    course = course_in(host, loop)
+    course = np.array(run_in(host, loop))
     assert apart(course, our_master(Coupling.JACOBI)) < 1e-9
     assert apart(course, our_master(Coupling.GAUSS_SEIDEL)) > 0.1  # A: no doubt which
 
 
 def test_nctf_in_a_stranger_s_gauss_seidel_master_agrees_with_ours(fmus, our_master):
     loop = wired(fmus["plant"], fmus["nctf"], 1e-4, NCTF_STOP, law=False)
-    course = course_in("container", loop, sequential=True)
+    course = np.array(run_in("container", loop, sequential=True))
     assert apart(course, our_master(Coupling.GAUSS_SEIDEL)) < 1e-9
     assert apart(course, our_master(Coupling.JACOBI)) > 0.1
 
@@ -79,7 +71,7 @@ def test_nctf_in_a_stranger_s_gauss_seidel_master_agrees_with_ours(fmus, our_mas
 def position_error(fmus, host, step, *, law=True, **options):
     """Largest error of the IOL loop's position [m] against the whole loop in one solver."""
     loop = wired(fmus["plant"], fmus["iol"], step, IOL_STOP, law=law)
-    course = course_in(host, loop, **options)
+    course = np.array(run_in(host, loop, **options))
     exact = run_monolithic(Loop("iol", reference=GOAL, stop=IOL_STOP), step)
     return apart(course[:, :1], table(exact)[:, :1])
 

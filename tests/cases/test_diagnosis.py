@@ -1,15 +1,13 @@
-"""A signal at a wrong scale leaves far more than noise, and is never called nothing."""
-
-from __future__ import annotations
+"""What is wrong with a record has to be told from what is wrong with the drive."""
 
 import math
 import re
 
 import pytest
-from cases import ballscrew, case
+from cases import case
 
 from ballscrew.diagnosis.diagnose import diagnose_records
-from ballscrew.diagnosis.drive import drive_of
+from ballscrew.diagnosis.drive import drive_of, read_drive
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.reading import check_record, read_drive_records
 
@@ -23,16 +21,18 @@ def right(folder):
     return record, drive_of(told, None)
 
 
-def test_the_line_to_line_voltage_taken_for_the_phases_is_named_with_its_size(tmp_path):
+def test_the_line_to_line_voltage_taken_for_the_phases_is_named_with_its_size(tmp_path, command):
     folder = case("diagnose_voltage_scaled_none", tmp_path)
-    done = ballscrew(folder, "diagnose run.csv --params axis.toml --lead 0.001 --out out")
-    assert done.returncode == 0
-    assert done.stdout.startswith("explained: scale_of_u explains the error of the model")
-    (size,) = re.findall(r"^  scale_of_u +([0-9.]+) ", done.stdout, re.MULTILINE)
+    words = "diagnose run.csv --params axis.toml --lead 0.001 --out out"
+    code, printed, _ = command(folder, words)
+    assert code == 0
+    assert printed.startswith("explained: scale_of_u explains the error of the model")
+    (size,) = re.findall(r"^  scale_of_u +([0-9.]+) ", printed, re.MULTILINE)
     assert float(size) == pytest.approx(1.0 / math.sqrt(3.0), rel=0.01)
     assert (folder / "out" / "report.html").is_file()
 
 
+@pytest.mark.ci
 def test_the_right_voltage_is_nothing(tmp_path):
     record, model = right(case("diagnose_voltage_scaled_none", tmp_path))
     found = diagnose_records([record], model)
@@ -40,6 +40,7 @@ def test_the_right_voltage_is_nothing(tmp_path):
     assert found.final_residual.force < 2.0 * found.floor.force < 0.2 * model.friction_scale
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("column", "factor"),
     [("u", 0.1), ("u", 0.5), ("u", 1.2), ("u", 10.0), ("i", 10.0), ("R", 1 / 3)],
@@ -57,6 +58,19 @@ def test_neither_a_scale_nor_a_resistance_that_is_wrong_is_nothing(tmp_path, col
     if column == "i":  # which the motor's force is not taken from then
         assert certain == ["scale_of_i"]
     else:
-        assert set(certain) <= {"scale_of_u"} if column == "u" else {"parameter_error"}
+        assert set(certain) <= {"scale_of_u" if column == "u" else "parameter_error"}
         assert found.adjusted_residual.force > 10.0 * found.floor.force
     assert found.left_of_friction > 0.5 or found.causes
+
+
+@pytest.mark.parametrize("rate", [50, pytest.param(200, marks=pytest.mark.ci)])
+def test_a_white_force_under_a_heavy_friction_is_noise_in_newtons(tmp_path, rate):
+    folder = case("heavy_friction_names_inertia", tmp_path)
+    (record,) = read_drive_records([folder / f"f_m25_{rate}Hz.csv"])
+    half = {n: s[: len(s) // 2] for n, s in record.signals.items()}  # twenty seconds are enough
+    found = diagnose_records([check_record("half", half)], read_drive(folder / "p25.toml"))
+    assert found.verdict == "none"
+    assert found.causes == ()
+    assert found.final_residual.force == pytest.approx(found.floor.force, rel=0.3)
+    # means over windows have less than the 60 N of the samples
+    assert 20.0 < found.final_residual.force < 60.0

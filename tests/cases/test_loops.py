@@ -1,0 +1,226 @@
+"""Loops of a cart and a PD controller, of which one has a peculiarity."""
+
+import numpy as np
+import pytest
+from case_inputs import system
+from cases import cart_position, case, maker, trajectory
+
+from ballscrew.orchestration.loop import Loop, SystemLoop
+from ballscrew.orchestration.loop_run import CouplingError
+from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.run import run_closed_loop
+from ballscrew.stability.attractor import Kind
+from ballscrew.stability.signal_motion import signal_motion
+
+GOAL = "--setpoint 0.1 --stop 0.5"
+PAIR = "--controller pd.fmu --plant"
+RUN = f"run --no-isolate {PAIR}"
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "unit"),
+    [
+        ("runaway_counts", "--controller pd_cnt.fmu --plant cart_cnt.fmu --step 1e-3", 1e-6),
+        ("sources_with_their_own_prefix", f"{PAIR} cart_src.fmu", 1.0),
+        ("ssp_implementation_model_exchange", "--system me.ssp --step 1e-3", 1.0),
+        ("step_discarded", f"{PAIR} cart_d.fmu", 1.0),
+        pytest.param("step_discarded", f"{PAIR} cart_d.fmu --isolate", 1.0, marks=pytest.mark.ci),
+        ("units_command_kN_to_N", "--controller pd_kN.fmu --plant cart_N.fmu --step 1e-3", 1.0),
+    ],
+)
+def test_the_cart_goes_where_the_exact_solution_does(tmp_path, command, name, words, unit):
+    folder = case(name, tmp_path)
+    code, _, said = command(folder, f"run --no-isolate {words} {GOAL} --out out")
+    assert code == 0, said
+    assert trajectory(folder / "out")["x"][-1] * unit == pytest.approx(cart_position(0.5), rel=1e-3)
+
+
+def test_an_algebraic_loop_is_solved_at_every_communication_point(tmp_path, command):
+    """x = x_s + 0.02 u and u = 25 (0.1 - x) - 8 v, at once: from rest, x = 0.1 / 3."""
+    folder = case("algebraic_loop_step_too_long", tmp_path)
+    code, _, said = command(folder, f"{RUN} cart_ft.fmu {GOAL} --out out")
+    assert code == 0, said
+    run = trajectory(folder / "out")
+    assert run["x"][0] == pytest.approx(0.1 / 3, abs=1e-12)
+    assert run["x"][-1] == pytest.approx(0.06395, abs=1e-4)
+    np.testing.assert_allclose(run["u"], 25.0 * (0.1 - run["x"]) - 8.0 * run["v"], atol=1e-10)
+
+
+def test_an_input_beside_the_command_stays_at_its_start_value_or_at_one_given(tmp_path, command):
+    folder = case("disturbance_input_of_plant", tmp_path)
+    loop = f"{RUN} cart_ld.fmu {GOAL} --step 1e-3 --out out"
+    _, _, said = command(folder, loop)
+    assert "note: nothing is connected to the input 'F_load' of cart_ld: it stays at 0" in said
+    assert "--set plant.F_load=VALUE" in said
+    free = trajectory(folder / "out")["x"][-1]
+    assert free == pytest.approx(cart_position(0.5), rel=1e-3)
+    code, _, said = command(folder, f"{loop} --set plant.F_load=0.5")
+    assert code == 0
+    assert "F_load" not in said
+    moved = free + 0.2 * cart_position(0.5)  # 0.5 N is 0.02 m of the set-point
+    assert trajectory(folder / "out")["x"][-1] == pytest.approx(moved, rel=1e-3)
+    code, _, said = command(folder, f"{loop} --set plant.u=1")
+    assert code == 2
+    assert said.count("\n") == 1
+    assert "plant.u is an input that is connected in the loop" in said
+
+
+def test_every_row_has_the_current_of_its_own_voltage(tmp_path, command):
+    """A motor without inductance: R = 2 ohm and a back-EMF of 0.5 V*s/m."""
+    folder = case("output_at_start", tmp_path)
+    words = f"{RUN} motor.fmu --setpoint 0.1 --stop 0.1 --step 1e-3 --out out"
+    code, _, said = command(folder, words)
+    assert code == 0, said
+    run = trajectory(folder / "out")
+    assert (run["u"][0], run["i"][0]) == (2.5, 1.25)
+    np.testing.assert_allclose(run["i"], (run["u"] - 0.5 * run["v"]) / 2.0, atol=1e-14)
+
+
+def test_a_set_point_drives_the_controller_where_a_plant_echoes_x_d(tmp_path, command):
+    folder = case("setpoint_taken_by_plant_output", tmp_path)
+    words = "cart_uu.fmu --map controller.u=u_in --setpoint 0.1 --stop 0.1 --step 1e-3"
+    code, _, said = command(folder, f"{RUN} {words} --out out")
+    assert code == 0, said
+    path = folder / "out" / "trajectory.csv"
+    header = path.read_text(encoding="utf-8").splitlines()[0].split(",")
+    assert len(header) == len(set(header))
+    table = dict(zip(header, np.loadtxt(path, delimiter=",", skiprows=1).T, strict=True))
+    np.testing.assert_array_equal(table["x_d"], 0.1)
+    np.testing.assert_array_equal(table["plant.x_d"], 88.0)  # its echo
+    np.testing.assert_allclose(table["u_in"], 25.0 * (0.1 - table["x"]) - 8.0 * table["v"])
+
+
+def test_a_step_that_was_asked_for_and_is_discarded_is_told_in_words(tmp_path, command):
+    folder = case("step_discarded", tmp_path)
+    code, *texts = command(folder, f"{RUN} cart_d.fmu {GOAL} --out out --step 1e-3")
+    assert code == 1
+    assert "rejects the step" in "".join(texts)
+    assert "smaller --step" in "".join(texts)
+    assert "FMI status" not in "".join(texts)
+
+
+def test_a_plant_with_one_length_of_step_gets_it(tmp_path, command):
+    folder = case("plant_with_fixed_step", tmp_path)
+    code, *texts = command(folder, f"{RUN} cart_fx.fmu {GOAL} --out out")
+    assert code in (0, 1)
+    run = trajectory(folder / "out")
+    np.testing.assert_allclose(run["time"], 0.01 * np.arange(51), atol=1e-12)
+    assert run["x"][-1] == pytest.approx(cart_position(0.5), rel=2e-2)
+    assert "its FMUs take steps of 0.01 s only" in texts[1]
+    assert "use a smaller --step" not in texts[1]  # it takes none
+
+
+def study(folder, stop=0.5, step=1e-3, controller="pd", plant="cart", **options):
+    names = str(folder / f"{controller}.fmu"), str(folder / f"{plant}.fmu")
+    return Loop(*names, Reference.constant(0.1), stop=stop, step=step, isolate=False, **options)
+
+
+def of_fixed_steps(folder, plant, controller):
+    mk = maker()
+    for make, name, step in ((mk.plant, "cart", plant), (mk.pd, "pd", controller)):
+        exp = f'<DefaultExperiment stepSize="{step}"/>'
+        make(str(folder / f"{name}.fmu"), varstep=False, exp=exp)
+
+
+@pytest.mark.ci
+def test_both_sides_of_one_step_and_a_system_get_it(tmp_path):
+    of_fixed_steps(tmp_path, 0.01, 0.01)
+    system(tmp_path, "s.ssp")
+    goal = Reference.constant(0.1)
+    for loop in (study(tmp_path, step=None), SystemLoop(tmp_path / "s.ssp", goal, stop=0.5)):
+        run = run_closed_loop(loop).run
+        assert run.step_range == pytest.approx((0.01, 0.01))
+        assert not run.stopped
+
+
+def test_two_lengths_of_step_that_differ_are_refused_in_one_line(tmp_path):
+    of_fixed_steps(tmp_path, 0.01, 0.02)
+    with pytest.raises(CouplingError, match=r"cart\.fmu of 0\.01 s and pd\.fmu of 0\.02 s"):
+        run_closed_loop(study(tmp_path, step=None))
+
+
+@pytest.mark.parametrize(
+    ("attributes", "scale", "bias"),
+    [
+        ("", 1.0, 8_388_608.0),  # an absolute encoder, far from 0 at rest
+        pytest.param('nominal="1"', 1e6, 0.0, marks=pytest.mark.ci),  # as some tools write always
+        pytest.param('nominal="1e-6"', 1.0, 0.0, marks=pytest.mark.ci),  # less than what is moved
+    ],
+)
+def test_an_output_that_is_large_at_rest_does_not_diverge(tmp_path, attributes, scale, bias):
+    mk = maker()
+    mk.plant(str(tmp_path / "cart.fmu"), xa=attributes, scale=scale, bias=bias)
+    mk.pd(str(tmp_path / "pd.fmu"), scale=1 / scale, bias=bias / scale)
+    result = run_closed_loop(study(tmp_path))
+    moved = (result.run.outputs["x"][-1] - bias) / scale
+    assert result.trusted
+    assert moved == pytest.approx(cart_position(0.5), rel=2e-3)
+
+
+def test_a_loop_that_runs_away_is_still_told_from_its_signals(tmp_path):
+    maker().plant(str(tmp_path / "cart.fmu"))
+    maker().pd(str(tmp_path / "pd.fmu"), out="$u$=400*($x$-$x_d$);")  # positive feedback
+    run = run_closed_loop(study(tmp_path, stop=5.0)).run
+    assert run.diverged
+    assert "exceeds its bound" in run.stopped
+    assert signal_motion(run, {"x": 1.0, "v": 1.0}).kind is Kind.DIVERGES
+
+
+STRICT = "if(t+h>stop)return 3;"
+
+
+def test_co_runs_end_with_the_run(tmp_path):
+    """5e-4 s does not divide 5 s exactly: a short last step would end a unit of round-off later."""
+    folder = case("stop_time_overstepped", tmp_path)
+    loop = study(folder, controller="pd_ns", plant="cart_st2", stop=5.0, step=5e-4)
+    run = run_closed_loop(loop).run
+    assert run.verdict.trusted, run.verdict.reason
+    assert run.outputs["x"][-1] == pytest.approx(0.1, abs=1e-5)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(("saves", "in_step"), [(False, True), (True, False)])
+def test_fmus_that_refuse_a_step_behind_the_stop_time(tmp_path, saves, in_step):
+    """A controller that answers in its step is not tried beyond the end either."""
+    mk = maker()
+    mk.plant(str(tmp_path / "cart.fmu"), saves=saves, step=STRICT + mk.PLANT_STEP)
+    law = "$u$=25.0*($x_d$-$x$)-8.0*$v$;"
+    body = {"out": "", "step": STRICT + law, "init": law} if in_step else {"step": STRICT}
+    mk.pd(str(tmp_path / "pd.fmu"), saves=saves, **body)
+    for stop, step in ((0.3, 7e-4), (0.7, 1e-3), (0.35, 3.1e-4)):
+        run = run_closed_loop(study(tmp_path, stop, step)).run
+        assert not run.stopped
+        assert run.verdict.trusted or in_step  # one that answers in its step is late by one
+        assert run.time[-1] == stop
+
+
+@pytest.mark.ci
+def test_our_plant_probes_no_controller_beyond_the_end(tmp_path):
+    maker().pd(str(tmp_path / "pd.fmu"), step=STRICT)
+    loop = Loop(str(tmp_path / "pd.fmu"), stop=0.03, step=7e-4, isolate=False)
+    assert not run_closed_loop(loop).run.stopped
+
+
+def test_an_integral_that_a_saved_state_does_not_have_is_noticed(tmp_path):
+    path = case("state_not_restored_probe", tmp_path) / "PiUnreg.fmu"
+    loop = Loop(str(path), reference=Reference.constant(0.02), stop=1.0, step=1e-3)
+    result = run_closed_loop(loop)
+    assert not result.run.stopped
+    assert result.run.outputs["x"][-1] == pytest.approx(0.02266, abs=2e-4)
+    (note,) = (n for n in result.notes if "does not restore it correctly" in n)
+    assert "PiUnreg.fmu" in note
+    assert "pythonfmu build --handle-state" in note
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("lost", [False, True])
+def test_state_that_an_fmu_keeps_elsewhere(tmp_path, lost):
+    """An integral in the instance is saved with it, one in a variable of the library is not."""
+    mk, name = maker(), "lost" if lost else "kept"
+    where = "static double w;" if lost else "double w=S[3];"
+    step = f"{where} w+=h*($x_d$-$x$); S[3]=w; $u$=25*($x_d$-$x$)-8*$v$+5*w;"
+    mk.plant(str(tmp_path / "cart.fmu"))
+    mk.pd(str(tmp_path / f"{name}.fmu"), name=name, out="", step=step, init="$u$=2.5;")
+    result = run_closed_loop(study(tmp_path, controller=name))
+    assert any("does not restore it correctly" in n for n in result.notes) == lost
+    assert not result.run.stopped

@@ -1,0 +1,367 @@
+"""The inputs of the cases: small files of the kinds that users of other tools had trouble with.
+
+Each function writes the files of the case of its name into a folder. Noise is drawn with fixed
+seeds, FMUs are compiled.
+"""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import small_fmus as mk
+from scipy.integrate import solve_ivp
+from scipy.io import savemat
+from third_party_fmus import proportional
+
+START = datetime(2024, 3, 1, 12)
+AXIS = 'kind = "ball_screw"\nlaw = "lugre"\n'
+HEAVY_DRIVE = """kind = "drive"
+law = "classical"
+[plant]
+m = 25.0
+gain = 1.0
+sigma2 = 100.0
+Fc = 1658.0
+Vs = 0.001
+[tolerance]
+gain = 0
+"""
+
+
+def write(path: Path, names: str, formats: str, *columns, sep=",", end="\n", after="") -> None:
+    """A table in text with a line of names; with another separator, it has decimal commas."""
+    row = sep.join(f"{{:{f}}}" for f in formats.split())
+    text = "\n".join(row.format(*cells) for cells in zip(*columns, strict=True))
+    text = text if sep == "," else text.replace(".", ",")
+    path.write_text(f"{names}\n{text}\n{after}", encoding="utf-8", newline=end)
+
+
+def swings(t: np.ndarray, *parts: tuple[float, float]) -> list[np.ndarray]:
+    """Position, speed and acceleration from rest at 0, of swings of amplitude [m] and frequency."""
+    turned = [(amplitude, 2 * np.pi * f, 2 * np.pi * f * t) for amplitude, f in parts]
+    return [
+        sum(a * (1 - np.cos(angle)) for a, _, angle in turned),
+        sum(a * w * np.sin(angle) for a, w, angle in turned),
+        sum(a * w**2 * np.cos(angle) for a, w, angle in turned),
+    ]
+
+
+# Records
+
+
+def axis_record(samples: int = 3000) -> dict[str, np.ndarray]:
+    """The nominal ball screw with LuGre friction under a smooth voltage, at 1 kHz.
+
+    The position is an angle in degrees, in counts of 1/4096 turn.
+    """
+    turn = 2 * np.pi * 1000.0  # rad/m
+
+    def voltage(t):
+        waves = 6 * np.sin(2 * np.pi * 0.4 * t) + 3 * np.sin(2 * np.pi * 0.9 * t + 0.5)
+        return -np.expm1(-((t / 0.3) ** 2)) * waves
+
+    def slope(t, state):
+        _, v, z, i = state
+        level = (1.284 + (2.35 - 1.284) * np.exp(-((v / 1.13975e-3) ** 2))) / 66967.231
+        bristle = v - abs(v) * z / level
+        friction = 66967.231 * z + 344.56 * bristle + 173.0 * v
+        back = 60 / (255 * 2 * np.pi) * turn * v
+        return [
+            v,
+            37.4e-3 * turn * i - friction,
+            bristle,
+            (voltage(t) - 21.4 * i - back) / 0.953e-3,
+        ]
+
+    t = np.arange(samples) * 1e-3
+    x, _, _, i = solve_ivp(slope, (0, t[-1]), np.zeros(4), "LSODA", t, rtol=1e-8, atol=1e-12).y
+    return {"time": t, "x": np.round(x * 1000 * 4096) / 4096 * 360, "u": voltage(t), "i": i}
+
+
+def angle_wraps(folder):
+    t, x, u, i = axis_record().values()
+    write(folder / "run.csv", "time,x [deg],u,i", ".6f .6f .6f .6f", t, x % 360, u, i)
+    (folder / "axis.toml").write_text(AXIS)
+
+
+def diagnose_voltage_scaled_none(folder):
+    t, x, u, i = axis_record().values()
+    for name, scale in (("right", 1.0), ("run", np.sqrt(3))):
+        write(folder / f"{name}.csv", "time,x [deg],u,i", ".6f .6f .6f .6f", t, x, scale * u, i)
+    (folder / "axis.toml").write_text(AXIS)
+
+
+def record_thousands_dot(folder):
+    t, x, u, _ = axis_record(1500).values()
+    path, whole = folder / "run.csv", np.round(x / 0.36).astype(int)  # micrometres
+    write(path, "time;x;u", ".3f _d .6f", t, whole, u, sep=";")
+    path.write_text(path.read_text().replace("_", "."))
+
+
+def record_unit_in_brackets_unknown(folder):
+    t, x, u, _ = axis_record(1500).values()
+    names = "time [s],x [in],u [V]"
+    write(folder / "run.csv", names, ".6f .7f .6f", t, x / 360e3 / 0.0254, u)
+
+
+def swing(count: int = 2000, period: float = 1e-3) -> list[np.ndarray]:
+    """Time, position [m] and voltage of a record that is only to be read."""
+    t = np.arange(count) * period
+    angle, speed = 2 * np.pi * 1.9 * t, 2 * np.pi * 1.9 * 0.03
+    return [t, 0.03 * np.sin(angle), 11 * speed * np.cos(angle) + 3.0 * np.cos(2 * np.pi * 3 * t)]
+
+
+def binary_measurement_files(folder):
+    starts = {"h5": b"\x89HDF\r\n\x1a\n", "mf4": b"MDF ", "tdms": b"TDSm", "xlsx": b"PK\3\4"}
+    for kind, magic in starts.items():
+        (folder / f"a.{kind}").write_bytes(magic + bytes(2000))
+
+
+def labview_lvm(folder):
+    head = """LabVIEW Measurement\t
+Separator\tTab
+Decimal_Separator\t,
+X_Columns\tOne
+***End_of_Header***\t
+
+Channels\t2\t\t\t
+Samples\t1500\t1500\t\t
+Date\t2019/07/22\t2019/07/22\t\t
+Delta_X\t0,001000\t0,001000\t\t
+***End_of_Header***\t\t\t\t
+X_Value\tPosition\tVoltage\tComment"""
+    t, x, u = swing(1500)
+    words = [f"{volts:.6f}" for volts in u]
+    words[0] += "\tstart"
+    write(folder / "run.lvm", head, ".6f .6f s", t, x, words, sep="\t", end="\r\n")
+
+
+def mat_matrix(folder):
+    t, x, u = swing()
+    savemat(folder / "tofile.mat", {"ans": np.stack([t, x, u])})
+    signals = [{"values": c, "dimensions": 1, "label": n} for n, c in (("pos", x), ("volt", u))]
+    scope = {"time": t, "signals": np.array(signals), "blockName": "m/Scope"}
+    savemat(folder / "scope.mat", {"ScopeData": scope})
+    y = [{"Name": n, "Data": c, "Unit": e} for n, c, e in (("Pos", x, "m"), ("U", u, "V"))]
+    record = {"X": {"Name": "time", "Data": t}, "Y": np.array(y), "Description": "d"}
+    savemat(folder / "dspace.mat", {"rec_001": record})
+
+
+def time_as_date(folder):
+    t, x, u = swing()
+    stamps = [(START + timedelta(seconds=s)).isoformat(timespec="microseconds") for s in t]
+    write(folder / "run.csv", "time,x,u", "s .6f .6f", stamps, x, u)
+
+
+def twincat_scope_eof(folder):
+    head = """Name\tYT Scope Project
+File\tC:\\scope\\a.svdx
+Starttime of export\t132959769843760000\tMonday, 2 May 2022\t13:56:24.376
+
+Name\tAxis.ActPos\tName\tAxis.Torque
+SymbolComment\t\tSymbolComment\t
+SampleTime[ms]\t1\tSampleTime[ms]\t1
+SymbolName\tMain.Axis.NcToPlc.ActPos\tSymbolName\tMain.Axis.Torque
+Unit\tmm\tUnit\tV
+"""
+    t, x, u = swing(1500)
+    columns = 1e3 * t, 1e3 * x, 1e3 * t, u
+    options = {"sep": "\t", "end": "\r\n", "after": "EOF\n"}
+    write(folder / "scope.csv", head, ".0f .6f .0f .6f", *columns, **options)
+
+
+def heavy_friction_names_inertia(folder):
+    for rate in (50, 200):
+        t = np.arange(40 * rate) / rate
+        x, v, a = swings(t, (0.0555, 0.25), (0.002, 1.25))
+        noise = 60.0 * np.random.default_rng(rate).standard_normal(t.size)
+        force = 25.0 * a + 100.0 * v + 1658.0 * np.sign(v) + noise
+        write(folder / f"f_m25_{rate}Hz.csv", "time,u,x", "g .5f g", t, force, x.round(6))
+    (folder / "p25.toml").write_text(HEAVY_DRIVE)
+
+
+# FMUs: a cart and its PD controller, each with one peculiarity
+
+
+def _pair(folder, name, **options):
+    mk.plant(str(folder / f"{name}.fmu"), name, **options)
+    mk.pd(str(folder / "pd.fmu"))
+
+
+def algebraic_loop_step_too_long(folder):
+    _pair(folder, "cart_ft", out="$x$=S[0]+0.02*$u$;$v$=S[1];", deps=True)
+
+
+def disturbance_input_of_plant(folder):
+    load = [("F_load", "input", 0.0, "")]
+    step = mk.PLANT_STEP.replace("$u$", "($u$+$F_load$)")
+    _pair(folder, "cart_ld", more=load, step=step)
+
+
+def output_at_start(folder):
+    current = [("i", "output", None, "")]
+    _pair(folder, "motor", more=current, more_out="$i$=($u$-0.5*S[1])/2.0;", deps=True)
+
+
+def setpoint_taken_by_plant_output(folder):
+    names = {"u": "u_in"}
+    echo = [("x_d", "output", None, "")]
+    step = mk.PLANT_STEP.replace("$u$", "$u_in$")
+    _pair(folder, "cart_uu", names=names, more=echo, step=step, more_out="$x_d$=88;")
+
+
+def step_discarded(folder):
+    _pair(folder, "cart_d", step="if(h>2.0001e-4)return 2;" + mk.PLANT_STEP)
+
+
+def plant_with_fixed_step(folder):
+    step = "if(fabs(h-0.01)>1e-12)return 3;" + mk.PLANT_STEP
+    exp = '<DefaultExperiment stepSize="0.01"/>'
+    _pair(folder, "cart_fx", step=step, varstep=False, exp=exp)
+
+
+def stop_time_overstepped(folder):
+    strict = "if(t+h>stop)return 3;"
+    mk.plant(str(folder / "cart_st2.fmu"), "cart_st2", saves=False, step=strict + mk.PLANT_STEP)
+    mk.pd(str(folder / "pd_ns.fmu"), "pd_ns", saves=False)
+
+
+def runaway_counts(folder):
+    mk.plant(str(folder / "cart_cnt.fmu"), "cart_cnt", scale=1e6)
+    mk.pd(str(folder / "pd_cnt.fmu"), "pd_cnt", scale=1e-6)
+
+
+def sources_with_their_own_prefix(folder):
+    """With a header of FMI 2.0.0, in which only the model says the prefix."""
+    source = mk.source_of("cart_src", mk.PLANT, out="$x$=S[0];$v$=S[1];", step=mk.PLANT_STEP)
+    functions = sorted(set(re.findall(r"\bfmi2\w+", source)))
+    header = """#define fmi2Paste(a, b) a ## b
+#define fmi2PasteB(a, b) fmi2Paste(a, b)
+#define fmi2FullName(name) fmi2PasteB(FMI2_FUNCTION_PREFIX, name)
+"""
+    header += "".join(f"#define {f} fmi2FullName({f})\n" for f in functions)
+    own = "#define FMI2_FUNCTION_PREFIX cart_src_\n#endif\n"
+    source = f'#ifndef FMI2_FUNCTION_PREFIX\n{own}#include "fmi2Functions.h"\n{source}'
+    files = {"fmi2Functions.h": header, "cart_src.c": source}
+    _pair(folder, "cart_src", sources=files)
+
+
+def ssp_implementation_model_exchange(folder):
+    _pair(folder, "cart")
+    system(folder, "me.ssp", said='implementation="ModelExchange"')
+
+
+PORTS = [*((n, "input", 0, "") for n in ("x", "v", "x_d")), ("u", "output", None, "")]
+OURS = (418.44677021819587, 174.3135365959808, 0.1517675138068781)  # gains of the built-in pid
+
+
+def _pid(folder, name, start=0.0, gains=OURS, **options):
+    """In Python: u is known after the first step, and what is summed up is no variable."""
+    lines = {
+        "at_start": f"self.sum, self.u = 0.0, {start}",
+        "in_step": "self.sum += (self.x_d - self.x) * step_size",
+        "law": "{} * (self.x_d - self.x) + {} * self.sum - {} * self.v".format(*gains),
+    }
+    proportional(folder, name, **lines, **options)
+
+
+def inputs_after_initialization(folder):
+    """Commands that follow from what was there when initialization ended."""
+    for name, seen in (("probe", "$x_d$"), ("probe_x", "$x$")):
+        lines = {"init": f"S[0]=1+100*{seen};", "out": "$u$=S[0];"}
+        mk.build(str(folder / f"{name}.fmu"), name, PORTS, **lines)
+    law = "$u$=418.0*(S[0]-$x$)-0.15*$v$;$seen$=S[1];"
+    ports = [*PORTS, ("seen", "output", None, "")]
+    start = "S[0]=$x$;S[1]=1+100*$x_d$;"
+    mk.build(str(folder / "hold.fmu"), "hold", ports, init=start, out=law)
+    mk.plant(str(folder / "cart.fmu"))
+    _pid(folder, "PyPid")
+    _pid(folder, "PidA", start=0.08 * OURS[0])
+
+
+def state_not_restored_probe(folder):
+    _pid(folder, "PiUnreg", gains=(300.0, 600.0, 5.0), canGetAndSetFMUstate=True)
+
+
+UNITS = {  # by name: base units and what to multiply with
+    "m": ('m="1"', 1.0),
+    "mm": ('m="1"', 1e-3),
+    "m/s": ('m="1" s="-1"', 1.0),
+    "N": ('kg="1" m="1" s="-2"', 1.0),
+    "kN": ('kg="1" m="1" s="-2"', 1e3),
+    "rad": ('rad="1"', 1.0),
+    "deg": ('rad="1"', np.pi / 180),
+    "rad/s": ('rad="1" s="-1"', 1.0),
+    "rpm": ('rad="1" s="-1"', np.pi / 30),
+    "V": ('kg="1" m="2" s="-3" A="-1"', 1.0),
+    "mV": ('kg="1" m="2" s="-3" A="-1"', 1e-3),
+    "K": ('K="1"', 1.0),
+    "degC": ('K="1" offset="273.15"', 1.0),
+}
+DEFINED = "".join(
+    f'<Unit name="{n}"><BaseUnit {base} factor="{factor!r}"/></Unit>'
+    for n, (base, factor) in UNITS.items()
+)
+DEFINED = f"<UnitDefinitions>{DEFINED}</UnitDefinitions>"
+
+
+def _size(unit: str | None) -> float:
+    return UNITS[unit][1] if unit in UNITS else 1.0
+
+
+def _ports(inputs: str, outputs: str, units: dict[str, str]) -> list[mk.Variable]:
+    told = {
+        n: f'unit="{units[n]}"' if n in units else "" for n in (*inputs.split(), *outputs.split())
+    }
+    return [
+        (n, *(("input", 0) if n in inputs.split() else ("output", None)), told[n]) for n in told
+    ]
+
+
+def cart_in(folder, name: str = "cart", offset: float = 0.0, **units: str) -> None:
+    """The cart, whose ports have these units; `offset` is that of the unit of x."""
+    x, v, u = (_size(units.get(n)) for n in ("x", "v", "u"))
+    step = "double F=$u$*@/2.0,v=S[1],e=exp(-2.0*h);S[0]+=F*h+(v-F)*(1-e)/2.0;S[1]=F+(v-F)*e;"
+    lines = {
+        "out": f"$x$=(S[0]-{offset!r})/{x!r};$v$=S[1]/{v!r};",
+        "step": step.replace("@", repr(u)),
+    }
+    path, ports = str(folder / f"{name}.fmu"), _ports("u", "x v", units)
+    mk.build(path, name, ports, deps=False, units=DEFINED, **lines)
+
+
+def pd_in(folder, name: str = "pd", **units: str) -> None:
+    """The PD controller, whose ports have these units."""
+    x, v, x_d, u = (_size(units.get(n)) for n in ("x", "v", "x_d", "u"))
+    law = f"$u$=($Kp$*($x_d$*{x_d!r}-$x$*{x!r})-8.0*$v$*{v!r})/{u!r};"
+    ports = [*_ports("x v x_d", "u", units), ("Kp", "parameter", 25.0, "")]
+    mk.build(str(folder / f"{name}.fmu"), name, ports, out=law, units=DEFINED)
+
+
+def units_command_kN_to_N(folder):
+    cart_in(folder, "cart_N", u="N")
+    pd_in(folder, "pd_kN", u="kN")
+
+
+def system(folder, name: str, said: str = "", controller: str = "pd") -> None:
+    """An .ssp of cart.fmu and a controller of this folder; `said` is an attribute of the plant."""
+    wires = [("plant", "x", controller), ("plant", "v", controller), (controller, "u", "plant")]
+    connections = "".join(
+        f'<ssd:Connection startElement="{a}" startConnector="{port}" '
+        f'endElement="{b}" endConnector="{port}"/>'
+        for a, port, b in wires
+    )
+    text = f"""<ssd:SystemStructureDescription version="1.0" name="s"
+xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"><ssd:System name="s"><ssd:Elements>
+<ssd:Component name="plant" source="cart.fmu" {said}/>
+<ssd:Component name="{controller}" source="{controller}.fmu"/></ssd:Elements>
+<ssd:Connections>{connections}</ssd:Connections></ssd:System></ssd:SystemStructureDescription>"""
+    with zipfile.ZipFile(folder / name, "w") as archive:
+        archive.writestr("SystemStructure.ssd", text)
+        for part in ("cart", controller):
+            archive.write(folder / f"{part}.fmu", f"{part}.fmu")
