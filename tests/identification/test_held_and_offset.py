@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic.records import LUGRE, constant_velocity, record_of, sine_velocity
+from synthetic.records import record_of, sine_velocity
 
 from ballscrew.identification.fit import fit_along
 from ballscrew.identification.identify import CannotHold, check_held, identify
@@ -46,6 +46,7 @@ def test_a_constant_force_is_found_with_its_interval(found):
     assert found.trusted
 
 
+@pytest.mark.ci
 def test_without_it_the_friction_is_wrong(found):
     without = identify(mostly_forwards(1), "dahl")
     fc = without.parameters["Fc"]
@@ -57,6 +58,7 @@ def test_without_it_the_friction_is_wrong(found):
     assert again["forwards"] == pytest.approx(again["backwards"], rel=0.05)
 
 
+@pytest.mark.prove
 def test_the_interval_of_the_offset_holds_the_truth_as_often_as_it_says():
     held = 0
     for seed in range(12):
@@ -68,25 +70,7 @@ def test_the_interval_of_the_offset_holds_the_truth_as_often_as_it_says():
     assert held >= 10  # a share of 0.95 gives less once in fifty times
 
 
-def test_an_offset_beside_sliding_friction_is_found():
-    random = np.random.default_rng(3)
-    speeds = (5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
-    trials = [constant_velocity(s * v) for v in speeds for s in (1, -1)]
-    records = [loaded(record_of(t, "lugre", LUGRE, random)) for t in trials]
-    fit = fit_along(records, "classical", beside=("offset",))
-    for name, truth in (("offset", LOAD), ("Fc", 1.284), ("sigma2", 173.0)):
-        interval = fit.intervals[name]
-        assert interval.low <= truth <= interval.high, (name, interval)
-
-
-def test_an_offset_goes_into_the_file_of_a_drive_and_of_no_ball_screw(found):
-    assert found.parameter_file().plant["offset"].value == found.parameters["offset"].value
-    screw = replace(found, told=None)
-    assert "offset" not in screw.parameter_file().plant
-    of_screw = identify(mostly_forwards(1)[2:], "dahl", ParameterFile(), offset=True)
-    assert any("offset is not in parameters.toml" in note for note in of_screw.notes)
-
-
+@pytest.mark.ci
 def test_one_direction_tells_no_offset_and_it_is_said():
     result = identify(mostly_forwards(1)[:2], "dahl", offset=True)
     offset = result.parameters["offset"]
@@ -96,6 +80,7 @@ def test_one_direction_tells_no_offset_and_it_is_said():
     assert not result.trusted
 
 
+@pytest.mark.ci
 def test_what_is_held_stays_and_the_rest_is_told_better():
     records = mostly_forwards(2, load=0.0)
     told = ParameterFile(plant={"sigma": Value(DAHL["sigma"], "N/m", None, "a book")})
@@ -112,21 +97,11 @@ def test_what_is_held_stays_and_the_rest_is_told_better():
     assert held.parameter_file().plant["sigma"] == told.plant["sigma"]
 
 
-def test_an_offset_that_is_known_is_held():
-    result = identify(mostly_forwards(1), "dahl", DRIVE, fixed={"offset": LOAD})
-    fc = result.parameters["Fc"]
-    assert fc.low <= DAHL["Fc"] <= fc.high
-    assert result.parameters["offset"].value == LOAD
-    assert result.parameter_file().plant["offset"].source == "given, held"
-
-
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("law", "fixed", "offset", "words"),
     [
-        ("dahl", {"sgma": 1.0}, False, r"no parameter 'sgma'; nearest: sigma"),
-        ("dahl", {"sigma": 0.0}, False, "sigma is 0, expected a number above 0"),
         ("dahl", {"offset": float("nan")}, False, "expected a finite number"),
-        ("dahl", {"offset": 1.0}, True, "held at 1 N and fitted"),
         ("bliman_sorine", {"f1": 1.0}, False, "fitted together with f2, eta"),
         ("maxwell_slip", {"alpha1": 0.2}, False, "cannot be fixed alone"),
         ("directional_lugre", {"Fc": 1.0}, False, "no parameter 'Fc'"),

@@ -69,35 +69,7 @@ def test_a_stranger_s_files_give_parameters_a_file_and_pictures(data, tmp_path, 
         assert (tmp_path / f"{stem}.png").stat().st_size > 5000
 
 
-def test_a_rotary_record_gives_the_same_parameters_by_the_lead(data, tmp_path):
-    """The same motion and force as angle and torque of a screw, with names, units and commas."""
-    lead, paths = 0.004, []
-    for k, path in enumerate(data):
-        t, q, force = np.loadtxt(path, delimiter=";", skiprows=1).T
-        lines = ["Rig 3;today", "t [ms];angle [deg];torque [mN*m]"]
-        rows = zip(1e3 * t, 360e-3 * q / lead, 1e3 * force * lead / (2 * np.pi), strict=True)
-        lines += [f"{a:.9g};{b:.12g};{c:.12g}".replace(".", ",") for a, b, c in rows]
-        paths.append(tmp_path / f"{k}.csv")
-        paths[-1].write_text("\n".join(lines))
-    names = ("--map", "t=time", "--map", "angle=x", "--map", "torque=force")
-    given = (*map(str, paths), "--law", "dahl", *names, "--out", str(tmp_path / "out"))
-    with pytest.raises(BadRequest, match="use --lead METRES"):
-        run(*given)
-    assert run(*given, "--lead", str(lead)) == 0
-    told = json.loads((tmp_path / "out" / "identified.json").read_text())
-    for name, truth in DAHL.items():
-        entry = told["parameters"][name]
-        assert entry["low"] <= truth <= entry["high"], name
-
-
-def test_json_goes_to_standard_output_alone(data, tmp_path, capsys):
-    run(*data[:2], "--law", "dahl", "--out", str(tmp_path), "--json", *FOREIGN)
-    printed = capsys.readouterr()
-    assert json.loads(printed.out)["law"] == "dahl"
-    # a unit that was not said, or wrongly, shows in what the record is taken for
-    assert "positions cover up to 0.002 m, forces reach" in printed.err
-
-
+@pytest.mark.ci
 def test_a_law_that_is_not_in_the_records_gives_exit_code_one(data, tmp_path, capsys):
     """Dahl's friction cannot tell LuGre's sigma1; that is said, with its reason."""
     code = run(*data, "--law", "lugre", "--out", str(tmp_path), *FOREIGN)
@@ -108,6 +80,7 @@ def test_a_law_that_is_not_in_the_records_gives_exit_code_one(data, tmp_path, ca
     assert file.not_identified["sigma1"]
 
 
+@pytest.mark.ci
 def test_bad_requests_are_one_line(data, tmp_path):
     for arguments, words in (
         ((data[0], "--law", "dahll"), "did you mean dahl?"),
@@ -136,6 +109,7 @@ def test_bad_requests_are_one_line(data, tmp_path):
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.ci
 def test_values_are_held_and_a_constant_force_is_fitted(data, tmp_path, capsys):
     prior_model = tmp_path / "prior.toml"
     prior_model.write_text(
@@ -158,34 +132,3 @@ def test_values_are_held_and_a_constant_force_is_fitted(data, tmp_path, capsys):
     written = read_parameters(out / "parameters.toml").plant
     assert written["offset"].value == told["offset"]["value"]
     assert written["sigma"].source == "given, held"
-
-
-def test_a_record_of_the_velocity_gives_the_parameters_and_says_so(data, tmp_path, capsys):
-    paths = []
-    for k, path in enumerate(data):
-        t, q, force = np.loadtxt(path, delimiter=";", skiprows=1).T
-        step = t[1] - t[0]
-        speed = np.round(np.gradient(np.interp(t, t, q), step), 3)
-        paths.append(tmp_path / f"{k}.csv")
-        table = np.column_stack([t, speed, force])
-        header = "time;v [mm/s];force"
-        np.savetxt(paths[-1], table, delimiter=";", header=header, comments="", fmt="%.9g")
-    run(*map(str, paths), "--law", "dahl", "--out", str(tmp_path / "out"))
-    told = json.loads((tmp_path / "out" / "identified.json").read_text())["parameters"]
-    assert told["Fc"]["low"] <= DAHL["Fc"] <= told["Fc"]["high"]
-    assert "x is the integral of v" in capsys.readouterr().err
-
-
-def test_a_record_of_friction_alone_is_identified_without_a_mass(tmp_path):
-    time = np.arange(0.0, 4.0, 1e-3)
-    x = 0.02 * (1.0 - np.cos(2 * np.pi * time))
-    v = 0.02 * 2 * np.pi * np.sin(2 * np.pi * time)
-    force = 5.0 * np.sign(v) + 20.0 * v + 0.05 * np.random.default_rng(0).standard_normal(len(time))
-    table = np.column_stack([time, x, force])
-    path = tmp_path / "friction.csv"
-    np.savetxt(path, table, delimiter=",", header="time,x,force", comments="")
-    out = tmp_path / "out"
-    run(str(path), "--law", "classical", "--mass", "0", "--out", str(out))
-    found = read_parameters(out / "parameters.toml").plant
-    assert found["Fc"].value == pytest.approx(5.0, rel=0.02)
-    assert found["sigma2"].value == pytest.approx(20.0, rel=0.02)

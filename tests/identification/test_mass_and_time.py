@@ -83,6 +83,7 @@ def test_mass_friction_and_delay_come_back_in_one_fit():
     assert f"wrong by a factor of {math.sqrt(ratio):.4g}" in said
 
 
+@pytest.mark.ci
 def test_a_wrong_mass_is_where_the_rest_is_and_not_the_friction():
     x, pull, a = karnopp(force=shaken)
     found = identify([recorded(x, pull, noise=0.1, count=1e-8, mass=85.0)], "classical")
@@ -97,6 +98,7 @@ def test_a_wrong_mass_is_where_the_rest_is_and_not_the_friction():
     assert found.left.by_motion["accelerating"] > found.left.by_motion["steady"]
 
 
+@pytest.mark.ci
 def test_a_load_is_said_to_be_a_constant_force():
     x, pull, _ = karnopp(load=5.0, force=shaken)
     found = identify([recorded(x, pull, mass=95.0)], "classical")
@@ -107,6 +109,7 @@ def test_a_load_is_said_to_be_a_constant_force():
     assert "--offset" in part.words
 
 
+@pytest.mark.ci
 def test_a_motion_that_hardly_accelerates_does_not_tell_the_mass():
     t = FINE * np.arange(80_000)
     turn = np.tanh(50 * np.sin(2 * np.pi * t / 4))
@@ -151,6 +154,7 @@ def test_an_exact_record_of_lugre_is_trusted():
         assert interval.low <= value <= interval.high, (name, interval)
 
 
+@pytest.mark.ci
 def test_the_published_mass_and_offset_of_a_real_drive_are_within_their_intervals():
     file = EMPS / "DATA_EMPS.mat"
     if not file.is_file():

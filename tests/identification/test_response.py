@@ -45,6 +45,7 @@ def two_masses(resonance, damping, seed):
     return Record("shaken", signals, 1e-3, command="force"), *true
 
 
+@pytest.mark.prove
 def test_resonance_and_damping_are_the_eigenvalue_s():
     held = [0, 0]
     for seed in range(10):
@@ -74,6 +75,7 @@ def test_the_response_is_the_system_s():
         assert found.coherence[line] > 0.95
 
 
+@pytest.mark.ci
 def test_a_resonance_beyond_what_is_shaken_is_not_seen():
     record, *_ = two_masses(400.0, 0.03, 3)
     found = frequency_response(record)
@@ -89,6 +91,7 @@ def run(*arguments):
     return options.action(options)
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("drawn")
 def test_the_command_writes_table_and_picture(tmp_path, capsys):
     record, frequency, _ = two_masses(40.0, 0.03, 1)

@@ -95,16 +95,6 @@ def test_tdms_files_with_a_column_of_time_or_with_rates(tmp_path):
     is_given(read(write_tdms(tmp_path / "b.tdms", waveform=True)))
 
 
-def test_tdms_channels_of_two_rates_come_to_the_slower_one_and_it_is_said(tmp_path):
-    record = read(write_tdms(tmp_path / "a.tdms", waveform=True, x_every=4))
-    assert record.step == pytest.approx(4e-3)
-    np.testing.assert_allclose(record.x, X[::4], atol=1e-12)
-    np.testing.assert_allclose(record.u, U[::4], atol=1e-9)
-    (note,) = record.notes
-    assert "u of drive (0.001 s), recorded every 0.001 s, is interpolated linearly" in note
-    assert note.endswith("every 0.004, 1 in 4 of its samples")
-
-
 @pytest.mark.ci  # asammdf is large
 @pytest.mark.parametrize("version", ["4.10", "3.30"])
 def test_mdf_files_and_a_slower_group_where_it_is_asked_for(tmp_path, version):
@@ -123,18 +113,6 @@ def test_workbooks_and_the_one_sheet_with_a_table(tmp_path):
 
 def test_hdf5_groups(tmp_path):
     is_given(read(write_hdf5(tmp_path / "a.dat")))
-
-
-@pytest.mark.ci
-def test_hdf5_columns_of_several_groups_with_one_time(tmp_path):
-    import h5py
-
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["clock/t"], file["axis/pos"], file["axis/pos2"], file["drive/volt"] = TIME, X, X, U
-    mapping = {"clock/t": "time", "axis/pos": "x", "volt": "u"}
-    is_given(read(tmp_path / "a.h5", mapping, {"time": "s", "x": "m", "u": "V"}))
-    with pytest.raises(BadRecord, match=r"none .* has the columns time.*; there are axis"):
-        read(tmp_path / "a.h5")
 
 
 def test_parquet_and_arrow_files_with_dates(tmp_path):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.reading import read_drive_records
 
 TIME = np.arange(0.0, 4.0, 1e-3)
@@ -70,20 +69,6 @@ def test_a_slow_signal_that_is_not_needed_stays_at_its_samples(tmp_path):
     np.testing.assert_allclose(record.time[known], slow, atol=1e-9)
     np.testing.assert_allclose(record.signals["temperature"][known], 20 + slow)
     assert len(record.time) == len(TIME)
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(
-    ("of_u", "unit", "words"),
-    [
-        (TIME + 10.0, "s", "x, u do not overlap in time"),
-        (TIME, "ticks", "its times are in 's' and 'ticks'|its times are in 'ticks' and 's'"),
-        (TIME[::-1], "s", "time of drive does not increase|decreases"),
-    ],
-)
-def test_tables_that_cannot_be_put_together_are_refused(tmp_path, of_u, unit, words):
-    with pytest.raises(BadRecord, match=words):
-        read(write(tmp_path / "a.xlsx", TIME, of_u, unit))
 
 
 def test_a_time_that_is_given_by_number_is_that_of_each_signal(tmp_path):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import scipy.io
 
-from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.reading import read_drive_records
 from ballscrew.records.table import read_tables
 
@@ -143,16 +142,3 @@ def test_version_7_3_has_vectors_matrices_and_structures(tmp_path):
     names, units = {"ans.1": "time", "ans.2": "x", "ans.3": "u"}, {"time": "s", "x": "m", "u": "V"}
     is_given(mat73(tmp_path / "b.mat", matrix), names, units)
     is_given(mat73(tmp_path / "c.mat", scope))
-
-
-@pytest.mark.ci
-def test_objects_are_refused_with_what_to_save(tmp_path):
-    def series(file):
-        item = file.create_dataset("ts", data=np.zeros((1, 6), "u4"))
-        item.attrs["MATLAB_class"] = np.bytes_("timeseries")
-        item.attrs["MATLAB_object_decode"] = np.int32(3)
-
-    with pytest.raises(
-        BadRecord, match=r"contains objects .* save their numbers, such as t = ts\.Time"
-    ):
-        read_tables(mat73(tmp_path / "a.mat", series))

@@ -193,14 +193,6 @@ def test_a_record_whose_pieces_are_all_too_short_is_refused(tmp_path):
         read(path)
 
 
-def test_a_column_that_is_mostly_empty_is_refused_with_the_line_of_the_first_gap(tmp_path):
-    given = MOTION | {"x": np.where(TIME > 1.5, np.nan, MOTION["x"])}
-    path = write(tmp_path / "a.csv", given)
-    path.write_text(path.read_text().replace("nan", ""))
-    with pytest.raises(BadRecord, match=r"x is empty .* the first in row 1503"):
-        read(path)
-
-
 def columns(n=100):
     time = 0.005 * np.arange(n)
     x = 1e-3 * (1 - np.cos(time))

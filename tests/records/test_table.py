@@ -150,10 +150,6 @@ def test_columns_of_words_are_left_out_and_empty_cells_are_no_numbers(tmp_path):
     np.testing.assert_array_equal(table.columns["x"], [1.5, np.nan, 2.5])
 
 
-def test_columns_without_names_go_by_their_number(tmp_path):
-    assert list(read_table(write(tmp_path, body("\t"))).columns) == ["1", "2", "3"]
-
-
 @pytest.mark.ci
 def test_commas_between_numbers_and_in_them_are_told_apart_from_a_broken_row(tmp_path):
     lines = ["time,x", *(f"0,{k},1,{k}" for k in range(10))]
@@ -229,14 +225,6 @@ def test_a_last_line_that_breaks_off_is_left_out_and_one_that_is_short_is_refuse
     for short in (text + "\n", text.replace("0.004,4,8", "0.004,4") + "\n"):
         with pytest.raises(BadRecord, match="2 cells, expected 3"):
             read_table(write(tmp_path, short))
-
-
-@pytest.mark.ci
-def test_a_line_of_a_word_and_numbers_above_the_table_is_no_row(tmp_path):
-    head = ["Samples,10,10", "Offset,0.0,0.0", "time,x,u"]
-    table = read_table(write(tmp_path, "\n".join([*head, *LINES, ""])))
-    assert list(table.columns) == ["time", "x", "u"]
-    assert table.lines[0] == 4
 
 
 @pytest.mark.ci
@@ -333,13 +321,3 @@ def test_a_labview_file_without_a_column_of_time_has_its_steps(tmp_path):
     np.testing.assert_array_equal(table.columns["X_Value"], [0.5, 0.75, 1.0])
     np.testing.assert_array_equal(table.columns["Voltage"], [2.5, 3.5, 4.5])
     assert table.units == {"Position": "mm", "Voltage": "V"}
-
-
-@pytest.mark.ci
-def test_segments_of_a_labview_file_are_tables(tmp_path):
-    text = LVM.format(columns="One", first="0.5", second="0.75", third="1.0")
-    text += text[text.index("\nChannels") :].replace("3.5\t4.5", "8.5\t9.5")
-    first, second = read_tables(write(tmp_path, text))
-    assert (first.group, second.group) == ("segment 1", "segment 2")
-    np.testing.assert_array_equal(second.columns["Position"], [1.5, 2.5, 8.5])
-    assert second.row(0) == 28

@@ -52,19 +52,6 @@ def test_a_drive_controllers_export_is_read_as_it_was_written(tmp_path, unit):
     assert any("x is the integral of v" in note for note in examine(record).notes)
 
 
-def test_a_force_record_of_the_velocity_is_read_by_its_units(tmp_path):
-    path = export(tmp_path / "a.csv")
-    units = {"force": "9.84e-5 N*m"}
-    (record,) = read_force_records([path], {**NAMES, TORQUE: "force"}, units, lead=LEAD)
-    np.testing.assert_allclose(record.position, WAY, atol=TRAPEZOID)
-    np.testing.assert_allclose(record.force, FORCE, atol=1e-5)
-    assert any("x is the integral of v" in note for note in record.notes)
-    (turned,) = read_force_records(
-        [path], {**NAMES, TORQUE: "force"}, units | {"v": "-1 rpm"}, lead=LEAD
-    )
-    np.testing.assert_allclose(turned.position, -WAY, atol=TRAPEZOID)
-
-
 def test_a_velocity_beside_a_position_is_left_aside():
     record = check_record("mine", {"time": TIME, "u": FORCE, "x": WAY, "v": 7 * SPEED})
     np.testing.assert_array_equal(record.x, WAY)
@@ -78,14 +65,6 @@ def test_samples_missing_from_a_velocity_are_put_right_before_it_is_integrated()
     speed[1000:1003] = np.nan
     record = check_record("mine", {"time": TIME, "u": FORCE, "v": speed})
     np.testing.assert_allclose(record.x, WAY, atol=1e-6)
-
-
-@pytest.mark.ci
-def test_an_integral_of_counted_velocities_is_no_counted_position():
-    rpm = np.round(SPEED / LEAD * 60)
-    record = check_record("mine", {"time": TIME, "u": FORCE, "v": rpm / 60 * LEAD})
-    assert record.resolution == 0.0
-    assert examine(record).carries == 500.0
 
 
 def test_a_velocity_in_another_unit_than_was_said_is_refused(tmp_path):

@@ -51,16 +51,6 @@ def test_velocities_are_those_of_the_tables():
     assert sorted({abs(v) for v in levels("viscous")}) == [3e-3, 4e-3, 5e-3, 6e-3, 7e-3, 8e-3]
 
 
-def test_the_staircase_is_that_of_the_text():
-    trial = trials_named("presliding")[0]
-    asked = dict(zip(np.round(trial.time, 3), trial.reference(), strict=True))
-    assert asked[0.0] == asked[2.0] == 0.0
-    assert asked[3.0] == pytest.approx(0.25)
-    assert asked[4.0] == asked[7.0] == pytest.approx(0.5)
-    assert asked[9.0] == asked[12.0] == pytest.approx(1.0)
-    assert asked[14.0] == asked[17.0] == pytest.approx(1.5)
-
-
 @pytest.mark.parametrize("name", ["2.4/7", "table-2.4-7", "2.4-07"])
 def test_a_trial_answers_to_all_its_names(name):
     assert [t.name for t in trials_named(name)] == ["2.4/7"]

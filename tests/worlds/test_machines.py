@@ -8,8 +8,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from worlds import SIGNALS, WORLDS, draw_case, more_of, write_case
-from worlds import layout as at
+from worlds import SIGNALS, WORLDS, draw_case, write_case
 from worlds.records import make_record
 from worlds.signals import spoilt
 
@@ -119,12 +118,6 @@ def test_stamps_jitter_by_as_much_as_the_world_says(drawn):
     assert by_stamps < 0.6 * by_count
 
 
-def test_friction_that_falls_unseen_falls_by_some_per_cent(drawn):
-    case = drawn("warming")
-    assert -0.1 <= case.scenes[0].tolerated[at.DRIFT] < -0.005
-    assert case.scenes[0].double[at.DRIFT] == 0
-
-
 def test_wrong_columns_are_the_right_ones_times_the_factor(hidden):
     case = hidden("wrong_scales")
     (scene,), factor = case.scenes, case.effects[0].truth["factor"]
@@ -141,19 +134,3 @@ def test_wrong_columns_are_the_right_ones_times_the_factor(hidden):
         found = spoilt(record, (effect,))
         assert found[column] == pytest.approx(effect.truth["factor"] * record[column])
         assert all(np.array_equal(found[n], record[n]) for n in record if n != column)
-
-
-@pytest.mark.parametrize("world", ["one_way", "held_back_gantry"])
-def test_the_same_machine_follows_another_motion(hidden, world):
-    case = hidden(world)
-    time, reach = np.arange(0, 4, 1e-3), 0.2 * case.conditions.axis.travel
-    speed = case.conditions.axis.fastest
-    wanted = reach + 0.5 * speed * (1 - np.cos(2 * math.pi * 0.25 * time)) / (math.pi / 2)
-    more = more_of(case, {"time": time, "x_d": wanted})
-    assert set(more) == set(case.record)
-    assert np.diff(more["time"]) == pytest.approx(case.conditions.sampling)
-    assert more["x"] == pytest.approx(
-        np.interp(more["time"], time, wanted), abs=0.2 * np.ptp(wanted)
-    )
-    again = more_of(case, {"time": time, "x_d": wanted})
-    assert np.array_equal(more["x"], again["x"])
