@@ -5,7 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from ballscrew.cli import main
@@ -35,12 +34,8 @@ def rows(folder):
     "error",
     [
         RuntimeError("in two\nlines"),
-        ZeroDivisionError(),
-        AssertionError("a truth"),
-        np.linalg.LinAlgError("Singular matrix"),
-        KeyError("name"),
-        TypeError("\ud800"),
-        RecursionError("x" * 5000),
+        pytest.param(TypeError("\ud800"), marks=pytest.mark.ci),
+        pytest.param(RecursionError("x" * 5000), marks=pytest.mark.ci),
     ],
     ids=lambda error: type(error).__name__,
 )
@@ -71,7 +66,8 @@ def test_an_error_of_our_own_is_70_with_one_line_and_a_file_to_report(
     assert rows(tmp_path) == before  # what was there stays
 
 
-@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
+@pytest.mark.ci
+@pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])
 def test_closed_streams_cost_no_result_and_nothing_is_written_into_one(closed, tmp_path):
     done = shell(f"{' '.join(RUN)} {closed}", tmp_path)
     assert done.returncode == 0
@@ -79,38 +75,42 @@ def test_closed_streams_cost_no_result_and_nothing_is_written_into_one(closed, t
     assert shell(f"run --controller no {closed}", tmp_path).returncode == 2
 
 
-def test_nobody_who_hears_of_a_fault_changes_no_exit_code(tmp_path):
-    """A pipe whose reader is gone, for standard error; `--stop 0.01` never settles: no note."""
-    for words, code in ((RUN, 0), ([*RUN, "--set", "controller.Kp=1e9"], 1), (["run"], 2)):
-        read, write = os.pipe()
-        os.close(read)
-        done = subprocess.run(
-            [BALLSCREW, *words], stdout=subprocess.DEVNULL, stderr=write, cwd=tmp_path
-        )
-        os.close(write)
-        assert done.returncode == code
-    assert rows(tmp_path) > 1
-
-
-def test_an_output_that_nobody_reads_is_one_line_and_the_results_are_there(tmp_path):
-    read, write = os.pipe()
+@pytest.mark.ci
+def test_an_output_that_cannot_be_written_is_one_line_and_the_results_are_there(tmp_path):
+    read, nobody = os.pipe()
     os.close(read)
-    done = subprocess.run(
-        [BALLSCREW, *RUN], stdout=write, stderr=subprocess.PIPE, text=True, cwd=tmp_path
-    )
-    os.close(write)
-    assert done.returncode == 2
-    assert done.stderr == "ballscrew: output cannot be written: Broken pipe\n"
-    assert rows(tmp_path) == 102
+    full = os.open("/dev/full", os.O_WRONLY)
+    for stream, why in ((nobody, "Broken pipe"), (full, "No space left on device")):
+        done = subprocess.run(
+            [BALLSCREW, *RUN], stdout=stream, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+        )
+        os.close(stream)
+        assert done.returncode == 2
+        assert done.stderr == f"ballscrew: output cannot be written: {why}\n"
+        assert rows(tmp_path) == 102
 
 
+@pytest.mark.ci
+def test_settings_of_the_libraries_below_and_of_the_locale_change_nothing(tmp_path, fmus):
+    """A file's name is written as it is, where the locale does not know its letters."""
+    theirs = tmp_path / "ü.fmu"
+    theirs.write_bytes(fmus["pid"].read_bytes())
+    swap = f"swap --controllers {theirs} --stop 0.1 --no-isolate --out out"
+    plain = {"LC_ALL": "POSIX", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = shell(swap, tmp_path, MPLBACKEND="foo", **plain)
+    assert done.returncode == 0, done.stderr
+    text = (tmp_path / "out" / "comparison.csv").read_text(encoding="utf-8")
+    assert text.splitlines()[1].startswith("ü,")
+    assert (tmp_path / "out" / "comparison.png").exists()
+
+
+@pytest.mark.ci
 def test_without_docstrings_and_assertions_commands_work_or_say_why_not(tmp_path):
     optimized = {"PYTHONOPTIMIZE": "2"}
-    for command in ("", "run", "map", "study", "diagnose", "compare"):
-        done = shell(f"{command} --help", tmp_path, **optimized)
-        assert done.returncode == 0
-        assert "usage: ballscrew" in done.stdout
-        assert "examples:" in done.stdout
+    done = shell("map --help", tmp_path, **optimized)
+    assert done.returncode == 0
+    assert "usage: ballscrew" in done.stdout
+    assert "examples:" in done.stdout
     assert shell(" ".join(RUN), tmp_path, **optimized).returncode == 0
     study = Path(__file__).parents[1] / "data" / "small_study.toml"
     done = shell(f"study {study} --workers 1 --out study", tmp_path, **optimized)

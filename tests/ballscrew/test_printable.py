@@ -1,10 +1,7 @@
 """No name or message of a file's own reaches a terminal as what it obeys."""
 
-import sys
-
 import numpy as np
 import pytest
-from terminal import in_terminal
 from third_party_fmus import proportional
 
 from ballscrew import supervision
@@ -38,22 +35,12 @@ def the_name_of_a_file(folder):
     return ["run", "--controller", str(folder / f"{SPOOF}.fmu"), "--out", str(folder / "out")]
 
 
-def a_key(folder):
-    path = folder / "p.toml"
-    path.write_text('format = "ballscrew-parameters 1"\n[controller."a\\u001b[31mb"]\nKp = 1.0\n')
-    return f"run --controller pid --stop 0.01 --params {path} --out {folder / 'out'}".split()
-
-
-def the_folder(folder):
-    return ["run", "--controller", "pid", "--stop", "0.01", "--out", str(folder / SPOOF)]
-
-
-def another_controller(_folder):
-    return ["run", "--controller", f"{SPOOF}", "--out", "out"]
-
-
 @pytest.mark.parametrize(
-    "asked", [columns, words_of_an_fmu, the_name_of_a_file, a_key, the_folder, another_controller]
+    "asked",
+    [
+        words_of_an_fmu,
+        *(pytest.param(f, marks=pytest.mark.ci) for f in (columns, the_name_of_a_file)),
+    ],
 )
 def test_what_a_command_prints_holds_no_order_to_the_terminal(asked, tmp_path, capsys):
     main(asked(tmp_path))
@@ -68,28 +55,3 @@ def test_the_line_of_an_interrupt_holds_none(capsys, monkeypatch):
     said = capsys.readouterr().err
     assert "\\x1b[31m" in said
     assert not OBEYED & set(said)
-
-
-def test_main_leaves_the_streams_of_its_caller(tmp_path):
-    before = sys.stdout, sys.stderr
-    assert main(["run", "--nothing"]) == 2
-    assert (sys.stdout, sys.stderr) == before
-
-
-PROGRESS = """
-import sys
-from ballscrew.console import Progress
-from ballscrew.printable import printing
-sys.stderr = printing(sys.stderr)
-progress = Progress(1.0)
-progress(0.5, "a\\x1b[31mb")
-progress.finish()
-"""
-
-
-def test_a_bar_moves_on_its_line_and_the_name_in_it_does_not():
-    code, said = in_terminal([sys.executable, "-P", "-c", PROGRESS])
-    assert code == 0
-    assert "a\\x1b[31mb: " in said
-    assert "\r" in said
-    assert "\x1b[31m" not in said

@@ -10,19 +10,9 @@ from heavy_drive import HEAVY
 import ballscrew
 from ballscrew.cli import main
 
-AXIS = """
-format = "ballscrew-parameters 1"
-kind = "drive"
-law = "lugre"
-[plant]
-m = {value = 40.0, unit = "kg"}
-sigma2 = {value = 200.0}
-Fc = {value = 80.0}
-Fs = {value = 80.0}
-Vs = {value = 0.01}
-sigma0 = {value = 1e7}
-sigma1 = {value = 2e4}
-"""
+AXIS = "kind = 'drive'\nlaw = 'lugre'\n[plant]\n" + "".join(
+    f"{n} = {v!r}\n" for n, v in HEAVY.items()
+)
 WORDS = "tune --controller p_pi --params axis.toml --limit 500 --budget 12"
 
 
@@ -47,12 +37,9 @@ def told(folder, name="out"):
     return json.loads((folder / name / "tuning.json").read_text())
 
 
-def test_files_are_written(here):
+def test_files_are_written_with_the_same_gains(here):
     names = {p.name for p in (here / "out").iterdir() if p.is_file()}
     assert names == {"tuning.json", "parameters.toml", "motions.png", "bode.png"}
-
-
-def test_the_gains_of_both_files_are_the_same(here):
     table = tomllib.loads((here / "out" / "parameters.toml").read_text())
     written = {n: v["value"] for n, v in table["controller"]["p_pi"].items()}
     for gain in told(here)["gains"]:
@@ -73,13 +60,7 @@ def test_run_over_fmus_with_the_file_makes_the_errors_that_were_told(here):
     assert np.abs(error).max() == pytest.approx(judge["peak_error"], rel=0.01)
 
 
-def test_swap_and_export_take_the_file(here):
-    params = "--params out/parameters.toml"
-    assert main(f"export --only p_pi drive_lugre {params} --out fmus".split()) == 0
-    words = f"swap --controllers p_pi pid {params} --setpoint 1e-3 --stop 0.2 --step 1e-3"
-    assert main([*words.split(), "--out", "swap"]) in (0, 1)
-
-
+@pytest.mark.ci
 def test_a_second_controller_is_tuned_from_the_file_with_its_limit_and_beside_the_first(here):
     words = "tune --controller pid --params out/parameters.toml --budget 2 --out both"
     assert main(words.split()) == 0
@@ -90,11 +71,13 @@ def test_a_second_controller_is_tuned_from_the_file_with_its_limit_and_beside_th
     assert told(here, "both")["limit"] == 500.0
 
 
+@pytest.mark.ci
 def test_json_is_what_the_file_holds(here, capsys):
     assert main([*WORDS.split(), "--json", "--out", "again"]) == 0
     assert json.loads(capsys.readouterr().out) == told(here, "again") == told(here)
 
 
+@pytest.mark.ci
 def test_the_first_line_says_errors_margins_and_what_weakens_them(here, capsys):
     # a search of two candidates finds nothing, or not the last of it
     words = WORDS.replace("12", "2")
@@ -111,28 +94,7 @@ def test_the_first_line_says_errors_margins_and_what_weakens_them(here, capsys):
     assert ("twice the budget would gain" in first) == gained
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("--controller p_pi --params axis.toml", "--limit"),
-        ("--controller p_pi --params axis.toml --limit 90", "friction alone needs"),
-        ("--controller p_pi --params axis.toml --limit 0", "more than 0"),
-        ("--controller p_pi --params axis.toml --limit much", "expected a number"),
-        ("--controller none --params axis.toml --limit 500", "controllers with gains are"),
-        ("--controller lqi --params axis.toml --limit 500", "no output 'i'"),
-        ("--controller p_pi --stop 1", "--reference"),
-        ("--controller p_pi --reference step:length=1", "step has no 'length'"),
-        ("--controller p_pi --set controller.Kq=1", "Kq"),
-        ("--controller p_pi --budget 1", "--budget"),
-    ],
-)
-def test_what_makes_no_sense_is_refused_in_one_line(here, capsys, words, said):
-    assert main(["tune", *words.split(), "--out", "bad"]) == 2
-    error = capsys.readouterr().err
-    assert said in error
-    assert error.count("\n") == 1
-
-
+@pytest.mark.ci
 def test_python_gives_the_same_as_the_command(here):
     loop = ballscrew.Loop(
         "p_pi",

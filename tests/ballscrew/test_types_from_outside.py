@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 import ballscrew
 
 PROGRAM = """
@@ -44,6 +46,7 @@ def checked(folder, text):
     )
 
 
+@pytest.mark.ci
 def test_a_users_program_passes_mypy_strict_and_its_mistakes_are_found(tmp_path):
     right = checked(tmp_path, PROGRAM)
     assert right.returncode == 0, right.stdout
