@@ -65,21 +65,6 @@ def test_tangents_grow_as_lamberts_w_says(a, b, tau):
         assert rates[0] == pytest.approx(exact[0], abs=1e-6)
 
 
-def test_the_motion_is_that_of_the_delay_once_the_jump_at_the_start_has_gone():
-    component = scalar(-1.8 * LATE * (1 + X), 1.0, start=0.4)
-    late, noded = Model(generate(component)), Model(generate(with_delay_states(component)))
-    late.advance(0.0, 30.0)
-    noded.advance(0.0, 30.0)
-    seen = []
-    for model in (late, noded):  # the same cycle, at a phase that the start has shifted
-        course = model.simulate(np.linspace(30.0, 50.0, 4001))
-        x, t = course.outputs["x"], course.time
-        up = np.flatnonzero((x[:-1] < 0.0) & (x[1:] >= 0.0))
-        times = t[up] - x[up] * (t[1] - t[0]) / (x[up + 1] - x[up])
-        seen.append([np.diff(times).mean(), x.max(), x.min()])
-    assert seen[0] == pytest.approx(seen[1], abs=2e-4)
-
-
 def test_all_delays_of_a_component_become_states():
     late, u = symbol("late"), symbol("u")
     component = Component(

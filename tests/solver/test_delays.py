@@ -159,35 +159,6 @@ def test_a_delayed_function_of_time_is_followed_as_the_tolerance_asks():
             assert abs(model.outputs(t1, model.x)["y"] - expected) < 5 * tolerance
 
 
-def test_delays_of_delays_add_up():
-    u, later = symbol("u"), symbol("later")
-    component = Component(
-        "chain",
-        "two delays in a row, and one that hears itself",
-        parameters=(Parameter("tau", 0.35, "s", "delay", "made up"),),
-        inputs=(Input("u", "V", "command"),),
-        outputs=(
-            Output("y", "V", "delayed twice", later),
-            Output("echo", "V", "its own echo", symbol("echo_late")),
-        ),
-        delays=(
-            Delay("late", u, TAU),
-            Delay("later", LATE, 2 * TAU),
-            Delay("echo_late", u - symbol("echo_late") / 2, sp.Float(0.25)),
-        ),
-    )
-    model = model_of(component)
-    model.set_input("u", 4.0)
-    seen = {}
-    for k in range(32):
-        seen[k + 1] = None
-        model.advance(0.1 * k, 0.1 * (k + 1))
-        seen[k + 1] = model.outputs(0.1 * (k + 1), model.x)
-    assert [seen[k]["y"] for k in (1, 10, 11, 30)] == [0.0, 0.0, 4.0, 4.0]
-    # 4 after the first quarter, then 4 - 4/2, 4 - 2/2, ...
-    assert [seen[k]["echo"] for k in (1, 3, 6, 8, 11)] == [0.0, 4.0, 2.0, 3.0, 2.5]
-
-
 def relay():
     """x' = +-1, switched by x as it was 0.3 s ago: a swing of amplitude 0.3 about +-0.1."""
     up = Event("up", LATE + 0.1, -1, next_mode="rising")
