@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1871, 1732),
     "docs": (1401, 1352),
     ".ci": (276, 255),
-    "tests": (30977, 29645),
+    "tests": (30983, 29651),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -54,6 +54,7 @@ def test_noise_of_known_differences():
     assert fast_noise(np.r_[0.0, 0.0, 0.0, 1.0]) == pytest.approx(np.sqrt(1.0 / 0.615 / 20.0))
     step = np.r_[np.zeros(4), np.ones(14)]
     assert fast_noise(step) == pytest.approx(np.sqrt(1.0 / 13.0 / 0.615 / 20.0))
+    assert fast_noise(np.array([0.0, 0.0, 0.0, 0.0, 1.0])) == 0.0  # of two, one
     assert fast_noise(np.array([0.0, 1.0, 4.0, 9.0])) == 0.0
     assert fast_noise(np.array([0.0, 5.0])) == 0.0
 
@@ -71,6 +72,7 @@ def test_held_values_are_counted_where_they_are_new():
     x = np.sin(0.01 * np.arange(800))
     np.testing.assert_array_equal(held_samples(np.repeat(x[::8], 8)), np.arange(0, 800, 8))
     np.testing.assert_array_equal(held_samples(x), np.arange(800))
+    np.testing.assert_array_equal(held_samples(np.repeat(x[:10], 8)), np.arange(0, 80, 8))
     # nine values are too few, and values that come again are counts of an encoder
     np.testing.assert_array_equal(held_samples(np.repeat(x[:9], 8)), np.arange(72))
     counted = np.repeat(np.arange(100) % 50, 8).astype(float)

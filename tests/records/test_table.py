@@ -273,6 +273,10 @@ def test_tables_of_one_name_are_numbered_and_which_one_is_meant_is_asked(tmp_pat
         BadRecord, match=r"has 2 tables with these .*: x \(1\), x \(2\); choose one"
     ):
         choose(tables, *asked)
+    with pytest.raises(
+        BadRecord, match=r"none of its tables has the columns t, i; there are x \(1\)"
+    ):
+        choose(tables, {"t": "time"}, ["time", "i"], [("time",), ("i",)])
     asked[0] = {"x (2)/t": "time"}
     np.testing.assert_array_equal(choose(tables, *asked).columns["x"], [5, 6, 7, 8])
 
