@@ -1,9 +1,8 @@
 """Comparison of this program with alternatives: ``python benchmarks/peers.py``.
 
 Writes docs/peers.md. Programs that are not installed are listed as such; `make bench` installs
-those of ``benchmarks/peers.txt``. The EMPS record is read from ``BALLSCREW_EMPS``, the Reference
-FMUs from ``BALLSCREW_REFERENCE_FMUS`` (see docs/emps.md and docs/systems.md). The cost of exponents
-in other programs is in benchmarks/lyapunov.py.
+those of ``benchmarks/peers.txt``. The EMPS record is read from ``BALLSCREW_EMPS``, see
+docs/emps.md. The cost of exponents in other programs is in benchmarks/lyapunov.py.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ MOST = {  # folder: lines, lines without docstrings
     "diagnosis": (6691, 5351),
     "rig": (1845, 1448),
     "proofs": (12922, 11452),
-    "benchmarks": (1871, 1732),
+    "benchmarks": (1870, 1732),
     "docs": (1401, 1352),
     ".ci": (276, 255),
     "tests": (30983, 29651),
