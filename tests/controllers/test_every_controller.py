@@ -19,6 +19,7 @@ def test_what_is_tunable_is_a_parameter_with_its_default_within_the_range():
     assert {*tunable("pid+feed_forward")} == {*tunable("pid"), "Kvff", "Kaff", "Kfff"}
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", INTEGRATING)
 def test_the_integral_comes_to_rest_while_the_limit_holds(name):
     """Far from the set-point for good: dw/dt = 0 where the command is past the limit by Tt Ki e."""

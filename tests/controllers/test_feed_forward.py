@@ -50,6 +50,7 @@ def test_with_the_exact_values_nothing_is_left_of_the_error(name):
     assert np.abs(without.outputs["x"] - wanted(TIMES)[0]).max() > 1e-4
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", ADDED)
 def test_what_is_added_to_the_command_is_that_of_the_axis(name):
     """Where the axis moves as desired, beside its own command at rest; typed apart."""
@@ -78,6 +79,7 @@ def command(law, values, signals):
     return float(sp.sympify(value).xreplace(numbers).evalf())
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", sorted(LINEARIZING))
 def test_a_linearizing_law_gets_its_demand_s_own_terms(name):
     """Written out: u changes by (k1 v_d + k2 a_d)/gain, where k0 x_d changes it by k0 x_d/gain."""

@@ -102,6 +102,7 @@ def test_published_figures_of_the_nominal_step():
     assert run.outputs["x"].max() <= 0.08 + 1e-12  # no overshoot
 
 
+@pytest.mark.ci
 def test_a_little_wrong_friction_ends_beside_the_set_point():
     """3.5.1.2 of the thesis: 66966.331 and 349.41; here it rests at +23.4 um, +26 um."""
     values = {"sigma0_hat": 66966.331, "sigma1_hat": 349.41}

@@ -15,6 +15,7 @@ from ballscrew.solver.kernel import Model
 PLANT = {p.name: p.default for p in component("plant").all_parameters}
 
 
+@pytest.mark.ci
 def test_the_observer_s_error_decays_with_the_distance_that_the_block_slides():
     """Without correction d(z - z_hat)/dt = -sigma0 S v/g(v) (z - z_hat), whatever is commanded."""
     values = {"controller_k": 0.0, "controller_z_hat_start": 3e-5}

@@ -86,6 +86,7 @@ def test_the_cycle_and_its_exponents_are_those_of_exact_pieces(gain, crossing, p
     assert found.limit == pytest.approx(exact.exponents, rel=2e-3, abs=2e-3)
 
 
+@pytest.mark.ci
 def test_what_the_describing_function_leaves_out_goes_as_its_third_harmonic():
     """The amplitude's error goes as its share, the frequency's as its square."""
     gains = (100.0, 120.0, 133.0)
@@ -106,6 +107,7 @@ def test_a_push_after_a_long_wait_is_that_of_its_matrix_exponential(gain):
     assert measured_push(gain) == pytest.approx(after_a_push(gain), rel=1e-5)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("share", "kind"), [(0.9, False), (1.15, True)])
 def test_cycles_begin_where_a_push_moves_the_table_as_far_beyond(share, kind):
     x = motion(TABLE_LOOP, share * begin(), 20.0, 4e-3).outputs["x"]

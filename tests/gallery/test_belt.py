@@ -42,6 +42,7 @@ def comes_back(curve, speed):
     return speed - run.sol(np.linspace(2.0, 9.0, 7001))[1].max()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("belt", "curve", "low", "high"),
     [(FALLING, falling, 1.75, 1.9), (CLASSICAL, classical, 1.85, 2.0)],
@@ -120,6 +121,7 @@ def test_a_slow_belt_is_quiet_under_the_gaussian_fall_alone():
 speeds = st.floats(0.1, 3.0)
 
 
+@pytest.mark.ci
 @settings(max_examples=10, deadline=None, derandomize=True)
 @given(speeds, st.floats(0.1, 1.0), st.floats(0.5, 3.0), st.floats(0.2, 2.0), st.floats(-2.0, 2.0))
 def test_without_a_fall_every_motion_comes_to_rest_where_the_spring_holds_the_friction(
@@ -131,6 +133,7 @@ def test_without_a_fall_every_motion_comes_to_rest_where_the_spring_holds_the_fr
     assert found.equilibrium.state == pytest.approx([friction / stiffness, -speed], abs=1e-6)
 
 
+@pytest.mark.ci
 @settings(max_examples=10, deadline=None, derandomize=True)
 @given(speeds, st.floats(0.02, 1.0), st.floats(0.1, 2.0), st.floats(0.2, 2.0))
 def test_sliding_is_stable_if_and_only_if_friction_falls_by_less_than_the_damper_takes(

@@ -125,12 +125,14 @@ def test_slide_by_slide_the_mass_stops_above_the_border_and_not_below(b):
     assert abs(below.x) == pytest.approx(known.swing, rel=1e-2)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("b", BORDERS)
 def test_the_second_exponent_is_lost_at_the_border(b):
     assert np.isfinite(motion(b, 0.999 * border(b), 10.0).limit).all()
     assert np.isneginf(motion(b, 1.001 * border(b), 10.0).limit).any()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("b", "f"), STOPPING)
 def test_it_stops_as_often_as_slide_by_slide(b, f):
     assert stops(b, f) == SlideBySlide(b, f).over(20).stops()
@@ -151,6 +153,7 @@ def test_at_resonance_the_swing_grows_by_what_friction_leaves_of_the_force(f):
     assert growth(f) == pytest.approx(math.pi - 4 * f, abs=1e-5)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("aside", [0.05, -0.1])
 def test_at_half_the_frequency_motions_lie_side_by_side_and_the_exponent_between_them_is_zero(
     aside,
@@ -167,6 +170,7 @@ def test_at_half_the_frequency_motions_lie_side_by_side_and_the_exponent_between
     assert ours[1:] == pytest.approx(turns[: len(ours) - 1], abs=1e-6)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("start", "stuck"), [(0.03, True), (0.2, False)])
 def test_a_force_that_friction_outweighs_moves_nothing_unless_the_spring_helps(start, stuck):
     found = ballscrew.lyapunov(

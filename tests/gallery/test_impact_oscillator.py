@@ -153,6 +153,7 @@ def test_the_swing_without_impacts_grazes_the_stop_where_its_amplitude_is_the_ga
     assert bool(np.max(np.abs(run.outputs["x"] - expected)) > 1e-6) == touches
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("share", "doubled"), [(1.01, False), (0.98, True)])
 def test_the_period_doubles_at_the_force_of_the_closed_form(share, doubled):
     x = motion({"force": share * doubling() * GRAZING}, 1000).outputs["x"]
@@ -160,6 +161,7 @@ def test_the_period_doubles_at_the_force_of_the_closed_form(share, doubled):
     assert (abs(x[-1] - x[-2]) > 0.1) == doubled
 
 
+@pytest.mark.ci
 def test_where_impacts_chatter_no_disturbance_outlives_them():
     found = exponents(1.2)
     assert np.all(np.isneginf(found.exponents))

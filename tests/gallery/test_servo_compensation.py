@@ -27,6 +27,7 @@ def test_the_errors_of_the_describing_function_go_as_the_square_of_the_damping_r
     assert sizes[0] == pytest.approx((math.pi**2 / 12 - 1 / 2) * ratios[0] ** 2, rel=0.02)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("law", [ours.BY_VELOCITY, ours.BY_ERROR])
 def test_with_heavy_damping_it_creeps_beyond_the_goal_and_does_not_swing(law):
     found = ours.cycle(law, ours.OVER, ours.HEAVY)
@@ -101,6 +102,7 @@ def drawn_loop(law, j, kp, kamp, z, coulomb, mismatch, start):
     ).motion
 
 
+@pytest.mark.ci
 @RANDOM
 @given(
     j=masses,
@@ -124,6 +126,7 @@ def test_theorem_compensated_at_rest_every_over_compensation_swings_as_the_close
     assert found.limit == pytest.approx([0.0, -z * natural], abs=5e-3 * z * natural)
 
 
+@pytest.mark.ci
 @RANDOM
 @given(
     at_rest=st.booleans(),

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import linear_axis as la
 import pytest
-import sympy as sp
 
 from ballscrew.controllers.linearization import input_output_linearization
 from ballscrew.controllers.pid import pid
 from ballscrew.controllers.pid_sampled import pid_sampled
 from ballscrew.controllers.relay import relay
 from ballscrew.fmus.catalogue import component
-from ballscrew.instruments.sample_and_hold import PERIOD, sampled
+from ballscrew.instruments.sample_and_hold import sampled
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import TIME, Component, ContractError
+from ballscrew.solver.component import ContractError
 from ballscrew.solver.kernel import Model
 
 
@@ -74,28 +70,6 @@ def test_a_delayed_command_is_that_of_so_many_samples_before() -> None:
         expected.append(law.outputs(0.0, law.x)["u"])
         held.sample(k * 1e-3)
         assert held.outputs(0.0, held.x)["u"] == pytest.approx(expected[k], rel=1e-12)
-
-
-def off_by(law: Component, period: float, delay: int, **values: float) -> float:
-    """How far the sampled loop is from the continuous one after 0.3 s [m]."""
-    exact = la.loop(la.sliding(), law, tolerance=1e-9, **values).simulate([0.0, 0.3])
-    digital = sampled(law, replace(PERIOD, default=period), delay)
-    model = la.loop(la.sliding(), digital, tolerance=1e-9, **values)
-    for k in range(round(0.3 / period)):
-        model.sample(k * period)
-        model.advance(k * period, (k + 1) * period)
-    return model.outputs(0.3, model.x)["x"] - exact.outputs["x"][-1]
-
-
-@pytest.mark.ci
-def test_each_sample_of_delay_is_felt_like_two_holds() -> None:
-    """Without states a hold is half a sample late in the mean; with d samples of delay, d + 1/2.
-
-    The set-point starts smoothly: what is late at a jump is the feedback alone.
-    """
-    law = la.following(pid(), sp.Rational(1, 50) * (1 - sp.cos(10 * TIME)))
-    errors = [off_by(law, 2e-5, delay, Ki=0.0) for delay in (0, 1, 2)]
-    assert [e / errors[0] for e in errors] == pytest.approx([1.0, 3.0, 5.0], rel=0.02)
 
 
 def test_a_sampled_relay_switches_at_the_first_instant_beyond_its_hysteresis() -> None:

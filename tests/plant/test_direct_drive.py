@@ -29,6 +29,7 @@ def test_a_feedback_law_may_act_on_the_motion_and_the_deflection():
     assert direct_drive(classical).inputs[0].law == ("x", "v")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("command", "moves"), [(0.60, False), (0.64, True)])
 def test_sticks_until_the_command_exceeds_break_away_and_offset(command, moves):
     stuck = direct_drive(classical).modes[0]
@@ -37,6 +38,7 @@ def test_sticks_until_the_command_exceeds_break_away_and_offset(command, moves):
     assert (at(forward.indicator, u=command) > 0) == moves
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("command", "arrives"), [(3.0, 2.0), (-3.0, -2.0), (1.5, 1.5)])
 def test_a_limit_cuts_the_command_either_way(command, arrives):
     drive = with_command_limit(bare_direct_drive())

@@ -59,6 +59,7 @@ def test_a_constant_velocity_ends_at_the_steady_state(name):
         assert friction == pytest.approx(expected, rel=1e-6), velocity
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", [n for n in LAWS if claims(n).stiffness is not None])
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_small_push_from_rest_meets_the_stiffness(name, direction):
@@ -107,6 +108,7 @@ def there_and_back(name, pace):
     return prescribed_friction(name, time, velocity, tolerance=1e-9).outputs["friction"]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", LAWS)
 def test_the_pace_of_a_path_matters_if_and_only_if_it_is_said_to(name):
     slow, fast = there_and_back(name, 0.1), there_and_back(name, 30.0)
@@ -127,6 +129,7 @@ def loop_area(name, frequency):
     return np.trapezoid(course.outputs["friction"][-n - 1 :], v[-n - 1 :])
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", LAWS)
 def test_friction_lags_behind_the_velocity_if_and_only_if_it_is_said_to(name):
     areas = [loop_area(name, frequency) for frequency in (0.1, 0.48, 2.0)]

@@ -58,6 +58,7 @@ def element(stiffness, share, amplitude, w, grid):
     return force
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("amplitude", "w"), [(1e-3, 30.0), (1e-5, 5.0)])
 def test_slip_as_a_state_differs_from_slip_as_a_switch_by_half_a_millinewton_at_most(amplitude, w):
     """Of 2.35 N; measured: 0.36 mN at most, 0.06 mN in the mean square."""

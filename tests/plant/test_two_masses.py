@@ -15,6 +15,8 @@ from ballscrew.plant.direct_drive import bare_direct_drive
 from ballscrew.plant.two_masses import OneBody, with_gap, with_load_on_spring, with_spring
 from ballscrew.solver.component import ContractError, ForceTerm, symbol
 
+pytestmark = pytest.mark.ci
+
 GAP, STIFFNESS, SIDES, MASS = 2e-5, 1e6, 1e8, 2.0
 
 

@@ -80,12 +80,34 @@ def test_nothing_is_left_in_the_process_or_beside_the_file(tmp_path, monkeypatch
     assert sorted(p.name for p in (tmp_path / "a").iterdir()) == ["helper.py", "mine.py"]
 
 
+def test_what_a_file_finds_is_right_for_dataclasses_packages_and_its_own_place(tmp_path):
+    (tmp_path / "package").mkdir()
+    (tmp_path / "package" / "__init__.py").write_text("from .inner import NAME\n")
+    (tmp_path / "package" / "inner.py").write_text("NAME = 'inner'\n")
+    (tmp_path / "name.txt").write_text("_text")
+    (tmp_path / "mine.py").write_text(
+        "from __future__ import annotations\n"
+        "from dataclasses import dataclass\n"
+        "from pathlib import Path\n"
+        "from ballscrew import Component\n"
+        "@dataclass\n"
+        "class Data:\n    name: str\n"
+        "def make():\n"
+        "    from package import NAME\n"
+        "    text = Path(__file__).with_name('name.txt').read_text()\n"
+        "    return Component(Data(NAME + text).name, 'Nothing')\n"
+    )
+    assert read_component(f"{tmp_path / 'mine.py'}:make").name == "inner_text"
+    assert "package.inner" not in sys.modules
+
+
 def test_what_a_file_prints_is_no_result(tmp_path, capsys):
     read_component(written(tmp_path / "a", "print('hello')\n" + GAIN))
     heard = capsys.readouterr()
     assert (heard.out, heard.err) == ("", "hello\n")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("text", "function", "said"),
     [

@@ -183,6 +183,7 @@ def test_at_kinks_values_and_derivatives_are_as_stated(computed, kind):
         assert found.tolist() == pytest.approx(stated, abs=1e-15), (expression, at_a, at_b)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("where", "equation"),
     [

@@ -272,6 +272,7 @@ SWITCH = Component(
 )
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("change", "line"),
     [

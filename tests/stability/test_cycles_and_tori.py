@@ -30,6 +30,7 @@ def becomes(kernel: Kernel, stop: float = 100.0, **values: float) -> Attractor:
     return classify_attractor(model, stop, stop)
 
 
+@pytest.mark.ci
 @settings(max_examples=8, deadline=None, derandomize=True)
 @given(
     passes=st.integers(1, HARMONICS),
@@ -50,7 +51,7 @@ def test_a_cycle_with_one_to_six_passes_a_period_is_never_a_torus(
         assert periods == pytest.approx(round(periods), abs=1e-3)
 
 
-@pytest.mark.parametrize("passes", range(1, HARMONICS + 1))
+@pytest.mark.parametrize("passes", [2, HARMONICS])
 def test_a_cycle_that_attracts_within_some_periods_is_found_with_its_period(passes: int) -> None:
     motion = becomes(many_passes(), 50.0, **{"h1": 0.3, f"h{passes}": 1.0}, k=0.1)
     assert motion.kind is Kind.CYCLE, motion.evidence
@@ -59,14 +60,14 @@ def test_a_cycle_that_attracts_within_some_periods_is_found_with_its_period(pass
     np.testing.assert_allclose(motion.limit, [0.0, -0.1, -0.1, -2.0], atol=1e-3)
 
 
-@pytest.mark.parametrize("ratio", [np.sqrt(2.0), 0.5 * (np.sqrt(5.0) + 1.0), np.sqrt(3.0), np.pi])
+@pytest.mark.parametrize("ratio", [np.sqrt(2.0), 0.5 * (np.sqrt(5.0) + 1.0)])
 def test_two_frequencies_without_a_common_period_are_a_torus(ratio: float) -> None:
     motion = becomes(two_circles(), w=ratio)
     assert motion.kind is Kind.TORUS, motion.evidence
     np.testing.assert_allclose(motion.limit, [0.0, 0.0, -2.0, -2.0], atol=1e-9)
 
 
-@pytest.mark.parametrize("ratio", [1.4, 37.0 / 23.0])
+@pytest.mark.parametrize("ratio", [1.4])
 def test_two_frequencies_with_a_common_period_close_but_are_no_cycle_that_attracts(
     ratio: float,
 ) -> None:
@@ -75,25 +76,28 @@ def test_two_frequencies_with_a_common_period_close_but_are_no_cycle_that_attrac
     assert "one of a family" in motion.evidence
 
 
-@pytest.mark.parametrize("w", [0.9, 1.1, 1.3, 1.6, 2.2])
+@pytest.mark.ci
+@pytest.mark.parametrize("w", [1.1, 2.2])
 def test_a_driven_van_der_pol_oscillator_off_its_locking_is_a_torus(w: float) -> None:
     motion = becomes(driven_van_der_pol(), 200.0, w=w)
     assert motion.kind is Kind.TORUS, motion.evidence
 
 
-@pytest.mark.parametrize("w", [1.02, 1.05])
-def test_a_driven_van_der_pol_oscillator_locks_to_a_drive_near_its_own_pace(w: float) -> None:
+def test_a_driven_van_der_pol_oscillator_locks_to_a_drive_near_its_own_pace() -> None:
+    w = 1.05
     motion = becomes(driven_van_der_pol(), 200.0, w=w)
     assert motion.kind is Kind.CYCLE, motion.evidence
     assert motion.period == pytest.approx(2.0 * np.pi / w, rel=1e-6)
 
 
+@pytest.mark.ci
 def test_a_swing_that_grows_for_hours_is_no_torus() -> None:
     motion = becomes(slow_and_fading(), mu=1e-4, x_start=0.3)
     assert motion.kind in (Kind.CYCLE, Kind.UNDECIDED), motion.evidence
 
 
-@pytest.mark.parametrize("integral", [500.0, 590.0])
+@pytest.mark.ci
+@pytest.mark.parametrize("integral", [590.0])
 def test_classical_friction_sticks_while_the_integral_winds_up_and_does_not_creep(
     integral: float,
 ) -> None:
@@ -110,10 +114,8 @@ def test_classical_friction_sticks_while_the_integral_winds_up_and_does_not_cree
     assert f"plant_i by {pace:.3g} per second" in motion.evidence
 
 
-@pytest.mark.parametrize(
-    ("controller", "period", "stop"),
-    [("nctf+sampled", 0.57e-3, 1.0), ("super_twisting+sampled", 0.5e-3, 1.0)],
-)
+@pytest.mark.ci
+@pytest.mark.parametrize(("controller", "period", "stop"), [("nctf+sampled", 0.57e-3, 1.0)])
 def test_a_sampled_loop_that_swings_from_sample_to_sample_does_not_creep(
     controller: str, period: float, stop: float
 ) -> None:
@@ -124,6 +126,7 @@ def test_a_sampled_loop_that_swings_from_sample_to_sample_does_not_creep(
     assert motion.kind in (Kind.CYCLE, Kind.UNDECIDED), motion.evidence
 
 
+@pytest.mark.ci
 def test_one_loop_that_creeps_does_so_by_all_roads() -> None:
     """The loop of Section 3.5.1.1 of the thesis, whose creep outlasts every solver's patience."""
     given = {"sigma0_hat": 66967.331, "sigma1_hat": 355.76}
@@ -134,6 +137,7 @@ def test_one_loop_that_creeps_does_so_by_all_roads() -> None:
     assert motion.kind is Kind.CREEPING, motion.evidence
 
 
+@pytest.mark.ci
 def test_what_diverges_before_the_first_hundredth_of_the_run_has_exponents_until_then() -> None:
     run = loop_lyapunov(Loop("nctf_sampled", stop=20.0, controller_values={"sample_time": 2e-3}))
     assert run.motion.kind is Kind.DIVERGES
@@ -147,5 +151,9 @@ def test_two_tolerances_that_count_other_numbers_of_periods_agree_on_the_shorter
 
     assert agree(cycle(1.0, 2.0), cycle(3.0, 2.0)).period == 1.0
     assert agree(cycle(3.0, 2.0), cycle(1.0, 2.0)).period == 1.0
+    assert agree(cycle(1.0, 2.0), cycle(2.0, 2.001)).kind is Kind.CYCLE
     assert agree(cycle(1.0, 2.0), cycle(2.0, 2.01)).kind is Kind.UNDECIDED  # a subharmonic
+    assert agree(cycle(1.0, 2.0), cycle(1.005, 2.015)).period == 1.005
+    assert agree(cycle(1.0, 2.0), cycle(1.0, 2.03)).kind is Kind.UNDECIDED
+    assert agree(cycle(1.0, 2.0), cycle(1.02, 2.0)).kind is Kind.UNDECIDED
     assert agree(cycle(1.0, 2.0), cycle(1.5, 2.0)).kind is Kind.UNDECIDED

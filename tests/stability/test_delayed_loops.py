@@ -49,14 +49,7 @@ def judged(kernel: Kernel, stop: float, **values: float) -> LyapunovRun:
     return lyapunov(lambda tolerance: Model(kernel, values, tolerance), stop, 1e-9)
 
 
-def test_below_the_border_it_comes_to_rest_as_lamberts_w_says(wright: Kernel) -> None:
-    run = judged(wright, 40.0, r=1.4)
-    assert run.motion.kind is Kind.FIXED_POINT
-    assert run.motion.limit is not None
-    exact = np.sort([lambertw(-1.4, k).real for k in range(-5, 6)])[::-1]
-    assert run.motion.limit[:4] == pytest.approx(exact[:4], abs=1e-6)
-
-
+@pytest.mark.ci
 def test_beyond_the_border_it_is_a_cycle_with_one_exponent_of_zero(wright: Kernel) -> None:
     run = judged(wright, 60.0, r=1.8)
     assert run.motion.kind is Kind.CYCLE
@@ -91,7 +84,7 @@ def parts() -> tuple[Component, Component]:
     return plant, controller
 
 
-@pytest.mark.parametrize("gain", [1.0, 2.0, 2.4])
+@pytest.mark.parametrize("gain", [pytest.param(1.0, marks=pytest.mark.ci), 2.0, 2.4])
 def test_a_loop_with_a_delay_is_stable_up_to_its_gain(gain: float) -> None:
     """s = -K exp(-0.7 s): stable while 0.7 K is less than pi / 2, which is K = 2.244."""
     plant, controller = parts()

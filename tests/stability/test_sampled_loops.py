@@ -22,7 +22,7 @@ from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.finite_perturbations import perturbation_growth
 from ballscrew.stability.loop_lyapunov import loop_lyapunov
-from ballscrew.stability.lyapunov import LyapunovRun, Watching, lyapunov
+from ballscrew.stability.lyapunov import LyapunovRun, lyapunov
 
 PERIOD = 0.05
 
@@ -72,11 +72,6 @@ def test_cycles_of_the_logistic_map_close_after_their_samples(
     assert run.motion.limit == pytest.approx([np.log(slopes).mean() / PERIOD], rel=1e-5)
 
 
-def test_chaos_of_the_logistic_map_is_called_so(logistic: Kernel) -> None:
-    run = judged(logistic, 20.0, r=3.9)
-    assert run.motion.kind is Kind.CHAOS
-
-
 def test_an_invariant_circle_is_a_cycle_that_no_sampling_period_divides() -> None:
     """The delayed logistic map just beyond its Neimark-Sacker bifurcation at r = 2."""
     a, b = symbol("a"), symbol("b")
@@ -122,39 +117,7 @@ def test_a_mass_under_a_sampled_law_loses_stability_where_its_map_does() -> None
     assert judged(loop, 10.0, r=20.1).motion.kind is Kind.DIVERGES
 
 
-def test_the_sampled_pid_comes_to_rest_as_the_continuous_one_the_more_the_faster_it_samples() -> (
-    None
-):
-    exact = loop_lyapunov(Loop("pid", stop=2.0), tolerance=1e-9)
-    errors = []
-    for period in (4e-3, 2e-3):
-        run = loop_lyapunov(
-            Loop("pid_sampled", stop=2.0, controller_values={"sample_time": period}), tolerance=1e-9
-        )
-        assert run.motion.kind is exact.motion.kind is Kind.LINE
-        assert run.motion.limit is not None
-        assert exact.motion.limit is not None
-        assert run.motion.limit[0] == 0.0
-        assert run.exponents[-1] == -np.inf
-        errors.append(abs(run.motion.limit[1:3].mean() - exact.motion.limit[1:3].mean()))
-    assert errors[1] == pytest.approx(errors[0] / 2, rel=0.3)
-
-
-def test_a_watch_changes_nothing_and_hears_how_far_the_exponents_are(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("ballscrew.stability.lyapunov.TOLD", 0.0)
-    monkeypatch.setattr("ballscrew.solver.spectrum.PIECE", 3)
-    said: list[str] = []
-    plain = loop_lyapunov(Loop("pid_sampled", stop=0.5), tolerance=1e-9)
-    watching = Watching(said.append, 1e6)
-    watched = loop_lyapunov(Loop("pid_sampled", stop=0.5), tolerance=1e-9, watching=watching)
-    assert watched.exponents[:-1] == pytest.approx(plain.exponents[:-1], rel=1e-9)
-    assert watched.exponents[-1] == plain.exponents[-1] == -np.inf
-    assert watched.motion.kind is plain.motion.kind
-    assert any("t = 0.25 s, first exponents" in text for text in said)
-
-
+@pytest.mark.prove
 def test_quantized_loops_have_the_exponents_of_the_average_and_the_verdict_of_the_staircase() -> (
     None
 ):
@@ -170,15 +133,6 @@ def test_quantized_loops_have_the_exponents_of_the_average_and_the_verdict_of_th
     assert run.motion.amplitude["plant_x"] > 1e-5
     assert [p.size for p in run.perturbations] == [1e-6, 1e-4, 1e-2]
     assert not exact.perturbations
-
-
-def test_finite_perturbations_of_a_chaotic_map_grow_by_its_exponent_until_they_fill_it(
-    logistic: Kernel,
-) -> None:
-    model = Model(logistic, {"r": 4.0}, 1e-9)
-    small, _, large = perturbation_growth(model, 0.0, 16 * PERIOD)
-    assert small.rate * PERIOD == pytest.approx(np.log(2.0), rel=0.5)
-    assert abs(large.rate) * PERIOD < 0.3
 
 
 def test_finite_perturbations_of_a_stable_linear_loop_shrink_by_its_slowest_exponent() -> None:

@@ -9,8 +9,7 @@ from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.stability.fmu_with_tangents import TangentsImpossible
-from ballscrew.stability.probed_controller import RELATIVE
-from ballscrew.stability.tangents_over_fmus import ACCURACY, follow_over_fmus
+from ballscrew.stability.tangents_over_fmus import follow_over_fmus
 
 TANGENTS = 5
 GOAL = 0.08
@@ -59,6 +58,7 @@ def test_every_exponent_is_that_of_one_solver(over_fmus, controller, stop):
     assert run.growth[-1].sum() == pytest.approx(run.trace[-1], rel=1e-4)
 
 
+@pytest.mark.ci
 def test_every_exponent_converges_with_the_communication_step(over_fmus):
     """With steps all as long as asked for, from a start that slides."""
     reference = whole("nctf", 0.1, plant_v_start=0.05)
@@ -71,19 +71,7 @@ def test_every_exponent_converges_with_the_communication_step(over_fmus):
     assert np.all(errors[2] < 0.5 * errors[1])
 
 
-def test_the_tolerance_of_the_fmus_adds_less_than_a_hundredth_of_the_stated_error(over_fmus):
-    run = over_fmus("nctf", 0.1, 1e-3)
-    finer = over_fmus(
-        "nctf",
-        0.1,
-        1e-3,
-        plant_values={"solver_tolerance": 1e-10},
-        controller_values={"solver_tolerance": 1e-10},
-    )
-    moved = np.abs(run.growth[-1] - finer.growth[-1])
-    assert np.all(moved < 0.01 * (ACCURACY + RELATIVE * np.abs(finer.growth[-1])))
-
-
+@pytest.mark.ci
 def test_a_controller_without_tangents_is_probed_and_the_loss_is_said(over_fmus):
     run, reference = over_fmus("iol", 0.5, 1e-3, ports=False), whole("iol", 0.5)
     assert run.method == "probed by differences"
@@ -91,38 +79,18 @@ def test_a_controller_without_tangents_is_probed_and_the_loss_is_said(over_fmus)
     assert worst(run, reference) < 3.0
 
 
-def test_a_probed_state_goes_on_within_the_step_so_that_steps_stay_long(over_fmus):
-    probed, ports = (over_fmus("pid", 0.2, 1e-3, ports=p) for p in (False, True))
-    assert len(probed.time) < 1.1 * len(ports.time)
-    assert probed.growth[-1].sum() == pytest.approx(ports.growth[-1].sum(), rel=1e-5)
-    assert probed.unmet == ports.unmet == 0
-
-
-def test_the_largest_exponents_alone_are_those_of_all(over_fmus):
-    whole_frame, first = over_fmus("nctf", 0.3, 1e-3), over_fmus("nctf", 0.3, 1e-3, count=1)
-    assert first.growth.shape[1] == 1
-    assert len(first.time) < 0.3 * len(whole_frame.time)  # the fast ones ask for short steps
-    assert first.growth[-1] == pytest.approx(whole_frame.growth[-1, :1], abs=ACCURACY)
-
-
+@pytest.mark.ci
 def test_steps_that_are_too_long_at_their_shortest_are_counted_and_said(over_fmus):
     run = over_fmus("iol", 0.05, 0.05, accuracy=1e-9)
     assert 0 < run.unmet < len(run.time)
     assert f"{run.unmet} of {len(run.time) - 1} steps had the shortest length" in run.accuracy
 
 
+@pytest.mark.ci
 def test_too_few_tangents_are_refused_with_the_number_needed(fmus):
     plant = FmuInstance(fmu("plant", tangents=1), "plant")
     controller = FmuInstance(fmus["iol"], "iol")
     with pytest.raises(TangentsImpossible, match="export it with 4"):
-        follow_over_fmus(plant, controller, GOAL, 1.0, 1e-3)
-    plant.close()
-    controller.close()
-
-
-def test_a_plant_without_tangents_is_refused(fmus):
-    plant, controller = FmuInstance(fmus["plant"], "p"), FmuInstance(fmus["iol"], "c")
-    with pytest.raises(TangentsImpossible, match="no tangent ports"):
         follow_over_fmus(plant, controller, GOAL, 1.0, 1e-3)
     plant.close()
     controller.close()
