@@ -9,7 +9,6 @@ from diagnosed import nominal
 
 from ballscrew.diagnosis.bands import EDGES, cut, products
 from ballscrew.diagnosis.modelled_record import lay_along
-from ballscrew.records.reading import check_record
 
 pytestmark = pytest.mark.ci
 
@@ -43,18 +42,3 @@ def test_a_band_holds_the_frequencies_between_its_edges(course):
     power = products(lines, lines)[:, : len(EDGES) - 1, 0, 0].sum(axis=0)
     own = int(np.searchsorted(EDGES, frequency)) - 1
     assert power[own] > 0.98 * power.sum()
-
-
-def test_what_happens_at_rest_counts_for_nothing():
-    record = strong_record({})
-    n = len(record.x)
-    signals = {name: np.array(s) for name, s in record.signals.items()}
-    rest = slice(n // 2, n // 2 + n // 10)
-    signals["x"][rest] = signals["x"][rest.start]
-    signals["x"][rest.stop :] += signals["x"][rest.start] - signals["x"][rest.stop]
-    course = lay_along(check_record("rests", signals), nominal())
-    bands = cut([course], nominal())
-    weight = np.concatenate([w[:, 0] for w in bands.weights])
-    middle = (rest.start + rest.stop) // 2 // course.width - 2
-    assert weight[middle] == 0.0
-    assert np.count_nonzero(weight) > 0.7 * len(weight)

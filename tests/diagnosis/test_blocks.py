@@ -15,6 +15,7 @@ def noise(random, seconds, correlation_time, rate=100):
     return lfilter([np.sqrt(1 - kept**2)], [1, -kept], drive)[20 * rate :]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("seconds", "correlation_time"), [(10, 0.01), (20, 0.3)])
 def test_intervals_hold_the_truth(seconds, correlation_time):
     random = np.random.default_rng(3)

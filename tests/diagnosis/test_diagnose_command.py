@@ -107,6 +107,7 @@ def bad(*arguments):
     return said
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

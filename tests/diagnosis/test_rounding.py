@@ -19,6 +19,7 @@ def course(speed, count=COUNT):
     return lay_along(check_record("made", {"time": time, "u": 0 * time + 1.0, "x": x}), nominal())
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("speed", [0.00213, -0.0069713])
 def test_the_strongest_line_of_what_is_rounded_away_is_one_of_its_beats(speed):
     """By the spectrum of the rounding itself, as a sample and as the mean of a window tell it."""

@@ -40,6 +40,7 @@ def test_an_average_of_a_constant_is_the_constant(width):
     assert averaged(np.full((300, 2), 3.0), width) == pytest.approx(3.0, rel=1e-12)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("width", [1, 10])
 def test_the_noise_of_the_readings_is_averaged(width):
     random = np.random.default_rng(1)
@@ -49,6 +50,7 @@ def test_the_noise_of_the_readings_is_averaged(width):
     assert quieter < 1.01 * (1.0 if width == 1 else 0.85 / np.sqrt(width))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("time_constant", [3e-4, 2e-2])
 def test_a_lag_is_what_an_independent_solver_makes_of_it(time_constant):
     random = np.random.default_rng(2)
@@ -69,6 +71,7 @@ def test_a_lag_is_what_an_independent_solver_makes_of_it(time_constant):
     assert lagged(command[:, None], STEP, time_constant)[:, 0] == pytest.approx(means, abs=1e-7)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("inductance", "mass"), [(1e-5, 20.0), (0.2, 0.5)])
 def test_the_mean_current_is_what_an_independent_solver_makes_of_a_motor(inductance, mass):
     """Windings faster and slower than the sampling, drives faster and slower than it."""

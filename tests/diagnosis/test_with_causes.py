@@ -135,7 +135,7 @@ def plant_with(model, *names):
 
 @pytest.mark.parametrize(
     ("name", "values"),
-    [*FOUND.items(), *OTHER_FORMS],
+    [*FOUND.items(), *(pytest.param(*f, marks=pytest.mark.ci) for f in OTHER_FORMS)],
     ids=lambda p: "+".join(p) if isinstance(p, dict) else p,
 )
 def test_every_form_of_a_cause_is_part_of_the_plant_with_its_values(name, values):

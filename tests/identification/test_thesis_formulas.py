@@ -55,6 +55,7 @@ def test_nominal_values_of_table_2_3_are_means_of_both_directions():
         assert mean == pytest.approx(float(row["nominal"]), rel=1e-9)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("trial", "p"), [("6", 1.2305), ("9", 1.6163)])  # 9: digits corrected
 def test_rows_of_table_2_7_come_back_from_their_reference_points(trial, p):
     row = next(r for r in table("table_2_7_bliman_sorine") if r["trial"] == trial)
@@ -84,6 +85,7 @@ def test_points_beyond_condition_2_11_have_no_solution_and_the_reason_is_said():
         map_points(ReferencePoints(fs=1.2, fc=1.3, x_e=60e-6, x_p=700e-6))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("sign", [1, -1])
 def test_dahl_s_curve_solves_dahl_s_equation_so_the_sign_of_eq_2_5_is_corrected(sign):
     x = np.linspace(0, sign * 2e-4, 400)
@@ -135,6 +137,7 @@ def test_eq_2_14_is_biased_on_a_true_lugre_surface_as_printed():
         assert secant_bias(force, 2.35) * truth == pytest.approx(known, rel=0.01)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("force", [0.5, 1.5])
 def test_the_bias_of_eq_2_14_is_that_of_the_integrated_law(force):
     s0, s1, s2, fc, fs, vs = 66967.231, 344.56, 173.0, 1.284, 2.35, 1.13975e-3

@@ -38,6 +38,7 @@ def test_stamps_are_seconds_from_the_first_one(tmp_path, stamps):
     assert table.notes == (f"time is in seconds from {stamps[0]}",)
 
 
+@pytest.mark.ci
 def test_stamps_with_decimal_commas_and_columns_without_a_name(tmp_path):
     stamps = ["01.03.2024 12:00:00,000", "01.03.2024 12:00:00,001", "", "01.03.2024 12:00:00,003"]
     rows = [f"{s};{x.replace('.', ',')}" for s, x in zip(stamps, X, strict=True)]
@@ -46,12 +47,14 @@ def test_stamps_with_decimal_commas_and_columns_without_a_name(tmp_path):
     np.testing.assert_allclose(table.columns["1"], [0, 1e-3, np.nan, 3e-3], atol=1e-9)
 
 
+@pytest.mark.ci
 def test_days_and_months_that_may_be_either_are_refused(tmp_path):
     stamps = ["3/4/2024 23:59", "3/4/2024 23:59", "4/4/2024 00:00", "4/4/2024 00:01"]
     with pytest.raises(BadRecord, match=r"'3/4/2024 23:59' may be from two days; write dates as"):
         read(tmp_path, stamps)
 
 
+@pytest.mark.ci
 def test_a_cell_that_is_no_stamp_among_stamps_is_named_with_its_line(tmp_path):
     stamps = ["12:00:00", "noon", "12:00:02", "12:00:03"]
     with pytest.raises(BadRecord, match="row 3, column 'time': 'noon' is not a time of day"):

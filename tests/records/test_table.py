@@ -177,23 +177,6 @@ def test_commas_between_thousands_stand_beside_decimal_points(tmp_path, row, sep
     np.testing.assert_array_equal(read_table(path).columns["x"], values)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize(("mark", "decimal"), [("'", "."), ("\N{NO-BREAK SPACE}", ",")])
-def test_other_marks_between_thousands_are_passed_over(tmp_path, mark, decimal):
-    values = [0.25, 999.5, 1000.125, -1234567.5]
-    texts = [f"{v:,.3f}".replace(",", "_").replace(".", decimal) for v in values]
-    rows = [f"{k}{decimal}5;{t.replace('_', mark)}" for k, t in enumerate(texts)]
-    path = write(tmp_path, "\n".join(["time;x", *rows, ""]))
-    np.testing.assert_array_equal(read_table(path).columns["x"], values)
-
-
-@pytest.mark.ci
-def test_a_comma_that_may_be_either_in_a_whole_column_is_refused(tmp_path):
-    path = write(tmp_path, "\n".join(["time;n", *(f"{k / 1000};1,23{k}" for k in range(9)), ""]))
-    with pytest.raises(BadRecord, match=r"column 'n': '1,230' has a (comma|dot)"):
-        read_table(path)
-
-
 LINES = [f"{k / 1000:.3f},{k},{2 * k}" for k in range(10)]
 
 
@@ -279,6 +262,12 @@ def test_tables_of_one_name_are_numbered_and_which_one_is_meant_is_asked(tmp_pat
         choose(tables, {"t": "time"}, ["time", "i"], [("time",), ("i",)])
     asked[0] = {"x (2)/t": "time"}
     np.testing.assert_array_equal(choose(tables, *asked).columns["x"], [5, 6, 7, 8])
+
+
+def test_columns_of_two_lengths_are_refused_with_their_lengths():
+    table = Table(Path("a.csv"), {"time": np.arange(3.0), "x": np.arange(4.0)})
+    with pytest.raises(BadRecord, match=r"different length \(time 3, x 4 samples\)"):
+        rename(table, {}, ["time", "x"], [])
 
 
 def test_of_many_names_a_message_has_twelve():

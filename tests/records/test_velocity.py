@@ -59,14 +59,6 @@ def test_a_velocity_beside_a_position_is_left_aside():
     assert record.notes == ()
 
 
-@pytest.mark.ci
-def test_samples_missing_from_a_velocity_are_put_right_before_it_is_integrated():
-    speed = SPEED.copy()
-    speed[1000:1003] = np.nan
-    record = check_record("mine", {"time": TIME, "u": FORCE, "v": speed})
-    np.testing.assert_allclose(record.x, WAY, atol=1e-6)
-
-
 def test_a_velocity_in_another_unit_than_was_said_is_refused(tmp_path):
     signals = {"time": TIME, "u": FORCE, "v": SPEED / LEAD * 60}
     with pytest.raises(BadRecord, match=r"v covers .* m, too much for m/s; .* --unit v=rpm"):

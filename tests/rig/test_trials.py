@@ -51,6 +51,7 @@ def test_velocities_are_those_of_the_tables():
     assert sorted({abs(v) for v in levels("viscous")}) == [3e-3, 4e-3, 5e-3, 6e-3, 7e-3, 8e-3]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", ["2.4/7", "table-2.4-7", "2.4-07"])
 def test_a_trial_answers_to_all_its_names(name):
     assert [t.name for t in trials_named(name)] == ["2.4/7"]
