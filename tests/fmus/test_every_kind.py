@@ -110,7 +110,7 @@ def test_outputs_under_random_inputs_are_those_of_the_equations(made, name, kind
         y = model.outputs(times[-1], model.x)
         expected.append([y[n] for n in outputs])
     span = np.ptp(expected, axis=0)
-    assert (np.abs(found - expected).max(axis=0) <= 1e-10 * span + 1e-15).all()
+    assert (np.abs(found - expected).max(axis=0) <= 1e-9 * span + 1e-12).all()
     assert span.max() > 0
 
 

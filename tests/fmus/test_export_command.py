@@ -9,8 +9,6 @@ import tempfile
 import zipfile
 
 import pytest
-import sympy as sp
-from any_fmu import Host, written
 from fmpy.validation import validate_fmu
 
 from ballscrew.cli import main
@@ -18,9 +16,6 @@ from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.native import ready
 from ballscrew.fmus.native.ready import NATIVE, READABLE, ready_fmu
 from ballscrew.solver import compilers
-from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import Component, ContractError, Input, Output, symbol
-from ballscrew.solver.kernel import Model
 from ballscrew.solver.tape import UnsupportedComponent
 from ballscrew.solver.translation import in_c
 
@@ -129,54 +124,6 @@ def test_an_equation_that_c_has_no_function_for_is_named():
     function = ast.parse(text).body[0]
     with pytest.raises(UnsupportedComponent, match=r"'u\[0\] // 2.0' in its equations has no"):
         in_c(function, 1)
-
-
-def test_a_function_that_no_fmu_has_is_refused_in_one_line_before_anything_is_written():
-    with pytest.raises(ContractError, match="odd: output b uses factorial") as refused:
-        Component(
-            "odd",
-            "a part with a factorial",
-            inputs=(Input("a", "1", "a"),),
-            outputs=(Output("b", "1", "b", sp.factorial(symbol("a"))),),
-        )
-    assert "\n" not in str(refused.value)
-
-
-def test_every_function_that_equations_may_use_is_the_same_in_c(native, tmp_path):
-    """Far from special values the two agree to the last digits; logic and limits exactly."""
-    a, b = symbol("a"), symbol("b")
-    positive = 1 + a**2
-    values = {
-        "elementary": sp.exp(a)
-        + sp.log(positive)
-        + sp.sqrt(positive)
-        + positive ** sp.Rational(1, 3),
-        "circular": sp.sin(a) + sp.cos(b) + sp.tan(a / 9) + sp.asin(a / 9) + sp.atan2(a, b),
-        "hyperbolic": sp.sinh(a) + sp.cosh(b) + sp.tanh(a) + sp.asinh(b) + sp.erf(a),
-        "limits": sp.Max(a, b, 0) + 10 * sp.Min(a, b) + 100 * sp.sign(a) + sp.Heaviside(b),
-        "rounded": sp.Abs(a) + a**3 - b**-2,
-        "cases": sp.Piecewise((a, (a > b) & (b > 0)), (b, sp.Or(a < 0, sp.Not(b > 1))), (7, True)),
-    }
-    part = Component(
-        "functions",
-        "all kinds of functions",
-        inputs=(Input("a", "1", "a"), Input("b", "1", "b")),
-        outputs=tuple(Output(name, "1", name, value) for name, value in values.items()),
-    )
-    host = Host(written(part, "native-2", tmp_path))
-    model = Model(generate(part))
-    for point in ((0.3, 0.7), (-1.5, 2.0), (2.0, -0.5), (0.9, 0.2), (-0.1, -3.0), (0.0, 1.0)):
-        host.set(dict(zip("ab", point, strict=True)))
-        model.u[:] = point
-        expected = model.outputs(0.0, model.x)
-        got = dict(zip(expected, host.get(*expected), strict=True))
-        assert got == pytest.approx(expected, rel=1e-14)
-        assert got["cases"] == expected["cases"]
-        assert got["limits"] == expected["limits"]
-        at = dict(zip((a, b), map(sp.Rational, point), strict=True))
-        exact = [float(sp.sympify(v).subs(at).evalf(30)) for v in values.values()]
-        assert list(got.values()) == pytest.approx(exact, rel=1e-13)
-    host.close()
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,17 @@ from ballscrew.fmus.reference_files import reference_files
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic
+from ballscrew.solver.codegen import generate
+from ballscrew.solver.component import (
+    TIME,
+    Component,
+    DiscreteState,
+    Input,
+    Output,
+    Parameter,
+    State,
+    symbol,
+)
 
 
 def table(text):
@@ -49,6 +60,34 @@ def test_a_controller_s_reference_is_its_exact_answer():
     rate = values["h"] * np.tanh(values["c"] * 0.08)
     exact = rate * (values["Kp"] + values["Ki"] * found["time"])
     assert found["u"] == pytest.approx(exact, rel=1e-12)
+
+
+def test_the_reference_of_a_lag_under_five_volts_is_exact_at_its_start_and_after_it():
+    x, u, goal = symbol("x"), Input("u", "V", ""), Input("goal", "m", "", role="reference")
+    lag = Component(
+        "lag",
+        "",
+        inputs=(u, goal),
+        states=(State("x", "1", "", symbol("u") - 2 * x, start=1.0),),
+        outputs=tuple(Output(f"y{k}", "1", "", x + TIME + 100 * symbol("goal")) for k in range(12)),
+    )
+    found = table(reference_files(generate(lag))["_ref.csv"])
+    exact = 2.5 - 1.5 * np.exp(-2 * found["time"]) + found["time"] + 8.0
+    assert list(found) == ["time", *(f"y{k}" for k in range(10))]
+    assert found["y0"] == pytest.approx(exact, rel=1e-9)
+
+
+def test_at_a_sample_instant_the_reference_has_the_values_before_it():
+    counter = Component(
+        "counter",
+        "",
+        discrete=(DiscreteState("d", "1", "", symbol("d") + 1),),
+        outputs=(Output("y", "1", "", symbol("d")),),
+        sample_time=Parameter("sample_time", 5e-3, "s", "", ""),
+    )
+    files = reference_files(generate(counter))
+    assert sorted(files) == ["_ref.csv", "_ref.opt"]
+    assert table(files["_ref.csv"])["y"].tolist() == [2.0 * k for k in range(201)]
 
 
 def test_the_default_run_of_a_loop_is_the_step_of_eight_centimetres_and_its_reference():
