@@ -1,14 +1,12 @@
 """FMUs that cannot be started or print without end, and what becomes of the rest."""
 
-from __future__ import annotations
-
 import os
 
 import pytest
 from cases import cart_position, maker
 
 from ballscrew.cli import main
-from ballscrew.fmus.reading import FmuError, unpack
+from ballscrew.fmus.reading import FmuError
 from ballscrew.orchestration.isolated import IsolatedInstance
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
@@ -58,10 +56,3 @@ def test_an_fmu_that_prints_without_end_fills_no_disk(mk, tmp_path):
     finally:
         instance.close()
     assert all(name.startswith("pipe:") for name in files)
-
-
-def test_two_variables_of_one_name_are_refused_in_one_line(mk, tmp_path):
-    twice = [("x", "input", 0, ""), ("u", "output", None, ""), ("x", "input", 0, "")]
-    mk.build(str(tmp_path / "twice.fmu"), "twice", twice)
-    with pytest.raises(FmuError, match="two variables called 'x'"):
-        unpack(tmp_path / "twice.fmu")

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from ballscrew.cli import main
 from ballscrew.controllers.linearization import measurements_of
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import native_model
-from ballscrew.fmus.system_export import export_system
-from ballscrew.orchestration.loop import Loop, SystemLoop
+from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_motions import move
 from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.orchestration.whole_loop import run_monolithic
@@ -45,27 +43,12 @@ def test_the_whole_loop_feeds_the_derivatives(alone):
     assert np.ptp(alone.commands["u"]) > 5
 
 
-@pytest.mark.parametrize("coupling", ["interface-jacobian", "jacobi"])
-def test_fmus_are_fed_as_the_whole_loop_is(alone, tmp_path, native, coupling):
+def test_fmus_are_fed_as_the_whole_loop_is(alone, tmp_path, native):
     path = tmp_path / "echo.fmu"
     write_native(native_model(echo()), path, fmi=2)
-    out = tmp_path / "out"
-    given = ["--controller", str(path), "--plant", str(native("plant")), "--step", str(STEP)]
-    goal = ["--reference", "move:distance=0.01,start=0.05,dwell=0.05,back=0", "--stop", str(STOP)]
-    assert main(["run", *given, *goal, "--coupling", coupling, "--out", str(out)]) in (0, 1)
     study = Loop(str(path), str(native("plant")), MOTION, STOP, step=STEP)
     result = run_closed_loop(study)
     assert not [note for note in result.notes if "is used as the set-point" in note]
     run = result.run
-    np.testing.assert_allclose(run.outputs["x"], alone.outputs["x"], atol=2e-6)
-    np.testing.assert_allclose(run.commands["u"], alone.commands["u"], atol=1e-6)
-
-
-def test_a_system_of_a_file_is_fed_as_the_whole_loop_is(alone, tmp_path, native):
-    """Through the system's own inputs, as our export writes them."""
-    path = tmp_path / "echo.fmu"
-    write_native(native_model(echo()), path, fmi=2)
-    system = export_system(native("plant"), path, tmp_path / "echo.ssp", name="echo")
-    run = run_closed_loop(SystemLoop(system, MOTION, STOP, step=STEP)).run
     np.testing.assert_allclose(run.outputs["x"], alone.outputs["x"], atol=2e-6)
     np.testing.assert_allclose(run.commands["u"], alone.commands["u"], atol=1e-6)

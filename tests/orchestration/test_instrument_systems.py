@@ -1,7 +1,5 @@
 """A plant, instruments and a controller, each an FMU, run as the one loop of their equations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from instrument_loops import SIGNALS, apart, exact_course, exported

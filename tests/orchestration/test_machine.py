@@ -101,13 +101,3 @@ def test_a_limit_is_asked_for_only_where_nobody_says_it():
         limit_of(drive, {}, None)
     with pytest.raises(BadParameter, match="more than 0"):
         limit_of(drive, {}, 0.0)
-
-
-def test_a_limit_that_friction_takes_is_refused():
-    with pytest.raises(BadParameter, match="friction alone needs"):
-        _ = Machine(Part("drive_lugre"), HEAVY, 100.0).speed
-
-
-def test_a_law_derived_from_a_motor_is_refused_on_a_drive_without():
-    with pytest.raises(BadParameter, match="drive_lugre has no kt"):
-        model_values(Part("iol_observed"), heavy())

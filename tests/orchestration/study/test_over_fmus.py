@@ -1,6 +1,5 @@
 """A run of a study repeated over FMUs: what the master says of it."""
 
-import json
 from dataclasses import asdict
 from types import SimpleNamespace
 
@@ -41,13 +40,6 @@ def test_a_table_that_says_other_figures_than_the_run_over_fmus_disagrees(wrong)
     assert not check_over_fmus(loop, fmus, {}, DUTY, 1e-6, other).agrees
 
 
-@pytest.mark.parametrize("said", [0.0, 1.0])
-def test_a_run_that_stops_agrees_with_a_table_that_says_so(said):
-    stops = SimpleNamespace(run=lambda *_: SimpleNamespace(stopped="it diverges"))
-    table = {"rms_error": np.nan, "peak_error": np.nan, "failed": said}
-    assert check_over_fmus(stops, ("", ""), {}, DUTY, 1e-6, table).agrees is bool(said)
-
-
 @pytest.mark.parametrize(
     ("controller", "most"),
     [("pid_sampled", 1e-11), ("nctf_sampled", 1e-7), ("nctf", 1e-6)],  # m
@@ -58,27 +50,6 @@ def test_a_loop_that_converges_is_trusted_and_agrees(controller, most):
     assert found.coupling == "trusted"
     assert found.agrees
     assert found.allowed < most
-
-
-def test_a_continuous_loop_may_differ_by_what_the_master_says_of_itself():
-    """5e-9 m: what its steps of 1 ms take from a curved set-point, which it measures."""
-    duty = Duty("sine", "sine:amplitude=1e-3,frequency=2,duration=0.5", 0.5)
-    loop = StudyLoop(loop_kernel("plant", "p_pi"))
-    found = checked(loop, "p_pi", {}, duty)
-    assert found.coupling == "trusted"
-    assert found.agrees
-    assert found.allowed < 5 * found.apart  # which would find what is wrong by more
-    assert json.loads(json.dumps(asdict(found))) == asdict(found)  # as it is kept for --resume
-
-
-def test_a_loop_without_a_voltage_limit_that_diverges_is_not_converged():
-    """nctf at a period of 1 ms; it bears 0.6 ms (`docs/stability.md`)."""
-    controller = "nctf_sampled"
-    loop = StudyLoop(loop_kernel("plant", controller))
-    values = {"controller_sample_time": 1e-3}
-    found = checked(loop, controller, values, DUTY)
-    assert found.coupling == "not converged"
-    assert "diverges" in found.reason
 
 
 class OneCount:

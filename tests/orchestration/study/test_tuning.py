@@ -65,11 +65,6 @@ def test_every_candidate_is_within_its_range_and_an_end_is_told():
     assert found.at_bound == ("b",)
 
 
-def test_nothing_to_tune_costs_one_candidate():
-    found = tune(bowl, PUBLISHED, {}, 100, 1)
-    assert (found.values, found.tried) == ({}, 1)
-
-
 def test_one_parameter_alone_can_be_tuned():
     for seed in range(20):
         found = tune(lambda v: (v["b"] - 1) ** 2, PUBLISHED, {"b": (-5.0, 5.0)}, 100, seed)

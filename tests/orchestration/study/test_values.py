@@ -6,19 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ballscrew.cli import main
-from ballscrew.fmus.catalogue import component
-from ballscrew.orchestration.reference_motions import read_motion
-from ballscrew.orchestration.study.figures import figures_of
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Variation
-from ballscrew.orchestration.study.reading import BadPlan
-from ballscrew.orchestration.study.study import composed, loops_of
-from ballscrew.orchestration.study.values import check_plants, values_for
+from ballscrew.orchestration.study.study import loops_of
+from ballscrew.orchestration.study.values import values_for
 from ballscrew.orchestration.whole_loop import loop_kernel
-from ballscrew.plant.direct_drive import direct_drive
 
 LOAD, LOAD_TIME = -5.0, 0.1
-LIMITS = ("plant_voltage_limit", "controller_u_max")
 HOLD = Duty("hold", "step:size=0", 0.6, plant={"load_force": LOAD, "load_time": LOAD_TIME})
 PLAN = Plan(
     plant="plant_loaded",
@@ -84,55 +77,6 @@ def test_noise_is_that_of_the_plant_for_every_controller_and_another_on_another_
     assert seeds("pid", 3) == seeds("lqi", 3) != seeds("lqi", 4)
 
 
-def test_two_noisy_instruments_have_two_noises():
-    """Else their noise would be one: the same generator from the same seed."""
-    from ballscrew.instruments.current_sensor import current_sensor
-    from ballscrew.instruments.measured_through import measured_through
-    from ballscrew.orchestration.whole_loop import loop_kernel
-
-    one = composed(PLAN, PLAN.entrants[0])
-    second = replace(current_sensor(), name="other_sensor")
-    two = measured_through(one, [second])
-    kernel = loop_kernel("plant", two)
-    values = values_for(
-        replace(PLAN, plant="plant", variations=()),
-        kernel,
-        PLAN.entrants[0],
-        {},
-        replace(HOLD, plant={}),
-        [],
-        3,
-    )
-    seeds = [v for n, v in values.items() if n.endswith("seed")]
-    assert len(seeds) == len(set(seeds)) == 2
-
-
-@pytest.mark.parametrize(
-    ("plant", "message"),
-    [
-        ({"load_froce": 1.0}, "duty hold: no parameter 'load_froce'; there are .*load_force"),
-        ({"load_rise": 0.0}, r"duty hold: load_rise would be 0, expected within \[1e-09, inf\]"),
-    ],
-)
-def test_a_plant_that_cannot_be_is_refused(loops, plant, message):
-    plan = replace(PLAN, duties=(PLAN.duties[0], replace(HOLD, plant=plant)))
-    with pytest.raises(BadPlan, match=message):
-        check_plants(plan, loops["pid"].kernel)
-
-
-def test_a_duty_on_a_plant_without_a_load_is_one_line_and_exit_code_2(tmp_path, capsys):
-    study = tmp_path / "study.toml"
-    study.write_text(
-        "version = 1\n[controllers.pid]\n"
-        '[[duty]]\nname = "a"\nreference = "step:size=1e-3"\nstop = 0.1\ntune = true\n'
-        '[[duty]]\nname = "b"\nreference = "step:size=0"\nstop = 0.1\nplant = {load_force = 5}\n'
-    )
-    assert main(["study", str(study), "--workers", "1", "--out", str(tmp_path / "out")]) == 2
-    heard = capsys.readouterr().err
-    assert "duty b: no parameter 'load_force'" in heard
-    assert heard.count("\n") == 1
-
-
 def kernel_of(plant):
     return loop_kernel(plant, "p_pi")
 
@@ -151,30 +95,3 @@ def test_an_amplifier_has_its_volts_and_a_force_has_no_limit_but_the_one_that_is
     assert limits("drive") == (1e6, 1e6)
     assert limits("plant", command_limit=24.0) == (24.0, 24.0)
     assert limits("drive", command_limit=500.0) == (500.0, 500.0)
-
-
-def test_a_controller_s_own_limit_stays():
-    plan = replace(PLAN, variations=(), period=0.0)
-    entrant = Entrant("p_pi", "p_pi", values={"u_max": 12.0})
-    values = values_for(plan, kernel_of("plant"), entrant, {}, HOLD, [], 0)
-    assert (values["plant_voltage_limit"], values["controller_u_max"]) == (36.0, 12.0)
-
-
-def test_a_limit_that_no_parameter_holds_is_refused():
-    plan = replace(PLAN, plant="bare", duties=PLAN.duties[:1], variations=(), command_limit=9.0)
-    kernel = loop_kernel(replace(direct_drive(), name="bare"), component("p_pi"))
-    with pytest.raises(BadPlan, match="command_limit is 9, and bare has no parameter voltage_li"):
-        check_plants(plan, kernel)
-
-
-def test_a_study_of_a_drive_runs_without_current_and_limit():
-    """Its command is a force: nothing saturates at 36, and there is no current to have a peak."""
-    plan = replace(PLAN, plant="drive", variations=(), instruments=(), duties=PLAN.duties[:1])
-    loop = loops_of(replace(plan, entrants=(Entrant("p_pi", "p_pi"),)))["p_pi"]
-    values = {"controller_Kp": 500.0, "controller_Ki": 1e3, **dict.fromkeys(LIMITS, 1e6)}
-    course = loop.run(values, read_motion("step:size=0.05"), 0.5)
-    found = figures_of(course, 1e-6, 1e6)
-    assert np.abs(course.command).max() > 36.0
-    assert found.saturated_share == 0.0
-    assert math.isnan(found.peak_current)
-    assert not found.failed
