@@ -280,6 +280,7 @@ def test_a_controller_that_answers_in_its_step_has_seen_the_signals_of_its_start
         late = true
         rows.append(y)
     np.testing.assert_allclose(outputs(run), rows, rtol=0, atol=1e-11)
+    assert np.isfinite(list(run.verdict.error_estimate.values())).all()
 
 
 # loops of parts that both follow their inputs at once

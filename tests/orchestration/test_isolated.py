@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import os
+import signal
 import socket
 import subprocess
 import threading
@@ -19,8 +20,8 @@ from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.fmus.reading import FmuError
 from ballscrew.orchestration import isolated, isolated_host
-from ballscrew.orchestration.fmu_instance import StepFailed
-from ballscrew.orchestration.isolated import IsolatedInstance
+from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
+from ballscrew.orchestration.isolated import IsolatedInstance, open_fmu
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.run import run_closed_loop
 
@@ -28,20 +29,8 @@ SEGFAULT = "import ctypes; ctypes.string_at(0)"
 
 
 def run(path, out, *more):
-    return main(
-        [
-            "run",
-            "--controller",
-            str(path),
-            "--stop",
-            "0.1",
-            "--step",
-            "1e-3",
-            "--out",
-            str(out),
-            *more,
-        ]
-    )
+    asked = ["run", "--controller", path, "--stop", "0.1", "--step", "1e-3", "--out", out, *more]
+    return main([*map(str, asked)])
 
 
 def rows(out):
@@ -82,10 +71,9 @@ def test_a_hang_ends_at_the_time_limit_with_a_line_and_what_was_computed(tmp_pat
     [
         (SEGFAULT, "was ended by SIGSEGV"),
         ("raise RuntimeError('no licence')", "no licence"),
-        ("import os; os._exit(7)", "ended with exit code 7"),
         (
-            "import sys; print('the last words', file=sys.stderr, flush=True); " + SEGFAULT,
-            "the last words",
+            "import sys; print('w' * 300, file=sys.stderr, flush=True); " + SEGFAULT,
+            f"its last output: {'w' * 200}\n",
         ),
         ("while True: pass", "did not answer the call open within 3 s"),
     ],
@@ -126,29 +114,7 @@ def test_two_fmus_with_a_module_called_plant_each_run_their_own(tmp_path, monkey
     np.testing.assert_allclose(courses[1][0], 400 * 0.04, rtol=1e-12)
 
 
-def test_thirty_instances_live_side_by_side(tmp_path):
-    path = proportional(tmp_path, "Many")
-    with contextlib.ExitStack() as opened:
-        many = [IsolatedInstance(path, f"c{k}") for k in range(30)]
-        for one in many:
-            opened.callback(one.close)
-        for k, one in enumerate(many):
-            one.initialize({}, 1.0)
-            one.writer(["x_d"])(np.array([1e-3 * k]))
-            one.step(0.0, 1e-3)
-        for k, one in enumerate(many):
-            assert one.reader(["u"])()[0] == 400.0 * (1e-3 * k)
-
-
-def test_isolated_and_not_isolated_runs_are_the_same_to_the_last_bit(tmp_path):
-    study = Loop("iol", stop=0.1, step=1e-3)
-    alone = run_closed_loop(Loop("iol", stop=0.1, step=1e-3, isolate=True)).run
-    together = run_closed_loop(study).run
-    for name, course in together.outputs.items():
-        np.testing.assert_array_equal(alone.outputs[name], course)
-    np.testing.assert_array_equal(alone.commands["u"], together.commands["u"])
-
-
+@pytest.mark.ci
 def test_what_is_ours_is_known_by_content_not_by_name(tmp_path):
     copy = tmp_path / "anything.fmu"
     copy.write_bytes(fmu("nctf").read_bytes())
@@ -159,6 +125,11 @@ def test_what_is_ours_is_known_by_content_not_by_name(tmp_path):
     assert not is_ours(made)
     fake = proportional(tmp_path, "Fake").rename(tmp_path / "nctf.fmu")
     assert not is_ours(fake)
+    opens = (copy, None, False), (copy, True, True), (fake, None, True), (fake, False, False)
+    for path, isolate, alone in opens:
+        opened = open_fmu(path, "one", isolate)
+        assert isinstance(opened, IsolatedInstance) == alone
+        opened.close()
 
 
 def test_no_process_outlives_its_instance_nor_a_failed_opening(tmp_path):
@@ -178,14 +149,49 @@ def test_no_process_outlives_its_instance_nor_a_failed_opening(tmp_path):
 
 
 def test_a_dead_instance_says_so_again_and_closes(tmp_path):
-    one = IsolatedInstance(proportional(tmp_path, "Dies", in_step="import os; os._exit(3)"), "one")
+    """Also to a reader that knows the last values."""
+    one = IsolatedInstance(proportional(tmp_path, "Dies"), "one")
     one.initialize({}, 1.0)
-    read = one.reader(["u"])
-    one.step(0.0, 1e-3)
-    for _ in range(2):
-        with pytest.raises(StepFailed, match=r"one \(Dies.fmu\) ended with exit code 3"):
+    assert one.sample_time == 0.0
+    first, second = one.reader(["u"]), one.reader(["u"])
+    assert first() == [0.0]
+    os.kill(one._process.pid, signal.SIGKILL)
+    for read in (second, first, second):
+        with pytest.raises(StepFailed, match=r"one \(Dies.fmu\) was ended by SIGKILL"):
             read()
     one.close()
+
+
+def test_a_restored_state_goes_on_as_the_saved_one_and_a_failure_says_what_the_fmu_says(fmus):
+    """As in this process, to the last bit."""
+    courses = []
+    for kind in (IsolatedInstance, FmuInstance):
+        part = kind(fmus["pid_sampled"], "controller")
+        assert part.can_save
+        part.initialize({"Kp": 500.0}, 1.0)
+        assert part.sample_time == 1e-3
+        put, got = part.writer(["x", "v", "x_d"]), part.reader(["u"])
+        course, states = [], []
+        for k in (0, 1, 2, 3, 1, 2, 3, 0):
+            if k < len(states):
+                part.restore(states[k])
+            states.append(part.save())
+            put(np.array([0.01 * k, 0.1, 0.08]))
+            part.step(k * 1e-3, 1e-3)
+            course.append(got()[0])
+        for state in states:
+            part.release(state)
+        assert course[1:4] == course[4:7]
+        assert course[0] == course[7] != course[1]
+        courses.append(course)
+        part.close()
+        refuses = kind(fmus["pid_sampled"], "controller")
+        with pytest.raises(StepFailed) as failed:
+            refuses.initialize({"Kp": -1.0}, 1.0)
+        courses[-1].append(str(failed.value))
+        refuses.close()
+    assert courses[0] == courses[1]
+    assert "Kp = -1" in courses[0][-1]
 
 
 @pytest.fixture
@@ -223,7 +229,6 @@ OK_AND_THREE = b"\4\0\0\0" + bytes([isolated_host.OK]) + b"abc"
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
-        ([b"\0\0\0\0"], "cannot be instantiated"),
         ([b"\1\0\0\0\x77"], "cannot be instantiated"),
         ([b"\xff\xff\xff\xff"], "closed the connection|was ended by"),
         ([b"\x40\0\0\0", *[b"a"] * 64], "did not answer the call open within 1 s"),
@@ -260,3 +265,28 @@ def test_what_cannot_have_changed_is_not_asked_for_again(tmp_path, monkeypatch):
     assert values[0] == [values[0][0]] * 3
     assert values[1][0] != values[0][0]
     assert values[2] == values[1]
+
+
+@pytest.mark.parametrize(
+    ("ours", "isolate", "kind"),
+    [
+        (True, None, FmuInstance),
+        (True, True, IsolatedInstance),
+        (False, None, IsolatedInstance),
+        (False, False, FmuInstance),
+    ],
+)
+def test_what_is_not_ours_has_a_process_of_its_own_unless_asked(
+    ours, isolate, kind, fmus, tmp_path
+):
+    path = fmus["pid"] if ours else proportional(tmp_path, "Theirs")
+    one = isolated.open_fmu(path, "one", isolate)
+    one.initialize({}, 1.0)
+    assert (type(one), one.sample_time) == (kind, 0.0)
+    one.close()
+
+
+def test_of_the_last_line_two_hundred_letters_are_told(tmp_path):
+    talks = proportional(tmp_path, "Talks", at_start=f"print('x' * 300, flush=True); {SEGFAULT}")
+    with pytest.raises(FmuError, match=r"its last output: x{200}$"):
+        IsolatedInstance(talks, "one")
