@@ -112,6 +112,7 @@ def test_below_the_border_every_motion_comes_to_the_swing_of_the_closed_form(b, 
     assert found.limit.sum() == pytest.approx(rates(known).sum(), rel=1e-3)
 
 
+@pytest.mark.prove
 @given(b=frequencies)
 @settings(max_examples=10, deadline=None, derandomize=True)
 def test_slide_by_slide_the_mass_stops_above_the_border_and_not_below(b):

@@ -49,7 +49,7 @@ def judged(kernel: Kernel, stop: float, **values: float) -> LyapunovRun:
     return lyapunov(lambda tolerance: Model(kernel, values, tolerance), stop, 1e-9)
 
 
-@pytest.mark.ci
+@pytest.mark.prove
 def test_beyond_the_border_it_is_a_cycle_with_one_exponent_of_zero(wright: Kernel) -> None:
     run = judged(wright, 60.0, r=1.8)
     assert run.motion.kind is Kind.CYCLE
