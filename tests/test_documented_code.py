@@ -1,11 +1,7 @@
-"""Code on the pages: Python runs, commands are taken, calls in the text fit their functions."""
+"""Code on the pages: Python runs, commands are taken, and what is named is there."""
 
 from __future__ import annotations
 
-import ast
-import importlib
-import inspect
-import pkgutil
 import re
 import shlex
 import subprocess
@@ -13,14 +9,17 @@ import sys
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 from wired_loop import missing_for_ecos
 
 import ballscrew
 from ballscrew import cli
 from ballscrew.fmus.export import export
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.run import run_closed_loop
+from ballscrew.plant.modified_lugre import modified_lugre
+from ballscrew.solver.codegen import generate
+from ballscrew.solver.component import ContractError, symbol
+from ballscrew.solver.kernel import Model
 
 ROOT = Path(__file__).resolve().parents[1]
 HOW_TO = sorted((ROOT / "docs" / "howto").glob("*.md"))
@@ -44,9 +43,10 @@ def commands() -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("command", commands())
-def test_a_command_on_a_page_is_one_that_the_program_takes(command):
-    assert cli.command_parser().parse_args(shlex.split(command, comments=True)).action
+def test_every_command_on_a_page_is_one_that_the_program_takes():
+    parser = cli.command_parser()
+    taken = [parser.parse_args(shlex.split(c, comments=True)).action for c in commands()]
+    assert len(taken) > 80
 
 
 def run_block(code: str, folder: Path) -> str:
@@ -76,6 +76,7 @@ def exported(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "code", [pytest.param(b, id=p.stem) for p in HOW_TO for b in blocks(p, "python")]
 )
@@ -85,74 +86,114 @@ def test_the_python_on_a_tool_s_page_runs(exported, code):
     run_block(code, exported)
 
 
-def test_a_component_is_exported_as_the_contract_page_says(tmp_path, monkeypatch):
-    *_, bouncing, _, _, exporting, _ = blocks(ROOT / "docs" / "contract.md", "python")
-    monkeypatch.chdir(tmp_path)
-    exec(compile(bouncing + exporting, "contract.md", "exec"), {"__name__": "page"})
-    assert (tmp_path / "x.fmu").stat().st_size > 1000
+# -- the page about the contract of components ------------------------------------------------
 
-
-def test_the_controller_that_the_contract_page_adds_closes_the_loop(tmp_path):
-    page = ROOT / "docs" / "contract.md"
-    added = re.search(r'^   `"(\w+)": "([\w.]+):(\w+)",`$', page.read_text("utf-8"), re.M)
-    name, module, function = added.groups()
-    assert module == f"ballscrew.controllers.{name}"
-    namespace: dict[str, object] = {"__name__": module}
-    exec(compile(blocks(page, "python")[-1], page.name, "exec"), namespace)
-    file = export(namespace[function](), tmp_path / f"{name}.fmu")
-    result = run_closed_loop(Loop(str(file), stop=3.0))
-    assert result.trusted
-    assert result.run.outputs["x"][-1] == pytest.approx(0.08, abs=0.01)
+EXAMPLES = (
+    "modified LuGre plant",
+    "sampled PI controller",
+    "relay with hysteresis",
+    "bouncing mass",
+    "pure delay",
+    "one more force term",
+)
 
 
 @cache
-def public() -> dict[str, list[object]]:
-    """Functions and classes of the package by their names."""
-    found: dict[str, list[object]] = {}
-    for module in pkgutil.walk_packages(ballscrew.__path__, "ballscrew."):
-        if module.name.endswith("__main__"):
-            continue
-        for name, thing in vars(importlib.import_module(module.name)).items():
-            if callable(thing) and getattr(thing, "__module__", "").startswith("ballscrew"):
-                found.setdefault(name, []).append(thing)
-    return found
+def example(title: str) -> ballscrew.Component:
+    code = blocks(ROOT / "docs" / "contract.md", "python")[EXAMPLES.index(title)]
+    namespace: dict[str, object] = {"__name__": "contract_page"}
+    exec(compile(code, f"contract.md: {title}", "exec"), namespace)
+    component = namespace["component"]
+    assert isinstance(component, ballscrew.Component)
+    return component
 
 
-def calls_in_the_text() -> list[tuple[str, ast.Call]]:
-    found = []
-    for page in PAGES:
-        prose = FENCE.sub("", page.read_text("utf-8"))
-        for span in re.findall(r"`([^`\n]+)`", prose):
-            try:
-                expression = ast.parse(span, mode="eval").body
-            except SyntaxError:
-                continue
-            if isinstance(expression, ast.Call):
-                found.append((f"{page.name}: {span}", expression))
-    return found
+@pytest.mark.parametrize(
+    "title", [EXAMPLES[0], *(pytest.param(t, marks=pytest.mark.ci) for t in EXAMPLES[1:])]
+)
+def test_an_example_of_a_component_is_exported_and_simulates_to_states_that_move(title, tmp_path):
+    model = Model(generate(example(title)))
+    for k, i in enumerate(model.kernel.inputs):
+        model.set_input(i.name, i.nominal / (k + 1))
+    before = np.concatenate([model.x, model.u])
+    step = model.sample_time or 1e-3
+    for k in range(20):
+        if model.sample_time:
+            model.sample(k * step)
+        trajectory = model.simulate([k * step, (k + 1) * step])
+        for values in (*trajectory.states.values(), *trajectory.outputs.values()):
+            assert np.isfinite(values).all()
+    after = np.concatenate([model.x, model.u])
+    first = len(model.x) + len(model.kernel.inputs)
+    for part in (slice(0, len(model.x)), slice(first, first + len(model.kernel.discrete))):
+        assert (after[part] != before[part]).all()
+    assert export(example(title), tmp_path / "x.fmu").stat().st_size > 1000
 
 
-def test_a_call_in_the_text_fits_the_function_that_it_names():
-    fitted = 0
-    for where, call in calls_in_the_text():
-        package, _, name = ast.unparse(call.func).rpartition(".")
-        of_the_api = [getattr(ballscrew, name)] if package == "ballscrew" else []
-        for thing in of_the_api or public().get(name, []):
-            open_end = any(isinstance(a, ast.Constant) and a.value is ... for a in call.args)
-            signature = inspect.signature(thing)
-            bind = signature.bind_partial if open_end else signature.bind
-            try:
-                bind(*call.args, **{k.arg: k.value for k in call.keywords if k.arg})
-            except TypeError as error:
-                pytest.fail(f"{where}: {error}")
-            fitted += 1
-    assert fitted >= 3
+def test_the_modified_lugre_example_is_the_friction_of_this_project():
+    ours, page = modified_lugre(symbol("v")), Model(generate(example("modified LuGre plant")))
+    values = {symbol(p.name): p.default for p in ours.parameters}
+    assert {p.name: page.p[k] for k, p in enumerate(page.kernel.parameters)} == {
+        "m": 1.0,
+        **{s.name: default for s, default in values.items()},
+    }
+    page.set_input("u", 3.0)
+    order = [s.name for s in page.kernel.states]
+    for v, z in ((0.0, 2e-5), (4e-4, 1e-5), (-0.05, -1.9e-5), (0.2, 0.0)):
+        at = {**values, symbol("v"): v, symbol("z"): z}
+        state = {"x": 0.01, "v": v, "z": z}
+        rates = page.derivatives(0.0, np.array([state[s] for s in order]))
+        rate = dict(zip(order, rates, strict=True))
+        assert rate["x"] == v
+        assert rate["v"] == pytest.approx(3.0 + float(ours.force.xreplace(at)), rel=1e-12)
+        deflection = float(ours.states[0].derivative.xreplace(at))
+        assert rate["z"] == pytest.approx(deflection, rel=1e-12, abs=1e-18)
 
 
-def test_no_import_stands_in_the_text_where_no_test_would_run_it():
-    spans = [
-        (page.name, span)
-        for page in PAGES
-        for span in re.findall(r"`([^`\n]+)`", FENCE.sub("", page.read_text("utf-8")))
-    ]
-    assert [s for s in spans if re.match(r"(from \S+ )?import ", s[1])] == []
+def test_what_breaks_the_contract_is_refused_with_its_name():
+    def make(default=1.0, other="k", uses="gain"):
+        limited = [(n, default, "1", n, "a test", 0.0, 2.0) for n in ("gain", other)]
+        return ballscrew.Component(
+            "broken",
+            "Something",
+            inputs=(),
+            parameters=tuple(ballscrew.Parameter(*p) for p in limited),
+            states=(ballscrew.State("q", "1", "state", -symbol("q")),),
+            outputs=(ballscrew.Output("y", "1", "output", symbol(uses) * symbol("q")),),
+        )
+
+    assert make().name == "broken"
+    for changes, said in (
+        ({"uses": "ghost"}, "output y uses 'ghost', which is not declared"),
+        ({"other": "q"}, "'q' is declared as parameter and as state"),
+        ({"default": -1.0}, "default -1.0 of 'gain' is not within [0.0, 2.0]"),
+        ({"default": 3.0}, "default 3.0 of 'gain' is not within [0.0, 2.0]"),
+    ):
+        with pytest.raises(ContractError, match=re.escape(f"broken: {said}")):
+            make(**changes)
+
+
+# -- what the pages name ----------------------------------------------------------------------
+
+NAMING = [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CHANGELOG.md"]
+
+
+@pytest.mark.ci
+def test_every_source_that_a_page_names_is_there():
+    named = re.compile(r"`((?:[\w-]+/)+[\w-]+\.(?:py|c|h))`")
+    found = {(page.name, n) for page in NAMING for n in named.findall(page.read_text("utf-8"))}
+    missing = {(page, n) for page, n in found if not (ROOT / n).exists()}
+    assert missing == {("contract.md", "controllers/pi.py")}  # which the reader writes
+    glossary = (ROOT / "docs" / "glossary.md").read_text("utf-8")
+    files = re.findall(r"^\| [^|]+ \| [^|]+ \| `([^`]+)` \|$", glossary, re.M)
+    assert len(files) > 20
+    assert [f for f in files if not (ROOT / f).is_file()] == []
+
+
+@pytest.mark.ci
+def test_the_table_of_the_python_page_has_every_function():
+    page = (ROOT / "docs" / "reference" / "api.md").read_text("utf-8")
+    functions = {
+        n for n in ballscrew.__all__ if getattr(ballscrew, n).__module__ == "ballscrew.api"
+    }
+    assert functions == set(re.findall(r"<ballscrew\.api\.(\w+)>", page))

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from dask_cluster import cluster
 from waiting import wait_for
 
@@ -14,6 +15,7 @@ PROOFS = Path(__file__).resolve().parents[1] / "proofs"
 GROUP = ("--groups", "prescribed_motion", "--laws", "dahl", "--rigs", "3", "--first", "40")
 
 
+@pytest.mark.prove
 def test_a_proof_on_dask_that_loses_a_worker_is_that_of_one_process(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(PROOFS))  # of the scheduler and the workers
     proof = [sys.executable, str(PROOFS / "identification.py"), *GROUP]
