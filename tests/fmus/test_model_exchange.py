@@ -68,7 +68,9 @@ def test_under_cvode_a_plant_moves_as_its_equations_say(made, name, kind):
 
 @pytest.mark.parametrize("kind", NATIVE)
 @pytest.mark.parametrize("mode", ["event", "continuous-time"])
-@pytest.mark.parametrize("name", ["plant", "nctf", "plant_classical"])
+@pytest.mark.parametrize(
+    "name", ["plant", *(pytest.param(n, marks=rare) for n in ("nctf", "plant_classical"))]
+)
 def test_states_set_one_by_one_are_those_set_all_at_once(made, name, mode, kind):
     """CasADi sets them in no other way; some are outputs, one is not, and one part has modes."""
     model = catalogued_model(name)

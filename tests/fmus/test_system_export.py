@@ -288,14 +288,6 @@ def test_our_own_command_runs_the_system_of_native_fmus_that_it_wrote(native_sys
 
 
 @pytest.mark.ci
-def test_a_native_system_can_be_made_for_another_platform(tmp_path):
-    """It needs no binary that runs here; without a compiler for it, the sources are inside."""
-    options = ["--native", "--platforms", "win64", "--only", "pid", "--out", str(tmp_path)]
-    assert main(["export", "--ssp", *options]) == 0
-    assert (tmp_path / "pid.ssp").is_file()
-
-
-@pytest.mark.ci
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
 def test_pyssp_standard_opens_it_and_finds_nothing_to_complain_of(
     systems, native, tmp_path, version

@@ -390,6 +390,7 @@ def test_an_archive_that_climbs_out_or_unpacks_to_too_much_is_refused(tmp_path, 
     assert "its FMUs would unpack to" in refusal(tmp_path, ELEMENTS)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("attributes", "text"),
     [
@@ -451,6 +452,7 @@ def goal_in(unit):
     return connected(start="g", end="a.x", before=connectors)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("system", "text"),
     [
@@ -470,6 +472,7 @@ def test_elements_that_cannot_be_joined_as_they_are_are_refused(tmp_path, system
     assert text in refusal(tmp_path, system)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("connector", "text"),
     [
@@ -488,6 +491,7 @@ def test_a_connector_that_contradicts_its_fmu_is_refused(tmp_path, connector, te
     assert text in refusal(tmp_path, system)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("content", "text"),
     [
@@ -503,6 +507,7 @@ def test_a_parameter_value_that_cannot_be_set_is_refused(tmp_path, content, text
     assert text in refusal(tmp_path, parameters(content) + ELEMENTS)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("binding", "text"),
     [

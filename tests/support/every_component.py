@@ -9,8 +9,8 @@ import pytest
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus.catalogue import NAMES
 
-FIRST = "plant", "nctf", "plant_classical", "pid_sampled"
-MORE = "plant_maxwell_slip", "iol", "iol_observed", "relay", "position_encoder"
+FIRST = "plant", "plant_classical", "pid_sampled"
+MORE = "nctf", "plant_maxwell_slip", "iol", "iol_observed", "relay", "position_encoder"
 
 
 def in_tiers(names):
