@@ -66,6 +66,7 @@ def test_a_hang_ends_at_the_time_limit_with_a_line_and_what_was_computed(tmp_pat
     assert float(rows(tmp_path / "out")[-1]["time"]) == pytest.approx(0.05, abs=2e-3)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("at_start", "words"),
     [
@@ -87,6 +88,7 @@ def test_an_fmu_that_does_not_open_is_a_bad_request(tmp_path, capsys, at_start, 
     assert words in line
 
 
+@pytest.mark.ci
 def test_an_exception_in_a_step_is_told_with_its_text(tmp_path, capsys):
     bad = proportional(tmp_path, "Raises", in_step="1 / (current_time < 0.05)")
     assert run(bad, tmp_path / "out") == 1
@@ -95,6 +97,7 @@ def test_an_exception_in_a_step_is_told_with_its_text(tmp_path, capsys):
     assert "division by zero" in line
 
 
+@pytest.mark.ci
 def test_two_fmus_with_a_module_called_plant_each_run_their_own(tmp_path, monkeypatch):
     """One interpreter would give the second the first one's module, or the user's own."""
     (tmp_path / "here").mkdir()
@@ -132,6 +135,7 @@ def test_what_is_ours_is_known_by_content_not_by_name(tmp_path):
         opened.close()
 
 
+@pytest.mark.ci
 def test_no_process_outlives_its_instance_nor_a_failed_opening(tmp_path):
     def children():
         with open(f"/proc/{os.getpid()}/task/{os.getpid()}/children", encoding="utf-8") as stream:
@@ -226,6 +230,7 @@ def answering(monkeypatch):
 OK_AND_THREE = b"\4\0\0\0" + bytes([isolated_host.OK]) + b"abc"
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
@@ -243,28 +248,6 @@ def test_what_a_process_answers_is_not_believed(answer, message, tmp_path, answe
     with pytest.raises((FmuError, StepFailed), match=message):
         IsolatedInstance(path, "one", time_limit=1.0).initialize({}, 1.0)
     assert time.monotonic() - start < 5
-
-
-def test_what_cannot_have_changed_is_not_asked_for_again(tmp_path, monkeypatch):
-    """A step ends and the next one begins with the same outputs."""
-    asked = []
-    send = isolated.send
-    monkeypatch.setattr(isolated, "send", lambda to, packet: (asked.append(1), send(to, packet)))
-    part = IsolatedInstance(proportional(tmp_path, "Once"), "controller")
-    part.initialize({}, 1.0)
-    put, got = part.writer(["x"]), part.reader(["u"])
-    got()
-    asked.clear()
-    values = []
-    for x in (0.01, 0.02, 0.02):
-        put(np.array([x]))
-        part.step(0.0, 0.1)
-        values.append([got()[0] for _ in range(3)])
-    assert len(asked) == 3
-    part.close()
-    assert values[0] == [values[0][0]] * 3
-    assert values[1][0] != values[0][0]
-    assert values[2] == values[1]
 
 
 @pytest.mark.parametrize(

@@ -82,24 +82,6 @@ def test_model_exchange_of_a_reference_fmu_is_the_exact_solution(
     np.testing.assert_allclose(found, published[output], rtol=0, atol=euler)
 
 
-@pytest.mark.parametrize("exchanges", [False, True])
-@pytest.mark.parametrize("fmi", [2, 3])
-def test_every_type_of_number_goes_in_and_out(tmp_path, fmi, exchanges):
-    path = reference_fmu(tmp_path, "Feedthrough", fmi, exchanges=exchanges)
-    instance = FmuInstance(path, "feedthrough")
-    instance.initialize({"Float64_fixed_parameter": 2.0}, 1.0)
-    given = {
-        name: {"Boolean_input": 1.0, "Enumeration_input": 2.0}.get(name, 5.0)
-        for name in instance.inputs
-    }
-    instance.writer(list(given))(np.array(list(given.values())))
-    instance.step(0.0, 0.1)
-    outputs = [name.replace("input", "output") for name in given]
-    taken = dict(zip(outputs, instance.reader(outputs)(), strict=True))
-    assert taken == {name.replace("input", "output"): value for name, value in given.items()}
-    instance.close()
-
-
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [

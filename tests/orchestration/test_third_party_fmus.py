@@ -187,9 +187,6 @@ def test_a_sampled_controller_whose_period_has_another_name_is_known_by_its_jump
     assert searched.run.verdict == named.run.verdict
 
 
-# -- what it can do ----------------------------------------------------------------------------
-
-
 STATE = {"canGetAndSetFMUstate": True}
 
 
