@@ -54,6 +54,7 @@ def test_the_overview_is_what_the_claims_and_the_proofs_say():
     assert claims.PAGE.read_text(encoding="utf-8") == claims.overview()
 
 
+@pytest.mark.ci
 def test_a_changed_number_on_a_page_is_found_and_put_right(pages):
     readme = pages / "README.md"
     before = readme.read_text(encoding="utf-8")
@@ -82,6 +83,7 @@ def test_a_test_that_is_not_there_proves_nothing(monkeypatch):
     ]
 
 
+@pytest.mark.ci
 def test_the_build_of_the_site_stops_on_a_changed_number(conf, pages):
     app = SimpleNamespace(srcdir=str(pages / "docs"))
     conf.stop_on_stale_figures(app)

@@ -14,7 +14,6 @@ from scipy.integrate import solve_ivp
 from ballscrew import Loop, read_parameters
 from ballscrew import run as run_loop
 from ballscrew.fmus.catalogue import component
-from ballscrew.orchestration.parameter_file import BadParameters
 
 MACHINE = """
 kind = "drive"
@@ -61,73 +60,46 @@ def integrated(time):
     return solve_ivp(rate, (0.0, STOP), [0.0] * 4, t_eval=time, **solver).y[0]
 
 
-def test_a_drive_runs_as_scipy_solves_it(machine):
-    told = read_parameters(machine)
-    loop = Loop(
-        "pid",
-        told.plant_name,
-        SET_POINT,
-        STOP,
-        {n: v.value for n, v in told.plant.items()},
-        {n: v.value for n, v in told.controllers["pid"].items()},
-        step=1e-4,
-    )
-    found = run_loop(loop).run
-    assert found.outputs["x"] == pytest.approx(integrated(found.time), abs=2e-8)
-
-
-def test_the_file_that_a_run_writes_is_the_machine_again(machine, tmp_path):
-    """And nothing is said of the nominal axis' amplifier, which this machine does not have."""
-    out = tmp_path / "out"
-    loop = ("--controller", "pid", "--stop", "0.5", "--set", "controller.Kp=4e4")
-    code, _, said = run("run", *loop, "--step", "1e-3", "--params", machine, "--out", out)
-    assert code in (0, 1)
-    assert "amplifier" not in said
-    assert "nothing drives" not in said  # the motor's current, which pid only reports on
-    before, after = (read_parameters(p) for p in (machine, out / "parameters.toml"))
-    assert (after.kind, after.law) == ("drive", "lugre")
-    values = {n: v.value for n, v in after.plant.items()}
-    assert values.items() >= {n: v.value for n, v in before.plant.items()}.items()
-
-
 TURNS = 'command = "torque"' + MACHINE.replace('"drive"', '"rotary_drive"').replace("m = ", "J = ")
 
 
-def loop_of(file, stop=STOP):
-    return Loop(
-        "pid",
-        file.plant_name,
-        SET_POINT,
-        stop,
-        {n: v.value for n, v in file.plant.items()},
-        {n: v.value for n, v in file.controllers["pid"].items()},
-        told=file,
-        step=1e-4,
-    )
+PUSHED = 'command = "force"' + MACHINE
 
 
-def test_a_body_that_turns_has_the_same_numbers_in_angles_and_torques(tmp_path):
-    path = tmp_path / "turns.toml"
-    path.write_text(TURNS, encoding="utf-8")
-    found = run_loop(loop_of(read_parameters(path))).run
+@pytest.mark.parametrize(
+    ("text", "units", "unit_of_inertia"),
+    [
+        (PUSHED, {"x": "m", "v": "m/s", "friction": "N", "u": "N", "Kp": "N/m"}, "kg"),
+        (TURNS, {"x": "rad", "v": "rad/s", "friction": "N*m", "u": "N*m"}, "kg*m^2"),
+    ],
+    ids=["drive", "body that turns"],
+)
+def test_a_machine_runs_as_scipy_solves_it_and_its_run_writes_it_again(
+    tmp_path, text, units, unit_of_inertia
+):
+    path = tmp_path / "machine.toml"
+    path.write_text(text, encoding="utf-8")
+    told = read_parameters(path)
+    values = {n: v.value for n, v in told.plant.items()}
+    gains = {n: v.value for n, v in told.controllers["pid"].items()}
+    loop = Loop("pid", told.plant_name, SET_POINT, STOP, values, gains, told=told, step=1e-4)
+    found = run_loop(loop).run
     assert found.outputs["x"] == pytest.approx(integrated(found.time), abs=2e-8)
-    units = {n: found.units[n] for n in ("x", "v", "friction", "u")}
-    assert units == {"x": "rad", "v": "rad/s", "friction": "N*m", "u": "N*m"}
-
-
-def test_what_a_run_of_such_a_body_writes_is_that_body_again(tmp_path):
-    path = tmp_path / "turns.toml"
-    path.write_text(TURNS, encoding="utf-8")
-    loop = loop_of(read_parameters(path), stop=0.01)
-    run_loop(loop)
+    unit_of_gain = units.pop("Kp", "N*m/rad")
+    assert {n: found.units[n] for n in units} == units
     loop.parameters().save(tmp_path / "again")
     again = read_parameters(tmp_path / "again" / "parameters.toml")
-    assert (again.kind, again.command, again.law) == ("rotary_drive", "torque", "lugre")
-    assert again.plant["J"].unit == "kg*m^2"
-    assert again.controllers.keys() == {"pid"}
+    assert (again.kind, again.command, again.law) == (told.kind, told.command, "lugre")
+    (inertia,) = {"m", "J"} & set(again.plant)
+    assert (again.plant[inertia].value, again.plant[inertia].unit) == (40.0, unit_of_inertia)
+    assert again.controllers["pid"]["Kp"].unit == unit_of_gain
+    assert {n: v.value for n, v in again.plant.items()}.items() >= values.items()
+    assert {n: v.value for n, v in again.controllers["pid"].items()}.items() >= gains.items()
 
 
-@pytest.mark.parametrize(("command", "unit"), [("voltage", "V"), ("current", "A"), ("force", "N")])
+@pytest.mark.parametrize(
+    ("command", "unit"), [pytest.param("current", "A", marks=pytest.mark.ci), ("force", "N")]
+)
 def test_fmus_of_a_machine_have_the_unit_of_its_command(tmp_path, command, unit):
     """Plant and controller alike, so that other tools connect them without a conversion."""
     path = tmp_path / "machine.toml"
@@ -143,16 +115,6 @@ def test_fmus_of_a_machine_have_the_unit_of_its_command(tmp_path, command, unit)
     assert units["pid", "Kp"] == f"{unit}/m"
 
 
-def test_gains_with_the_unit_of_a_machine_are_read_again(machine, tmp_path):
-    machine.write_text('command = "force"' + MACHINE, encoding="utf-8")
-    loop = ("--controller", "pid", "--stop", "0.01")
-    assert run("run", *loop, "--params", machine, "--out", tmp_path / "a")[0] == 0
-    written = tmp_path / "a" / "parameters.toml"
-    assert read_parameters(written).controllers["pid"]["Kp"].unit == "N/m"
-    assert run("run", *loop, "--params", written, "--out", tmp_path / "b")[0] == 0
-    assert run("export", "--only", "pid", "--params", written, "--out", tmp_path / "c")[0] == 0
-
-
 def test_a_controller_behind_instruments_has_the_units_of_a_drive_that_turns():
     part = component("pid+sampled+position_encoder+rotary+torque")
     units = {p.name: p.unit for p in (*part.inputs, *part.all_outputs)}
@@ -166,63 +128,16 @@ def test_no_controller_keeps_the_volts_of_the_nominal_amplifier_where_the_comman
     assert limits == {"p_pi": 36.0, "p_pi+force": 1e6}
 
 
-def test_a_controller_with_values_of_a_motor_is_refused_where_the_command_is_a_force(
-    machine, tmp_path
-):
-    machine.write_text('command = "force"' + MACHINE, encoding="utf-8")
-    code, _, said = run("run", "--controller", "iol", "--params", machine, "--out", tmp_path / "o")
-    assert code == 2
-    assert "made for the voltage of a motor" in said
-    assert len(said.splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    ("kind", "command", "says"),
-    [
-        ("drive", "torque", "expected one of voltage, current, force"),
-        ("rotary_drive", "force", "expected one of voltage, current, torque"),
-        ("ball_screw", "force", "has its own"),
-    ],
-)
-def test_a_command_that_is_none_of_the_kind_s_is_refused(tmp_path, kind, command, says):
-    path = tmp_path / "machine.toml"
-    path.write_text(f'kind = "{kind}"\ncommand = "{command}"\n', encoding="utf-8")
-    with pytest.raises(BadParameters, match=says):
-        read_parameters(path)
-
-
-def test_a_record_with_another_command_than_the_file_says_is_refused(machine, tmp_path):
-    machine.write_text('command = "current"' + MACHINE, encoding="utf-8")
-    record = write_record(tmp_path / "record.csv")
-    columns = ("--map", "force=u", "--unit", "u=N")
-    code, _, said = run("diagnose", record, *columns, "--params", machine, "--out", tmp_path / "o")
-    assert code == 2
-    assert "u is a force, and the drive's command is a current" in said
-
-
-def test_an_axis_of_a_map_runs_over_a_value_of_the_file(machine, tmp_path):
-    """What the file says is the usual value; one that --set gives clashes with an axis."""
-    axes = ("--x", "plant.Fc=60:100:2", "--y", "controller.Kp=300:500:2")
-    loop = ("map", "--controller", "pid", "--params", machine, *axes, "--stop", "0.2")
-    code, printed, _ = run(*loop, "--json", "--out", tmp_path / "map")
-    assert code == 0
-    assert json.loads(printed)["cells"] == 4
-    code, _, said = run(*loop, "--set", "plant.Fc=70", "--out", tmp_path / "other")
-    assert code == 2
-    assert "plant.Fc is given as a value and as an axis" in said
-
-
-RANDOM = np.random.default_rng(3)
-
-
-def write_record(path, more=lambda x, v: 0.0):
+def write_record(path, more=lambda x, v: 0.0, seed=3):
     """Eight seconds of a screw of 40 kg, typed by hand: force and position, with noise of 1 N."""
     time = np.arange(0.0, 8.0, 1e-3)
     x = 0.1 * np.sin(2.0 * time) + 0.01 * np.sin(9.0 * time)
     v = 0.2 * np.cos(2.0 * time) + 0.09 * np.cos(9.0 * time)
     a = -0.4 * np.sin(2.0 * time) - 0.81 * np.sin(9.0 * time)
     force = 40.0 * a + 80.0 * np.sign(v) + 200.0 * v + more(x, v)
-    table = np.column_stack([time, x, force + RANDOM.standard_normal(len(time))])
+    table = np.column_stack(
+        [time, x, force + np.random.default_rng(seed).standard_normal(len(time))]
+    )
     np.savetxt(path, table, delimiter=",", header="time,x,force", comments="")
     return path
 
@@ -262,21 +177,29 @@ def test_an_identified_machine_runs_and_is_exported(identified, tmp_path):
     assert (tmp_path / "fmus" / "drive_classical.fmu").is_file()
 
 
-def test_the_next_record_of_an_identified_machine_is_diagnosed(identified, tmp_path):
+def test_the_next_record_of_an_identified_machine_is_compared_and_diagnosed(identified, tmp_path):
     """A healthy one has no fault; of one whose friction swings that is named, with its size."""
     given = ("--params", identified / "parameters.toml", "--map", "force=u", "--unit", "u=N")
+    healthy = write_record(tmp_path / "healthy.csv", seed=4)
+    swings = write_record(tmp_path / "swings.csv", periodic, seed=5)
+    code, printed, _ = run("compare", healthy, *given, "--json")
+    assert code == 0
+    left = json.loads(printed)["models"]["model"]["all"]["force"]["value_N"]
+    # of the white noise of 1 N, the half that lies within the band that is compared
+    assert left == pytest.approx(np.sqrt(0.5), rel=0.02)
 
-    def told(name, more=lambda x, v: 0.0):
-        record = write_record(tmp_path / f"{name}.csv", more)
-        code, printed, _ = run("diagnose", record, *given, "--json", "--out", tmp_path / name)
+    def told(record):
+        code, printed, _ = run(
+            "diagnose", record, *given, "--json", "--out", tmp_path / record.stem
+        )
         assert code == 0
         assert "nctf" not in printed
         return json.loads(printed)
 
-    healthy, swings = told("healthy"), told("swings", periodic)
+    healthy = told(healthy)
     assert (healthy["verdict"], healthy["causes"]) == ("none", [])
-    assert [c["name"] for c in swings["causes"]] == ["position_periodic_friction"]
-    (cause,) = swings["causes"]
+    (cause,) = told(swings)["causes"]
+    assert cause["name"] == "position_periodic_friction"
     size = max(abs(v) for n, v in cause["parameters"].items() if n.startswith("friction_cos"))
     assert size == pytest.approx(12.0 / 80.0, rel=0.1)
 
@@ -312,28 +235,13 @@ def test_a_drive_that_comes_to_rest_by_classical_friction_is_trusted_and_is_righ
     assert result.run.outputs["stuck"].max() == 1.0
 
 
-JOINT = """
-kind = "rotary_drive"
-command = "torque"
-law = "classical"
-
-[plant]
-J = 0.5
-gain = 1.0
-Fc = 2.0
-Fs = 2.0
-sigma2 = 1.5
-Vs = 0.01
-"""
-
-
-def write_joint(path, inertia=0.5, swing=0.0):
+def write_joint(path):
     """Eight seconds of a joint, typed by hand: degrees and N*m."""
     time = np.arange(0.0, 8.0, 1e-3)
     angle = 1.2 * np.sin(2.0 * time) + 0.1 * np.sin(9.0 * time)
     v = 2.4 * np.cos(2.0 * time) + 0.9 * np.cos(9.0 * time)
     a = -4.8 * np.sin(2.0 * time) - 8.1 * np.sin(9.0 * time)
-    torque = inertia * a + 2.0 * np.sign(v) + 1.5 * v + swing
+    torque = 0.5 * a + 2.0 * np.sign(v) + 1.5 * v
     torque += 0.02 * np.random.default_rng(4).standard_normal(len(time))
     table = np.column_stack([time, np.degrees(angle), torque])
     head = "time [s],angle [deg],torque [N*m]"
@@ -363,43 +271,3 @@ def test_inertia_and_friction_of_a_body_that_turns_come_from_its_record(tmp_path
     loop = ("--controller", "pid", *gains, "--setpoint", "1", "--stop", "0.5")
     made = ("--params", out / "parameters.toml", "--out", tmp_path / "run")
     assert run("run", *loop, *made)[0] == 0
-
-
-def test_a_body_that_turns_is_compared_and_diagnosed(tmp_path):
-    """A torque of gravity is found, and is in the FMU in N*m."""
-    (tmp_path / "joint.toml").write_text(JOINT)
-    given = ("--map", "angle=x", "--map", "torque=u", "--params", tmp_path / "joint.toml")
-    healthy, loaded = (
-        write_joint(tmp_path / f"{name}.csv", swing=size)
-        for name, size in (("healthy", 0.0), ("loaded", 0.6))
-    )
-    code, printed, said = run("compare", healthy, *given, "--json")
-    assert code == 0
-    assert "here N means N*m" in said
-    _, printed, said = run("compare", healthy, *given)
-    assert "force [N*m], rms" in printed
-    assert "position within 1 s [mrad], rms" in printed
-    assert "here N means" not in said
-    code, printed, _ = run("diagnose", healthy, *given, "--json", "--out", tmp_path / "a")
-    assert json.loads(printed)["verdict"] == "none"
-    code, printed, _ = run("diagnose", loaded, *given, "--json", "--out", tmp_path / "b")
-    (cause,) = json.loads(printed)["causes"]
-    assert cause["name"] in ("load_bias", "direction_asymmetry")
-    page = (tmp_path / "b" / "report.html").read_text()
-    shown = re.sub(r"<(script|style).*?</\1>|<[^>]*>", " ", page, flags=re.DOTALL)
-    assert re.findall(r"\d N\*m rms", shown)
-    assert not re.findall(r"\d (?:N|mm|m/s|kg)\b(?!\*)", shown)
-    file = read_parameters(tmp_path / "b" / "parameters.toml")
-    assert (file.kind, file.plant["J"].unit) == ("rotary_drive", "kg*m^2")
-    description = fmpy.read_model_description(str(tmp_path / "b" / "extended_plant.fmu"))
-    units = {v.name: v.unit for v in description.modelVariables}
-    assert (units["u"], units["x"], units["J"]) == ("N*m", "rad", "kg*m^2")
-
-
-def test_a_body_that_turns_has_no_lead(tmp_path):
-    (tmp_path / "joint.toml").write_text(JOINT)
-    record = write_joint(tmp_path / "record.csv")
-    given = ("--map", "angle=x", "--map", "torque=u", "--params", tmp_path / "joint.toml")
-    code, _, said = run("diagnose", record, *given, "--lead", "0.005", "--out", tmp_path / "a")
-    assert code == 2
-    assert "describes a rotating body without one; remove --lead" in said

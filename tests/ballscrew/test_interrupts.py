@@ -1,4 +1,4 @@
-"""An interrupt ends every command at once, with one line, and never looks like a result.
+"""An interrupt ends every command at once, with one line; a kill leaves no process behind.
 
 Here each long command is interrupted at one instant; `proofs/interrupts.py` does it at 20.
 """
@@ -9,12 +9,27 @@ import time
 
 import numpy as np
 import pytest
-from long_commands import BALLSCREW, COMMANDS, Command, interrupted, seen_in, write_data
+from long_commands import (
+    BALLSCREW,
+    COMMANDS,
+    WITH_CHILDREN,
+    Command,
+    interrupted,
+    seen_in,
+    write_data,
+)
 from waiting import wait_for
 
 from ballscrew.orchestration.run_folder import HIDDEN, written_files
 
 LATEST = 2.0  # s of processor time: well into the work of each
+
+
+def of_each_command(shown, *ci):
+    """All long commands: one in `make test`, some in CI, the others among the proofs."""
+    marks = {name: pytest.mark.ci if name in ci else pytest.mark.prove for name in COMMANDS}
+    cases = [pytest.param(name, marks=marks[name]) for name in COMMANDS if name != shown]
+    return pytest.mark.parametrize("name", [shown, *cases])
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +39,7 @@ def data(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@of_each_command("run_isolated", "map", "identify")
 def test_an_interrupt_ends_a_command_within_two_seconds_with_one_line(name, data, tmp_path):
     number = list(COMMANDS).index(name)
     random = np.random.default_rng([9, number])
@@ -36,20 +51,7 @@ def test_an_interrupt_ends_a_command_within_two_seconds_with_one_line(name, data
     assert seen_in(tmp_path) == {"notes.txt": b"mine"}
 
 
-def test_a_command_that_already_waits_for_interrupts_is_seen_to_answer(data, tmp_path):
-    command = Command("lyapunov", data, tmp_path)
-    wait_for(lambda: sum(command.processes().values()) > LATEST, 60.0, command.process)
-    command.wait_until_it_answers()
-    assert interrupted(command, signal.SIGINT).fault() == ""
-
-
-def test_an_interrupt_says_how_far_the_run_was(data, tmp_path):
-    command = Command("run", data, tmp_path)
-    command.wait_until_busy(3.0)
-    said = interrupted(command, signal.SIGINT).said
-    assert " of 4000 s; nothing of this run is kept in " in said
-
-
+@pytest.mark.ci
 def test_an_interrupt_while_pictures_are_drawn_leaves_the_earlier_run(tmp_path):
     out = tmp_path / "out"
     words = [str(BALLSCREW), "run", "--controller", "iol", "--stop", "1", "--out", str(out)]
@@ -66,6 +68,7 @@ def test_an_interrupt_while_pictures_are_drawn_leaves_the_earlier_run(tmp_path):
     assert not (out / HIDDEN / "next").exists()
 
 
+@pytest.mark.ci
 def test_a_command_whose_work_dies_says_so_and_keeps_the_folder(data, tmp_path):
     command = Command("lyapunov", data, tmp_path)
     command.wait_until_busy(2.0)
@@ -78,15 +81,7 @@ def test_a_command_whose_work_dies_says_so_and_keeps_the_folder(data, tmp_path):
     assert seen_in(tmp_path) == {}
 
 
-def test_exit_codes_and_output_are_those_of_the_command():
-    asked = subprocess.run([str(BALLSCREW), "--version"], capture_output=True, text=True)
-    assert asked.returncode == 0
-    assert asked.stdout.startswith("ballscrew ")
-    refused = subprocess.run([str(BALLSCREW), "run"], capture_output=True, text=True)
-    assert refused.returncode == 2
-    assert refused.stderr.count("\n") == 1
-
-
+@pytest.mark.ci
 def test_a_command_that_a_shell_started_in_the_background_does_not_hear_ctrl_c(data, tmp_path):
     ignoring = f"trap '' INT; exec {BALLSCREW} rig 2.4/1 --out {tmp_path}"
     process = subprocess.Popen(["sh", "-c", ignoring], stdout=subprocess.PIPE, text=True)
@@ -94,3 +89,12 @@ def test_a_command_that_a_shell_started_in_the_background_does_not_hear_ctrl_c(d
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=60)
     assert process.returncode == 0
+
+
+@of_each_command("map", "run_isolated", "rig")
+def test_five_seconds_after_a_kill_no_process_of_a_command_lives(name, data, tmp_path):
+    command = Command(name, data, tmp_path / "out")
+    command.wait_until_busy(1.2, children=3 if name in WITH_CHILDREN else 1)
+    command.process.send_signal(signal.SIGKILL)
+    command.process.communicate(timeout=10)
+    assert command.left_after(5.0) == {}

@@ -1,19 +1,19 @@
-"""What killed commands left is removed by the next one; a full disk is told with its folder."""
+"""What killed commands left is removed by the next one; a full disk is told with its file."""
 
 import errno
 import os
-import shutil
 import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from waiting import wait_for
 
 from ballscrew.solver import files
+
+pytestmark = pytest.mark.ci
 
 BALLSCREW = Path(sys.executable).with_name("ballscrew")
 LONG = ["run", "--controller", "nctf", "--stop", "4000"]
@@ -78,41 +78,3 @@ def test_what_cannot_be_written_to_a_full_disk_is_told_with_its_file(tmp_path, m
         files.write_atomically(tmp_path / "file", b"data")
     assert caught.value.errno == errno.ENOSPC
     assert list(tmp_path.iterdir()) == []
-
-
-@contextmanager
-def full_disk(place, free):
-    place.mkdir()
-    told = ["mount", "-t", "tmpfs", "-o", "size=1M,mode=0755", "tmpfs", place]
-    if os.getuid() or not shutil.which("mount") or subprocess.run(told).returncode:
-        pytest.skip("a small disk needs root, and a system that lets it mount one")
-    try:
-        (place / "filler").write_bytes(bytes(1024 * (1024 - free)))
-        yield
-    finally:
-        subprocess.run(["umount", "-l", place], check=True)
-
-
-@pytest.mark.parametrize(
-    ("full", "free"),  # KiB; with nothing at all in the folder for temporary files, /tmp is taken
-    [("out", 0), ("out", 40), ("temporary", 40), ("cache", 0), ("cache", 40)],
-)
-def test_a_full_disk_is_told_with_its_folder(full, free, tmp_path):
-    folders = {name: tmp_path / name for name in ("out", "temporary", "cache")}
-    for name, folder in folders.items():
-        if name != full:
-            folder.mkdir()
-    with full_disk(folders[full], free):
-        variables = {"TMPDIR": str(folders["temporary"])}
-        if full == "cache":
-            variables["BALLSCREW_CACHE"] = str(folders["cache"])
-        done = subprocess.run(
-            [BALLSCREW, *SHORT, "--out", folders["out"]],
-            env=os.environ | variables,
-            capture_output=True,
-            text=True,
-        )
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1
-    assert str(folders[full]) in done.stderr
-    assert "No space left on device" in done.stderr
