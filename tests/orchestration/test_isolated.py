@@ -191,11 +191,11 @@ def test_a_restored_state_goes_on_as_the_saved_one_and_a_failure_says_what_the_f
         part.close()
         refuses = kind(fmus["pid_sampled"], "controller")
         with pytest.raises(StepFailed) as failed:
-            refuses.initialize({"Kp": -1.0}, 1.0)
+            refuses.initialize({"sample_time": -1.0}, 1.0)
         courses[-1].append(str(failed.value))
         refuses.close()
     assert courses[0] == courses[1]
-    assert "Kp = -1" in courses[0][-1]
+    assert "sample_time = -1" in courses[0][-1]
 
 
 @pytest.fixture

@@ -6,6 +6,8 @@ import pytest
 
 from ballscrew.orchestration.kept_parts import KeptParts
 
+pytestmark = pytest.mark.ci
+
 
 def parts(folder, digest="own"):
     return KeptParts(folder / "work.parts", digest)

@@ -15,6 +15,8 @@ import pytest
 from ballscrew.orchestration import operating_system
 from ballscrew.solver import files
 
+pytestmark = pytest.mark.ci
+
 SUPPORT = Path(__file__).parents[1] / "support"
 IMPORT_ALL = """
 import as_on_windows, pkgutil, importlib
@@ -29,7 +31,6 @@ print(len(names))
 """
 
 
-@pytest.mark.ci
 def test_every_module_is_imported_on_a_system_like_windows():
     environment = os.environ | {"PYTHONPATH": str(SUPPORT), "PYTHONSAFEPATH": "1"}
     command = [sys.executable, "-c", IMPORT_ALL]
@@ -64,7 +65,6 @@ def main(connection):
 """
 
 
-@pytest.mark.ci
 def test_a_host_talks_and_ends_as_it_would_on_windows(tmp_path, windows):
     (tmp_path / "echo.py").write_text(ECHO, encoding="utf-8")
     pretend = (
@@ -109,7 +109,6 @@ def test_a_host_talks_and_ends_as_it_would_on_windows(tmp_path, windows):
     os.close(reading)
 
 
-@pytest.mark.ci
 def test_a_file_that_is_read_just_now_is_replaced_a_moment_later_on_windows(tmp_path, windows):
     calls, real = [], os.replace
 

@@ -6,6 +6,8 @@ import scipy.io
 
 from ballscrew.orchestration.reference_signal import BadReference, Reference
 
+pytestmark = pytest.mark.ci
+
 
 def test_linear_between_points_and_held_outside(tmp_path):
     path = tmp_path / "r.csv"

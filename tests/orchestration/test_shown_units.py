@@ -8,6 +8,8 @@ import pytest
 from ballscrew.orchestration.shown_units import labelled, quantity, shown_unit
 from ballscrew.orchestration.study.lengths import length, scale
 
+pytestmark = pytest.mark.ci
+
 
 @pytest.mark.parametrize(
     ("value", "unit", "text"),

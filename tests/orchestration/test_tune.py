@@ -75,15 +75,6 @@ def test_a_body_that_sticks_as_a_mode_has_margins_only_where_it_slides():
 
 
 @pytest.mark.ci
-def test_a_relay_is_tuned_and_has_no_margins():
-    found = tune_loop(Loop("relay"), budget=2)
-    assert found.margins == ()
-    assert "no slope" in found.no_margins[0]
-    assert found.limit == 36.0
-    assert found.command_unit == "V"
-
-
-@pytest.mark.ci
 def test_a_sampled_controller_is_tuned_at_its_period():
     loop = heavy("p_pi+sampled", sample_time=2e-3)
     found = tune_loop(loop, limit=LIMIT, budget=2)

@@ -4,6 +4,8 @@ import pytest
 
 from ballscrew.orchestration.turning_words import in_turning_units
 
+pytestmark = pytest.mark.ci
+
 
 @pytest.mark.parametrize(
     ("slides", "turns"),

@@ -5,6 +5,8 @@ import pytest
 
 from ballscrew.orchestration.study.comparison import compare, mean_over_plants
 
+pytestmark = pytest.mark.ci
+
 
 def drawn(random, ratio, seeds=3, plants=20, tuning=0.01, own=0.02):
     """Two controllers on the same plants, whose own spread of 30 % both share."""

@@ -55,6 +55,7 @@ def test_a_slow_creep_is_no_hunting():
     assert math.isnan(found.hunting_period)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("position", "verdict"),
     [

@@ -13,6 +13,8 @@ from ballscrew.orchestration.study.over_fmus import check_over_fmus
 from ballscrew.orchestration.study.plan import Duty
 from ballscrew.orchestration.whole_loop import loop_kernel
 
+pytestmark = pytest.mark.ci
+
 DUTY = Duty("there", "move:distance=0.005,speed=0.1,start=0,dwell=0.1,back=0", 0.2)
 
 

@@ -24,6 +24,7 @@ def test_a_minimum_is_found_within_the_budget():
     assert found.at_bound == ()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("seed", range(5))
 def test_tuned_is_never_worse_than_the_published_rule(seed):
     """Even with a budget of two on a cost that punishes every move."""

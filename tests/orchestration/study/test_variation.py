@@ -10,6 +10,8 @@ from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Variation
 from ballscrew.orchestration.study.study import loops_of
 from ballscrew.orchestration.study.values import values_for
 
+pytestmark = pytest.mark.ci
+
 WARM = {"Fc": -0.01, "R": 0.00393}
 PLAN = Plan(
     plant="plant",
