@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1401, 1352),
     ".ci": (276, 255),
-    "tests": (28429, 27151),
+    "tests": (28424, 27146),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 
