@@ -25,7 +25,7 @@ def course(plant, controller, **options):
 
 @pytest.mark.parametrize(
     ("controller", "isolate"),
-    [("iol", True), pytest.param("pid_sampled", False, marks=pytest.mark.ci)],
+    [("pid_sampled", False), pytest.param("iol", True, marks=pytest.mark.ci)],
 )
 def test_fmi_3_runs_as_fmi_2_does(native, controller, isolate):
     other, expected = course(native("plant"), native(controller))
@@ -66,8 +66,7 @@ def exchanged(described):
     ("step", "stop"),
     [(STEP, 0.06), (STEP / 4, 0.01), pytest.param(STEP, STOP, marks=pytest.mark.prove)],
 )
-@pytest.mark.parametrize("fmi", [2, 3])
-@pytest.mark.parametrize("plant", ["plant", "plant_classical"])
+@pytest.mark.parametrize(("plant", "fmi"), [("plant", 2), ("plant_classical", 3)])
 def test_model_exchange_runs_as_co_simulation_does(native, exchanged, fmi, plant, step, stop):
     """A sampled controller by its time events, dry friction by its state events.
 

@@ -116,6 +116,7 @@ def parts(tmp_path_factory):
     }
 
 
+@pytest.mark.ci
 def test_a_factor_on_a_connection_is_honoured(parts, tmp_path):
     scaled = strange(
         tmp_path / "scaled.ssp",
