@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1401, 1352),
     ".ci": (276, 255),
-    "tests": (28424, 27146),
+    "tests": (28420, 27142),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 
