@@ -1,38 +1,47 @@
-"""Whether two installed versions compute the same: every part, every loop, every gallery system.
+"""Whether two versions compute the same: parts, loops, records, diagnoses, studies, the gallery.
 
-``python proofs/same_results.py write FILE.json`` computes with the installed package; ``python
-proofs/same_results.py compare OLD.json NEW.json`` prints the differences, and exits with 1 if a
-number differs by more than 1e-12 of the largest of its column, or is missing. Different words are
-printed, but do not change the exit code. Only the commands, the public functions and the generator
-of equations are used.
+``python proofs/same_results.py write FILE.json`` computes with the installed package, in at most
+ten minutes on two cores; ``python proofs/same_results.py compare OLD.json NEW.json`` prints the
+differences, and exits with 1 if a number differs by more than 1e-12 of the largest of its column,
+or is missing. Different words are printed, but do not change the exit code. A third argument is a
+pattern: only items whose names contain it are written.
+
+An item is a command of the console, or what the public functions give. Each has its processor time
+in the file; times that end in "seconds" are not compared. Parts with other names since are in
+`RENAMED`.
 """
 
 from __future__ import annotations
 
 import contextlib
-import csv
-import io
 import json
 import math
+import os
+import re
+import shutil
+import subprocess
 import sys
 import tempfile
 import zlib
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
+from pyarrow.parquet import read_table
 
+ROOT = Path(__file__).resolve().parents[1]
+sys.path += [str(ROOT / "proofs"), str(ROOT / "tests" / "support")]
+RENAMED: dict[str, str] = {}  # old name of a part, a command or a column: its new name
 ALLOWED = 1e-12
+SPENT = "processor seconds"
 PRACTICE = [
     "pid+sampled+position_encoder",
     "iol+sampled",
     "nctf+position_encoder+velocity_estimate+current_sensor",
 ]
-RUNS = """
+# In these, {name} is the folder of the data of this name, see `data`.
+COMMANDS = """
 run --controller iol --stop 0.5
 run --controller pid --stop 0.3 --coupling jacobi
 run --controller pid --stop 0.3 --coupling gauss-seidel
@@ -45,101 +54,261 @@ lyapunov --controller nctf --stop 2 --via fmu
 lyapunov --controller iol --set controller.sigma1_hat=342.5 --stop 20
 map --controller iol --x sigma0_hat=66965.89:66969.24:3 --y sigma1_hat=339.56:367.56:3 --workers 1
 rig 2.4/7
+identify {rig} --law modified_lugre
+identify {rig} --law classical
+identify {rig} --law dahl
+identify {force} --law classical --mass fit --offset --unit x=m --unit force=N
+identify {force} --law lugre --mass 5 --unit x=m --unit force=N
+identify {noise} --response --unit x=m --unit force=N
+tune --controller p_pi --budget 20 --reference step:size=5e-3 --stop 0.3
+tune --controller pid --budget 20 --seed 2 --limit 24
+tune --controller p_pi --plant plant_dahl --budget 20
+tune --controller pid_dob --budget 12 --reference sine:amplitude=5e-3,frequency=1 --stop 1
+tune --controller lqi --budget 12 --set plant.m=2
+tune --controller nctf --budget 12
 """
+# The first is without an effect; `diagnose` and `compare` read each.
+WORLDS = {
+    "fast_screw": "",
+    "heavy_screw": "load_bias",
+    "linear_drive": "unmodelled_inertia",
+    "industrial": "input_delay",
+    "simulated": "direction_asymmetry",
+    "wrong_scales": "scale_of_u",
+}
+STUDIES = "nctf p_pi iol lqi pid_dob relay".split()  # beside pid, in the tests' small study
+SI, MILLI = {"time": "s", "x": "m", "u": "V"}, {"units": {"time": "ms"}}
+CASE_RECORDS = {  # file of a case: what the user says of it
+    "angle_wraps/run.csv": {"lead": 0.001, "units": None},
+    "labview_lvm/run.lvm": {"mapping": {"X_Value": "time", "Position": "x", "Voltage": "u"}},
+    "mat_matrix/tofile.mat": {"mapping": {"ans.1": "time", "ans.2": "x", "ans.3": "u"}},
+    "mat_matrix/scope.mat": {"mapping": {"pos": "x", "volt": "u"}},
+    "mat_matrix/dspace.mat": {"mapping": {"Pos": "x", "U": "u"}},
+    "record_thousands_dot/run.csv": {"units": {"x": "um"}},
+    "record_unit_in_brackets_unknown/run.csv": {"units": None},
+    "time_as_date/run.csv": {"units": None},
+    "twincat_scope_eof/scope.csv": {"mapping": {"Axis.ActPos": "x", "Axis.Torque": "u"}} | MILLI,
+}
 
 
-def parts() -> dict[str, object]:
-    """Rates, Jacobian and outputs of every part and law, in every mode, at points drawn by name."""
+def data(folder: Path) -> dict[str, object]:
+    """Write what the commands read; the columns of the worlds' records."""
+    from case_inputs import diagnose_voltage_scaled_none, heavy_friction_names_inertia
+    from scipy.signal import lfilter
+    from worlds import draw_case, write_case
+
+    for make in (diagnose_voltage_scaled_none, heavy_friction_names_inertia):
+        make(named(folder, make.__name__))
+    console("rig 2.4/7", folder, "rig")
+    t = np.arange(8000) * 1e-3
+    x = 0.03 * np.sin(3 * t) + 0.01 * np.sin(8 * t)
+    v, a = np.gradient(x, 1e-3), np.gradient(np.gradient(x, 1e-3), 1e-3)
+    force = (
+        5 * a + 40 * v + 8 * np.sign(v) + 0.02 * np.random.default_rng(7).standard_normal(t.size)
+    )
+    write_csv(named(folder, "force") / "record.csv", time=t, x=x.round(7), force=force)
+    pushed, noise = np.random.default_rng(8).standard_normal((2, t.size))
+    moved = lfilter([0, 1e-5], [1, -1.99, 0.9901], pushed) + 1e-7 * noise
+    write_csv(named(folder, "noise") / "record.csv", time=t, x=moved, force=20 * pushed)
+    found: dict[str, object] = {}
+    for world, effects in WORLDS.items():
+        case = draw_case(world, tuple(effects.split()), 1)
+        write_case(case, named(folder, world))
+        found |= leaves([{n: c.tolist() for n, c in r.items()} for r in case.records], world)
+    study = (ROOT / "tests" / "data" / "small_study.toml").read_text("utf-8")
+    for name in STUDIES:
+        path = named(folder, "studies") / f"{name}.toml"
+        path.write_text(study.replace("nctf", name), encoding="utf-8")
+    return found
+
+
+def named(folder: Path, name: str) -> Path:
+    (folder / name).mkdir(exist_ok=True)
+    return folder / name
+
+
+def write_csv(path: Path, **columns: np.ndarray) -> None:
+    table = np.stack(list(columns.values()), 1)
+    np.savetxt(path, table, fmt="%.12g", delimiter=",", header=",".join(columns), comments="")
+
+
+def write_formats(folder: Path) -> list[Path]:
+    """One record in each format that is read."""
+    import h5py
+    from asammdf import MDF, Signal
+    from nptdms import ChannelObject, TdmsWriter
+    from scipy.io import savemat
+
+    t = np.arange(1500) * 1e-3
+    columns = {"time": t, "x": 0.03 * np.sin(12 * t), "u": 4 * np.cos(12 * t)}
+    frame = pd.DataFrame(columns)
+    write_csv(folder / "a.csv", **columns)
+    for packer in ("gz", "bz2", "xz", "zip"):
+        frame.to_csv(folder / f"a.csv.{packer}", index=False)
+    frame.to_parquet(folder / "a.parquet")
+    frame.to_feather(folder / "a.arrow")
+    frame.to_excel(folder / "a.xlsx", index=False)
+    np.savez(folder / "a.npz", **columns)
+    np.save(folder / "a.npy", frame.to_records(index=False))
+    savemat(folder / "a.mat", columns)
+    with h5py.File(folder / "a.h5", "w") as file:
+        file.update(columns)
+    with TdmsWriter(str(folder / "a.tdms")) as writer:
+        writer.write_segment([ChannelObject("rig", n, c) for n, c in columns.items()])
+    with MDF() as measured:
+        measured.append([Signal(columns[n], t, name=n) for n in ("x", "u")])
+        measured.save(folder / "a.mf4")
+    return sorted(folder.iterdir())
+
+
+def records(folder: Path) -> dict[str, object]:
+    """The signals that are read from each format and each case."""
+    import case_inputs
+
+    from ballscrew import read_drive_records
+
+    given = {path: {} for path in write_formats(named(folder, "formats"))}
+    for file, options in CASE_RECORDS.items():
+        case = file.partition("/")[0]
+        if not (folder / case).exists():
+            getattr(case_inputs, case)(named(folder, case))
+        given[folder / file] = options
+    found: dict[str, object] = {}
+    for path, options in given.items():
+        (record,) = read_drive_records([path], **{"units": SI} | options)
+        name = f"{path.parent.name}/{path.name}"
+        found |= {f"{name} {n}": s.tolist() for n, s in record.signals.items()}
+        found |= {f"{name} note {k}": note for k, note in enumerate(record.notes)}
+    return found
+
+
+def parts(kind: str, folder: Path) -> dict[str, object]:
+    """Courses of all parts of a kind, as native FMUs."""
     import ballscrew as bs
 
-    kinds = bs.catalogue()
-    made = {n: bs.component(n) for k in ("plants", "controllers", "instruments") for n in kinds[k]}
-    made |= {name: bs.component(name) for name in PRACTICE}
     x, v = bs.symbol("x"), bs.symbol("v")
     states = bs.State("x", "m", "position", v), bs.State("v", "m/s", "velocity")
     balance = bs.ForceBalance("v", 1, (bs.ForceTerm("spring", -100 * x, "a spring"),))
     body = bs.Component("body", "A mass", states=states, balances=(balance,))
-    made |= {f"law {law}": bs.with_friction(body, law) for law in kinds["laws"]}
-    return {
-        f"{name}, {where}: {what}": value
-        for name, component in made.items()
-        for where, values in values_of(component)
-        for what, value in values.items()
-    }
+    names = bs.catalogue()[kind]
+    made = {n: bs.with_friction(body, n) if kind == "laws" else bs.component(n) for n in names}
+    found: dict[str, object] = {}
+    for name, component in made.items():
+        path = folder / f"{name}.fmu"
+        bs.export(component, path, native=True)
+        course = course_of(path)
+        found |= {f"{name}: {n}": course[n].tolist() for n in course.dtype.names}
+    return found
 
 
-def values_of(component: object) -> Iterator[tuple[str, dict[str, float]]]:
-    from ballscrew.solver.codegen import generate
-    from ballscrew.solver.kernel import Model
+def course_of(path: Path) -> np.ndarray:
+    """Outputs of an FMU with drawn parameters and swinging inputs, in fmpy."""
+    import fmpy
 
-    kernel = generate(component)
-    states = [s.name for s in kernel.states]
-    for point in range(4):
-
-        def drawn(row: Any, point: int = point) -> float:
-            return np.random.default_rng(zlib.crc32(f"{row.name} {point}".encode())).normal()
-
-        for mode in range(max(1, len(kernel.modes))):
-            model = Model(kernel)
-            model.p *= [1 + 0.05 * math.tanh(drawn(p)) for p in kernel.parameters]
-            held = [drawn(h) * h.nominal for h in (*kernel.inputs, *kernel.discrete)]
-            model.u[: len(held)] = held
-            if kernel.modes:
-                model.u[-1] = mode
-            at = np.array([drawn(s) * s.nominal for s in kernel.states])
-            rates, matrix = model.derivatives(0.1, at), model.jacobian(0.1, at)
-            got = dict(zip(states, rates.tolist(), strict=True)) | model.outputs(0.1, at)
-            for of, row in zip(states, matrix.tolist(), strict=True):
-                got |= {f"{of} by {by}": value for by, value in zip(states, row, strict=True)}
-            yield f"mode {mode}, point {point}", got
+    told = fmpy.read_model_description(str(path))
+    starts, swings, t = {}, {"time": np.arange(101) * 2e-3}, np.arange(101) * 2e-3
+    for w in told.modelVariables:
+        drawn = math.tanh(np.random.default_rng(zlib.crc32(w.name.encode())).normal())
+        if w.type == "Real" and w.causality == "parameter":
+            value = float(w.start) * (1 + 0.05 * drawn)
+            starts[w.name] = min(max(value, float(w.min or value)), float(w.max or value))
+        elif w.type == "Real" and w.causality == "input":
+            swings[w.name] = float(w.nominal or 1) * np.sin((40 + 30 * drawn) * t)
+    rows = [tuple(row) for row in zip(*swings.values(), strict=True)]
+    given = np.array(rows, dtype=[(n, float) for n in swings])
+    options = {"stop_time": t[-1], "output_interval": t[1], "start_values": starts}
+    return fmpy.simulate_fmu(str(path), fmi_type="CoSimulation", input=given, **options)
 
 
-def commands() -> list[list[str]]:
-    """The commands, each run in a separate folder; the slowest first."""
+def commands() -> list[str]:
+    """The commands, the slowest first."""
     from ballscrew import catalogue
     from ballscrew.gallery import SYSTEMS
 
-    words = [f"gallery {name}" for name in SYSTEMS] + RUNS.strip().split("\n")
+    words = [f"study {{studies}}/{name}.toml --workers 1" for name in STUDIES]
+    words += [f"gallery {name}" for name in SYSTEMS] + COMMANDS.strip().split("\n")
+    models = [(f"{{{w}}}/record.csv", f"{{{w}}}/believed.toml") for w in WORLDS]
+    voltage, heavy = "{diagnose_voltage_scaled_none}", "{heavy_friction_names_inertia}"
+    models += [(f"{voltage}/run.csv", f"{voltage}/axis.toml --lead 0.001")]
+    models += [(f"{heavy}/f_m25_50Hz.csv", f"{heavy}/p25.toml")]
+    laws = [n for n in catalogue()["plants"] if n.startswith("drive_")]
+    words += [f"lyapunov --controller pid --plant {n} --stop 2" for n in laws]
+    words += [f"{c} {r} --params {m}" for r, m in models for c in ("diagnose", "compare")]
     for controller in (*catalogue()["controllers"], *PRACTICE):
         run = f"run --controller {controller} --stop 0.3 --step 1e-3"
         words += [run, f"{run} --coupling monolithic"]
-    return [line.split() for line in words]
+    return words
 
 
-def result_of(command: list[str]) -> dict[str, object]:
-    """The numbers printed by a command, and those in its tables."""
-    from ballscrew.cli import main
-
-    as_json = [] if command[0] == "rig" else ["--json"]
-    printed = io.StringIO()
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) / "out"
-        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(io.StringIO()):
-            found: dict[str, object] = {"code": main([*command, "--out", str(folder), *as_json])}
-        if as_json:
-            found |= leaves(json.loads(printed.getvalue()))
-        for path in sorted(folder.rglob("*.csv")):
-            with path.open(newline="") as file:
-                rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-            for column in rows[0] if rows else ():
-                found[f"{path.name} {column}"] = [number(row[column]) for row in rows]
-        for path in folder.rglob("*.parquet"):
-            found |= leaves(json.loads(pd.read_parquet(path).to_json(double_precision=15)))
-    return {f"{' '.join(command)}: {key}": value for key, value in found.items()}
+def console(words: str, scratch: Path, out: str) -> dict[str, object]:
+    """What a command prints as numbers, those in its tables, and its processor time."""
+    words = re.sub(r"\{(\w+)\}", r"data/\1", words)
+    as_json = [] if words.startswith("rig") else ["--json"]
+    command = [str(Path(sys.executable).with_name("ballscrew")), *words.split(), *as_json]
+    found, printed = process([*command, "--out", out], scratch)
+    with contextlib.suppress(json.JSONDecodeError):
+        found |= leaves(json.loads(printed))
+    for path in sorted((scratch / out).rglob("*.csv")):
+        table = pd.read_csv(path, comment="#", float_precision="round_trip")
+        found |= {f"{path.name} {name}": table[name].tolist() for name in table}
+    for path in sorted((scratch / out).rglob("*.parquet")):
+        columns = read_table(path).to_pydict().items()
+        found |= {f"{path.name} {column}": cells for column, cells in columns}
+    return found
 
 
-def number(word: str) -> float | str:
-    try:
-        return float(word)
-    except ValueError:
-        return word
+def process(command: list[str], folder: Path) -> tuple[dict[str, object], str]:
+    """Exit code and processor time of a command in a folder, and its standard output."""
+    with tempfile.TemporaryFile() as printed:
+        quiet = {"stdout": printed, "stderr": subprocess.DEVNULL}
+        started = subprocess.Popen(command, cwd=folder, **quiet)
+        _, status, used = os.wait4(started.pid, 0)
+        started.returncode = os.waitstatus_to_exitcode(status)
+        printed.seek(0)
+        spent = used.ru_utime + used.ru_stime
+        return {"code": started.returncode, SPENT: spent}, printed.read().decode()
+
+
+def item(name: str, scratch: Path) -> dict[str, object]:
+    """All values of an item, by name."""
+    out = f"out-{zlib.crc32(name.encode())}"
+    if name.partition(" ")[0] not in FUNCTIONS:
+        found = console(name, scratch, out)
+    else:
+        folder = named(scratch, "data" if name == "data" else out)
+        answer = folder / "found.json"
+        command = [sys.executable, __file__, "function", name, str(folder), str(answer)]
+        found, _ = process(command, scratch)
+        if found["code"] == 0:
+            found |= json.loads(answer.read_text("utf-8"))
+    if found["code"] not in (0, 1):
+        print(f"{name}: exit code {found['code']}")
+    shutil.rmtree(scratch / out, ignore_errors=True)
+    return {f"{name}: {key}": value for key, value in found.items()}
+
+
+FUNCTIONS = {"data": data, "records": records, "parts": parts}
+
+
+def write(pattern: str) -> dict[str, object]:
+    groups = [f"parts {kind}" for kind in ("plants", "controllers", "instruments", "laws")]
+    names = [n for n in (*groups, "records", *commands()) if pattern in n]
+    with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(2) as pool:
+        found = item("data", Path(scratch))
+        for got in pool.map(lambda name: item(name, Path(scratch)), names):
+            found |= got
+    return found
 
 
 def leaves(tree: object, path: str = "") -> dict[str, object]:
-    if isinstance(tree, dict | list):
-        pairs = tree.items() if isinstance(tree, dict) else enumerate(tree)
-        return {k: v for name, branch in pairs for k, v in leaves(branch, f"{path}/{name}").items()}
-    return {path: tree}
+    """Lists of values stay whole."""
+    pairs = (
+        tree.items() if isinstance(tree, dict) else enumerate(tree if type(tree) is list else ())
+    )
+    branches = [(name, branch) for name, branch in pairs]
+    if not isinstance(tree, dict) and not any(isinstance(b, dict | list) for _, b in branches):
+        return {path: tree}
+    return {k: v for name, branch in branches for k, v in leaves(branch, f"{path}/{name}").items()}
 
 
 def difference(old: object, new: object) -> float | str:
@@ -155,12 +324,15 @@ def difference(old: object, new: object) -> float | str:
 
 
 def compare(old: dict[str, object], new: dict[str, object]) -> int:
+    spent = [sum(v for k, v in of.items() if k.endswith(SPENT)) for of in (old, new)]
+    old, new = ({k: v for k, v in of.items() if not k.endswith("seconds")} for of in (old, new))
+    for before, now in RENAMED.items():
+        old = {re.sub(rf"(?<!\w){before}(?!\w)", now, key): value for key, value in old.items()}
     found = {key: difference(old[key], new[key]) for key in old if key in new}
     differing = {key: how for key, how in found.items() if how != 0.0}
     words = {key for key in differing if isinstance(old[key], str)}
-    bad = [
-        k for k, d in differing.items() if k not in words and (isinstance(d, str) or d > ALLOWED)
-    ]
+    numbers = {k: how for k, how in differing.items() if k not in words}
+    bad = [k for k, how in numbers.items() if isinstance(how, str) or how > ALLOWED]
     missing = sorted(old.keys() - new.keys())
     for key in missing:
         print(f"missing: {key}")
@@ -168,16 +340,21 @@ def compare(old: dict[str, object], new: dict[str, object]) -> int:
         print(f"{'words: ' if key in words else ''}{key}: {how}")
     print(f"{len(found) - len(differing)} of {len(old)} the same to the bit, {len(bad)} differ by")
     print(f"more than {ALLOWED:g}, {len(words)} in words; {len(missing)} are missing")
+    print("processor time: {:.0f} s, then {:.0f} s".format(*spent))
     return 1 if bad or missing else 0
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 3 and sys.argv[1] == "write":
-        with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-            written = pool.submit(parts)
-            results = {k: v for got in pool.map(result_of, commands()) for k, v in got.items()}
-            Path(sys.argv[2]).write_text(json.dumps(written.result() | results), "utf-8")
-    elif len(sys.argv) == 4 and sys.argv[1] == "compare":
-        raise SystemExit(compare(*(json.loads(Path(p).read_text("utf-8")) for p in sys.argv[2:])))
+    mode, *words = sys.argv[1:] or [""]
+    if mode == "write" and words:
+        results = write("".join(words[1:]))
+        Path(words[0]).write_text(json.dumps(results), "utf-8")
+    elif mode == "function":
+        name, folder, target = words
+        function, *kind = name.split()
+        values = FUNCTIONS[function](*kind, Path(folder))
+        Path(target).write_text(json.dumps(values), "utf-8")
+    elif mode == "compare" and len(words) == 2:
+        raise SystemExit(compare(*(json.loads(Path(p).read_text("utf-8")) for p in words)))
     else:
         raise SystemExit(__doc__)

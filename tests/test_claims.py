@@ -75,14 +75,6 @@ def test_a_sentence_that_is_gone_is_found(pages):
     assert "README.md: found 0 times, not once" in claims.check(pages)[0]
 
 
-def test_a_test_that_is_not_there_proves_nothing(monkeypatch):
-    claim = next(c for c in claims.FILE["claim"] if c["page"] == "README.md" and "by" in c)
-    monkeypatch.setitem(claim, "by", claim["by"] + "_no_more")
-    assert [line.partition(" to prove")[0] for line in claims.check()] == [
-        f"README.md: {claim['by']} is not there"
-    ]
-
-
 @pytest.mark.ci
 def test_the_build_of_the_site_stops_on_a_changed_number(conf, pages):
     app = SimpleNamespace(srcdir=str(pages / "docs"))
@@ -100,35 +92,3 @@ def test_every_proof_has_its_command_in_the_makefile():
             assert f"$(BIN)/python {command}" in makefile
     proved = {claim["proof"] for claim in claims.FILE["claim"] if "proof" in claim}
     assert proved <= set(claims.FILE["commands"]) <= set(provenance.SHOWS)
-
-
-STANDS = {
-    "/a/n": "12",
-    "/a/n + /a/m | .1f": "12.5",
-    "100 * /a/m per /a/n | .2g": "4.2",
-    "len /rows": "3",
-    "len /rows/[kind==x]": "2",
-    "max /rows/[kind==x, good==True]/error | .1e": "1.3e-8",
-    "sum /rows/*/count | _d": "12 345",
-    "list /rows/*/kind": "x, x, y",
-    "list /rows/[kind==z]/kind": "nothing",
-    "len /none | no": "no",
-    "len /rows | none": "3",
-    "/a/n | Word": "Twelve",
-    "/rows/1/kind": "x",
-    "/key with~1slash": "7",
-}
-
-
-def test_a_figure_is_taken_as_the_expression_says():
-    report = {
-        "a": {"n": 12, "m": 0.5},
-        "none": [],
-        "key with/slash": 7,
-        "rows": [
-            {"kind": "x", "good": True, "error": 1.26e-8, "count": 12000},
-            {"kind": "x", "good": False, "error": 2.0, "count": 300},
-            {"kind": "y", "good": True, "error": 3.0, "count": 45},
-        ],
-    }
-    assert {how: claims.figure(how, report) for how in STANDS} == STANDS

@@ -6,8 +6,6 @@ import fmpy
 import numpy as np
 import pytest
 import sympy as sp
-from fmpy.validation import validate_fmu
-from fmu_host import opened
 
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
@@ -78,11 +76,6 @@ def check_jacobian(part, kernel, mode):
 
 
 @every_part
-def test_fmpy_validates_without_a_message(fmus, name):
-    assert validate_fmu(str(fmus[name])) == []
-
-
-@every_part
 def test_description_has_what_a_tool_asks_for(fmus, name):
     description = fmpy.read_model_description(str(fmus[name]))
     simulation = description.coSimulation
@@ -106,68 +99,6 @@ def test_description_has_what_a_tool_asks_for(fmus, name):
         page = archive.read("documentation/index.html").decode()
     assert "<math>" in page
     assert all(p.name in page for p in kernel.parameters)
-
-
-@every_part
-def test_a_restored_or_deserialized_state_goes_on_bit_for_bit(fmus, name):
-    slave, vr = opened(fmus[name])
-    kernel = fmu_kernel(name)
-    inputs = [vr[i.name] for i in kernel.inputs if i.role != "internal"]
-    outputs = [vr[o.name] for o in kernel.outputs]
-    random = np.random.default_rng(3)
-    values = random.normal(size=(40, len(inputs))) * 1e-3
-
-    def course(rows, start):
-        table = []
-        for k, row in enumerate(rows):
-            slave.setReal(inputs, list(row))
-            slave.doStep(start + k * 1e-3, 1e-3)
-            table.append(slave.getReal(outputs))
-        return table
-
-    course(values[:20], 0.0)
-    state = slave.getFMUstate()
-    data = slave.serializeFMUstate(state)
-    first = course(values[20:], 0.02)
-    slave.setFMUstate(state)
-    assert course(values[20:], 0.02) == first
-    slave.freeFMUstate(state)
-    again = slave.deSerializeFMUstate(data)
-    slave.setFMUstate(again)
-    assert course(values[20:], 0.02) == first
-    slave.freeFMUstate(again)
-    slave.terminate()
-    slave.freeInstance()
-
-
-@every_part
-def test_the_fmu_computes_what_its_equations_say(fmus, name):
-    """The same inputs to the FMU and to the compiled component, sampled parts included."""
-    kernel = fmu_kernel(name)
-    inputs = [i.name for i in kernel.inputs if i.role != "internal"]
-    slave, vr = opened(fmus[name])
-    model = Model(kernel)
-    random = np.random.default_rng(4)
-    for k in range(20):
-        t, h = k * 1e-3, 1e-3
-        values = random.normal(size=len(inputs)) * [1e-3 if n[0] != "u" else 1.0 for n in inputs]
-        slave.setReal([vr[n] for n in inputs], list(values))
-        slave.doStep(t, h)
-        for n, value in zip(inputs, values, strict=True):
-            model.set_input(n, value)
-        for i in kernel.inputs:
-            if i.role == "internal":
-                model.set_input(i.name, t)
-        samples = round(h / model.sample_time) if kernel.discrete else 1
-        for part in np.arange(samples) * h / samples:
-            if kernel.discrete:
-                model.sample(t + part)
-            model.advance(t + part, t + part + h / samples)
-        expected = model.outputs(t + h, model.x)
-        got = slave.getReal([vr[n] for n in expected])
-        assert got == pytest.approx(list(expected.values()), rel=1e-9, abs=1e-12)
-    slave.terminate()
-    slave.freeInstance()
 
 
 @pytest.mark.ci

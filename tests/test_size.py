@@ -28,11 +28,11 @@ MOST = {  # folder: lines, lines without docstrings
     "identification": (4810, 3982),
     "diagnosis": (6691, 5351),
     "rig": (1845, 1448),
-    "proofs": (12922, 11452),
+    "proofs": (13538, 12022),
     "benchmarks": (1870, 1732),
     "docs": (1401, 1352),
     ".ci": (276, 255),
-    "tests": (28420, 27142),
+    "tests": (27578, 26313),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -1,7 +1,6 @@
-"""Wheels for all platforms: what each is named, what it holds, and that the core in it computes."""
+"""Wheels for all platforms: what each is named and what it holds."""
 
 import importlib.util
-import math
 import os
 import re
 import shutil
@@ -9,18 +8,13 @@ import struct
 import subprocess
 import sys
 import zipfile
-from base64 import b64decode
 from pathlib import Path
 
 import pytest
 
-from ballscrew.solver.codegen import generate
 from ballscrew.solver.compilers import PLATFORMS
-from ballscrew.solver.component import Component, Output, Parameter, State, symbol
 
 ROOT = Path(__file__).resolve().parents[1]
-HOST = Path(__file__).with_name("solver") / "core_host.c"
-WINE = "/usr/lib/wine/wine64"  # where Debian puts it without its package of names
 MACHINES = {  # format and machine, as in the headers that the formats' specifications give
     "linux64": ("ELF", 62),
     "aarch64-linux": ("ELF", 183),
@@ -125,56 +119,10 @@ def test_a_wheel_holds_every_module_and_every_file_that_they_read(wheel):
     assert held == {str(p.relative_to(ROOT)).removeprefix("ballscrew/") for p in files}
 
 
-@pytest.fixture(scope="module")
-def decay(tmp_path_factory):
-    """File of the tapes of dx/dt = -k x."""
-    x = symbol("x")
-    part = Component(
-        "decay",
-        "a state that decays",
-        inputs=(),
-        outputs=(Output("y", "1", "the state", x),),
-        parameters=(Parameter("k", 3.0, "1/s", "rate", "made up"),),
-        states=(State("x", "1", "what decays", -symbol("k") * x, start=1.0, nominal=1.0),),
-    )
-    path = tmp_path_factory.mktemp("decay") / "tapes"
-    path.write_bytes(b64decode(generate(part).tapes))
-    return path
-
-
 def unpacked(wheel, target, folder):
     with zipfile.ZipFile(wheel(target)) as archive:
         archive.extractall(folder)
     return folder / "ballscrew" / "solver" / "c"
-
-
-def host(target, path):
-    # the flags of the other Windows host: what ziglang has made for that one serves again
-    compiler = [sys.executable, "-m", "ziglang", "cc", "-target", PLATFORMS[target].target]
-    flags = ["-std=c99", "-O1", "-ffp-contract=off", "-D_DEFAULT_SOURCE", "-w"]
-    libraries = ["-lm"] if target == "linux64" else []
-    run(*compiler, *flags, "-o", path, HOST, *libraries)
-    return path
-
-
-def check_decay(said):
-    x, status, fits = said.split()
-    assert (status, fits) == ("0", "1")
-    assert float.fromhex(x) == pytest.approx(math.exp(-3.0 * 2.0), rel=1e-9)
-
-
-@pytest.mark.prove
-@pytest.mark.xdist_group("ziglang")
-def test_the_core_for_windows_solves_what_has_an_exact_answer_under_wine(wheel, decay, tmp_path):
-    """The one in the wheel for Windows, and the one in that for Linux, which FMUs take along."""
-    wine = shutil.which("wine64") or shutil.which("wine") or shutil.which(WINE)
-    if not wine:
-        pytest.skip("needs Wine, such as Debian's wine64, to run the library for Windows")
-    program = host("win64", tmp_path / "host.exe")
-    quiet = os.environ | {"WINEPREFIX": str(tmp_path / "prefix"), "WINEDEBUG": "-all"}
-    for target, name in (("win64", "libcore.dll"), ("linux64", "libcore-win64.dll")):
-        library = unpacked(wheel, target, tmp_path / target) / name
-        check_decay(run(wine, program, library, decay, "3.0", "2.0", env=quiet, timeout=300))
 
 
 @pytest.mark.xdist_group("ziglang")

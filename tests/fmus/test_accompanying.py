@@ -60,25 +60,3 @@ def test_terminals_are_valid_and_their_members_are_variables(sources_only, name)
     if name != "plant_classical":
         assert members["command"] == LAW
         assert members["measurement"] == list("xvzi")
-
-
-@pytest.mark.parametrize("fmi", [2, 3])
-def test_lengths_and_speeds_are_shown_in_the_units_that_people_read_them_in(sources_only, fmi):
-    root = etree.fromstring(sources_only("plant", fmi)["modelDescription.xml"])
-    factors = {
-        (u.get("name"), d.get("name")): float(d.get("factor"))
-        for u in root.find("UnitDefinitions")
-        for d in u.iter("DisplayUnit")
-    }
-    assert factors == {("m", "mm"): 1e3, ("m", "um"): 1e6, ("m/s", "mm/s"): 1e3}
-    types = {
-        t.get("name"): (t if fmi == 3 else t[0]).get("displayUnit")
-        for t in root.find("TypeDefinitions")
-    }
-    shown = {
-        v.get("name"): types.get((v if fmi == 3 else v[0]).get("declaredType"))
-        for v in root.find("ModelVariables")
-    }
-    wanted = {"x": "mm", "x_start": "mm", "u_ref_x": "mm", "v": "mm/s", "Vs": "mm/s"}
-    wanted |= {"z": "um", "z_start": "um", "u_ref_z": "um", "u": None, "i": None, "m": None}
-    assert {n: shown[n] for n in wanted} == wanted

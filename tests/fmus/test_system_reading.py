@@ -474,25 +474,6 @@ def test_elements_that_cannot_be_joined_as_they_are_are_refused(tmp_path, system
 
 @pytest.mark.ci
 @pytest.mark.parametrize(
-    ("connector", "text"),
-    [
-        ('kind="output"><ssc:Real/>', "a.x is of kind output, but in a.fmu it is input"),
-        ('kind="input"><ssc:Integer/>', "a.x is of type Integer, but in a.fmu it is Real"),
-        ('kind="input"><ssc:Real unit="mm"/>', "a.x is in 'mm', but in a.fmu it is in 'm'"),
-        ('kind="input"><ssc:Dimension size="3"/>', "a.x is an array"),
-    ],
-)
-def test_a_connector_that_contradicts_its_fmu_is_refused(tmp_path, connector, text):
-    system = f"""<ssd:Elements><ssd:Component name="a" source="resources/a.fmu"><ssd:Connectors>
-      <ssd:Connector name="x" {connector}</ssd:Connector></ssd:Connectors></ssd:Component>
-      </ssd:Elements><ssd:Connectors><ssd:Connector name="g" kind="input"/></ssd:Connectors>
-      <ssd:Connections><ssd:Connection startConnector="g" endElement="a" endConnector="x"/>
-      </ssd:Connections>"""
-    assert text in refusal(tmp_path, system)
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(
     ("content", "text"),
     [
         (real("a.gain", "NaN"), "parameter 'a.gain' is 'NaN', expected a finite number"),
@@ -505,19 +486,3 @@ def test_a_connector_that_contradicts_its_fmu_is_refused(tmp_path, connector, te
 )
 def test_a_parameter_value_that_cannot_be_set_is_refused(tmp_path, content, text):
     assert text in refusal(tmp_path, parameters(content) + ELEMENTS)
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(
-    ("binding", "text"),
-    [
-        ('source="gone.ssv"', "which is not in the archive"),
-        ('source="resources/a.fmu"', "a.fmu is no XML"),
-        ('source="start.ssv" sourceBase="component"', "is inside an FMU"),
-        ("", "has neither a source nor a ParameterSet in it"),
-    ],
-)
-def test_a_parameter_binding_that_cannot_be_read_is_refused(tmp_path, binding, text):
-    system = f"""<ssd:ParameterBindings><ssd:ParameterBinding {binding}/></ssd:ParameterBindings>
-      {ELEMENTS}"""
-    assert text in refusal(tmp_path, system, TWO | {"start.ssv": START})

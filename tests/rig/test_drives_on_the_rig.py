@@ -126,15 +126,6 @@ def test_a_record_without_noise_is_what_scipy_simulates(files, trial):
     assert np.abs(found.truth["v"][part] - v).max() < 1e-3 * np.abs(v).max()
 
 
-@pytest.mark.ci
-def test_a_loading_rate_is_the_one_asked_for(files):
-    found = run_trial("loading-rate/5", "lugre", told=told(files / "linear.toml"))
-    stuck = found.truth["friction"] < 40.0
-    rate = np.polyfit(found.truth["time"][stuck], found.truth["friction"][stuck], 1)[0]
-    assert rate == pytest.approx(found.trial.level, rel=0.01)
-    assert found.truth["friction"][0] == pytest.approx(0.0, abs=1e-9)
-
-
 # -- of the machine's size -------------------------------------------------------------------
 
 
@@ -222,18 +213,6 @@ def test_the_parameters_written_give_the_same_record_again(files, tmp_path):
     assert labels == ["angle [rad]", "torque [N*m]", "velocity [rad/s]"]
 
 
-@pytest.mark.ci
-def test_instruments_have_the_machine_s_size(files):
-    found = run_trial("2.6/6", "classical", told=told(files / "joint.toml"))
-    step = 0.089 * 2.5 / 2.35
-    read = found.record["force"] / step
-    np.testing.assert_allclose(read, np.round(read), atol=1e-9)
-    off = (found.record["force"] - found.truth["force"])[1:]
-    assert off.std() == pytest.approx(math.hypot(0.03 * 2.5 / 2.35, step / 12**0.5), rel=0.15)
-    counts = found.record["x"] * 2**20 / (2 * math.pi)
-    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
-
-
 # -- for the other commands ------------------------------------------------------------------
 
 
@@ -271,16 +250,3 @@ def test_what_was_put_in_is_identified(files, tmp_path, name, law, truth, not_to
         )[0]
         == 0
     )
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(("name", "more", "load"), [("linear", 35.0, 20.0)])
-def test_a_load_that_the_rig_hides_is_found(files, tmp_path, name, more, load):
-    given = ("--params", files / f"{name}.toml")
-    hidden = ("--set", f"plant.offset={more}", "--out", tmp_path / "rig")
-    assert run("rig", "2.6/6", *given, *hidden)[0] == 0
-    record = tmp_path / "rig" / "record.csv"
-    _, printed, _ = run("diagnose", record, *given, "--json", "--out", tmp_path / "d")
-    (cause,) = json.loads(printed)["causes"]
-    assert cause["name"] == "load_bias"
-    assert cause["parameters"]["load"] == pytest.approx(load, rel=0.1)

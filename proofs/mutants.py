@@ -1,0 +1,519 @@
+"""Changes of one constant, sign, comparison or branch in core files, and whether the tests notice.
+
+From each file of `PARTS` fifteen changes are drawn with a fixed seed, in turn from `KINDS`. The
+installed package is copied with one change in it, the copy is put first on PYTHONPATH, and the
+tests of that part run until one fails::
+
+    python proofs/mutants.py --workers 2 --out out/mutants.json
+
+A change is killed by a test that fails, killed by time, survives, does not build, or is equivalent:
+`EQUIVALENT` lists by hand those that cannot change a result. Each process of a run has the
+processor time `LIMIT`, and the run the wall-clock time `WALL`, which is longer since the machine
+may have other work. The tests of a part must pass without a change, and within a third of the
+limit, so that a run that is too slow is the effect of its change.
+
+Each run has its own copy of a cache that holds the unchanged equations. Entries have keys made of
+the sources that they come from, so a changed source derives its equations again. FMUs and reference
+solutions are made again in each run.
+
+The result is written after each run, and the next call continues it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import contextlib
+import importlib.util
+import json
+import multiprocessing
+import os
+import random
+import re
+import resource
+import runpy
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import tokenize
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from io import StringIO
+from itertools import pairwise, zip_longest
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+LIMIT, WALL = 60, 240  # s
+EACH = 15
+IMPORTED = ("matplotlib.figure", "scipy.integrate", "scipy.optimize", "sympy")
+KINDS = ("constant", "one", "sign", "comparison", "branch", "logic")
+REMADE = ("fmus", "references")  # folders of the cache
+
+# the tests of each file below tests/, cheap ones first, as pytest takes them
+PARTS = {
+    "solver/c/stepper.c": "solver/test_stepper.py solver/test_events.py solver/test_delays.py",
+    "solver/c/tangents.c": "solver/test_tangents.py stability/test_amplitudes.py "
+    "stability/test_known_answers.py",
+    "orchestration/c/coupling.c": "orchestration/test_couplings.py",
+    "orchestration/c/master.c": "orchestration/test_couplings.py",
+    "fmus/native/c/component.h": "fmus/test_events.py fmus/test_model_exchange.py "
+    "fmus/test_every_kind.py -k '(native-2 and (plant_classical or pid_sampled or nctf or "
+    "states_set or be_set or no_ or failure or bound or limit or words or events) or margin or "
+    "either_way or bounces) and not (loop or cvode or tangents or maxwell or observed)'",
+    "controllers/adaptive_friction.py": "controllers/test_adaptive_friction.py",
+    "controllers/nctf.py": "controllers/test_nctf.py",
+    "plant/lugre.py": "plant/test_ball_screw.py plant/test_lugre.py plant/test_laws.py -k lugre",
+    "diagnosis/experiment_motions.py": "diagnosis/test_next_experiment.py -k 'motion or lasts'",
+    "diagnosis/scores.py": "diagnosis/test_scores.py -k 'not (far or gap or noisy or follows)'",
+    "records/resolution.py": "records/test_resolution.py records/test_velocity.py",
+    "records/table.py": "records/test_table.py records/test_mat_tables.py records/test_joined.py",
+    "orchestration/isolated.py": "orchestration/test_isolated.py",
+    "orchestration/verdict.py": "orchestration/test_verdict.py -k "
+    "'allowed or counts or look or flag or closer'",
+    "orchestration/step_choice.py": "orchestration/test_step_choice.py -k "
+    "'not left_to and not which_step'",
+    "fmus/reference_files.py": "fmus/test_reference_files.py",
+    "solver/codegen.py": "solver/test_codegen.py solver/test_events.py solver/test_delays.py",
+    "solver/interconnect.py": "solver/test_interconnect.py solver/test_connect.py",
+    "stability/lyapunov.py": "stability/test_lyapunov.py stability/test_amplitudes.py "
+    "stability/test_known_answers.py stability/test_cycles_and_tori.py -k 'not torus or agree'",
+    "identification/fit.py": "identification/test_fit.py",
+}
+
+# changes of each file that cannot change a result, and why
+EQUIVALENT = {
+    "solver/c/tangents.c": {
+        "return [0 -> 1];": "returned where there is no memory, which the status says",
+        "step->rate = [2.0 -> 4.0] * met / h;": (
+            "what is expected of the next step, which sets only how it is divided"
+        ),
+    },
+    "orchestration/c/master.c": {
+        "double recorded = [0.0 -> 1.0];": "a first value that is always replaced",
+        "if (low > 0 && low [< -> >] count)": (
+            "the time since a point is limited by the next one, which only round-off passes"
+        ),
+    },
+    "fmus/native/c/component.h": {
+        "c->derived = [1 -> 2];": "a flag: only zero differs",
+        "const int shown = v->what == OUTPUT ? STATE_OF_OUTPUT[v->place - AT_OUTPUTS] "
+        ": -[1 -> 2];": ("a mark of no place: any negative number is one"),
+        "if (status == NO_ROOM && !remember(c, c->history, [2.0 -> 4.0] * c->history[ROOM]))": (
+            "room for twice as much as is needed"
+        ),
+    },
+    "diagnosis/experiment_motions.py": {
+        '"start": float(self.values[[0 -> 1]]),': "the motion begins with a rest",
+    },
+    "diagnosis/scores.py": {
+        "if [k + m == 1 -> False]:": "the general case gives the same product",
+    },
+    "orchestration/isolated.py": {
+        "self._saved += [1 -> 2]": "names of states only have to differ",
+        "self._changes [+= -> -=] 1": "only whether the count has changed is compared",
+    },
+    "orchestration/step_choice.py": {
+        "of_first = np.zeros([2 -> 3])": "replaced after the first run, before it is used",
+    },
+    "solver/codegen.py": {
+        'temporaries = sp.numbered_symbols("_c", real=[True -> False])': (
+            "these symbols are only printed"
+        ),
+    },
+    "controllers/nctf.py": {
+        'steady = plant.simulate(np.linspace(0.0, 1.0, [101 -> 102])).outputs["v"]': (
+            "other times at which a speed that is steady is read"
+        ),
+    },
+    "stability/lyapunov.py": {
+        "span = float(run.time[-1] [- -> +] run.time[0])": "every run begins at 0 s",
+    },
+}
+
+Row = dict[str, Any]
+Place = tuple[str, int, int, str]  # kind, start, end, new text
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A file with the text from `start` to `end` replaced by `new`; `change` says it in words."""
+
+    file: str
+    kind: str
+    start: int
+    end: int
+    new: str
+    change: str
+
+
+def mutants(file: str, text: str) -> list[Mutant]:
+    """All changes of a file that can be drawn."""
+    found = []
+    for kind, start, end, new in in_python(text) if file.endswith(".py") else in_c(text):
+        first, last = text.rfind("\n", 0, start) + 1, text.find("\n", end)
+        changed = " ".join(
+            f"{text[first:start]}[{text[start:end]} -> {new}]{text[end:last]}".split()
+        )
+        found.append(Mutant(file, kind, start, end, new, changed))
+    return found
+
+
+def drawn(file: str, text: str, count: int = EACH) -> list[Mutant]:
+    """Changes of a file, in turn from each kind, at most one at each place."""
+    chance, every = random.Random(file), mutants(file, text)
+    chance.shuffle(every)
+    waiting = {kind: [m for m in every if m.kind == kind] for kind in KINDS}
+    found: dict[int, Mutant] = {}
+    while len(found) < count and any(waiting.values()):
+        for kind in KINDS:
+            while waiting[kind]:
+                mutant = waiting[kind].pop()
+                if mutant.start not in found:
+                    found[mutant.start] = mutant
+                    break
+    return list(found.values())[:count]
+
+
+def another(number: float) -> str:
+    """One more than an integer; twice any other number; a hundred times a tolerance."""
+    if isinstance(number, int):
+        return str(number + 1)
+    return repr(1.0 if number == 0 else (100 if abs(number) <= 1e-3 else 2) * number)
+
+
+COMPARED = {"<": ">", "<=": "<", ">": "<", ">=": ">", "==": ">=", "!=": "=="}
+COMPARED |= {"is": "is not", "is not": "is", "in": "not in", "not in": "in"}
+WORDS = {"Lt": "<", "LtE": "<=", "Gt": ">", "GtE": ">=", "Eq": "==", "NotEq": "!="}
+WORDS |= {"Is": "is", "IsNot": "is not", "In": "in", "NotIn": "not in"}
+
+
+class Places:
+    """Where the expressions and operators of a Python text stand."""
+
+    def __init__(self, text: str) -> None:
+        self._lines = text.splitlines(keepends=True)
+        self._starts = [sum(map(len, self._lines[:k])) for k in range(len(self._lines))]
+        self._words = [
+            (self._starts[t.start[0] - 1] + t.start[1], t.string)
+            for t in tokenize.generate_tokens(StringIO(text).readline)
+            if t.string.strip()
+        ]
+
+    def of(self, node: ast.AST) -> tuple[int, int]:
+        """Start and end of an expression."""
+        ends = (node.lineno, node.col_offset), (node.end_lineno, node.end_col_offset)
+        first, last = (
+            self._starts[line - 1] + len(self._lines[line - 1].encode()[:column].decode())
+            for line, column in ends
+        )
+        return first, last
+
+    def between(self, left: ast.AST, word: str, right: ast.AST) -> tuple[int, int]:
+        """Start and end of an operator between two expressions."""
+        begin, end, first = self.of(left)[1], self.of(right)[0], word.split()[0]
+        start = next(k for k, found in self._words if begin <= k < end and found == first)
+        return start, start + len(word)
+
+
+def in_python(text: str) -> Iterator[Place]:
+    """Changes of the code: not of annotations, decorators, assertions, errors and their texts."""
+    places = Places(text)
+    waiting: list[ast.AST] = [ast.parse(text)]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, (ast.JoinedStr, ast.Raise, ast.Assert)):
+            continue
+        if isinstance(node, ast.keyword) and node.arg == "strict":
+            continue
+        for name, value in ast.iter_fields(node):
+            if name not in ("annotation", "returns", "decorator_list"):
+                below = value if isinstance(value, list) else [value]
+                waiting += [n for n in below if isinstance(n, ast.AST)]
+        yield from of_numbers_and_signs(node, places)
+        yield from of_conditions(node, places)
+
+
+def of_numbers_and_signs(node: ast.AST, places: Places) -> Iterator[Place]:
+    """Changes of the kinds `constant`, `one`, `sign`, and of True and False."""
+    match node:
+        case ast.Constant(value=bool()):
+            yield "logic", *places.of(node), str(not node.value)
+        case ast.Constant(value=int()):
+            yield "one", *places.of(node), another(node.value)
+        case ast.Constant(value=float()):
+            yield "constant", *places.of(node), another(node.value)
+        case ast.UnaryOp(op=ast.USub()):
+            yield "sign", places.of(node)[0], places.of(node)[0] + 1, ""
+        case ast.BinOp(op=ast.Add() | ast.Sub()) if not is_text(node):
+            old, new = "+-" if isinstance(node.op, ast.Add) else "-+"
+            yield "sign", *places.between(node.left, old, node.right), new
+        case ast.AugAssign(op=ast.Add() | ast.Sub()) if not is_text(node):
+            old, new = ("+=", "-=") if isinstance(node.op, ast.Add) else ("-=", "+=")
+            yield "sign", *places.between(node.target, old, node.value), new
+
+
+def of_conditions(node: ast.AST, places: Places) -> Iterator[Place]:
+    """Changes of the kinds `comparison`, `branch` and `logic`."""
+    match node:
+        case ast.UnaryOp(op=ast.Not()):
+            yield "logic", places.of(node)[0], places.of(node)[0] + len("not "), ""
+        case ast.BoolOp():
+            old, new = ("and", "or") if isinstance(node.op, ast.And) else ("or", "and")
+            for left, right in pairwise(node.values):
+                yield "logic", *places.between(left, old, right), new
+        case ast.Compare():
+            for (left, right), op in zip(
+                pairwise([node.left, *node.comparators]), node.ops, strict=True
+            ):
+                old = WORDS[type(op).__name__]
+                counted = isinstance(right, ast.Constant) and isinstance(right.value, int)
+                new = "!=" if old == "==" and not counted else COMPARED[old]
+                yield "comparison", *places.between(left, old, right), new
+        case ast.If() | ast.IfExp() if ast.unparse(node.test) != "TYPE_CHECKING":
+            yield from (("branch", *places.of(node.test), word) for word in ("True", "False"))
+        case ast.While():
+            yield "branch", *places.of(node.test), "False"
+        case ast.comprehension():
+            yield from (("branch", *places.of(test), "True") for test in node.ifs)
+
+
+def is_text(node: ast.AST) -> bool:
+    """Whether an addition joins texts or lists."""
+    parts = (ast.JoinedStr, ast.List, ast.ListComp, ast.Tuple)
+    return any(
+        isinstance(n, parts) or (isinstance(n, ast.Constant) and isinstance(n.value, str))
+        for n in ast.iter_child_nodes(node)
+    )
+
+
+_COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.S)
+_TEXT = re.compile(r'"(?:\\.|[^"\\\n])*"|' + r"'(?:\\.|[^'\\\n])+'")
+_DIRECTIVE = re.compile(r"^[ \t]*#(?:\\\n|[^\n])*", re.M)
+_TOLERANCE = re.compile(r"#define \w+ (\d+\.\d*|\d*\.?\d+e-?\d+)\s*")
+_SIZES = re.compile(
+    r"^\s*(?:(?:static|const|unsigned) )*[A-Za-z_]\w* [*\w]+(?:\[[^\]\n]*\])+", re.M
+)
+_ENUMS = re.compile(r"enum \{[^}]*\}")
+_NUMBER = r"(?<![\w.])(?:\d+\.\d*|\.?\d+)(?:[eE][+-]?\d+)?(?![\w.])"
+_TOKEN = re.compile(rf"{_NUMBER}|\w+|->|\+\+|--|<<|>>|&&|\|\||[-+<>=!*/&|]=|[^\s\w]")
+_AFTER_VALUE = re.compile(r"[\w)\]]")
+
+
+def in_c(text: str) -> Iterator[Place]:
+    """Changes of C: not of comments, texts, the preprocessor, sizes in declarations, and enums."""
+
+    def blank(found: re.Match[str]) -> str:
+        return found[0] if _TOLERANCE.fullmatch(found[0]) else re.sub(r"[^\n]", " ", found[0])
+
+    code = text
+    for left_alone in (_COMMENT, _TEXT, _DIRECTIVE, _ENUMS):
+        code = left_alone.sub(blank, code)
+    sizes = {k for m in _SIZES.finditer(code) for k in range(*m.span())}
+    tokens = [(m.start(), m[0]) for m in _TOKEN.finditer(code)]
+    for (_, before), (k, token) in zip([(0, ""), *tokens], tokens, strict=False):
+        end, binary = (
+            k + len(token),
+            bool(_AFTER_VALUE.match(before)) and before != "return",
+        )
+        if re.fullmatch(_NUMBER, token) and k not in sizes:
+            kind, value = ("one", int(token)) if token.isdigit() else ("constant", float(token))
+            yield kind, k, end, another(value)
+        elif token in ("+", "-", "+=", "-=") and binary:
+            yield "sign", k, end, token.translate(str.maketrans("+-", "-+"))
+        elif token == "-":
+            yield "sign", k, end, ""
+        elif token in COMPARED:
+            yield "comparison", k, end, COMPARED[token]
+        elif token in ("&&", "||", "!"):
+            yield "logic", k, end, {"&&": "||", "||": "&&", "!": ""}[token]
+        elif token in ("if", "while"):
+            start = code.index("(", k)
+            inside = start + 1 + closed_after(code[start + 1 :])
+            yield from (("branch", start + 1, inside, n) for n in "01" if token == "if" or n == "0")
+
+
+def closed_after(text: str) -> int:
+    """Place of the bracket that closes one opened before this text."""
+    depth = 1
+    for k, letter in enumerate(text):
+        depth += (letter == "(") - (letter == ")")
+        if not depth:
+            return k
+    raise ValueError("a bracket is not closed")
+
+
+def judged(mutant: Mutant | None, tests: str, package: Path, cache: Path, markers: str) -> Row:
+    """Outcome, processor time [s] and last words of the tests with a change, or without one."""
+    with tempfile.TemporaryDirectory(prefix="mutant-", ignore_cleanup_errors=True) as place:
+        folder = Path(place) / "ballscrew"
+        shutil.copytree(package, folder, copy_function=os.link)
+        if mutant:
+            file = folder / mutant.file
+            text = file.read_text("utf-8")
+            file.unlink()  # it is the installed package's, too
+            file.write_text(text[: mutant.start] + mutant.new + text[mutant.end :], "utf-8")
+            for compiled in file.parent.glob(f"__pycache__/{file.stem}.*"):
+                compiled.unlink()
+            kept = Path(place) / "cache"
+            shutil.copytree(cache, kept, ignore=shutil.ignore_patterns(*REMADE))
+            cache = kept
+        file = mutant.file if mutant else ""
+        if file.endswith(".c") and not built(folder, Path(file).parts[0]):
+            return {"outcome": "does not build", "seconds": 0.0, "said": ""}
+        (Path(place) / "tmp").mkdir()
+        asked = [f"tests/{a}" if ".py" in a else a for a in shlex.split(tests)]
+        said, code, seconds = ran([*asked, "-m", markers], Path(place), cache)
+    if "does not compile" in said:
+        outcome = "does not build"
+    elif code in (None, -signal.SIGXCPU, -signal.SIGKILL):
+        outcome = "killed by time"
+    else:
+        outcome = "killed" if code else "survived"
+    failed = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    return {
+        "outcome": outcome,
+        "seconds": round(seconds, 1),
+        "said": (failed or [said[-500:]])[-1],
+    }
+
+
+def built(folder: Path, part: str) -> bool:
+    """Compile the library of a part, fast; whether it compiles."""
+    name = {"solver": "core", "orchestration": "master"}[part]
+    flags = runpy.run_path(str(folder / "solver" / "compilers.py"))["FLAGS"]
+    source = folder / part / "c" / f"{name}.c"
+    made = source.with_name(f"lib{name}.so")
+    made.unlink()
+    command = ["cc", *flags, "-O1", "-w", "-o", str(made), str(source), "-fPIC", "-lm"]
+    return subprocess.run(command, capture_output=True).returncode == 0
+
+
+def ran(arguments: list[str], place: Path, cache: Path) -> tuple[str, int | None, float]:
+    """What pytest printed, its exit code, None after `WALL`, and its processor time [s].
+
+    It runs in a fork of this process, which has imported what most tests need.
+    """
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    with tempfile.TemporaryFile() as output:
+        process = multiprocessing.get_context("fork").Process(
+            target=run_pytest, args=(arguments, place, cache, output.fileno())
+        )
+        process.start()
+        process.join(WALL)
+        code = process.exitcode
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.join()
+        output.seek(0)
+        said = output.read().decode(errors="replace")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return (
+        said,
+        code,
+        after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+    )
+
+
+def run_pytest(arguments: list[str], place: Path, cache: Path, output: int) -> None:
+    """Run tests with the package in `place`; this process ends."""
+    os.setsid()
+    resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT + 5))
+    for descriptor in (1, 2):
+        os.dup2(output, descriptor)
+    os.environ |= {
+        "PYTHONPATH": str(place),
+        "BALLSCREW_CACHE": str(cache),
+        "TMPDIR": f"{place}/tmp",
+    }
+    tempfile.tempdir = None
+    sys.path.insert(0, str(place))
+    os.chdir(ROOT)
+    code = pytest.main(["-x", "-q", "-p", "no:cacheprovider", *arguments])
+    sys.stdout.flush()
+    os._exit(code)
+
+
+def main() -> None:
+    """Judge the changes that have no row yet; print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument(
+        "--files", nargs="*", default=list(PARTS), help="only these of the 20 files"
+    )
+    parser.add_argument("--draw", type=int, default=EACH, help="changes of each file")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--markers", default="not prove", help="which tests, as pytest takes it")
+    parser.add_argument("--again", action="store_true", help="try those that survived once more")
+    parser.add_argument("--out", type=Path, default=Path("out/mutants.json"))
+    given = parser.parse_args()
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # a fork must have no threads
+    for name in IMPORTED:
+        importlib.import_module(name)
+    found = importlib.util.find_spec("ballscrew")
+    assert found
+    assert found.origin
+    package = Path(found.origin).parent
+    rows = json.loads(given.out.read_text("utf-8")) if given.out.is_file() else []
+    cache = given.out.with_suffix(".cache").absolute()
+    cache.mkdir(parents=True, exist_ok=True)
+
+    chosen = [drawn(f, (package / f).read_text("utf-8"), given.draw) for f in given.files]
+    wanted = [m for of_all in zip_longest(*chosen) for m in of_all if m]
+    if given.again:
+        rows = [r for r in rows if r["outcome"] != "survived" or r["file"] not in given.files]
+    known = {(r["file"], r["start"], r["new"]) for r in rows}
+    wanted = [m for m in wanted if (m.file, m.start, m.new) not in known]
+
+    def keep(mutant: Mutant, found: Row) -> None:
+        rows.append(asdict(mutant) | found)
+        part = given.out.with_suffix(".part")
+        part.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", "utf-8")
+        part.replace(given.out)
+        print(
+            f"{found['outcome']:15}{found['seconds']:6.1f} s  {mutant.file}: {mutant.change}",
+            flush=True,
+        )
+
+    for file in dict.fromkeys(m.file for m in wanted):
+        for _ in range(2):  # the first time may fill the cache
+            alone = judged(None, PARTS[file], package, cache, given.markers)
+            if alone["outcome"] == "survived" and alone["seconds"] < LIMIT / 3:
+                break
+        else:
+            print(f"left out, its unchanged tests are too slow or fail: {file}, {alone}")
+            wanted = [m for m in wanted if m.file != file]
+            continue
+        print(f"{'unchanged':15}{alone['seconds']:6.1f} s  {file}", flush=True)
+    with ProcessPoolExecutor(given.workers) as pool:
+        tried = {}
+        for mutant in wanted:
+            if mutant.change in EQUIVALENT.get(mutant.file, {}):
+                keep(mutant, {"outcome": "equivalent", "seconds": 0.0, "said": ""})
+            else:
+                arguments = mutant, PARTS[mutant.file], package, cache, given.markers
+                tried[pool.submit(judged, *arguments)] = mutant
+        for done in as_completed(tried):
+            keep(tried[done], done.result())
+    print_table([r for r in rows if r["file"] in given.files])
+
+
+def print_table(rows: list[Row]) -> None:
+    """A line for each file, and the share that survives of those that can be killed."""
+    outcomes = ("killed", "killed by time", "survived", "equivalent", "does not build")
+    print(f"{'file':36}{'drawn':>7}" + "".join(f"{name:>16}" for name in outcomes))
+    for file in [*dict.fromkeys(r["file"] for r in rows), "all"]:
+        own = Counter(r["outcome"] for r in rows if file in (r["file"], "all"))
+        print(f"{file:36}{own.total():7}" + "".join(f"{own[name]:16}" for name in outcomes))
+    killed = own["killed"] + own["killed by time"]
+    print(f"survived: {100 * own['survived'] / max(killed + own['survived'], 1):.1f} %")
+
+
+if __name__ == "__main__":
+    main()
