@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import os
 import pickle
-import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +12,7 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
+from absent import list_absent
 from matplotlib.figure import Figure
 
 # What tests derive goes to a folder of their own that outlives a run: warm runs are fast, and
@@ -26,23 +26,8 @@ os.environ.setdefault(
 )
 
 
-LONG = Path(__file__).with_name("long.txt")
-
-
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark what `long.txt` lists, see there."""
-    rules = []
-    for line in LONG.read_text("utf-8").splitlines():
-        if line and not line.startswith("#"):
-            test, _, stays = line.partition(" stays: ")
-            rules.append((test, re.compile(stays) if stays else None))
-    for item in items:
-        name = item.nodeid.removeprefix("tests/").rpartition("]")  # xdist's groups stand behind
-        where, _, case = (name[0] or name[2].partition("@")[0]).partition("[")
-        for test, stays in rules:
-            meant = where == test or (where.startswith(f"{test}::") and case)
-            if meant and not (stays and stays.search(case)):
-                item.add_marker("prove")
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    list_absent(terminalreporter)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -68,16 +68,3 @@ def test_systems_of_the_gallery_use_the_public_api_alone() -> None:
 def test_every_folder_that_is_installed_has_its_place() -> None:
     found = {p.parent.name for p in ROOT.glob("*/__init__.py") if not p.parent.name.startswith(".")}
     assert found - {"tests", "proofs"} == set(STANDS_ON_THOSE_BEFORE)
-
-
-def test_each_line_of_long_tests_names_a_test() -> None:
-    tests = ROOT / "tests"
-    for line in (tests / "long.txt").read_text("utf-8").splitlines():
-        if line and not line.startswith("#"):
-            file, _, name = line.partition(" stays: ")[0].partition("::")
-            functions = {
-                node.name
-                for node in ast.walk(ast.parse((tests / file).read_text("utf-8")))
-                if isinstance(node, ast.FunctionDef)
-            }
-            assert not name or name in functions, line

@@ -30,9 +30,9 @@ MOST = {  # folder: lines, lines without docstrings
     "rig": (1845, 1448),
     "proofs": (13538, 12022),
     "benchmarks": (1870, 1732),
-    "docs": (1401, 1352),
+    "docs": (1392, 1343),
     ".ci": (276, 255),
-    "tests": (27578, 26313),
+    "tests": (27585, 26320),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -1,11 +1,17 @@
 """What holds for every controller: ranges for tuning, anti-windup."""
 
+import re
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 from ballscrew.controllers import CONTROLLERS, tunable
 from ballscrew.fmus.catalogue import component, fmu_kernel
+from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
 
+PAGE = Path(__file__).parents[2] / "docs" / "controllers.md"
 INTEGRATING = "p_pi lqi super_twisting pid_dob pid_lugre adaptive_friction fuzzy_pd_i".split()
 
 
@@ -33,3 +39,20 @@ def test_the_integral_comes_to_rest_while_the_limit_holds(name):
     grown = unbounded.simulate([0.0, 50.0, 100.0]).states["w"]
     if name != "fuzzy_pd_i":  # whose integral does not fill there at all
         assert abs(grown[2]) > 1.9 * abs(grown[1]) > 100.0
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("name", ["iol", "lqi", "p_pi", "super_twisting"])
+def test_the_figures_of_the_page_are_those_of_a_run(name):
+    (row,) = re.findall(
+        rf"^{name} +([-\d.e]+) +([-\d.e]+) +([-\d.e]+) ", PAGE.read_text("utf-8"), re.M
+    )
+    peak, settling, overshoot = map(float, row)
+    model = Model(loop_kernel("plant", name))
+    model.set_input("x_d", 0.08)
+    model.settle(0.0)
+    run = model.simulate(np.linspace(0.0, 2.0, 2001))
+    outside = np.flatnonzero(np.abs(run.outputs["x"] - 0.08) > 0.02 * 0.08)[-1]
+    assert np.abs(run.outputs["u"]).max() == pytest.approx(peak, abs=0.01)
+    assert run.time[outside] == pytest.approx(settling, abs=2e-3)
+    assert max(0.0, run.outputs["x"].max() - 0.08) == pytest.approx(overshoot, rel=0.02, abs=1e-8)

@@ -62,6 +62,19 @@ def test_nominal_iol_is_within_the_stated_distance_over_all_twenty_seconds(run_n
     np.testing.assert_array_equal(corrected.time, np.minimum(np.arange(100_001) * 2e-4, 20.0))
 
 
+@pytest.mark.ci
+@pytest.mark.parametrize(("corrections", "order", "bound"), [(0, 2.0, 7.3e-5), (1, 2.2, 8.4e-6)])
+def test_tangent_coupling_of_iol_converges_with_second_order(
+    run_native, truth, corrections, order, bound
+):
+    """The bounds are those of a step of a millisecond."""
+    steps = np.array([2e-3, 1e-3, 5e-4, 2e-4, 1e-4])
+    runs = [run_native("iol", h, 0.5, corrections=corrections) for h in steps]
+    errors = [error(run, truth("iol", 2.0)) for run in runs]
+    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(order, abs=0.2)
+    assert 0.9 * bound < errors[1] < bound
+
+
 def test_held_iol_at_ten_microseconds_is_not_converged(run_native):
     held = run_native("iol", 1e-5, 0.5, coupling=Coupling.GAUSS_SEIDEL)
     assert not held.verdict.trusted

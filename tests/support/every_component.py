@@ -1,7 +1,7 @@
 """All components of the catalogue, in the three tiers.
 
-The first have states, modes, samples, limits and the feedback law; with those that landings are
-tested with, there are an observer and an instrument, too.
+The first have states, modes, samples, limits and the feedback law. CI adds an observer and an
+instrument, among others; the rest takes hours.
 """
 
 import pytest
