@@ -26,6 +26,11 @@ os.environ.setdefault(
 )
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The test that takes longest begins first, so that no worker waits for it at the end."""
+    items.sort(key=lambda item: "test_the_python_on_the_first_page" not in item.nodeid)
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     list_absent(terminalreporter)
 

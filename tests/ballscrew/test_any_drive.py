@@ -168,6 +168,7 @@ def test_what_is_identified_from_records_of_ones_own_is_a_machine(identified):
     assert file.plant["sigma2"].value == pytest.approx(200.0, rel=0.05)
 
 
+@pytest.mark.ci
 def test_an_identified_machine_runs_and_is_exported(identified, tmp_path):
     given = ("--params", identified / "parameters.toml")
     loop = ("--controller", "pid", "--stop", "0.1", "--out", tmp_path / "run")
@@ -249,6 +250,7 @@ def write_joint(path):
     return path
 
 
+@pytest.mark.ci
 def test_inertia_and_friction_of_a_body_that_turns_come_from_its_record(tmp_path):
     """Written as such a body again, which runs."""
     start = tmp_path / "joint.toml"

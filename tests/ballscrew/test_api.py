@@ -170,6 +170,7 @@ def test_a_coupling_and_a_set_point_are_given_as_the_command_takes_them(tmp_path
     assert ballscrew.run("pid", reference=str(table), stop=0.2).run.reference[-1] == 0.01
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("given", "said"),
     [

@@ -19,6 +19,7 @@ def course(folder):
     return np.genfromtxt(folder / "trajectory.csv", delimiter=",", names=True)
 
 
+@pytest.mark.ci
 def test_equations_fmus_and_an_ssp_run_to_the_same_course(tmp_path, capsys):
     """What a run wrote of both as one part has no place in an .ssp, where they are two."""
     coarse = ["--set", "controller.position_encoder_resolution=1e-5"]

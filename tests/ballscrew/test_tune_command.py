@@ -37,6 +37,7 @@ def told(folder, name="out"):
     return json.loads((folder / name / "tuning.json").read_text())
 
 
+@pytest.mark.ci
 def test_files_are_written_with_the_same_gains(here):
     names = {p.name for p in (here / "out").iterdir() if p.is_file()}
     assert names == {"tuning.json", "parameters.toml", "motions.png", "bode.png"}
@@ -48,6 +49,7 @@ def test_files_are_written_with_the_same_gains(here):
     assert table["plant"]["voltage_limit"]["value"] == 500.0
 
 
+@pytest.mark.ci
 def test_run_over_fmus_with_the_file_makes_the_errors_that_were_told(here):
     judge = told(here)["motions"][-1]
     stop = 2.1795

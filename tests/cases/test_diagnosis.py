@@ -21,6 +21,7 @@ def right(folder):
     return record, drive_of(told, None)
 
 
+@pytest.mark.ci
 def test_the_line_to_line_voltage_taken_for_the_phases_is_named_with_its_size(tmp_path, command):
     folder = case("diagnose_voltage_scaled_none", tmp_path)
     words = "diagnose run.csv --params axis.toml --lead 0.001 --out out"
@@ -63,6 +64,7 @@ def test_neither_a_scale_nor_a_resistance_that_is_wrong_is_nothing(tmp_path, col
     assert found.left_of_friction > 0.5 or found.causes
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("rate", [50, pytest.param(200, marks=pytest.mark.ci)])
 def test_a_white_force_under_a_heavy_friction_is_noise_in_newtons(tmp_path, rate):
     folder = case("heavy_friction_names_inertia", tmp_path)

@@ -201,6 +201,7 @@ def test_our_plant_probes_no_controller_beyond_the_end(tmp_path):
     assert not run_closed_loop(loop).run.stopped
 
 
+@pytest.mark.ci
 def test_an_integral_that_a_saved_state_does_not_have_is_noticed(tmp_path):
     path = case("state_not_restored_probe", tmp_path) / "PiUnreg.fmu"
     loop = Loop(str(path), reference=Reference.constant(0.02), stop=1.0, step=1e-3)

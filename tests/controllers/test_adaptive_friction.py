@@ -68,5 +68,6 @@ def test_command_and_estimate_are_the_formulas_at_one_point_by_hand():
 def test_it_may_learn_nothing_and_is_tuned_over_decades():
     known = {p.name: p for p in adaptive_friction().parameters}
     assert known["rate"].minimum == 0.0
+    assert [s.nominal for s in adaptive_friction().states] == [0.1, 1.0]  # V, N
     assert tunable("adaptive_friction")["rate"] == (1.0, 1e3)
     assert tunable("adaptive_friction")["slow"] == (5e-4, 0.05)

@@ -27,6 +27,7 @@ def command():
     return at
 
 
+@pytest.mark.ci
 def test_the_surface_is_the_rule_table_at_its_nodes(command):
     for (row, e), (column, s) in itertools.product(enumerate(NODES), enumerate(NODES)):
         wanted = float(RULES[row][column]) * DEFAULT["full"]

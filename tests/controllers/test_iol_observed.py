@@ -25,6 +25,7 @@ def test_a_wrong_start_of_the_position_decays_with_the_observer_s_pole():
     np.testing.assert_allclose(error, 1e-3 * np.exp(-POLE * times), atol=1e-10)
 
 
+@pytest.mark.ci
 def test_a_wrong_velocity_decays_with_the_poles_of_the_sliding_plant():
     """From 5 cm/s on, both sides slide: the errors of v and i obey the linear axis'
     equations."""

@@ -87,6 +87,7 @@ def test_structure_that_no_cause_has_gives_exit_code_one_and_no_old_plant_stays(
     assert '"meta": "shape"' in (out / "report.html").read_text()
 
 
+@pytest.mark.ci
 def test_a_cause_is_built_in_that_the_user_takes(diagnosed, tmp_path):
     given = ("--params", diagnosed.parameters, "--out", tmp_path)
     code, printed, _ = run("diagnose", diagnosed.record, *given, "--take", "friction_drift")

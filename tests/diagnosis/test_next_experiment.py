@@ -31,6 +31,7 @@ VALUES = {"m": 10.0, "gain": 2.0, "offset": 0.0, "sigma2": 20.0, "Fc": 5.0, "Fs"
 REACH = Reach(-0.1, 0.3, 0.5, 2.0, 20.0, 2e-3, 1e-6, 20.0)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("machine", "model", "going", "swinging", "rate"),
     [
@@ -186,6 +187,7 @@ def test_records_of_which_each_has_a_phase_of_its_own_are_asked_for_one_more():
     assert np.abs(asked.motion.values).max() <= 0.012
 
 
+@pytest.mark.ci
 def test_what_no_motion_of_this_kind_tells_apart_is_said_and_that_the_correction_is_the_same():
     """A load of 8 N, and friction that is 16 N more one way and 8 N less in all, as it may be."""
     random, time = np.random.default_rng(1), np.arange(0.0, 8.0, 1e-3)

@@ -133,6 +133,7 @@ def plant_with(model, *names):
     return with_causes(model, [(n, FOUND[n]) for n in names])
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("name", "values"),
     [*FOUND.items(), *(pytest.param(*f, marks=pytest.mark.ci) for f in OTHER_FORMS)],

@@ -35,21 +35,6 @@ def test_each_criterion_finds_what_was_built_in_and_nothing_else(made, what):
     assert decisions == dict(zip(FEATURES, synthetic.MADE[what][2].split(), strict=True))
 
 
-def test_the_slope_that_is_found_is_the_one_built_in(made):
-    figures = made("viscous friction alone")["viscous_friction"].figures
-    assert figures["slope_forwards"] == pytest.approx(173.0, rel=1e-4)
-    assert figures["slope_backwards"] == pytest.approx(173.0, rel=1e-4)
-
-
-def test_the_break_away_force_that_is_found_is_the_one_built_in(made):
-    """Before sliding, 1 N on top of 1.3 N; sliding at 0.1 mm/s adds 17 mN and fades 10 mN."""
-    figures = made("a static Stribeck curve")["breakaway_force"].figures
-    v = np.linspace(0, 1e-3, 10_001)
-    highest = np.max(1.3 + np.exp(-((v / 1e-3) ** 2)) + 173 * v)
-    assert figures["break_away_forwards"] == pytest.approx(highest, rel=1e-4)
-    assert figures["break_away_backwards"] == pytest.approx(-highest, rel=1e-4)
-
-
 def test_the_lag_that_is_found_is_the_one_built_in(made):
     """First-order memory of velocity: c (v - v_before) is c w T/(1 + (w T)^2) times the cosine."""
     c, w, lag = 200.0, 3.0, 0.1

@@ -123,6 +123,7 @@ def test_a_saved_state_holds_what_delayed_signals_were(files, kind, steps):
     other.close()
 
 
+@pytest.mark.ci
 @every_kind
 def test_samples_hear_what_is_late_at_their_instant(files, kind):
     host = Host(files(SAMPLED, kind))
@@ -143,6 +144,7 @@ def test_a_delay_that_lasts_no_time_fails_with_one_line(files, kind):
     host.close()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("kind", ["native-2", pytest.param("native-3", marks=rare)])
 def test_a_native_one_is_valid_and_for_co_simulation_only(files, kind):
     path = str(files(LOOP, kind))

@@ -181,6 +181,7 @@ def test_an_output_that_follows_an_input_with_a_feedback_law_is_there_at_once(tm
     host.close()
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "kind", [k if k == "native-2" else pytest.param(k, marks=pytest.mark.ci) for k in KINDS]
 )

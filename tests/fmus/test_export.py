@@ -33,6 +33,7 @@ def python(code, *arguments):
     return done.stdout
 
 
+@pytest.mark.ci
 def test_a_hundred_instances_of_two_fmus_live_in_one_process_which_ends_without_a_crash(fmus):
     """pythonfmu 0.7 frees the slave's namespace from the second instance on; ours survive.
 

@@ -84,6 +84,7 @@ def test_a_compiler_that_fails_is_quoted_in_one_block_and_nothing_is_written(
     assert list((tmp_path / "out").iterdir()) == []
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -88,6 +88,7 @@ def plain_jacobi(made, h, stop):
     return np.array(course)
 
 
+@pytest.mark.ci
 def test_the_law_through_a_plain_jacobi_master_is_of_second_order(made):
     """4.2e-4 m at 1e-3 s and 1.8e-5 m at 2e-4 s for the linearizing controller, no rollback."""
     truth = run_monolithic(Loop("iol", reference=Reference.constant(0.08), stop=1.0), 1e-4)

@@ -44,6 +44,7 @@ def test_the_axis_reference_is_the_solution_of_another_solver():
     asked = dict(row.split(", ") for row in files["_ref.opt"].splitlines())
     assert float(asked["StopTime"]) == 2.0
     assert float(asked["OutputIntervalLength"]) == 1e-2
+    assert (float(asked["StepSize"]), float(asked["RelTol"])) == (1e-3, 1e-9)
     found = table(files["_ref.csv"])
     times = found.pop("time")
     assert times == pytest.approx(np.arange(201) * 1e-2, abs=1e-12)

@@ -33,6 +33,7 @@ def sources_only(native, tmp_path):
     return packed
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("fmi", [2, pytest.param(3, marks=pytest.mark.ci)])
 def test_sources_run_as_the_binary_does(native, sources_only, fmi):
     expected = run_closed_loop(
@@ -56,6 +57,7 @@ def broken(name, data):
     return data + b"\nthis is no C;\n" if name == "sources/fmi3.c" else data
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -80,6 +82,7 @@ def test_sources_that_give_no_library_are_refused_in_one_line(
     assert heard.count("\n") == 1
 
 
+@pytest.mark.ci
 def test_the_same_sources_are_compiled_once(tmp_path, sources_only, monkeypatch):
     monkeypatch.setenv("BALLSCREW_CACHE", str(tmp_path / "cache"))
     calls = []

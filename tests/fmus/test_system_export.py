@@ -273,6 +273,7 @@ def test_instruments_that_fit_nowhere_are_refused_with_one_line(fmus, tmp_path):
 # native FMUs, and other readers
 
 
+@pytest.mark.ci
 def test_our_own_command_runs_the_system_of_native_fmus_that_it_wrote(native_system, tmp_path):
     with zipfile.ZipFile(native_system) as archive:
         for side in ("plant", "controller"):

@@ -417,6 +417,7 @@ MANY = """<ssd:Connectors>
 </ssd:Connectors>"""
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("connection", "text"),
     [

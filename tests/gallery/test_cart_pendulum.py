@@ -111,6 +111,7 @@ class Exact:
         self.exponents = 2.0 * np.log(factors[:3]) / self.period
 
 
+@pytest.mark.ci
 def test_the_cycle_and_its_exponents_are_those_of_exact_pieces():
     exact, found = Exact(1.1, 2.45), becomes(DRY, 0.01)
     assert found.period == pytest.approx(exact.period, rel=1e-6)

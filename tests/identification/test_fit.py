@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -146,6 +147,24 @@ def test_first_guesses_are_rough_features_of_the_force():
         assert start == pytest.approx([f1, f2, (f1 / eta - f2) / stiff, eta], rel=2e-3)
 
 
+def test_first_guesses_are_limited_by_the_largest_force():
+    def guess(speed, pull):
+        n = len(pull)
+        course = SimpleNamespace(v=speed, inertial=np.linspace(-3.0, 5.0, n), x=np.cumsum(speed))
+        course.force = pull + course.inertial
+        course.records, course.starts, course.blur = 1, [0, n], np.full(n, np.inf)
+        start = module._starts(course, LAWS["lugre"], 0.0)[0]
+        return {n: v for n, v in zip(LUGRE, start, strict=True) if n in ("sigma2", "Fc", "Fs")}
+
+    # ten samples of 10 N in a creep, a hundred of 0.1 N at one speed, which tell no slope
+    still = guess(np.repeat([1e-3, 1.0], [10, 100]), np.repeat([10.0, 0.1], [10, 100]))
+    assert still == pytest.approx({"sigma2": 0.2, "Fc": 0.5 - 0.2 * 0.3, "Fs": 10.0})
+    speed = np.linspace(0.5, 1.0, 1001)  # nothing is left of 15 N at rest
+    steep = guess(speed, 30.0 * (speed - 0.4))
+    high, top = 30.0 * (0.985 - 0.4), 0.99
+    assert steep == pytest.approx({"sigma2": high / top, "Fc": 0.3 * 4.5, "Fs": high})
+
+
 def test_the_first_guess_of_a_stiffness_is_a_secant_of_presliding():
     random = np.random.default_rng(0)
     trials = [sine_velocity(s * 1e-3, 0.5, 6.3) for s in (1, -1)]
@@ -161,6 +180,9 @@ def test_the_first_guess_of_a_mass_is_a_regression_s_where_the_motion_shows_one(
     usual = 0.1 * course.level / np.quantile(acceleration, 0.98)
     assert module._first_mass(course) == pytest.approx(usual, rel=1e-2)
     assert module._first_offset(slid(1.0, 0.4)[0]) == pytest.approx(0.4, abs=0.01)
+    pushed = SimpleNamespace(v=np.repeat([1.0, -1.0], 50), inertial=np.full(100, 7.0))
+    pushed.force = pushed.inertial + 2.0 * pushed.v + 0.4
+    assert module._first_offset(pushed) == pytest.approx(0.4)
 
 
 def test_the_first_guess_of_any_other_law_is_its_default_scaled_in_newtons_metres_and_seconds():

@@ -27,6 +27,7 @@ def test_why_an_fmu_is_not_instantiated_is_told_in_its_own_words(mk, tmp_path):
         IsolatedInstance(tmp_path / "pd.fmu", "controller")
 
 
+@pytest.mark.ci
 def test_an_fmu_of_a_swap_that_fails_costs_the_others_nothing(mk, tmp_path, capsys):
     mk.plant(str(tmp_path / "cart.fmu"))
     mk.pd(str(tmp_path / "pd.fmu"))
@@ -42,6 +43,7 @@ def test_an_fmu_of_a_swap_that_fails_costs_the_others_nothing(mk, tmp_path, caps
     assert float(end[1]) == pytest.approx(cart_position(0.5), rel=1e-3)
 
 
+@pytest.mark.ci
 def test_an_fmu_that_prints_without_end_fills_no_disk(mk, tmp_path):
     """Four megabytes in a run: none of it lies in a file."""
     mk.plant(str(tmp_path / "cart.fmu"))

@@ -56,6 +56,7 @@ def test_a_segfault_ends_the_run_with_a_line_and_what_was_computed(tmp_path, cap
     assert (tmp_path / "out" / "metrics.json").is_file()
 
 
+@pytest.mark.ci
 def test_a_hang_ends_at_the_time_limit_with_a_line_and_what_was_computed(tmp_path, capsys):
     hang = proportional(tmp_path, "Hang", in_step="while current_time > 0.05: pass")
     start = time.monotonic()

@@ -151,6 +151,7 @@ def test_initial_states_of_both_sides_are_parameters(truth):
     assert error(result, truth("pid_sampled", 0.1, **values)) > 1e-3
 
 
+@pytest.mark.ci
 def test_a_sampled_controller_is_met_at_its_samples_and_its_hold_is_no_defect(truth):
     result = run("pid_sampled", 6e-4)
     assert result.step_range == pytest.approx((5e-4, 5e-4))

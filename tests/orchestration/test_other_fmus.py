@@ -79,6 +79,7 @@ def test_model_exchange_runs_as_co_simulation_does(native, exchanged, fmi, plant
     np.testing.assert_allclose(found["x"], expected["x"], rtol=0, atol=1e-8)
 
 
+@pytest.mark.ci
 def test_a_controller_for_model_exchange_reports_its_law(native, exchanged):
     _, expected = course(native("plant"), native("iol"))
     run, found = course(native("plant"), exchanged("iol", 3))
@@ -165,6 +166,7 @@ def relays(tmp_path_factory):
     return lambda whole, saves: (made(RELAY, whole, saves), made(HEATED, whole, saves))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("saves", "isolate"), [(True, False), pytest.param(False, True, marks=pytest.mark.ci)]
 )

@@ -82,6 +82,7 @@ def first_command(path, **more):
     return float(run.commands["u"][0])
 
 
+@pytest.mark.ci
 def test_a_parameter_set_gives_a_text_and_an_item_by_its_name(worded, tmp_path):
     values = VALUES.format(
         values='<ssv:Parameter name="law"><ssv:String value="as strong"/></ssv:Parameter>'

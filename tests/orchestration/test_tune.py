@@ -43,6 +43,7 @@ def test_the_loop_is_robust_and_both_states_are_named(tuned):
     assert tuned.command_unit == "N"
 
 
+@pytest.mark.ci
 def test_what_weakens_a_result_is_said(tuned):
     step, *others = tuned.motions
     margin = tuned.margins[0]

@@ -145,6 +145,7 @@ def test_a_co_run_with_half_of_the_step_counts_two_and_a_half_times():
     assert hopeless.error_estimate["x"] == pytest.approx(0.1)  # never more than a thousand times
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("moved", "rows", "safety", "blind", "asked"),
     [
@@ -164,6 +165,7 @@ def test_a_second_look_follows_where_the_first_leaves_it_open(moved, rows, safet
     assert asks_again(first, RUN, other, safety, blind) is asked
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("half", "quarter", "late", "around", "estimate"),
     [

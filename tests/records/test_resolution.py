@@ -79,6 +79,9 @@ def test_held_values_are_counted_where_they_are_new():
     np.testing.assert_array_equal(held_samples(counted), np.arange(800))
     uneven = np.repeat(x[:100], np.tile([3, 4, 5, 7], 25))
     np.testing.assert_array_equal(held_samples(uneven), np.arange(len(uneven)))
+    # one run of ten that differs is too many; the first of all may have begun before the record
+    once = np.repeat(x[:12], [4, 7, *[4] * 10])
+    np.testing.assert_array_equal(held_samples(once), np.arange(len(once)))
     # one held longer, by a value that came twice
     twice = np.delete(np.repeat(x[:100], 8), 0)
     assert len(held_samples(np.r_[twice[:400], np.repeat(x[50], 8), twice[400:]])) == 100

@@ -150,6 +150,7 @@ def test_every_function_of_the_table_is_among_those_that_are_tried():
         assert all(e.has(function) for e in tried), function
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("kind", KINDS)
 def test_values_and_derivatives_are_those_of_central_differences_in_30_digits(computed, kind):
     own = {

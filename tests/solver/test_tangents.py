@@ -29,8 +29,10 @@ from scipy.optimize import brentq
 
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver import core
+from ballscrew.solver.codegen import generate
+from ballscrew.solver.component import Component, Mode, State, symbol
 from ballscrew.solver.kernel import Model
-from ballscrew.solver.spectrum import follow_tangents
+from ballscrew.solver.spectrum import follow_returns, follow_tangents
 
 pytestmark = pytest.mark.xdist_group("known_systems")  # each system is compiled once
 
@@ -250,3 +252,16 @@ def test_steps_and_exponents_at_a_loose_tolerance_have_not_changed(
     run = follow_tangents(model, [0.0, stop])
     assert (model.info[core.ACCEPTED], model.info[core.REJECTED]) == steps
     np.testing.assert_allclose(run.exponents, exponents, rtol=1e-8)
+
+
+@pytest.mark.parametrize("modes", [(), (Mode("only"),)])
+def test_a_motion_that_explodes_within_a_row_is_known_up_to_the_row_before(modes):
+    """x' = x^2 from 1 is 1/(1 - t), and its tangent the square of it; with a mode: stiff steps."""
+    x = State("x", "1", "", symbol("x") ** 2, start=1.0)
+    made = Component("square", "", states=(x,), modes=modes)
+    passes = follow_returns(Model(generate(made), {}, 1e-10), 0.0, 2.0, 0, np.inf, 0)
+    assert (passes.diverged, passes.end) == (True, pytest.approx(1.0, abs=1e-6))
+    run = follow_tangents(Model(generate(made), {}, 1e-10), np.linspace(0.0, 2.0, 9))
+    assert run.diverged
+    assert run.time.tolist() == [0.0, 0.25, 0.5, 0.75]
+    np.testing.assert_allclose(run.growth[:, 0], -2 * np.log(1 - run.time), rtol=1e-7)

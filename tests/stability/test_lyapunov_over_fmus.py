@@ -45,6 +45,7 @@ def equations_of_the_stranger():
     )
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("controller", [pytest.param("iol", marks=pytest.mark.ci), "pid"])
 def test_native_variational_fmus_have_the_exponents_of_the_equations(native, controller):
     run = loop_lyapunov_over_fmus(Loop(controller, stop=STOP, step=STEP))

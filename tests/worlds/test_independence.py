@@ -10,7 +10,7 @@ import worlds
 PACKAGE = Path(worlds.__file__).parent
 ALLOWED = {
     "__future__", "collections", "dataclasses", "getpass", "hashlib", "math", "os", "pathlib",
-    "tempfile", "zlib",
+    "tempfile", "typing", "zlib",
     "numba", "numpy", "scipy", "worlds",
 }  # fmt: skip
 

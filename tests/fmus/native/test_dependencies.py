@@ -121,6 +121,7 @@ def test_what_is_listed_moves_an_unknown_somewhere_and_nothing_else_ever_does(na
     assert two == moved
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", EVERY_COMPONENT)
 def test_a_slope_that_is_called_constant_or_fixed_is_the_same_everywhere(native, name):
     kinds = listed(native(name, 3))
@@ -202,6 +203,7 @@ def test_what_is_listed_for_initialization_moves_the_unknown_and_nothing_else(fm
     assert moved == two or not exactly
 
 
+@pytest.mark.ci
 def test_jumps_modes_and_what_chooses_the_first_mode_are_listed(tmp_path):
     """A jump has no slope, but what it depends on is listed; of modes, whatever one depends on."""
     a, b, s, r, gain, heard, t = (symbol(n) for n in ("a", "b", "s", "r", "gain", "heard", "t"))

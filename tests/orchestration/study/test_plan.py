@@ -104,6 +104,7 @@ def test_bad_studies_are_refused_in_one_line(tmp_path, capsys, old, new, message
     assert heard.count("\n") == 1
 
 
+@pytest.mark.ci
 def test_the_studies_of_the_manual_are_read(tmp_path):
     page = (DOCS / "study.md").read_text("utf-8")
     plan = plan_of(tmp_path, page.split("```toml\n")[1].partition("```")[0])

@@ -38,6 +38,7 @@ sobol = 64
 """
 
 
+@pytest.mark.ci
 def test_the_indices_of_ishigami_are_the_exact_ones():
     """sin x1 + 7 sin^2 x2 + x3^4 sin(x1) / 10; T. Ishigami and T. Homma (1990), whose variance
     comes apart into integrals of powers of x and of sin x."""
@@ -70,12 +71,14 @@ def test_the_indices_of_a_linear_law_are_its_squared_coefficients_within_the_int
     assert np.mean(held) >= 0.85  # 90 % is what they say; the points are better than random ones
 
 
+@pytest.mark.ci
 def test_a_failed_run_leaves_no_indices_and_an_error_that_stays_none_above_zero():
     assert sobol_indices(np.array([1.0, np.nan, 2.0]), ["a"], 1) == {}
     steady = sobol_indices(np.ones(6), ["a"], 1)
     assert (steady["a"].first, steady["a"].total) == (0.0, 0.0)
 
 
+@pytest.mark.ci
 def test_a_study_says_what_matters_and_what_does_not(tmp_path):
     """A rotor inertia of zero stays zero, whatever its factor."""
     study, out = tmp_path / "study.toml", tmp_path / "out"

@@ -42,6 +42,7 @@ def held(loops):
     return {force: run(force) for force in (0.0, LOAD)}
 
 
+@pytest.mark.ci
 def test_a_load_of_a_duty_acts_from_its_time_on_and_not_before(held):
     (_, without), (_, loaded) = held[0.0], held[LOAD]
     before = loaded.time < LOAD_TIME
@@ -50,6 +51,7 @@ def test_a_load_of_a_duty_acts_from_its_time_on_and_not_before(held):
     assert apart[~before].max() > 1e-5
 
 
+@pytest.mark.ci
 def test_the_motor_ends_up_holding_the_load_but_for_friction(held):
     """At rest kt 2 pi p i + load is what friction holds, which is at most the breakaway force."""
     values, course = held[LOAD]

@@ -1,0 +1,84 @@
+"""The errors of exponents and the agreement of two verdicts, by hand from made-up runs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballscrew.solver.spectrum import Spectrum
+from ballscrew.stability.attractor import Attractor, Kind
+from ballscrew.stability.lyapunov import LyapunovRun, Watching, agree
+
+BIT = math.log(2.0)
+RUN = Spectrum(
+    time=np.array([1.0, 2.0, 5.0]),
+    states=np.zeros((3, 2)),
+    growth=BIT * np.array([[0.0, 0.0], [1.0, -1.0], [2.0, 8.0]]),
+    trace=BIT * np.array([0.0, 4.0, 9.0]),
+    frame=np.eye(2),
+    events=3,
+    failure="",
+    diverged=False,
+)
+TIGHTER = replace(RUN, growth=BIT * np.array([[0.0, 0.0], [1.0, -1.0], [3.0, 8.4]]))
+STILL = Attractor(Kind.CYCLE, "it closes", limit=BIT * np.array([0.0, -3.0]))
+
+
+def run(**changes) -> LyapunovRun:
+    given = {"names": ["x", "v"], "spectrum": RUN, "tighter": TIGHTER, "motion": STILL}
+    return LyapunovRun(**given | {"tolerance": 1e-8} | changes)
+
+
+def test_the_error_is_the_change_at_a_tenth_of_the_tolerance():
+    figures = run().figures()
+    assert figures["exponents_bits_per_s"] == pytest.approx([2.0, 0.5])
+    assert figures["exponents_error_bits_per_s"] == pytest.approx([0.1, 0.25])
+    assert figures["sum_rule_error"] == pytest.approx(0.1)
+    assert figures["mean_trace_bits_per_s"] == pytest.approx(9.0 / 4.0)
+    assert figures["asymptotic_bits_per_s"] == pytest.approx([0.0, -3.0])
+    assert figures["asymptotic_error_bits_per_s"] is None
+
+
+def test_what_is_not_known_is_said_by_none_or_no_number():
+    assert np.isnan(run(tighter=None).error).all()
+    fallen = replace(RUN, growth=np.array([[0.0, 0.0], [1.0, -1.0], [4.0, -np.inf]]))
+    stuck = run(spectrum=fallen, tighter=fallen)
+    assert stuck.error.tolist() == [0.0, 0.0]  # both minus infinity
+    assert stuck.sum_rule_error() is None
+    assert run(names=["x", "v", "i"]).sum_rule_error() is None
+    none = replace(RUN, growth=0.0 * RUN.growth, trace=0.0 * RUN.trace)
+    assert run(spectrum=none).sum_rule_error() == 0.0
+    start = replace(RUN, time=RUN.time[:1], growth=RUN.growth[:1], trace=RUN.trace[:1])
+    assert run(spectrum=start).sum_rule_error() is None
+    assert run(spectrum=start).figures()["mean_trace_bits_per_s"] is None
+
+
+def test_the_error_of_limits_is_the_larger_of_their_own_and_of_the_difference_of_two():
+    first = Attractor(Kind.FIXED_POINT, "", limit=np.array([-1.0, -2.0, -np.inf]))
+    own = np.array([0.1, 0.1, 0.1])
+    second = replace(first, limit=np.array([-1.3, -2.05, -np.inf]), limit_error=own)
+    assert agree(first, second).limit_error == pytest.approx([0.3, 0.1, 0.1])
+    chaos = [replace(a, kind=Kind.CHAOS) for a in (first, second)]
+    assert agree(*chaos).limit_error is own
+    assert agree(first, replace(second, limit_error=None)).limit_error is None
+    found = agree(first, chaos[1], "another look")
+    assert found.kind is Kind.UNDECIDED
+    assert found.evidence.startswith("another look changes the verdict: ")
+
+
+def test_progress_is_told_twice_a_second_once_there_is_growth(monkeypatch):
+    told = []
+    watch = Watching(told.append)
+    clock = iter([1.0, 1.4, 1.6, 1.9, 2.2, 3.0])
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    growth = BIT * np.array([1.0, 8.0, 2.0, 4.0])
+    for reached, known in [(2.0, growth), (3.0, growth), (0.0, growth), (4.0, None), (4.0, growth)]:
+        assert not watch(reached, known)
+    assert told == [
+        ": t = 2 s, first exponents 4, 2, 1 bits/s",
+        ": t = 4 s, first exponents 2, 1, 0.5 bits/s",
+    ]
+    assert Watching(budget=0.0)(1.0, growth)
