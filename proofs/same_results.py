@@ -249,7 +249,7 @@ def console(words: str, scratch: Path, out: str) -> dict[str, object]:
     with contextlib.suppress(json.JSONDecodeError):
         found |= leaves(json.loads(printed))
     for path in sorted((scratch / out).rglob("*.csv")):
-        table = pd.read_csv(path, comment="#", float_precision="round_trip")
+        table = pd.read_csv(path, comment="#")
         found |= {f"{path.name} {name}": table[name].tolist() for name in table}
     for path in sorted((scratch / out).rglob("*.parquet")):
         columns = read_table(path).to_pydict().items()
