@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1392, 1343),
     ".ci": (276, 255),
-    "tests": (27584, 26328),
+    "tests": (27570, 26315),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

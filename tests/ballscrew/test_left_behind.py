@@ -17,7 +17,6 @@ pytestmark = pytest.mark.ci
 
 BALLSCREW = Path(sys.executable).with_name("ballscrew")
 LONG = ["run", "--controller", "nctf", "--stop", "4000"]
-SHORT = ["run", "--controller", "pid", "--stop", "0.05"]
 
 
 def begin(temporary, out):

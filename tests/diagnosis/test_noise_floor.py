@@ -21,9 +21,6 @@ from ballscrew.records.reading import check_record
 pytestmark = pytest.mark.ci
 
 
-RANDOM = np.random.default_rng(5)
-
-
 def left(force, between):
     n = len(force)
     return Residual(force, between, np.zeros(n), np.ones(n, dtype=bool))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import socket
 import subprocess
 from contextlib import contextmanager
@@ -125,16 +124,3 @@ def needs_sandbox() -> None:
         check_sandbox()
     except NoSandbox as error:
         pytest.skip(f"needs bubblewrap, and a system that lets it: {error}")
-
-
-def processes_with(word: str) -> list[str]:
-    """Running processes with this word in their command."""
-    found = []
-    for place in Path("/proc").iterdir():
-        try:
-            words = (place / "cmdline").read_bytes().split(b"\0")
-        except OSError:
-            continue
-        if word.encode() in words and place.name != str(os.getpid()):
-            found.append(place.name)
-    return found
