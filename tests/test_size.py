@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1392, 1343),
     ".ci": (276, 255),
-    "tests": (27570, 26315),
+    "tests": (27560, 26305),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -406,6 +406,7 @@ static void mend(Loop *l, double h)
 static int move_both(Loop *l, double t, double h, const double *before, const double *after)
 {
     Controller *const c = &l->controller;
+    const int is_late = l->delayed && !l->corrected;
     double *const end = l->end.at;
     TRY(step_plant(l, t, h, l->applied.at, l->start.at, l->reached.at));
     signals_of(l, l->reached.at, end);
@@ -430,12 +431,11 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
         for (int64_t k = 0; k < l->goal.size; k++)
             l->goal.at[k] = c->real.at[c->n + k] ? 0.5 * (before[k] + after[k]) : after[k];
         TRY(advance(c, t, h, l->mean.at, l->goal.at));
-    } else if (l->delayed && !l->corrected) {
-        TRY(advance(c, t, h, l->start.at, before));
-        TRY(read_commands(c, l->late.at));
     } else {
-        TRY(advance(c, t, h, end, after));
+        TRY(advance(c, t, h, is_late ? l->start.at : end, is_late ? before : after));
     }
+    if (is_late) /* the next command has not seen the end of this step, however it is averaged */
+        TRY(command_at(c, l->start.at, before, l->late.at));
     TRY(law_at(c, t + h, h, end, after, (int)l->tangent, l->following.at));
     TRY(settle(l, t + h, h, after, l->following.at, l->reached.at, end));
     l->has_following = 1;
