@@ -35,11 +35,6 @@ COUPLINGS = tuple(coupling.value for coupling in Coupling)
 def _add_loop(add: Any) -> None:
     """Options of every loop."""
     add(
-        "--sandbox",
-        action="store_true",
-        help="run FMUs that are files without network and your files, by bubblewrap (Linux)",
-    )
-    add(
         "--plant",
         metavar="PART",
         help=f"instead of the default plant or the plant of --params: {PART}",
@@ -171,12 +166,6 @@ def read_loops(
     described, values, values_of = params_values(told, options.plant, names)
     from .orchestration.loop import Loop
 
-    files = not all(part.has_equations for part in (*parts, *([plant] if plant else [])))
-    if how.get("sandbox") and not files and not how.get("isolate"):
-        raise BadRequest(
-            "--sandbox is for FMUs that are files, and all parts here are this program's own; "
-            "leave it out"
-        )
     return [
         Loop(
             controller,
@@ -250,7 +239,7 @@ def read_followed_loop(
     BadRequest
     """
     over_fmus = options.via == "fmu"
-    for option in () if over_fmus else ("step", "map", "sandbox"):
+    for option in () if over_fmus else ("step", "map"):
         if getattr(options, option):
             raise BadRequest(
                 f"--{option} is for --via fmu; without it no FMU is run, and one solver chooses "
@@ -268,8 +257,7 @@ def read_followed_loop(
     number = read_number("--tolerance", options.tolerance or tolerance)
     if not finest <= number <= coarsest:
         raise BadRequest(f"--tolerance is {options.tolerance}, expected {finest:g} to {coarsest:g}")
-    how: dict[str, Any] = {"stop": stop, "step": step, "sandbox": options.sandbox}
-    check_sandbox(options)
+    how: dict[str, Any] = {"stop": stop, "step": step}
     if options.setpoint is not None:
         how["reference"] = read_number("--setpoint", options.setpoint)
     (loop,) = read_loops(options, [options.controller], fmus=over_fmus, **how)
@@ -307,7 +295,6 @@ def read_coupling_options(options: argparse.Namespace, stop: float | None) -> di
     from .orchestration.loop import as_reference
 
     how: dict[str, Any] = {"step": step, "adaptive": options.adaptive, "isolate": options.isolate}
-    how["sandbox"] = options.sandbox
     if options.reference:
         how["reference"] = guard(lambda: as_reference(options.reference))
     elif options.setpoint is not None:
@@ -315,24 +302,13 @@ def read_coupling_options(options: argparse.Namespace, stop: float | None) -> di
     coupling = guard(lambda: coupling_named("--coupling", options.coupling))
     corrections = guard(lambda: check_corrections("--corrections", options.corrections))
     limit = options.time_limit
-    fmus_alone = ("isolate", options.isolate), ("time-limit", limit is not None)
-    for option, given in (*fmus_alone, ("sandbox", options.sandbox)):
+    for option, given in (("isolate", options.isolate), ("time-limit", limit is not None)):
         if given and coupling and coupling.value == "monolithic":
             raise BadRequest(f"--{option} is for FMUs, and --coupling monolithic uses none")
-    for option, given in (("time-limit", limit is not None), ("sandbox", options.sandbox)):
-        if given and options.isolate is False:
-            raise BadRequest(f"--{option} is for FMUs in their own process; see --no-isolate")
-    check_sandbox(options)
+    if limit is not None and options.isolate is False:
+        raise BadRequest("--time-limit is for FMUs in their own process; see --no-isolate")
     time_limit = guard(lambda: check_time_limit("--time-limit", limit or TIME_LIMIT))
     return how | {"coupling": coupling, "corrections": corrections, "time_limit": time_limit}
-
-
-def check_sandbox(options: argparse.Namespace) -> None:
-    """Refuse ``--sandbox`` where there is none."""
-    if options.sandbox:
-        from .fmus import sandbox
-
-        guard(sandbox.check_sandbox)
 
 
 def read_settings(

@@ -118,7 +118,6 @@ def guard(action: Any) -> Any:
     """Run, and turn errors that the user can correct into one line."""
     from .fmus.catalogue import UnknownComponent
     from .fmus.reading import FmuError
-    from .fmus.sandbox import NoSandbox
     from .fmus.system_reading import BadSystem
     from .fmus.units import BadUnit
     from .orchestration.couplings import UnknownCoupling
@@ -136,7 +135,6 @@ def guard(action: Any) -> Any:
         return action()
     except (
         FmuError,
-        NoSandbox,
         BadSystem,
         WiringError,
         CouplingError,

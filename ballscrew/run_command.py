@@ -19,7 +19,6 @@ _EXAMPLES = """examples:
   ballscrew run --controller iol --set controller.sigma0_hat=66966.331 --out out
   ballscrew run --controller mine.py:pi --out out
   ballscrew run --controller mine.fmu --map position=x --map voltage=u --out out
-  ballscrew run --controller theirs.fmu --sandbox --out out
   ballscrew run --controller theirs.fmu --sampled 1e-3 --out out
   ballscrew run --controller iol --coupling monolithic --out reference
   ballscrew run --system loop.ssp --set plant.sigma0=6e4 --out out

@@ -143,7 +143,7 @@ class UnpackedFmu:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def unpack(path: Path | str, *, runs_here: bool = True, sandbox: bool = False) -> UnpackedFmu:
+def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
     """Check and unpack an FMU of FMI 2.0 or 3.0, for co-simulation or model exchange.
 
     Parameters
@@ -151,9 +151,6 @@ def unpack(path: Path | str, *, runs_here: bool = True, sandbox: bool = False) -
     path : path-like
     runs_here : bool
         Whether it must have a binary for this platform, or sources that compile to one.
-    sandbox : bool
-        Whether sources are compiled in a sandbox: they may include any file that the compiler can
-        read.
 
     Raises
     ------
@@ -168,7 +165,7 @@ def unpack(path: Path | str, *, runs_here: bool = True, sandbox: bool = False) -
     try:
         description, read = _read(path, folder)
         if runs_here:
-            _find_binary(path, folder, description, read.buildConfigurations, sandbox)
+            _find_binary(path, folder, description, read.buildConfigurations)
         return UnpackedFmu(path, description, folder)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
@@ -206,11 +203,7 @@ def _read(path: Path, folder: Path) -> tuple[Description, Any]:
 
 
 def _find_binary(
-    path: Path,
-    folder: Path,
-    description: Description,
-    configurations: list[Any],
-    sandbox: bool,
+    path: Path, folder: Path, description: Description, configurations: list[Any]
 ) -> None:
     """Make sure that there is a library; if there is none, compile it from the sources."""
     from fmpy import platform, platform_tuple, sharedLibraryExtension
@@ -222,7 +215,7 @@ def _find_binary(
     own = [c for c in configurations if c.modelIdentifier == description.identifier]
     if own:
         try:
-            compile_sources(folder, own[0], binary, sandbox)
+            compile_sources(folder, own[0], binary)
         except NotCompiled as error:
             raise FmuError(
                 f"{path}: has sources but no binary for this platform, and {error}"

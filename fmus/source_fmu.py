@@ -10,7 +10,6 @@ from typing import Any
 
 from ..solver import kernel_cache
 from ..solver.compilers import CompilerFailed, compile_in, compiler_for, own_platform
-from .sandbox import command as sandboxed
 
 _STANDARDS = {
     "C89": "gnu90",
@@ -33,7 +32,7 @@ class NotCompiled(RuntimeError):
     """The sources cannot be compiled to a library here; the message says why, in one line."""
 
 
-def compile_sources(folder: Path, configuration: Any, binary: str, sandbox: bool = False) -> None:
+def compile_sources(folder: Path, configuration: Any, binary: str) -> None:
     """Put the library where the FMU expects it; compiled once for the same sources.
 
     Parameters
@@ -43,12 +42,10 @@ def compile_sources(folder: Path, configuration: Any, binary: str, sandbox: bool
     configuration : fmpy's BuildConfiguration
     binary : str
         Path of the library in that folder.
-    sandbox : bool
-        Whether the compiler has no access to the user's files.
 
     Raises
     ------
-    NotCompiled, NoSandbox
+    NotCompiled
     """
     name = own_platform()
     compiler = compiler_for(name) if name else []
@@ -57,7 +54,7 @@ def compile_sources(folder: Path, configuration: Any, binary: str, sandbox: bool
     identifier = str(configuration.modelIdentifier)
     try:
         arguments = _arguments(folder, configuration)
-        made = _library(folder, name, arguments, compiler, identifier, sandbox)
+        made = _library(folder, name, arguments, compiler, identifier)
         (folder / binary).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(made, folder / binary)
     except CompilerFailed as error:
@@ -69,25 +66,19 @@ def compile_sources(folder: Path, configuration: Any, binary: str, sandbox: bool
 
 
 def _library(
-    folder: Path,
-    name: str,
-    arguments: list[str],
-    compiler: list[str],
-    identifier: str,
-    sandbox: bool,
+    folder: Path, name: str, arguments: list[str], compiler: list[str], identifier: str
 ) -> Path:
     """The library in the cache, made if it does not exist."""
-    digest = hashlib.sha256(repr((compiler, arguments, identifier, sandbox)).encode())
+    digest = hashlib.sha256(repr((compiler, arguments, identifier)).encode())
     for file in sorted(p for p in (folder / "sources").rglob("*") if p.is_file()):
         digest.update(str(file.relative_to(folder)).encode())
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     made = kernel_cache.entry(kernel_cache.COMPILED, digest.hexdigest())
     if not kernel_cache.is_whole(made):
-        command = [*sandboxed(folder), *compiler] if sandbox else compiler
-        library = compile_in(folder, name, arguments, "compiled", command)
+        library = compile_in(folder, name, arguments, "compiled", compiler)
         if names := _with_prefix(library, identifier):
             named = [f"-Wl,--defsym={plain}={identifier}_{plain}" for plain in names]
-            library = compile_in(folder, name, [*arguments, *named], "compiled", command)
+            library = compile_in(folder, name, [*arguments, *named], "compiled", compiler)
         kernel_cache.write(made, library)
     return made
 

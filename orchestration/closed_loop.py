@@ -58,8 +58,7 @@ def run_pair(loop: Loop, progress: Progress | None = None) -> ClosedLoopResult:
         with contextlib.ExitStack() as opened:
 
             def opened_fmu(part: Part, side: str) -> _Fmu:
-                sandbox = loop.sandbox and (bool(loop.isolate) or not part.has_equations)
-                instance = open_fmu(part.fmu(), side, loop.isolate, loop.time_limit, sandbox)
+                instance = open_fmu(part.fmu(), side, loop.isolate, loop.time_limit)
                 opened.callback(instance.close)
                 return instance
 

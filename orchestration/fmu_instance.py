@@ -380,13 +380,10 @@ def inputs_of(description: Description) -> list[str]:
 
 
 def open_source(
-    owner: object, source: Path | str | UnpackedFmu, sandbox: bool = False
+    owner: object, source: Path | str | UnpackedFmu
 ) -> tuple[UnpackedFmu, Callable[[], object]]:
-    """Unpack the FMU; return it and a function that removes its folder, at the latest with `owner`.
-
-    With `sandbox`, the sources of an FMU without a binary are compiled in a sandbox.
-    """
+    """Unpack the FMU; return it and what removes its folder, at the latest with `owner`."""
     if isinstance(source, UnpackedFmu):
         return source, lambda: None
-    fmu = unpack(source, sandbox=sandbox)
+    fmu = unpack(source)
     return fmu, weakref.finalize(owner, fmu.remove)

@@ -12,11 +12,8 @@ import contextlib
 import json
 import math
 import os
-import shutil
-import stat
 import struct
 import subprocess
-import tempfile
 import threading
 import weakref
 from collections.abc import Mapping, Sequence
@@ -28,7 +25,6 @@ import numpy.typing as npt
 
 from ..fmus.made_here import is_ours
 from ..fmus.reading import FmuError, UnpackedFmu
-from ..fmus.sandbox import FMU, check_sandbox, command
 from . import isolated_host
 from .fmu_instance import (
     SHORTER,
@@ -61,29 +57,17 @@ class IsolatedInstance(AnyFmu):
         Instance name; also the name of the FMU in messages.
     time_limit : float
         Time limit of one call [s].
-    sandbox : bool
-        Whether that process runs in the sandbox of `ballscrew.fmus.sandbox`. It ends with the
-        thread that opens the instance.
 
     Raises
     ------
-    NoSandbox
-        If no sandbox is available here.
     FmuError
         If the file is not an FMU that can run here, or its process ends when it is opened.
     """
 
     def __init__(
-        self,
-        source: Path | str | UnpackedFmu,
-        name: str,
-        time_limit: float = TIME_LIMIT,
-        sandbox: bool = False,
+        self, source: Path | str | UnpackedFmu, name: str, time_limit: float = TIME_LIMIT
     ) -> None:
-        if sandbox:
-            check_sandbox()
-        self._fmu, self._clean = open_source(self, source, sandbox)
-        self._sandbox = sandbox
+        self._fmu, self._clean = open_source(self, source)
         self.name = name
         self.time_limit = time_limit
         description = self._fmu.description
@@ -100,19 +84,15 @@ class IsolatedInstance(AnyFmu):
         self._stepping = False
         self._dead = ""
         self._printed = _Printed()
-        folder, seen_as, before = self._fmu.folder, str(self._fmu.folder), list[str]()
-        scratch = None
-        if sandbox:
-            scratch = folder = Path(tempfile.mkdtemp(prefix="ballscrew-scratch-"))
-            seen_as, before = FMU, command(folder, self._fmu.folder)
+        folder = self._fmu.folder
         self._socket, self._process, held = start_host(
-            isolated_host.__name__, folder, self._printed.descriptor, before
+            isolated_host.__name__, folder, self._printed.descriptor
         )
         self._socket.settimeout(time_limit)
-        self._end = weakref.finalize(self, _ended, self._process, scratch, self._socket, held)
+        self._end = weakref.finalize(self, _ended, self._process, self._socket, held)
         request = {
             "path": str(self._fmu.path),
-            "folder": seen_as,
+            "folder": str(folder),
             "description": description.to_dict(),
             "name": name,
         }
@@ -208,7 +188,7 @@ class IsolatedInstance(AnyFmu):
             self._tell(Request.RELEASE, state)
 
     def reopened(self) -> IsolatedInstance:
-        other = IsolatedInstance(self._fmu, self.name, self.time_limit, self._sandbox)
+        other = IsolatedInstance(self._fmu, self.name, self.time_limit)
         other.sample_time, other.can_save = self.sample_time, self.can_save
         return other
 
@@ -263,10 +243,6 @@ class IsolatedInstance(AnyFmu):
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_FAREWELL)
         code = self._process.returncode
-        if (
-            self._sandbox and code is not None and code > 128
-        ):  # bubblewrap adds 128 to a signal's number
-            code = 128 - code
         how = "closed the connection" if code is None else how_ended(code)
         last = self._printed.last_line()
         return f"{how}; its last output: {last}" if last else how
@@ -294,38 +270,20 @@ class _Printed:
 
 
 def open_fmu(
-    path: Path,
-    name: str,
-    isolate: bool | None = None,
-    time_limit: float = TIME_LIMIT,
-    sandbox: bool = False,
+    path: Path, name: str, isolate: bool | None = None, time_limit: float = TIME_LIMIT
 ) -> FmuInstance | IsolatedInstance:
     """Open an FMU in its own process if requested; default: if it was not written by this program.
 
-    With `sandbox` it always has its own process.
-
     Raises
     ------
-    FmuError, NoSandbox
+    FmuError
     """
-    if sandbox:
-        return IsolatedInstance(path, name, time_limit, sandbox)
     if is_ours(path) if isolate is None else not isolate:
         return FmuInstance(path, name)
     return IsolatedInstance(path, name, time_limit)
 
 
-def _ended(
-    process: subprocess.Popen[bytes],
-    scratch: Path | None,
-    *files: Any,
-) -> None:
+def _ended(process: subprocess.Popen[bytes], *files: Any) -> None:
     end_host(process)
     for file in files:
         file.close()
-    if scratch:
-        for place, folders, _ in os.walk(scratch):
-            for folder in (os.path.join(place, name) for name in folders):
-                if not os.path.islink(folder):
-                    os.chmod(folder, stat.S_IRWXU)  # the FMU may have removed all permissions
-        shutil.rmtree(scratch, ignore_errors=True)

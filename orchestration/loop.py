@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..fmus.catalogue import in_units_of
-from ..fmus.sandbox import check_sandbox
 from ..fmus.set_point import START_VALUE
 from ..instruments import bare, without_units
 from ..plant import DESCRIBED
@@ -48,7 +47,6 @@ class HowCoupled:
     adaptive: bool = False
     isolate: bool | None = None
     time_limit: float = TIME_LIMIT
-    sandbox: bool = False
 
     def _resolve(self, **given: Any) -> None:
         for name, value in given.items():
@@ -63,13 +61,6 @@ class HowCoupled:
         )
         if self.step is not None:
             self._resolve(step=check_step("step", self.step, stop))
-        if self.sandbox:
-            if self.isolate is False or self.coupling is Coupling.MONOLITHIC:
-                what = "isolate=False" if self.isolate is False else "the monolithic coupling"
-                raise BadParameter(
-                    f"sandbox and {what}: a sandbox is for FMUs in processes of their own"
-                )
-            check_sandbox()
 
 
 @dataclass(frozen=True)
@@ -111,9 +102,6 @@ class Loop(HowCoupled):
         Whether each FMU runs in its own process. Default: FMUs not written by this program.
     time_limit : float
         Time limit of one call of an FMU in its own process [s].
-    sandbox : bool
-        Whether FMUs that are files run in a sandbox: without network and the user's files. Parts by
-        name are this program's own code, and run there only with ``isolate=True``.
 
     Attributes
     ----------
@@ -123,8 +111,6 @@ class Loop(HowCoupled):
 
     Raises
     ------
-    NoSandbox
-        If a sandbox is requested and none is available here.
     BadPart, BadComponentFile, BadParameter, BadReference
         If a part, a number or the set-point is invalid; the message says why.
 
@@ -168,7 +154,6 @@ class Loop(HowCoupled):
             adaptive: bool = ...,
             isolate: bool | None = ...,
             time_limit: float = ...,
-            sandbox: bool = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -286,7 +271,7 @@ class SystemLoop(HowCoupled):
     values : mapping of str to float
         Parameters and start values as ``element.variable``; they replace those of the file. Text is
         a String, the name of an Enumeration's item, or a number.
-    step, coupling, corrections, adaptive, isolate, time_limit, sandbox
+    step, coupling, corrections, adaptive, isolate, time_limit
         As in `Loop`. With ``jacobi`` and ``gauss-seidel`` connected feedback-law ports
         are ordinary signals, as in other masters.
     """
@@ -311,7 +296,6 @@ class SystemLoop(HowCoupled):
             adaptive: bool = ...,
             isolate: bool | None = ...,
             time_limit: float = ...,
-            sandbox: bool = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:

@@ -17,7 +17,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 if TYPE_CHECKING:
@@ -265,7 +265,7 @@ def _end_with_parent() -> None:
 
 
 def start_host(
-    module: str, folder: Path, prints: int, before: Sequence[str] = ()
+    module: str, folder: Path, prints: int
 ) -> tuple[socket.socket, Popen[bytes], BinaryIO]:
     """Start a fresh interpreter that runs ``main(connection)`` of a module of this package.
 
@@ -278,8 +278,6 @@ def start_host(
         Its working directory.
     prints : int
         Descriptor for its output, which is closed here.
-    before : sequence of str
-        Words before the command; none on Windows.
 
     Returns
     -------
@@ -305,7 +303,7 @@ def start_host(
             f"connection = host_connection({descriptors}); "
             f"from {module} import main; main(connection)"
         )
-        command = [*before, sys.executable, "-P", "-c", code]
+        command = [sys.executable, "-P", "-c", code]
         return subprocess.Popen(command, stdout=prints, stderr=prints, cwd=folder, **how)
 
     ours, theirs = socket.socketpair()
@@ -344,8 +342,6 @@ def host_connection(descriptors: list[int]) -> socket.socket:
         end_when_closed(0)
         return connection
     theirs, until = descriptors
-    if os.getpgrp() != os.getpid():  # a child of the command that was put before it
-        os.setpgid(0, 0)
     end_when_closed(until, whole_group=True)
     return socket.socket(fileno=theirs)
 

@@ -66,7 +66,7 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
         fmus = {}
         for element in system.elements:
             fmus[element.name] = open_fmu(
-                element.fmu, element.name, asked.isolate, asked.time_limit, asked.sandbox
+                element.fmu, element.name, asked.isolate, asked.time_limit
             )
             opened.callback(fmus[element.name].close)
         values = _values(system, asked, fmus)

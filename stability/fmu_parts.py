@@ -106,14 +106,13 @@ def opened_parts(loop: Loop, tangents: int) -> Iterator[FmuParts]:
     Parameters
     ----------
     loop : Loop
-        An FMU of it that was not written here runs in its own process, in a sandbox if the loop
-        requires it.
+        An FMU of it that was not written here runs in its own process.
     tangents : int
         Number of tangents of parts by name: `ALL`, or 0 for ordinary FMUs.
 
     Raises
     ------
-    FmuError, NoSandbox, UnsupportedComponent
+    FmuError, UnsupportedComponent
         Also for a controller that is sampled by its master: it has no tangents here.
     """
     if loop.sampled:
@@ -123,7 +122,7 @@ def opened_parts(loop: Loop, tangents: int) -> Iterator[FmuParts]:
         def opened_file(side: str, part: Part) -> _Instance | None:
             if part.has_equations:
                 return None
-            instance = open_fmu(part.fmu(), side, sandbox=loop.sandbox)
+            instance = open_fmu(part.fmu(), side)
             opened.callback(instance.close)
             check_state(instance, {}, *TRIAL)
             return instance

@@ -19,10 +19,10 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1123, 888),
     "controllers": (1417, 1093),
     "instruments": (891, 715),
-    "fmus": (6415, 5558),
-    "orchestration": (13884, 11171),
-    "stability": (3579, 2892),
-    "ballscrew": (5012, 4148),
+    "fmus": (6234, 5411),
+    "orchestration": (13820, 11122),
+    "stability": (3578, 2892),
+    "ballscrew": (4988, 4125),
     "gallery": (3571, 3184),
     "records": (2468, 2023),
     "identification": (4810, 3982),
@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1392, 1343),
     ".ci": (276, 255),
-    "tests": (27560, 26305),
+    "tests": (27523, 26270),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

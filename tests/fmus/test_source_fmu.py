@@ -8,12 +8,9 @@ import zipfile
 
 import numpy as np
 import pytest
-from hostile_fmu import needs_sandbox
 
 from ballscrew.cli import main
 from ballscrew.fmus import source_fmu
-from ballscrew.fmus.reading import FmuError
-from ballscrew.orchestration.isolated import IsolatedInstance
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.run import run_closed_loop
 
@@ -108,44 +105,3 @@ def test_what_was_compiled_crashes_in_its_own_process(sources_only):
 
     run = run_closed_loop(Loop(str(sources_only("pid", 3, crashing)), stop=0.1, step=1e-3)).run
     assert "controller (pid3.fmu) was ended by SIG" in run.stopped
-
-
-TAKES_IN = """
-__asm__(".section .data\\n.globl taken\\ntaken: .incbin \\"%s\\"\\n.previous\\n");
-"""
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize("sandbox", [False, True])
-def test_sources_cannot_take_in_a_file_of_the_user_s_in_a_sandbox(
-    sandbox, tmp_path, sources_only, monkeypatch
-):
-    """A compiler reads what sources name: without a sandbox, any file of the user's."""
-    if sandbox:
-        needs_sandbox()
-    monkeypatch.setenv("BALLSCREW_CACHE", str(tmp_path / "cache"))
-    secret = tmp_path / "secret"
-    secret.write_text("the secret of the user")
-    text = (TAKES_IN % secret).encode()
-    path = sources_only("pid", 3, lambda name, data: data + text * (name == "sources/fmi3.c"))
-    if sandbox:
-        with pytest.raises(FmuError, match=f"do not compile: .*{secret}"):
-            IsolatedInstance(path, "one", sandbox=True)
-    else:
-        IsolatedInstance(path, "one").close()
-    made = [p.read_bytes() for p in (tmp_path / "cache" / "fmus" / "compiled").glob("*")]
-    assert any(b"the secret of the user" in data for data in made) != sandbox
-
-
-@pytest.mark.ci
-def test_sources_run_in_a_sandbox_as_without(sources_only, tmp_path, monkeypatch):
-    needs_sandbox()
-    monkeypatch.setenv("BALLSCREW_CACHE", str(tmp_path / "cache"))
-    path = str(sources_only("pid"))
-    courses = [
-        run_closed_loop(Loop(path, stop=0.01, step=1e-3, sandbox=sandbox)).run.outputs["x"]
-        for sandbox in (False, True)
-    ]
-    np.testing.assert_array_equal(*courses)
-    compiled = list((tmp_path / "cache" / "fmus" / "compiled").glob("*.sha256"))
-    assert len(compiled) == 2  # what was made without a sandbox is not taken in one
