@@ -60,7 +60,6 @@ prove: $(VENV)/ci
 	$(BIN)/python proofs/identification.py --rigs 30
 	$(BIN)/python proofs/criteria.py
 	$(BIN)/python proofs/table_2_12.py
-	$(BIN)/python proofs/tables_of_trials.py
 	$(BIN)/python proofs/variational.py
 	$(BIN)/python proofs/exchange.py
 	$(BIN)/python proofs/calibrate_sets.py

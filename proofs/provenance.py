@@ -45,7 +45,6 @@ DEPENDS_ON = {
     ),
     "criteria": ("solver", "plant", "rig", "proofs/features", "proofs/synthetic/laws.py"),
     "features": ("solver", "plant", "rig", "proofs/features"),
-    "tables_of_trials": ("identification/stribeck_fit.py", "proofs/thesis_trials"),
     "variational": (*LOOP, "proofs/variational.py"),
     "diagnosis_sets": (
         "solver",
@@ -109,7 +108,6 @@ SHOWS = {
     "identification": "intervals of identified parameters contain the true value",
     "criteria": "the features of made-up friction laws are found",
     "features": "which friction law shows which feature, compared with Table 2.12 of the thesis",
-    "tables_of_trials": "causes of scatter in the thesis' tables of trials; error of an average",
     "variational": "exponents over FMUs agree with those of one solver",
     "diagnosis_sets": "how often sets contain the right cause, for records of thirteen worlds",
     "diagnosis_held_back": "the same for records of two worlds not used for the calibration",

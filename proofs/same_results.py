@@ -231,8 +231,9 @@ def commands() -> list[str]:
     voltage, heavy = "{diagnose_voltage_scaled_none}", "{heavy_friction_names_inertia}"
     models += [(f"{voltage}/run.csv", f"{voltage}/axis.toml --lead 0.001")]
     models += [(f"{heavy}/f_m25_50Hz.csv", f"{heavy}/p25.toml")]
-    laws = [n for n in catalogue()["plants"] if n.startswith("drive_")]
-    words += [f"lyapunov --controller pid --plant {n} --stop 2" for n in laws]
+    for law in (n for n in catalogue()["plants"] if n.startswith("drive_")):
+        stop = 0.02 if "maxwell" in law else 2  # s; not so long that computing time ends it
+        words.append(f"lyapunov --controller pid --plant {law} --stop {stop}")
     words += [f"{c} {r} --params {m}" for r, m in models for c in ("diagnose", "compare")]
     for controller in (*catalogue()["controllers"], *PRACTICE):
         run = f"run --controller {controller} --stop 0.3 --step 1e-3"

@@ -28,11 +28,11 @@ MOST = {  # folder: lines, lines without docstrings
     "identification": (4810, 3982),
     "diagnosis": (6691, 5351),
     "rig": (1845, 1448),
-    "proofs": (13538, 12022),
+    "proofs": (12907, 11541),
     "benchmarks": (1870, 1732),
-    "docs": (1392, 1343),
+    "docs": (1365, 1316),
     ".ci": (276, 255),
-    "tests": (27523, 26270),
+    "tests": (27524, 26271),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

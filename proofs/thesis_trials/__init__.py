@@ -1,1 +1,0 @@
-"""Scatter in the thesis' tables of trials, and the error by its averaged friction curve."""
