@@ -284,7 +284,7 @@ def loop(controller: str | Component, plant: str = "plant") -> Component:
     from dataclasses import replace
 
     from ..solver.connect import connect
-    from .set_point import START_VALUE
+    from ..solver.set_point import START_VALUE
 
     law = component(controller)
     whole = connect(component(plant), law)

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from ..solver.kernel import Kernel
+from ..solver.set_point import START_VALUE
 from .interface import START
-from .set_point import START_VALUE
 
 
 def with_start_values(

@@ -19,11 +19,11 @@ from xml.etree import ElementTree as ET
 from ..instruments import MEASURED
 from ..solver.files import write_atomically
 from ..solver.kernel import DEFAULT_TOLERANCE
+from ..solver.set_point import DERIVATIVES, START_VALUE
 from .archive import pack
 from .law_ports import gain_port, rate_port, reference_port
 from .model_description import TOOL
 from .reading import NumberVariable, unpack
-from .set_point import DERIVATIVES, START_VALUE
 from .system_xml import BASE_UNITS
 
 PLANT, CONTROLLER = "plant", "controller"

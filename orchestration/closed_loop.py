@@ -13,8 +13,8 @@ import numpy as np
 from ..fmus.catalogue import NAMES
 from ..fmus.law_ports import reference_port
 from ..fmus.reading import Description
-from ..fmus.set_point import SET_POINT
 from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
+from ..solver.set_point import SET_POINT
 from .closed_loop_result import ClosedLoopResult
 from .couplings import Coupling
 from .fmu_instance import FmuInstance
@@ -26,7 +26,7 @@ from .master import Progress, run_loop
 from .parts import Part, check_names
 from .port_units import convert
 from .sampled_fmu import sampled_every
-from .sampling import UnknownPeriod, sampling_period
+from .sampling import answers_in_steps
 from .state_trial import check_state
 from .step_choice import StepChoice, choose_step, only_step
 from .whole_loop import run_monolithic
@@ -52,18 +52,14 @@ def run_pair(loop: Loop, progress: Progress | None = None) -> ClosedLoopResult:
         found = amplifier_notes(run, loop.plant.parameters, loop.plant_values, "--limit-voltage ")
         return ClosedLoopResult(loop, run, (*loop.notes, *found))
     notes: tuple[str, ...] = ()
+    loop = _sampled_if_it_answers_in_steps(loop)
 
     def run_at(step: float, look_again: bool, tries: bool = False) -> LoopRun:
         nonlocal notes
         with contextlib.ExitStack() as opened:
-
-            def opened_fmu(part: Part, side: str) -> _Fmu:
-                instance = open_fmu(part.fmu(), side, loop.isolate, loop.time_limit)
-                opened.callback(instance.close)
-                return instance
-
-            plant = opened_fmu(loop.plant, "plant")
-            controller = opened_fmu(loop.controller, "controller")
+            plant, controller = _opened(loop, PLANT), _opened(loop, CONTROLLER)
+            opened.callback(plant.close)
+            opened.callback(controller.close)
             if loop.sampled:
                 controller = sampled_every(controller, loop.sampled)
             run, found = run_parts(loop, plant, controller, step, progress, look_again, tries)
@@ -77,6 +73,27 @@ def run_pair(loop: Loop, progress: Progress | None = None) -> ClosedLoopResult:
     if not run.verdict.trusted and not loop.controller.has_equations and not run.sampling_period:
         notes += (f"if {loop.label} is a digital controller, give its period with --sampled",)
     return ClosedLoopResult(loop, run, notes, choice)
+
+
+def _opened(loop: Loop, side: str) -> _Fmu:
+    part = loop.plant if side == PLANT else loop.controller
+    return open_fmu(part.fmu(), side, loop.isolate, loop.time_limit)
+
+
+def _sampled_if_it_answers_in_steps(loop: Loop) -> Loop:
+    """The loop; if its controller computes outputs in its steps only, a digital one."""
+    part, values = loop.controller, loop.controller_values
+    if loop.sampled or part.has_equations or part.is_none:
+        return loop
+    fmu, opened = part.description, partial(_opened, loop, CONTROLLER)
+    step = loop.step or own_step({part.name: fmu}) or min(FIRST_STEP, loop.stop)
+    if not answers_in_steps(fmu, opened, values, loop.stop, step):
+        return loop
+    note = (
+        f"{loop.label} computes its outputs in its steps only: it is run as a digital controller "
+        f"with the communication step of {step:g} s as its period; --sampled gives another"
+    )
+    return replace(loop, sampled=step, notes=(*loop.notes, note))
 
 
 def run_by_steps(
@@ -142,12 +159,7 @@ def run_parts(
     controller, units = convert(plant, controller, wiring, loop.mapping)
     notes = _connection_notes(loop, plant, controller, wiring) + units.notes
     notes += states[0] + states[1]
-    if loop.sampled:
-        notes += fixed_step_notes(step, plant) + fixed_step_notes(loop.sampled, controller)
-    else:
-        notes += fixed_step_notes(step, plant, controller)
-        if not loop.controller.has_equations:
-            notes += _meet_samples(loop, step, plant, controller, wiring)
+    notes += fixed_step_notes(step, plant) + fixed_step_notes(loop.sampled or step, controller)
     run = run_loop(
         plant,
         controller,
@@ -213,26 +225,6 @@ def _acts(controller: Part, name: str) -> bool:
     reported = reference_port("", name)
     outputs = controller.kernel.outputs
     return any(name in o.uses for o in outputs if not o.name.endswith(reported))
-
-
-def _meet_samples(
-    loop: Loop, step: float, plant: _Fmu, controller: _Fmu, wiring: Wiring
-) -> tuple[str, ...]:
-    """Set the sampling period of a third-party controller, if it has one; return notes."""
-    sizes = np.array([plant.nominal(name) for name, _ in wiring.signals])
-    values = loop.controller_values
-    try:
-        period = sampling_period(controller, wiring, sizes, values, loop.stop, step)
-    except UnknownPeriod as error:
-        raise CouplingError(str(error)) from error
-    notes: tuple[str, ...] = ()
-    if period.seconds > 0:
-        controller.sample_time = period.seconds
-        notes += (
-            f"{loop.label} is sampled every {period.seconds:g} s, by {period.found}; the "
-            "coupling uses this period",
-        )
-    return notes
 
 
 def fixed_step_notes(step: float, *fmus: _Fmu) -> tuple[str, ...]:

@@ -13,8 +13,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..fmus.set_point import START_VALUE
 from ..solver.nearest import did_you_mean
+from ..solver.set_point import START_VALUE
 from .reference_signal import TERMS, BadReference, Matrix, Reference, Vector
 
 PIECES = 128  # of each period of a sine

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.set_point import DERIVATIVES, SET_POINT
 from ..records.bad_record import BadRecord
 from ..records.table import listed, read_tables
 from ..records.units import NO_UNIT, UNITS, spell
+from ..solver.set_point import DERIVATIVES, SET_POINT
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from operator import itemgetter
 
-from ..fmus.set_point import DERIVATIVES, SET_POINT
 from ..fmus.system_reading import SystemConnection, SystemPort, SystemStructure
 from ..fmus.system_xml import Unit
+from ..solver.set_point import set_point_orders
 from .fmu_instance import FmuInstance
 from .isolated import IsolatedInstance
 from .port_units import from_si
@@ -39,14 +38,15 @@ def goal_of(system: SystemStructure, fmus: Fmus, rest: Sequence[str]) -> Goal:
             for port in free
             if port not in driven
         }
-    if len(candidates) == 1:
-        return tuple((c, 0) for c in next(iter(candidates.values())))
     called = [(n.rpartition(".")[2], drives) for n, drives in candidates.items()]
-    if [n for n, _ in called].count(SET_POINT) != 1:
-        return ()
-    orders = {SET_POINT: 0, **DERIVATIVES}
-    named = [(orders[n], drives) for n, drives in called if n in orders]
-    return tuple((c, order) for order, drives in sorted(named, key=itemgetter(0)) for c in drives)
+    orders = set_point_orders([n for n, _ in called])
+    return tuple(
+        (c, order)
+        for name, order in orders.items()
+        for n, drives in called
+        if n == name
+        for c in drives
+    )
 
 
 def _from_si(c: SystemConnection, unit: Unit | None, fmus: Fmus) -> SystemConnection:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.set_point import DERIVATIVES
 from ..solver.kernel import IntegrationError, Kernel, Model
+from ..solver.set_point import REFERENCES, set_point_orders
 from ..solver.stored import stored_kernel
 from .compiled import FARTHEST
 from .couplings import Coupling
@@ -104,7 +104,7 @@ def _with_curves(loop: Component) -> Component:
 
     since = TIME - symbol(STARTED)
     curves, terms = {}, []
-    for i in (i for i in loop.inputs if i.role in ("reference", "reference_derivative")):
+    for i in (i for i in loop.inputs if i.role in REFERENCES):
         rest: Any = 0
         for power in reversed(range(1, TERMS)):
             name = term_name(i.name, power)
@@ -136,10 +136,8 @@ def term_name(name: str, power: int) -> str:
 
 
 def reference_orders(kernel: Kernel) -> dict[str, int]:
-    """Inputs of a loop that take the set-point (0) or its derivatives, and the order of each."""
-    orders = {i.name: 0 for i in kernel.inputs if i.role == "reference"}
-    derived = (i.name for i in kernel.inputs if i.role == "reference_derivative")
-    return orders | {name: DERIVATIVES[name] for name in derived}
+    """As `set_point_orders`, of a loop's inputs."""
+    return set_point_orders([i.name for i in kernel.inputs if i.role in REFERENCES])
 
 
 def inputs_between(

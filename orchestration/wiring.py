@@ -6,8 +6,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from ..fmus.law_ports import gain_port, rate_port, reference_port
-from ..fmus.set_point import DERIVATIVES, SET_POINT
 from ..solver.nearest import nearest
+from ..solver.set_point import SET_POINT, set_point_orders
 from .fmu_instance import Instance
 
 PLANT, CONTROLLER = "plant", "controller"
@@ -134,13 +134,13 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     commands = tuple(
         (n, needed[on_controller[n]]) for n in controller.outputs if on_controller[n] in needed
     )
-    told = any(on_controller[n] == SET_POINT for n in controller.inputs)  # else v_d may be it
-    # with x_d these are the set-point's, also if the plant has such outputs, except if mapped
-    own = {n for n in controller.inputs if told and n in DERIVATIVES and on_controller[n] == n}
+    # beside x_d these are the set-point's, also if the plant has such outputs, except if mapped
+    named = set_point_orders([on_controller[n] for n in controller.inputs])
+    own = [n for n, order in named.items() if order]
     signals = tuple(
         (plant_outputs[on_controller[n]], n)
         for n in controller.inputs
-        if on_controller[n] in plant_outputs and n not in own
+        if on_controller[n] in plant_outputs and (n not in own or on_controller[n] != n)
     )
     driven = {theirs for _, theirs in commands}
     missing = [n for n in needed.values() if n not in driven]
@@ -157,18 +157,16 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
             f"{', '.join(controller.inputs) or 'none'}, the plant's outputs are "
             f"{', '.join(plant.outputs)}; use --map theirs=ours"
         )
-    free = [n for n in controller.inputs if n not in {c for _, c in signals}]
-    derivatives = [n for n in free if told and on_controller[n] in DERIVATIVES]
-    rest = [n for n in free if n not in derivatives]
-    goals = [n for n in rest if on_controller[n] == SET_POINT] or rest
-    if len(goals) > 1:
+    connected = {theirs for _, theirs in signals}
+    free = {on_controller[n]: n for n in controller.inputs if n not in connected}
+    taken = set_point_orders([*free])
+    if free and not taken:
         raise WiringError(
-            f"{controller.name} has the inputs {', '.join(goals)} that are not connected "
-            f"to {plant.name}; give the set-point, such as --map {goals[0]}={SET_POINT}"
+            f"{controller.name} has the inputs {', '.join(free.values())} that are not connected "
+            f"to {plant.name}; give the set-point, such as --map {min(free.values())}={SET_POINT}"
         )
-    unconnected = tuple(n for n in rest if n not in goals)
-    orders = (*(0 for _ in goals), *(DERIVATIVES[on_controller[n]] for n in derivatives))
-    references = (*goals, *derivatives)
+    references, orders = tuple(free[n] for n in taken), tuple(taken.values())
+    unconnected = tuple(n for n in free.values() if n not in references)
     others = tuple(n for n in plain_outputs(controller) if n not in {c for c, _ in commands})
     wiring = Wiring(
         commands, signals, references, False, False, unconnected, orders, tuple(missing), others

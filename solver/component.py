@@ -22,6 +22,7 @@ import sympy as sp
 
 from .contract_error import ContractError as ContractError
 from .functions import FUNCTIONS, symbols_in, unsupported_function
+from .set_point import SET_POINT, set_point_orders
 
 Number = float | int
 
@@ -82,9 +83,9 @@ class Input:
         Typical magnitude.
     role : {"signal", "measurement", "reference", "reference_derivative", "internal"}
         A controller's ``measurement`` is part of the feedback law, its ``reference`` and
-        ``reference_derivative`` are not. A ``reference_derivative`` is called ``v_d`` or ``a_d``
-        for a set-point ``x_d``, and is zero if nothing is connected; ``internal`` inputs are set by
-        the FMU itself and are no FMI variables.
+        ``reference_derivative`` are not. Beside a reference ``x_d``, the inputs ``v_d`` and ``a_d``
+        are its derivatives in any case, as in an FMU, and are zero if nothing is connected;
+        ``internal`` inputs are set by the FMU itself and are no FMI variables.
     law : tuple of str
         For an actuated input of a plant: the outputs on which a feedback law may act.
     """
@@ -312,6 +313,11 @@ class Component:
     delays: tuple[Delay, ...] = ()
 
     def __post_init__(self) -> None:
+        orders = set_point_orders([i.name for i in self.inputs])
+        if any(i.name == SET_POINT and i.role == "reference" for i in self.inputs):
+            derived = {n: "reference_derivative" for n, order in orders.items() if order}
+            inputs = (replace(i, role=derived.get(i.name, i.role)) for i in self.inputs)
+            object.__setattr__(self, "inputs", tuple(inputs))
         self._check()
 
     def __repr__(self) -> str:

@@ -7,8 +7,7 @@ from dataclasses import replace
 from .component import Component, ContractError, symbol
 from .interconnect import interconnect
 from .kernel import CONTROLLER, PLANT
-
-_REFERENCES = ("reference", "reference_derivative")
+from .set_point import REFERENCES, set_point_orders
 
 
 def connect(plant: Component, controller: Component) -> Component:
@@ -42,7 +41,13 @@ def connect(plant: Component, controller: Component) -> Component:
     """
     seen = [o.name for o in plant.all_outputs]
     commands = [o.name for o in controller.all_outputs]
-    references = tuple(i for i in controller.inputs if i.role in _REFERENCES)
+    references = tuple(i for i in controller.inputs if i.role in REFERENCES)
+    if references and not set_point_orders([i.name for i in references]):
+        names = ", ".join(i.name for i in references)
+        raise ContractError(
+            f"{controller.name} has the inputs {names} for the set-point; expected one, or x_d "
+            "with v_d and a_d for its derivatives"
+        )
     connections = {f"controller.{i.name}": i.name for i in references}
     used = controller.used_symbols()
     for i in controller.inputs:

@@ -15,14 +15,14 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (7390, 6516),
+    "solver": (7418, 6538),
     "plant": (1123, 888),
     "controllers": (1417, 1093),
     "instruments": (891, 715),
-    "fmus": (6234, 5411),
-    "orchestration": (13820, 11122),
+    "fmus": (6229, 5407),
+    "orchestration": (13727, 11038),
     "stability": (3578, 2892),
-    "ballscrew": (4988, 4125),
+    "ballscrew": (4991, 4128),
     "gallery": (3571, 3184),
     "records": (2468, 2023),
     "identification": (4810, 3982),
@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1365, 1316),
     ".ci": (276, 255),
-    "tests": (27524, 26271),
+    "tests": (27564, 26308),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

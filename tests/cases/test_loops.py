@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from case_inputs import system
 from cases import cart_position, case, maker, trajectory
+from fmpy import simulate_fmu
 
 from ballscrew.orchestration.loop import Loop, SystemLoop
 from ballscrew.orchestration.loop_run import CouplingError
@@ -88,6 +89,28 @@ def test_a_set_point_drives_the_controller_where_a_plant_echoes_x_d(tmp_path, co
     np.testing.assert_array_equal(table["x_d"], 0.1)
     np.testing.assert_array_equal(table["plant.x_d"], 88.0)  # its echo
     np.testing.assert_allclose(table["u_in"], 25.0 * (0.1 - table["x"]) - 8.0 * table["v"])
+
+
+@pytest.mark.ci
+def test_one_loop_of_a_cascade_comes_to_its_set_point_in_a_run_a_map_and_an_exported_fmu(
+    tmp_path, command
+):
+    """At rest v_d and a_d are zero, so that x = x_d, but for what friction holds."""
+    from pyarrow.parquet import read_table
+
+    part, goal = "cascade.py:cascade", "--stop 3 --setpoint 0.02"
+    folder = case("roles_of_set_points", tmp_path)
+    assert command(folder, f"run --controller {part} {goal} --step 1e-3 --out r")[0] == 0
+    assert trajectory(folder / "r")["x"][-1] == pytest.approx(0.02, abs=1e-4)
+    grid = "--x Kpos=7:8:2 --y Kvel=400:410:2 --workers 1"
+    assert command(folder, f"map --controller {part} {goal} {grid} --out m")[0] == 0
+    left = read_table(folder / "m" / "map.parquet").to_pydict()["final_error"]
+    np.testing.assert_allclose(left, 0.0, atol=1e-4)
+    assert command(folder, f"export --loop {part} --native --out l")[0] == 0
+    (path,) = (folder / "l").glob("*.fmu")
+    starts = {"x_d": 0.02}
+    end = simulate_fmu(str(path), stop_time=3.0, start_values=starts, output=["x"])["x"][-1]
+    assert end == pytest.approx(0.02, abs=1e-4)
 
 
 def test_a_step_that_was_asked_for_and_is_discarded_is_told_in_words(tmp_path, command):

@@ -21,8 +21,8 @@ def echo() -> Component:
     """Commands what it is told of the derivatives, and damps, so that it measures something."""
     command = 100 * symbol("v_d") + 3 * symbol("a_d") - 0 * symbol("x_d") - 1e-9 * symbol("v")
     told = (
-        Input("v_d", "m/s", "desired velocity", role="reference_derivative"),
-        Input("a_d", "m/s^2", "desired acceleration", role="reference_derivative"),
+        Input("v_d", "m/s", "desired velocity", role="reference"),  # its name decides
+        Input("a_d", "m/s^2", "desired acceleration", role="reference"),
     )
     return Component(
         name="echo",

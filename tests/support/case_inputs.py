@@ -214,6 +214,26 @@ def setpoint_taken_by_plant_output(folder):
     _pair(folder, "cart_uu", names=names, more=echo, step=step, more_out="$x_d$=88;")
 
 
+def roles_of_set_points(folder):
+    """A cascade with feed-forward, whose three set-points have one role."""
+    (folder / "cascade.py").write_text(
+        """from ballscrew import Component, Input, Output, Parameter, symbol
+
+def cascade():
+    x_d, v_d, a_d, x, v, K, L = map(symbol, "x_d v_d a_d x v Kpos Kvel".split())
+    goals = (("x_d", "m"), ("v_d", "m/s"), ("a_d", "m/s^2"))
+    gains = (("Kpos", 8.0, "1/s"), ("Kvel", 400.0, "V*s/m"))
+    return Component(
+        "cascade", "P-P cascade",
+        tuple(Parameter(*p, "gain", "by hand", minimum=0.0) for p in gains),
+        (*(Input(*i, "set-point", role="reference") for i in goals),
+         Input("x", "m", "position", role="measurement"),
+         Input("v", "m/s", "velocity", role="measurement")),
+        outputs=(Output("u", "V", "voltage", L * (K * (x_d - x) + v_d - v) + 0.1 * a_d),))
+"""
+    )
+
+
 def step_discarded(folder):
     _pair(folder, "cart_d", step="if(h>2.0001e-4)return 2;" + mk.PLANT_STEP)
 
@@ -281,6 +301,7 @@ def inputs_after_initialization(folder):
     mk.plant(str(folder / "cart.fmu"))
     _pid(folder, "PyPid")
     _pid(folder, "PidA", start=0.08 * OURS[0])
+    _pid(folder, "Fixed", canHandleVariableCommunicationStepSize=False)
 
 
 def state_not_restored_probe(folder):
