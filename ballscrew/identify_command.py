@@ -152,7 +152,8 @@ def _identify(options: argparse.Namespace) -> int:
     else:
         print(words(_intervals_table(result)))
         print(f"identified.json, parameters.toml, friction_map and residuals in {options.out}")
-    print_notes(result.notes, options.json)
+    of_records = [f"{r.name}: {note}" for r in records for note in r.notes]
+    print_notes([*result.notes, *of_records], options.json)
     for name, interval in result.parameters.items():
         if not interval.identified:
             print(
@@ -200,8 +201,7 @@ def _response(options: argparse.Namespace) -> int:
     else:
         print(result.said)
         print(f"response.json, response.csv and response.png in {options.out}")
-    for note in record.notes:
-        print(f"note: {note}", file=sys.stderr)
+    print_notes(record.notes, options.json)
     return TRUSTED if result.highest > 0 else NOT_TRUSTED
 
 

@@ -20,7 +20,7 @@ from ..orchestration.parameter_file import (
 from ..orchestration.parameter_reading import read_parameters
 from ..plant.law import claims
 from ..records.bad_record import BadRecord
-from ..records.identifiable import check_identifiable
+from ..records.examine import check_identifiable
 from ..records.reading import read_drive_records
 from ..records.record import CURRENT, Record
 from .balance import Added, balance

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..orchestration.parameter_file import TURNS, ParameterFile
 from ..orchestration.parameter_reading import read_parameters
-from ..records.identifiable import check_identifiable
+from ..records.examine import check_identifiable
 from ..records.reading import read_drive_records
 from ..records.record import Record
 from .balance import Added

@@ -84,7 +84,8 @@ class Reference:
             tables = read_tables(Path(path))
         except BadRecord as error:
             raise BadReference(str(error)) from error
-        fitting = [t for t in tables if {"time", SET_POINT} <= t.columns.keys()]
+        wanted = {"time", SET_POINT}
+        fitting = [t for t in tables if wanted <= t.columns.keys() | t.faults.keys()]
         if len(fitting) != 1:
             there = "; ".join(listed(t.columns) for t in fitting or tables)
             many = f"{len(fitting)} tables with " if fitting else ""
@@ -92,6 +93,8 @@ class Reference:
                 f"{path}: has {many}the columns {there}, expected one table with time and x_d"
             )
         columns, units = fitting[0].columns, fitting[0].units
+        for name in (n for n in ("time", *_COLUMNS) if n in fitting[0].faults):
+            raise BadReference(f"{path}{fitting[0].faults[name]}")
         names = ["time", *(n for n in _COLUMNS if n in columns)]
         lengths = {len(columns[n]) for n in names}
         if len(lengths) > 1:

@@ -11,84 +11,43 @@ import io
 import re
 import sys
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-import numpy.typing as npt
 
 from .bad_record import BadRecord
-from .csv_table import Table, read_text
+from .columns import Column, Table, check_size, columns_of, table_of
+from .csv_table import read_lines
 
-Vector = npt.NDArray[np.float64]
-Array = npt.NDArray[Any]
-
-_WIDEST = 1000  # columns of a matrix; wider ones are pictures
+_LAST_DAY = 2_958_466  # of Excel, from 1900 on: the year 9999
 _FUNCTIONS = (
     "sin cos tan arcsin arccos arctan arctan2 asin acos atan sinh cosh tanh exp expm1 log log10 "
     "log1p sqrt abs floor ceil where"
 )
-_FORMULA = re.compile(
-    rf"(?:[\s+\-*/^%(),<>=!&|~]|\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
-    rf"|\b(?:[Xx]1*|INF|NaN|{_FUNCTIONS.replace(' ', '|')})\b)*"
+_TERM = re.compile(
+    rf"[\s+\-*/^%(),<>=!&|~]|\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
+    rf"|\b(?:[Xx]1*|INF|NaN|{_FUNCTIONS.replace(' ', '|')})\b"
 )
 
 
-def table_of(
-    path: Path, arrays: Mapping[str, Array], units: Mapping[str, str], group: str = ""
-) -> Table:
-    """A table of the numbers in arrays; dates become seconds from the first one."""
-    columns: dict[str, Vector] = {}
-    said = dict(units)
-    starts = []
-    for name, array in arrays.items():
-        if array.dtype.kind == "M" and array.size:
-            said[name] = "s"
-            starts.append(str(array.ravel()[0]))
-        columns |= vectors(name, array)
-    kept = {n: u for n, u in said.items() if n in columns and u}
-    notes = tuple(f"dates are seconds from {start}" for start in starts)
-    return Table(path, columns, kept, group=group, notes=notes, start=" ".join(starts))
-
-
-def vectors(name: str, array: Array) -> dict[str, Vector]:
-    """The columns of an array of numbers; those of a matrix are ``name.1`` and so on.
-
-    Samples are along the longer side. Fields are named ``name.field``; other arrays are ignored.
-    """
-    if array.dtype.names:
-        parts = {n: vectors(f"{name}.{n}", array[n]) for n in array.dtype.names}
-        return {n: v for part in parts.values() for n, v in part.items()}
-    if array.dtype.kind == "M":
-        since = array - array.ravel()[:1]
-        array = np.where(np.isnat(since), np.nan, since / np.timedelta64(1, "ns") * 1e-9)
-    if array.dtype.kind not in "fiub" or not array.size:
-        return {}
-    array = np.squeeze(array)
-    if array.ndim < 2:
-        return {name: array.astype(float).ravel()}
-    if array.ndim > 2 or min(array.shape) > _WIDEST:
-        return {}
-    rows = array if array.shape[0] < array.shape[1] else array.T
-    return {f"{name}.{k}": row.astype(float) for k, row in enumerate(rows, 1)}
-
-
 def read_npz(path: Path, data: bytes) -> list[Table]:
+    columns: list[Column] = []
     with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-        arrays = {}
         for name in archive.files:
             try:
-                arrays[name] = archive[name]
+                columns += columns_of(name, archive[name])
             except ValueError:  # objects; to read them would run code
-                continue
-    return [table_of(path, arrays, {})]
+                columns.append(Column(name, fault=f": {name!r} has objects, which are not read"))
+    return [table_of(path, columns)]
 
 
 def read_npy(path: Path, data: bytes) -> list[Table]:
-    array = np.load(io.BytesIO(data), allow_pickle=False)
-    columns = {n.partition(".")[2] or "1": v for n, v in vectors("", array).items()}
-    return [Table(path, columns)]
+    columns = columns_of("", np.load(io.BytesIO(data), allow_pickle=False))
+    return [table_of(path, [c._replace(name=c.name.partition(".")[2] or "1") for c in columns])]
 
 
 def read_hdf5(path: Path, data: bytes) -> list[Table]:
@@ -106,13 +65,34 @@ def read_hdf5(path: Path, data: bytes) -> list[Table]:
 
     tables = []
     with h5py.File(io.BytesIO(data), "r") as file:
-        for group in inside(file):
-            sets = {n: group[n] for n in group if own(group, n, h5py.Dataset)}
-            told = {n: s.attrs.get("units", s.attrs.get("unit", "")) for n, s in sets.items()}
-            units = {n: u.decode() if isinstance(u, bytes) else str(u) for n, u in told.items()}
-            arrays = {n: s[()] for n, s in sets.items() if s.shape and s.dtype.kind in "fiubV"}
-            tables.append(table_of(path, arrays, units, group.name.strip("/")))
+        groups = {
+            group.name.strip("/"): {n: group[n] for n in group if own(group, n, h5py.Dataset)}
+            for group in inside(file)
+        }
+        cells = (
+            s.size * max(1, s.dtype.itemsize // 8) for g in groups.values() for s in g.values()
+        )
+        check_size(path, "cells", sum(c for c in cells if c))
+        for group, sets in groups.items():
+            columns = [c for n, s in sets.items() for c in _unpacked(n, s)]
+            tables.append(table_of(path, columns, group))
     return [t for t in tables if t.columns]
+
+
+def _unpacked(name: str, item: Any) -> Iterator[Column]:
+    """The columns of a data set, by netCDF's attributes of packed and of empty values."""
+    names = "units", "unit", "scale_factor", "add_offset", "_FillValue", "missing_value"
+    told = {n: np.ravel(item.attrs[n])[0] for n in names if np.size(item.attrs.get(n, ()))}
+    unit = told.get("units", told.get("unit", ""))
+    if not item.shape or item.dtype.kind not in "fiubV":
+        yield Column(name, fault=f": {name!r} has values of type {item.dtype}, not numbers")
+        return
+    values = item[()]
+    empty = [told[n] for n in names[4:] if n in told]
+    scale, offset = told.get("scale_factor", 1), told.get("add_offset", 0)
+    if empty or (scale, offset) != (1, 0):
+        values = np.where(np.isin(values, empty), np.nan, values) * float(scale) + float(offset)
+    yield from columns_of(name, values, unit.decode() if isinstance(unit, bytes) else str(unit))
 
 
 def is_within(item: Any, file: Any) -> bool:
@@ -128,6 +108,8 @@ def read_tdms(path: Path, data: bytes) -> list[Table]:
     from nptdms import TdmsFile
 
     tables = []
+    channels = [c for g in TdmsFile.read_metadata(io.BytesIO(data)).groups() for c in g.channels()]
+    check_size(path, "cells", sum(map(len, channels)))
     file = TdmsFile.read(io.BytesIO(data))
     starts = [c.properties.get("wf_start_time") for g in file.groups() for c in g.channels()]
     first = min((s for s in starts if s is not None), default=None)
@@ -138,17 +120,22 @@ def read_tdms(path: Path, data: bytes) -> list[Table]:
             rate = tuple(told.get(f"wf_{n}") for n in ("increment", "start_offset", "start_time"))
             rates.setdefault((*rate, len(channel)) if rate[0] else (), []).append(channel)
         for rate, channels in rates.items():
-            arrays = {c.name: np.asarray(c[:]) for c in channels}
-            units = {c.name: str(c.properties.get("unit_string", "")) for c in channels}
+            columns = [
+                column
+                for c in channels
+                for column in columns_of(
+                    c.name, np.asarray(c[:]), str(c.properties.get("unit_string", ""))
+                )
+            ]
             if rate:
                 step, offset, start, samples = rate
                 late = (
                     (start - first) / np.timedelta64(1, "ns") * 1e-9 if start is not None else 0.0
                 )
                 time = late + (offset or 0.0) + step * np.arange(samples)
-                arrays, units = {"time": time, **arrays}, {"time": "s", **units}
+                columns.insert(0, Column("time", time, "s"))
             several = f" ({rate[0]:g} s)" if rate and len(rates) > 1 else ""
-            tables.append(table_of(path, arrays, units, group.name + several))
+            tables.append(table_of(path, columns, group.name + several))
     return [t for t in tables if t.columns]
 
 
@@ -162,7 +149,9 @@ def read_mdf(path: Path, data: bytes) -> list[Table]:
     try:
         with MDF(io.BytesIO(data)) as file:
             for group in file.groups:
-                for channel in group.channels:
+                rows, channels = group.channel_group.cycles_nr, group.channels
+                check_size(path, "cells", rows * len(channels))
+                for channel in channels:
                     _check_formulas(channel.conversion)
             tables = [_of_mdf(path, file, k) for k in range(len(file.groups))]
     except Exception as error:
@@ -179,7 +168,7 @@ def _check_formulas(conversion: Any) -> None:
     """Raise an error for a formula that is more than a function of the raw value."""
     formula = getattr(conversion, "formula", "")
     formula = formula.decode("latin-1") if isinstance(formula, bytes) else str(formula)
-    if not _FORMULA.fullmatch(formula):
+    if _TERM.sub("", formula):
         raise ValueError(f"the formula {formula[:80]!r} of a channel is no function of its values")
     for block in (getattr(conversion, "referenced_blocks", None) or {}).values():
         if hasattr(block, "formula"):
@@ -192,8 +181,7 @@ def _refuse_formula(*_: Any, **__: Any) -> NoReturn:
 
 def _of_mdf(path: Path, file: Any, k: int) -> Table:
     group, master = file.groups[k], file.masters_db.get(k)
-    arrays: dict[str, Array] = {}
-    units: dict[str, str] = {}
+    columns: list[Column] = []
     for j, channel in enumerate(group.channels):
         if j == master:
             continue
@@ -202,11 +190,11 @@ def _of_mdf(path: Path, file: Any, k: int) -> Table:
         if bad is not None and values.dtype.kind in "fiub":
             values = np.where(np.asarray(bad), np.nan, values)
         # a master may be an angle or a distance
-        if not arrays and getattr(group.channels[master or 0], "sync_type", 1) <= 1:
-            arrays["time"], units["time"] = np.asarray(signal.timestamps), "s"
-        arrays[channel.name], units[channel.name] = values, signal.unit or ""
+        if not columns and getattr(group.channels[master or 0], "sync_type", 1) <= 1:
+            columns.append(Column("time", np.asarray(signal.timestamps, dtype=float), "s"))
+        columns += columns_of(channel.name, values, signal.unit or "")
     name = getattr(group.channel_group, "acq_name", "") or f"group {k + 1}"
-    return table_of(path, arrays, units, name)
+    return table_of(path, columns, name)
 
 
 def read_xlsx(path: Path, data: bytes) -> list[Table]:
@@ -217,24 +205,47 @@ def read_xlsx(path: Path, data: bytes) -> list[Table]:
     tables: list[Table] = []
     faults = []
     for sheet in book.worksheets:
-        rows = ["\t".join(map(_cell, row)) for row in sheet.iter_rows(values_only=True)]
         try:
-            found = read_text(path, "\n".join(rows).encode())
+            found = read_lines(path, _rows(path, book, sheet))
         except BadRecord as error:
             faults.append(error)
             continue
         for table in found:
             group = f"{sheet.title}/{table.group}" if table.group else sheet.title
-            tables.append(Table(**{**vars(table), "group": group}))
+            tables.append(replace(table, group=group))
     book.close()
     if not tables and faults:
         raise faults[0]
     return tables
 
 
-def _cell(value: object) -> str:
+def _rows(path: Path, book: Any, sheet: Any) -> Iterator[tuple[int, str]]:
+    """The rows of a sheet as lines of a text.
+
+    The library would round dates to milliseconds, and make all cells up to the last one.
+    """
+    from openpyxl.worksheet._reader import WorkSheetParser
+
+    size = 0
+    with sheet._get_source() as source:
+        parser = WorkSheetParser(source, sheet._shared_strings, data_only=True)
+        for row, cells in parser.parse():
+            texts = [""] * max((c["column"] for c in cells), default=0)
+            for c in cells:
+                dated = c["style_id"] in book._date_formats
+                texts[c["column"] - 1] = _cell(c["value"], book.epoch if dated else None)
+            line = "\t".join(texts)
+            size += len(line)
+            check_size(path, "bytes of text", size)
+            yield row, line
+
+
+def _cell(value: object, epoch: datetime | None) -> str:
     if value is None:
         return ""
+    if epoch and isinstance(value, int | float) and 0 <= value < _LAST_DAY:
+        date = epoch + timedelta(days=value)
+        return date.isoformat(" ") if value >= 1 else date.time().isoformat()
     if isinstance(value, float):
         return repr(value)
     return " ".join(str(value).split())
@@ -244,24 +255,36 @@ def read_parquet(path: Path, data: bytes) -> list[Table]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    return [_of_arrow(path, pq.read_table(pa.BufferReader(data)))]
+    file = pq.ParquetFile(pa.BufferReader(data))
+    return [_of_arrow(path, file.schema_arrow, file.metadata.num_rows, file.read)]
 
 
 def read_arrow(path: Path, data: bytes) -> list[Table]:
     import pyarrow as pa
+    from pyarrow.dataset import IpcFileFormat
 
-    return [_of_arrow(path, pa.ipc.open_file(pa.BufferReader(data)).read_all())]
+    part = IpcFileFormat().make_fragment(pa.BufferReader(data))
+    return [_of_arrow(path, part.physical_schema, part.count_rows(), part.to_table)]
 
 
-def _of_arrow(path: Path, table: Any) -> Table:
-    import pyarrow as pa
+def _of_arrow(path: Path, schema: Any, rows: int, read: Callable[..., Any]) -> Table:
+    from pyarrow import duration, float64, int64, time64, timestamp, types
 
-    arrays: dict[str, Array] = {}
+    kinds = types.is_integer, types.is_floating, types.is_boolean, types.is_decimal
+    numbers = [f.name for f in schema if any(is_kind(f.type) for is_kind in kinds)]
+    times = [f.name for f in schema if types.is_temporal(f.type)]
+    names = [*numbers, *times]
+    words = (f for f in schema if f.name not in names)
+    columns = [Column(f.name, fault=f": {f.name!r} is {f.type}, not numbers") for f in words]
+    check_size(path, "rows", rows)
+    check_size(path, "cells", rows * len(names))
+    table = read(columns=names)
     for name, column in zip(table.column_names, table.columns, strict=True):
-        dates = pa.types.is_timestamp(column.type)
-        kind = pa.timestamp("ns") if dates else pa.float64()
-        try:
-            arrays[name] = np.asarray(column.cast(kind).to_numpy())
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-            continue  # words are not a signal
-    return table_of(path, arrays, {})
+        if types.is_time(column.type):
+            column = column.cast(time64("ns")).cast(int64()).cast(duration("ns"))
+        elif name in numbers:
+            column = column.cast(float64(), safe=False)  # nanoseconds since 1970 have 61 bits
+        elif not types.is_duration(column.type):
+            column = column.cast(timestamp("ns"))
+        columns += columns_of(name, np.asarray(column.to_numpy()))
+    return table_of(path, columns)

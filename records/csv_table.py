@@ -10,8 +10,8 @@ import csv
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,10 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .bad_record import BadRecord
+from .columns import Column, Table, Vector, check_size, table_of
 from .stamps import is_stamp, seconds
 from .units import NO_UNIT, quantity_of
 
-Vector = npt.NDArray[np.float64]
 Rows = list[list[str]]
 
 _SEPARATORS = ("\t", ";", ",", "|", " ")
@@ -37,46 +37,6 @@ _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")  # 19.882 and
 _THOUSANDS_OF_POINTS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")  # 1,019,882.5
 _BETWEEN_DIGITS = re.compile(r"(?<=\d)['\u2019\u00a0\u202f](?=\d{3})")  # 1'019'882
 _UNITS_TOO = (*NO_UNIT, "%", "counts", "count", "inc")  # occur in lines of units
-
-
-@dataclass(frozen=True)
-class Table:
-    """Columns of a file under their names in the file.
-
-    Attributes
-    ----------
-    path : Path
-    columns : dict of str to ndarray, shape (n,)
-        Lengths may differ; a column without a name has its number as name, starting at 1.
-    units : dict of str to str
-        Units of the columns as written in the file.
-    lines : ndarray of int, shape (n,), or None
-        Line numbers of the rows in a text file, starting at 1.
-    group : str
-        Name of this table in the file, if it has several.
-    numbers : dict of str to str
-        Names by the number of the column in a text, starting at 1.
-    notes : tuple of str
-        Notes for the reader of the table.
-    start : str
-        Start date of its time, if time was written as dates.
-    renamed : dict of str to str
-        Original names of columns that were renamed to our names.
-    """
-
-    path: Path
-    columns: dict[str, Vector]
-    units: dict[str, str] = field(default_factory=dict)
-    lines: npt.NDArray[np.int64] | None = None
-    group: str = ""
-    numbers: dict[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    start: str = ""
-    renamed: dict[str, str] = field(default_factory=dict)
-
-    def row(self, k: int) -> int:
-        """Number of sample `k` (from 0) for messages: its line, or its number starting at 1."""
-        return k + 1 if self.lines is None else int(self.lines[k])
 
 
 @dataclass(frozen=True)
@@ -134,7 +94,7 @@ class _Style:
 
 def _float(text: str) -> float | None:
     try:
-        return float(text)
+        return float(text) if text.isascii() and "_" not in text else None  # 0.02_5 is a slip
     except ValueError:
         return None
 
@@ -144,25 +104,23 @@ def read_text(path: Path, data: bytes) -> list[Table]:
 
     The result has several tables if each signal has its own time column, and for LabVIEW files with
     several segments.
-
-    Raises
-    ------
-    BadRecord
-        If there is no table of numbers, or one of its rows is broken.
     """
-    text = _text(path, data)
-    numbered = list(enumerate(text.splitlines(), 1))
+    check_size(path, "bytes of text", len(data))
+    text = _text(path, data).replace("\r\n", "\n").replace("\r", "\n")
+    check_size(path, "rows", text.count("\n"))
+    numbered = list(enumerate(text.split("\n"), 1))
     if text.startswith(_LVM):
         return _segments(path, numbered)
-    return _tables(path, numbered, cut=not text.endswith("\n"))
+    return read_lines(path, numbered, cut=not text.endswith("\n"))
 
 
-def _tables(path: Path, numbered: Sequence[tuple[int, str]], cut: bool = False) -> list[Table]:
+def read_lines(path: Path, numbered: Iterable[tuple[int, str]], cut: bool = False) -> list[Table]:
     """The tables in numbered lines; with `cut`, the last line may be incomplete."""
     numbered = [(k, t) for k, t in numbered if t.strip(" \t,;")]
     if not numbered:
         raise BadRecord(f"{path}: is empty; expected a header row of names and rows of numbers")
     texts = [t for _, t in numbered]
+    check_size(path, "characters in a line", max(map(len, texts)))
     style, width, filled, firm = _style(path, texts)
     above: Rows = []
     row: list[str] = []
@@ -182,44 +140,53 @@ def _tables(path: Path, numbered: Sequence[tuple[int, str]], cut: bool = False) 
     # separators at the ends of lines give columns without name and number
     wide = filled if names[filled:] == [str(k + 1) for k in range(filled, full)] else full
     plain = _plain(texts[first:], style, wide)
-    columns: list[Vector | None]
     notes: list[str] = []
-    dated: dict[str, str] = {}
     if plain is None:
         rows, lines, notes = _rows(list(map(style.cells, texts[first:])), lines, width, style, cut)
         rows = [r + [""] * (full - len(r)) if len(r) >= width else r for r in rows]
-        columns, dated = _numbers(path, rows, lines, names, style)
-        units |= dict.fromkeys(dated, "s")
-        notes += [f"{n} is in seconds from {start}" for n, start in dated.items()]
+        for row, line in zip(rows, lines, strict=True):
+            if not _fits(row, full):
+                raise BadRecord(f"{path}, row {line}: {len(row)} cells, expected {full}")
+        cells = ([row[k] for row in rows] for k in range(full))
+        columns = [_column(n, c, lines, style) for n, c in zip(names, cells, strict=True)]
     else:
-        columns = [plain[:, k].copy() for k in range(wide)] + [None] * (full - wide)
-    tables = _by_time(Table(path, {}, units, lines), names, columns)
-    start = next(iter(dated.values()), "")
-    return [replace(t, notes=tuple(notes), start=start) for t in tables]
+        columns = [Column(n, v.copy()) for n, v in zip(names[:wide], plain.T, strict=True)]
+    columns = [
+        c._replace(number=str(k), unit=c.unit or unit)
+        for k, (c, unit) in enumerate(zip(columns, units, strict=False), 1)
+        if c.name != str(k) or c.values is None or np.isfinite(c.values).any()
+    ]
+    return _by_time(path, columns, lines, notes)
 
 
-def _by_time(frame: Table, names: Sequence[str], columns: Sequence[Vector | None]) -> list[Table]:
+def _by_time(
+    path: Path, columns: Sequence[Column], lines: npt.NDArray[np.int64], notes: Sequence[str]
+) -> list[Table]:
     """One table, or one per time column if signals have their own and these differ."""
-    parts = _parts(names)
+    parts = _parts([c.name for c in columns])
+    times = [columns[start] for start, _ in parts]
+    equal = (t.start == times[0].start and _same(t.values, times[0].values) for t in times)
+    if len(parts) > 1 and all(equal):
+        kept = [c for c in columns if c.name != columns[0].name]
+        table = table_of(path, [columns[0], *kept], "", lines, notes)
+        numbers = {t.number: columns[0].name for t in times}
+        return [replace(table, numbers=table.numbers | numbers)]
     found = []
-    for start, end in parts:
-        there = {k: c for k in range(start, end) if (c := columns[k]) is not None}
-        time = there.get(start)
+    for (start, end), time in zip(parts, times, strict=True):
         samples = None
-        if len(parts) > 1 and time is not None and np.isnan(time[-1]):  # shorter than others
-            samples = len(time) - int(np.argmax(np.isfinite(time[::-1])))
-        lines = frame.lines if frame.lines is None else frame.lines[:samples]
-        part = {names[k]: c[:samples] for k, c in there.items()}
-        units = {n: u for n, u in frame.units.items() if n in part}
-        own = names[start + 1] if len(parts) > 1 else ""
-        numbers = {str(k + 1): names[k] for k in there}
-        found.append(Table(frame.path, part, units, lines, own, numbers))
-    times = [t.columns.get(names[0], np.empty(0)) for t in found]
-    if len(found) > 1 and all(np.array_equal(t, times[0]) for t in times):
-        every = {n: c for t in found for n, c in t.columns.items()}
-        numbers = {k: n for t in found for k, n in t.numbers.items()}
-        return [Table(frame.path, every, frame.units, frame.lines, numbers=numbers)]
+        if len(parts) > 1 and time.values is not None and np.isnan(time.values[-1]):  # shorter
+            samples = len(lines) - int(np.argmax(np.isfinite(time.values[::-1])))
+        part = [
+            c if c.values is None else c._replace(values=c.values[:samples])
+            for c in columns[start:end]
+        ]
+        group = columns[start + 1].name if len(parts) > 1 else ""
+        found.append(table_of(path, part, group, lines[:samples], notes))
     return found
+
+
+def _same(times: Vector | None, others: Vector | None) -> bool:
+    return times is not None and others is not None and np.array_equal(times, others)
 
 
 def _rows(
@@ -262,7 +229,7 @@ def _segments(path: Path, numbered: Sequence[tuple[int, str]]) -> list[Table]:
     found: list[Table] = []
     for start, end, after in zip(starts, ends[1:], [*starts[1:], None], strict=False):
         told = _said(numbered[start:end])
-        for table in _tables(path, numbered[end + 1 : after]):
+        for table in read_lines(path, numbered[end + 1 : after]):
             columns, units = dict(table.columns), dict(table.units)
             x, *signals = columns
             if about.get("X_Columns") == ["No"]:
@@ -277,7 +244,7 @@ def _segments(path: Path, numbered: Sequence[tuple[int, str]]) -> list[Table]:
                 units |= dict(zip(signals, told.get("Y_Unit_Label", []), strict=False))
             group = f"segment {len(found) + 1}" if len(starts) > 1 else table.group
             found.append(replace(table, columns=columns, units=units, group=group))
-    return found or _tables(path, numbered[ends[0] + 1 :] if ends else numbered)
+    return found or read_lines(path, numbered[ends[0] + 1 :] if ends else numbered)
 
 
 def _said(numbered: Sequence[tuple[int, str]]) -> dict[str, list[str]]:
@@ -304,13 +271,7 @@ def _text(path: Path, data: bytes) -> str:
 def _style(path: Path, texts: Sequence[str]) -> tuple[_Style, int, int, bool]:
     """The style by which most of the lines are rows of at least two numbers.
 
-    Returns
-    -------
-    style : _Style
-    width, filled : int
-        Cells of a row, and number of used cells.
-    firm : bool
-        Whether all of these rows begin with a number.
+    With it the cells of a row, the number of used cells, and whether all rows begin with a number.
     """
     some = texts[-min(_LOOKED_AT, len(texts) // 2 + 1) :]
     best, most, width, used, firm = None, 0.0, 0, 0, True
@@ -342,7 +303,7 @@ def _fits(row: Sequence[str], width: int) -> bool:
 
 def _header(
     path: Path, above: Rows, style: _Style, width: int, filled: int
-) -> tuple[list[str], dict[str, str]]:
+) -> tuple[list[str], list[str]]:
     """Names and units from the lines above the numbers; `filled` cells of a row are used."""
     names, units = _scope_header(above, width)
     if names:
@@ -354,7 +315,7 @@ def _header(
         block.append(row)
     numbers = [str(k + 1) for k in range(width)]
     if not block:
-        return numbers, {}
+        return numbers, [""] * width
     known = [quantity_of(_bare(c)) != "" or _bare(c) in _UNITS_TOO for c in block[0]]
     has_units = len(block) > 1 and all(known) and any(block[0])
     header = block[1] if has_units else block[0]
@@ -367,23 +328,19 @@ def _header(
     header = (header + [""] * width)[:width]
     header[0] = header[0].removeprefix(_MARK).lstrip()
     names = [name or number for name, number in zip(header, numbers, strict=True)]
-    parts = [names[a:b] for a, b in _parts(names)]
-    twice_there = [n for part in parts for n, count in Counter(part).items() if count > 1]
-    if twice_there:
-        raise BadRecord(f"{path}: the column {twice_there[0]!r} occurs twice")
-    said = block[0] if has_units else []
-    return names, {n: _bare(u) for n, u in zip(names, said, strict=False) if _bare(u)}
+    said = [*(block[0] if has_units else []), *[""] * width]
+    return names, list(map(_bare, said[:width]))
 
 
-def _scope_header(above: Rows, width: int) -> tuple[list[str], dict[str, str]]:
+def _scope_header(above: Rows, width: int) -> tuple[list[str], list[str]]:
     """Names and units of an export of the TwinCAT scope; empty for other files."""
     rows = [row for row in above if len(row) == width and len(set(row[0::2])) == 1]
     told = {row[0]: row[1::2] for row in rows if width % 2 == 0}
     if "Name" not in told or not any(n.startswith("SampleTime") for n in told):
-        return [], {}
-    signals = told["Name"]
-    units = {n: u for n, u in zip(signals, told.get("Unit", []), strict=False) if u}
-    return [n for signal in signals for n in ("time", signal)], units
+        return [], []
+    units = told.get("Unit", [""] * width)
+    names = [n for signal in told["Name"] for n in ("time", signal)]
+    return names, [u for unit in units for u in ("", unit)]
 
 
 def _parts(names: Sequence[str]) -> list[tuple[int, int]]:
@@ -412,62 +369,32 @@ def _plain(texts: Sequence[str], style: _Style, width: int) -> npt.NDArray[np.fl
     return table if table.shape[1] == width else None
 
 
-def _numbers(
-    path: Path,
-    rows: Rows,
-    lines: npt.NDArray[np.int64],
-    names: Sequence[str],
-    style: _Style,
-) -> tuple[list[Vector | None], dict[str, str]]:
-    """The columns, and the first stamp of date columns.
-
-    None for a column of words, or a column without a name and a number.
-    """
-    width = len(names)
-    for row, line in zip(rows, lines, strict=True):
-        if not _fits(row, width):
-            raise BadRecord(f"{path}, row {line}: {len(row)} cells, expected {width}")
-    columns: list[Vector | None] = []
-    dated: dict[str, str] = {}
-    for k, name in enumerate(names):
-        cells = [row[k] for row in rows]
-        filled = list(filter(None, cells))
-        if filled and all(map(style.is_doubtful, filled)):  # thousands or decimals?
-            raise BadRecord(f"{path}, column {name!r}: {filled[0]!r} {style.doubt}")
-        stamps = sum(map(is_stamp, filled))
-        if stamps > len(filled) / 2:
-            if stamps < len(filled):
-                at = next(j for j, c in enumerate(cells) if c and not is_stamp(c))
-                raise BadRecord(
-                    f"{path}, row {lines[at]}, column {name!r}: {cells[at][:_SHOWN]!r} is not a "
-                    "time of day, unlike the other cells"
-                )
-            columns.append(seconds(cells))
-            if columns[-1] is None:
-                raise BadRecord(
-                    f"{path}, column {name!r}: {filled[0]!r} may be from two days; write dates as "
-                    "2024-03-31 12:00:00"
-                )
-            if dated.setdefault(name, filled[0]) != filled[0]:
-                raise BadRecord(
-                    f"{path}: columns {name!r} begin at {dated[name]} and {filled[0]}; write "
-                    "both in seconds from the same start time"
-                )
-            continue
-        numbers = [style.number(c) if c else math.nan for c in cells]
-        if not any(map(style.is_number, cells)) and (filled or name == str(k + 1)):
-            columns.append(None)
-            continue
-        few = len(filled) < len(cells) / 2
-        if k == width - 1 and few and None in numbers:  # remarks
-            columns.append(None)
-            continue
-        for cell, number, line in zip(cells, numbers, lines, strict=True):
-            if number is None:
-                shown = cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "..."
-                why = f"; {_DOTS}" if style.comma and style.is_doubtful(cell) else ""
-                raise BadRecord(
-                    f"{path}, row {line}, column {name!r}: {shown!r} is not a number{why}"
-                )
-        columns.append(np.array(numbers, dtype=float))
-    return columns, dated
+def _column(name: str, cells: Sequence[str], lines: npt.NDArray[np.int64], style: _Style) -> Column:
+    """The numbers of a column, or seconds from its first stamp; or the first cell that is wrong."""
+    filled = [c for c in cells if c]
+    stamped = 2 * sum(map(is_stamp, filled)) > len(filled)
+    numbers = [style.number(c) if c else math.nan for c in cells]
+    wrong = next(
+        (
+            k
+            for k, (c, number) in enumerate(zip(cells, numbers, strict=True))
+            if c and (not is_stamp(c) if stamped else number is None)
+        ),
+        None,
+    )
+    if filled and all(map(style.is_doubtful, filled)):  # thousands or decimals?
+        return Column(name, fault=f", column {name!r}: {filled[0]!r} {style.doubt}")
+    if wrong is not None:
+        cell = cells[wrong]
+        what = "time of day, unlike the other cells" if stamped else "number"
+        why = f"; {_DOTS}" if style.comma and style.is_doubtful(cell) else ""
+        shown = cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "..."
+        place = f", row {lines[wrong]}, column {name!r}"
+        return Column(name, fault=f"{place}: {shown!r} is not a {what}{why}")
+    if not stamped:
+        return Column(name, np.array(numbers, dtype=float))
+    since = seconds(cells)
+    if since is None:
+        may_be = "may be from two days; write dates as 2024-03-31 12:00:00"
+        return Column(name, fault=f", column {name!r}: {filled[0]!r} {may_be}")
+    return Column(name, since, "s", filled[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,35 +28,16 @@ _REGULAR = 0.98  # least share of bends at regular distances
 
 @dataclass(frozen=True)
 class Examination:
-    """Properties of a record without a model.
+    """Properties of a record without a model."""
 
-    Attributes
-    ----------
-    carries : float
-        Frequency up to which the position carries information [Hz]; half the sampling rate, unless
-        it was filtered or interpolated.
-    resolution : float
-        Step of a quantized position [m]; 0 if it is not quantized.
-    clipped : ndarray of bool, shape (n,)
-        Samples at which the command, or a current, is at an extreme.
-    notes : tuple of str
-        Warnings about the record, and changes made to it; one sentence each.
-    """
-
-    carries: float
-    resolution: float
-    clipped: npt.NDArray[np.bool_]
-    notes: tuple[str, ...]
+    carries: float  # Hz; the position has no content above, as it was filtered or interpolated
+    resolution: float  # step of a quantized position [m]; 0 if it is not quantized
+    clipped: npt.NDArray[np.bool_]  # samples at which the command, or a current, is at an extreme
+    notes: tuple[str, ...]  # warnings, and changes that were made; one sentence each
 
 
 def examine(record: Record) -> Examination:
-    """Check a record before it is used.
-
-    Raises
-    ------
-    BadRecord
-        If it cannot be used for a diagnosis.
-    """
+    """Check a record before it is used; BadRecord if it cannot be used for a diagnosis."""
     x, name = record.x, record.name
     if np.ptp(x) == 0:
         raise BadRecord(
@@ -167,3 +149,12 @@ def _filtered_at(x: Vector, step: float) -> float:
             found = edge
             break
     return float(found)
+
+
+def check_identifiable(records: Sequence[Record]) -> list[str]:
+    """Warnings about several records, or BadRecord if they are not for one diagnosis."""
+    if len({"i" in r.signals for r in records}) > 1:
+        raise BadRecord(
+            "some records have the current `i` and some do not; diagnose them separately"
+        )
+    return [note for record in records for note in examine(record).notes]

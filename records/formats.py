@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import gzip
 import io
+import logging
 import lzma
 import struct
 import warnings
@@ -16,12 +17,13 @@ from typing import Any
 
 from . import binary_tables as binary
 from .bad_record import BadRecord
-from .csv_table import Table, read_text
+from .columns import MOST, Table, check_size
+from .csv_table import read_text
 from .mat_tables import read_mat, read_mat73
 
 _CSV = "save it as CSV"
+_UNPACKED = "bytes when unpacked"
 _DEEPEST = 3  # depth of packed files in packed files
-_LARGEST = 1024**3  # largest size of an unpacked file [bytes]
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,6 @@ _FORMATS = (
     _Format("a MAT-file", b"\1\0MI", read_mat, 124, "save it with -v7 or as CSV"),
     *(_Format("an HDF5 file", _HDF5, binary.read_hdf5, at) for at in (0, 512, 1024, 2048)),
     _Format("a TDMS file", b"TDSm", binary.read_tdms),
-    _Format("the index of a TDMS file", b"TDSh", instead="use the .tdms file next to it"),
     _Format("an MDF file", b"MDF ", binary.read_mdf, instead="save it as MDF 4 or CSV"),
     _Format("an unfinished MDF file", b"UnFinMF ", binary.read_mdf),
     _Format("a Parquet file", b"PAR1", binary.read_parquet, extra="parquet"),
@@ -55,32 +56,6 @@ _FORMATS = (
     _Format(
         "an Excel workbook from before 2007", b"\xd0\xcf\x11\xe0", instead="save it as .xlsx or CSV"
     ),
-    _Format("a Feather file of version 1", b"FEA1", instead="save it as Parquet or CSV"),
-    _Format("a Vector log", b"LOGG", instead="save it as MDF 4 (.mf4) or CSV"),
-    _Format("an imc FAMOS file", b"|CF,", instead="save it as TDMS, MDF 4 or CSV"),
-    _Format("an oscilloscope's file (LeCroy)", b"WAVEDESC"),
-    _Format("an oscilloscope's file (LeCroy)", b"WAVEDESC", at=11),
-    _Format("an oscilloscope's file (Tektronix)", b":WFM#", at=2),
-    _Format("an oscilloscope's file (Keysight)", b"AG10"),
-    _Format("a PX4 log", b"ULog\x01\x12\x35"),
-    _Format("a ROS bag", b"#ROSBAG"),
-    _Format("an MCAP recording", b"\x89MCAP0"),
-    _Format("a database (SQLite)", b"SQLite format 3"),
-    _Format("a ROOT file", b"root"),
-    _Format("a netCDF file of version 3", b"CDF\1", instead="save it as netCDF 4 or CSV"),
-    _Format("a netCDF file of version 3", b"CDF\2", instead="save it as netCDF 4 or CSV"),
-    _Format("an HDF4 file", b"\x0e\x03\x13\x01", instead="save it as HDF5 or CSV"),
-    *(
-        _Format("a Python pickle, which is not read because it can run code", bytes([0x80, k]))
-        for k in range(2, 6)
-    ),
-    _Format("a 7-Zip archive", b"7z\xbc\xaf\x27\x1c", instead="unpack it"),
-    _Format("a RAR archive", b"Rar!", instead="unpack it"),
-    _Format("a Zstandard archive", b"\x28\xb5\x2f\xfd", instead="unpack it"),
-    _Format("a sound file", b"RIFF"),
-    _Format("a PDF document", b"%PDF", instead="save its numbers as CSV"),
-    _Format("a picture", b"\x89PNG", instead="save its numbers as CSV"),
-    _Format("a picture", b"\xff\xd8\xff", instead="save its numbers as CSV"),
 )
 _PACKED: dict[bytes, tuple[str, Callable[..., Any]]] = {
     b"\x1f\x8b": ("a gzip file", gzip.open),
@@ -90,23 +65,17 @@ _PACKED: dict[bytes, tuple[str, Callable[..., Any]]] = {
 
 
 def tables_in(path: Path, data: bytes, depth: int = 0) -> list[Table]:
-    """All tables of numbers in the bytes of a file.
-
-    Raises
-    ------
-    BadRecord
-        If there is no table, or the format is not supported.
-    """
+    """All tables of numbers in the bytes of a file."""
     if depth > _DEEPEST:
         raise BadRecord(f"{path}: contains packed files within packed files; unpack it")
     for magic, (name, unpacked) in _PACKED.items():
         if data.startswith(magic):
             try:
                 with unpacked(io.BytesIO(data)) as stream:
-                    data = stream.read(_LARGEST + 1)
+                    data = stream.read(MOST[_UNPACKED] + 1)
             except (OSError, EOFError, ValueError, lzma.LZMAError) as error:
                 raise _damaged(path, name, error, "pack it again") from error
-            _check_size(path, len(data))
+            check_size(path, _UNPACKED, len(data))
             return tables_in(path, data, depth + 1)
     if data.startswith(b"PK\3\4"):
         return _in_zip(path, data, depth)
@@ -120,6 +89,8 @@ def tables_in(path: Path, data: bytes, depth: int = 0) -> list[Table]:
 def _read(path: Path, data: bytes, known: _Format) -> list[Table]:
     if known.reader is None:
         raise BadRecord(f"{path}: is {known.name}; {known.instead}")
+    said = logging.root.manager.disable
+    logging.disable()  # libraries print their warnings beside our one line
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -133,6 +104,8 @@ def _read(path: Path, data: bytes, known: _Format) -> list[Table]:
         ) from None
     except Exception as error:  # the readers raise many kinds on damaged files
         raise _damaged(path, known.name, error, known.instead) from error
+    finally:
+        logging.disable(said)
     if not any(t.columns for t in tables):
         raise BadRecord(f"{path}: is {known.name} without a column of numbers; {known.instead}")
     return tables
@@ -148,7 +121,7 @@ def _in_zip(path: Path, data: bytes, depth: int) -> list[Table]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             names = [n for n in archive.namelist() if not n.endswith("/")]
-            _check_size(path, sum(entry.file_size for entry in archive.infolist()))
+            check_size(path, _UNPACKED, sum(entry.file_size for entry in archive.infolist()))
             if "xl/workbook.xml" in names:
                 return _read(path, data, _XLSX)
             if names and all(n.endswith(".npy") for n in names):
@@ -164,14 +137,6 @@ def _in_zip(path: Path, data: bytes, depth: int) -> list[Table]:
     raise BadRecord(
         f"{path}: is a ZIP archive of {len(names)} files; unpack it and give one of them"
     )
-
-
-def _check_size(path: Path, size: int) -> None:
-    if size > _LARGEST:
-        raise BadRecord(
-            f"{path}: unpacks to more than {_LARGEST / 1024**3:.0f} GiB; if that is right, unpack "
-            "it and give the file within"
-        )
 
 
 def _is_mat4(data: bytes) -> bool:

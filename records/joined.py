@@ -6,13 +6,10 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from .bad_record import BadRecord
-from .csv_table import Table
+from .columns import Table, Vector
 from .units import UNITS, spell
-
-Vector = npt.NDArray[np.float64]
 
 
 def joined(
@@ -22,20 +19,8 @@ def joined(
 
     Its stamps are those of the slowest table with a needed column, so that no samples are invented.
     Other columns are interpolated linearly. A slower column that is not needed is placed at the
-    nearest stamps and is unknown at others.
-
-    Parameters
-    ----------
-    parts : mapping of str to Table
-        By our name of a column, a table with this column only.
-    times : mapping of str to Table
-        By the group of a table, a table with its ``time`` only.
-    needed : collection of str
-        Our names of needed columns.
-
-    Raises
-    ------
-    BadRecord
+    nearest stamps and is unknown at others. `parts` has a table with one column by our name,
+    `times` a table with its ``time`` by group.
     """
     first = [n for n in parts if n in needed and parts[n].group in times]
     main = max(times.values(), key=lambda t: _step(t, first, parts))

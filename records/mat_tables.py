@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import re
+import struct
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,15 +13,17 @@ from typing import Any
 import numpy as np
 
 from .bad_record import BadRecord
-from .binary_tables import Array, is_within, table_of
-from .csv_table import Table
+from .binary_tables import is_within
+from .columns import MOST, Array, Column, Table, check_size, columns_of, table_of
 
 _OBJECTS = (
     "contains objects (timeseries, table, Dataset) that only MATLAB can read; save their numbers, "
     "such as "
     "t = ts.Time; x = ts.Data; save('a.mat', 't', 'x')"
 )
-_UNIT = re.compile(r"\[([^\]|:#]+)(?:\|[^\]]*)?\]\s*$")  # at the end of a Modelica description
+_PACKED = 15  # type of a compressed element
+_OVERHEAD = 1000  # cells whose time one value of a structure takes
+_UNIT = re.compile(r"\[([^\[\]|:#]+)(?:\|[^\[\]]*)?\]\s*$")  # at the end of a Modelica description
 
 
 def read_mat(path: Path, data: bytes) -> list[Table]:
@@ -27,6 +31,7 @@ def read_mat(path: Path, data: bytes) -> list[Table]:
     from scipy.io import loadmat
     from scipy.io.matlab import MatlabOpaque
 
+    _check_unpacked(path, data)
     found = loadmat(io.BytesIO(data), simplify_cells=True)
     if {"Aclass", "name", "dataInfo", "data_2"} <= found.keys():
         chars = loadmat(io.BytesIO(data), chars_as_strings=False)
@@ -36,33 +41,51 @@ def read_mat(path: Path, data: bytes) -> list[Table]:
     return _tables(path, values, opaque)
 
 
+def _check_unpacked(path: Path, data: bytes) -> None:
+    """Refuse a file of version 5 whose packed values are too large together."""
+    order = ">" if data[126:128] == b"MI" else "<"
+    at, left = 128, MOST["bytes when unpacked"] + 1
+    while at + 8 <= len(data) and data[126:128] in (b"MI", b"IM"):
+        kind, size = struct.unpack_from(f"{order}2I", data, at)
+        if kind == _PACKED:
+            left -= len(zlib.decompressobj().decompress(data[at + 8 : at + 8 + size], left))
+            check_size(path, "bytes when unpacked", MOST["bytes when unpacked"] + 1 - left)
+        at += 8 + size
+
+
 def read_mat73(path: Path, data: bytes) -> list[Table]:
     import h5py
 
     with h5py.File(io.BytesIO(data), "r") as file:
         names = [n for n in file if not n.startswith("#")]
         objects = {n for n in names if "MATLAB_object_decode" in file[n].attrs}
-        values = {n: _plain(file, file[n]) for n in names if n not in objects}
+        room = [MOST["cells"]]
+        values = {n: _plain(path, file, file[n], room) for n in names if n not in objects}
     return _tables(path, values, bool(objects))
 
 
-def _plain(file: Any, item: Any) -> Any:
-    """A value of a version 7.3 file in the form of `loadmat` for other versions."""
+def _plain(path: Path, file: Any, item: Any, room: list[int]) -> Any:
+    """A value of a version 7.3 file in the form of `loadmat` for other versions.
+
+    It takes its cells, and those of a structure's overhead, from `room`: one value may be in many.
+    """
     import h5py
 
     if not is_within(item, file):
         return np.array([])
     if isinstance(item, h5py.Group):
-        fields = {n: _plain(file, item[n]) for n in item}
+        fields = {n: _plain(path, file, item[n], room) for n in item}
         cells = [n for n in item if isinstance(item[n], h5py.Dataset) and _is_part(item[n])]
         if not cells or len(cells) < len(fields):
             return fields
         return [dict(zip(cells, row, strict=True)) for row in zip(*fields.values(), strict=False)]
     if item.attrs.get("MATLAB_empty", 0):
         return np.array([])
+    room[0] -= item.size + _OVERHEAD
+    check_size(path, "cells", MOST["cells"] - room[0])
     values = item[()]
     if values.dtype == h5py.ref_dtype:
-        return [_plain(file, file[ref]) for ref in values.T.ravel()]
+        return [_plain(path, file, file[ref], room) for ref in values.T.ravel()]
     if item.attrs.get("MATLAB_class") == b"char":
         return "".join(map(chr, values.T.ravel()))
     return np.squeeze(values.T)
@@ -77,16 +100,15 @@ def _is_part(item: Any) -> bool:
 
 def _tables(path: Path, values: Mapping[str, Any], opaque: bool) -> list[Table]:
     groups: list[Table] = []
-    arrays = dict(_arrays("", values, path, groups))
-    plain = table_of(path, arrays, {})
+    plain = table_of(path, _columns("", values, path, groups))
     tables = [*([plain] if plain.columns else []), *groups]
     if opaque and not tables:
         raise BadRecord(f"{path}: {_OBJECTS}")
     return tables
 
 
-def _arrays(name: str, value: Any, path: Path, groups: list[Table]) -> Iterator[tuple[str, Array]]:
-    """The arrays of a value, except those of a recording, which is added to `groups`."""
+def _columns(name: str, value: Any, path: Path, groups: list[Table]) -> Iterator[Column]:
+    """The columns of a value, except those of a recording, which is added to `groups`."""
     if isinstance(value, Mapping):
         recorded = _simulink(path, name, value) or _series(path, name, value)
         recorded = recorded or _dspace(path, name, value)
@@ -94,13 +116,13 @@ def _arrays(name: str, value: Any, path: Path, groups: list[Table]) -> Iterator[
             groups.extend(recorded)
             return
         for key, inner in value.items():
-            yield from _arrays(f"{name}.{key}" if name else key, inner, path, groups)
+            yield from _columns(f"{name}.{key}" if name else key, inner, path, groups)
     elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
         for k, inner in enumerate(np.asarray(value, dtype=object).ravel(), 1):
             if isinstance(inner, Mapping):
-                yield from _arrays(f"{name}({k})", inner, path, groups)
+                yield from _columns(f"{name}({k})", inner, path, groups)
     elif isinstance(value, np.ndarray | np.generic | float | int):
-        yield name, np.asarray(value)
+        yield from columns_of(name, np.asarray(value))
 
 
 def _several(value: Any) -> list[Mapping[str, Any]]:
@@ -126,13 +148,12 @@ def _simulink(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
     time = _numbers(value.get("time"))
     if not signals or not time.size:
         return []
-    arrays = {"time": time}
+    columns = list(columns_of("time", time))
     for k, signal in enumerate(signals, 1):
-        label = _text(signal.get("label")) or f"signal {k}"
         values = _numbers(signal.get("values"))
         values = np.moveaxis(values, -1, 0) if values.ndim > 2 else values
-        arrays[label if label not in arrays else f"{label} {k}"] = values
-    return [table_of(path, arrays, {}, name)]
+        columns += columns_of(_text(signal.get("label")) or f"signal {k}", values)
+    return [table_of(path, columns, name)]
 
 
 def _series(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
@@ -144,11 +165,9 @@ def _series(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
     label = _text(own.get("name")) or name.rpartition(".")[2]
     about = own.get("datainfo"), own.get("timeinfo")
     units = [_text(a.get("Units")) if isinstance(a, Mapping) else "" for a in about]
-    units_of = {
-        label: units[0],
-        "time": {"seconds": "s", "milliseconds": "ms"}.get(units[1], units[1]),
-    }
-    return [table_of(path, {"time": time, label: values}, units_of, name)]
+    of_time = {"seconds": "s", "milliseconds": "ms"}.get(units[1], units[1])
+    columns = [*columns_of("time", time, of_time), *columns_of(label, values, units[0])]
+    return [table_of(path, columns, name)]
 
 
 def _dspace(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
@@ -161,17 +180,13 @@ def _dspace(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
     tables = []
     sizes = [_numbers(axis["Data"]).size for axis in axes]
     for k, axis in enumerate(axes):
-        arrays = {"time": _numbers(axis["Data"])}
-        units = {"time": _text(axis.get("Unit"))}
+        columns = list(columns_of("time", _numbers(axis["Data"]), _text(axis.get("Unit"))))
         for signal in signals:
             values, said = _numbers(signal["Data"]), int(signal.get("XIndex", 1) or 1) - 1
             fitting = [j for j, size in enumerate(sizes) if size == values.size]
             if (said if said in fitting else next(iter(fitting), None)) == k:
-                label = _text(signal["Name"])
-                arrays[label], units[label] = values, _text(signal.get("Unit"))
-        tables.append(
-            table_of(path, arrays, units, name if len(axes) == 1 else f"{name}.X({k + 1})")
-        )
+                columns += columns_of(_text(signal["Name"]), values, _text(signal.get("Unit")))
+        tables.append(table_of(path, columns, name if len(axes) == 1 else f"{name}.X({k + 1})"))
     return tables
 
 
@@ -189,13 +204,13 @@ def _modelica(path: Path, found: Mapping[str, Array]) -> list[Table]:
     said = texts.get("description") or [""] * len(texts["name"])
     tables = []
     for block in sorted(n for n in data if n != "data_1"):  # data_1 has constants
-        arrays, units = {"time": data[block][0]}, {"time": "s"}
+        columns = list(columns_of("time", data[block][0], "s"))
         for name, about, (of, column, *_) in zip(texts["name"], said, info.tolist(), strict=True):
             if block == f"data_{int(of)}" and abs(column) > 1 and name != "time":
-                arrays[name] = np.sign(column) * data[block][abs(int(column)) - 1]
+                values = np.sign(column) * data[block][abs(int(column)) - 1]
                 unit = _UNIT.search(about)
-                units[name] = unit[1].strip() if unit else ""
-        tables.append(table_of(path, arrays, units, block if len(data) > 2 else ""))
+                columns += columns_of(name, values, unit[1].strip() if unit else "")
+        tables.append(table_of(path, columns, block if len(data) > 2 else ""))
     return tables
 
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from .bad_record import BadRecord
 from .record import CURRENT, FORCE, VOLTAGE, Record
 from .rig_trial import described, read_about
-from .sampling import HOLES, even_out, pieces_between_gaps
+from .sampling import HOLES, even_out, pieces_between_gaps, recounted
 from .table import choose, in_si, read_tables
 from .units import UNITS
 from .velocity import INTEGRATED, VELOCITY, columns_wanted, with_position
@@ -104,18 +104,7 @@ def read_response_record(
     units: Mapping[str, str] | None = None,
     lead: float | None = None,
 ) -> Record:
-    """Read a record of a drive with an excitation by force or by command.
-
-    Parameters
-    ----------
-    path, mapping, units, lead
-        As in `read_drive_records`, for one file.
-
-    Raises
-    ------
-    BadRecord
-        If the file is not such a record, or has gaps.
-    """
+    """Read one record of a drive with an excitation; see `read_drive_records`."""
     records = _read(Path(path), RESPONSE_RECORD, mapping or {}, units or {}, lead)
     if len(records) > 1:
         raise BadRecord(f"{path}: has gaps; a frequency response needs a record without gaps")
@@ -129,19 +118,9 @@ def read_force_records(
     mass: float | None = None,
     lead: float | None = None,
 ) -> list[Record]:
-    """Read records of force and position, with the trial data of rigs.
+    """Read records of force and position, with the trial data of rigs; see `read_drive_records`.
 
-    Parameters
-    ----------
-    paths, mapping, units, lead
-        As in `read_drive_records`.
-    mass : float, optional
-        Mass between load cell and friction [kg]; default the rig's, or 1 kg.
-
-    Raises
-    ------
-    BadRecord
-        If a file is not a record; in one line, with the reason.
+    `mass` is that between load cell and friction [kg]; default the rig's, or 1 kg.
     """
     if mass is not None and not (math.isfinite(mass) and mass >= 0):
         raise BadRecord(f"the mass is {mass} kg, expected a number of at least 0")
@@ -256,23 +235,7 @@ def check_record(
 ) -> Record:
     """Return a record from columns in SI units, checked and at equidistant instants.
 
-    Parameters
-    ----------
-    name : str
-    signals : mapping of str to ndarray, shape (n,)
-        Columns that the use needs, and optional ones.
-    command : {"voltage", "current", "force"}, optional
-        Kind of `u`.
-    use : FORCE_RECORD or DRIVE_RECORD, optional
-    said : collection of str, optional
-        Columns with a given unit.
-    row : function of int, optional
-        Number of a sample for messages.
-
-    Raises
-    ------
-    BadRecord
-        If the columns are not such a record.
+    `said` are columns with a given unit, `row` gives the number of a sample for messages.
     """
     signals = {n: np.asarray(v, dtype=float) for n, v in signals.items()}
     said = said if use.believes else ()
@@ -285,13 +248,16 @@ def check_record(
     step = float(np.median(np.diff(signals["time"])))
     if step > use.slowest and "time" not in said:
         raise BadRecord(f"{name}: {use.if_slow.format(step=step, rate=1 / step)}")
+    position, lost = signals.get("x", signals.get("x_fine")), ""
+    if position is not None and np.isfinite(position).all():
+        signals["time"], lost = recounted(signals["time"], position)
     signals, step, mended = even_out(name, signals, lambda k: row(int(rows[k])))
-    lasts = float(signals["time"][-1] - signals["time"][0])
-    if lasts < use.lasts:
+    lasts = len(signals["time"]) * step
+    if lasts < 0.999 * use.lasts:
         raise BadRecord(f"{name}: lasts {lasts:.3g} s, expected at least {use.lasts:g} s")
     signals = with_position(signals, step)
     _check_sizes(name, signals, command, use, said)
-    notes = [mended] if mended else []
+    notes = [note for note in (lost, mended) if note]
     if VELOCITY in signals:
         notes.append(INTEGRATED)
     return Record(name, signals, step, command, notes=tuple(notes))

@@ -21,42 +21,22 @@ _FINE_RANGE = 1e-4  # range of a fine position next to a coarse one; calibrated 
 
 @dataclass(frozen=True)
 class Record:
-    """The record of one run.
+    """The record of one run: columns by name, in SI units.
 
-    Attributes
-    ----------
-    name : str
-    signals : mapping of str to ndarray, shape (n,)
-        Columns by name, SI. ``time``, a position and the columns for its use are always present,
-        and ``v`` if `x` is its integral. A column with a lower rate is NaN in between.
-    step : float
-        Sampling interval [s].
-    command : {"voltage", "current", "force"}
-        Kind of `u`, in V, A or N; "current" if a drive has no `u`.
-    mass : float
-        Mass between load cell and friction [kg].
-    lags : mapping of str to float
-        Delay of each column by its filter or sensor [s]; 0 if not listed.
-    delay_std : float
-        Standard deviation of the unknown delay between force and motion [s].
-    gain_std : float
-        Standard deviation of the scale of `position` after its calibration [1].
-    about : mapping
-        The rig's ``trial.json``, if there is one.
-    notes : tuple of str
-        Notes for the reader: changes made to the record, and unknown properties.
+    ``time``, a position and the columns for its use are always present, and ``v`` if `x` is its
+    integral. A column with a lower rate is NaN in between.
     """
 
     name: str
     signals: Mapping[str, Vector]
-    step: float
-    command: str = VOLTAGE
-    mass: float = 1.0
-    lags: Mapping[str, float] = field(default_factory=dict)
-    delay_std: float = 0.0
-    gain_std: float = 0.0
-    about: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    step: float  # sampling interval [s]
+    command: str = VOLTAGE  # kind of `u`, in V, A or N; "current" if a drive has no `u`
+    mass: float = 1.0  # between load cell and friction [kg]
+    lags: Mapping[str, float] = field(default_factory=dict)  # of columns, by their instrument [s]
+    delay_std: float = 0.0  # of the unknown delay between force and motion [s]
+    gain_std: float = 0.0  # of the scale of `position` after its calibration [1]
+    about: Mapping[str, Any] = field(default_factory=dict)  # the rig's ``trial.json``
+    notes: tuple[str, ...] = ()  # changes made to the record, and unknown properties
 
     @property
     def time(self) -> Vector:

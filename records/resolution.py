@@ -11,12 +11,7 @@ _ROUNDING = 0.4  # noise in counts up to which most of it is rounding
 
 
 def resolution_of(values: Vector) -> float:
-    """Step of the grid on which all values lie; 0 without a grid.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-    """
+    """Step of the grid on which all values lie; 0 without a grid."""
     levels = np.unique(values)
     if len(levels) < 2:
         return 0.0
@@ -41,10 +36,6 @@ def encoder_count(position: Vector) -> float:
 
     Rounding alone gives a noise of 0.29 counts. If the instrument adds about the same or more, as
     an interpolated encoder or a filter does, the edges of the counts no longer give the position.
-
-    Parameters
-    ----------
-    position : ndarray, shape (n,)
     """
     resolution = resolution_of(position)
     return resolution if fast_noise(position) < _ROUNDING * resolution else 0.0
@@ -67,16 +58,9 @@ def fast_noise(values: Vector) -> float:
 
 
 def held_samples(values: Vector) -> npt.NDArray[np.int64]:
-    """Indices of the samples with a new value, if a converter holds each value for several samples.
+    """Indices of the samples with a new value, if a converter holds each for several samples.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-
-    Returns
-    -------
-    ndarray of int
-        All indices if values are not held in runs of one length.
+    All indices if values are not held in runs of one length.
     """
     fresh = np.concatenate([[0], 1 + np.flatnonzero(np.diff(values))])
     everything = np.arange(len(values))

@@ -23,13 +23,7 @@ _UNSAID_GAIN_STD = 0.01  # for a fine position without a known calibration
 
 
 def read_about(folder: Path) -> dict[str, Any]:
-    """Description of the trial in a rig's folder; empty for other folders and for files.
-
-    Raises
-    ------
-    BadRecord
-        If its ``trial.json`` is not a JSON object.
-    """
+    """Description of the trial in a rig's folder; empty for other folders and for files."""
     path = folder / "trial.json"
     if not path.is_file():
         return {}
@@ -43,20 +37,9 @@ def read_about(folder: Path) -> dict[str, Any]:
 
 
 def described(record: Record, about: Mapping[str, Any], mass: float | None = None) -> Record:
-    """A force record with mass, lags and scale from its ``trial.json``.
+    """A force record with mass, lags and scale from its ``trial.json``, empty without one.
 
-    Parameters
-    ----------
-    record : Record
-    about : mapping
-        Empty without ``trial.json``.
-    mass : float, optional
-        Mass between load cell and friction [kg]; default the rig's, or 1 kg.
-
-    Raises
-    ------
-    BadRecord
-        If `about` does not have the form written by a rig.
+    `mass` is that between load cell and friction [kg]; default the rig's, or 1 kg.
     """
     unsaid = () if about else ("no trial.json: all columns are assumed to have the same lag",)
     record = replace(

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .bad_record import BadRecord
+from .resolution import resolution_of
 
 Vector = npt.NDArray[np.float64]
 
@@ -17,7 +18,65 @@ _JITTER = 0.2  # jitter, over the sampling interval, below which stamps count as
 _LONGEST_GAP = 5  # most missing samples in a row
 _FOLLOWED = 0.1  # share of a stamp's delay by which the equidistant instants are shifted
 _BEGINNING = 20  # samples whose stamps give the first instant
+_LEVELS = 200  # steps of rounded stamps in a record, from which their mean rate is known
+_DIGITS = 0.05  # of a rounding step, by which the written digits may differ
+_ALIKE = 0.2  # difference of steps that count as equal, over the step
+_CLEAR = 8.0  # least step of a position over its noise or resolution, for multiples to be seen
+_FEWEST_LOST = 5  # places with lost samples
 HOLES = 0.1  # largest share of missing samples or repeated stamps
+
+
+def unrounded(time: Vector) -> tuple[Vector, list[str]]:
+    """Time stamps in any unit that were rounded to float32, and a note; others unchanged.
+
+    They become even if even stamps, rounded, are within the grid of float32 around them.
+    """
+    grid = np.spacing(np.abs(time).astype(np.float32)).astype(float)
+    coarse, span = float(grid.max(initial=0.0)), float(np.ptp(time)) if len(time) else 0.0
+    written = np.abs(time - time.astype(np.float32)) < _DIGITS * grid
+    if span < _LEVELS * coarse or coarse * len(time) < _JITTER * span or not written.all():
+        return time, []
+    numbers = np.arange(len(time))
+    even = np.polyval(np.polyfit(numbers, time - time[0], 1), numbers) + time[0]
+    exact = coarse <= 1.0 and np.array_equal(time, np.round(time))
+    if exact or np.ptp(time - even) > (1 + _DIGITS) * coarse:
+        return time, []
+    return even, [f"time was rounded to float32, to steps of {coarse:.3g}: even stamps were fitted"]
+
+
+def recounted(time: Vector, x: Vector) -> tuple[Vector, str]:
+    """Even time stamps with room for samples that the position shows to be lost, and a note.
+
+    Where a sample is lost, a smooth position moves on by a multiple of its steps before and behind.
+    Losses at regular distances stay: a position that is read at a lower rate than it is made looks
+    like that.
+    """
+    steps, ticks = np.diff(x), np.diff(time)
+    if len(steps) < _BEGINNING or np.ptp(ticks) > _JITTER * np.median(ticks):
+        return time, ""
+    beside = np.stack([steps[k : len(steps) - 8 + k] for k in (0, 1, 2, 3, 5, 6, 7, 8)])
+    usual = np.median(beside, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio, alike = steps[4:-4] / usual, beside / usual
+    jump = np.round(np.nan_to_num(ratio, posinf=0.0, neginf=0.0))
+    # a late value makes a small step before a large one; other losses may be near
+    smooth = (alike > 1 - _ALIKE).all(axis=0) & (np.sum(alike < 1 + _ALIKE, axis=0) > 4)
+    noise = float(np.median(np.abs(np.diff(x, 3)))) / 3.0
+    lost = smooth & (np.abs(usual) > _CLEAR * max(noise, resolution_of(x)))
+    lost &= (jump >= 2) & (jump <= _LONGEST_GAP + 1) & (np.abs(ratio - jump) < _ALIKE)
+    places = np.flatnonzero(lost) + 5  # samples behind a jump
+    apart = np.diff(places)
+    if len(places) < _FEWEST_LOST or (
+        np.median(np.abs(apart - np.median(apart))) < _ALIKE * np.median(apart)
+    ):
+        return time, ""
+    missing = np.zeros(len(time))
+    missing[places] = jump[lost] - 1
+    note = (
+        f"x jumps by whole samples at {len(places)} places while the time stamps are even: samples "
+        "are missing there, and the stamps behind them were moved"
+    )
+    return time + float(np.median(ticks)) * np.cumsum(missing), note
 
 
 def even_out(
@@ -26,19 +85,8 @@ def even_out(
     """Signals at equidistant instants, their interval [s], and notes on changes.
 
     If a few samples are missing, or stamps repeat or jitter, signals are interpolated linearly.
-    Samples of a column with a lower rate are placed at the nearest instant.
-
-    Parameters
-    ----------
-    signals : mapping of str to ndarray, shape (n,)
-        ``time`` and others; SI.
-    row : function of int
-        Number of a sample for messages; see `Table.row`.
-
-    Raises
-    ------
-    BadRecord
-        If time goes backwards, or too many samples are missing.
+    Samples of a column with a lower rate are placed at the nearest instant. `row` gives the number
+    of a sample for messages.
     """
     time = signals["time"]
     steps = np.diff(time)
@@ -102,16 +150,9 @@ def even_out(
 
 
 def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[slice], str]:
-    """The sufficiently long pieces of a record between its gaps, and a note.
+    """The pieces of at least `samples` and `lasts` [s] between the gaps of a record, and a note.
 
     Both are empty if the record has no gap, or no piece is long enough.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        As recorded [s].
-    samples, lasts : int, float
-        Least number of samples and least duration of a piece [s].
     """
     steps = np.diff(time)
     if not len(steps) or not np.isfinite(steps).all() or np.any(steps < 0):

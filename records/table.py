@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
 from ..solver.nearest import nearest
 from .bad_record import BadRecord
-from .csv_table import Table
+from .columns import Table, Vector
 from .formats import tables_in
 from .joined import joined
+from .sampling import unrounded
 from .units import NO_UNIT, UNITS, Conversion, quantity_of
 from .wraps import unwrapped
 
-Vector = npt.NDArray[np.float64]
-
-_WITH_UNIT = re.compile(r"(.*\S)\s*[\[(](.+)[\])]")  # time [ms], x (mm)
 _LISTED = 12  # names in a message
 _POSITIONS = ("x", "x_fine", "x_ref", "time")  # columns that may wrap
 
@@ -31,11 +25,6 @@ def read_tables(path: Path) -> list[Table]:
 
     A word in brackets after a name, as in ``time [ms]``, is the column's unit, known or not. The
     name is the text before it, if no other column has that name.
-
-    Raises
-    ------
-    BadRecord
-        If the file does not exist or contains no table of numbers.
     """
     try:
         data = path.read_bytes()
@@ -52,21 +41,25 @@ def read_tables(path: Path) -> list[Table]:
 
 
 def _with_units(table: Table) -> Table:
-    columns, units, names = {}, {}, {}
-    times = Counter(_name_and_unit(name)[0] for name in table.columns)
-    for name, values in table.columns.items():
-        bare, unit = _name_and_unit(name)
-        own = names[name] = bare if times[bare] == 1 else name
-        columns[own] = values
-        units[own] = unit or table.units.get(name, "")
-    units = {n: u for n, u in units.items() if u}
-    numbers = {k: names[n] for k, n in table.numbers.items()}
-    return replace(table, columns=columns, units=units, numbers=numbers)
+    every = [*table.columns, *table.faults]
+    times = Counter(_name_and_unit(name)[0] for name in every)
+    names = {n: bare if times[bare := _name_and_unit(n)[0]] == 1 else n for n in every}
+    units = {n: _name_and_unit(n)[1] or table.units.get(n, "") for n in table.columns}
+    return replace(
+        table,
+        columns={names[n]: values for n, values in table.columns.items()},
+        units={names[n]: unit for n, unit in units.items() if unit},
+        numbers={k: names[n] for k, n in table.numbers.items()},
+        faults={names[n]: fault for n, fault in table.faults.items()},
+    )
 
 
 def _name_and_unit(name: str) -> tuple[str, str]:
-    found = _WITH_UNIT.fullmatch(name.strip())
-    return (found[1], found[2].strip()) if found else (name, "")
+    """Both parts of ``time [ms]`` or ``x (mm)``; the unit of another name is empty."""
+    whole = name.strip()
+    at = max(whole.rfind("["), whole.rfind("("))
+    bare, unit = whole[: max(at, 0)].rstrip(), whole[at + 1 : -1].strip()
+    return (bare, unit) if bare and unit and whole[-1] in "])" else (name, "")
 
 
 def choose(
@@ -77,16 +70,7 @@ def choose(
 ) -> Table:
     """The table of a file with the requested columns, or a table from columns of several.
 
-    Parameters
-    ----------
-    tables : sequence of Table
-    mapping, known, needed
-        As in `rename`; a column of a table is also ``TABLE/COLUMN``.
-
-    Raises
-    ------
-    BadRecord
-        If no table has them, or several tables do.
+    A column of a table is also ``TABLE/COLUMN``; for the arguments see `rename`.
     """
     if len(tables) == 1:
         return rename(tables[0], mapping, known, needed)
@@ -156,7 +140,7 @@ def _column(table: Table, theirs: str) -> str:
     """The table's name for the user's name of a column; empty if there is none."""
     if table.group and theirs.startswith(f"{table.group}/"):
         theirs = theirs[len(table.group) + 1 :]
-    if theirs in table.columns:
+    if theirs in table.columns or theirs in table.faults:
         return theirs
     bare, unit = _name_and_unit(theirs)
     if unit and table.units.get(bare) == unit and bare in table.columns:
@@ -174,17 +158,12 @@ def rename(
 
     Parameters
     ----------
-    table : Table
     mapping : mapping of str to str
         ``theirs -> ours``.
     known : sequence of str
         Our names.
     needed : sequence of sequences of str
         At least one name of each must be present.
-
-    Raises
-    ------
-    BadRecord
     """
     path, columns = table.path, table.columns
     there = listed(columns)
@@ -201,9 +180,18 @@ def rename(
                 f"{nearest(theirs, columns)}; there are {there}"
             )
         theirs_of[ours] = name
-    for name in columns:
+    for name in (*columns, *table.faults):
         if name in known and name not in theirs_of.values():
             theirs_of.setdefault(name, name)
+    for name in theirs_of.values():
+        if name in table.faults:
+            raise BadRecord(f"{path}{table.faults[name]}")
+    for name in known:
+        if name not in theirs_of and f"{name} #1" in columns:
+            raise BadRecord(
+                f"{path}: the column {name!r} occurs twice; choose one, such as --map '{name} #1="
+                f"{name}'"
+            )
     for wanted, *others in needed:
         if not {wanted, *others} & theirs_of.keys():
             raise BadRecord(
@@ -245,10 +233,6 @@ def in_si(
         Possible quantities of each of our columns, the usual one first.
     lead : float or None
         Lead of the screw [m].
-
-    Raises
-    ------
-    BadRecord
     """
     for name, text in units.items():
         if name not in quantities:
@@ -257,6 +241,9 @@ def in_si(
     for name, values in table.columns.items():
         may_be = quantities[name]
         said = units.get(name, table.units.get(name, ""))
+        if name == "time":
+            values, said_of_it = unrounded(values)
+            notes += said_of_it
         if said in NO_UNIT:
             if name in table.renamed:
                 known = ", ".join(u for q in may_be for u in UNITS[q])

@@ -109,20 +109,7 @@ class Conversion:
     ) -> None:
         """Read a unit, or a number of units such as ``2.5e-6*m`` or ``9.84e-5 N*m``.
 
-        Parameters
-        ----------
-        column : str
-            Our name of the column.
-        text : str
-            A unit, optionally after a number that is the size of one step of the column.
-        quantities : sequence of str
-            Possible quantities of the column.
-        lead : float or None
-            Lead of the screw [m]; None if not given.
-
-        Raises
-        ------
-        BadRecord
+        `quantities` are the possible ones of the `column`; `lead` is that of the screw [m].
         """
         sized = _SIZED.fullmatch(text.strip())
         size, unit = (_number(sized[1]), spell(sized[2])) if sized else (1.0, spell(text))

@@ -21,17 +21,7 @@ _POSITIONS = {"x", "x_fine"}
 def columns_wanted(
     there: Iterable[str], mapping: Mapping[str, str], known: Iterable[str]
 ) -> list[str]:
-    """Our names; without the velocity if the file has a position and no velocity is mapped.
-
-    Parameters
-    ----------
-    there : iterable of str
-        The file's names.
-    mapping : mapping of str to str
-        ``theirs -> ours``.
-    known : iterable of str
-        Our names.
-    """
+    """Our names; without the velocity if the file has a position and no velocity is mapped."""
     measured = _POSITIONS & {*there, *mapping.values()}
     needless = measured and VELOCITY not in mapping.values()
     return [n for n in known if n != VELOCITY or not needless]
@@ -41,13 +31,6 @@ def with_position(signals: Mapping[str, Vector], step: float) -> dict[str, Vecto
     """Signals with the integral of ``v`` as ``x``; without ``v`` if a position was recorded.
 
     The integral is linear between samples and begins at zero.
-
-    Parameters
-    ----------
-    signals : mapping of str to ndarray, shape (n,)
-        Signals at equidistant instants; ``v`` in m/s.
-    step : float
-        Sampling interval [s].
     """
     if _POSITIONS & signals.keys():
         return {n: s for n, s in signals.items() if n != VELOCITY}

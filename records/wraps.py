@@ -7,28 +7,24 @@ import numpy.typing as npt
 
 Vector = npt.NDArray[np.float64]
 
-_COUNTERS = {2.0**16: "2^16", 2.0**32: "2^32"}
+_COUNTERS = {2.0**bits: f"2^{bits}" for bits in range(12, 33)}
 _NEXT_TO = 3.0  # largest step across a wrap, over the largest other step
 
 
 def unwrapped(name: str, values: Vector, turn: float | None) -> tuple[Vector, list[str]]:
     """Values made continuous at each restart, and a note; unchanged if there is no restart.
 
-    Values restart if all of them are within one turn, and steps of nearly a turn are as small as
-    the others after subtracting the turn.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Recorded values; NaN if unknown.
-    turn : float or None
-        One turn of an angle, in the same unit.
+    Values restart if all of them are within one turn, or the size of a counter, and steps of nearly
+    a turn are as small as the others after subtracting it. `turn` is one turn in their unit.
     """
     known = np.isfinite(values)
     steps = np.diff(values[known])
+    extent = float(np.ptp(values[known])) if known.any() else 0.0
     for period in [*([abs(turn)] if turn else []), *_COUNTERS]:
+        if not 0.5 * period < extent <= period * (1 + 1e-9):
+            continue
         far = np.abs(steps) > 0.5 * period
-        if not far.any() or far.all() or np.ptp(values[known]) > period * (1 + 1e-9):
+        if not far.any() or far.all():
             continue
         turns = np.round(steps / period) * far
         on = np.abs(steps - period * turns)

@@ -6,14 +6,17 @@ import json
 import lzma
 import os
 import pickle
+import tracemalloc
 import zipfile
 
 import numpy as np
 import pytest
+import scipy.io
 
 from ballscrew.cli import main
 from ballscrew.records import formats
 from ballscrew.records.bad_record import BadRecord
+from ballscrew.records.columns import MOST
 
 T = np.arange(50) / 100
 
@@ -128,15 +131,47 @@ def test_a_parameter_file_runs_no_code(command, tmp_path, monkeypatch, capsys):
 @pytest.mark.ci
 @pytest.mark.parametrize("packed", [gzip.compress, bz2.compress, lzma.compress, "zip"])
 def test_a_small_record_that_unpacks_to_much_is_refused(packed, tmp_path, monkeypatch):
-    monkeypatch.setattr(formats, "_LARGEST", 10_000)
+    monkeypatch.setitem(MOST, "bytes when unpacked", 10_000)
     path, text = tmp_path / "record", b"0" * 20_000
     if packed == "zip":
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("record.csv", text)
     else:
         path.write_bytes(packed(text))
-    with pytest.raises(BadRecord, match="unpacks to more than"):
+    with pytest.raises(BadRecord, match="bytes when unpacked, expected at most 10000"):
         formats.tables_in(path, path.read_bytes())
+
+
+def many_rows(path):
+    import pyarrow
+    from pyarrow import parquet
+
+    parquet.write_table(pyarrow.table({"time": np.zeros(MOST["rows"] + 1)}), path)
+
+
+def many_cells(path):
+    import h5py
+
+    with h5py.File(path, "w") as file:  # not written: nothing on disk
+        file.create_dataset("time", (MOST["cells"] + 1,), float, compression="gzip")
+
+
+def packed_structure(path):
+    zeros = {"a": np.zeros(MOST["bytes when unpacked"] // 8)}
+    scipy.io.savemat(path, {"s": zeros}, do_compression=True, appendmat=False)
+
+
+@pytest.mark.parametrize("write", [many_rows, many_cells, packed_structure])
+def test_a_small_file_of_large_arrays_is_refused_before_they_are_made(write, tmp_path, monkeypatch):
+    monkeypatch.setitem(MOST, "bytes when unpacked", 10_000_000)
+    path = tmp_path / "record"
+    write(path)
+    assert path.stat().st_size < 1_000_000
+    tracemalloc.start()
+    with pytest.raises(BadRecord, match=r"rows, expected|cells, expected|unpacked, expected"):
+        formats.tables_in(path, path.read_bytes())
+    assert tracemalloc.get_traced_memory()[1] < 30_000_000
+    tracemalloc.stop()
 
 
 def elsewhere(way, file, other, raw):

@@ -20,19 +20,19 @@ MOST = {  # folder: lines, lines without docstrings
     "controllers": (1417, 1093),
     "instruments": (891, 715),
     "fmus": (6229, 5407),
-    "orchestration": (13727, 11038),
+    "orchestration": (13730, 11041),
     "stability": (3578, 2892),
     "ballscrew": (4991, 4128),
     "gallery": (3571, 3184),
-    "records": (2468, 2023),
-    "identification": (4810, 3982),
+    "records": (2398, 2151),
+    "identification": (4744, 3949),
     "diagnosis": (6691, 5351),
     "rig": (1845, 1448),
     "proofs": (12907, 11541),
     "benchmarks": (1870, 1732),
     "docs": (1365, 1316),
     ".ci": (276, 255),
-    "tests": (27564, 26308),
+    "tests": (27685, 26426),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -88,7 +88,7 @@ MORE = [
     (f"{RUN} --no-isolate --time-limit 5", "--time-limit is for FMUs in their own process"),
     # set-points and folders
     (f"{RUN} --reference long.csv", "values that are not finite"),
-    (f"{RUN} --reference twice.csv", "the column 'x_d' occurs twice"),
+    (f"{RUN} --reference twice.csv", "has the columns time, x_d #1, x_d #2, expected"),
     (f"{RUN} --out /proc/nowhere/at/all", "cannot be made"),
     (f"{RUN} --out {LONG}", "cannot be made: File name too long"),
     (f"{RUN} --out ''", "--out: is empty; expected a folder"),

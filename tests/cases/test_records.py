@@ -1,10 +1,14 @@
 """Records as other programs write them: layouts, formats and units."""
 
+import json
+import time
+
+import case_inputs
 import numpy as np
 import pytest
 from cases import case
 
-from ballscrew import read_drive_records
+from ballscrew import read_drive_records, read_force_records
 from ballscrew.records.bad_record import BadRecord
 
 SI = {"time": "s", "x": "m", "u": "V"}
@@ -23,6 +27,7 @@ TO_FILE = {"ans.1": "time", "ans.2": "x", "ans.3": "u"}
         ("mat_matrix", "scope.mat", {"pos": "x", "volt": "u"}, SI, 2000),
         ("mat_matrix", "dspace.mat", {"Pos": "x", "U": "u"}, SI, 2000),
         ("time_as_date", "run.csv", None, None, 2000),
+        ("words_beside_the_table", "scope.csv", {"4": "time", "5": "x", "6": "u"}, SI, 1500),
     ],
 )
 def test_the_same_motion_is_read_from_every_layout(tmp_path, name, file, mapping, units, samples):
@@ -34,14 +39,6 @@ def test_the_same_motion_is_read_from_every_layout(tmp_path, name, file, mapping
     np.testing.assert_allclose(record.x, 0.03 * np.sin(angle), rtol=0, atol=0.51e-6)
     voltage = 11 * rate * np.cos(angle) + 3 * np.cos(2 * np.pi * 3 * t)
     np.testing.assert_allclose(record.u, voltage, rtol=0, atol=0.51e-6)
-
-
-def test_what_was_done_to_a_record_is_told(tmp_path):
-    (record,) = read_drive_records([case("time_as_date", tmp_path) / "run.csv"])
-    assert record.notes == ("time is in seconds from 2024-03-01T12:00:00.000000",)
-    file = case("twincat_scope_eof", tmp_path) / "scope.csv"
-    (record,) = read_drive_records([file], BY_NAME, {"time": "ms"})
-    assert record.notes[0].startswith("1 invalid line of the table left out")
 
 
 def test_a_matrix_without_names_is_named_by_its_rows(tmp_path):
@@ -75,7 +72,7 @@ def test_inches_in_brackets_behind_a_name_become_metres(tmp_path):
         np.testing.assert_allclose(record.x, 0.0254 * inches, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("unit", ["turns", pytest.param("%", marks=pytest.mark.ci)])
+@pytest.mark.parametrize("unit", ["turns", "%"])
 def test_any_other_word_in_brackets_is_refused_with_what_to_say(tmp_path, unit):
     file = case("record_unit_in_brackets_unknown", tmp_path) / "run.csv"
     file.write_text(file.read_text().replace("[in]", f"[{unit}]"))
@@ -96,3 +93,105 @@ def test_a_damaged_file_is_called_by_its_format_with_what_to_save(tmp_path, comm
         assert code == 2
         assert f"a.{suffix}: is {name}" in line
         assert line.endswith("CSV")
+        assert said == f"{line}\n"
+
+
+@pytest.mark.parametrize(
+    ("file", "units", "off"),
+    [
+        ("run.xlsx", None, 1.2e-6),  # of a day, with 16 digits
+        ("run.parquet", {"time": "1e-9*s"}, 5e-7),
+        ("run.npz", None, 1e-6),  # float32 has steps of 0.5 ms there
+    ],
+)
+def test_stamps_of_a_fast_record_are_as_exact_as_what_was_written(tmp_path, file, units, off):
+    (record,) = read_drive_records([case("fast_stamps", tmp_path) / file], None, units)
+    t, x, u = case_inputs.swing(2600, 4e-4)
+    assert record.step == pytest.approx(4e-4, rel=1e-6)
+    np.testing.assert_allclose(record.time - record.time[0], t, rtol=0, atol=off)
+    np.testing.assert_allclose([record.x, record.u], [x, u], rtol=0, atol=1e-12)
+    rounded = "time was rounded to float32, to steps of 0.000488: even stamps were fitted"
+    assert (rounded in record.notes) == (file == "run.npz")
+
+
+def test_packed_numbers_and_empty_cells_of_netcdf_are_what_they_stand_for(tmp_path):
+    (record,) = read_drive_records([case("hdf5_scale_factor", tmp_path) / "run.h5"])
+    t, x, _ = case_inputs.swing()
+    np.testing.assert_allclose(record.time, t, atol=1e-9)
+    np.testing.assert_allclose(np.delete(record.x, 700), np.delete(x, 700), atol=0.51e-6)
+    assert record.x[700] == pytest.approx(record.x[[699, 701]].mean(), abs=1e-12)
+    assert record.notes[0].startswith("1 samples missing")
+
+
+def test_a_meters_overflow_is_no_value(tmp_path):
+    t, x, u = case_inputs.swing()
+    over = np.isin(np.arange(len(t)), [300, 900, 901])
+    case_inputs.write(tmp_path / "a.csv", "time,x,u", "g g g", t, np.where(over, 9.9e37, x), u)
+    (record,) = read_drive_records([tmp_path / "a.csv"])
+    np.testing.assert_allclose(record.x, x, atol=1e-5)
+    assert record.notes[0].startswith("3 samples missing")
+
+
+@pytest.mark.ci  # asammdf is large
+def test_two_channels_of_one_name_are_told_apart(tmp_path):
+    file = case("mdf_name_twice_in_group", tmp_path) / "run.mf4"
+    with pytest.raises(BadRecord, match="the column 'x' occurs twice; choose one, such as --map"):
+        read_drive_records([file])
+    _, x, _ = case_inputs.swing()
+    for name, values in (("x #1", x), ("x #2", 2 * x + 0.01)):
+        (record,) = read_drive_records([file], {name: "x"})
+        np.testing.assert_allclose(record.x, values, atol=1e-12)
+
+
+def test_samples_that_a_counted_time_has_lost_get_their_place(tmp_path):
+    folder = case("samples_lost_under_even_stamps", tmp_path)
+    (record,) = read_force_records([folder / "run.csv"])
+    true = np.load(folder / "true.npy")
+    x = case_inputs.swings(record.time, (0.03, 0.7), (0.008, 2.1))[0]
+    np.testing.assert_allclose(record.x, x, rtol=0, atol=4e-4)  # 240 samples move by 0.02 m
+    assert len(record.time) == pytest.approx(1e3 * true[-1] + 1, abs=3)
+    assert any("samples are missing there" in note for note in record.notes)
+
+
+def test_a_position_that_is_made_at_another_rate_than_it_is_read_keeps_its_stamps(tmp_path):
+    (tmp_path / "even").mkdir()
+    case_inputs.samples_lost_under_even_stamps(tmp_path / "even", every=40)
+    (record,) = read_force_records([tmp_path / "even" / "run.csv"])
+    np.testing.assert_allclose(record.time, 1e-3 * np.arange(len(record.time)), atol=1e-9)
+    assert not any("missing" in note for note in record.notes)
+
+
+@pytest.mark.ci
+def test_the_mass_is_found_where_samples_were_lost_and_every_note_is_printed(tmp_path, command):
+    folder = case("samples_lost_under_even_stamps", tmp_path)
+    law = "--law classical --mass fit --fix Vs=0.01"
+    units = "--unit force=N --unit x=m --unit time=s"
+    _, _, said = command(folder, f"identify run.csv {law} {units} --out out")
+    told = json.loads((folder / "out" / "identified.json").read_text())
+    mass = told["parameters"]["m"]
+    assert mass["low"] < 5.0 < mass["high"]
+    notes = [note for note in told["friction_estimation"]["run.csv"] if "samples" in note]
+    assert len(notes) > 1
+    assert all(f"note: run.csv: {note}\n" in said for note in notes)
+
+
+def test_a_drive_that_is_held_and_moved_from_outside_has_no_response(tmp_path, command):
+    folder = case("response_of_held_drive", tmp_path)
+    response = "identify held.csv --response --unit x=m --unit force=N --out out"
+    code, _, said = command(folder, response)
+    assert (code, said.count("\n")) == (2, 1)
+    assert "force acts against the displacement, as that of a controller" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "words"),
+    [
+        ("xlsx_far_cell", "far.xlsx", "row 1048576: 16384 cells, expected 3"),
+        ("header_brackets", "record.csv", "50004 characters in the name of a column, expected"),
+    ],
+)
+def test_a_small_file_with_a_huge_table_is_refused_at_once(tmp_path, name, file, words):
+    begun = time.perf_counter()
+    with pytest.raises(BadRecord, match=words):
+        read_drive_records([case(name, tmp_path) / file])
+    assert time.perf_counter() - begun < 5.0

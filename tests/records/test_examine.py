@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import butter, firwin, sosfiltfilt
 
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.examine import examine
+from ballscrew.records.examine import check_identifiable, examine
 from ballscrew.records.record import Record
 
 STEP = 1e-3
@@ -109,3 +109,13 @@ def test_a_record_with_the_current_alone_is_examined_by_it():
     assert seen.clipped.any()
     with pytest.raises(BadRecord, match="the current i is zero"):
         examine(Record("mine", signals | {"i": 0 * current}, STEP, "current"))
+
+
+def test_doubts_of_each_record_are_said_and_a_current_in_some_alone_is_refused():
+    signals = {"time": TIME, "u": np.sin(3 * TIME), "x": COUNTED}
+    mended = Record("mine", signals, STEP, notes=("resampled",))
+    notes = check_identifiable([mended, Record("other", signals | {"x": 0.1 * TIME}, STEP)])
+    assert notes[0] == "mine: resampled"
+    assert notes[1].startswith("other: moves in one direction only")
+    with pytest.raises(BadRecord, match="some records have the current `i` and some do not"):
+        check_identifiable([mended, Record("other", signals | {"i": signals["u"]}, STEP)])

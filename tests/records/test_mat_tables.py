@@ -51,17 +51,7 @@ def test_vectors_are_columns_by_their_names(tmp_path, form):
     is_given(path)
 
 
-@pytest.mark.ci
-def test_a_matrix_is_columns_along_its_longer_side(tmp_path):
-    names = {"run.1": "time", "run.2": "x", "run.3": "u"}
-    units = {"time": "s", "x": "m", "u": "V"}
-    is_given(mat(tmp_path, run=np.column_stack([TIME, X, U])), names, units)
-    is_given(mat(tmp_path, run=np.vstack([TIME, X, U])), names, units)
-
-
 def test_a_structure_with_time_has_its_labels(tmp_path):
-    signals = [{"values": v, "dimensions": 1.0, "label": n} for n, v in (("x", X), ("u", U))]
-    is_given(mat(tmp_path, Scope={"time": TIME, "signals": signals, "blockName": "m/Scope"}))
     one = {"values": np.column_stack([X, U]), "dimensions": 2.0, "label": "both"}
     path = mat(tmp_path, out={"time": TIME, "signals": one})
     is_given(path, {"both.1": "x", "both.2": "u"}, {"x": "m", "u": "V"})

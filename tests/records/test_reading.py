@@ -101,23 +101,6 @@ def test_units_of_a_velocity_in_brackets_are_converted(tmp_path, unit, size):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(
-    ("column", "unit", "brackets"),
-    [("x", "V", "{} [{}]"), ("u", "%", "{}({})"), ("time", "ticks", "{} ( {} )")],
-)
-def test_a_unit_in_brackets_that_nobody_knows_has_to_be_said(tmp_path, column, unit, brackets):
-    given = MOTION | {"i": 0.5 * np.cos(TIME), "force": 2 * np.cos(3 * TIME)}
-    heads = {c: brackets.format(c, unit) if c == column else c for c in given}
-    path = write(tmp_path / "a.csv", given, ",".join(heads.values()))
-    for mapping in ({}, {heads[column]: column}, {column: column}):
-        with pytest.raises(BadRecord, match=f"{column} is in '{unit}'; use --unit {column}= with"):
-            read(path, mapping=mapping)
-    base = {"x": "m", "u": "V", "i": "A", "force": "N", "time": "s"}[column]
-    record = read(path, units={column: f"2*{base}"})
-    np.testing.assert_allclose(record.signals[column], 2 * given[column], atol=1e-9)
-
-
-@pytest.mark.ci
 @pytest.mark.parametrize("factor", [50.0, 1e3])
 def test_slow_records_and_times_that_are_no_seconds_are_refused(factor):
     signals = MOTION | {"time": factor * TIME}
@@ -204,24 +187,6 @@ def complaint(path, **options):
         read_force_records([path], **options)
     assert "\n" not in str(caught.value)
     return str(caught.value)
-
-
-def test_csv_and_mat_with_other_names_and_units_give_the_same_record(tmp_path):
-    table = columns()
-    theirs = {"t": table["time"] * 1e3, "q": table["x"] * 1e3, "F": table["force"]}
-    csv_file = write(tmp_path / "a.csv", theirs)
-    mat_file = tmp_path / "a.mat"
-    scipy.io.savemat(mat_file, {n: v[:, None] for n, v in theirs.items()} | {"gain": 3.0})
-    options = {
-        "mapping": {"t": "time", "q": "x", "F": "force"},
-        "units": {"time": "ms", "x": "mm", "force": "N"},
-        "mass": 2.5,
-    }
-    for record in read_force_records([csv_file, mat_file], **options):
-        for name, values in table.items():
-            np.testing.assert_allclose(record.signals[name], values, rtol=1e-11, atol=1e-15)
-        assert record.step == pytest.approx(0.005)
-        assert record.mass == 2.5
 
 
 @pytest.mark.ci

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.table import read_tables
+from ballscrew.records.table import read_tables, rename
 
 X = ["1.5", "2.5", "4.0", "8.0"]
 
@@ -14,8 +14,7 @@ X = ["1.5", "2.5", "4.0", "8.0"]
 def read(tmp_path, stamps):
     path = tmp_path / "a.csv"
     path.write_text("\n".join(["time;x", *map(";".join, zip(stamps, X, strict=True)), ""]))
-    (table,) = read_tables(path)
-    return table
+    return rename(read_tables(path)[0], {}, ["time", "x"], [])
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.csv_table import Table
+from ballscrew.records.columns import Table
 from ballscrew.records.table import choose, in_si, listed, read_tables, rename
 
 ROWS = np.array([[0.0, -1.5, 0.25], [0.001, 2.25, 0.5], [0.002, 3e-4, -0.75], [0.003, 7.0, 1.0]])
@@ -124,7 +124,7 @@ def test_dots_among_decimal_commas_are_of_thousands_or_refused(tmp_path_factory,
     path = write(tmp_path_factory.mktemp("dots"), "\n".join(["t;x", *rows]))
     if places == 0 and all(t.count(".") == 1 for t in texts):
         with pytest.raises(BadRecord, match=f"column 'x': '{texts[0]}' has a dot; the file has"):
-            read_table(path)
+            rename(read_table(path), {}, ["x"], [])
         return
     found = read_table(path).columns["x"]
     np.testing.assert_array_equal(found, [float(f"{v:.{places}f}") for v in values])
@@ -137,10 +137,10 @@ def test_a_decimal_point_among_decimal_commas_is_refused_with_its_line(tmp_path,
     path = write(tmp_path, "\n".join(["t;x", *rows[:12], f"0,12;{cell}", *rows[13:]]))
     words = f"row 14, column 'x': '{cell}' is not a number; the file has decimal commas"
     with pytest.raises(BadRecord, match=re.escape(words)):
-        read_table(path)
+        rename(read_table(path), {}, ["t", "x"], [])
     path = write(tmp_path, "\n".join(["t;x", *(f"0,{k:02d};{cell}" for k in range(20))]))
     with pytest.raises(BadRecord, match=re.escape(f"column 'x': '{cell}' has a dot")):
-        read_table(path)
+        rename(read_table(path), {}, ["x"], [])
 
 
 def test_columns_of_words_are_left_out_and_empty_cells_are_no_numbers(tmp_path):
@@ -157,6 +157,27 @@ def test_commas_between_numbers_and_in_them_are_told_apart_from_a_broken_row(tmp
         BadRecord, match="are commas used both between numbers and as decimal separators"
     ):
         read_table(write(tmp_path, "\n".join(lines)))
+
+
+def test_a_slip_in_a_column_is_named_where_the_column_is_asked_for(tmp_path):
+    rows = [f"0.0{k};{k}" for k in range(10)]
+    path = write(tmp_path, "\n".join(["t;x", *rows]).replace("0.02;2", "0.02_5;2"))
+    table = read_table(path)
+    np.testing.assert_array_equal(rename(table, {}, ["x"], []).columns["x"], np.arange(10.0))
+    for mapping in ({"t": "time"}, {"1": "time"}):
+        with pytest.raises(BadRecord, match=r"row 4, column 't': '0.02_5' is not a number$"):
+            rename(table, mapping, ["time", "x"], [])
+
+
+@pytest.mark.parametrize("names", ["t;x;x", "t;x [mm];x"])
+def test_of_two_columns_of_one_name_one_has_to_be_chosen(tmp_path, names):
+    table = read_table(write(tmp_path, f"{names}\n{body(';')}"))
+    if names == "t;x;x":
+        with pytest.raises(BadRecord, match=r"the column 'x' occurs twice; .* --map 'x #1=x'"):
+            rename(table, {}, ["x"], [])
+    for theirs, column in (("2", 1), ("x #2" if names == "t;x;x" else "x", 2)):
+        found = rename(table, {theirs: "x"}, ["x"], []).columns["x"]
+        np.testing.assert_array_equal(found, ROWS[:, column])
 
 
 @pytest.mark.ci
@@ -262,12 +283,6 @@ def test_tables_of_one_name_are_numbered_and_which_one_is_meant_is_asked(tmp_pat
         choose(tables, {"t": "time"}, ["time", "i"], [("time",), ("i",)])
     asked[0] = {"x (2)/t": "time"}
     np.testing.assert_array_equal(choose(tables, *asked).columns["x"], [5, 6, 7, 8])
-
-
-def test_columns_of_two_lengths_are_refused_with_their_lengths():
-    table = Table(Path("a.csv"), {"time": np.arange(3.0), "x": np.arange(4.0)})
-    with pytest.raises(BadRecord, match=r"different length \(time 3, x 4 samples\)"):
-        rename(table, {}, ["time", "x"], [])
 
 
 def test_of_many_names_a_message_has_twelve():

@@ -157,6 +157,93 @@ def time_as_date(folder):
     write(folder / "run.csv", "time,x,u", "s .6f .6f", stamps, x, u)
 
 
+def fast_stamps(folder):
+    """At 2.5 kHz: a sheet with dates, a database's nanoseconds, and float32 after four hours."""
+    import openpyxl
+    import pyarrow
+    from pyarrow import parquet
+
+    t, x, u = swing(2600, 4e-4)
+    book = openpyxl.Workbook()
+    book.active.append(["time", "x", "u"])
+    for row in zip(45352.5 + t / 86400, x, u, strict=True):
+        book.active.append(list(map(float, row)))
+        book.active.cell(book.active.max_row, 1).number_format = "yyyy-mm-dd hh:mm:ss.000"
+    book.save(folder / "run.xlsx")
+    since = np.round(1e9 * t).astype("i8") + 1_760_000_000_000_000_000
+    parquet.write_table(pyarrow.table({"time": since, "x": x, "u": u}), folder / "run.parquet")
+    np.savez(folder / "run.npz", time=(5000.0 + t).astype("f4"), x=x, u=u)
+
+
+def hdf5_scale_factor(folder):
+    """As netCDF packs numbers: a position in counts of 1 um from -0.01 m on, one of them empty."""
+    import h5py
+
+    t, x, u = swing()
+    packed = np.round((x + 0.01) / 1e-6).astype("i4")
+    packed[700] = -999
+    with h5py.File(folder / "run.h5", "w") as file:
+        file["time"], file["u"], file["x"] = t, u, packed
+        told = {"scale_factor": 1e-6, "add_offset": -0.01, "_FillValue": np.int32(-999)}
+        file["x"].attrs.update(told | {"units": "m"})
+
+
+def mdf_name_twice_in_group(folder):
+    from asammdf import MDF, Signal
+
+    t, x, u = swing()
+    columns = ("x", x), ("x", 2 * x + 0.01), ("u", u)
+    with MDF(version="4.10") as file:
+        file.append([Signal(c, t, name=n, unit="V" if n == "u" else "m") for n, c in columns])
+        file.save(folder / "run.mf4", overwrite=True)
+
+
+def words_beside_the_table(folder):
+    t, x, u = swing(1500)
+    beside = [["Record Length", "1500", ""], ["Source", "CH1", ""], ["Vertical Units", "V", ""]]
+    rows = zip(beside + [[""] * 3] * 1497, t, x, u, strict=True)
+    lines = (f"{','.join(words)},{a:.6f},{b:.6f},{c:.6f}\n" for words, a, b, c in rows)
+    (folder / "scope.csv").write_text("".join(lines))
+
+
+def samples_lost_under_even_stamps(folder, every: int | None = None):
+    """A mass of 5 kg with dry friction; a logger that counts rows lost samples where it moves."""
+    random = np.random.default_rng(7)
+    t = np.arange(8000) * 1e-3
+    x, v, a = swings(t, (0.03, 0.7), (0.008, 2.1))
+    force = 5.0 * a + 40.0 * v + 8.0 * np.sign(v) + 0.2 * random.standard_normal(t.size)
+    moving = np.flatnonzero(np.abs(v) > 0.05)
+    lost = moving[::every] if every else random.choice(moving, 240, replace=False)
+    t, *columns = (np.delete(c, lost) for c in (t, x, force))
+    write(folder / "run.csv", "time,x,force", ".3f .7f .3f", 1e-3 * np.arange(t.size), *columns)
+    np.save(folder / "true.npy", t)
+
+
+def xlsx_far_cell(folder):
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    for row in (["time", "x", "u"], *([0.01 * k, k, 2 * k] for k in range(50))):
+        book.active.append(row)
+    book.active["XFD1048576"] = 1
+    book.save(folder / "far.xlsx")
+
+
+def header_brackets(folder):
+    t, x, u = swing(300)
+    write(folder / "record.csv", f"time{'(' * 50_000},x,u", ".3f .6f .6f", t, x, u)
+
+
+def response_of_held_drive(folder):
+    """2 kg with 5 N s/m, held by a controller while it is shaken from outside."""
+    t = np.arange(20_000) * 2e-3
+    s = 2j * np.pi * np.fft.rfftfreq(t.size, 2e-3)
+    phases = np.exp(2j * np.pi * np.random.default_rng(3).uniform(size=s.size))
+    x = np.where((s.imag > 3) & (s.imag < 1200), phases, 0) / (2 * s**2 + (5 + 60) * s + 2e4)
+    x, force = (1e4 * np.fft.irfft(c, t.size) for c in (x, -(2e4 + 60 * s) * x))
+    write(folder / "held.csv", "time,x,force", ".3f .9f .5f", t, x, force)
+
+
 def twincat_scope_eof(folder):
     head = """Name\tYT Scope Project
 File\tC:\\scope\\a.svdx
