@@ -77,7 +77,7 @@ def _library(
     if not kernel_cache.is_whole(made):
         library = compile_in(folder, name, arguments, "compiled", compiler)
         if names := _with_prefix(library, identifier):
-            named = [f"-Wl,--defsym={plain}={identifier}_{plain}" for plain in names]
+            named = [f"-D{identifier}_{plain}={plain}" for plain in names]
             library = compile_in(folder, name, [*arguments, *named], "compiled", compiler)
         kernel_cache.write(made, library)
     return made
@@ -86,7 +86,7 @@ def _library(
 def _with_prefix(library: bytes, identifier: str) -> list[str]:
     """FMI functions that a library exports only with the model's name as prefix.
 
-    The headers of FMI 2.0 to 2.0.1 cannot switch off a prefix that sources define.
+    The headers of FMI 2.0 to 2.0.1 cannot switch off a prefix that sources define; macros can.
     """
     found = re.findall(rb"\0(?:%s_)(fmi[23][A-Z]\w+)(?=\0)" % identifier.encode(), library)
     names = dict.fromkeys(name.decode() for name in found)

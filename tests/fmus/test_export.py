@@ -86,7 +86,7 @@ def test_an_fmu_needs_neither_this_project_nor_sympy_and_no_compiled_core(fmus, 
     bare = tmp_path / "plant.fmu"
     with zipfile.ZipFile(fmus["plant"]) as whole, zipfile.ZipFile(bare, "w") as without:
         cores = [n for n in whole.namelist() if "/c/libcore" in n]
-        assert len(cores) == 1
+        assert cores  # for this platform; where ziglang built the package, for Windows as well
         for name in set(whole.namelist()) - set(cores):
             without.writestr(name, whole.read(name))
     runs = [[float(v) for v in python(code, path).split()] for path in (fmus["plant"], bare)]
