@@ -208,8 +208,8 @@ def export(
 
     from .exporting import SYSTEM, Export
     from .options import read_whole_number
+    from .orchestration.file_values import plant_of
     from .orchestration.parts import resolve, resolve_plant
-    from .params_option import plant_of
     from .solver.files import temporary_folder
 
     path = Path(path)
@@ -222,7 +222,7 @@ def export(
     name = _as_it_is_now(part) if isinstance(part, str) else resolve("part", part).name
     around = None if plant is None else resolve_plant(plant, fmus=False).name
     if path.suffix == SYSTEM:
-        around = plant_of(around, params)
+        around = plant_of(params, around)
     how = Export(
         around or "", read_whole_number("tangents", tangents, 0, 12), params, native, fmi, platforms
     )
@@ -243,6 +243,7 @@ def run(  # noqa: PLR0913
     mapping: Mapping[str, str] | None = None,
     sampled: float | None = None,
     progress: Callable[[float], None] | None = None,
+    params: ParameterFile | Path | str | None = None,
 ) -> RunResult:
     """Run a closed loop of FMUs, with a verdict on the coupling.
 
@@ -254,6 +255,9 @@ def run(  # noqa: PLR0913
         As in `Loop`, with its defaults; if `loop` is a `Loop`, the values to change in it.
     progress : function of float, optional
         Called with the time that the run has reached [s].
+    params : ParameterFile or path-like, optional
+        Values of plant and controller, and the plant if it is not given; other arguments have
+        priority.
 
     Returns
     -------
@@ -282,10 +286,17 @@ def run(  # noqa: PLR0913
     32.1
     """
     asked = locals()
+    from .orchestration.file_values import with_file
+    from .orchestration.loop import Loop
     from .orchestration.run import run_closed_loop
     from .results.run_result import RunResult
 
-    return RunResult.of(run_closed_loop(_loop(loop, asked), progress))
+    told, found = _told(params), _loop(loop, asked)
+    if told is not None:
+        if not isinstance(found, Loop):
+            raise ValueError("params is for a loop of two parts; an .ssp contains its values")
+        found = with_file(found, told, chosen=plant is not None or found is loop)
+    return RunResult.of(run_closed_loop(found, progress))
 
 
 def swap(  # noqa: PLR0913
@@ -794,13 +805,16 @@ def read_parameters(path: Path | str) -> ParameterFile:
     return read(path)
 
 
-def identify(
+def identify(  # noqa: PLR0913
     records: Path | str | Sequence[Record | Path | str],
     law: str,
     fixed: Values | None = None,
     offset: bool = False,
-    params: ParameterFile | None = None,
-    mass: bool = False,
+    params: ParameterFile | Path | str | None = None,
+    mass: float | bool = False,
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    lead: float | None = None,
 ) -> IdentifiedLaw:
     """Find the parameters of a friction law in records of force and position.
 
@@ -815,10 +829,13 @@ def identify(
         Parameters that are known, in SI units.
     offset : bool
         Whether a constant force is also fitted.
-    params : ParameterFile, optional
+    params : ParameterFile or path-like, optional
         Known values; the written file keeps the values that the records do not identify.
-    mass : bool
-        Whether the mass is also fitted, instead of taken from the records.
+    mass : float or bool
+        Mass between load cell and friction [kg], for files; True: it is also fitted. Default: `m`
+        of `params`, else as in `read_force_records`.
+    mapping, units, lead
+        As in `read_force_records`.
 
     Returns
     -------
@@ -830,7 +847,7 @@ def identify(
     ------
     ValueError
         If there is no such law, a parameter cannot be fixed at the given value, or a file cannot be
-        used.
+        used (BadRecord, BadParameters).
 
     Notes
     -----
@@ -845,13 +862,17 @@ def identify(
 
     check_name("law", law, LAWS)
     check_held(law, dict(fixed or {}), offset)
-    told = params.with_lead(None) if params else None
-    lead = told.lead if told else None
+    told, fit = _told(params), mass is True
+    if told:
+        told = told.checked().with_lead(lead)
+        lead = lead or told.lead
+    known = told.plant["m"].value if told and "m" in told.plant else None
+    how = mapping, units, known if isinstance(mass, bool) else mass, lead
     found: list[Record] = []
     for record in _paths(records):
         by_file = isinstance(record, str | Path)
-        found += read_force_records([record], lead=lead) if by_file else [record]
-    return IdentifiedLaw.of(identified(found, law, told, dict(fixed or {}), offset, mass))
+        found += read_force_records([record], *how) if by_file else [record]
+    return IdentifiedLaw.of(identified(found, law, told, dict(fixed or {}), offset, fit))
 
 
 def diagnose(
@@ -986,6 +1007,10 @@ def _of_each(
         if name not in names:
             raise ValueError(f"{argument} has {name!r}, expected one of {', '.join(names)}")
     return [(given or {}).get(name, {}) for name in names]
+
+
+def _told(params: ParameterFile | Path | str | None) -> ParameterFile | None:
+    return read_parameters(params) if isinstance(params, str | Path) else params
 
 
 def _paths(given: Any) -> Any:

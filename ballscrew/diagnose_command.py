@@ -110,9 +110,9 @@ def _diagnose(options: argparse.Namespace) -> int:
     from .records.bad_record import BadRecord
     from .records.reading import read_drive_records
 
-    told = columns.with_lead(read_params(options))
     with bad_parameters():
-        model = drive_of(told or ParameterFile(), options.law)
+        told = (read_params(options) or ParameterFile()).with_lead(columns.lead)
+        model = drive_of(told, options.law)
     progress = Stages()
     try:
         progress("reading")

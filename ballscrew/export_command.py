@@ -20,7 +20,7 @@ from .options import (
     read_part,
     read_whole_number,
 )
-from .params_option import add_params, bad_parameters, plant_of, read_params
+from .params_option import add_params, bad_parameters, read_params
 from .plant import PLANTS
 from .results_folder import prepare_folder, write_or_refuse
 from .sides import check_labels
@@ -114,6 +114,13 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser.set_defaults(action=export)
 
 
+def _around(told: ParameterFile | None, plant: str | None) -> str:
+    from .orchestration.file_values import plant_of
+
+    with bad_parameters():
+        return plant_of(told, plant)
+
+
 def export(options: argparse.Namespace) -> int:
     whole = options.ssp or options.loop is not None
     known = [*CONTROLLERS] if whole else [*PLANTS, *CONTROLLERS, *INSTRUMENTS]
@@ -142,7 +149,7 @@ def export(options: argparse.Namespace) -> int:
     platforms = _read_native(options)
     prepare_folder(options.out)
     how = Export(
-        plant_of(options.plant, told) if whole else "",
+        _around(told, options.plant) if whole else "",
         tangents if options.variational else 0,
         told,
         options.native,

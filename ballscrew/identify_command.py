@@ -114,45 +114,34 @@ def _identify(options: argparse.Namespace) -> int:
         raise BadRequest("--law is missing; expected a law, or --response for a frequency response")
     check_name("--law", options.law, LAWS)
     columns = read_record_options(options)
-    fit_mass = options.mass == "fit"
-    mass = None if options.mass is None or fit_mass else read_number("--mass", options.mass)
-    from .diagnosis.drive import drive_of
-    from .records.bad_record import BadRecord
-    from .records.reading import read_force_records
-
-    told = columns.with_lead(read_params(options))
-    if told is not None:
-        with bad_parameters():
-            model = drive_of(told)
-        if mass is None and not fit_mass and "m" in told.plant:
-            mass = model.values["m"]
+    mass: float | bool = options.mass == "fit"
+    if options.mass and not mass:
+        mass = read_number("--mass", options.mass)
+    told = read_params(options)
     fixed = _fixed(options.fix, told)
-    from .identification.identify import CannotHold, check_held, identify
-
-    try:
-        check_held(options.law, fixed, options.offset)
-    except CannotHold as error:
-        raise BadRequest(f"--fix, --offset: {error}") from error
-    try:
-        records = read_force_records(
-            options.data, columns.mapping, columns.units, mass, columns.lead_with(told)
-        )
-    except BadRecord as error:
-        raise BadRequest(str(error)) from error
+    from . import api
+    from .identification.identify import CannotHold
     from .orchestration.turning_words import words_for
-    from .results.identified_law import IdentifiedLaw
+    from .records.bad_record import BadRecord
 
     prepare_folder(options.out, [*options.data, options.params])
     tell(f"fitting {options.law}")
-    result = identify(records, options.law, told, fixed, options.offset, fit_mass)
-    save_results(options.out, IdentifiedLaw.of(result).save)
+    given = options.law, fixed, options.offset, told, mass
+    try:
+        with bad_parameters():
+            result = api.identify(options.data, *given, *columns)
+    except CannotHold as error:
+        raise BadRequest(f"--fix, --offset: {error}") from error
+    except BadRecord as error:
+        raise BadRequest(str(error)) from error
+    save_results(options.out, result.save)
     words = words_for(result.notes)
     if options.json:
         print(json.dumps(result.to_dict()))
     else:
         print(words(_intervals_table(result)))
         print(f"identified.json, parameters.toml, friction_map and residuals in {options.out}")
-    of_records = [f"{r.name}: {note}" for r in records for note in r.notes]
+    of_records = [f"{r.name}: {note}" for r in result.records for note in r.notes]
     print_notes([*result.notes, *of_records], options.json)
     for name, interval in result.parameters.items():
         if not interval.identified:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .console import print_notes
 from .controllers import ALONE, CONTROLLERS
 from .options import (
     PART,
@@ -22,7 +23,7 @@ from .options import (
 )
 from .orchestration.couplings import Coupling
 from .orchestration.limits import FIRST_STEP, TIME_LIMIT, check_corrections, check_time_limit
-from .params_option import add_params, params_values, read_params
+from .params_option import add_params, bad_parameters, read_params
 from .plant import PLANTS
 from .sides import check_labels, labels_of, mappings, meant, split_side
 
@@ -163,9 +164,13 @@ def read_loops(
     given, given_to = read_settings(options, names)
     ports_of = mappings(options, names)
     told = read_params(options)
-    described, values, values_of = params_values(told, options.plant, names)
+    from .orchestration.file_values import file_values
     from .orchestration.loop import Loop
 
+    with bad_parameters():
+        asked = told, options.plant, names, given
+        described, values, values_of, notes = guard(lambda: file_values(*asked))
+    print_notes(notes)
     return [
         Loop(
             controller,

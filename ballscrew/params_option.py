@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .console import print_notes
 from .options import BadRequest, guard
 
 if TYPE_CHECKING:
@@ -55,85 +55,6 @@ def read_params(options: argparse.Namespace) -> ParameterFile | None:
         return read_parameters(options.params)
 
 
-def params_values(
-    told: ParameterFile | None, plant: str | None, controllers: Sequence[str]
-) -> tuple[str, dict[str, float], dict[str, dict[str, float]]]:
-    """The plant to run, and what a parameter file gives it and each controller.
-
-    Parameters
-    ----------
-    told : ParameterFile or None
-    plant : str or None
-        The requested plant, a name or a path; None: the plant that the file describes.
-    controllers : sequence of str
-        Names or paths.
-
-    Raises
-    ------
-    BadRequest
-    """
-
-    if told is None:
-        return plant or "plant", {}, {name: {} for name in controllers}
-    from .fmus.catalogue import in_units_of
-
-    with bad_parameters():
-        plant = plant or told.plant_name
-        values = guard(lambda: _plant_values(told, plant))
-        own = {n: in_units_of(n, plant) for n in controllers}
-        values_of = {n: guard(lambda n=n: _controller_values(told, own[n])) for n in controllers}
-    _note_other_fmus(told, controllers)
-    return plant, values, values_of
-
-
-def _plant_values(told: ParameterFile, plant: str) -> dict[str, float]:
-    """The file's values for a plant; values that the plant does not use are reported."""
-    from .orchestration.parameter_file import FMU
-    from .orchestration.parts import Part
-
-    others: Collection[str] = ()
-    if told.law and told.kind != FMU and told.plant_name != plant:
-        # a file of another law has values that this plant does not use
-        others = Part(told.plant_name).parameters
-    values, _ = told.plant_values(Part(plant).parameters, others)
-    note_aside(told, values, plant)
-    return values
-
-
-def note_aside(told: ParameterFile, values: Collection[str], plant: str) -> None:
-    """Report which of the file's values a plant does not use."""
-    aside = [n for n in (*told.plant, *told.found) if n not in values]
-    if aside:
-        _note(told, f"{', '.join(aside)}: {plant} has no such parameter")
-
-
-def _controller_values(told: ParameterFile, name: str) -> dict[str, float]:
-    from .orchestration.loop import table_of
-    from .orchestration.parts import Part
-
-    table = table_of(told, Part(name))
-    if table not in told.controllers:
-        return {}
-    return told.controller_values(table, Part(name).parameters)
-
-
-def _note_other_fmus(told: ParameterFile, controllers: Sequence[str]) -> None:
-    """Report tables of controllers that do not run here and are not known."""
-    from .controllers import CONTROLLERS
-    from .orchestration.loop import table_of
-    from .orchestration.parts import Part
-
-    parts = [Part(c) for c in controllers]
-    known = {*CONTROLLERS, *(p.label for p in parts), *(table_of(told, p) for p in parts)}
-    for name in told.controllers:
-        if name not in known:
-            _note(told, f"[controller.{name}]: no controller of this name runs here")
-
-
-def _note(told: ParameterFile, what: str) -> None:
-    print(f"note: {told.path}: {what}; left aside", file=sys.stderr)
-
-
 def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
     """A controller and its instruments as in an .ssp, each with its own values.
 
@@ -154,20 +75,6 @@ def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
             "ELEMENT.VARIABLE=VALUE"
         )
     return base + units, tuple(i + units for i in instruments)
-
-
-def plant_of(asked: str | None, told: ParameterFile | None) -> str:
-    """The requested plant, else the one that a parameter file describes, else the default one.
-
-    Raises
-    ------
-    BadRequest
-        If the file describes none.
-    """
-    if asked is not None:
-        return asked
-    with bad_parameters():
-        return told.plant_name if told else "plant"
 
 
 def kernel_with_values(
@@ -191,6 +98,7 @@ def kernel_with_values(
     if told is None:
         return kernel
     from .fmus.start_values import with_start_values
+    from .orchestration.file_values import aside, for_controller, for_plant
     from .orchestration.loop import table_of
     from .orchestration.parts import Part
     from .solver.kernel import CONTROLLER, PLANT
@@ -206,14 +114,13 @@ def kernel_with_values(
 
     of_plant = {**told.plant, **told.found}
     of_controller = told.controllers.get(table_of(told, Part(name)), {})
+    moves = plant or (name if _is_plant(name) else "")
     with bad_parameters():
-        if plant:
-            add(PLANT, guard(lambda: _plant_values(told, plant)), of_plant)
-            add(CONTROLLER, _controller_values(told, name), of_controller)
-        elif _is_plant(name):
-            add("", _plant_values(told, name), of_plant)
-        else:
-            add("", _controller_values(told, name), of_controller)
+        if moves:
+            add(PLANT if plant else "", guard(lambda: for_plant(told, moves)), of_plant)
+            print_notes(aside(told, {n.removeprefix(PLANT) for n in values}, moves))
+        if plant or not moves:
+            add(CONTROLLER if plant else "", for_controller(told, name), of_controller)
     return with_start_values(kernel, values, sources)
 
 

@@ -6,18 +6,15 @@ import argparse
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .options import BadRequest, read_named, read_number
-from .params_option import bad_parameters
 
 if TYPE_CHECKING:
     from .orchestration.parameter_file import ParameterFile
 
 
-@dataclass(frozen=True)
-class RecordOptions:
+class RecordOptions(NamedTuple):
     """Names and units of the columns as given by the user.
 
     Attributes
@@ -31,21 +28,6 @@ class RecordOptions:
     mapping: Mapping[str, str]
     units: Mapping[str, str]
     lead: float | None
-
-    def with_lead(self, told: ParameterFile | None) -> ParameterFile | None:
-        """The parameter file with the lead of ``--lead``, where its plant has a screw.
-
-        Raises
-        ------
-        BadRequest
-            If the file also gives the lead.
-        """
-        from .orchestration.parameter_file import ParameterFile
-
-        if told is None and self.lead is None:
-            return None
-        with bad_parameters():
-            return (told or ParameterFile()).with_lead(self.lead)
 
     def lead_with(self, told: ParameterFile | None) -> float | None:
         """The lead [m] by ``--lead`` or by `p` of the parameter file; None if neither says it."""

@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .console import Progress
+from .console import Progress, print_notes
 from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder, read_named, read_number
-from .params_option import add_params, note_aside, read_params
+from .params_option import add_params, read_params
 from .plant import DEFAULT_LAW
 from .results_folder import prepare_folder, save_results
 
@@ -33,7 +33,6 @@ examples:
   ballscrew rig 2.4/7 --law modified_lugre --out out/trial
   ballscrew rig 2.8 presliding --law lugre --set plant.sigma0=6e4 --seed 3 --out out/trials
   ballscrew rig 2.4/7 --params out/identified/parameters.toml --out out/again
-  ballscrew rig 2.4/7 --law lugre --export --out out/fmus
 """
 MOST_DIGITS = 40  # of a seed: more than 128 bits need
 
@@ -69,12 +68,6 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     )
     add("--seed", metavar="N", help="seed of all noise (default 0)")
     add(
-        "--export",
-        action="store_true",
-        help="instead, write the rig's parts as FMUs, their connections (wiring.json), and "
-        "all inputs of one trial (values.json, outside.csv)",
-    )
-    add(
         "--out",
         type=out_folder,
         metavar="DIR",
@@ -83,10 +76,9 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
     parser.set_defaults(action=_rig)
 
 
-def _rig(options: argparse.Namespace) -> int:  # noqa: PLR0915
-
+def _rig(options: argparse.Namespace) -> int:
     if options.list:
-        for name in ("trials", "seed", "export", "out"):
+        for name in ("trials", "seed", "out"):
             if getattr(options, name):
                 given = "a TRIAL" if name == "trials" else f"--{name}"
                 raise BadRequest(f"--list and {given}: expected one of them")
@@ -105,28 +97,15 @@ def _rig(options: argparse.Namespace) -> int:  # noqa: PLR0915
     if options.list:
         return _list(machine, values, told)
     trials = _trials(options.trials, machine)
-    if options.export and len(trials) > 1:
-        raise BadRequest(f"--export takes one TRIAL, as in 2.4/7; these are {len(trials)}")
     with _bad_rig():  # before the first of many is run
         for trial in trials:
             set_up(trial, machine, values, told=told)
     prepare_folder(options.out, [options.params])
+    from .orchestration.file_values import aside
     from .results.rig_record import RigRecord
     from .rig.bench import run_trial
-    from .rig.fmu_bench import export_trial
     from .solver.kernel import IntegrationError
 
-    if options.export:
-        names: list[Path] = []
-
-        def export(folder: Path) -> None:
-            paths = export_trial(folder, trials[0], law, values, seed, told=told)
-            names.extend(path.relative_to(folder) for path in paths)
-
-        with _bad_rig():
-            save_results(options.out, export)
-        print(*(options.out / name for name in names), sep="\n")
-        return TRUSTED
     progress = Progress(sum(t.duration for t in trials))
     notes: dict[str, Sequence[str]] = {}
 
@@ -146,7 +125,7 @@ def _rig(options: argparse.Namespace) -> int:  # noqa: PLR0915
             RigRecord.of(recorded).save(place)
             notes[trial.name] = recorded.notes
             if told is not None and trial is trials[0]:
-                note_aside(told, recorded.used.plant, "the rig")
+                print_notes(aside(told, recorded.used.plant, "the rig"))
         progress.finish()
 
     try:

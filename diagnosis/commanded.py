@@ -10,7 +10,7 @@ import numpy as np
 from ..plant.direct_drive import bare_direct_drive
 from ..plant.law import law
 from ..records.bad_record import BadRecord
-from ..records.record import CURRENT, VOLTAGE, Record
+from ..records.record import CURRENT, FORCE, TORQUE, VOLTAGE, Record
 from .drive import Drive
 
 
@@ -53,6 +53,7 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
     if model.has_motor:
         return list(records), model, []
     told = model.command or records[0].command
+    records = [by_torque(r) if told == TORQUE else r for r in records]
     for record in records:
         if record.command != told:
             raise BadRecord(
@@ -87,6 +88,14 @@ def by_current(record: Record) -> Record | None:
         return None
     signals = {**record.signals, "u": record.u if told else record.signals["i"]}
     return _without_current(replace(record, signals=signals, command=CURRENT))
+
+
+def by_torque(record: Record) -> Record:
+    """A record whose command became a force by the lead of its screw, with its torque again."""
+    if record.command != FORCE or record.lead is None:
+        return record
+    torque = record.u * record.lead / (2 * np.pi)
+    return replace(record, signals={**record.signals, "u": torque}, command=TORQUE)
 
 
 def _without_current(record: Record) -> Record:

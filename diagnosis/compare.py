@@ -22,12 +22,12 @@ from ..plant.law import claims
 from ..records.bad_record import BadRecord
 from ..records.examine import check_identifiable
 from ..records.reading import read_drive_records
-from ..records.record import CURRENT, Record
+from ..records.record import CURRENT, TORQUE, Record
 from .balance import Added, balance
 from .bands import AROUND_REST
 from .blocks import Blocks, Estimate
 from .causes import CAUSES
-from .commanded import by_current, commanded
+from .commanded import by_current, by_torque, commanded
 from .compared import ADJUSTED, ALL, CORRECTED, MODEL, PRIOR, Compared, Gain, Left, Traces
 from .diagnosis_pictures import binned
 from .drive import Drive, compiled, drive_of
@@ -318,6 +318,7 @@ def _models(file: ParameterFile, told: Diagnosed) -> dict[str, Drive]:
 
 def _commanded(record: Record, told: Diagnosed) -> Record:
     """The record with the command that the models take."""
+    record = by_torque(record) if told.command == TORQUE else record
     current = by_current(record) if told.command == CURRENT else None
     if current is not None:
         return current

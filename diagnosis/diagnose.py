@@ -64,7 +64,7 @@ def diagnose(
         Files of measured data with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A];
         ``i`` alone is taken as the command, see `commanded`.
     params : path-like, optional
-        The prior model, see `read_drive`; the nominal axis by default.
+        The prior model, see `drive_of`; the nominal axis by default.
     law : str, optional
         Friction law, instead of the law in the file.
     mapping : mapping of str to str, optional

@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +22,6 @@ from ..identification.law_along_record import LawValues, mean_friction_along
 from ..instruments import UNITS
 from ..instruments.amplifier import PARAMETERS as AMPLIFIER
 from ..orchestration.parameter_file import BALL_SCREW, DRIVE, BadParameters, ParameterFile, Value
-from ..orchestration.parameter_reading import read_parameters
 from ..plant import DEFAULT_LAW
 from ..plant.ball_screw import bare_ball_screw
 from ..plant.direct_drive import bare_direct_drive
@@ -198,33 +196,24 @@ class Drive:
         return LawValues(self.law, forwards, backwards, self.values.get("Kv", 0.0))
 
 
-def read_drive(path: Path | str | None = None, law: str | None = None) -> Drive:
-    """Read a parameter file as the prior model of a drive.
+def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
+    """The drive that a parameter file describes, as the prior model.
 
-    Missing values are the plant's defaults. The tolerance of a value is that in ``[tolerance]``,
-    else half of its interval, else `TOLERANCE`. Values that only a closed loop needs (amplifier,
-    initial states, controllers) and the table ``[found]``, of an extended plant, are ignored.
+    A file without ``[plant]`` is the nominal axis. The tolerance of a value is that in
+    ``[tolerance]``, else half of its interval, else `TOLERANCE`. Values that only a closed loop
+    needs (amplifier, initial states, controllers) and the table ``[found]``, of an extended plant,
+    are ignored.
 
     Parameters
     ----------
-    path : path-like, optional
-        Without a file, the nominal axis.
+    file : ParameterFile
     law : str, optional
         Friction law in place of the file's.
-
-    Returns
-    -------
-    Drive
 
     Raises
     ------
     BadParameters
     """
-    return drive_of(ParameterFile() if path is None else read_parameters(path), law)
-
-
-def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
-    """The drive of a parameter file that was read already; see `read_drive`."""
     if file.kind not in _PLANTS:
         raise BadParameters(
             f"{file.path}: kind is {file.kind!r}, expected one of {', '.join(_PLANTS)}: the "
@@ -238,6 +227,7 @@ def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
     elsewhere = [p.name for p in AMPLIFIER]
     elsewhere += [s.name + START for plant in plants for s in plant.all_states]
     numbers, _ = file.plant_values(known, elsewhere)
+    file.check_complete({p.name: p for p in plants[-1].all_parameters}, numbers)
     values = {p.name: numbers.get(p.name, p.default) for p in plants[-1].all_parameters}
     ways = [Drive(file.kind, name, {}).parameters for name in laws]
     adjusted = [[n for n in names if n not in _NEVER_ADJUSTED] for names in ways]

@@ -11,7 +11,7 @@ from typing import Any
 from ..orchestration.parameter_file import DRIVE, ParameterFile, Value
 from ..plant.law import law as friction_law
 from ..records.record import Record
-from ..solver.component import ForceTerm, symbol
+from ..solver.component import ForceTerm, Parameter, symbol
 from ..solver.files import write_json
 from .fit_result import Fit
 from .fitted_law import OFFSET
@@ -111,20 +111,23 @@ class Identification:
     def parameter_file(self) -> ParameterFile:
         """The law's values with their intervals, and other values from `told`.
 
-        A parameter that is not identified has no value, unless `told` has one, and is listed in a
-        table with the reason.
+        A parameter that is not identified has the value of `told`, else the estimate with its wide
+        interval, and is listed in a table with the reason.
         """
         given = self.told or ParameterFile()
         names = ", ".join(r.name for r in self.records)
         another = given.law not in ("", self.law)
         replaced = {p.name for p in _law_of(given.law).parameters} if another else set()
-        values = {n: v for n, v in given.plant.items() if n not in replaced}
+        known = {n: v for n, v in given.plant.items() if n not in replaced}
+        values = {p.name: _fixed(p) for p in _law_of(self.law).parameters} | known
         for name, i in self.parameters.items():
-            if i.identified and (name != OFFSET or given.kind == DRIVE):
-                held = name in self.fixed
-                source = "given, held" if held else f"identified from {names}"
-                if not (held and name in values and values[name].value == i.value):
-                    values[name] = Value(i.value, i.unit, None if held else _bounds(i), source)
+            if name == OFFSET and given.kind != DRIVE:
+                continue
+            held = name in self.fixed
+            if name not in known or (i.identified and not (held and known[name].value == i.value)):
+                source = f"{'' if i.identified else 'an estimate, not '}identified from {names}"
+                said = (None, "given, held") if held else (_bounds(i), source)
+                values[name] = Value(i.value, i.unit, *said)
         reasons = {n: i.because for n, i in self.parameters.items() if not i.identified}
         return replace(
             given,
@@ -155,6 +158,11 @@ def _bounds(i: Interval) -> tuple[float, float]:
     low = -math.inf if i.low is None else i.low
     high = math.inf if i.high is None else i.high
     return min(low, i.value), max(high, i.value)
+
+
+def _fixed(p: Parameter) -> Value:
+    """A parameter that is not fitted."""
+    return Value(p.default, p.unit, None, f"{p.source}, not fitted")
 
 
 def _law_of(name: str) -> ForceTerm:

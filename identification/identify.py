@@ -9,8 +9,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
+from ..instruments.amplifier import PARAMETERS as AMPLIFIER
 from ..orchestration.parameter_file import BALL_SCREW, DRIVE, TURNS, ParameterFile, Value
-from ..records.record import FORCE, Record
+from ..plant.ball_screw import PARAMETERS as AXIS
+from ..records.record import FORCE, TORQUE, Record
 from ..records.velocity import INTEGRATED
 from ..solver.nearest import nearest
 from .fit import fit_along
@@ -141,13 +143,15 @@ def identify(
         records = [replace(r, mass=found) for r in records]
         estimates = [estimate_friction(r) for r in records]
         course = course.with_mass(found)
-    of_axis = [r for r in records if r.about and r.about.get("kind", BALL_SCREW) == BALL_SCREW]
-    if told is None and not of_axis:
-        told = _drive_of(records[0].mass)
+    if told is None:
+        of_axis = [r for r in records if r.about and r.about.get("kind", BALL_SCREW) == BALL_SCREW]
+        told = _axis_of(of_axis[0]) if of_axis else _drive_of(records[0])
+        if mass:
+            told = replace(told, plant={n: v for n, v in told.plant.items() if n != MASS})
     judged = {n: _judge(fit, n, course) for n in fit.names}
     per_direction, notes = _each_way(records, fit, judged, course, fixed)
-    unkept = OFFSET in judged and (told is None or told.kind != DRIVE)
-    notes += [TURNS] * (told is not None and told.turns)
+    unkept = OFFSET in judged and told.kind != DRIVE
+    notes += [TURNS] * told.turns
     notes += _remarks(records, law, fit, offset, unkept)
     if shift and shift.low is not None and shift.high is not None and moved:
         notes.append(
@@ -156,7 +160,7 @@ def identify(
             "by it"
         )
     if mass:
-        notes += _of_mass(judged[MASS], told)
+        notes += _of_mass(judged[MASS], told.plant.get(MASS))
     points = stribeck_points(list(records), estimates)
     noise = float(np.median([e.force_noise for e in estimates]))
     left = left_over(course, fit, noise)
@@ -189,13 +193,24 @@ def identify(
     )
 
 
-def _drive_of(mass: float) -> ParameterFile:
+def _axis_of(record: Record) -> ParameterFile:
+    """Parameter file of the rig's axis, as its ``trial.json`` describes it, without friction."""
+    said = record.about.get("parameters", {})
+    values = {p.name: (said.get(f"plant.{p.name}", p.default), p) for p in (*AXIS, *AMPLIFIER)}
+    source = "of the trial's rig"
+    return ParameterFile(plant={n: Value(v, p.unit, None, source) for n, (v, p) in values.items()})
+
+
+def _drive_of(record: Record) -> ParameterFile:
     """Parameter file of a machine with records of force and position only."""
+    command, gain, unit = FORCE, 1.0, "1"
+    if record.lead:
+        command, gain, unit = TORQUE, 2 * math.pi / record.lead, "N/(N*m)"
     values = {
-        "m": Value(mass, "kg", None, "of the records: between load cell and block"),
-        "gain": Value(1.0, "1", None, "the command is the force"),
+        "m": Value(record.mass, "kg", None, "of the records: between load cell and block"),
+        "gain": Value(gain, unit, None, f"the command is the {command}"),
     }
-    return ParameterFile(kind=DRIVE, command=FORCE, plant=values)
+    return ParameterFile(kind=DRIVE, command=command, plant=values)
 
 
 def _each_way(
@@ -219,15 +234,14 @@ def _each_way(
     return _by_direction(split, fit.law.parameters), _difference(apart, split, fixed)
 
 
-def _of_mass(found: Interval, told: ParameterFile | None) -> list[str]:
+def _of_mass(found: Interval, given: Value | None) -> list[str]:
     """Notes on force, lead and units if the fitted mass differs from the given mass."""
-    given = told.plant.get(MASS) if told else None
     if given is None or not found.identified or found.low is None or found.high is None:
         return []
     if found.low <= given.value <= found.high:
         return []
     return [
-        f"{MASS} of --params is {given.value:.4g} kg, but these records give {found.value:.4g} kg"
+        f"{MASS} is given as {given.value:.4g} kg, but these records give {found.value:.4g} kg"
         + gain_words(found.value, given.value)
     ]
 

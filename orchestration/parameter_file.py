@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..fmus.interface import START, TOLERANCE
 from ..fmus.units import base_exponents
+from ..instruments.supply import UNLIMITED
 from ..plant import DEFAULT_LAW, NOMINAL, TURNING, plant_of
 from ..solver.files import write_atomically
 from ..solver.nearest import did_you_mean
@@ -25,9 +26,11 @@ if TYPE_CHECKING:
 FORMAT = "ballscrew-parameters 1"
 FILE_NAME = "parameters.toml"
 BALL_SCREW, DRIVE, ROTARY, FMU = "ball_screw", "drive", "rotary_drive", "fmu"
+NEUTRAL = ("gain", "Kv", "current_limit_time")
+"""Parameters of plants whose defaults, other than zero, say nothing of a machine."""
 KINDS = (BALL_SCREW, DRIVE, ROTARY, FMU)
 COMMANDS = ("voltage", "current", "force")
-COMMANDS_OF = {DRIVE: COMMANDS, ROTARY: ("voltage", "current", "torque")}
+COMMANDS_OF = {DRIVE: (*COMMANDS, "torque"), ROTARY: ("voltage", "current", "torque")}
 """Kinds of command of a drive, by its kind; others have a fixed one."""
 TURNS = "rotating body: here N means N*m, m means rad, and kg means kg*m^2"
 """Note for the use of `ParameterFile.sliding`."""
@@ -161,29 +164,36 @@ class ParameterFile:
     def with_lead(self, lead: float | None) -> ParameterFile:
         """The file with this travel of the screw per turn [m], if its plant has a screw.
 
-        A rotating body has none, and is described as a sliding one, see `sliding`.
-
-        Raises
-        ------
-        BadParameters
-            If the file also gives the lead, or the body rotates.
+        A rotating body has none, and is described as a sliding one, see `sliding`. Raises
+        `BadParameters` if the plant has another lead, or the body rotates.
         """
         if self.kind == ROTARY:
             if lead is not None:
                 raise BadParameters(
-                    f"--lead is for a screw, but {self.path} describes a rotating body "
-                    "without one; remove --lead"
+                    f"a lead is for a screw, but {self.path} describes a rotating body "
+                    "without one; leave the lead out"
                 )
             return self.sliding()
-        if lead is None:
+        if lead is None or self.kind != BALL_SCREW:
             return self
-        if "p" in self.plant:
+        if self.plant and "p" not in self.plant:
+            return replace(self, plant={**self.plant, "p": Value(1 / lead, "1/m", None, "given")})
+        from .parts import Part
+
+        own = self.lead or 1 / Part(self.plant_name).parameters["p"].default
+        if not math.isclose(lead, own, rel_tol=1e-6):
             raise BadParameters(
-                f"--lead and p of {self.path} both give the lead of the screw; expected one of them"
+                f"the lead is given as {lead:g} m, but {self.path or 'the nominal axis'} has "
+                f"{own:g} m; expected the same, or a parameter file of this machine"
             )
-        if self.kind != BALL_SCREW:
-            return self
-        return replace(self, plant={**self.plant, "p": Value(1 / lead, "1/m", None, "--lead")})
+        return self
+
+    def checked(self) -> ParameterFile:
+        """The file; raises `BadParameters` for values that its plant does not have."""
+        from .parts import Part
+
+        self.plant_values(Part(self.plant_name).parameters)
+        return self
 
     def sliding(self) -> ParameterFile:
         """A rotating body described as a sliding one: rad for m, N*m for N, `m` for `J`.
@@ -191,9 +201,7 @@ class ParameterFile:
         This fits records with a lead of 2 pi; `turning` is the inverse. Raises `BadParameters` for
         values that its plant does not have.
         """
-        from .parts import Part
-
-        self.plant_values(Part(self.plant_name).parameters)
+        self.checked()
         plant = {"m" if n == "J" else n: replace(v, unit="") for n, v in self.plant.items()}
         tolerance = {"m" if n == "J" else n: share for n, share in self.tolerance.items()}
         command = COMMANDS[-1] if self.command == COMMANDS_OF[ROTARY][-1] else self.command
@@ -239,10 +247,25 @@ class ParameterFile:
         values = check_values(use, known, f"{self.path}: [plant]")
         values |= check_values(found, known, f"{self.path}: [found]")
         for coulomb in [n for n in values if n in ("Fc", "Fc_pos", "Fc_neg")]:
-            breakaway = coulomb.replace("Fc", "Fs")
+            breakaway, speed = (coulomb.replace("Fc", other) for other in ("Fs", "Vs"))
             if breakaway in known:
                 values.setdefault(breakaway, values[coulomb])
+                if speed in known and values[breakaway] == values[coulomb]:  # it has no effect
+                    values.setdefault(speed, known[speed].default)
         return values, [n for n in (*self.plant, *self.found) if n not in values]
+
+    def check_complete(self, known: Known, values: Collection[str]) -> None:
+        """Raise `BadParameters` if a parameter of a machine is not among those with values.
+
+        Its default would be that of another machine. Zero, no limit and `NEUTRAL` say nothing of
+        one; a file without ``[plant]`` is of the nominal plant.
+        """
+        for name, p in known.items() if self.plant else ():
+            if name not in values and name not in NEUTRAL and 0.0 < abs(p.default) < UNLIMITED:
+                raise BadParameters(
+                    f"{self.path}: [plant] has no {name} ({p.meaning}), and the nominal axis' is "
+                    "that of another machine; give its value"
+                )
 
     def controller_values(self, name: str, known: Known) -> dict[str, float]:
         """Values for the controller of this name, checked; raises `BadParameters`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from .parameter_file import (
     BALL_SCREW,
     COMMANDS,
     COMMANDS_OF,
+    DRIVE,
     FORMAT,
     KINDS,
     BadParameters,
@@ -36,20 +38,8 @@ _KEYS = (
     "not_identified",
     "diagnosis",
 )
-_DIAGNOSIS_KEYS = (
-    "records",
-    "command",
-    "command_shift",
-    "law",
-    "prior",
-    "adjusted",
-    "causes",
-)
-_VALUE_KEYS = ("value", "unit", "interval", "source")
-_FORMER = {
-    "parameters": "the table of the plant's values is called [plant]",
-    "plant": 'the kind of plant is the key kind, such as kind = "drive"',
-}
+_DIAGNOSIS_KEYS = [f.name for f in fields(Diagnosed)]
+_VALUE_KEYS = [f.name for f in fields(Value)]
 
 
 # -- reading ---------------------------------------------------------------------------------
@@ -65,9 +55,6 @@ def read_parameters(path: Path | str) -> ParameterFile:
     """
     path = Path(path)
     data = _toml(path)
-    for key, hint in _FORMER.items():
-        if key in data and not (key == "plant" and isinstance(data[key], dict)):
-            raise BadParameters(f"{path}: has {key!r} as in older versions; {hint}")
     known_name(f"{path}:", data, _KEYS)
     if data.get("format", FORMAT) != FORMAT:
         raise BadParameters(f"{path}: format is {data['format']!r}, expected {FORMAT!r}")
@@ -147,7 +134,7 @@ def _diagnosed(path: Path, given: Any) -> Diagnosed:
     causes = _table(path, "diagnosis.causes", table["causes"])
     return Diagnosed(
         tuple(records),
-        _choice(path, "[diagnosis] command", table["command"], COMMANDS),
+        _choice(path, "[diagnosis] command", table["command"], COMMANDS_OF[DRIVE]),
         _number(path, "[diagnosis] command_shift", table["command_shift"]),
         _choice(path, "[diagnosis] law", table["law"], LAWS),
         _numbers(path, "diagnosis.prior", table["prior"]),

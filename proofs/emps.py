@@ -24,9 +24,9 @@ import numpy as np
 from provenance import provenance
 from scipy.signal import savgol_filter
 
+from ballscrew import read_drive_records, read_parameters
 from ballscrew.diagnosis.diagnose import diagnose_records
-from ballscrew.diagnosis.drive import Drive, read_drive
-from ballscrew.records.reading import read_drive_records
+from ballscrew.diagnosis.drive import Drive, drive_of
 from ballscrew.solver.files import write_atomically
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -94,7 +94,7 @@ def main() -> int:
     if not path.exists():
         print(f"nothing proven: {path.name} is not here; see docs/emps.md", file=sys.stderr)
         return 2
-    prior_model = read_drive(ROOT / "docs" / "emps.toml")
+    prior_model = drive_of(read_parameters(ROOT / "docs" / "emps.toml"))
     (record,) = read_drive_records([path], COLUMNS, UNITS)
     record = replace(record, name="DATA_EMPS.mat")
     x, t = record.x, record.time - record.time[0]

@@ -15,10 +15,10 @@ from scipy.stats import binomtest
 from worlds import OUTSIDE as NOT_IN_CATALOGUE
 from worlds import WORLDS, Unusable, draw_case, effects_of, write_case
 
+from ballscrew import read_drive_records, read_parameters
 from ballscrew.diagnosis.commanded import commanded
-from ballscrew.diagnosis.drive import Drive, read_drive
+from ballscrew.diagnosis.drive import Drive, drive_of
 from ballscrew.diagnosis.scores import OUTSIDE as IN_NO_CAUSE
-from ballscrew.records.reading import read_drive_records
 from ballscrew.records.record import Record
 
 FAULTLESS, CAUSE, OUTSIDE, SIGNAL = "faultless", "cause", "outside", "signal"
@@ -67,7 +67,7 @@ class Drawn:
     def read(self) -> tuple[list[Record], Drive]:
         """The records, and the model assumed by their user."""
         paths = sorted(self.folder.glob("record*.csv"))
-        believed = read_drive(self.folder / "believed.toml")
+        believed = drive_of(read_parameters(self.folder / "believed.toml"))
         records, model, _ = commanded(read_drive_records(paths), believed)
         return records, model
 

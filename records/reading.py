@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .bad_record import BadRecord
-from .record import CURRENT, FORCE, VOLTAGE, Record
+from .record import CURRENT, FORCE, TORQUE, VOLTAGE, Record
 from .rig_trial import described, read_about
 from .sampling import HOLES, even_out, pieces_between_gaps, recounted
 from .table import choose, in_si, read_tables
@@ -29,12 +29,12 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "x": ("length", "angle"),
     "x_fine": ("length",),
     VELOCITY: ("velocity", "angular velocity"),
-    "force": (FORCE, "torque"),
-    "u": (VOLTAGE, CURRENT, FORCE, "torque"),
+    "force": (FORCE, TORQUE),
+    "u": (VOLTAGE, CURRENT, FORCE, TORQUE),
     "i": (CURRENT,),
     "x_ref": ("length", "angle"),
     "v_ref": ("velocity", "angular velocity"),
-    "force_ref": (FORCE, "torque"),
+    "force_ref": (FORCE, TORQUE),
     "temperature": ("temperature",),
 }
 """Possible quantities of each column; the first is used if nothing is given."""
@@ -203,20 +203,21 @@ def _read(
     table = choose(tables, mapping, wanted, use.needed)
     signals, measured, notes = in_si(table, units, {n: QUANTITIES[n] for n in use.columns}, lead)
     command = measured.get("u", CURRENT)
-    command = FORCE if command == "torque" else command
+    command = FORCE if command == TORQUE else command
+    screw = lead if TORQUE in measured.values() else None
     said = {*units, *table.units}
     notes = [*table.notes, *notes]
     pieces, note = pieces_between_gaps(signals["time"], use.samples, use.lasts)
     if not note:
         record = check_record(str(path), signals, command, use, said, table.row)
-        return [replace(record, notes=(*notes, *record.notes))]
+        return [replace(record, lead=screw, notes=(*notes, *record.notes))]
     records: list[Record] = []
     for piece in pieces:
         name = f"{path} ({len(records) + 1} of {len(pieces)})" if len(pieces) > 1 else str(path)
         part = {n: v[piece] for n, v in signals.items()}
         row = _from(table.row, piece.start)
         record = check_record(name, part, command, use, said, row)
-        records.append(replace(record, notes=(note, *notes, *record.notes)))
+        records.append(replace(record, lead=screw, notes=(note, *notes, *record.notes)))
     return records
 
 

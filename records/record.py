@@ -15,7 +15,7 @@ from .velocity import VELOCITY
 
 Vector = npt.NDArray[np.float64]
 
-VOLTAGE, CURRENT, FORCE = "voltage", "current", "force"
+VOLTAGE, CURRENT, FORCE, TORQUE = "voltage", "current", "force", "torque"
 _FINE_RANGE = 1e-4  # range of a fine position next to a coarse one; calibrated over 70 um [m]
 
 
@@ -30,13 +30,14 @@ class Record:
     name: str
     signals: Mapping[str, Vector]
     step: float  # sampling interval [s]
-    command: str = VOLTAGE  # kind of `u`, in V, A or N; "current" if a drive has no `u`
+    command: str = VOLTAGE  # kind of `u`, in V, A, N or N*m; "current" if a drive has no `u`
     mass: float = 1.0  # between load cell and friction [kg]
     lags: Mapping[str, float] = field(default_factory=dict)  # of columns, by their instrument [s]
     delay_std: float = 0.0  # of the unknown delay between force and motion [s]
     gain_std: float = 0.0  # of the scale of `position` after its calibration [1]
     about: Mapping[str, Any] = field(default_factory=dict)  # the rig's ``trial.json``
     notes: tuple[str, ...] = ()  # changes made to the record, and unknown properties
+    lead: float | None = None  # of the screw by which a recorded torque became a force [m]
 
     @property
     def time(self) -> Vector:

@@ -50,15 +50,18 @@ def given_values(
     ------
     BadParameters
     """
-    given = _values_for(told, law, known) if told else {}
-    return given | {
+    given = {
         name if "." in name else f"{PLANT}.{name}": float(value)
         for name, value in (parameters or {}).items()
     }
+    return (_values_for(told, law, known, given) if told else {}) | given
 
 
 def _values_for(
-    told: ParameterFile, law: str, known: Mapping[str, ParameterInfo]
+    told: ParameterFile,
+    law: str,
+    known: Mapping[str, ParameterInfo],
+    given: Mapping[str, float],
 ) -> dict[str, float]:
     parts = {TRIAL, *(part.name for wiring in WIRINGS.values() for part in wiring.parts)}
     head = f"{PLANT}."
@@ -67,6 +70,7 @@ def _values_for(
     if (told.law or law) == law:  # only initial states are ignored: a trial begins at rest
         others = {n: p for n, p in others.items() if n.endswith("_start")}
     values, _ = told.plant_values(plant, others)
+    told.check_complete(plant, {*values, *(n.removeprefix(head) for n in given)})
     found = {head + n: v for n, v in values.items()}
     for name, own in told.rig.items():
         if name not in parts:

@@ -1,4 +1,4 @@
-"""Connections of the rig's parts, for the compiled program and for the separate FMUs.
+"""Connections of the rig's parts for the compiled program.
 
 The parts are in the order of the signals. At each sample instant every part uses the new values of
 the parts before it. Then the plant, which is not one of these parts, is solved to the next instant

@@ -37,7 +37,14 @@ TIME = symbol("t")
 
 def unit_in(unit: str, words: Mapping[str, str]) -> str:
     """A unit with some unit names replaced: ``V*s/m`` becomes ``N*s/m`` if V becomes N."""
-    return re.sub("[A-Za-z]+", lambda word: words.get(word[0], word[0]), unit)
+
+    def replaced(found: re.Match[str]) -> str:
+        before, word, after = found.groups()
+        word = words.get(word, word)
+        whole = word.isalpha() or not (before or after)
+        return before + (word if whole else f"({word})") + after
+
+    return re.sub(r"(/?)([A-Za-z]+)(\^?)", replaced, unit)
 
 
 @dataclass(frozen=True)

@@ -15,24 +15,24 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (7418, 6538),
+    "solver": (7423, 6543),
     "plant": (1123, 888),
     "controllers": (1417, 1093),
     "instruments": (891, 715),
     "fmus": (6229, 5407),
-    "orchestration": (13730, 11041),
+    "orchestration": (13809, 11107),
     "stability": (3578, 2892),
-    "ballscrew": (4991, 4128),
+    "ballscrew": (4910, 4068),
     "gallery": (3571, 3184),
-    "records": (2398, 2151),
-    "identification": (4744, 3949),
-    "diagnosis": (6691, 5351),
-    "rig": (1845, 1448),
+    "records": (2400, 2153),
+    "identification": (4762, 3965),
+    "diagnosis": (6692, 5355),
+    "rig": (1743, 1379),
     "proofs": (12907, 11541),
     "benchmarks": (1870, 1732),
     "docs": (1365, 1316),
     ".ci": (276, 255),
-    "tests": (27685, 26426),
+    "tests": (27754, 26492),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -237,14 +237,14 @@ def _machine(table: dict[str, Any], folder: Path) -> dict[str, float]:
     """Values of the plant in the parameter file that a study names; its plant goes into `table`."""
     if "params" not in table:
         return {}
+    from ..file_values import for_plant
     from ..parameter_file import BadParameters
     from ..parameter_reading import read_parameters
-    from ..parts import Part
 
     try:
         told = read_parameters(folder / str(table.pop("params")))
         plant = str(table.setdefault("plant", told.plant_name))
-        return told.plant_values(Part(plant).parameters)[0]
+        return for_plant(told, plant)
     except BadParameters as error:
         raise BadPlan(f"params: {error}") from error
 

@@ -27,7 +27,6 @@ COMMANDS = {
     "tune a relay": "tune --controller relay --budget 2",
     "study": "study {study} --workers 1",
     "rig": "rig 2.8",
-    "rig of parts": "rig 2.8/1 --export",
     "gallery": "gallery bouncing_ball",
     "identify LuGre": "identify {rig}/2.8-01 {rig}/2.8-02 --law lugre",
     "identify Dahl": "identify {rig}/2.8-01 --law dahl",

@@ -7,7 +7,8 @@ import os
 from types import SimpleNamespace
 
 import pytest
-from diagnosed import run
+from case_inputs import swing, write
+from diagnosed import NOMINAL, run, whole
 from fmpy import read_model_description
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -99,13 +100,11 @@ def axis(tmp_path):
 
 
 SHORT = ("--stop", "0.02")
-HAND = """
-[plant]
-sigma0 = 6e4
-m = { value = 2.0, unit = "kg", interval = [1.9, 2.2], source = "a pair of scales" }
-[controller.pid]
-Kp = 300.0
-"""
+HAND = whole(sigma0=6e4).replace(
+    "m = 1.0\n",
+    'm = { value = 2.0, unit = "kg", interval = [1.9, 2.2], source = "a pair of scales" }\n',
+)
+HAND += "[controller.pid]\nKp = 300.0\n"
 
 
 def test_set_wins_over_the_file_and_the_file_over_the_default(axis, tmp_path):
@@ -114,8 +113,7 @@ def test_set_wins_over_the_file_and_the_file_over_the_default(axis, tmp_path):
     file = written(tmp_path / "out")
     assert file.plant["sigma0"] == Value(5e4, "N/m", None, "given to this run")
     assert file.plant["m"] == Value(2.0, "kg", (1.9, 2.2), "a pair of scales")
-    assert file.plant["R"].source == "Table 3.1"
-    assert file.plant["Jm"].value == 0.0
+    assert file.controllers["pid"]["Kd"].source
     assert (file.controllers["pid"]["Kp"].value, file.controllers["pid"]["Ki"].value) == (300, 1)
 
 
@@ -145,14 +143,46 @@ def test_the_file_that_a_run_writes_is_the_same_run(loops, tmp_path):
 
 
 def test_the_file_s_law_chooses_the_plant(axis, tmp_path):
-    path = axis('law = "dahl"\n[plant]\nsigma = 8e4\n')
+    path = axis('law = "dahl"\n' + whole("plant_dahl", sigma=8e4))
     given = ("--controller", "pid", *SHORT, "--params", path, "--out", tmp_path / "out")
     done("run", *given)
     assert written(tmp_path / "out").law == "dahl"
-    _, said = done("run", *given, "--plant", "plant")
+    law = [n for n in NOMINAL if n in ("sigma0", "sigma1", "sigma2", "Fs", "Vs")]
+    sets = [word for n in law for word in ("--set", f"plant.{n}={NOMINAL[n]!r}")]
+    _, said = done("run", *given, "--plant", "plant", *sets)
     assert "note: " in said
-    assert "sigma: plant has no such parameter; left aside" in said
+    assert "sigma, alpha: plant has no such parameter; left aside" in said
     assert written(tmp_path / "out").law == "modified_lugre"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "run --controller pid --stop 0.02",
+        "lyapunov --controller pid --stop 0.02",
+        "tune --controller pid --limit 100",
+        "export --only drive_lugre",
+        "rig viscous --set trial.travel=0.1",
+        "diagnose run.csv",
+        "compare run.csv",
+    ],
+)
+def test_a_value_that_a_machine_lacks_is_asked_for_and_none_of_another_taken(
+    axis, tmp_path, monkeypatch, words
+):
+    """The gain, the offset and the limit have defaults that say nothing of a machine."""
+    kind = 'kind = "drive"\ncommand = "force"\nlaw = "lugre"\n[plant]\n'
+    values = "m = 60\nsigma0 = 5e6\nsigma2 = 260\nFc = 90\nFs = 115\nVs = 0.012\n"
+    path = axis(kind + values)
+    monkeypatch.chdir(tmp_path)
+    t, x, u = swing()
+    write(tmp_path / "run.csv", "time,x,u [N]", ".3f .9f .9f", t, x, u)
+    code, _, said = run(*words.split(), "--params", path, "--out", tmp_path / "out")
+    assert code == 2
+    assert f"{path}: [plant] has no sigma1 (" in said
+    axis(kind + values + "sigma1 = 2e4\n")
+    if words.startswith(("run", "export")):
+        done(*words.split(), "--params", path, "--out", tmp_path / "out", codes=(0, 1))
 
 
 # -- export ---------------------------------------------------------------------------------

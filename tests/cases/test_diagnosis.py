@@ -7,7 +7,7 @@ import pytest
 from cases import case
 
 from ballscrew.diagnosis.diagnose import diagnose_records
-from ballscrew.diagnosis.drive import drive_of, read_drive
+from ballscrew.diagnosis.drive import drive_of
 from ballscrew.orchestration.parameter_reading import read_parameters
 from ballscrew.records.reading import check_record, read_drive_records
 
@@ -70,7 +70,9 @@ def test_a_white_force_under_a_heavy_friction_is_noise_in_newtons(tmp_path, rate
     folder = case("heavy_friction_names_inertia", tmp_path)
     (record,) = read_drive_records([folder / f"f_m25_{rate}Hz.csv"])
     half = {n: s[: len(s) // 2] for n, s in record.signals.items()}  # twenty seconds are enough
-    found = diagnose_records([check_record("half", half)], read_drive(folder / "p25.toml"))
+    found = diagnose_records(
+        [check_record("half", half)], drive_of(read_parameters(folder / "p25.toml"))
+    )
     assert found.verdict == "none"
     assert found.causes == ()
     assert found.final_residual.force == pytest.approx(found.floor.force, rel=0.3)

@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 import sympy as sp
-from diagnosed import run
+from diagnosed import run, whole
 
 from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
 from ballscrew.fmus.modelica import modelica
@@ -215,7 +215,7 @@ def test_every_form_of_expression_has_its_value(value):
 
 def test_the_command_writes_parts_and_loops_with_the_values_of_a_file(tmp_path):
     file = tmp_path / "axis.toml"
-    file.write_text("[plant]\nm = 2.5\nx_start = 0.01\n[controller.pid]\nKp = 300\n")
+    file.write_text(whole(m=2.5, x_start=0.01) + "[controller.pid]\nKp = 300\n")
     given = ("--modelica", "--params", file)
     assert run("export", *given, "--component", "plant", "pid", "--out", tmp_path / "parts")[0] == 0
     plant = declared((tmp_path / "parts" / "plant.mo").read_text())

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from synthetic.records import record_of, sine_velocity
 
+from ballscrew.diagnosis.drive import drive_of
 from ballscrew.identify_command import add_parser
 from ballscrew.options import BadRequest
 from ballscrew.orchestration.parameter_reading import read_parameters
@@ -76,8 +77,12 @@ def test_a_law_that_is_not_in_the_records_gives_exit_code_one(data, tmp_path, ca
     assert code == 1
     assert "sigma1 cannot be identified from these trials, because" in capsys.readouterr().err
     file = read_parameters(tmp_path / "parameters.toml")
-    assert "sigma1" not in file.plant
     assert file.not_identified["sigma1"]
+    kept = json.loads((tmp_path / "identified.json").read_text())["parameters"]["sigma1"]
+    assert file.plant["sigma1"].value == kept["value"]
+    assert file.plant["sigma1"].source.startswith("an estimate, not identified from ")
+    assert {"sigma0", "sigma2", "Fc", "Fs", "Vs", "m"} <= set(file.plant)
+    assert drive_of(file).tolerance["sigma1"] == 0.9
 
 
 @pytest.mark.ci

@@ -39,16 +39,6 @@ def test_a_record_past_an_instruments_range_ends_with_one_and_says_why(tmp_path,
     assert json.loads((tmp_path / "trial.json").read_text())["not_trusted"]
 
 
-@pytest.mark.ci
-def test_a_trial_is_exported_instead_of_run(tmp_path, capsys):
-    assert rig("2.8/3", "--export", "--out", tmp_path) == 0
-    printed = capsys.readouterr().out.split()
-    assert sorted(printed) == sorted(str(p) for p in tmp_path.glob("[!.]*"))
-    names = {p.name for p in tmp_path.glob("[!.]*")}
-    assert names >= {"plant.fmu", "force_pid.fmu", "wiring.json", "values.json", "outside.csv"}
-    assert "record.csv" not in names
-
-
 def test_the_list_has_one_line_for_every_trial(capsys):
     assert rig("--list") == 0
     lines = capsys.readouterr().out.splitlines()
@@ -68,7 +58,6 @@ def test_the_list_has_one_line_for_every_trial(capsys):
         (("2.4/1", "--set", "plant.sigma0=nan", "--out", "o"), "expected a finite number"),
         (("2.4/1", "--set", "plant.sigma0=-1", "--out", "o"), "expected a value within"),
         (("2.4/1", "--set", "plant.sigma9=1", "--out", "o"), "did you mean plant.sigma"),
-        (("2.4", "--export", "--out", "o"), "--export takes one TRIAL, .*; these are 16"),
         (("2.4/1", "--set", "plant.sigma0=1e300", "--out", "o"), "a parameter is invalid"),
         (
             ("2.8/1", "--set", "capacitance_sensor.area=1e-2", "--out", "o"),

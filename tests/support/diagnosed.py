@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ballscrew.diagnosis.drive import Drive
+from ballscrew.fmus.catalogue import component
 
 # the thesis' axis as believed by its user
 NOMINAL = {
@@ -35,6 +36,12 @@ def nominal() -> Drive:
     """That axis without errors, with 3 % tolerance for each value."""
     tolerance = {n: 0.03 for n in NOMINAL if n not in ("p", "Kv", "L")}
     return Drive("ball_screw", "modified_lugre", dict(NOMINAL), tolerance)
+
+
+def whole(plant: str = "plant", **own: float) -> str:
+    """The table ``[plant]`` of a plant of the catalogue, with some values of its own."""
+    values = {p.name: float(p.default) for p in component(plant).all_parameters} | own
+    return "[plant]\n" + "".join(f"{n} = {v!r}\n" for n, v in values.items())
 
 
 @dataclass(frozen=True)

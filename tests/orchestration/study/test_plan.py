@@ -130,6 +130,7 @@ def test_a_study_of_a_machine_has_the_plant_and_the_values_of_its_file(tmp_path)
     """A duty's own value wins; the file is looked for beside the study."""
     (tmp_path / "machine.toml").write_text(
         'kind = "drive"\ncommand = "force"\nlaw = "lugre"\n[plant]\nm = 40.0\nFc = 80.0\n'
+        "sigma0 = 1e7\nsigma1 = 2e4\nsigma2 = 200.0\n"
     )
     text = 'params = "machine.toml"\ncommand_limit = 500.0\n' + GOOD.replace(
         "stop = 1.0\n", "stop = 1.0\nplant = {m = 50}\n"
@@ -149,6 +150,7 @@ def test_controllers_of_a_machine_begin_with_what_it_is_and_are_tuned_where_it_n
         (tmp_path / "machine.toml").write_text(
             'kind = "drive"\ncommand = "force"\nlaw = "lugre"\n[plant]\n'
             f"m = {10 * factor}\nFc = {20 * factor}\nsigma2 = {100 * factor}\n"
+            "sigma0 = 66967.231\nsigma1 = 344.56\n"
         )
         text = GOOD.replace("[controllers.pid]\ntune = {Kp = [10.0, 3000.0]}", FORWARD)
         head = f'params = "machine.toml"\ncommand_limit = {100.0 * factor}\n'
