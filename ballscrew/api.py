@@ -460,12 +460,9 @@ def stability_map(  # noqa: PLR0913
     plant: PartLike | None = None,
     reference: ReferenceLike | None = None,
     stop: float | None = None,
-    step: float | None = None,
     plant_values: Values | None = None,
     controller_values: Values | None = None,
-    mapping: Mapping[str, str] | None = None,
     exponents: bool = False,
-    refine: bool = False,
     resume: bool = False,
     workers: int = 1,
     tolerance: float | None = None,
@@ -475,17 +472,15 @@ def stability_map(  # noqa: PLR0913
     Parameters
     ----------
     loop : Loop, or a controller
-        With a communication `step`, its FMUs are run; else the equations are solved in one solver.
+        Its equations are solved in one solver.
     x, y : str
         Axes, ``NAME=LOW:HIGH:COUNT``, such as ``sigma0_hat=66966:66968:21``.
     folder : path-like
         Folder of the map; with `resume`, an interrupted run continues there.
-    plant, reference, stop, step, plant_values, controller_values, mapping
+    plant, reference, stop, plant_values, controller_values
         As in `run`, with a constant set-point; the values are the same in all cells.
     exponents : bool
         Whether the largest Lyapunov exponent of each cell is also computed.
-    refine : bool
-        Whether the borders between verdicts are located between neighbouring cells.
     resume : bool
         Whether to finish the map in the folder.
     workers : int
@@ -519,7 +514,7 @@ def stability_map(  # noqa: PLR0913
 
     processes = _processes(workers)
     plan = plan_map(_followed_loop(loop, asked), x, y, exponents, tolerance)
-    summary = make_map(plan, Path(folder), processes, resume, refine)
+    summary = make_map(plan, Path(folder), processes, resume)
     found = StabilityMap(summary, Path(folder))
     found.add_report()
     return found

@@ -33,8 +33,17 @@ if TYPE_CHECKING:
 COUPLINGS = tuple(coupling.value for coupling in Coupling)
 
 
-def _add_loop(add: Any) -> None:
-    """Options of every loop."""
+def _add_loop(add: Any, over_fmus: bool = True) -> None:
+    """Options of every loop, also of FMUs if `over_fmus`."""
+    if over_fmus:
+        add(
+            "--map",
+            action="append",
+            default=[],
+            metavar="THEIRS=OURS",
+            help="a port of a third-party FMU and the port it is connected to; with several "
+            "controllers use the controller's name, such as hand.pos=x",
+        )
     add(
         "--plant",
         metavar="PART",
@@ -49,15 +58,6 @@ def _add_loop(add: Any) -> None:
         help="a parameter or initial state, such as plant.sigma0=6e4 or "
         "controller.sigma0_hat=66966; with several controllers use the controller's name, "
         "such as iol.sigma0_hat=66966, or hand.Kp=3 for hand.fmu",
-    )
-    add(
-        "--map",
-        action="append",
-        default=[],
-        metavar="THEIRS=OURS",
-        help="a port of a third-party FMU and the port it is connected to; with several "
-        "controllers use the "
-        "controller's name, such as hand.pos=x",
     )
     add("--limit-voltage", metavar="V", help="amplifier voltage limit (nominal 36 V)")
     add("--limit-current", metavar="A", help="amplifier current limit")
@@ -115,22 +115,29 @@ def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
     _add_loop(add)
 
 
-def add_followed_loop_options(parser: argparse.ArgumentParser, stop: str, tolerance: str) -> None:
+def add_followed_loop_options(
+    parser: argparse.ArgumentParser, stop: str, tolerance: str, over_fmus: bool = True
+) -> None:
     """Options of a loop with a constant set-point, for `lyapunov` and `map`."""
     add = parser.add_argument
     add(
         "--controller",
         required=True,
         metavar="PART",
-        help="a built-in controller, or mine.py:pi; with --via fmu also the path of an FMU",
+        help="a built-in controller, or mine.py:pi"
+        + ("; with --via fmu also the path of an FMU" if over_fmus else ""),
     )
-    add(
-        "--via",
-        default="model",
-        choices=("model", "fmu"),
-        help="model: the equations in one solver; fmu: FMUs and their master (default model)",
-    )
-    add("--step", metavar="S", help=f"with --via fmu: communication step (default {FIRST_STEP:g})")
+    if over_fmus:
+        add(
+            "--via",
+            default="model",
+            choices=("model", "fmu"),
+            help="model: the equations in one solver; fmu: FMUs and their master (default model)",
+        )
+        step = f"with --via fmu: communication step (default {FIRST_STEP:g})"
+        add("--step", metavar="S", help=step)
+    else:
+        parser.set_defaults(via="model", step=None, map=[])
     add("--setpoint", metavar="M", help="constant set-point (default 0.08)")
     add("--stop", default=stop, metavar="S", help=f"length of the motion (default {stop})")
     add(
@@ -138,7 +145,7 @@ def add_followed_loop_options(parser: argparse.ArgumentParser, stop: str, tolera
         metavar="X",
         help=f"relative tolerance of the solver (default {tolerance}); a tenth of it is also tried",
     )
-    _add_loop(add)
+    _add_loop(add, over_fmus)
 
 
 def read_loops(
@@ -255,7 +262,8 @@ def read_followed_loop(
     for option in () if over_fmus else ("controller", "plant"):
         if Path(getattr(options, option) or "").suffix == ".fmu":
             raise BadRequest(
-                f"--{option} {getattr(options, option)}: an FMU has no equations; add --via fmu"
+                f"--{option} {getattr(options, option)}: an FMU has no equations; lyapunov runs it "
+                "with --via fmu"
             )
     stop = read_length("--stop", options.stop)
     step = read_step("--step", options.step or FIRST_STEP, stop) if over_fmus else None

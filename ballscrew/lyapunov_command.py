@@ -92,7 +92,7 @@ def _show(figures: dict[str, Any], folder: Path) -> None:
     limits = figures["asymptotic_bits_per_s"]
     errors = figures["asymptotic_error_bits_per_s"]
     print(f"{figures['label']}, {figures['time_s']:g} s: {figures['verdict']}")
-    print("  exponent [bits/s]   limit [bits/s]")
+    print("  exponent [bits/s]   limit [bits/s] (95 %)")
     for k, value in enumerate(figures["exponents_bits_per_s"]):
         limit = f"{limits[k]:16.6g} +- {errors[k]:.2g}" if limits else f"{'unknown':>16}"
         print(f"  {value:17.6g}   {limit}")

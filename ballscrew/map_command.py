@@ -20,8 +20,7 @@ _EXAMPLES = """examples:
       --y sigma1_hat=339.56:367.56:561 --workers 2 --out out/gamma1
   ballscrew map --controller nctf --x design.sigma0=50000:85000:21 \\
       --y design.sigma1=250:450:21 --exponents --out out/gamma2
-  ballscrew map --controller pid --x plant.Fc=0.5:2:16 --y plant.Fs=2.1:3:16 --refine --out out/fcfs
-  ballscrew map --controller mine.fmu --via fmu --x Kp=100:500:9 --y plant.Fs=2.1:3:9 --out out/mine
+  ballscrew map --controller pid --x plant.Fc=0.5:2:16 --y plant.Fs=2.1:3:16 --out out/fcfs
 """
 
 
@@ -42,6 +41,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         parser,
         stop="20",
         tolerance=f"{TOLERANCE_OF_MOTIONS:g}, with --exponents {TOLERANCE_OF_MAPS:g}",
+        over_fmus=False,
     )
     add = parser.add_argument
     for side in ("--x", "--y"):
@@ -57,7 +57,6 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         action="store_true",
         help="also compute the largest Lyapunov exponent of each cell",
     )
-    add("--refine", action="store_true", help="find the borders between verdicts: borders.csv")
     add_worker_options(parser)
     add("--resume", action="store_true", help="finish the map in this folder")
     parser.set_defaults(action=_map)
@@ -72,8 +71,6 @@ def _map(options: argparse.Namespace) -> int:
     from .stability.map_plan import BadMap
     from .stability.stability_map import make_map, plan_map
 
-    if options.dask and loop.step is not None:
-        raise BadRequest("--dask and --via fmu: the FMUs are on this machine; use --workers")
     try:
         axes = options.x, options.y
         plan = guard(lambda: plan_map(loop, *axes, options.exponents, tolerance))
@@ -83,8 +80,8 @@ def _map(options: argparse.Namespace) -> int:
         workers = open_workers(options, count)
         progress = _MapProgress()
 
-        again, refine = options.resume, options.refine
-        summary = guard(lambda: make_map(plan, options.out, workers, again, refine, progress))
+        again = options.resume
+        summary = guard(lambda: make_map(plan, options.out, workers, again, progress))
         progress.finish()
         from .results.map_result import StabilityMap
 
@@ -102,12 +99,13 @@ def _map(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(figures))
     else:
-        _show(figures, summary.plan.finer_words, options.out)
+        _show(figures, options.out)
     return TRUSTED
 
 
-def _show(figures: dict[str, Any], finer: str, folder: Path) -> None:
+def _show(figures: dict[str, Any], folder: Path) -> None:
     from .solver.tables import table_path
+    from .stability.stability_map import AGAIN
 
     cells = figures["cells"]
     for verdict, number in sorted(figures["verdicts"].items(), key=lambda row: -row[1]):
@@ -116,15 +114,13 @@ def _show(figures: dict[str, Any], finer: str, folder: Path) -> None:
             for reason, count in figures["undecided"].items():
                 print(f"{'':>11}{count} of them: {reason}")
     print(
-        f"again at {finer}: {figures['checked_tighter']} cells, "
+        f"again at {AGAIN}: {figures['checked_tighter']} cells, "
         f"{figures['disagreed']} with another verdict; of {figures['checked_at_random']} away from "
         f"borders, {figures['disagreed_at_random']}"
     )
     if figures["undecided"]:
         print(figures["budget"])
     files = f"{table_path(folder, 'map').name}, map.json, parameters.toml, map.png, report.html"
-    if figures["borders"]:
-        files = f"borders.csv ({figures['borders']} places), " + files
     print(f"{files} in {folder}")
 
 

@@ -51,7 +51,12 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--controller", required=True, metavar="NAME", help=f"one of {', '.join(CONTROLLERS)}")
+    add(
+        "--controller",
+        required=True,
+        metavar="NAME",
+        help=f"mine.py:pi, the path of an FMU, or one of {', '.join(CONTROLLERS)}",
+    )
     add(
         "--plant",
         metavar="PART",
@@ -102,7 +107,7 @@ def _tune(options: argparse.Namespace) -> int:
         if options.reference is None:
             raise BadRequest("--stop is the length of --reference; give --reference as well")
         how["stop"] = read_length("--stop", options.stop)
-    (loop,) = read_loops(options, [options.controller], fmus=False)
+    (loop,) = read_loops(options, [options.controller])
     prepare_folder(options.out, [options.params, options.reference])
     from . import api
     from .solver.files import finite_or_null

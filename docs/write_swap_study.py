@@ -63,7 +63,7 @@ def answers(study: Mapping[str, Any]) -> str:
         else:
             cells += ["-", "-"]
         rows.append(cells)
-    head = "duty", "best", "rms error (90 %)", "not different from it", "next", "rms error (90 %)"
+    head = "duty", "best", "rms error (90 %)", "equal to it within 10 %", "next", "rms error (90 %)"
     return table(head, rows)
 
 

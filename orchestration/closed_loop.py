@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -56,12 +56,7 @@ def run_pair(loop: Loop, progress: Progress | None = None) -> ClosedLoopResult:
 
     def run_at(step: float, look_again: bool, tries: bool = False) -> LoopRun:
         nonlocal notes
-        with contextlib.ExitStack() as opened:
-            plant, controller = _opened(loop, PLANT), _opened(loop, CONTROLLER)
-            opened.callback(plant.close)
-            opened.callback(controller.close)
-            if loop.sampled:
-                controller = sampled_every(controller, loop.sampled)
+        with opened(loop) as (plant, controller):
             run, found = run_parts(loop, plant, controller, step, progress, look_again, tries)
         notes = *loop.notes, *found
         return run
@@ -73,6 +68,16 @@ def run_pair(loop: Loop, progress: Progress | None = None) -> ClosedLoopResult:
     if not run.verdict.trusted and not loop.controller.has_equations and not run.sampling_period:
         notes += (f"if {loop.label} is a digital controller, give its period with --sampled",)
     return ClosedLoopResult(loop, run, notes, choice)
+
+
+@contextlib.contextmanager
+def opened(loop: Loop) -> Iterator[tuple[_Fmu, _Fmu]]:
+    """Both FMUs of a loop, not initialized, and closed at the end."""
+    with contextlib.ExitStack() as closing:
+        plant, controller = _opened(loop, PLANT), _opened(loop, CONTROLLER)
+        closing.callback(plant.close)
+        closing.callback(controller.close)
+        yield plant, sampled_every(controller, loop.sampled) if loop.sampled else controller
 
 
 def _opened(loop: Loop, side: str) -> _Fmu:

@@ -15,7 +15,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..controllers import tunable
+from ..controllers import CONTROLLERS, tunable
+from ..fmus.catalogue import OWN_LIMIT
 from ..fmus.units import base_exponents
 from ..instruments import bare, without_units
 from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
@@ -23,7 +24,7 @@ from ..plant.ball_screw import PARAMETERS as MOTOR
 from ..solver.kernel import Model
 from .limits import BadParameter
 from .linear_loop import Linear, Vector, linear_kernel, linearized
-from .parts import Part
+from .parts import Part, resolve_controller
 
 FASTEST = 0.2  # m/s, of the reference motions; halved until the limit allows it
 HALVINGS = 12
@@ -193,6 +194,27 @@ def limit_of(plant: Part, values: Mapping[str, float], asked: float | None) -> f
     )
 
 
+def own_ranges(controller: str) -> dict[str, tuple[float, float]]:
+    """Ranges of a controller's gains: those of its law, else of its parameters with two limits.
+
+    Raises
+    ------
+    BadPart, BadComponentFile, FmuError
+    """
+    if bare(controller) in CONTROLLERS:
+        return tunable(controller)
+    known = resolve_controller(controller).parameters.values()
+    gains = (p for p in known if p.name not in ("sample_time", OWN_LIMIT))
+    limits = {p.name: (p.minimum, p.maximum) for p in gains}
+    return {n: (a, b) for n, (a, b) in limits.items() if -math.inf < a < b < math.inf}
+
+
+def gains_of(controller: Part) -> dict[str, tuple[float, float]]:
+    """As `own_ranges`, without those of a feed-forward."""
+    law = bare(controller.name)
+    return own_ranges(law if law in CONTROLLERS else controller.name)
+
+
 def gain_ranges(
     controller: Part, machine: Machine
 ) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
@@ -203,6 +225,11 @@ def gain_ranges(
     BadParameter
         If the controller has no ranges for its gains.
     """
+    if bare(controller.name) not in CONTROLLERS:  # of the user, in the user's units
+        ranges, given = gains_of(controller), controller.parameters
+        middle = {n: sum(r) / 2 for n, r in ranges.items()}
+        start = {n: np.nan_to_num(given[n].default, nan=middle[n]) for n in ranges}
+        return ranges, {n: float(np.clip(start[n], *r)) for n, r in ranges.items()}
     # in the units of the ranges
     nominal, known = nominal_machine(), Part(without_units(controller.name)[0]).parameters
     ranges, start = {}, {}
@@ -241,6 +268,8 @@ def model_values(controller: Part, machine: Machine) -> dict[str, float]:
         If it is designed for a motor that the machine does not have.
     """
     known, own = controller.parameters, machine.plant.parameters
+    if bare(controller.name) not in CONTROLLERS:
+        return {OWN_LIMIT: machine.limit} if OWN_LIMIT in known else {}
     motor = [p.name for p in MOTOR if p.name in known and p.name not in own]
     if motor:
         raise BadParameter(

@@ -9,7 +9,6 @@ above 2, the limit for a robust loop (K. J. Astrom and T. Hagglund, "Advanced PI
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
@@ -36,11 +35,11 @@ from .linear_loop import (
     response_of,
 )
 from .loop import Loop
-from .machine import LIMIT, Machine, gain_ranges, limit_of, model_values
+from .machine import LIMIT, Machine, gain_ranges, gains_of, limit_of, model_values
 from .reference_motions import read_set_point
 from .reference_signal import Reference
 from .study.figures import Figures, figures_of
-from .study.loop import Course
+from .study.loop import STEP, Course, FmuLoop, StudyLoop
 from .study.study import FAILED, OVER_LIMIT
 from .study.tuning import Tuned
 from .study.tuning import tune as optimized
@@ -48,7 +47,6 @@ from .whole_loop import follow, loop_kernel
 
 FILE = "tuning.json"
 BUDGET, SEED = 100, 1
-STEP = 1e-3  # s, of the grid of a loop that is not sampled
 TOLERANCE, TIGHTER = 1e-6, 1e-8  # of the solver, in two runs that should agree
 AGREE = 0.01  # share of the rms error
 REST = 0.5  # s, after the end of a motion
@@ -269,14 +267,16 @@ def tune_loop(
     ------
     BadParameter
         If the controller has no ranges for its gains, or the machine has no limit.
+    WiringError, CouplingError, FmuError
+        If an FMU does not fit.
     ContractError
         If plant and controller do not fit together.
     """
-    gained = tunable(bare(loop.controller.name))
-    if not gained:
+    if not gains_of(loop.controller):
         names = ", ".join(n for n in CONTROLLERS if tunable(n))
         raise BadParameter(
-            f"{loop.controller} has no gains to tune; controllers with gains are {names}"
+            f"{loop.controller} has no gains to tune: no parameter with a minimum and a maximum; "
+            f"controllers with gains are {names}"
         )
     if not loop.plant.has_equations:
         raise BadParameter(
@@ -364,9 +364,10 @@ class _Work:
 
     def __init__(self, loop: Loop, machine: Machine) -> None:
         self.loop, self.machine = loop, machine
-        self.kernel = loop_kernel(loop.plant.name, loop.controller.name)
-        self.system = self.kernel.system()
-        gains = tunable(bare(loop.controller.name))
+        self.course: StudyLoop | FmuLoop = FmuLoop(loop)
+        if loop.controller.has_equations:
+            self.course = StudyLoop(loop_kernel(loop.plant.name, loop.controller.name))
+        gains = gains_of(loop.controller)
         own = {n: v for n, v in loop.controller_values.items() if n not in gains}
         self.fixed = {**model_values(loop.controller, machine), **own}
 
@@ -380,7 +381,8 @@ class _Work:
 
     def _tracking(self, gains: Mapping[str, float]) -> dict[str, float]:
         """The tracking time of the anti-windup: the integral time that follows from the gains."""
-        known = self.loop.controller.parameters
+        part = self.loop.controller
+        known = part.parameters if bare(part.name) in CONTROLLERS else {}
         if "Tt" not in known or "Ki" not in gains:
             return {}
         powers = base_exponents(known["Ki"].unit)
@@ -392,21 +394,20 @@ class _Work:
                 return {"Tt": float(np.clip(time, STEP, known["Tt"].maximum))}
         return {}
 
-    def model(self, gains: Mapping[str, float], tolerance: float) -> Model:
+    def of_loop(self, gains: Mapping[str, float]) -> dict[str, float]:
+        """All values of the loop with these gains, by the loop's names."""
         values = {PLANT + n: v for n, v in self.machine.values.items()}
-        values |= {CONTROLLER + n: v for n, v in self.values(gains).items()}
-        return Model(self.kernel, values, tolerance, self.system)
+        return values | {CONTROLLER + n: v for n, v in self.values(gains).items()}
+
+    def model(self, gains: Mapping[str, float]) -> Model:
+        """The loop with these gains; its controller has equations."""
+        assert isinstance(self.course, StudyLoop)
+        return Model(self.course.kernel, self.of_loop(gains), TOLERANCE)
 
     def run(
         self, gains: Mapping[str, float], signal: Reference, stop: float, tolerance: float
     ) -> Course:
-        model = self.model(gains, tolerance)
-        step = model.sample_time or STEP
-        time = np.arange(math.ceil(stop / step - 1e-9) + 1, dtype=np.float64) * step
-        y, stopped = follow(model, signal, time)
-        goal, speed = signal.on(time, 0), signal.on(time, 1)
-        none = np.zeros(len(y["x"]))
-        return Course(time, y["x"], y["v"], none, y["u"], goal, speed, stopped)
+        return self.course.run(self.of_loop(gains), signal, stop, tolerance)
 
     def figures(self, course: Course) -> Figures:
         return figures_of(course, COUNT, self.machine.limit)
@@ -455,10 +456,10 @@ class _Work:
     def margins(self, gains: Mapping[str, float]) -> tuple[tuple[Margins, ...], tuple[str, ...]]:
         """Margins of the loop, stuck and sliding, and reasons for missing ones."""
         part = self.loop.controller
-        if reason := NOT_LINEAR.get(bare(part.name)):
+        if reason := self._not_linear:
             return (), (f"{part}: no margins, {reason}",)
         found, without = [], []
-        if self.kernel.modes:
+        if self.machine.plant.kernel.modes:
             without.append("stuck: this friction law has no bristles, so the body does not move")
         for state, speed, plant, own in self._states:
             at = self._followed(gains, speed, own) if speed else own
@@ -468,13 +469,21 @@ class _Work:
                 found.append(margins_of(self._open(gains, plant, at), state, speed))
         return tuple(found), tuple(without)
 
+    @property
+    def _not_linear(self) -> str:
+        """Why the controller has no linear part; empty if it has one."""
+        part = self.loop.controller
+        return (
+            NOT_LINEAR.get(bare(part.name), "") if part.has_equations else "an FMU has no equations"
+        )
+
     @cached_property
     def _states(self) -> list[tuple[str, float, Linear, dict[str, float]]]:
         """Points of linearization: name, speed, linear plant, and its states."""
         machine = self.machine
-        if NOT_LINEAR.get(bare(self.loop.controller.name)):
+        if self._not_linear:
             return []
-        at = {"stuck": (0.0, machine.stuck())} if not self.kernel.modes else {}
+        at = {"stuck": (0.0, machine.stuck())} if not machine.plant.kernel.modes else {}
         at["sliding"] = (machine.speed, machine.sliding(machine.speed))
         return [(s, v, machine.linear(self._seen, own), own) for s, (v, own) in at.items()]
 
@@ -482,7 +491,7 @@ class _Work:
         self, gains: Mapping[str, float], speed: float, plant: Mapping[str, float]
     ) -> dict[str, float] | None:
         """States and inputs when the loop follows a ramp steadily; None if it does not."""
-        model = self.model(gains, TOLERANCE)
+        model = self.model(gains)
         ramp = Reference.of_pieces([0.0, 2 * SLIDE], [[0.0, speed], [2 * SLIDE * speed, 0.0]])
         step = model.sample_time or STEP
         time = np.arange(round(SLIDE / step) + 1, dtype=np.float64) * step
@@ -509,4 +518,4 @@ class _Work:
         count = len(self.loop.controller.kernel.discrete)
         values = self.values(gains)
         law = linearized(self._law, self._seen, ("u",), values, at, sampled=count)
-        return open_loop(plant, law, self.model(gains, TOLERANCE).sample_time)
+        return open_loop(plant, law, self.model(gains).sample_time)

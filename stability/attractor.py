@@ -29,6 +29,7 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
 SETTLED = 1e-7  # nominal magnitudes: a smaller distance from an equilibrium counts as zero
+RESOLVED = 100.0  # tolerances: a smaller distance from an equilibrium has no certain direction
 NEAR = 100.0  # nominal magnitudes: largest distance of an equilibrium that a motion may fall to
 PATIENCE = 20_000  # steps of the solver for the approach to it
 ROUNDS = 8
@@ -39,6 +40,7 @@ FEW, CROSSINGS = 12, 64
 CLOSED = 1e-3  # share of the size of a motion: a smaller remaining distance counts as closed
 NOISE = 3e3  # times the tolerance: states one period apart count as equal
 BORDER = 1e-2  # share of an event's indicator: below it, the event is near
+ZERO = 1e-3  # nats in a period: less is no growth of a cycle
 GROWING = 0.05  # nats in a period: with more growth there is no cycle, even if states close
 LISTED = 14  # most listed states and eigenvalues
 MANY = 400  # returns needed to distinguish a torus from a long cycle
@@ -51,7 +53,9 @@ CREEP = 0.7  # largest share of the range of a creep in the first sixteenth of t
 ONE_WAY = 0.99  # share of its range that a state has to move, if it moves in one direction
 STEADY = 1.5  # largest ratio of the later swing of a bounded motion to the earlier one
 CERTAIN = 4.0  # standard errors
+STUDENT = 2.07  # standard errors of 24 blocks in half of a 95 % interval
 ASIDE = 0.37  # of a period after a return: away from it and from half a period, where events are
+SLOWEST = 1.0 - 1e-3  # share of a distance that is left after a period: more is no shrinking
 SHARPER = 0.01  # of the tolerance, for the exponents of a cycle
 
 
@@ -100,7 +104,9 @@ class Attractor:
     limit : ndarray, shape (count,), or None
         The exponents' limits [nats/s], largest first.
     limit_error : ndarray, shape (count,), or None
-        Their largest errors [nats/s].
+        Half of a 95 % interval for each [nats/s]: of eigenvalues from round-off in the Jacobian,
+        over whole periods of a cycle from two halves and the distance to the orbit, in chaos from
+        the scatter of blocks; and three times the change by a tenth of the tolerance, if larger.
     """
 
     kind: Kind
@@ -116,7 +122,12 @@ class Attractor:
 
 
 def classify_attractor(
-    model: Model, time: float, span: float, exponents: bool = True, rounds: int = ROUNDS
+    model: Model,
+    time: float,
+    span: float,
+    exponents: bool = True,
+    rounds: int = ROUNDS,
+    earlier: Vector | None = None,
 ) -> Attractor:
     """Continue a model from its present state and classify its long-term motion.
 
@@ -133,6 +144,8 @@ def classify_attractor(
         be distinguished and are undecided.
     rounds : int
         Number of further checks for rest or a cycle, each `LONGER` times as long.
+    earlier : ndarray, shape (n,), optional
+        A state of the motion before: the side from which it comes to a rest that it has reached.
     """
     aligned = sample_after(model, time)
     if aligned > time:
@@ -145,7 +158,7 @@ def classify_attractor(
     so_far: Attractor | None = None
     looks = 0
     for _ in range(rounds):
-        resting = _resting(model, time, until, span, exponents)
+        resting = _resting(model, time, until, span, exponents, earlier)
         if resting is not None:
             return resting
         coordinate, level, seen = _plane(model, time, 0.25 * span)
@@ -158,7 +171,7 @@ def classify_attractor(
             passes = follow_returns(model, start, end, coordinate, level, most)
             if passes.failure:
                 return _ended(passes, so_far)
-            cycle = _cycle(model, passes, exponents)
+            cycle = _cycle(model, passes, (coordinate, level), exponents)
             if cycle is not None:
                 return cycle
             if len(passes.time) < most:
@@ -178,7 +191,7 @@ def classify_attractor(
         span = min(LONGER * span, (until - time) / 4.25)
         if time >= until - 10.0 * model.sample_time:
             break
-    return _resting(model, time, until, span, exponents) or so_far or _broken(seen)
+    return _resting(model, time, until, span, exponents, earlier) or so_far or _broken(seen)
 
 
 def _ended(passes: Returns, so_far: Attractor | None) -> Attractor:
@@ -298,12 +311,18 @@ def _without_exponents(model: Model, passes: Returns) -> Attractor:
 
 
 def _resting(
-    model: Model, time: float, until: float, span: float, exponents: bool
+    model: Model,
+    time: float,
+    until: float,
+    span: float,
+    exponents: bool,
+    earlier: Vector | None,
 ) -> Attractor | None:
     """Rest, if the motion is near an equilibrium and falls towards it as expected; else None.
 
     Over three time constants of the slowest eigenvalue, the distance has to shrink to a fifth, or
-    to round-off if the mode ends at the equilibrium. Meanwhile the equilibrium must not move.
+    to round-off if the mode ends at the equilibrium. The equilibrium must not move by more than
+    that distance in future; along a line it moves less and less, as the distance shrinks.
     Neutral directions must not drift by more than that distance over `span`. The time must not move
     the equilibrium either: a mass that sticks until its force swings back is in motion.
     """
@@ -330,10 +349,12 @@ def _resting(
         falls = left <= 0.2 * distance and not _ends_there(model, time + wait, found.state)
         near = falls or left <= SETTLED
         within = 2.0 * max(distance, SETTLED)
-        quiet = near and stays and shift <= within
+        share = left / distance if left < distance else 1.0
+        quiet = near and stays and (shift <= within or shift * share <= within * (1.0 - share))
         if quiet and stands(model, time + wait, span, found.state, within):
             if exponents:  # not in maps, which have many cells
-                found = with_round_off(model, time + wait, found)
+                side = None if distance > RESOLVED * model.tolerance else earlier
+                found = with_round_off(model, time + wait, found, side)
             return _rest(model, found, time + wait, wait, distance, left)
     model.x[:], model.u[:] = state, held
     return None
@@ -449,11 +470,15 @@ def closings(
 
 
 def _cycle(
-    model: Model, passes: Returns, exponents: bool, longest: int = LONGEST_CYCLE
+    model: Model,
+    passes: Returns,
+    plane: tuple[int, float],
+    exponents: bool,
+    longest: int = LONGEST_CYCLE,
 ) -> Attractor | None:
     """A cycle, if states one period apart approach each other faster than the motion decays.
 
-    If there is none, the model is not changed.
+    If there is none, the model is not changed. `plane`: coordinate and level of the returns.
     """
     size = passes.high - passes.low
     size[size <= model.atol] = np.inf  # at rest, or a decay without end
@@ -466,7 +491,7 @@ def _cycle(
         wide = once.high - once.low
         share = np.abs(wide - size)[np.isfinite(size)] / size[np.isfinite(size)]
         if not once.failure and np.max(share) <= 0.5:  # else its size has changed since
-            closed = _closed(model, once, lag, period, error, exponents)
+            closed = _closed(model, once, plane, lag, period, error, exponents)
             if closed is not None:
                 return closed
         model.x[:], model.u[:], model.info[:] = kept
@@ -478,6 +503,7 @@ def _cycle(
 def _closed(
     model: Model,
     once: Returns,
+    plane: tuple[int, float],
     lag: int,
     period: float,
     error: float,
@@ -492,25 +518,36 @@ def _closed(
     )
     if not exponents:
         return Attractor(Kind.CYCLE, text, period=period, amplitude=amplitude, return_error=error)
-    aside = follow_returns(model, once.end, once.end + ASIDE * period, 0, np.inf, 0)
-    if aside.failure:
-        return None
     # a period of many returns is long: fewer periods are sufficient
     periods = 12 if lag <= LONGEST_CYCLE else 4
-    limit, limit_error = _over_periods(model, aside.end, period, periods)
+    count = 2 * periods + 1
+    most = once.end + 2.0 * count * period
+    grid, apart = _starts_of_periods(model, once.end, most, plane, lag, count)
+    if not len(grid):
+        return None
+    limit, limit_error = _over_periods(model, grid)
     order = np.argsort(-limit)
     limit, limit_error = limit[order], limit_error[order]
     if not limit[0] * period <= GROWING:  # also if the exponents are not known (NaN)
         return None
-    alone = _alone(model, aside.end, period)
+    alone = _alone(model, float(grid[-1]), period)
     others = np.delete(limit, np.argmin(np.abs(limit))) if alone else limit
     left = np.exp(others.max(initial=-np.inf) * period)  # share of a distance after a period
     if error > NOISE * model.tolerance and not error * left < CLOSED * (1.0 - left):
         return None  # states are close by chance: they do not become equal
-    zeros = int(np.sum(np.abs(limit) <= np.maximum(limit_error, 1e-3 / period)))
+    # halves differ by less than what is left, if the distance shrinks slowly
+    limit_error = limit_error / (1.0 - min(left, SLOWEST) ** (periods // 2)) + apart / period
+    zero = ZERO / period
+    nearest = np.abs(limit).min()
+    if alone and nearest <= zero:  # along the orbit it is zero: what it is not is an error of all
+        limit_error = np.maximum(limit_error, nearest)
+    zeros = int(np.sum(np.abs(limit) <= np.maximum(limit_error, zero)))
     text += f"; over whole periods the exponents are {', '.join(f'{v:.4g}' for v in limit)} nats/s"
     kind, would = Kind.CYCLE, ""
-    if zeros > alone and limit[0] <= 1e-3 / period:
+    if zeros < alone:
+        kind, would = Kind.UNDECIDED, LONGER_RUN
+        text += "; none of them is zero, as one along the orbit has to be: it is not reached yet"
+    elif zeros > alone and limit[0] <= zero:
         kind = Kind.UNDECIDED
         text += (
             f"; {zeros} cannot be distinguished from zero: the orbit is closed but may be one "
@@ -533,31 +570,47 @@ def _nominal(model: Model, name: str) -> float:
     return next(s.nominal for s in model.kernel.states if s.name == name)
 
 
-def _over_periods(
-    model: Model, time: float, period: float, periods: int = 12
-) -> tuple[Vector, Vector]:
-    """Exponents over whole periods, and the difference of the two halves."""
+def _starts_of_periods(
+    model: Model, start: float, most: float, plane: tuple[int, float], lag: int, count: int
+) -> tuple[Vector, float]:
+    """Times of one phase, away from events; distance of states between the first two, over size.
+
+    A period is from return to return: with a period that is hardly wrong, all phases drift, and
+    exponents change where rates change fast. The model is moved on to the first of the times.
+    """
+    kept = model.x.copy(), model.u.copy(), model.info.copy()
+    seen = follow_returns(model, start, most, *plane, count * lag)
+    model.x[:], model.u[:], model.info[:] = kept
+    if seen.failure or len(seen.time) < count * lag:
+        return np.empty(0), np.inf
+    grid = seen.time[::lag] + ASIDE * (seen.time[lag] - seen.time[0])
+    size = seen.high - seen.low
+    size[size == 0.0] = np.inf
+    follow_returns(model, start, float(grid[0]), 0, np.inf, 0)
+    return grid, float(np.max(np.abs(seen.states[lag] - seen.states[0]) / size))
+
+
+def _over_periods(model: Model, grid: Vector) -> tuple[Vector, Vector]:
+    """Exponents over the second half of some whole periods, and the difference of its halves."""
     # with a law that changes very fast, exponents need a smaller tolerance than the motion
     usual = model.tolerance, model.atol
     model.tolerance, model.atol = SHARPER * usual[0], SHARPER * usual[1]
-    settle = follow_tangents(
-        model, time + period * np.arange(periods + 1), frame=_along(model, time)
-    )
-    again = follow_tangents(
-        model, time + period * (periods + np.arange(periods + 1)), frame=settle.frame
-    )
+    periods = len(grid) // 2
+    frame = _along(model, float(grid[0]))
+    settle = follow_tangents(model, grid[: periods + 1], frame=frame)
+    again = follow_tangents(model, grid[periods:], frame=settle.frame)
     model.tolerance, model.atol = usual
     half = periods // 2
-    growth = again.growth
-    if len(again.time) <= periods:
+    growth, time = again.growth, again.time - again.time[0]
+    if len(time) <= periods:
         none = np.full(growth.shape[1], np.nan)
         return none, none
     # a direction that has vanished has minus infinity everywhere
-    first = growth[half] / (half * period)
+    first = growth[half] / time[half]
     with np.errstate(invalid="ignore"):
-        second = (growth[-1] - growth[half]) / ((periods - half) * period)
+        second = (growth[-1] - growth[half]) / (time[-1] - time[half])
         error = np.where(np.isfinite(first + second), np.abs(first - second), 0.0)
-    return np.asarray(growth[-1] / (periods * period)), error
+    return np.asarray(growth[-1] / time[-1]), error
 
 
 def _along(model: Model, time: float) -> Matrix:
@@ -595,7 +648,7 @@ def _unclosed(
     )
     if more.failure:
         return _ended(more, None), more.end, False
-    cycle = _cycle(model, more, True, LONGEST_OF_MANY)
+    cycle = _cycle(model, more, (coordinate, level), True, LONGEST_OF_MANY)
     if cycle is not None:
         return cycle, more.end, False
     if len(more.time) < MANY:
@@ -618,15 +671,16 @@ def _unclosed(
     change, drifts = _change(more, again)
     limit, error, scatter = _limits(run)
     small = 1.0 / (run.time[-1] - run.time[0])  # one nat over the run
-    values = ", ".join(f"{a:.4g} +- {b:.2g}" for a, b in zip(limit, error, strict=True))
+    chaotic = limit[0] > max(CERTAIN * scatter[0], 5.0 * small)
+    bars = np.maximum(STUDENT * scatter if chaotic else error, small)
+    values = ", ".join(f"{a:.4g} +- {b:.2g}" for a, b in zip(limit, bars, strict=True))
     text = (
         f"{MANY} returns, of which none up to {LONGEST_OF_MANY} apart close; distances between "
         f"them change by a factor of up to {change:.4g} until {2 * MANY} returns later; over "
         f"another {MANY} of them the exponents are {values} nats/s"
     )
-    common = {"amplitude": amplitude, "limit": limit, "limit_error": np.maximum(error, small)}
-    if limit[0] > CERTAIN * scatter and limit[0] > 5.0 * small:
-        common["limit_error"][0] = max(scatter, small)
+    common = {"amplitude": amplitude, "limit": limit, "limit_error": bars}
+    if chaotic:
         return Attractor(Kind.CHAOS, text, **common), again.end, False
     moving = drifts or change > STEADY_RETURNS
     neutral, unsure = _neutral(run)
@@ -684,16 +738,17 @@ def _weighted(rates: Matrix) -> tuple[Vector, Vector]:
     return np.where(known, mean(rates), -np.inf), np.where(known, apart, 0.0)
 
 
-def _limits(run: Spectrum) -> tuple[Vector, Vector, float]:
-    """Limits of exponents, largest first; differences of both halves; first one's standard error.
+def _limits(run: Spectrum) -> tuple[Vector, Vector, Vector]:
+    """Limits of exponents, largest first; differences of both halves; standard errors.
 
-    Chaos stays random: the standard error is from the scatter of 24 blocks.
+    Chaos stays random: standard errors are from the scatter of 24 blocks.
     """
     rates = _rates(run)
     limit, error = _weighted(rates)
     order = np.argsort(-limit)
-    blocks = rates[:, order[0]].reshape(24, -1).mean(axis=1)
-    return limit[order], error[order], float(blocks.std(ddof=1) / np.sqrt(24))
+    known = np.where(np.isfinite(rates).all(axis=0), rates, 0.0)[:, order]
+    blocks = known.reshape(24, -1, len(order)).mean(axis=1)
+    return limit[order], error[order], blocks.std(axis=0, ddof=1) / np.sqrt(24)
 
 
 def _rates(run: Spectrum) -> Matrix:

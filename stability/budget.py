@@ -12,7 +12,6 @@ BUDGET = (
     f"budget of a cell: its motion is continued for {FOLLOWED:g} run lengths ({CREPT:g} if it "
     f"creeps), or until its solver has taken {MOST_STEPS} steps"
 )
-BUDGET_OVER_FMUS = "budget of a cell: the run until --stop"
 
 
 def becomes(model: Model, time: float, stop: float) -> Attractor:

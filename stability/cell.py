@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..solver.spectrum import follow_returns, follow_tangents
 from .attractor import EXPONENTS, LONGER_RUN, OTHER_SOLVER, Attractor, Kind
 from .budget import becomes
 from .map_plan import MapPlan, kernel_of
+from .store import Columns
 
 LAST = 0.1  # share of the run over which the oscillation is measured
 REASONS = {  # of undecided cells, by what would decide
@@ -109,6 +111,30 @@ def reason_of(motion: Attractor) -> str:
         return ""
     would = motion.would_decide
     return f"{REASONS.get(would, f'needed for a decision: {would}')}: {motion.evidence}"
+
+
+def run_chunk(plan: MapPlan, cells: Sequence[int], share: float) -> Columns:
+    """Run some cells at this share of the tolerance; return their columns of the map's table."""
+    system = kernel_of(plan).system()
+    columns: Columns = {
+        "cell": list(cells),
+        plan.x.name: [],
+        plan.y.name: [],
+        "verdict": [],
+        "final_error": [],
+        "lambda1_bits_per_s": [],
+        "oscillation_amplitude": [],
+        "reason": [],
+    }
+    for cell in cells:
+        x, y = plan.point(cell)
+        found = run_cell(plan, x, y, share * plan.tolerance, system)
+        numbers = found.final_error, found.lambda1, found.oscillation
+        row = (x, y, found.verdict.value, *numbers, found.reason)
+        for name, value in zip(list(columns)[1:], row, strict=True):
+            unknown = isinstance(value, float) and math.isnan(value)
+            columns[name].append(None if unknown else value)
+    return columns
 
 
 def stuck_growth(plan: MapPlan, x: float, y: float) -> float:

@@ -28,6 +28,7 @@ _NEWTON = 30
 ROUNDED = 64  # points at which a Jacobian is evaluated
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 INSTANTS = 2000  # at which the effect of time on an equilibrium is tested
+SIDE = 1e-9  # share of the way from an equilibrium to the motion, at which it is linearized
 _CLOSE = 1e-6  # nominal magnitudes: round-off moves it so far if an eigenvalue is nearly zero
 
 
@@ -38,6 +39,8 @@ class Equilibrium:
     Attributes
     ----------
     state : ndarray, shape (n,)
+        On the side from which the motion comes: a law with a kink at rest, such as LuGre friction
+        at zero velocity, has another linear part on the other side.
     eigenvalues : ndarray of complex, shape (n,)
         Of the Jacobian [1/s], largest real part first; zeros along a set of equilibria. For a
         sampled system: logarithms of its map's eigenvalues over the sampling period, minus infinity
@@ -103,6 +106,9 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
             break
     else:
         return None
+    change, a = linearize(model, time, point)
+    point = point - _shortest_solution(a, change) * nominal
+    point = point + SIDE * (model.x - point)
     _, a = linearize(model, time, point)
     values = np.linalg.eigvals(a).astype(complex)
     zero = NEUTRAL * float(np.abs(a).max(initial=0.0))
@@ -117,8 +123,12 @@ def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
     return replace(found, drift=_drift(a, first, found.slowest, model.sample_time))
 
 
-def with_round_off(model: Model, time: float, found: Equilibrium) -> Equilibrium:
+def with_round_off(
+    model: Model, time: float, found: Equilibrium, earlier: Vector | None = None
+) -> Equilibrium:
     """The equilibrium with better eigenvalues and their error; unchanged for sampled systems.
+
+    They are those on the side of an `earlier` state, if it is given.
 
     A linearizing controller cancels large entries of the Jacobian. The difference has few digits,
     and eigenvalues that are sensitive to it have fewer. Jacobians are computed at points that
@@ -128,7 +138,8 @@ def with_round_off(model: Model, time: float, found: Equilibrium) -> Equilibrium
     if model.sample_time:
         return found
     units = np.random.default_rng(0).integers(-8, 9, (ROUNDED, len(found.state)))
-    points = found.state * (1.0 + np.finfo(float).eps * units)
+    state = found.state if earlier is None else found.state + SIDE * (earlier - found.state)
+    points = state * (1.0 + np.finfo(float).eps * units)
     jacobians = np.array([_rates(model, time, x)[1] for x in points])
     mean = jacobians.mean(axis=0)
     values = np.linalg.eigvals(mean).astype(complex)

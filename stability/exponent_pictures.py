@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ..orchestration.page import COLOURS_OF_PAGES, Line, Picture
 from ..orchestration.pictures import COLOURS, DASHES, STYLE, new_figure
+from .lyapunov import bars
 
 if TYPE_CHECKING:
     from ..solver.spectrum import Spectrum
@@ -29,15 +30,14 @@ def pictures_of_exponents(run: LyapunovRun) -> list[Picture]:
         return []
     finer = _descending(run.tighter) if run.tighter is not None else (time[:0], rates[:0])
     known = len(finer[0]) == len(time) and np.allclose(finer[0], time)
-    apart = np.abs(finer[1] - rates) if known else None
-    how = moved_by(run)
+    apart = bars(rates, finer[1]) if known else None
     pictures = []
     for k, values in enumerate(rates.T):
         colour = f"c{k % COLOURS_OF_PAGES}"
         lines = [Line(f"exponent {k + 1}", colour, time, values)]
         if apart is not None:
             band = _around(time, values, apart[:, k])
-            lines.append(Line(f"moved by {how}", f"{colour} band", *band))
+            lines.append(Line("95 % interval", f"{colour} band", *band))
         limits, errors = run.motion.limit, run.motion.limit_error
         if limits is not None and errors is not None and k < len(limits):
             limit, error = _BITS * limits[k], _BITS * errors[k]
@@ -49,7 +49,7 @@ def pictures_of_exponents(run: LyapunovRun) -> list[Picture]:
             Picture(
                 f"exponent{k}",
                 f"Exponent {k + 1}" + (", the largest" if k == 0 else ""),
-                _says(run, k, how),
+                _says(run, k),
                 "time [s]",
                 "exponent up to now [bits/s]",
                 tuple(lines),
@@ -97,10 +97,12 @@ def _span(values: Vector) -> tuple[float, float] | None:
     return low - more, high + more
 
 
-def _says(run: LyapunovRun, k: int, how: str) -> str:
+def _says(run: LyapunovRun, k: int) -> str:
     value, error = run.exponents[k] * _BITS, run.error[k] * _BITS
     said = f"{value:.6g} bits/s at the end, "
-    said += "its error not known" if np.isnan(error) else f"moved by {error:.2g} by {how}"
+    said += (
+        "its error not known" if np.isnan(error) else f"+- {error:.2g} (95 %, from {moved_by(run)})"
+    )
     return f"{said}. The first {_TRANSIENT:.0%} may be outside: a double click shows all."
 
 

@@ -12,7 +12,7 @@ from ..orchestration.loop import Loop
 from ..orchestration.whole_loop import held_loop_kernel
 from ..solver.spectrum import Spectrum
 from ..solver.tape import UnsupportedComponent
-from .fmu_parts import ALL, opened_parts
+from .fmu_parts import opened_parts
 from .fmu_with_tangents import TangentsImpossible
 from .loop_lyapunov import loop_lyapunov
 from .lyapunov import SAMPLES, LyapunovRun, NoExponents, Watching
@@ -55,7 +55,7 @@ def loop_lyapunov_over_fmus(
             )
         known = loop_lyapunov(loop, watching=Watching(progress))
     try:
-        with opened_parts(loop, ALL) as parts:
+        with opened_parts(loop) as parts:
             if progress:
                 progress(f"the FMUs over {stop:g} s")
             run = parts.follow(loop, step, ACCURACY)

@@ -248,8 +248,6 @@ def _boundary(plan: MapPlan) -> Boundary | None:
     from .cell import stuck_growth
     from .map_plan import DESIGN, kernel_of
 
-    if plan.fmus is not None:
-        return None  # an FMU gives no Jacobian of the whole loop
     if PLANT + "Kv" not in [p.name for p in kernel_of(plan).parameters]:
         return None  # the criterion needs friction with a smooth sign
     if DESIGN in (plan.x.side, plan.y.side):

@@ -20,11 +20,8 @@ from ..orchestration.reference_signal import Reference
 from ..orchestration.whole_loop import held_loop_kernel
 from ..solver.kernel import PLANT, Kernel, ParameterInfo
 from ..solver.nearest import nearest
-from .fmu_parts import OverFmus
 
 Vector = npt.NDArray[np.float64]
-TIGHTER = 0.1
-SHORTER = 0.5  # a coupling of second order then has a quarter of the error
 PER_CELL = 1000  # bytes of a cell while the map is merged and drawn, measured
 MOST_BYTES = 10**30  # counts on the command line can have any number of digits
 SETPOINT, DESIGN = "setpoint", "design"
@@ -77,14 +74,11 @@ class MapPlan:
     Attributes
     ----------
     loop : Loop
-        Its values that are no axis are the same in all cells. With a communication step, it is a
-        map over FMUs.
+        Its values that are no axis are the same in all cells.
     exponents : bool
         Whether to compute the largest exponent of each cell.
     tolerance : float
         Of the solver of the equations.
-    fmus : OverFmus, optional
-        Of a map over FMUs.
     """
 
     loop: Loop
@@ -93,17 +87,6 @@ class MapPlan:
     exponents: bool = False
     tolerance: float = TOLERANCE_OF_MAPS
     seed: int = 0
-    fmus: OverFmus | None = None
-
-    @property
-    def finer(self) -> float:
-        """Factor on the tolerance, or on the step over FMUs, when cells are computed again."""
-        return TIGHTER if self.fmus is None else SHORTER
-
-    @property
-    def finer_words(self) -> str:
-        """How cells are computed again, for messages."""
-        return "a tenth of the tolerance" if self.fmus is None else "half the step"
 
     @property
     def cells(self) -> int:
@@ -124,7 +107,7 @@ class MapPlan:
             f"{self.x.count} x {self.y.count} cells need",
             "use fewer points, or several maps",
         )
-        if self.fmus is None and self.exponents and kernel_of(self).quantized:
+        if self.exponents and kernel_of(self).quantized:
             raise BadMap(
                 f"{loop.controller.label} or {loop.plant.label} quantizes a signal, "
                 "and a quantizer has no tangents; map it without --exponents, or use "
@@ -132,7 +115,7 @@ class MapPlan:
             )
         if (self.x.side, self.x.parameter) == (self.y.side, self.y.parameter):
             raise BadMap(f"--x and --y are both {self.x.parameter}; expected two parameters")
-        if self.fmus is None and PLANT + "x" not in [s.name for s in kernel_of(self).states]:
+        if PLANT + "x" not in [s.name for s in kernel_of(self).states]:
             raise BadMap(f"{loop.plant.label} has no state x; a map evaluates the motion of x")
         given = {"plant": loop.plant_values, "controller": loop.controller_values}
         for axis in (self.x, self.y):
@@ -150,9 +133,7 @@ class MapPlan:
 
     def described(self) -> dict[str, Any]:
         """The plan's part of ``map.json``."""
-        loop, fmus = self.loop, None
-        if self.fmus is not None:
-            fmus = {"step": loop.step, "mapping": loop.mapping, **asdict(self.fmus)}
+        loop = self.loop
         return {
             "controller": loop.controller.name,
             "x": asdict(self.x),
@@ -165,14 +146,11 @@ class MapPlan:
             "exponents": self.exponents,
             "tolerance": self.tolerance,
             "seed": self.seed,
-            "fmus": fmus,
         }
 
     def fingerprint(self) -> str:
-        """Hash of the plan and of its equations or FMUs."""
-        text = json.dumps(self.described(), sort_keys=True)
-        if self.fmus is None:
-            text += kernel_of(self).module
+        """Hash of the plan and of its equations."""
+        text = json.dumps(self.described(), sort_keys=True) + kernel_of(self).module
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def point(self, cell: int) -> tuple[float, float]:
@@ -280,9 +258,7 @@ def axis_unit(plan: MapPlan, name: str) -> str:
 
 
 def position_unit(plan: MapPlan) -> str:
-    """The unit of the position x, whose motion a map judges; metres of an FMU."""
-    if plan.fmus is not None:
-        return "m"
+    """The unit of the position x, whose motion a map judges."""
     return next(s.unit for s in kernel_of(plan).states if s.name == PLANT + "x")
 
 

@@ -2,8 +2,7 @@
 
 A map is divided into chunks of cells, each computed alone and written when finished, so that an
 interrupted run can continue. Cells at borders between verdicts, and a random share of the rest,
-are computed again at a tenth of the tolerance, or over FMUs at half the step; a cell whose verdict
-changes is undecided.
+are computed again at a tenth of the tolerance; a cell whose verdict changes is undecided.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from ..orchestration.kept_parts import KeptParts
 from ..orchestration.limits import TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS
@@ -23,12 +23,8 @@ from ..orchestration.loop import Loop, table_of
 from ..orchestration.run_folder import write_run
 from ..solver.files import write_json
 from ..solver.tables import table_path
-from ..solver.tape import UnsupportedComponent
 from .attractor import Kind
-from .borders import border_cells, refined_borders
-from .chunk import run_chunk
-from .fmu_cell import check_parts
-from .fmu_parts import over_fmus
+from .cell import run_chunk
 from .map_pictures import save_map_picture
 from .map_plan import (
     Axis,
@@ -38,7 +34,6 @@ from .map_plan import (
     read_axis,
 )
 from .store import (
-    BORDERS,
     PARTS,
     TABLE,
     VERDICT_CODE,
@@ -48,7 +43,6 @@ from .store import (
     load,
     merge_chunks,
     verdict_codes,
-    verdicts_in,
 )
 
 if TYPE_CHECKING:
@@ -56,6 +50,8 @@ if TYPE_CHECKING:
 
 
 Progress = Callable[[int, int], None]
+TIGHTER = 0.1  # share of the tolerance at which they are
+AGAIN = "a tenth of the tolerance"
 CHECKED = 0.05  # share of the cells away from borders that is computed again
 
 
@@ -67,21 +63,16 @@ def plan_map(
     Raises
     ------
     BadMap
-        If an axis is invalid, the FMUs cannot be coupled, or exponents of these parts cannot be
-        computed.
-    BadParameter, FmuError, NotEnoughMemory
+        If an axis is invalid, or exponents of these parts cannot be computed.
+    BadParameter, NotEnoughMemory
     """
+    if loop.step is not None:
+        raise BadMap("a map solves equations; give a loop without a communication step")
     tolerance = tolerance or (TOLERANCE_OF_MAPS if exponents else TOLERANCE_OF_MOTIONS)
-    try:
-        fmus = None if loop.step is None else over_fmus(loop, exponents)
-    except UnsupportedComponent as error:
-        raise BadMap(f"exponents: {error}") from error
     axes = read_axis(x, loop), read_axis(y, loop)
     loop = _without_told(loop, axes)
-    plan = MapPlan(loop, *axes, exponents, tolerance, fmus=fmus)
+    plan = MapPlan(loop, *axes, exponents, tolerance)
     plan.check()
-    if fmus is not None:
-        check_parts(plan, fmus)
     return plan
 
 
@@ -105,13 +96,12 @@ def make_map(
     folder: Path,
     workers: Workers,
     resume: bool = False,
-    refine: bool = False,
     progress: Progress | None = None,
 ) -> MapSummary:
     """Compute a map, or finish one, and write it.
 
     Writes ``map.parquet`` (``map.csv`` without pyarrow), ``map.json``, ``parameters.toml`` and the
-    picture, with `refine` also ``borders.csv``, into `folder`, all at once.
+    picture into `folder`, all at once.
 
     Raises
     ------
@@ -122,33 +112,33 @@ def make_map(
     """
     parts = KeptParts(folder / PARTS, plan.fingerprint())
     finished = claim_folder(plan, folder, parts, resume)
-    if plan.fmus is None:
-        kernel_of(plan).compile()  # takes half a second, little for thousands of runs
-    new = finished is None
-    if finished is None:
-        finished = _complete(plan, parts, workers, progress)
-    borders = None
-    if refine and (new or not (folder / BORDERS).is_file()):
-        table = table_path(parts.folder if new else folder, TABLE)
-        verdicts = np.array(verdict_codes(verdicts_in(table)), dtype=np.int8)
-        borders, found = refined_borders(plan, verdicts, workers, progress)
-        finished = replace(finished, borders=found)
+    kernel_of(plan).compile()  # takes half a second, little for thousands of runs
+    if finished is not None:
+        parts.discard()
+        return finished
+    finished = _complete(plan, parts, workers, progress)
 
     def write(stage: Path) -> None:
-        if new:
-            table = table_path(parts.folder, TABLE)
-            table.replace(stage / table.name)
-            plan.loop.parameters().save(stage)
-            save_map_picture(plan, stage)
-        if borders is not None:
-            (stage / BORDERS).write_text(borders, encoding="utf-8")
+        table = table_path(parts.folder, TABLE)
+        table.replace(stage / table.name)
+        plan.loop.parameters().save(stage)
+        save_map_picture(plan, stage)
         write_json(stage / "map.json", finished.figures())
 
-    notes: list[str] = []
-    if new or borders is not None:
-        notes = write_run(folder, write, adds=not new)
+    notes = write_run(folder, write)
     parts.discard()
     return replace(finished, notes=tuple(notes))
+
+
+def border_cells(verdicts: npt.NDArray[np.int8]) -> npt.NDArray[np.int64]:
+    """Flat indices of the cells that have a neighbour of another verdict."""
+    edge = np.zeros(verdicts.shape, dtype=bool)
+    across, along = verdicts[:, 1:] != verdicts[:, :-1], verdicts[1:] != verdicts[:-1]
+    edge[:, 1:] |= across
+    edge[:, :-1] |= across
+    edge[1:] |= along
+    edge[:-1] |= along
+    return np.flatnonzero(edge)
 
 
 def _complete(
@@ -169,13 +159,12 @@ def _complete(
     away = np.setdiff1d(np.arange(plan.cells), border)
     some = np.sort(random.choice(away, math.ceil(CHECKED * len(away)), replace=False))
     again = chunks_of(plan.cells, "t", [border.tolist(), some.tolist()])
-    _compute(plan, parts, again, plan.finer, workers, progress)
+    _compute(plan, parts, again, TIGHTER, workers, progress)
     kinds = list(Kind)
     checked: dict[int, Kind] = {}
     for name in again:
         columns = load(parts, name)
         checked |= dict(zip(columns["cell"], map(Kind, columns["verdict"]), strict=True))
-    finer = plan.finer_words
     changed: dict[int, str] = {}
     for cell, finer_kind in checked.items():
         kind = kinds[verdicts[cell]]
@@ -183,7 +172,7 @@ def _complete(
             verdicts[cell] = VERDICT_CODE[Kind.CREEPING]
         elif kind is not finer_kind:
             verdicts[cell] = VERDICT_CODE[Kind.UNDECIDED]
-            changed[cell] = f"{finer} changes the verdict: {kind}, then {finer_kind}"
+            changed[cell] = f"{AGAIN} changes the verdict: {kind}, then {finer_kind}"
     reasons |= changed
     by_chance = set(some.tolist())
     merge_chunks(parts, list(plain), [kinds[k].value for k in verdicts], checked, changed)
@@ -195,7 +184,6 @@ def _complete(
         len(changed),
         len(by_chance),
         len(changed.keys() & by_chance),
-        0,
         dict(Counter(reason.partition(":")[0] for reason in reasons.values())),
     )
 

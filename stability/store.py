@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from ..orchestration.kept_parts import KeptParts
-from ..solver.tables import BadTable, NoPyarrow, read_table, write_table
+from ..solver.tables import write_table
 from .attractor import Kind
-from .budget import BUDGET, BUDGET_OVER_FMUS
+from .budget import BUDGET
 from .map_plan import BadMap, MapPlan
 
 Columns = dict[str, list[Any]]
 CHUNK, LEAST_CHUNKS = 96, 8  # cells in a chunk; chunks of a small map, so that all workers have one
 PARTS = "map.parts"  # folder of the finished chunks of an unfinished map
-TABLE, BORDERS = "map", "borders.csv"
+TABLE = "map"
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,6 @@ class MapSummary:
     checked, disagreed : int
         Cells that were computed again at a tenth of the tolerance, and those of them whose verdict
         changed.
-    borders : int
-        Borders found by refinement; 0 without.
     undecided : dict of str to int
         Cells that are undecided, by the reason.
     notes : tuple of str
@@ -45,7 +43,6 @@ class MapSummary:
     disagreed: int
     random_checked: int
     random_disagreed: int
-    borders: int
     undecided: dict[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
@@ -57,13 +54,12 @@ class MapSummary:
             "cells": self.plan.cells,
             "verdicts": self.verdicts,
             "undecided": self.undecided,
-            "budget": BUDGET if self.plan.fmus is None else BUDGET_OVER_FMUS,
+            "budget": BUDGET,
             "checked_tighter": self.checked,
             "disagreed": self.disagreed,
             "checked_at_random": self.random_checked,
             "disagreed_at_random": self.random_disagreed,
             "disagreement_rate_at_random": rate,
-            "borders": self.borders,
         }
 
 
@@ -81,7 +77,6 @@ SUMMARY = (
     "disagreed",
     "checked_at_random",
     "disagreed_at_random",
-    "borders",
 )
 
 
@@ -123,15 +118,6 @@ def load(parts: KeptParts, name: str) -> Columns:
     if columns is None:
         raise BadMap(f"{parts.folder / name} is missing: another command has finished this map")
     return columns
-
-
-def verdicts_in(table: Path) -> list[str]:
-    try:
-        return read_table(table)["verdict"]
-    except NoPyarrow as error:
-        raise BadMap(str(error)) from error
-    except (OSError, BadTable) as error:
-        raise BadMap(f"{table} is damaged; remove the folder and compute the map again") from error
 
 
 def merge_chunks(

@@ -20,9 +20,9 @@ MOST = {  # folder: lines, lines without docstrings
     "controllers": (1417, 1093),
     "instruments": (891, 715),
     "fmus": (6229, 5407),
-    "orchestration": (13809, 11107),
-    "stability": (3578, 2892),
-    "ballscrew": (4910, 4068),
+    "orchestration": (13995, 11261),
+    "stability": (3251, 2639),
+    "ballscrew": (4917, 4078),
     "gallery": (3571, 3184),
     "records": (2400, 2153),
     "identification": (4762, 3965),
@@ -30,9 +30,9 @@ MOST = {  # folder: lines, lines without docstrings
     "rig": (1743, 1379),
     "proofs": (12907, 11541),
     "benchmarks": (1870, 1732),
-    "docs": (1365, 1316),
+    "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (27754, 26492),
+    "tests": (27887, 26616),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -61,9 +61,9 @@ class Exponents(Reported, LyapunovRun):
         columns = (
             "exponent",
             "bits/s",
-            f"moved by {moved_by(self)}",
+            f"+- (95 %, from {moved_by(self)})",
             "limit",
-            "error of the limit",
+            "+- (95 %)",
         )
         rows = [
             (

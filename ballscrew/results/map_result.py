@@ -12,6 +12,7 @@ from ..orchestration.pictures import drawing, write_figure
 from ..orchestration.run_folder import write_run
 from ..solver.tables import read_table, table_path
 from ..stability.attractor import Kind
+from ..stability.stability_map import AGAIN
 from ..stability.store import TABLE, MapSummary
 from .reported import Reported, Table, figures_table, values_of
 from .result import table_of
@@ -25,8 +26,7 @@ class StabilityMap(Reported):
     ----------
     summary : MapSummary
     folder : Path
-        Holds ``map.parquet`` (``map.csv`` without pyarrow), ``map.json`` and, with `refine`,
-        ``borders.csv``.
+        Holds ``map.parquet`` (``map.csv`` without pyarrow) and ``map.json``.
     """
 
     summary: MapSummary
@@ -37,7 +37,7 @@ class StabilityMap(Reported):
     def trusted(self) -> bool:
         """Whether cells are decided, and none away from borders has another verdict when repeated.
 
-        It is repeated at a tenth of the tolerance, over FMUs at half the step.
+        It is repeated at a tenth of the tolerance.
         """
         return self.summary.random_disagreed == 0 and self._undecided < self.summary.plan.cells
 
@@ -54,7 +54,7 @@ class StabilityMap(Reported):
         s = self.summary
         open_ = f", {self._undecided} undecided" if self._undecided else ""
         return (
-            f"{s.plan.cells} loops of {s.plan.loop.label}{open_}; at {s.plan.finer_words} "
+            f"{s.plan.cells} loops of {s.plan.loop.label}{open_}; at {AGAIN} "
             f"{s.disagreed} of {s.checked} have another verdict"
         )
 
@@ -67,7 +67,7 @@ class StabilityMap(Reported):
         s = self.summary
         counts = sorted(s.verdicts.items(), key=lambda row: -row[1])
         ends = ", ".join(f"{count} {verdict}" for verdict, count in counts)
-        again = f"Again at {s.plan.finer_words}"
+        again = f"Again at {AGAIN}"
         checked = f"{again}: {s.disagreed} of {s.checked} cells have another verdict."
         return f"{s.plan.cells} loops of {s.plan.loop.label}: {ends}", checked
 
@@ -99,7 +99,7 @@ class StabilityMap(Reported):
             for side, axis in (("x", plan.x), ("y", plan.y))
         ]
         axes = Table("Axes", ("axis", "parameter", "from", "to", "points"), rows)
-        return [axes, *values_of(plan.loop, plan.fmus is not None)]
+        return [axes, *values_of(plan.loop, coupled=False)]
 
     def add_report(self, command: str = "") -> list[str]:
         """Write the page into the map's own folder; returns notes as `write_run` does."""
@@ -117,7 +117,7 @@ class StabilityMap(Reported):
 
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        for name in (self._table.name, "map.json", "borders.csv"):
+        for name in (self._table.name, "map.json"):
             if (self.folder / name).is_file() and folder.resolve() != self.folder.resolve():
                 shutil.copyfile(self.folder / name, folder / name)
         if pictures:

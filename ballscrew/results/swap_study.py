@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from ..orchestration.pictures import drawing, write_figure
+from ..orchestration.study.comparison import ALIKE
 from ..orchestration.study.lengths import length
 from ..orchestration.study.result import StudyResult
-from ..orchestration.study.verdict import sentence, weaknesses
+from ..orchestration.study.verdict import cannot_tell, sentence, weaknesses
 from ..solver.files import finite_or_null, write_atomically, write_json
 from ..solver.tables import write_table
 from .result import Result, table_of
@@ -41,7 +42,9 @@ class SwapStudy(Result, StudyResult):
             first = answer.order[0]
             text = f"{first} ({length(self.mean('rms_error', first, answer.duty))} rms)"
             if len(answer.best) > 1:
-                text += f"; not distinguished from it: {', '.join(answer.best[1:])}"
+                text += f"; equal within {100 * ALIKE:g} %: {', '.join(answer.best[1:])}"
+            if answer.unclear:
+                text += f"; {cannot_tell(self)} it from {', '.join(answer.unclear)}"
             yield answer.duty, text
         worst = max((c.apart for c in self.checks.values() if c.apart >= 0), default=0.0)
         text = f"{len(self.checks)} runs, at most {length(worst)} apart"

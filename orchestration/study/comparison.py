@@ -14,6 +14,8 @@ LEVEL = 0.90
 """At most one study in ten calls equal controllers different."""
 RELEVANT = 0.02
 """Smallest relevant difference of two figures: their ratio minus 1."""
+ALIKE = 0.1
+"""Equal figures have a ratio within this share of 1, by all of its interval."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +50,21 @@ class Difference:
         90 % interval of it, over plants and tunings.
     told_apart : bool
         Whether the interval contains no ratio within 2 % of 1.
+    alike : bool
+        Whether it contains only ratios within 10 % of 1. If neither, these runs cannot tell.
     """
 
     ratio: float
     low: float
     high: float
     told_apart: bool
+    alike: bool
+
+    @property
+    def words(self) -> str:
+        if self.told_apart:
+            return "different"
+        return f"equal within {100 * ALIKE:g} %" if self.alike else "these runs cannot tell"
 
 
 def mean_over_plants(figure: Matrix, geometric: bool) -> Mean:
@@ -115,7 +126,10 @@ def compare(first: Matrix, second: Matrix) -> Difference:
     low, high = middle - half, middle + half
     margin = math.log1p(RELEVANT)
     told = low > margin or high < -margin
-    return Difference(math.exp(middle), math.exp(low), math.exp(high), told)
+    alike = not told and max(high, -low) <= math.log1p(ALIKE)
+    # an interval of two tunings may be wider than numbers go
+    ratio, least, most = (math.exp(min(max(v, -700.0), 700.0)) for v in (middle, low, high))
+    return Difference(ratio, least, most, told, alike)
 
 
 def _variance_of_mean(values: Matrix) -> float:

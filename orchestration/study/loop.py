@@ -1,16 +1,21 @@
-"""One closed loop of a study, run in one solver on the grid of its sampling period."""
+"""One closed loop of a study, in one solver or with an FMU as controller, on a grid of times."""
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from ...solver import core
-from ...solver.kernel import Kernel, Model
+from ...solver.kernel import CONTROLLER, PLANT, Kernel, Model, ParameterInfo
+from ..closed_loop import opened, run_parts
+from ..fmu_instance import StepFailed
+from ..loop import Loop
 from ..reference_signal import Reference
 from ..whole_loop import follow
 
@@ -93,6 +98,71 @@ class StudyLoop:
             y = dict.fromkeys("xviu", np.zeros(0))
         current = y.get("i", np.full(len(time), np.nan))  # a plant driven by a force has none
         return Course(time, y["x"], y["v"], current, y["u"], x_d, v_d, stopped)
+
+
+@dataclass(frozen=True)
+class FmuLoop:
+    """As `StudyLoop`, with an FMU as controller: both parts are FMUs, coupled by the master.
+
+    Attributes
+    ----------
+    loop : Loop
+        With its sampling period, if it is a digital controller.
+    """
+
+    loop: Loop
+
+    @property
+    def kernel(self) -> FmuLoop:
+        """What a study asks of a kernel: the parameters, and what changes with the equations."""
+        return self
+
+    @cached_property
+    def parameters(self) -> tuple[ParameterInfo, ...]:
+        """Of both parts, with the prefixes of a loop's parts."""
+        sides = (PLANT, self.loop.plant), (CONTROLLER, self.loop.controller)
+        return tuple(
+            replace(p, name=side + n) for side, part in sides for n, p in part.parameters.items()
+        )
+
+    @property
+    def module(self) -> str:
+        """The content of both parts."""
+        digest = hashlib.sha256(self.loop.controller.fmu().read_bytes()).hexdigest()
+        return self.loop.plant.kernel.module + digest
+
+    def run(
+        self,
+        values: Mapping[str, float],
+        reference: Reference,
+        stop: float,
+        tolerance: float = TOLERANCE,
+        step: float = STEP,
+    ) -> Course:
+        """As `StudyLoop.run`; with a finer tolerance than usual, steps of the master are halved."""
+        step = self.loop.sampled or (step if tolerance >= TOLERANCE else 0.5 * step)
+        count = math.ceil(stop / step - 1e-9)
+
+        def of(side: str) -> dict[str, float]:
+            named = (n for n in values if n.startswith(side))
+            return {n.removeprefix(side): values[n] for n in named}
+
+        loop = replace(self.loop, reference=reference, stop=count * step)
+        loop = replace(loop, plant_values=of(PLANT), controller_values=of(CONTROLLER))
+        try:
+            with opened(loop) as (plant, controller):
+                found, _ = run_parts(loop, plant, controller, step, look_again=False)
+            stopped = found.stopped
+        except StepFailed as error:
+            stopped = str(error)
+        time = np.arange(0 if stopped else count + 1, dtype=np.float64) * step
+        x_d, v_d = reference.on(time, 0), reference.on(time, 1)
+        if stopped:
+            return Course(time, time, time, time, time, x_d, v_d, stopped)
+        none = np.full(len(found.time), np.nan)
+        signals = [found.outputs.get(n, none) for n in ("x", "v", "i")]
+        x, v, i, u = (np.interp(time, found.time, s) for s in (*signals, found.commands["u"]))
+        return Course(time, x, v, i, u, x_d, v_d)
 
 
 _SYSTEMS: dict[str, core.System] = {}  # a process runs a loop many times, one run after another

@@ -15,14 +15,27 @@ import numpy as np
 import numpy.typing as npt
 
 from ...controllers import tunable
+from ...fmus.catalogue import in_units_of
+from ...fmus.reading import FmuError
+from ...solver.component_file import BadComponentFile
+from ...solver.contract_error import ContractError
+from ..file_values import for_plant
+from ..limits import BadParameter
+from ..machine import Machine, gain_ranges, limit_of, model_values, own_ranges
+from ..parameter_file import BadParameters
+from ..parameter_reading import read_parameters
+from ..parts import BadPart, Part
 from ..reference_motions import read_motion
 from ..reference_signal import BadReference, Reference
 from .figures import NAMES
-from .reading import BadPlan, as_list, as_numbers, as_range, as_table, check_names
+from .loop import STEP
+from .reading import BadPlan, as_flag, as_list, as_numbers, as_range, as_table, check_names
 from .sobol import sobol_shares
 from .variation import Variation, read_variation
 
 VERSION = 1
+MOST, MOST_SEED = 100_000, 2**63 - 1  # of a number of plants, candidates, tunings or points
+MOST_RUNS, MOST_SAMPLES = 10_000_000, 10_000_000  # of a study, of a run
 Own = Callable[[str], tuple[dict[str, float], dict[str, tuple[float, float]]]]
 
 
@@ -50,6 +63,10 @@ class Duty:
     tune: bool = False
     plant: Mapping[str, float] = field(default_factory=dict)
 
+    def table(self) -> bytes:
+        """Content of the file that it names, which is part of the study; empty for a motion."""
+        return b"" if read_motion(self.reference) else Path(self.reference).read_bytes()
+
     def signal(self) -> Reference:
         """The set-point over time.
 
@@ -69,12 +86,13 @@ class Entrant:
     name : str
         Name in tables.
     component : str
-        A name of the catalogue, or ``file.py:function``; either with ``+feed_forward``.
+        A name of the catalogue or ``file.py:function``, either with ``+feed_forward``, or the path
+        of an FMU.
     values : dict of str to float
         Fixed parameters that differ from their defaults, and start values of tuned parameters.
     tune : dict of str to (float, float)
-        Parameters that are tuned, and their ranges; if a plan gives none, those of `tunable` that
-        are not in `values`.
+        Parameters that are tuned, and their ranges; if a plan gives none, those of `own_ranges`
+        that are not in `values`.
     """
 
     name: str
@@ -224,12 +242,12 @@ def read_plan(path: Path | str) -> Plan:
         table = tomllib.loads(Path(path).read_text("utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         raise BadPlan(f"{path}: cannot be read: {error}") from error
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also for numbers with thousands of digits
         raise BadPlan(f"{path}: is not a TOML file: {error}") from error
     try:
         machine = _machine(table, Path(path).parent)
         return _plan(table, machine)
-    except BadPlan as error:
+    except (BadPlan, BadPart, BadComponentFile, FmuError) as error:
         raise BadPlan(f"{path}: {error}") from None
 
 
@@ -237,10 +255,6 @@ def _machine(table: dict[str, Any], folder: Path) -> dict[str, float]:
     """Values of the plant in the parameter file that a study names; its plant goes into `table`."""
     if "params" not in table:
         return {}
-    from ..file_values import for_plant
-    from ..parameter_file import BadParameters
-    from ..parameter_reading import read_parameters
-
     try:
         told = read_parameters(folder / str(table.pop("params")))
         plant = str(table.setdefault("plant", told.plant_name))
@@ -262,11 +276,6 @@ def _plan(table: dict[str, Any], machine: Mapping[str, float]) -> Plan:
     check_names("sensitivity", sensitivity, ("sobol",))
     elsewhere = {"entrants", "duties", "variations", "tuning", "sobol"}
     known = {f.name for f in fields(Plan)} - elsewhere
-    if "voltage_limit" in table:
-        raise BadPlan(
-            "voltage_limit is now called command_limit, in the unit of the plant's command: "
-            "V for a motor's amplifier, N if the command is a force; rename it"
-        )
     check_names("the study", table, known)
     own = cache(partial(_own, dict(table), machine)) if machine else None
     plan = Plan(
@@ -276,8 +285,10 @@ def _plan(table: dict[str, Any], machine: Mapping[str, float]) -> Plan:
         variations=tuple(read_variation(given) for given in variations),
         tuning=_tuning(tuning, limits),
         instruments=tuple(map(str, as_list("instruments", table.pop("instruments", [])))),
-        **as_numbers("the study", table, {"plants": 2, "seed": 0, "delay": 0}),
-        **as_numbers("sensitivity", sensitivity, {"sobol": 2}),
+        **as_numbers(
+            "the study", table, {"plants": (2, MOST), "seed": (0, MOST_SEED), "delay": (0, MOST)}
+        ),
+        **as_numbers("sensitivity", sensitivity, {"sobol": (2, MOST)}),
     )
     _check(plan)
     return plan
@@ -295,13 +306,8 @@ def _own(
     table: Mapping[str, Any], values: Mapping[str, float], component: str
 ) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
     """A controller's model of a machine with its start values, and the ranges of its gains."""
-    from ...fmus.catalogue import in_units_of
-    from ..limits import BadParameter
-    from ..machine import Machine, gain_ranges, limit_of, model_values
-    from ..parts import Part
-
     if not tunable(component):  # from a user's file, which gives all of this itself
-        return {}, {}
+        return {}, own_ranges(component)
     try:
         plant = Part(table["plant"])
         limit = limit_of(plant, values, table.get("command_limit"))
@@ -309,7 +315,7 @@ def _own(
         controller = Part(in_units_of(component, plant.name))
         ranges, start = gain_ranges(controller, machine)
         return {**model_values(controller, machine), **start}, ranges
-    except BadParameter as error:
+    except (BadParameter, ContractError) as error:
         raise BadPlan(str(error).replace("--limit", "command_limit")) from error
 
 
@@ -320,7 +326,7 @@ def _entrant(name: str, given: Any, machine: Own | None = None) -> Entrant:
     check_names(where, given, ("component", "values", "tune"))
     component = str(given.get("component", name))
     values = as_numbers(f"{where}.values", as_table(f"{where}.values", given.get("values", {})), {})
-    known, own = machine(component) if machine else ({}, tunable(component))
+    known, own = machine(component) if machine else ({}, own_ranges(component))
     own = {n: r for n, r in own.items() if n not in values}
     ranges = as_table(f"{where}.tune", given.get("tune", own))
     values = {**known, **values}
@@ -338,7 +344,7 @@ def _duty(k: int, given: Any, machine: Mapping[str, float]) -> Duty:
         raise BadPlan(f"duty {given['name']}: stop is {stop:g} s, expected more than 0")
     where = f"duty {given['name']}: plant"
     plant = as_numbers(where, as_table(where, given.get("plant", {})), {})
-    tune = bool(given.get("tune", False))
+    tune = as_flag(f"duty {given['name']}: tune", given.get("tune", False))
     values = {**machine, **plant}
     duty = Duty(str(given["name"]), str(given["reference"]), stop, tune, values)
     try:
@@ -351,7 +357,8 @@ def _duty(k: int, given: Any, machine: Mapping[str, float]) -> Duty:
 def _tuning(given: dict[str, Any], limits: Mapping[str, Any]) -> Tuning:
     check_names("tuning", given, ("budget", "plants", "seeds"))
     check_names("tuning.limits", limits, NAMES)
-    numbers = as_numbers("tuning", given, {"budget": 1, "plants": 0, "seeds": 1})
+    whole = {"budget": (1, MOST), "plants": (0, MOST), "seeds": (1, MOST)}
+    numbers = as_numbers("tuning", given, whole)
     return Tuning(**numbers, limits=as_numbers("tuning.limits", dict(limits), {}))
 
 
@@ -377,6 +384,18 @@ def _check(plan: Plan) -> None:
         raise BadPlan(f"sensitivity: sobol is {plan.sobol}, expected a power of two")
     if plan.sobol and not plan.variations:
         raise BadPlan("sensitivity: nothing is varied; add a [[vary]], or leave out sobol")
+    judged = len(plan.entrants) * plan.tuning.seeds * len(plan.judged_duties) * plan.plants
+    tuned = plan.tuning.seeds * 2 * plan.tuning.budget * (plan.tuning.plants + 1)
+    runs = judged + len(plan.entrants) * len(plan.tuning_duties) * tuned
+    if runs > MOST_RUNS:
+        raise BadPlan(f"needs {runs:.3g} runs, expected at most {MOST_RUNS:g}; use smaller numbers")
+    for duty in plan.duties:
+        samples = duty.stop / (plan.period or STEP)
+        if samples > MOST_SAMPLES:
+            raise BadPlan(
+                f"duty {duty.name} has {samples:.3g} samples, expected at most {MOST_SAMPLES:g}; "
+                "use a shorter stop or a longer period"
+            )
     names = [d.name for d in plan.duties]
     if len(set(names)) < len(names):
         raise BadPlan("two duties have the same name")

@@ -64,7 +64,9 @@ class DutyAnswer:
     order : tuple of str
         Controllers by their geometric mean error, the best first; without those that failed.
     best : tuple of str
-        The first one, and all that are not significantly different from it.
+        The first one, and all that are shown to be equal to it within 10 %.
+    unclear : tuple of str
+        Those of which these runs cannot tell whether they differ from it.
     failed : dict of str to int
         Failed runs by controller.
     """
@@ -72,6 +74,7 @@ class DutyAnswer:
     duty: str
     order: tuple[str, ...]
     best: tuple[str, ...]
+    unclear: tuple[str, ...]
     failed: dict[str, int]
 
 
@@ -239,8 +242,10 @@ def concluded(
             for k, a in enumerate(order)
             for b in order[k + 1 :]
         }
-        best = [n for n in order[1:] if not pairs[order[0], n].told_apart]
-        answers.append(DutyAnswer(duty.name, tuple(order), (*order[:1], *best), lost))
+        open_ = {n: pairs[order[0], n] for n in order[1:] if not pairs[order[0], n].told_apart}
+        best = [n for n, d in open_.items() if d.alike]
+        unclear = tuple(n for n, d in open_.items() if not d.alike)
+        answers.append(DutyAnswer(duty.name, tuple(order), (*order[:1], *best), unclear, lost))
         differences[duty.name] = pairs
     return StudyResult(
         plan,

@@ -12,12 +12,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...fmus.reading import FmuError
 from ...solver.kernel import CONTROLLER, PLANT
 from ..kept_parts import KeptParts
+from ..limits import BadParameter
+from ..loop import Loop
+from ..loop_run import CouplingError
+from ..parts import SUFFIX, BadPart
+from ..reference_signal import Reference
 from ..whole_loop import loop_kernel
+from ..wiring import WiringError
 from ..workers import Processes
 from .figures import NAMES, Figures, figures_of
-from .loop import StudyLoop
+from .loop import STEP, FmuLoop, StudyLoop
 from .over_fmus import COMPARED, SHARE, FmuCheck, check_over_fmus
 from .plan import Duty, Entrant, Plan
 from .reading import BadPlan
@@ -31,6 +38,7 @@ if TYPE_CHECKING:
     from ..workers import Workers
 
 Progress = Callable[[str, int, int], None]
+AnyLoop = StudyLoop | FmuLoop
 
 PARTS = "study.parts"
 FAILED = 1e6  # cost of a candidate whose run fails, for each such run
@@ -67,10 +75,10 @@ def do_study(
             "-OO, or set PYTHONOPTIMIZE to less than 2"
         )
     loops = loops_of(plan)
-    parts = _parts(plan, loops, folder / PARTS)
+    parts = parts_of(plan, loops, folder / PARTS)
     parts.claim("study", resume, BadPlan)
     tunings, figures = tuned_and_judged(plan, loops, parts.folder, workers, progress)
-    runs = runs_again(plan)
+    runs = [r for r in runs_again(plan) if isinstance(loops[r.controller], StudyLoop)]
     again = _checks(plan, loops, tunings, figures, runs)
     here = workers if isinstance(workers, Processes) else Processes(1)  # the FMUs are files
     checked = _computed(parts, again, _checked, here, "over FMUs", progress)
@@ -80,7 +88,7 @@ def do_study(
     return concluded(plan, tunings, figures, checks, sobol, courses)
 
 
-def loops_of(plan: Plan) -> dict[str, StudyLoop]:
+def loops_of(plan: Plan) -> dict[str, AnyLoop]:
     """The closed loop of each controller; raises as `do_study` does."""
     loops = {e.name: _loop(plan, e) for e in plan.entrants}
     check_plants(plan, loops[plan.entrants[0].name].kernel)
@@ -89,7 +97,7 @@ def loops_of(plan: Plan) -> dict[str, StudyLoop]:
 
 def tuned_and_judged(
     plan: Plan,
-    loops: Mapping[str, StudyLoop],
+    loops: Mapping[str, AnyLoop],
     folder: Path,
     workers: Workers,
     progress: Progress | None = None,
@@ -98,7 +106,7 @@ def tuned_and_judged(
 
     Each task's result is kept in the folder; tasks with a result there are not done again.
     """
-    parts = _parts(plan, loops, folder)
+    parts = parts_of(plan, loops, folder)
     jobs = {
         f"tune-{k}-{seed}.json": (plan, e, loops[e.name], seed)
         for k, e in enumerate(plan.entrants)
@@ -142,7 +150,7 @@ def runs_again(plan: Plan) -> list[Run]:
 
 def _checks(
     plan: Plan,
-    loops: Mapping[str, StudyLoop],
+    loops: Mapping[str, AnyLoop],
     tunings: Mapping[str, list[Tuned]],
     figures: Mapping[str, Array],
     runs: list[Run],
@@ -171,7 +179,7 @@ def _checks(
 
 def _sobol(
     plan: Plan,
-    loops: Mapping[str, StudyLoop],
+    loops: Mapping[str, AnyLoop],
     tunings: Mapping[str, list[Tuned]],
     parts: KeptParts,
     workers: Workers,
@@ -208,7 +216,7 @@ def _sobol(
 
 def _courses(
     plan: Plan,
-    loops: Mapping[str, StudyLoop],
+    loops: Mapping[str, AnyLoop],
     tunings: Mapping[str, list[Tuned]],
     parts: KeptParts,
     workers: Workers,
@@ -230,7 +238,7 @@ def _courses(
 
 
 def _shown(
-    plan: Plan, entrant: Entrant, loop: StudyLoop, tuned: Mapping[str, float], duty: Duty
+    plan: Plan, entrant: Entrant, loop: AnyLoop, tuned: Mapping[str, float], duty: Duty
 ) -> dict[str, list[float]]:
     """A run on the nominal plant, thinned out; see `Shown`."""
     number = FIRST_JUDGED - 1  # whose noise no judged plant has
@@ -247,7 +255,7 @@ def _shown(
 def _errors_on(
     plan: Plan,
     entrant: Entrant,
-    loop: StudyLoop,
+    loop: AnyLoop,
     tuned: Mapping[str, float],
     duty: Duty,
     draws: Array,
@@ -303,11 +311,13 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
     return measured_through(controller, [in_time(i) for i in instruments])
 
 
-def _loop(plan: Plan, entrant: Entrant) -> StudyLoop:
+def _loop(plan: Plan, entrant: Entrant) -> AnyLoop:
     from ...fmus.catalogue import UnknownComponent, component
     from ...solver.component_file import BadComponentFile
     from ...solver.contract_error import ContractError
 
+    if Path(entrant.component).suffix == SUFFIX:
+        return _fmu_loop(plan, entrant)
     try:
         kernel = loop_kernel(component(plan.plant), composed(plan, entrant))
     except (UnknownComponent, BadComponentFile, ContractError) as error:
@@ -317,12 +327,26 @@ def _loop(plan: Plan, entrant: Entrant) -> StudyLoop:
     return StudyLoop(kernel)
 
 
-def _measured(plan: Plan, loop: StudyLoop, values: Mapping[str, float], duty: Duty) -> Figures:
+def _fmu_loop(plan: Plan, entrant: Entrant) -> FmuLoop:
+    """A loop with an FMU as controller: at the sampling period of the study, or continuous."""
+    where = f"controllers.{entrant.name}"
+    if plan.instruments or plan.delay:
+        raise BadPlan(f"{where}: instruments and a delay are for equations, this is an FMU")
+    try:
+        loop = FmuLoop(Loop(entrant.component, plan.plant, sampled=plan.period or None))
+        check_controller(entrant, loop)
+        loop.run({}, Reference.constant(0.0), 2.0 * (plan.period or STEP))
+    except (BadPart, BadParameter, CouplingError, FmuError, WiringError) as error:
+        raise BadPlan(f"{where}: {error}") from error
+    return loop
+
+
+def _measured(plan: Plan, loop: AnyLoop, values: Mapping[str, float], duty: Duty) -> Figures:
     course = loop.run(values, duty.signal(), duty.stop, plan.tolerance)
     return figures_of(course, plan.count, values.get(PLANT + LIMIT, limit_of(plan, loop.kernel)))
 
 
-def _tuned(plan: Plan, entrant: Entrant, loop: StudyLoop, seed: int) -> dict[str, Any]:
+def _tuned(plan: Plan, entrant: Entrant, loop: AnyLoop, seed: int) -> dict[str, Any]:
     """A tuning of an entrant."""
     draws = plan.draws("tune")
 
@@ -346,6 +370,8 @@ def _tuned(plan: Plan, entrant: Entrant, loop: StudyLoop, seed: int) -> dict[str
 
     defaults = {p.name: p.default for p in loop.kernel.parameters}
     published = {n: entrant.values.get(n, defaults[CONTROLLER + n]) for n in entrant.tune}
+    for name, value in published.items():  # an FMU may give no start
+        published[name] = value if math.isfinite(value) else sum(entrant.tune[name]) / 2
     number = [e.name for e in plan.entrants].index(entrant.name)
     random = [plan.seed, number, seed]
     return asdict(tune(cost, published, entrant.tune, plan.tuning.budget, random))
@@ -354,7 +380,7 @@ def _tuned(plan: Plan, entrant: Entrant, loop: StudyLoop, seed: int) -> dict[str
 def _judged(
     plan: Plan,
     entrant: Entrant,
-    loop: StudyLoop,
+    loop: AnyLoop,
     tuned: Mapping[str, float],
     duty: Duty,
     plants: range,
@@ -370,10 +396,11 @@ def _judged(
     return rows
 
 
-def _parts(plan: Plan, loops: Mapping[str, StudyLoop], folder: Path) -> KeptParts:
-    """The finished parts of this study only."""
+def parts_of(plan: Plan, loops: Mapping[str, AnyLoop], folder: Path) -> KeptParts:
+    """The finished parts of this study only: of its plan, its equations, the tables it names."""
     text = plan.to_json() + ",".join(NAMES) + "".join(loop.kernel.module for loop in loops.values())
-    return KeptParts(folder, hashlib.sha256(text.encode()).hexdigest()[:16])
+    tables = (hashlib.sha256(duty.table()).digest() for duty in plan.duties)
+    return KeptParts(folder, hashlib.sha256(b"".join([text.encode(), *tables])).hexdigest()[:16])
 
 
 def _computed(

@@ -3,22 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 from ...fmus.catalogue import OWN_LIMIT
 from ...instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
-from ...solver.kernel import CONTROLLER, PLANT, Kernel
+from ...solver.kernel import CONTROLLER, PLANT, ParameterInfo
 from .plan import Duty, Entrant, Plan
 from .reading import BadPlan
 
 LIMIT = "voltage_limit"  # the plant's parameter, for any unit of its command
 AMPLIFIER = "current_limit"  # a plant that has it is driven by volts, through an amplifier
 SEED = "_seed"  # end of the name of a noise's seed
+
+
+class HasParameters(Protocol):
+    """A loop's kernel, or a loop with an FMU."""
+
+    @property
+    def parameters(self) -> Sequence[ParameterInfo]: ...
+
+
 BETWEEN_SOURCES = 1_000_000  # difference of the seeds of two noises
 
 
 def values_for(
     plan: Plan,
-    kernel: Kernel,
+    kernel: HasParameters,
     entrant: Entrant,
     tuned: Mapping[str, float],
     duty: Duty,
@@ -32,7 +42,7 @@ def values_for(
 
     Parameters
     ----------
-    kernel : Kernel
+    kernel : HasParameters
         Of the closed loop.
     tuned : mapping of str to float
         Of the controller.
@@ -54,7 +64,7 @@ def values_for(
     return values | {n: float(1 + number + k * BETWEEN_SOURCES) for k, n in enumerate(sources)}
 
 
-def limit_of(plan: Plan, kernel: Kernel) -> float:
+def limit_of(plan: Plan, kernel: HasParameters) -> float:
     """Largest command of plant and controllers, in the unit of the plant's command.
 
     The limit of the plan; else the nominal amplifier's 36 V if the plant has an amplifier, and no
@@ -66,7 +76,7 @@ def limit_of(plan: Plan, kernel: Kernel) -> float:
     return NOMINAL_VOLTAGE if PLANT + AMPLIFIER in known else UNLIMITED
 
 
-def check_controller(entrant: Entrant, kernel: Kernel) -> None:
+def check_controller(entrant: Entrant, kernel: HasParameters) -> None:
     """Check that all parameters that are set or tuned exist and stay in their range.
 
     Raises
@@ -81,7 +91,7 @@ def check_controller(entrant: Entrant, kernel: Kernel) -> None:
             _check_range(where, CONTROLLER, name, end, kernel)
 
 
-def check_plants(plan: Plan, kernel: Kernel) -> None:
+def check_plants(plan: Plan, kernel: HasParameters) -> None:
     """Make sure that all plants are possible: of each duty, as drawn, and at the ends of ranges.
 
     Raises
@@ -109,14 +119,14 @@ def check_plants(plan: Plan, kernel: Kernel) -> None:
                     _check_range("vary", PLANT, name, values[PLANT + name], kernel)
 
 
-def _check_known(where: str, side: str, name: str, kernel: Kernel) -> None:
+def _check_known(where: str, side: str, name: str, kernel: HasParameters) -> None:
     known = [p.name for p in kernel.parameters if p.name.startswith(side)]
     if side + name not in known:
         there = ", ".join(sorted(n.removeprefix(side) for n in known))
         raise BadPlan(f"{where}: no parameter {name!r}; there are {there}")
 
 
-def _check_range(where: str, side: str, name: str, value: float, kernel: Kernel) -> None:
+def _check_range(where: str, side: str, name: str, value: float, kernel: HasParameters) -> None:
     (p,) = (p for p in kernel.parameters if p.name == side + name)
     if not p.minimum <= value <= p.maximum:
         raise BadPlan(

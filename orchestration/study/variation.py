@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .reading import BadPlan, as_list, as_numbers, as_range, as_table, check_names
+from .reading import BadPlan, as_list, as_numbers, as_range, as_table, check_names, is_number
 
 Vector = npt.NDArray[np.float64]
 
@@ -119,7 +118,7 @@ def _numbers(kind: str, of: str, given: Any) -> tuple[float, float]:
     if kind == UNIFORM:
         return as_range("vary", of, given)
     pair = as_list(f"vary: {kind} of {of}", given)
-    found = [float(v) for v in pair if isinstance(v, int | float) and math.isfinite(v)]
+    found = [float(v) for v in pair if is_number(v)]
     positive = found if kind == LOGNORMAL else found[1:]
     if len(pair) != 2 or len(found) != 2 or not min(positive) > 0:
         more = "both" if kind == LOGNORMAL else "the second"

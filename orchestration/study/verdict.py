@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from statistics import median
 from typing import TYPE_CHECKING
 
+from .comparison import ALIKE
 from .result import JUDGED_BY
 
 if TYPE_CHECKING:
@@ -17,8 +18,8 @@ FAR = 2.0  # times the least known cost of a controller: a tuning that ends abov
 def sentence(study: StudyResult) -> str:
     """The controller that wins the most duties, their number, and the duties that it does not win.
 
-    A duty is won by the controller with the smallest error, also if others are not significantly
-    different; the number of such duties is given.
+    A duty is won by the controller with the smallest error; the numbers of duties at which others
+    are equal, and at which the runs cannot tell, are given.
     """
     judged = [a for a in study.answers if a.order]
     if not judged:
@@ -30,11 +31,19 @@ def sentence(study: StudyResult) -> str:
     text = f"{winner} wins {len(won)} of {len(study.answers)} duties"
     shared = [a.duty for a in won if len(a.best) > 1]
     if shared:
-        text += f", {len(shared)} of them together with others that are not significantly different"
+        text += f", {len(shared)} of them together with others, equal within {100 * ALIKE:g} %"
+    unclear = [a.duty for a in won if a.unclear]
+    if unclear:
+        text += f"; at {len(unclear)} of them {cannot_tell(study)} whether others are as good"
     lost = [a for a in study.answers if a not in won]
     if lost:
         text += f"; it does not win {_listed(_by_winner(lost))}"
     return text
+
+
+def cannot_tell(study: StudyResult) -> str:
+    seeds, plants = study.plan.tuning.seeds, study.plan.plants
+    return f"{seeds} tuning{'s' if seeds > 1 else ''} on {plants} plants cannot tell"
 
 
 def _by_winner(answers: Iterable[DutyAnswer]) -> list[str]:
@@ -103,8 +112,8 @@ def gain(study: StudyResult, name: str) -> float:
 def overtaken(study: StudyResult) -> dict[str, tuple[str, ...]]:
     """By duty, the controllers that would win if errors fell like costs with twice the budget.
 
-    Without those that are not significantly different from the first one. Duties without a change
-    are omitted.
+    Without those that are not shown to differ from the first one. Duties without a change are
+    omitted.
     """
     found = {}
     for answer in study.answers:
@@ -112,7 +121,8 @@ def overtaken(study: StudyResult) -> dict[str, tuple[str, ...]]:
             continue
         hoped = {n: gain(study, n) * study.mean(JUDGED_BY, n, answer.duty) for n in answer.order}
         first = hoped[answer.order[0]]
-        names = tuple(n for n in answer.order if n not in answer.best and hoped[n] < first)
+        near = {*answer.best, *answer.unclear}
+        names = tuple(n for n in answer.order if n not in near and hoped[n] < first)
         if names:
             found[answer.duty] = names
     return found

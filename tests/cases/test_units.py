@@ -12,9 +12,6 @@ from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop, SystemLoop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.run import run_closed_loop
-from ballscrew.stability.fmu_cell import run_fmu_cell
-from ballscrew.stability.fmu_parts import OverFmus, opened_parts
-from ballscrew.stability.map_plan import Axis, MapPlan
 
 GOAL = Reference.constant(0.1)
 
@@ -140,20 +137,6 @@ def test_the_law_and_probed_derivatives_pass_through_the_conversions(tmp_path, r
     for name in ("x", "v", "i"):
         bound = 1e-6 * np.ptp(expected.outputs[name])
         np.testing.assert_allclose(found.outputs[name], expected.outputs[name], rtol=0, atol=bound)
-
-
-@pytest.mark.ci
-def test_maps_over_fmus_are_in_metres(tmp_path):
-    pair(tmp_path, {"x": "mm", "u": "N"}, {"x": "m", "x_d": "m", "u": "kN"})
-    names = str(tmp_path / "pd.fmu"), str(tmp_path / "cart.fmu")
-    axes = (
-        Axis("setpoint", "setpoint", "", 0.1, 0.2, 2),
-        Axis("controller.Kp", "controller", "Kp", 25.0, 30.0, 2),
-    )
-    plan = MapPlan(Loop(*names, stop=0.5, step=1e-3), *axes)
-    with opened_parts(plan.loop, 0) as parts:
-        cell = run_fmu_cell(plan, OverFmus(0, {}), parts, 0.1, 25.0, 1.0)
-    assert cell.final_error == pytest.approx(cart_position(0.5) - 0.1, abs=1e-4)
 
 
 def test_a_system_takes_the_set_point_in_metres_and_labels_what_it_records(tmp_path):

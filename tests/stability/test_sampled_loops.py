@@ -20,7 +20,6 @@ from ballscrew.solver.component import (
 from ballscrew.solver.held_states import with_held_states
 from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.stability.attractor import Kind
-from ballscrew.stability.finite_perturbations import perturbation_growth
 from ballscrew.stability.loop_lyapunov import loop_lyapunov
 from ballscrew.stability.lyapunov import LyapunovRun, lyapunov
 
@@ -131,13 +130,3 @@ def test_quantized_loops_have_the_exponents_of_the_average_and_the_verdict_of_th
     assert run.exponents == pytest.approx(exact.exponents, rel=1e-6)
     assert run.motion.kind is Kind.BOUNDED  # it hunts from count to count
     assert run.motion.amplitude["plant_x"] > 1e-5
-    assert [p.size for p in run.perturbations] == [1e-6, 1e-4, 1e-2]
-    assert not exact.perturbations
-
-
-def test_finite_perturbations_of_a_stable_linear_loop_shrink_by_its_slowest_exponent() -> None:
-    x, h = symbol("x"), symbol("h")
-    model = Model(kernel({"x": h - x}, {"h": -symbol("r") * x}), {"r": 0.5}, 1e-11)
-    factor = np.exp(-PERIOD) - 0.5 * (1 - np.exp(-PERIOD))
-    for growth in perturbation_growth(model, 0.0, 40 * PERIOD):
-        assert growth.rate == pytest.approx(np.log(factor) / PERIOD, rel=1e-4)

@@ -20,7 +20,7 @@ from ballscrew.stability import budget, stability_map, store
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.cell import model_at, run_cell, stuck_growth
 from ballscrew.stability.map_plan import BadMap, MapPlan, read_axis
-from ballscrew.stability.stability_map import make_map, plan_map
+from ballscrew.stability.stability_map import make_map
 
 SIGMA0, SIGMA1 = 66967.231, 344.56
 
@@ -170,20 +170,6 @@ def test_what_two_tolerances_say_becomes_one_verdict(
     assert sum(summary.undecided.values()) == summary.disagreed == bool(reason) * len(rows)
 
 
-@pytest.mark.ci
-def test_borders_lie_between_cells_of_different_verdict_with_their_width(tmp_path):
-    summary = make_map(gamma(), tmp_path, Processes(1), refine=True)
-    lines = (tmp_path / "borders.csv").read_text().splitlines()
-    assert len(lines) == summary.borders + 1
-    assert lines[0] == "sigma0_hat,sigma1_hat,along,width,below,above"
-    rows = [line.split(",") for line in lines[1:] if line.endswith("diverges")]
-    along = [row for row in rows if row[2] == "sigma0_hat"]
-    assert along
-    for row in along:  # the edge of the basin at 8 cm: 66968.9 to 66969.0
-        assert 66968.7 < float(row[0]) < 66969.1
-        assert float(row[3]) == pytest.approx(3.35 / 4 / 2**8, rel=1e-6)
-
-
 def test_the_stuck_regime_s_boundary_is_that_of_the_cubic():
     study = gamma()
     for d0, d1 in ((-1.0, 2.0), (0.5, 17.5), (0.5, 18.5), (1.0, -0.3), (1.5, 0.5), (-0.5, -3.0)):
@@ -304,19 +290,3 @@ def test_axes_that_make_no_sense_say_why(text, words):
 def test_a_motion_that_stops_to_return_after_hundreds_of_returns_is_followed_on_to_rest() -> None:
     cell = run_cell(gamma(), 66968.80774193548, 362.1406451612903, TOLERANCE_OF_MOTIONS)
     assert cell.verdict is not Kind.UNDECIDED
-
-
-@pytest.mark.prove
-def test_cells_are_classified_as_by_the_equations(native, tmp_path):
-    """Over FMUs; the corners hold a cycle, a line of equilibria and a flight."""
-    axes, tables = ("sigma0_hat=66967.007:66969.24:3", "sigma1_hat=340:357.34:3"), []
-    for step in (1e-3, None):
-        plan = plan_map(Loop("iol", stop=20.0, step=step), *axes, tolerance=1e-8)
-        make_map(plan, tmp_path / str(step), Processes(2))
-        tables.append(pq.read_table(tmp_path / str(step) / "map.parquet").to_pylist())
-    unclear = (Kind.UNDECIDED, Kind.CREEPING)
-    both = [(a, b) for a, b in zip(*tables, strict=True) if b["verdict"] not in unclear]
-    both = [(a, b) for a, b in both if a["verdict"] != Kind.UNDECIDED]
-    assert len(both) >= 7
-    assert {b["verdict"] for _, b in both} >= {Kind.CYCLE, Kind.DIVERGES, Kind.LINE}
-    assert [a["verdict"] for a, _ in both] == [b["verdict"] for _, b in both]

@@ -74,7 +74,13 @@ VARY = 'parameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]'
         ("pid]\ntune = {Kp = [1", "nctf]\ntune = {c = [-1", "c would be -10, expected within [0"),
         ("budget = 7", "budgt = 7", "tuning has no 'budgt'; nearest: budget"),
         ("plants = 5", "plants = 5\nperiod = -1.0", "period is -1, expected 0 or more"),
-        ("plants = 5", "plants = 5\nvoltage_limit = 36.0", "is now called command_limit"),
+        ("plants = 5", "plants = 1000000", "whole number, 2 to 100000"),
+        ("plants = 5", "plants = 1" + "0" * 400, "expected a finite number"),
+        ("plants = 5", "plants = 1" + "0" * 5000, "is not a TOML file"),
+        ("plants = 5", f"plants = {'[' * 9999}{']' * 9999}", "is not a TOML file"),
+        ("budget = 7", "budget = 90000\nseeds = 90000", "runs, expected at most 1e+07"),
+        ("plants = 5", "plants = 5\nperiod = 1e-300", "samples, expected at most 1e+07"),
+        ("tune = true", 'tune = "false"', "tune is 'false', expected true or false"),
         ("[controllers.pid]", "[controllers.pidd]", "pidd"),
         ("Kp =", "Kpp =", "no parameter 'Kpp'; there are Kd, Ki, Kp"),
         ("move:distance=0.01", "mov:distance=0.01", "mov:distance=0.01: there is no such file"),
@@ -167,3 +173,6 @@ def test_controllers_of_a_machine_begin_with_what_it_is_and_are_tuned_where_it_n
     without = 'params = "machine.toml"\n' + GOOD.replace("tune = {Kp = [10.0, 3000.0]}", "")
     with pytest.raises(BadPlan, match="has no limit of its command; give command_limit"):
         plan_of(tmp_path, without)
+    volts = GOOD.replace("[controllers.pid]", "[controllers.lqi]\n[controllers.pid]")
+    with pytest.raises(BadPlan, match="lqi is made for the voltage of a motor"):
+        plan_of(tmp_path, 'params = "machine.toml"\ncommand_limit = 500.0\n' + volts)

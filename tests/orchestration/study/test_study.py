@@ -17,7 +17,7 @@ from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import read_plan
 from ballscrew.orchestration.study.reading import BadPlan
-from ballscrew.orchestration.study.study import PARTS, do_study
+from ballscrew.orchestration.study.study import PARTS, do_study, loops_of, parts_of
 from ballscrew.orchestration.study.verdict import sentence
 from ballscrew.orchestration.whole_loop import loop_kernel, run_monolithic
 from ballscrew.orchestration.workers import Processes
@@ -119,6 +119,20 @@ def test_a_folder_of_another_study_is_left_alone(plan, folder, result):
         do_study(plan, folder, Processes(1))
     with pytest.raises(BadPlan, match="contains another study"):
         do_study(replace(plan, seed=2), folder, Processes(1), resume=True)
+
+
+def test_a_table_of_the_set_point_that_changed_makes_another_study(plan, folder, result, tmp_path):
+    """Judged or tuned on: its name is the same, its content is not."""
+    for k, duty in enumerate(plan.duties):
+        table, out = tmp_path / "ref.csv", tmp_path / f"out{k}"
+        table.write_text("time,x_d\n0,0\n0.4,0.01\n")
+        changed = replace(duty, reference=str(table))
+        now = replace(plan, duties=(*plan.duties[:k], changed, *plan.duties[k + 1 :]))
+        loops = loops_of(now)
+        list(parts_of(now, loops, out / PARTS).results({"a.json": (1,)}, abs, Processes(1)))
+        table.write_text("time,x_d\n0,0\n0.4,0.02\n")
+        with pytest.raises(BadPlan, match="contains another study"):
+            do_study(now, out, Processes(1), resume=True)
 
 
 @pytest.mark.ci

@@ -77,3 +77,15 @@ def test_failed_runs_are_said_and_lose_the_duty():
     assert weaknesses(found) == ["1 runs FAILED, of p_pi"]
     none = study(ERRORS, {"p_pi": FINE, "pid": FINE}, [(n, d) for n in ERRORS for d in ERRORS[n]])
     assert sentence(none) == "No controller completed any duty"
+
+
+def test_two_tunings_of_which_one_failed_cannot_tell_and_the_words_say_so():
+    found = study(ERRORS, {"p_pi": FINE, "pid": FINE})
+    figures = {n: f.copy() for n, f in found.figures.items()}
+    figures["rms_error"][1, 1] *= 1e4  # the second tuning of pid
+    found = concluded(found.plan, found.tunings, figures, {}, {}, {})
+    answer = next(a for a in found.answers if a.duty == "move")
+    assert (answer.best, answer.unclear) == (("p_pi",), ("pid",))
+    assert "at 4 of them 2 tunings on 8 plants cannot tell whether" in sentence(found)
+    facts = dict(SwapStudy.of(found).facts())
+    assert facts["move"].endswith("; 2 tunings on 8 plants cannot tell it from pid")

@@ -1,0 +1,89 @@
+"""FMUs and controllers of one's own in `tune` and `study`: the same answers as by equations."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+import ballscrew
+from ballscrew.cli import main
+from ballscrew.fmus.catalogue import fmu
+from ballscrew.orchestration.study.plan import read_plan
+from ballscrew.orchestration.study.study import loops_of, tuned_and_judged
+from ballscrew.orchestration.workers import Processes
+
+pytestmark = pytest.mark.ci
+STUDY = """version = 1
+plants = 2
+[controllers.pid]
+tune = {Kp = [50.0, 2000.0]}
+[controllers.file]
+component = "PATH"
+tune = {Kp = [50.0, 2000.0]}
+[[duty]]
+name = "there"
+reference = "step:size=1e-3"
+stop = 0.2
+tune = true
+[[duty]]
+name = "back"
+reference = "step:size=-1e-3"
+stop = 0.2
+[[vary]]
+parameters = ["m"]
+uniform = [1.0, 1.5]
+[tuning]
+budget = 2
+plants = 0
+seeds = 1
+"""
+OWN = """from dataclasses import replace
+
+from ballscrew.controllers.pid import pid
+
+
+def mine():
+    kp, *others = pid().parameters
+    limited = replace(kp, minimum=100.0, maximum=900.0)
+    return replace(pid(), name="mine", parameters=(limited, *others))
+"""
+
+
+@pytest.fixture(scope="module")
+def pid_file(tmp_path_factory):
+    """The PID as an FMU of somebody."""
+    return shutil.copy(fmu("pid"), tmp_path_factory.mktemp("theirs") / "theirs.fmu")
+
+
+def test_an_fmu_is_judged_like_the_equations_that_it_holds(tmp_path, pid_file):
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY.replace("PATH", str(pid_file)))
+    plan = read_plan(path)
+    loops = loops_of(plan)
+    values = {"controller_Kp": 300.0, "controller_Ki": 0.0, "plant_m": 1.4}  # no state: held alone
+    own, file = (loops[n].run(values, plan.duties[0].signal(), 0.2, 1e-8) for n in ("pid", "file"))
+    np.testing.assert_allclose(file.position, own.position, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(file.command[:-1], own.command[:-1], rtol=0, atol=1e-6)
+    tunings, figures = tuned_and_judged(plan, loops, tmp_path / "parts", Processes(1))
+    costs = [tunings[name][0].published_cost for name in ("pid", "file")]
+    assert costs[1] == pytest.approx(costs[0], rel=1e-2)
+    assert tunings["file"][0].tried == 4
+    assert np.isfinite(figures["rms_error"]).all()
+
+
+def test_a_study_with_an_fmu_is_done_by_the_command(tmp_path, pid_file, capsys):
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY.replace("PATH", str(pid_file)))
+    words = ["study", str(path), "--workers", "1", "--out", str(tmp_path / "out")]
+    assert main(words) == 0, capsys.readouterr().err
+    path.write_text(STUDY.replace("PATH", str(pid_file)).replace("Kp =", "Kq =", 2))
+    assert main([*words[:-1], str(tmp_path / "bad")]) == 2
+
+
+def test_what_is_ones_own_is_tuned_within_the_limits_of_its_parameters(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(OWN)
+    found = ballscrew.tune("mine.py:mine", budget=2, reference="step:size=1e-3", stop=0.2)
+    (gain,) = found.gains
+    assert (gain.name, gain.low, gain.high) == ("Kp", 100.0, 900.0)
+    assert found.margins
