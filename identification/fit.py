@@ -26,9 +26,10 @@ information on the delays, and never smaller than `FLOOR`.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -45,11 +46,18 @@ from .fitted_law import LAWS, MASS, OFFSET, FittedLaw, claim_of
 from .law_along_record import KINDS
 from .layout import StackedRecords, lay_out
 from .likelihood import Problem
+from .motion_parts import least_squares, way_since_reversal
 from .optimizer import Climb
 
 Vector = npt.NDArray[np.float64]
 Start = dict[str, float]
 
+_FAST = 0.3  # share of the fast speed above which the curve is nearly straight
+_SLID = 3.0  # presliding distances after a reversal, until the friction is that of sliding
+_SLOWEST, _WIDTHS = 0.005, 15  # least Vs over the fast speed, and number of those tried
+_APART = math.log(4.0)  # distance between the Vs of two first guesses
+_STARTS = 3
+_ENOUGH = 50  # samples in sliding
 _UNTIL_COMPARED = 12  # iterations from each first guess; after five, the wrong one may be better
 
 
@@ -59,7 +67,6 @@ def fit_along(
     course: StackedRecords | None = None,
     tied: bool | None = None,
     guess: Mapping[str, float] | None = None,
-    follow: bool = True,
     fixed: Mapping[str, float] | None = None,
     beside: Collection[str] = (),
 ) -> Fit:
@@ -76,8 +83,6 @@ def fit_along(
         Whether both directions have the same parameters; by default as in the law.
     guess : mapping of str to float, optional
         First guesses of all parameters.
-    follow : bool, optional
-        Whether wide intervals are computed from the profile likelihood.
     fixed : mapping of str to float, optional
         Values of fixed parameters, by the law's names. They hold in both directions, unless the
         name ends in ``_pos`` or ``_neg``. `OFFSET` may also be fixed.
@@ -90,15 +95,17 @@ def fit_along(
     described = replace(LAWS[law], offset=OFFSET in {*beside, *fixed}, mass=mass)
     tied = not described.directional if tied is None else tied
     course = lay_out(records) if course is None else course
-    course = course.with_mass(_first_mass(course)) if mass else course
+    constant = fixed.get(OFFSET, (guess or {}).get(OFFSET, 0.0))
+    if guess:
+        starts = [np.ones(len(described.parameters))]
+        course = course.with_mass(guess[MASS]) if mass else course
+    else:
+        sliding = _fast_sliding(course, replace(described, offset=OFFSET in beside), constant)
+        course, constant = course.with_mass(sliding.mass), sliding.offset
+        starts = _starts(course, described, sliding)
     problem = Problem(course, described, tied)
     best: Climb | None = None
     lowest = math.inf
-    constant = fixed.get(OFFSET, _first_offset(course) if described.offset else 0.0)
-    starts = _starts(course, described, constant)
-    if guess:
-        constant = fixed.get(OFFSET, guess.get(OFFSET, 0.0))
-        starts = [np.array([guess[n] for n in described.parameters])]
     names, _ = fitted_names(described, tied)
     held = [j for j, n in enumerate(names) if n in fixed or without_direction(n) in fixed]
     hidden: Vector | None = None  # from the first guess, so that costs are comparable
@@ -106,7 +113,8 @@ def fit_along(
         sides = [start] if tied else [start, start.copy()]
         for side, end in zip(sides, ("",) if tied else ("_pos", "_neg"), strict=True):
             for k, name in enumerate(described.parameters):
-                side[k] = fixed.get(name + end, fixed.get(name, side[k]))
+                for given in (guess or {}, fixed):
+                    side[k] = given.get(name + end, given.get(name, side[k]))
         parts = [LAWS[law].coordinates_of(side) for side in sides]
         parts += [np.log([course.mass])] if described.mass else []
         parts += [np.array([constant])] if described.offset else []
@@ -124,52 +132,62 @@ def fit_along(
             reached = math.exp(best.point.coordinates[problem.of_law])
             problem.course = problem.course.with_mass(reached)
     fit = sum_up(best, cost)
-    return replace(fit, intervals=intervals_of(fit, best, follow, fixed))
+    return replace(fit, intervals=intervals_of(fit, best, fixed))
 
 
-def _first_mass(course: StackedRecords) -> float:
-    """Mass from a regression on acceleration, Coulomb and viscous friction and a load [kg]."""
+@dataclass(frozen=True)
+class _Sliding:
+    """Mass [kg], constant force and dry friction [N] and viscous friction [N s/m] at speed."""
+
+    mass: float
+    offset: float = 0.0
+    dry: float = 0.0
+    viscous: float = 0.0
+
+
+def _fast_sliding(course: StackedRecords, law: FittedLaw, offset: float) -> _Sliding:
+    """Least squares where the friction over the speed is nearly straight.
+
+    A column that the motion does not show is left out: a constant force with one direction, a
+    viscous slope with one speed.
+    """
     v, a = course.v, course.inertial / course.mass
-    moving = np.abs(v) > 0.05 * float(np.quantile(np.abs(v), 0.98))
-    columns = np.column_stack([a, np.sign(v), v, np.ones(len(v))])[moving]
-    size = np.maximum(np.abs(columns).max(axis=0), 1e-30)
-    told, *_ = np.linalg.lstsq(columns / size, course.force[moving])
-    found = float(told[0] / size[0])
+    fast = np.abs(v) > _FAST * float(np.quantile(np.abs(v), 0.98))
+    columns = {"dry": np.sign(v), "viscous": v, "offset": np.ones(len(v)), "mass": a}
+    one_way = abs(float(np.sign(v[fast]).sum())) == np.count_nonzero(fast)
+    one_speed = float(np.ptp(np.abs(v[fast]))) < 0.2 * float(np.abs(v[fast]).max())
+    shown = {"dry": True, "viscous": not one_speed, "mass": law.mass}
+    shown["offset"] = law.offset and not one_way
+    names = [n for n in columns if shown[n]]
+    target = course.force - offset - (0.0 if law.mass else course.inertial)
+    told = least_squares(np.column_stack([columns[n] for n in names])[fast], target[fast])
+    found = {"mass": 0.0 if law.mass else course.mass} | dict(zip(names, told, strict=True))
     # if the motion does not show a mass: a mass whose force is a tenth of the friction
     usual = 0.1 * course.level / max(float(np.quantile(np.abs(a), 0.98)), 1e-12)
-    return found if found > 0.1 * usual else usual
+    if law.mass and found["mass"] < 0.1 * usual:
+        found["mass"] = usual
+    return _Sliding(**found | {"offset": offset + found.get("offset", 0.0)})
 
 
-def _first_offset(course: StackedRecords) -> float:
-    """Mean of the friction of both directions, as an offset [N]; 0 with one direction only."""
-    friction = course.force - course.inertial
-    fast = 0.3 * float(np.quantile(np.abs(course.v), 0.98))
-    sides = [friction[course.v > fast], friction[course.v < -fast]]
-    return 0.5 * sum(float(np.median(s)) for s in sides) if all(map(len, sides)) else 0.0
-
-
-def _starts(course: StackedRecords, law: FittedLaw, offset: float) -> list[Vector]:
+def _starts(course: StackedRecords, law: FittedLaw, sliding: _Sliding) -> list[Vector]:
     """First guesses from rough features of the friction-velocity map."""
-    friction = course.force - course.inertial - offset
-    pull = np.abs(friction)
-    speed = np.abs(course.v)
+    friction = course.force - course.inertial - sliding.offset
+    pull, speed = np.abs(friction), np.abs(course.v)
     top = float(np.quantile(speed, 0.98))
-    fast = speed > 0.3 * top
     high = max(float(np.quantile(pull, 0.97)), 1e-3)
-    level = max(float(np.quantile(pull[fast], 0.1)), 0.05 * high)
-    slope = np.polyfit(speed[fast], pull[fast], 1) if np.ptp(speed[fast]) > 0.2 * top else (0, 0)
-    viscous = float(np.clip(slope[0], 0.02 * high / top, high / top))
+    level = max(float(np.quantile(pull[speed > _FAST * top], 0.1)), 0.05 * high)
+    dry = np.abs(friction - max(sliding.viscous, 0.0) * course.v)
+    most = max(float(np.quantile(dry, 0.97)), 1e-3)
     stiffness = []
     for r in range(course.records):
         part = slice(course.starts[r], course.starts[r + 1])
         way = np.abs(course.x[part] - course.x[course.starts[r]])
-        early = (pull[part] > 0.15 * high) & (pull[part] < 0.6 * high) & (way > course.blur[part])
-        first = np.flatnonzero(pull[part] > 0.7 * high)
+        early = (dry[part] > 0.15 * most) & (dry[part] < 0.6 * most) & (way > course.blur[part])
+        first = np.flatnonzero(dry[part] > 0.7 * most)
         early[first[0] if len(first) else len(early) :] = False
         if np.any(early):
-            stiffness.append(float(np.median(pull[part][early] / way[early])))
-    sigma = 1.3 * float(np.median(stiffness)) if stiffness else high / 3e-5
-    mass = 1.0
+            stiffness.append(float(np.median(dry[part][early] / way[early])))
+    sigma = 1.3 * float(np.median(stiffness)) if stiffness else most / 3e-5
     if law.name == "dahl":
         starts = [{"sigma": sigma, "Fc": high, "alpha": a} for a in (1.0, 2.0)]
     elif law.name == "bliman_sorine":
@@ -181,23 +199,50 @@ def _starts(course: StackedRecords, law: FittedLaw, offset: float) -> list[Vecto
     elif law.name not in KINDS:
         starts = _scaled_defaults(law.name, high, sigma, top)
     else:
-        base = max(level - viscous * 0.3 * top, 0.3 * level)
         elements = {p.name: p.default for p in MAXWELL_SLIP}
+        elements |= {f"k{i}": sigma / ELEMENTS for i in range(1, ELEMENTS + 1)}
+        bristles = {"sigma0": sigma, "sigma1": 2 * math.sqrt(sigma)}
         starts = [
-            elements
-            | {f"k{i}": sigma / ELEMENTS for i in range(1, ELEMENTS + 1)}
-            | {
-                "C": sigma * share * top,
-                "sigma0": sigma,
-                "sigma1": 2 * math.sqrt(sigma * mass),
-                "sigma2": viscous,
-                "Fc": base,
-                "Fs": max(high, 1.1 * base),
-                "Vs": share * top,
-            }
-            for share in (0.07, 0.25, 0.6)
+            elements | bristles | curve | {"C": sigma * curve["Vs"]}
+            for curve in _stribeck_curves(course, friction, most / sigma)
         ]
     return [np.array([s[n] for n in law.parameters]) for s in starts]
+
+
+def _stribeck_curves(course: StackedRecords, friction: Vector, yielding: float) -> list[Start]:
+    """The curves over the speed with the least squares, their Vs far from each other.
+
+    Parameters
+    ----------
+    course : StackedRecords
+    friction : ndarray, shape (n,)
+        [N]
+    yielding : float
+        Presliding distance [m], within a few of which the force is not the curve's.
+    """
+    pull, speed = friction * np.sign(course.v), np.abs(course.v)
+    top = float(np.quantile(speed, 0.98))
+    ways = [
+        way_since_reversal(course.x[a:b], course.v[a:b])[0]
+        for a, b in itertools.pairwise(course.starts)
+    ]
+    slid = (np.concatenate(ways) > _SLID * yielding) & (speed > _SLOWEST * top)
+    slid = slid if np.count_nonzero(slid) > _ENOUGH else speed > 0.3 * top
+    found = []
+    for width in np.geomspace(_SLOWEST, 0.6, _WIDTHS) * top:
+        fall = np.exp(-((speed[slid] / width) ** 2))
+        columns = np.column_stack([np.ones(len(fall)), speed[slid], fall])
+        told = least_squares(columns, pull[slid])
+        found.append((float(np.sum((columns @ told - pull[slid]) ** 2)), width, told))
+    found.sort(key=lambda c: c[0])
+    curves: list[Start] = []
+    for _, width, (dry, viscous, peak) in found:
+        if all(abs(math.log(width / c["Vs"])) > _APART for c in curves):
+            base = max(dry, 0.05 * float(pull.max()))
+            top_of = max(base + peak, 1.1 * base)
+            slope = max(viscous, 0.02 * base / top)
+            curves.append({"Fc": base, "Fs": top_of, "Vs": width, "sigma2": slope})
+    return curves[:_STARTS]
 
 
 def _scaled_defaults(name: str, force: float, stiffness: float, speed: float) -> list[Start]:

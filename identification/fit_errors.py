@@ -21,10 +21,12 @@ Matrix = npt.NDArray[np.float64]
 
 PIECE = 1.0  # length of pieces taken as independent [s]
 _NO_BOUND = 20.0  # half-width in logarithms beyond which an interval is unbounded
-_WALD = 0.25  # half-width in logarithms beyond which the profile likelihood is used
 # Smallest standard error of a logarithm: errors by counts and by smoothing between samples have
 # this size on records of the closed-loop rig, and more data do not reduce them.
 FLOOR = 2e-3
+# The same of a delay, in sampling intervals: friction at a reversal depends on the time in it.
+LATE_FLOOR = 0.25
+_LATEST = 25.0  # prior standard deviation of a delay of which nothing is known, in the same
 # Parameters whose relative error is at most that of the presliding distance
 _ELASTIC = ("sigma0", "sigma", "alpha", "eps_f", "k1", "k2", "k3", "k4")
 _FROM_PIECES = "maximum likelihood, errors from pieces of the records"
@@ -34,46 +36,19 @@ def sum_up(climb: Climb, cost: float) -> Fit:
     problem, point = climb.problem, climb.point
     course = problem.course
     pieces = climb.normal(point)
-    columns, own = pieces.columns, pieces.own
-    q, p = len(columns), problem.size
-    inverse = np.asarray(np.linalg.inv(pieces.information), dtype=float)
-    prior = climb.prior_std**-2
-    meat, share = _from_pieces(climb, pieces, inverse)
-    robust = (inverse @ meat @ inverse)[:p, :p]
-    blind = pieces.information.copy()
+    q, p = len(pieces.columns), problem.size  # parameters and delays; parameters
     clocks = np.arange(p, q)
+    inverse = _inverse(pieces.information)
+    blind = pieces.information.copy()
     blind[clocks, clocks] -= _told_of_delays(climb, pieces)
-    cautious = np.linalg.inv(blind)
-    plain = cautious[:p, :p]
-    rounding = course.resolution**2 / 12
-    spread = climb.spread(point) ** 2 + rounding
-    white = (spread - climb.hidden) / spread
-    moved = [inverse[:p] @ climb.pull(pieces, problem.weight[0] * e) for e in climb.errors]
-    of_motion = np.mean(np.square(moved), axis=0)
-    whole = inverse[:p] ** 2 @ prior
-    short = with_backlash(course.x, course.starts, course.backlash)
-    more = climb.force_on(np.stack([short, course.v, course.inertial])) - climb.force(point)
-    rounded = (inverse[:p] @ climb.pull(pieces, problem.weight[0] * more)) ** 2
-    heard = _of_noise(climb, pieces, inverse, white)
-    least = heard + of_motion + np.maximum(np.diag(plain) - np.diag(inverse)[:p], 0.0)
-    for r in range(course.records):  # each entire record as one piece
-        part = slice(course.starts[r], course.starts[r + 1])
-        own_places = q + r + course.records * np.arange(OWN)
-        at = np.concatenate([np.arange(q), own_places])
-        local = np.vstack([columns[:, part], own[:, part]])
-        said = inverse[:p][:, at] @ (local @ problem.gradient[0, part])
-        whole += said**2
-    scale = np.sqrt(np.maximum(np.maximum(least, whole) / np.diag(robust), 1.0))
-    covariance = robust * np.outer(scale, scale)
+    cautious = _inverse(blind)
+    doubt = np.maximum(np.diag(cautious) - np.diag(inverse), 0.0)[:q]
+    covariance, freedom = _robust(climb, pieces, inverse, climb.prior_std, doubt)
     floor = np.full(p, FLOOR)
     floor[problem.logarithms :] *= course.level
-    covariance[np.diag_indices(p)] += floor**2 + rounded + _of_sensors(climb)
-    # Satterthwaite's degrees of freedom; prior information counts as certain
-    known = np.einsum("ij,j,ij->i", inverse[:p], prior, inverse[:p])
-    squares = np.maximum((share**2).sum(axis=0), 1e-300)
-    freedom = np.maximum((share.sum(axis=0) + known) ** 2 / squares, 2.0)
+    covariance[np.diag_indices(p)] += floor**2 + _of_sensors(climb)
     # unknowns of single records and the noise are eliminated
-    kept = np.linalg.inv(cautious[:q, :q])
+    kept = _inverse(cautious[:q, :q])
     names, units = fitted_names(problem.law, problem.tied)
     return Fit(
         law=problem.law,
@@ -82,20 +57,96 @@ def sum_up(climb: Climb, cost: float) -> Fit:
         units=units,
         coordinates=point.coordinates,
         delays=point.delays,
+        late=_late(climb, pieces),
         shifts=point.shifts,
         noise=math.exp(point.noise),
         cost=cost,
         information=kept,
-        sharpest=np.diag(inverse)[:p].copy(),
-        covariance=covariance,
-        freedom=freedom,
+        covariance=covariance[:p, :p],
+        freedom=freedom[:p],
         predicted=np.where(problem.spoken, climb.force(point), course.force),
         spoken=problem.spoken,
         hidden=problem.unseen(climb.force(point)) + np.mean(climb.errors**2, axis=0),
     )
 
 
-def _from_pieces(climb: Climb, pieces: Pieces, inverse: Matrix) -> tuple[Matrix, Matrix]:
+def _inverse(matrix: Matrix) -> Matrix:
+    """Inverse of an information, of unknowns of very different sizes."""
+    size = np.sqrt(np.diag(matrix))
+    both = np.outer(size, size)
+    return np.asarray(np.linalg.inv(matrix / both) / both, dtype=float)
+
+
+def _robust(
+    climb: Climb, pieces: Pieces, inverse: Matrix, prior_std: Vector, doubt: Vector
+) -> tuple[Matrix, Vector]:
+    """Covariance of parameters and delays, and degrees of freedom of each.
+
+    Parameters
+    ----------
+    climb : Climb
+    pieces : Pieces
+    inverse : ndarray, shape (unknowns, unknowns)
+        Of the information.
+    prior_std : ndarray, shape (unknowns,)
+        Contained in the information.
+    doubt : ndarray, shape (parameters and delays,)
+        Least variances in addition to those of noise and motion.
+    """
+    problem, course = climb.problem, climb.problem.course
+    q, prior = len(pieces.columns), prior_std**-2
+    rows = inverse[:q]
+    meat, share = _from_pieces(climb, pieces, inverse, prior)
+    robust = rows @ meat @ rows.T
+    rounding = course.resolution**2 / 12
+    spread = climb.spread(climb.point) ** 2 + rounding
+    white = (spread - climb.hidden) / spread
+    moved = [rows @ climb.pull(pieces, problem.weight[0] * e) for e in climb.errors]
+    of_motion = np.mean(np.square(moved), axis=0)
+    whole = rows**2 @ prior
+    short = with_backlash(course.x, course.starts, course.backlash)
+    more = climb.force_on(np.stack([short, course.v, course.inertial])) - climb.force(climb.point)
+    rounded = (rows @ climb.pull(pieces, problem.weight[0] * more)) ** 2
+    least = _of_noise(climb, pieces, inverse, white, prior) + of_motion + doubt
+    for r in range(course.records):  # each entire record as one piece
+        part = slice(course.starts[r], course.starts[r + 1])
+        own_places = q + r + course.records * np.arange(OWN)
+        at = np.concatenate([np.arange(q), own_places])
+        local = np.vstack([pieces.columns[:, part], pieces.own[:, part]])
+        whole += (rows[:, at] @ (local @ problem.gradient[0, part])) ** 2
+    scale = np.sqrt(np.maximum(np.maximum(least, whole) / np.diag(robust), 1.0))
+    covariance = robust * np.outer(scale, scale)
+    covariance[np.diag_indices(q)] += rounded
+    # Satterthwaite's degrees of freedom; prior information counts as certain
+    known = np.einsum("ij,j,ij->i", rows, prior, rows)
+    squares = np.maximum((share**2).sum(axis=0), 1e-300)
+    return covariance, np.maximum((share.sum(axis=0) + known) ** 2 / squares, 2.0)
+
+
+def _late(climb: Climb, pieces: Pieces) -> tuple[Interval, ...]:
+    """Delays by the records alone: one step of the fit, without what was known before [s]."""
+    problem, course = climb.problem, climb.problem.course
+    clocks = np.arange(problem.size, len(pieces.columns))
+    step = course.step[np.unique(course.clock, return_index=True)[1]]
+    wide = climb.prior_std.copy()
+    wide[clocks] = _LATEST * step
+    less = wide[clocks] ** -2 - problem.clock_std**-2
+    free = pieces.information.copy()
+    free[clocks, clocks] += less
+    inverse = _inverse(free)
+    delays = climb.point.delays - inverse[np.ix_(clocks, clocks)] @ (less * climb.point.delays)
+    covariance, freedom = _robust(climb, pieces, inverse, wide, np.zeros(len(pieces.columns)))
+    errors = np.sqrt(np.diag(covariance)[clocks] + (LATE_FLOOR * step) ** 2)
+    reach = student.ppf(0.5 + CONFIDENCE / 2, freedom[clocks]) * errors
+    return tuple(
+        Interval(float(d), "s", float(e), float(d - r), float(d + r), _FROM_PIECES, True)
+        for d, e, r in zip(delays, errors, reach, strict=True)
+    )
+
+
+def _from_pieces(
+    climb: Climb, pieces: Pieces, inverse: Matrix, prior: Vector
+) -> tuple[Matrix, Matrix]:
     """Sum of the outer products of the pieces' scores, and each piece's share.
 
     The score of a piece depends on the global unknowns and on those of one record.
@@ -103,8 +154,8 @@ def _from_pieces(climb: Climb, pieces: Pieces, inverse: Matrix) -> tuple[Matrix,
     problem = climb.problem
     course = problem.course
     columns, own, noisy = pieces.columns, pieces.own, pieces.noisy
-    q, p = len(columns), problem.size
-    meat = np.diag(climb.prior_std**-2)
+    q = len(columns)
+    meat = np.diag(prior)
     shares: list[Vector] = []
     for r in range(course.records):
         begin, end = int(course.starts[r]), int(course.starts[r + 1])
@@ -123,7 +174,7 @@ def _from_pieces(climb: Climb, pieces: Pieces, inverse: Matrix) -> tuple[Matrix,
             # leverage: the score of the piece if it had not been used in the fit
             said = np.linalg.solve(np.eye(len(at)) - block @ inverse[np.ix_(at, at)], said)
             meat[np.ix_(at, at)] += np.outer(said, said)
-            arms = inverse[:p][:, at]
+            arms = inverse[:q][:, at]
             shares.append(np.einsum("ij,jk,ik->i", arms, block, arms))
     return meat, np.array(shares)
 
@@ -152,15 +203,16 @@ def _of_sensors(climb: Climb) -> Vector:
     return variances
 
 
-def _of_noise(climb: Climb, pieces: Pieces, inverse: Matrix, white: Vector) -> Vector:
-    """Variances of the coordinates due to force noise and prior spreads."""
+def _of_noise(
+    climb: Climb, pieces: Pieces, inverse: Matrix, white: Vector, prior: Vector
+) -> Vector:
+    """Variances of coordinates and delays due to force noise and prior spreads."""
     problem = climb.problem
-    p, q = problem.size, len(pieces.columns)
+    q = len(pieces.columns)
     owner, records = problem.owner, problem.course.records
     weight = problem.weight[0] * white
-    variances = np.empty(p)
-    prior = climb.prior_std**-2
-    for j in range(p):
+    variances = np.empty(q)
+    for j in range(q):
         arm = inverse[j]
         own = arm[q : q + OWN * records].reshape(OWN, records)
         along = arm[:q] @ pieces.columns
@@ -197,9 +249,7 @@ def _told_of_delays(climb: Climb, pieces: Pieces) -> Vector:
     return told
 
 
-def intervals_of(
-    fit: Fit, climb: Climb, follow: bool, fixed: Mapping[str, float]
-) -> dict[str, Interval]:
+def intervals_of(fit: Fit, climb: Climb, fixed: Mapping[str, float]) -> dict[str, Interval]:
     values = fit.law.values_at(fit.coordinates)
     quantile = student.ppf(0.5 + CONFIDENCE / 2, fit.freedom)
     variances = np.diag(fit.covariance)  # may be negative by rounding, if a coordinate is unknown
@@ -242,13 +292,10 @@ def intervals_of(
             low, high = (float(b) for b in np.percentile(drawn[:, j], [tail, 100 - tail]))
             error = float(np.subtract(*np.percentile(drawn[:, j], [84.13, 15.87]))) / 2 / value
             method = _FROM_PIECES + ", drawn"
-        elif reach < _WALD or not follow:
+        else:
             known = reach < _NO_BOUND
             low, high = (value * math.exp(s * reach) if known else None for s in (-1, 1))
             method = _FROM_PIECES
-        else:
-            low, high = profile_bounds(climb, fit, j, reach**2 / float(fit.sharpest[j]))
-            method = "profile likelihood"
         intervals[name] = Interval(
             value=value,
             unit=fit.units[j],
@@ -259,37 +306,3 @@ def intervals_of(
             identified=is_narrow(value, low, high),
         )
     return intervals
-
-
-def profile_bounds(
-    climb: Climb, fit: Fit, j: int, stretch: float
-) -> tuple[float | None, float | None]:
-    """Values at which twice the loss of profile log-likelihood first exceeds `stretch`."""
-    centre = float(fit.coordinates[j])
-    bounds: list[float | None] = []
-    for sign in (-1.0, 1.0):
-        held = [j, *climb.held]
-        walk = Climb(climb.problem, climb.point.coordinates, held, climb.hidden)
-        walk.centre = climb.centre
-        walk.prior_std = climb.prior_std.copy()
-        walk.prior_std[j] = 1e6  # the bound should come from the data
-        walk.point = climb.point.moved(np.zeros(len(climb.prior_std)))
-        base = walk.cost(walk.point)
-        # the others are first moved by the information at the fit, then fitted
-        ridge = np.linalg.inv(walk.normal(walk.point).information)[j]
-        ridge /= ridge[j]
-        bound: float | None = None
-        before, lost_before = 0.0, 0.0
-        for distance in (0.15, 0.35, 0.6, 1.0, 1.6, 2.4, 3.4):
-            walk.point = walk.point.moved(sign * (distance - before) * ridge)
-            walk.point.coordinates[j] = centre + sign * distance
-            lost = 2 * (walk.run(3) - base)
-            if lost > stretch:
-                # the loss is nearly proportional to the square of the distance
-                inner, outer = math.sqrt(lost_before), math.sqrt(lost)
-                share = (math.sqrt(stretch) - inner) / (outer - inner)
-                bound = math.exp(centre + sign * (before + share * (distance - before)))
-                break
-            before, lost_before = distance, max(lost, lost_before)
-        bounds.append(bound)
-    return bounds[0], bounds[1]

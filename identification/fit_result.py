@@ -29,6 +29,8 @@ class Fit:
     coordinates : ndarray, shape (p,)
     delays : ndarray, shape (clocks,)
         Delays of the force [s].
+    late : tuple of Interval
+        Delays by the records alone, with their intervals.
     shifts : ndarray, shape (records,)
         Displacement of each record before its first sample [m].
     noise : float
@@ -37,8 +39,6 @@ class Fit:
         Minus the logarithm of likelihood and prior.
     information : ndarray, shape (p + clocks, p + clocks)
         Expected information, unknowns of single records eliminated.
-    sharpest : ndarray, shape (p,)
-        Variances by the likelihood alone, with its information on the delays.
     covariance : ndarray, shape (p, p)
         Covariance of the coordinates.
     freedom : ndarray, shape (p,)
@@ -58,11 +58,11 @@ class Fit:
     units: tuple[str, ...]
     coordinates: Vector
     delays: Vector
+    late: tuple[Interval, ...]
     shifts: Vector
     noise: float
     cost: float
     information: Matrix
-    sharpest: Vector
     covariance: Matrix
     freedom: Vector
     predicted: Vector

@@ -10,12 +10,13 @@ signals are shifted to the lag of the force.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
+from scipy.ndimage import uniform_filter1d
 
 from ..records.record import Record
 from ..records.resolution import fast_noise, held_samples, resolution_of
@@ -33,6 +34,8 @@ _TELLING = 0.4  # least weight of a sample used to choose the strength of smooth
 _SLOWEST = 60  # samples in a count beyond which the weight of its end does not grow
 _AT_REST = 1e8  # weight of the condition of rest
 _STRONGER = 10.0
+_SPAN = 5  # samples over which a speed is taken
+_SHAKEN = 2.0  # errors at speed over those at rest from which sampling instants are uncertain
 _STRONGEST = 1e10  # weight of second differences that already gives a straight line
 
 
@@ -47,7 +50,9 @@ class SmoothedMotion:
     bent : ndarray, shape (n,)
         Estimated error of the position due to smoothing [m].
     noise : float
-        Standard deviation of the measured position [m].
+        Standard deviation of the measured position at rest [m].
+    jitter : float
+        Standard deviation of the sampling instants [s]: the position's error grows with the speed.
     resolution : float
         Step of a quantized position [m]; 0 if it is not quantized.
     bandwidth : float
@@ -69,6 +74,7 @@ class SmoothedMotion:
     a: Vector
     bent: Vector
     noise: float
+    jitter: float
     resolution: float
     bandwidth: float
     step: float
@@ -78,11 +84,16 @@ class SmoothedMotion:
     held: npt.NDArray[np.int64]
 
     @property
+    def spread(self) -> Vector:
+        """Standard deviation of the measured position [m], shape (n,)."""
+        return np.asarray(np.hypot(self.noise, self.jitter * self.v), dtype=float)
+
+    @property
     def blur(self) -> Vector:
         """Standard deviation of the smoothed position [m]; larger towards the end, shape (n,)."""
         left = self.step * np.arange(len(self.x))[::-1]
         inner = math.sqrt(min(1.0, 2 * self.bandwidth * self.step))
-        of_noise = self.noise * (inner + (1 - inner) * np.exp(-2 * self.bandwidth * left))
+        of_noise = self.spread * (inner + (1 - inner) * np.exp(-2 * self.bandwidth * left))
         return np.asarray(np.hypot(of_noise, self.bent), dtype=float)
 
 
@@ -146,13 +157,16 @@ def smooth_motion(
     before = _REST if from_rest else 0
     position = np.concatenate([np.full(before, position[0]), position])
     n = len(position)
+    speed = np.abs(np.gradient(uniform_filter1d(position, _SPAN), step))
     if like:
-        resolution, noise = like.resolution, like.noise
+        resolution, noise, jitter = like.resolution, like.noise, like.jitter
         held = np.concatenate([np.arange(before), before + like.held]) if before else like.held
     else:
         resolution = resolution_of(position) if counted else 0.0
         held = held_samples(position)
-        noise = fast_noise(position[held])
+        noise, jitter = fast_noise(position[held]), 0.0
+        if len(held) == n:
+            noise, jitter = _errors(position, speed, resolution)
     later -= (
         0.5 * step * ((n - before) / np.count_nonzero(held >= before) - 1)
     )  # a lag is counted from the middle of a held value
@@ -163,8 +177,10 @@ def smooth_motion(
     else:  # a grid finer than the noise comes from the digits of the file
         resolution = 0.0
     origin = float(position[0])
+    spread = np.hypot(noise, jitter * speed)
     readings = _readings(position - origin, resolution, held, before)
-    smooth, strength = _to_noise(readings, noise, resolution, like)
+    readings = readings.less_certain(spread / noise if noise else np.ones(n))
+    smooth, strength = _to_noise(readings, noise, resolution, spread - noise, like)
     times = step * (np.arange(n) - before)
     # if a stronger smoothing changes the course, this one changes it, too
     bent = np.abs(_smooth(readings, _STRONGER * strength) - smooth) if noise else 0 * smooth
@@ -173,7 +189,7 @@ def smooth_motion(
     v = spline(at, 1)
     a = np.gradient(v, step)
     # gain for a sine of frequency w: 1/(1 + strength*(2 sin(w h/2))^4)
-    usual = float(np.median(strength))
+    usual = float(np.median(strength * (spread[1:-1] / noise) ** 2)) if noise else 0.0
     half = 2 * math.asin(min(1.0, 0.5 * usual ** (-1 / 4))) if usual > 0 else math.pi
     x = spline(at)[before:] + origin
     bandwidth = half / (2 * math.pi * step)
@@ -183,6 +199,7 @@ def smooth_motion(
         a[before:],
         bent[before:],
         noise,
+        jitter,
         resolution,
         bandwidth,
         step,
@@ -210,14 +227,19 @@ class _Readings:
     weights: Vector
     edges: Vector
     still: Vector
+    telling: npt.NDArray[np.bool_]
+
+    def less_certain(self, factor: Vector) -> _Readings:
+        """The readings with errors larger by a factor of each, shape (n,)."""
+        edges = self.edges / (0.5 * (factor[1:] + factor[:-1])) ** 2
+        return replace(self, weights=self.weights / factor**2, edges=edges)
 
     def misfit(self, smooth: Vector) -> float:
         """Mean square of the residuals, equal to that of the noise after a good fit [m^2]."""
         off = smooth - self.data
-        telling = self.weights > _TELLING
         between = self.edges > 0
         passed = 0.25 * self.edges[between] * (off[1:] + off[:-1])[between] ** 2
-        told = self.weights[telling] * off[telling] ** 2
+        told = self.weights[self.telling] * off[self.telling] ** 2
         return max((float(np.mean(t)) for t in (told, passed) if len(t) >= _FEW), default=0.0)
 
 
@@ -235,22 +257,44 @@ def _readings(
     if not resolution:
         weights[held] = 1.0
         weights[:before] = 0.0
-        return _Readings(data, weights, edges, still)
+        return _Readings(data, weights, edges, still, weights > _TELLING)
     passed = np.flatnonzero(np.diff(data))
     lengths = np.diff(np.concatenate([[before - 1], passed, [n - 1]]))
     weights[before:] = np.repeat(1.0 / lengths, lengths)
     near = np.minimum(lengths[:-1], lengths[1:])
     single = np.abs(np.diff(data)[passed]) < 1.5 * resolution
     edges[passed] = np.where(single & (near > 1), 1.0 * np.minimum(near, _SLOWEST) ** 2, 0.0)
-    return _Readings(data, weights, edges, still)
+    return _Readings(data, weights, edges, still, weights > _TELLING)
+
+
+def _errors(position: Vector, speed: Vector, resolution: float) -> tuple[float, float]:
+    """Standard deviations of the position at rest [m] and of the sampling instants [s].
+
+    The instants are exact unless the position is far less certain at speed, from sample to sample.
+    """
+    moving = speed[2:-1] > 0.5 * float(np.quantile(speed, 0.98))
+    fast, slow = fast_noise(position, moving), fast_noise(position, ~moving)
+    third = np.diff(position, 3)[moving]
+    at_random = third[1:] @ third[:-1] < -0.5 * (third @ third)  # -0.75 of it for white errors
+    if not at_random or fast < _SHAKEN * max(slow, resolution / math.sqrt(12)):
+        return fast_noise(position), 0.0
+    squares = [float(np.mean(speed[2:-1][part] ** 2)) for part in (moving, ~moving)]
+    jitter = math.sqrt((fast**2 - slow**2) / (squares[0] - squares[1]))
+    at_rest = max(slow**2 - jitter**2 * squares[1], (0.05 * fast) ** 2)
+    return math.sqrt(at_rest), jitter
 
 
 def _to_noise(
-    readings: _Readings, noise: float, resolution: float, like: SmoothedMotion | None
+    readings: _Readings,
+    noise: float,
+    resolution: float,
+    more: Vector,
+    like: SmoothedMotion | None,
 ) -> tuple[Vector, Vector]:
     """The smooth course with residuals as large as the noise, and weights of second differences.
 
-    The weights of readings with too large residuals are increased.
+    The weights of readings with too large residuals are increased. `more` is what the speed adds to
+    the error of each [m].
     """
     data, weights = readings.data, readings.weights
     bends = len(data) - 2
@@ -266,7 +310,7 @@ def _to_noise(
         strength = _strength(readings, noise, 1.0 / calm)
     smooth = _smooth(readings, strength)
     for _ in range(8):  # a quantized position is known to within half a count
-        outside = np.abs(smooth - data) > (0.55 * resolution if resolution else 4 * noise)
+        outside = np.abs(smooth - data) > (0.55 * resolution or 4 * noise) + 4 * more
         outside &= weights > 0
         if not np.any(outside):
             break
@@ -353,7 +397,8 @@ def estimate_friction(record: Record) -> FrictionEstimate:
             else "; nothing to shift"
         ),
         f"position noise {motion.noise:.3g} m"
-        + (f" (counts of {motion.resolution:.4g} m)" if motion.resolution else ""),
+        + (f" (counts of {motion.resolution:.4g} m)" if motion.resolution else "")
+        + (f", sampled at instants known to {1e6 * motion.jitter:.3g} us" * (motion.jitter > 0)),
         f"friction noise {noise:.3g} N a sample"
         + (f", load cell in steps of {resolution:.3g} N" if resolution else ""),
     ]

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from .fit_result import Fit, without_direction
+from .fit_result import DRAWN, Fit, draw_coordinates, without_direction
 from .fitted_law import BRISTLES, MASS, OFFSET
 from .intervals import NARROW
 from .layout import StackedRecords
@@ -32,6 +32,7 @@ _FINE = 1 / 160  # noise of a fine position sensor, as a share of the amplitude
 _FAST = 5e-4  # sampling interval of a fast acquisition [s]
 _SHAKEN = 10.0  # frequency of a shaken trial [Hz]
 _LONGEST = 20.0  # longest record [s]
+_MADE_UP = 0.5  # others make up for it, if its error would be less than this share without them
 _SLIDES = 100.0  # amplitude of a sliding motion over the presliding distance
 
 
@@ -248,35 +249,17 @@ def _course(option: CandidateTrial, noise: float, resolution: float) -> StackedR
 
 
 def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
-    """The reason why an interval is wide, from the recorded motion."""
+    """The reason why an interval is wide, from the recorded motion and from the fit's errors."""
     name = without_direction(parameter)
-    sign = {"_pos": 1.0, "_neg": -1.0}.get(parameter[-4:], 0.0)
-    speed = course.v * sign if sign else np.abs(course.v)
-    way = "forwards" if sign > 0 else "backwards" if sign < 0 else "in either direction"
-    travelled = np.array(
-        [
-            float(np.ptp(course.x[a:b])) * (1 if sign * (course.x[b - 1] - course.x[a]) >= 0 else 0)
-            for a, b in zip(course.starts[:-1], course.starts[1:], strict=True)
-        ]
-    )
-    if name == MASS:
-        most = float(np.quantile(np.abs(course.inertial), 0.98))
-        return (
-            f"this motion does not identify it: mass times acceleration reaches only {most:.2g} N "
-            "with "
-            "a friction of "
-            f"{float(np.quantile(np.abs(course.force - course.inertial), 0.98)):.2g} N"
-        )
-    if float(travelled.max()) < 3e-6:
+    way = {"_pos": FORWARDS, "_neg": BACKWARDS}.get(parameter[len(name) :], "in either direction")
+    moved = ways(course)
+    if way in (FORWARDS, BACKWARDS) and way not in moved:
         return f"there is no motion {way}"
-    if fit.law.offset and len(ways(course)) == 1 and name in (OFFSET, "Fc", "Fs"):
+    if fit.law.offset and len(moved) == 1 and name in (OFFSET, "Fc", "Fs"):
         return (
             "the records move in one direction only, where a constant force and friction "
             "cannot be distinguished"
         )
-    if name == OFFSET:
-        return f"too few samples in both directions for the noise of {fit.noise:.2g} N"
-    values = fit.values
     if hardly_slides(fit, course, parameter):
         return (
             f"the block hardly slides {way}: after break-away it moves almost no distance, or at "
@@ -287,63 +270,28 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
             f"break-away is not visible {way}: the largest force is below it, or there "
             "is no visible peak of static friction"
         )
-    if name == "sigma1" and fit.law.name in BRISTLES:
-        sigma0 = values[parameter.replace("sigma1", "sigma0")]
-        std = float(course.delay_std.min())
-        lead = values[parameter] / sigma0
-        return (
-            f"to first order sigma1 only advances the bristles' force by sigma1/sigma0, "
-            f"{1e3 * lead:.2g} ms here; the delay between force and motion is known to "
-            f"{1e3 * std:.2g} ms (one standard deviation), which alone is "
-            f"{std * sigma0:.3g} N*s/m"
-        )
-    if name == "Vs":
-        return _fall_unseen(course, speed, way, values[parameter])
-    if name == "sigma2":
-        return (
-            f"velocities {way} up to {float(np.quantile(speed, 0.99)):.2g} m/s do not distinguish "
-            "the viscous slope from the other terms"
-        )
-    if fit.law.name == "maxwell_slip" and name[:-1] in ("k", "alpha"):
-        return (
-            f"element {name[-1]} has too small a force for the load cell, or slips "
-            "where its neighbours may slip as well; only the whole loading curve is known, not "
-            "its elements"
-        )
-    if fit.law.name == "maxwell_slip" and name == "C":
-        lag = values[parameter.replace("C", "Fs")] / values[parameter]
-        return (
-            f"slipping elements follow the curve within {1e3 * lag:.2g} ms: the records "
-            "have too few fast changes of velocity in sliding, which would show it"
-        )
-    if name in ("Fs", "Fc", "sigma0", "sigma", "alpha"):
-        seen = {
-            "Fs": "slow break-away",
-            "Fc": "sliding",
-            "sigma0": "presliding",
-            "sigma": "presliding",
-            "alpha": "the transition from presliding to sliding",
-        }[name]
-        return f"too few samples {way} show {seen} for the noise of {fit.noise:.2g} N"
-    if fit.law.name != "bliman_sorine":
-        return f"too small a part of the motion {way} shows it for the noise of {fit.noise:.2g} N"
-    return (
-        "f1, f2 and eta can grow together with almost no change of the friction (eta near one); "
-        "only the difference f1 - f2 and eps_f are well identified"
-    )
+    return _confused(fit, parameter)
 
 
-def _fall_unseen(course: StackedRecords, speed: Vector, way: str, scale: float) -> str:
-    """The reason why `Vs`, near `scale` [m/s], is not identified."""
-    begin = course.x[course.starts[:-1]][course.of_record()]
-    sliding = (np.abs(course.x - begin) > 1e-4) & (speed > 0)
-    if not np.any(sliding):
-        return f"there is no sliding {way}"
-    ordered = np.sort(speed[sliding])
-    covered = np.cumsum(ordered)  # weighted by distance, not by time
-    slowest = float(ordered[np.searchsorted(covered, 0.02 * covered[-1])])
+def _confused(fit: Fit, parameter: str) -> str:
+    """What is known only together with this parameter, or that there is no such thing."""
+    j = fit.names.index(parameter)
+    if fit.law.name in DRAWN:
+        covariance = np.cov(np.log(np.maximum(draw_coordinates(fit), 1e-300)), rowvar=False)
+    else:
+        covariance = np.linalg.inv(fit.information)
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    both = covariance / np.outer(size, size)
+    alone = 1.0 / math.sqrt(max(float(np.linalg.pinv(both)[j, j]), 1.0))
+    both[j, j] = 0.0
+    other = int(np.argmax(np.abs(both[j])))
+    if alone > _MADE_UP:
+        return (
+            f"the force depends too little on it for the noise of {fit.noise:.2g} N and the "
+            "sensors' errors, even if all else were known"
+        )
+    name = [*fit.names, *["the delay between force and motion"] * len(fit.delays)][other]
     return (
-        f"after break-away the block slides at {way} at {slowest:.2g} m/s or more for nearly all "
-        "of its distance, where the curve has already fallen if Vs is near "
-        f"{scale:.2g} m/s; passing through lower speeds in one or two samples is not enough"
+        f"it and {name} are only known together (correlation {both[j, other]:.2f}); if all else "
+        f"were known, its error would be {alone:.2g} of this one"
     )

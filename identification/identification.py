@@ -22,7 +22,6 @@ from .layout import StackedRecords
 from .left_over import LeftOver
 from .stribeck_fit import StribeckPoints
 
-MISFIT = 2.0  # residual over force noise above which the law is not trusted
 SIDES = {FORWARDS: "_pos", BACKWARDS: "_neg"}
 
 
@@ -46,8 +45,8 @@ class Identification:
     left : LeftOver
         Residual of the force beyond its noise, and its parts.
     time_shift : Interval or None
-        Delay of the force relative to the motion [s]; if it is larger than known before,
-        `records` are corrected by it. None if it cannot be estimated.
+        Delay of the force relative to the motion, by the fit [s]; if it is larger than known
+        before, `records` are corrected by it. None if the law does not explain the force.
     warnings : tuple of str
         Why the result is not trusted; empty if it is trusted.
     notes : tuple of str

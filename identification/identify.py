@@ -15,19 +15,19 @@ from ..plant.ball_screw import PARAMETERS as AXIS
 from ..records.record import FORCE, TORQUE, Record
 from ..records.velocity import INTEGRATED
 from ..solver.nearest import nearest
+from .delay import fit_late_records
 from .fit import fit_along
 from .fit_result import Fit
 from .fitted_law import LAWS, MASS, OFFSET
 from .friction_estimation import estimate_friction
 from .identifiability import ways, which_would_do, why_not
-from .identification import MISFIT, SIDES, Identification
+from .identification import SIDES, Identification
 from .intervals import Interval, average
 from .law_along_record import KINDS
-from .layout import StackedRecords, lay_out
-from .left_over import gain_words, left_over
+from .layout import StackedRecords
+from .left_over import gain_words
 from .stribeck_fit import stribeck_points
 from .thesis_estimates import TOGETHER, thesis_estimates
-from .time_shift import corrected, time_shift
 
 _SMALL = 0.02  # residual, as a share of friction, below which nothing is reported
 _LEAST_DIFFERENCE = 1e-3  # probability of such a difference if both directions were the same
@@ -128,16 +128,10 @@ def identify(
     check_held(law, fixed, offset)
     records = [replace(r, mass=1.0) for r in records] if mass else list(records)
     beside = (MASS,) * mass + (OFFSET,) * offset
-    estimates = [estimate_friction(r) for r in records]
-    course = lay_out(records, estimates)
-    fit = fit_along(records, law, course, fixed=fixed, beside=beside)
-    shift = time_shift(records, estimates)
-    moved = corrected(records, shift, fit.delays)
-    if moved:
-        records = moved
-        estimates = [estimate_friction(r) for r in records]
-        course = lay_out(records, estimates)
-        fit = fit_along(records, law, course, fixed=fixed, beside=beside)
+    fitted = fit_late_records(records, law, fixed, beside)
+    corrected = fitted.records[0].lags != records[0].lags
+    records, estimates, course, fit = fitted.records, fitted.estimates, fitted.course, fitted.fit
+    left, shift = fitted.left, fitted.late if fitted.explained else None
     if mass:
         found = fit.values[MASS]
         records = [replace(r, mass=found) for r in records]
@@ -153,7 +147,7 @@ def identify(
     unkept = OFFSET in judged and told.kind != DRIVE
     notes += [TURNS] * told.turns
     notes += _remarks(records, law, fit, offset, unkept)
-    if shift and shift.low is not None and shift.high is not None and moved:
+    if corrected and shift and shift.low is not None and shift.high is not None:
         notes.append(
             f"the force comes {1e3 * shift.value:.3g} ms later than the motion "
             f"({1e3 * shift.low:.3g} .. {1e3 * shift.high:.3g} ms): the records were corrected "
@@ -162,11 +156,9 @@ def identify(
     if mass:
         notes += _of_mass(judged[MASS], told.plant.get(MASS))
     points = stribeck_points(list(records), estimates)
-    noise = float(np.median([e.force_noise for e in estimates]))
-    left = left_over(course, fit, noise)
     warnings = [f"{n}: {i.because}" for n, i in judged.items() if not i.identified]
     parts = [f"{p.force:.3g} N go {p.words}" for p in left.parts]
-    if left.force > MISFIT * left.noise:
+    if not fitted.explained:
         warnings.append(
             f"the law leaves {left.force:.3g} N of the force unexplained, "
             f"{left.force / left.noise:.3g} times the effect of noise and sampling; "
@@ -229,7 +221,7 @@ def _each_way(
     guess = {n: i.value for n, i in judged.items()}
     held = dict(fixed) | ({OFFSET: guess[OFFSET]} if OFFSET in guess else {})
     law = fit.law.name
-    apart = fit_along(records, law, course, tied=False, guess=guess, follow=False, fixed=held)
+    apart = fit_along(records, law, course, tied=False, guess=guess, fixed=held)
     split = {n: _judge(apart, n, course) for n in apart.names}
     return _by_direction(split, fit.law.parameters), _difference(apart, split, fixed)
 

@@ -48,6 +48,11 @@ class Interval:
         low, high = (None if b is None else b * factor for b in (self.low, self.high))
         return replace(self, value=self.value * factor, low=low, high=high)
 
+    def plus(self, shift: float) -> Interval:
+        """The interval with a number added to value and bounds."""
+        low, high = (None if b is None else b + shift for b in (self.low, self.high))
+        return replace(self, value=self.value + shift, low=low, high=high)
+
 
 @dataclass(frozen=True)
 class Spread:

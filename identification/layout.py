@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter1d
 
 from ..records.record import Record
 from .friction_estimation import FrictionEstimate, SmoothedMotion, estimate_friction
@@ -50,8 +49,6 @@ class StackedRecords:
         Possible common error of all corners [m].
     still : ndarray of bool, shape (n,)
         Samples at which the block may stick.
-    rough : ndarray, shape (n,), or float
-        Part of `inertial` that changes so fast that it is noise or a corner [N].
     mass : float
         Mass of the first record [kg]; of all records if the mass is fitted.
     """
@@ -72,7 +69,6 @@ class StackedRecords:
     replays: Matrix
     backlash: Vector
     still: npt.NDArray[np.bool_]
-    rough: Vector | float = 0.0
     mass: float = 1.0
 
     @property
@@ -91,9 +87,8 @@ class StackedRecords:
     def with_mass(self, mass: float) -> StackedRecords:
         """The same motion of another mass [kg]."""
         replays = self.replays * np.array([1.0, 1.0, mass / self.mass])[:, None]
-        more = mass / self.mass
-        inertial, rough = self.inertial * more, self.rough * more
-        return replace(self, inertial=inertial, replays=replays, rough=rough, mass=mass)
+        inertial = self.inertial * (mass / self.mass)
+        return replace(self, inertial=inertial, replays=replays, mass=mass)
 
     def of_record(self) -> npt.NDArray[np.int64]:
         """Number of the record of each sample, shape (n,)."""
@@ -152,17 +147,8 @@ def lay_out(
         replays=np.stack(replays),
         backlash=np.array([_BACKLASH * e.motion.noise for e in estimates]),
         still=np.concatenate([_may_stick(e.motion) for e in estimates]),
-        rough=np.concatenate(
-            [_rough(r.mass, e.motion) for r, e in zip(records, estimates, strict=True)]
-        ),
         mass=records[0].mass,
     )
-
-
-def _rough(mass: float, motion: SmoothedMotion) -> Vector:
-    """Mass times acceleration less its smoothed value, over half a period [N]."""
-    width = 0.5 / (motion.bandwidth * motion.step)
-    return np.asarray(mass * (motion.a - gaussian_filter1d(motion.a, width)))
 
 
 def _may_stick(motion: SmoothedMotion) -> npt.NDArray[np.bool_]:

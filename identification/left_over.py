@@ -1,7 +1,7 @@
 """Residual force of a law, divided by parts of the motion.
 
-Each part is a set of columns: the acceleration, the change of the force, a constant, and steps over
-speed, over the distance since a reversal, and over position. The part that predicts most of the
+Each part is a set of columns: the acceleration, a constant, and steps over speed, over the distance
+since a reversal, and over position. The part that predicts most of the
 residual is taken first, then the best part for the rest. Predictions are evaluated on pieces of the
 records that the columns were not fitted to, so that chance explains nothing.
 """
@@ -17,8 +17,7 @@ import numpy.typing as npt
 
 from .fit_result import Fit
 from .layout import StackedRecords
-from .motion_parts import PARTS, motion_parts
-from .time_shift import least_squares, steps_of, way_since_reversal
+from .motion_parts import PARTS, least_squares, motion_parts, steps_of, way_since_reversal
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -36,7 +35,7 @@ class Part:
     Attributes
     ----------
     name : str
-        "acceleration", "time", "constant", "speed", "reversals", "travel" or "rest".
+        "acceleration", "constant", "speed", "reversals", "travel" or "rest".
     force : float
         Root mean square [N]; the squares of all parts and of the noise add up to that of the
         residual.
@@ -132,19 +131,16 @@ def _columns(course: StackedRecords, fit: Fit) -> dict[str, Matrix]:
     """Columns of each part, shape (n, columns)."""
     n = len(course.x)
     acceleration = _acceleration(course)
-    change = np.zeros(n)
     way, near = np.zeros(n), np.zeros(n, dtype=bool)
     direction = np.sign(course.v)
     for r in range(course.records):
         part = slice(course.starts[r], course.starts[r + 1])
-        change[part] = -np.gradient(fit.predicted[part], course.step[r])
         way[part], near[part] = way_since_reversal(course.x[part], course.v[part])
     sliding = np.abs(course.v) > 0
     since = steps_of(way, _WAYS, near) * direction[:, None]
     places = steps_of(course.x, _PLACES, sliding)
     groups = {
         "acceleration": acceleration[:, None],
-        "time": change[:, None],
         "constant": np.ones((n, 1)),
         "speed": np.column_stack(
             [steps_of(course.v, _SPEEDS, s * course.v > 0) for s in (1.0, -1.0)]
@@ -209,13 +205,6 @@ def gain_words(right: float, given: float) -> str:
     )
 
 
-def _time_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
-    del course, fit
-    return (
-        f"with the change of the force: the force is {1e3 * told[0]:.3g} ms later than the motion"
-    )
-
-
 def _constant_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
     del course, fit
     return (
@@ -259,7 +248,6 @@ def _travel_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
 
 _WORDS: dict[str, Callable[[Vector, StackedRecords, Fit], str]] = {
     "acceleration": _mass_words,
-    "time": _time_words,
     "constant": _constant_words,
     "speed": _speed_words,
     "reversals": _reversal_words,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import lfilter
 
 from .fitted_law import FittedLaw
 from .law_along_record import LawValues, friction_along, score
@@ -16,6 +17,7 @@ Matrix = npt.NDArray[np.float64]
 # weight, because the motion within the interval is not known, and its error is the same in all
 # records.
 _SUDDEN = 0.05
+_BEFORE = 30  # samples in which a filter forgets its start
 _NOTHING = 1e3  # standard deviation of a sample for which the law gives no force [N]
 _UNSEEN = 0.3  # error by unknown motion between samples, over the change of force per sample
 
@@ -42,13 +44,9 @@ class Problem:
         self.spoken[self.peaks] = True
         self.gradient = np.empty((2, len(course.x)))
         self.weight = np.empty((3, len(course.x)))
-        self.edges = np.zeros(len(course.x), dtype=bool)
-        self.edges[course.starts[:-1]] = True
-        self.edges[course.starts[1:] - 1] = True
         self.clock_std = np.array(
             [float(np.min(course.delay_std[course.clock == c])) for c in range(course.clocks)]
         )
-        self.per_sample = 1.0 / course.step[self.owner]
         self.begin = course.x[course.starts[:-1]][self.owner]
         ways = np.maximum.reduceat(np.abs(course.x - self.begin), course.starts[:-1])
         self.per_way = 1.0 / np.maximum(ways, 1e-9)[self.owner]
@@ -87,20 +85,22 @@ class Problem:
         return friction + inertial
 
     def later(self, force: Vector, delays: Vector) -> Vector:
-        """The force delayed by `delays`, by a parabola through three samples.
+        """The force delayed by `delays`, by a filter that keeps the size of all frequencies.
 
-        The noise of the acceleration is not delayed: interpolation between samples would reduce it,
-        and the fit would then prefer a delay of half a sample.
+        Interpolation reduces the noise of the acceleration: the fit would then prefer a delay of
+        half a sample. Before and after a record its slope goes on.
         """
-        force = force - self.course.rough
-        part = delays[self.course.clock][self.owner] * self.per_sample
-        bend = np.zeros_like(force)
-        slope = np.zeros_like(force)
-        slope[1:-1] = 0.5 * (force[2:] - force[:-2])
-        bend[1:-1] = 0.5 * (force[2:] - 2 * force[1:-1] + force[:-2])
-        slope[self.edges] = 0.0
-        bend[self.edges] = 0.0
-        return np.asarray(force - part * slope + part**2 * bend + self.course.rough)
+        late = force.copy()
+        for r in np.flatnonzero(delays[self.course.clock]):
+            samples = float(delays[self.course.clock[r]] / self.course.step[r])
+            part = slice(self.course.starts[r], self.course.starts[r + 1])
+            own = force[part][:: 1 if samples > 0 else -1]
+            c = -abs(samples) / (2 + abs(samples))  # Thiran's, for one sample more
+            before = 2 * own[0] - own[_BEFORE:0:-1]
+            longer = np.concatenate([before, own, [2 * own[-1] - own[-2]]])
+            moved, _ = lfilter([c, 1], [1, c], longer, zi=[(1 - c) * longer[0]])
+            late[part] = moved[len(before) + 1 :][:: 1 if samples > 0 else -1]
+        return late
 
     def unseen(self, force: Vector) -> Vector:
         """Variance of a sample due to unknown motion between samples, shape (n,) [N^2]."""

@@ -1,4 +1,4 @@
-"""The parts of a motion for which errors of a model are given."""
+"""The parts of a motion for which errors of a model are given, and regressions on a motion."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 Mask = npt.NDArray[np.bool_]
+Matrix = npt.NDArray[np.float64]
 Vector = npt.NDArray[np.float64]
 
 REST = "rest"
@@ -26,6 +27,7 @@ PARTS = {
 _FAST = 0.95  # quantile of the speeds that defines the fast speed
 _AROUND = 0.1  # time around a reversal [s]
 _AT_REVERSALS, _SLOW = 0.2, 0.5  # shares of the fast speed
+_NEAR = 0.05  # short distances since a reversal, as a share of the range of positions
 _DIRECTED = 0.01  # share of the fast speed below which the last direction is kept
 
 
@@ -85,3 +87,30 @@ def _near_changes(direction: Vector, samples: int) -> Mask:
     np.add.at(near, np.maximum(changes - samples + 1, 0), 1.0)
     np.add.at(near, np.minimum(changes + samples + 1, len(direction)), -1.0)
     return np.asarray(np.cumsum(near)[:-1] > 0.0)
+
+
+def steps_of(values: Vector, count: int, where: Mask) -> Matrix:
+    """One column for each of `count` ranges with as many samples, shape (n, count)."""
+    out = np.zeros((len(values), count))
+    if where.any():
+        edges = np.quantile(values[where], np.linspace(0, 1, count + 1)[1:-1])
+        rows = np.flatnonzero(where)
+        out[rows, np.searchsorted(edges, values[where])] = 1.0
+    return out
+
+
+def way_since_reversal(x: Vector, v: Vector) -> tuple[Vector, Mask]:
+    """Distance from the last reversal, shape (n,) [m], and where it is short."""
+    turns = np.flatnonzero(np.diff(np.sign(v), prepend=0.0))
+    turns = turns if len(turns) else np.array([0])
+    last = turns[np.maximum(np.searchsorted(turns, np.arange(len(x)), "right") - 1, 0)]
+    way = np.abs(x - x[last])
+    return way, way < _NEAR * float(np.ptp(x))
+
+
+def least_squares(columns: Matrix, values: Vector) -> Vector:
+    """Least-squares coefficients; zero for an empty or dependent column, shape (columns,)."""
+    size = np.linalg.norm(columns, axis=0)
+    size[size <= 1e-12 * size.max(initial=0.0)] = np.inf
+    found, *_ = np.linalg.lstsq(columns / size, values, rcond=1e-6)
+    return np.asarray(found / size)

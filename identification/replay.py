@@ -25,10 +25,13 @@ def replay(estimate: FrictionEstimate, random: np.random.Generator) -> SmoothedM
     """
     motion = estimate.motion
     if motion.resolution:
-        position = motion.resolution * np.floor(motion.seen / motion.resolution + random.random())
+        seen = motion.seen
+        if motion.jitter:
+            seen = seen + motion.jitter * motion.v * random.standard_normal(len(seen))
+        position = motion.resolution * np.floor(seen / motion.resolution + random.random())
     else:
         held = motion.held
-        fresh = motion.seen[held] + motion.noise * random.standard_normal(len(held))
+        fresh = motion.seen[held] + motion.spread[held] * random.standard_normal(len(held))
         runs = np.diff(np.append(held, len(motion.seen)))
         position = np.concatenate([np.full(held[0], fresh[0]), np.repeat(fresh, runs)])
     return smooth_motion(position, motion.step, motion.later, estimate.from_rest, motion)

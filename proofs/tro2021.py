@@ -158,7 +158,7 @@ def speeds_left_out(records: Sequence[Record], per_cent: float) -> dict[str, Any
         new = [r for r in records if abs(speed_of(Path(r.name))) in out]
         rest = [r for r in records if abs(speed_of(Path(r.name))) not in out]
         for name, how in MODELS.items():
-            fit = fit_along(rest, LAW, follow=False, **how)
+            fit = fit_along(rest, LAW, **how)
             rows[name] += forecasts(fit, steady_points(rest), steady_points(new))
         print(f"fold {fold + 1} of {FOLDS}", file=sys.stderr)
     return {name: summary(found, per_cent) for name, found in rows.items()}
@@ -281,7 +281,7 @@ def examine_drive(name: str, folder: Path, lead: float) -> dict[str, Any]:
     records, refused = read_folder(folder / STEADY, lead)
     profiles, _ = read_folder(folder / "start_stop", lead)
     points = steady_points(records)
-    fit = fit_along(records, LAW, tied=False, follow=False)
+    fit = fit_along(records, LAW, tied=False)
     runs = [p for record in profiles for p in plateaus(record)]
     start_stop = forecasts(fit, points, runs)
     left = [p.force - curve(fit, fit.coordinates, p.velocity) for p in points]

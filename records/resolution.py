@@ -41,14 +41,15 @@ def encoder_count(position: Vector) -> float:
     return resolution if fast_noise(position) < _ROUNDING * resolution else 0.0
 
 
-def fast_noise(values: Vector) -> float:
+def fast_noise(values: Vector, where: npt.NDArray[np.bool_] | None = None) -> float:
     """Standard deviation of the part of a signal that differs from sample to sample.
 
     It is computed from third differences, which are nearly zero for a smooth course. Their root
     mean square is over the nine tenths of the record with the smallest values, so that a jump does
-    not count as noise.
+    not count as noise. `where`, shape (n - 3,), selects some of them.
     """
     third = np.abs(np.diff(values, 3))
+    third = third if where is None else third[where]
     if not len(third) or not np.any(third):
         return 0.0
     ordered = np.sort(third)

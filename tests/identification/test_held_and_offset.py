@@ -46,18 +46,6 @@ def test_a_constant_force_is_found_with_its_interval(found):
     assert found.trusted
 
 
-@pytest.mark.ci
-def test_without_it_the_friction_is_wrong(found):
-    without = identify(mostly_forwards(1), "dahl")
-    fc = without.parameters["Fc"]
-    assert fc.low > 1.1 * DAHL["Fc"]
-    assert not without.trusted
-    apart = {side: without.per_direction[side]["Fc"].value for side in ("forwards", "backwards")}
-    assert apart["forwards"] - apart["backwards"] == pytest.approx(2 * LOAD, rel=0.1)
-    again = {side: found.per_direction[side]["Fc"].value for side in ("forwards", "backwards")}
-    assert again["forwards"] == pytest.approx(again["backwards"], rel=0.05)
-
-
 @pytest.mark.prove
 def test_the_interval_of_the_offset_holds_the_truth_as_often_as_it_says():
     held = 0
@@ -68,16 +56,6 @@ def test_the_interval_of_the_offset_holds_the_truth_as_often_as_it_says():
         held += offset.low <= load <= offset.high
         assert offset.identified
     assert held >= 10  # a share of 0.95 gives less once in fifty times
-
-
-@pytest.mark.ci
-def test_one_direction_tells_no_offset_and_it_is_said():
-    result = identify(mostly_forwards(1)[:2], "dahl", offset=True)
-    offset = result.parameters["offset"]
-    assert not offset.identified
-    assert "one direction only" in offset.because
-    assert "both directions" in offset.would_do
-    assert not result.trusted
 
 
 @pytest.mark.ci

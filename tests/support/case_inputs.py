@@ -271,6 +271,38 @@ def heavy_friction_names_inertia(folder):
     (folder / "p25.toml").write_text(HEAVY_DRIVE)
 
 
+def strokes(t: np.ndarray, *parts: tuple[float, float, float]) -> list[np.ndarray]:
+    """Position, speed and acceleration of strokes and back: length [m], frequency, duration."""
+    motion, start = [np.zeros_like(t) for _ in range(3)], 0.0
+    for length, frequency, duration in parts:
+        here = (t >= start) & (t < start + duration)
+        for whole, part in zip(
+            motion, swings(t[here] - start, (0.5 * length, frequency)), strict=True
+        ):
+            whole[here] = part
+        start += duration
+    return motion
+
+
+def jitter_hides_the_mass(folder):
+    random = np.random.default_rng(1)
+    t = np.arange(0, 9, 1e-3)
+    parts = (0.03, 0.5, 2), (0.06, 1, 2), (0.08, 1.5, 2), (0.02, 3, 3)
+    x, v, a = strokes(t + random.normal(0, 2e-5, t.size), *parts)
+    friction = np.sign(v) * (31.8 + 17.5 * np.exp(-((v / 0.0173) ** 2))) + 30 * v
+    force = 22.6 * a + friction - 1.77 + random.normal(0, 0.06, t.size)
+    write(folder / "j.csv", "time,force,x", "g .1f .6f", t, force, x)
+
+
+def oneway_offset_identified(folder):
+    t = np.arange(0, 6, 5e-3)
+    x, v, a = swings(t, (0.01, 0.7))
+    x, v = x + 0.1 * t, v + 0.1
+    noise = np.random.default_rng(1).normal(0, 0.02, t.size)
+    force = 5.0 * a + 40.0 * v + 8.0 + 20.0 + noise
+    write(folder / "up.csv", "time,x,force", ".3f .7f .4f", t, x, force)
+
+
 # FMUs: a cart and its PD controller, each with one peculiarity
 
 
