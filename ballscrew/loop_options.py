@@ -178,18 +178,21 @@ def read_loops(
         asked = told, options.plant, names, given
         described, values, values_of, notes = guard(lambda: file_values(*asked))
     print_notes(notes)
-    return [
-        Loop(
-            controller,
-            plant or described,
-            plant_values=values | given,
-            controller_values=values_of[name] | given_to[name],
-            mapping=ports_of[name],
-            told=told,
-            **how,
-        )
-        for name, controller in zip(names, parts, strict=True)
-    ]
+    loops: list[Loop] = guard(
+        lambda: [
+            Loop(
+                controller,
+                plant or described,
+                plant_values=values | given,
+                controller_values=values_of[name] | given_to[name],
+                mapping=ports_of[name],
+                told=told,
+                **how,
+            )
+            for name, controller in zip(names, parts, strict=True)
+        ]
+    )
+    return loops
 
 
 def read_closed_loops(

@@ -23,6 +23,7 @@ from .limits import FIRST_STEP
 from .loop import HowCoupled, Loop
 from .loop_run import CouplingError, LoopRun
 from .master import Progress, run_loop
+from .metrics import coarse_notes
 from .parts import Part, check_names
 from .port_units import convert
 from .sampled_fmu import sampled_every
@@ -48,7 +49,7 @@ def run_pair(loop: Loop, progress: Progress | None = None) -> ClosedLoopResult:
         If a part rejects its initial values.
     """
     if loop.coupling is Coupling.MONOLITHIC:
-        run = _run_monolithic(loop, progress)
+        run = limited(_run_monolithic(loop, progress), loop.plant_values)
         found = amplifier_notes(run, loop.plant.parameters, loop.plant_values, "--limit-voltage ")
         return ClosedLoopResult(loop, run, (*loop.notes, *found))
     notes: tuple[str, ...] = ()
@@ -108,13 +109,7 @@ def run_by_steps(
     stop: float,
     try_at: _RunAt | None = None,
 ) -> tuple[LoopRun, StepChoice | None]:
-    """Run with the requested step, else with the step of the FMUs [s], else with a chosen one.
-
-    Parameters
-    ----------
-    run_at, try_at : function
-        See `choose_step`.
-    """
+    """Run with the requested step, else with that of the FMUs [s], else as by `choose_step`."""
     first = min(FIRST_STEP, stop)
     if loop.step is not None or loop.adaptive:
         return run_at(loop.step or own or first, True), None
@@ -147,14 +142,7 @@ def run_parts(
     look_again: bool = True,
     tries: bool = False,
 ) -> tuple[LoopRun, tuple[str, ...]]:
-    """Run open parts that are not initialized with this step [s], see `run_pair`.
-
-    Returns
-    -------
-    LoopRun
-    tuple of str
-        Notes on it.
-    """
+    """Run open parts that are not initialized with this step [s]; also notes on the run."""
     given = (plant, loop.plant_values), (controller, loop.controller_values)
     for side, values in given:
         check_names(side.name, values, [*side.parameters, *side.inputs])
@@ -186,6 +174,8 @@ def run_parts(
     told = _units(plant, run, loop.mapping, units.commands)
     reference = factor * run.reference + offset
     run = replace(run, units=told, reference=reference, scale=units.set_point)
+    run = limited(run, loop.plant_values)
+    notes += coarse_notes(run, loop.reference)
     notes += amplifier_notes(run, plant.parameters, loop.plant_values, "--limit-voltage ")
     return run, notes
 
@@ -246,18 +236,7 @@ def fixed_step_notes(step: float, *fmus: _Fmu) -> tuple[str, ...]:
 def amplifier_notes(
     run: LoopRun, parameters: Iterable[str], values: Mapping[str, float], option: str
 ) -> tuple[str, ...]:
-    """A note if the command exceeds the limit of the nominal amplifier.
-
-    Parameters
-    ----------
-    run : LoopRun
-    parameters : iterable of str
-        Of the plant.
-    values : mapping of str to float
-        The plant's parameters that differ from their defaults.
-    option : str
-        Option that sets the amplifier's limit.
-    """
+    """A note if the command exceeds the limit of the nominal amplifier; `option` sets one."""
     limit = values.get(LIMIT, UNLIMITED)
     of_motor = {LIMIT, CURRENT_LIMIT} <= {*parameters}
     if not of_motor or "u" not in run.commands or limit <= NOMINAL_VOLTAGE:
@@ -271,6 +250,11 @@ def amplifier_notes(
         f"amplifier, and this run {has}; with {option}{NOMINAL_VOLTAGE:g} the motor would get at "
         f"most {NOMINAL_VOLTAGE:g} V",
     )
+
+
+def limited(run: LoopRun, values: Mapping[str, float]) -> LoopRun:
+    """The run with the limit of its plant, from the plant's values."""
+    return replace(run, limit=values.get(LIMIT, UNLIMITED))
 
 
 def _run_monolithic(loop: Loop, progress: Progress | None) -> LoopRun:

@@ -167,6 +167,11 @@ class Loop(HowCoupled):
             controller_values=_numbers("controller_values", self.controller_values),
             mapping=dict(self.mapping or {}),
         )
+        if self.reference.measure:
+            theirs = {ours: n for n, ours in self.mapping.items()}.get("x", "x")
+            self.reference.check_measure(plant.unit_of(theirs.removeprefix("plant.")))
+        still = (n for n in self.reference.notes(self.stop) if n not in self.notes)
+        self._resolve(notes=(*self.notes, *still))
         self._resolve_coupling(self.stop)
         if self.sampled is not None:
             self._resolve_sampled(check_length("sampled", self.sampled))
@@ -174,6 +179,8 @@ class Loop(HowCoupled):
     def _resolve_sampled(self, period: float) -> None:
         from .in_practice import in_practice
 
+        if period > self.stop:
+            raise BadParameter(f"sampled is {period:g} s, expected at most stop, {self.stop:g} s")
         self._resolve(sampled=period)
         if self.controller.is_none:
             raise BadParameter("sampled is for a loop with a controller, and there is none")

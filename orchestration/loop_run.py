@@ -69,6 +69,10 @@ class LoopRun:
         Sampling period of the controller and its instruments [s]; 0 if nothing is sampled.
     scale : tuple of two floats
         Factor and offset from the set-point's SI unit to the unit of `reference` and the position.
+    limit : float
+        Largest command that the plant lets through, in the command's unit.
+    between : LoopRun, optional
+        The same with points between the communication points, where equations are solved.
     played : bool
         Whether compiled code replaced the FMUs, see `run_loop`.
     """
@@ -91,6 +95,8 @@ class LoopRun:
     units: dict[str, str] = field(default_factory=dict)
     sampling_period: float = 0.0
     scale: tuple[float, float] = (1.0, 0.0)
+    limit: float = math.inf
+    between: LoopRun | None = None
     played: bool = False
 
     @property
@@ -177,17 +183,8 @@ def check_room(outputs: int, commands: int, co_runs: int, steps: float) -> None:
 class RunLog:
     """The rows of a run in chunks, and the measurements during the run.
 
-    Parameters
-    ----------
-    reference : Reference
-    orders : sequence of int
-        Order of the reference's derivative that each reference input takes.
-    outputs, nominal : ndarray
-        The plant's outputs at the start, and their nominal values.
-    m : int
-        Number of commands.
-    keeps_commands : bool
-        Whether the commands at the end of each step are requested and kept.
+    Each of the set-points has one of `orders`; `outputs` are the plant's at the start, with their
+    `nominal` values; `m` is the number of commands, kept at the end of each step if asked.
     """
 
     def __init__(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -141,7 +142,7 @@ def run_loop(  # noqa: PLR0913
         return with_ring_named(first, main.loop, parts.opened, wiring, start, step)
     setting = Setting(
         lambda cut: parts.loop(not missing, tangent or not missing, cut, judges=True),
-        march_on,
+        partial(march_on, progress=progress),
         reference,
         wiring.orders,
         breaks,
@@ -306,16 +307,8 @@ def march_on(
 ) -> Stop:
     """Move a loop, and up to two reference co-runs, from the clock's time to its end.
 
-    Parameters
-    ----------
-    clock : Clock
-    start : ndarray
-        Set-points at the clock's time.
-
-    Raises
-    ------
-    StepFailed
-        If a loop cannot save or restore its state; other failures end the run.
+    `start` has the set-points at that time. Raises `StepFailed` if a loop cannot save or restore
+    its state; other failures end the run.
     """
     course.commands.append(main.loop.command(0.0, clock.step_to_come, start)[None])
     pairs = main, *co_runs

@@ -9,10 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from .loop_run import LoopRun
+from .reference_signal import Reference
 
 Vector = npt.NDArray[np.float64]
 
 BAND = 0.02  # of a step
+COARSE = 0.05  # of the largest error: more between two points is noted
+PARTS = 8  # of a step, in which the set-point is looked at
 
 
 @dataclass(frozen=True)
@@ -22,8 +25,8 @@ class Metrics:
     Attributes
     ----------
     peak_voltage, peak_voltage_time : float
-        Largest magnitude of the command, a voltage [V] unless the plant has another unit, and
-        its time [s].
+        Largest magnitude of the command, a voltage [V] unless the plant has another unit, as far
+        as the plant's limit lets it through, and its time [s].
     settling_time_2pct : float or None
         Time after which the error stays within 2 % of the step [s]; None if it does not, or if the
         set-point moves.
@@ -74,7 +77,7 @@ def units_of_figures(units: Mapping[str, str]) -> dict[str, str]:
 
 
 def metrics(run: LoopRun, position: str = "x", command: str = "u") -> Metrics:
-    """Compute the figures of merit of a run.
+    """Compute the figures of merit of a run, from all that is known between its points.
 
     Parameters
     ----------
@@ -82,8 +85,9 @@ def metrics(run: LoopRun, position: str = "x", command: str = "u") -> Metrics:
     position, command : str
         Names of the controlled output and of the command.
     """
-    time, x, goal = run.time, run.outputs[position], run.reference
-    voltage = np.abs(run.commands[command])
+    known = run.between or run
+    time, x, goal = known.time, known.outputs[position], known.reference
+    voltage = np.minimum(np.abs(known.commands[command]), run.limit)
     peak = int(np.argmax(voltage))
     error = goal - x
     constant = bool(np.all(goal == goal[0]))
@@ -100,6 +104,26 @@ def metrics(run: LoopRun, position: str = "x", command: str = "u") -> Metrics:
         iae=float(np.trapezoid(np.abs(error), time)),
         rms_error=None if constant else float(np.sqrt(mean_square)),
         largest_error=None if constant else float(np.max(np.abs(error))),
+    )
+
+
+def coarse_notes(run: LoopRun, reference: Reference, position: str = "x") -> tuple[str, ...]:
+    """A note if the error may be larger between communication points than at them."""
+    if run.between or run.alone or run.stopped or position not in run.outputs or len(run.time) < 3:
+        return ()
+    time, x, goal = run.time, run.outputs[position], run.reference
+    within = time[:-1] + np.linspace(0.0, 1.0, PARTS + 1)[:, None] * np.diff(time)
+    factor, offset = run.scale
+    inside = factor * reference.on(within.ravel(), 0).reshape(within.shape) + offset
+    above = inside - np.maximum(goal[:-1], goal[1:])
+    below = np.minimum(goal[:-1], goal[1:]) - inside
+    of_parabola = np.abs(np.diff(x, 2)).max() / 8
+    most = max(above.max(), below.max(), of_parabola)
+    if not most > COARSE * np.abs(goal - x).max():
+        return ()
+    return (
+        f"steps of {np.diff(time).max():g} s are coarse for the figures, which count communication "
+        f"points only: between them the error may move by {most:.2g} more; use a smaller --step",
     )
 
 

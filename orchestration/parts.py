@@ -128,6 +128,12 @@ class Part:
             if v.causality == "parameter"
         }
 
+    def unit_of(self, output: str) -> str:
+        """Unit of an output; empty if it has none."""
+        if self.has_equations:
+            return next((o.unit for o in self.kernel.outputs if o.name == output), "")
+        return next((v.unit for v in self.description.variables if v.name == output), "")
+
     def check_values(self, side: str, values: Mapping[str, float]) -> None:
         """Make sure that it has these parameters, and that they are in range; FMUs have no ranges.
 

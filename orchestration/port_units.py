@@ -166,12 +166,8 @@ def _of_results(
 def scale_of_results(position: Unit | None, told: Sequence[Unit | None]) -> Scale:
     """From the set-point's SI unit to the one of the plant's position, as `LoopRun.scale`.
 
-    Parameters
-    ----------
-    position : Unit or None
-    told : sequence of Unit or None
-        The controller's units of the set-point and of the position that it compares; if none of
-        them fits, the set-point is not converted.
+    The controller's units of the set-point and of the position that it compares are `told`; if none
+    of them fits, the set-point is not converted.
     """
     if position is None or position.exponents is None:
         return AS_IS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -56,6 +56,8 @@ class Reference:
     curve : ndarray, shape (m, TERMS), optional
         From each point on, the coefficients of a polynomial in the time since it, which holds until
         the next; the derivatives are then its own. Default: all is linear between points.
+    measure : str
+        ``length`` or ``angle``, if the file that it is read from says so.
     """
 
     times: Vector
@@ -63,6 +65,7 @@ class Reference:
     velocity: Vector | None = None
     acceleration: Vector | None = None
     curve: Matrix | None = None
+    measure: str = ""
 
     @classmethod
     def constant(cls, value: float) -> Reference:
@@ -109,7 +112,31 @@ class Reference:
             k = int(np.argmax(wrong))
             raise BadReference(f"{path}: time does not increase after {table[k, 0]:g} s")
         given = dict(zip(names, table.T, strict=True))
-        return cls(given["time"], *(given.get(name) for name in _COLUMNS))  # type: ignore[arg-type]
+        found = cls(given["time"], *(given.get(name) for name in _COLUMNS))  # type: ignore[arg-type]
+        return replace(found, measure=_measure(units.get(SET_POINT, "")))
+
+    def check_measure(self, unit: str) -> None:
+        """Make sure that a plant whose position has this unit can follow it.
+
+        Raises
+        ------
+        BadReference
+        """
+        expected = _measure(unit)
+        if self.measure and expected and self.measure != expected:
+            raise BadReference(
+                f"the set-point's file has x_d as {self.measure}, and the plant's position is in "
+                f"{unit!r}; give x_d as {expected}"
+            )
+
+    def notes(self, stop: float) -> tuple[str, ...]:
+        """A note if it does not move until a time [s]."""
+        if len(self.times) == 1 or self.times[0] < stop:
+            return ()
+        return (
+            f"the set-point does not change within this run of {stop:g} s: its first point is at "
+            f"{self.times[0]:g} s",
+        )
 
     @classmethod
     def of_pieces(cls, times: npt.ArrayLike, curve: npt.ArrayLike) -> Reference:
@@ -255,6 +282,11 @@ class Reference:
         index = np.searchsorted(self.times, middle, side="right")
         since = times - self.times[np.maximum(index - 1, 0)]
         return times, [_moved(self.pieces(order)[index], since) for order in orders]
+
+
+def _measure(unit: str) -> str:
+    """Whether a position's unit is one of length or angle; empty if of neither."""
+    return next((m for m in _MEASURES[SET_POINT] if spell(unit) in UNITS[m]), "")
 
 
 def _size(path: Path | str, name: str, unit: str) -> float:

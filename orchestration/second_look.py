@@ -39,38 +39,17 @@ BENT = 0.5  # share of a change: a larger difference from the adjacent changes m
 
 @dataclass(frozen=True)
 class Setting:
-    """How the loop of a run is opened again.
+    """How the loop of a run is opened again."""
 
-    Attributes
-    ----------
-    opened : function
-        Opens a new loop, corrected if possible, with each step divided into this many parts.
-    march : function
-        `master.march_on`.
-    reference : Reference
-    orders : tuple of int
-        As in `Wiring`.
-    breaks : ndarray
-        Further times at which steps end [s].
-    start : ndarray
-        Set-points at the start.
-    nominal : ndarray
-        Nominal values of the plant's outputs.
-    commands : int
-        Number of commands.
-    stop, step : float
-        [s]
-    """
-
-    opened: Callable[[int], RecordedLoop]
+    opened: Callable[[int], RecordedLoop]  # corrected if possible; each step in so many parts
     march: March
     reference: Reference
-    orders: tuple[int, ...]
-    breaks: Vector
-    start: Vector
-    nominal: Vector
-    commands: int
-    stop: float
+    orders: tuple[int, ...]  # as in `Wiring`
+    breaks: Vector  # further times at which steps end [s]
+    start: Vector  # set-points at the start
+    nominal: Vector  # of the plant's outputs
+    commands: int  # their number
+    stop: float  # [s]
     step: float
 
     def log(self, loop: RecordedLoop) -> RunLog:
@@ -149,16 +128,7 @@ def _marched(
 def around_jumps(setting: Setting, run: Vector, distance: Vector) -> Vector:
     """Part of each output's jump that may belong on the other side of a communication point.
 
-    Parameters
-    ----------
-    run : ndarray, shape (k, n)
-        Outputs at the communication points.
-    distance : ndarray, shape (k, n)
-        Largest error of the run there.
-
-    Returns
-    -------
-    ndarray, shape (k, n)
+    `run` (k, n) has the outputs at these points, `distance` (k, n) their largest error.
     """
     around = np.zeros_like(run)
     found = np.flatnonzero(jumps(run)).tolist()

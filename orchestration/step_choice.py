@@ -52,22 +52,11 @@ def choose_step(
     first: float = FIRST_STEP,
     try_at: Callable[[float, bool], LoopRun] | None = None,
 ) -> tuple[LoopRun, StepChoice]:
-    """Run with decreasing steps until a run can be trusted.
+    """Run with decreasing steps, from `first` [s] on, until a run can be trusted.
 
-    Parameters
-    ----------
-    run_at : function of float and bool
-        Runs with a step [s]; the bool: whether an unclear verdict is checked by finer runs.
-    first : float
-        The longest step to try [s].
-    try_at : function, optional
-        The same for steps that are only tried; `run_at` repeats the chosen run if it was `played`.
-
-    Returns
-    -------
-    LoopRun
-        The last run, or the first one that is close enough to it, with the verdict of all runs.
-    StepChoice
+    `run_at` runs with a step; its bool: whether an unclear verdict is checked by finer runs.
+    `try_at` is for steps that are only tried: `run_at` repeats the chosen run if it was `played`.
+    Returns the last run, or the first one that is close enough to it, with the verdict of all.
     """
     began = _clocks()
     step, moved_before = first, np.inf
@@ -160,14 +149,7 @@ def _first_near(
 ) -> tuple[int, LoopRun]:
     """The first run that is close enough to the last, and its number.
 
-    Parameters
-    ----------
-    runs : list of LoopRun
-        Each with half the step of the previous one.
-    bound : mapping of str to float
-        Largest error of the last run.
-    step : float
-        Step of the last run [s].
+    The last run has this step [s], and at most the error `bound`.
     """
     last = len(runs) - 1
     for number, run in enumerate(runs[:-1]):

@@ -20,7 +20,7 @@ from ..fmus.system_reading import (
     read_system,
 )
 from ..solver.nearest import nearest
-from .closed_loop import LIMIT, amplifier_notes, fixed_step_notes, own_step, run_by_steps
+from .closed_loop import LIMIT, amplifier_notes, fixed_step_notes, limited, own_step, run_by_steps
 from .closed_loop_result import ClosedLoopResult
 from .converted import AS_IS, Scale, converted
 from .couplings import Coupling
@@ -31,6 +31,7 @@ from .limits import FIRST_STEP, BadParameter, as_number, check_step
 from .loop import STOP, SystemLoop
 from .loop_run import LoopRun
 from .master import Progress, run_loop
+from .metrics import coarse_notes
 from .parts import check_names
 from .port_units import POSITION, scale_of_results
 from .reference_signal import Reference
@@ -109,9 +110,12 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
         limit = f"--set {loop.plant_name}.{LIMIT}="
         of_plant = {n: v for n, v in values[loop.plant_name].items() if not isinstance(v, str)}
         amplifier = amplifier_notes(run, fmus[loop.plant_name].parameters, of_plant, limit)
+        amplifier += coarse_notes(run, reference)
+        run = limited(run, of_plant)
     notes = [f"{name} is unknown in the system and was ignored" for name in system.ignored]
     fixed = fixed_step_notes(first, *fmus.values()) if own or choice is None else ()
     found = (note for state in states for note in state)
+    notes += reference.notes(stop)
     return ClosedLoopResult(asked, run, (*notes, *found, *fixed, *amplifier), choice)
 
 

@@ -83,27 +83,12 @@ def verdict_of(
     failure: str = "",
     advice: str = "",
 ) -> Verdict:
-    """The verdict on a run, from it and its reference co-runs.
+    """The verdict on a run (k, n), from it and its reference co-runs.
 
-    Parameters
-    ----------
-    names : list of str
-        The plant outputs.
-    run : ndarray, shape (k, n)
-        Outputs at the communication points; fewer rows after a failure.
-    co_runs : sequence of ndarray, shape (k, n)
-        Outputs of the reference co-run and, if the set-point is curved within the steps, of the
-        co-run with half of the step.
-    contraction : float
-    smaller : str
-        What to do about a residual that is too large.
-    safety : float
-        Factor on the estimate: 1 if the reference co-run is worse than the run, so that the
-        difference is larger than the run's own error; 2 if it is better.
-    failure : str
-        Why the reference co-run, or the run, ended early.
-    advice : str
-        What to do about the failure.
+    The second co-run, with half of the step, is there if the set-point is curved within the steps.
+    `smaller` says what to do about a residual that is too large, `failure` why a run ended early,
+    `advice` what to do about it. `safety` is 1 if the reference co-run is worse than the run, so
+    that the difference is larger than the run's own error; 2 if it is better.
     """
     co_run, *half = co_runs
     rows = min(len(run), len(co_run))
@@ -151,18 +136,10 @@ def verdict_of(
 
 
 def asks_again(verdict: Verdict, run: Vector, co_run: Vector, safety: float, blind: bool) -> bool:
-    """Whether the first estimate leaves open whether a run is right.
+    """Whether the first estimate leaves open whether a run (k, n) without failures is right.
 
-    Parameters
-    ----------
-    verdict : Verdict
-        The first verdict, on a run without failures.
-    run, co_run : ndarray, shape (k, n)
-    safety : float
-        As in `verdict_of`.
-    blind : bool
-        Whether both may have the same error: an output jumps, possibly in both on the wrong side of
-        a step's end; or nothing is corrected, and a relay switches late in both.
+    They are `blind` if both may have the same error: an output jumps, possibly in both on the wrong
+    side of a step's end; or nothing is corrected, and a relay switches late in both.
     """
     share = np.abs(run - co_run) / scales(run)
     if not np.isfinite(share).all():
@@ -181,19 +158,10 @@ def second_verdict(
     delayed: Vector | None,
     around: Vector,
 ) -> Verdict:
-    """The verdict from co-runs with a half and a quarter of the step.
+    """The verdict from co-runs (k, n) with a half and a quarter of the step, at the run's points.
 
-    Parameters
-    ----------
-    first : Verdict
-        The first verdict, which is not clear.
-    run, half, quarter : ndarray, shape (k, n)
-        Outputs at the run's communication points.
-    delayed : ndarray, shape (k, n), or None
-        Also with a quarter of the step, and with commands one such step earlier or later; given if
-        nothing is corrected.
-    around : ndarray, shape (k, n)
-        Part of a jump that may belong on the other side of the communication point.
+    `delayed` has a quarter of the step, and commands one such step earlier or later; it is given if
+    nothing is corrected. `around` is the part of a jump that may belong on the other side.
     """
     names = list(first.error_estimate)
     error = np.abs(run - quarter) + STEP_RATIO_ERROR * np.abs(half - quarter)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 Vector = npt.NDArray[np.float64]
 
 TIGHT, LOOSE = 1e-10, 1e-8
+BETWEEN, MOST_POINTS = 1e-3, 1e6  # [s] between two points where outputs are known, and their number
 STARTED = "t_step"  # the input with the time from which the terms count
 
 
@@ -65,17 +66,8 @@ def held_loop_kernel(
 ) -> Kernel:
     """As `loop_kernel`, with discrete states and delayed signals among the states.
 
-    See `with_held_states` and `with_delay_states`.
-
-    Parameters
-    ----------
-    averaged : bool
-        Whether quantizers are replaced by their mean, see `dithered_average`.
-
-    Raises
-    ------
-    UnsupportedComponent
-        For a loop that has both.
+    See `with_held_states`, `with_delay_states`, and for `averaged` quantizers `dithered_average`;
+    `UnsupportedComponent` for a loop that has both.
     """
     kernel = loop_kernel(plant, controller)
     averaged = averaged and kernel.quantized
@@ -145,19 +137,8 @@ def inputs_between(
 ) -> tuple[Vector, Matrix, npt.NDArray[np.bool_]]:
     """Inputs of a loop from each time to the next; solver steps end where they change.
 
-    Parameters
-    ----------
-    grid : ndarray, shape (m,)
-        Rising times [s].
-
-    Returns
-    -------
-    times : ndarray, shape (k,)
-        The grid, and the points of the set-point between its times [s].
-    inputs : ndarray, shape (k, n)
-        Of the kernel, from each of them on.
-    on_grid : ndarray, shape (k,)
-        Whether each time is one of the grid.
+    Returns the times of the grid (m,) with the points of the set-point between them (k,), the
+    kernel's inputs from each of them on (k, n), and whether each is one of the grid (k,).
     """
     orders = reference_orders(kernel)
     times, pieces = reference.between(grid, list(orders.values()))
@@ -184,8 +165,9 @@ def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) ->
     """
     kernel = loop_kernel(loop.plant.name, loop.controller.name)
     reference, stop = loop.reference, loop.stop
+    points = stop / min(step, max(BETWEEN, stop / MOST_POINTS))
     check_memory(
-        8.0 * (5 * len(kernel.outputs) + 6) * stop / step,  # two courses, times, what is drawn
+        8.0 * (5 * len(kernel.outputs) + 6) * points,  # two courses, times, what is drawn
         f"{stop / step:.3g} communication steps need",
         "use a longer --step or a shorter --stop",
     )
@@ -194,9 +176,9 @@ def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) ->
     loose = _simulate(kernel, values, LOOSE, reference, stop, step, None)
     commands = [n for n in tight.outputs if n in ("u",)]
     signals = [n for n in tight.outputs if n not in commands]
-    verdict = _verdict(tight, loose, signals)
-    steps = np.diff(tight.time)
-    return LoopRun(
+    rows = np.flatnonzero(tight.is_point)
+    steps = np.diff(tight.time[rows])
+    run = LoopRun(
         time=tight.time,
         outputs={n: tight.outputs[n] for n in signals},
         commands={n: tight.outputs[n] for n in commands},
@@ -206,20 +188,29 @@ def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) ->
         corrected=False,
         residual_max=dict.fromkeys(commands, 0.0),
         effect_rate_max=dict.fromkeys(signals, 0.0),
-        macro_steps=len(tight.time) - 1,
+        macro_steps=len(rows) - 1,
         step_range=(float(steps.min(initial=step)), float(steps.max(initial=0.0))),
-        verdict=verdict,
+        verdict=_verdict(tight, loose, signals),
         stopped=tight.stopped,
         units={o.name: o.unit for o in kernel.outputs},
         sampling_period=tight.period,
+    )
+    return replace(
+        run,
+        time=run.time[rows],
+        outputs={n: values[rows] for n, values in run.outputs.items()},
+        commands={n: values[rows] for n, values in run.commands.items()},
+        reference=run.reference[rows],
+        between=run,
     )
 
 
 @dataclass(frozen=True)
 class _Course:
-    """Outputs on the grid of communication points, until the solver stopped; sampling period."""
+    """Outputs until the solver stopped, which times are communication points; sampling period."""
 
     time: Vector
+    is_point: npt.NDArray[np.bool_]
     outputs: dict[str, Vector]
     stopped: str
     period: float
@@ -239,9 +230,13 @@ def _simulate(
     step = step_that_meets(period, step)
     points = int(np.ceil(stop / step - ROUND_OFF))
     grid = np.minimum(np.arange(points + 1) * step, stop)
-    outputs, stopped = follow(model, reference, grid, FARTHEST, progress)
+    parts = math.ceil(step / max(BETWEEN, stop / MOST_POINTS) - ROUND_OFF)
+    finer = (grid[:-1, None] + step / parts * np.arange(parts)).ravel()
+    finer = np.append(finer[finer < stop - ROUND_OFF * step], grid[-1])
+    times, _ = reference.between(finer, ())
+    outputs, stopped = follow(model, reference, times, FARTHEST, progress)
     rows = len(next(iter(outputs.values())))
-    return _Course(grid[:rows], outputs, stopped, period)
+    return _Course(times[:rows], np.isin(times, grid)[:rows], outputs, stopped, period)
 
 
 def follow(
@@ -251,21 +246,10 @@ def follow(
     farthest: float = math.inf,
     progress: Progress | None = None,
 ) -> tuple[dict[str, Vector], str]:
-    """Run a loop of `loop_kernel` from the model's present state over a grid of times.
+    """Run a loop of `loop_kernel` from the model's present state over a grid of rising times [s].
 
-    Parameters
-    ----------
-    grid : ndarray, shape (m,)
-        Rising times [s], its samples among them.
-    farthest : float
-        Times an output's nominal value, beyond which a loop diverges and the run ends.
-
-    Returns
-    -------
-    outputs : dict of str to ndarray, shape (n,)
-        On the grid, as far as the run went.
-    stopped : str
-        Why it ended early; empty if it did not.
+    Its samples are among them. Beyond `farthest` times an output's nominal value the loop diverges.
+    Returns the outputs on the grid, as far as the run went, and why it ended early, if it did.
     """
     period, declared = model.sample_time, model.kernel.outputs
     times, at, on_grid = inputs_between(model.kernel, reference, grid)

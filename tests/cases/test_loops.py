@@ -113,6 +113,27 @@ def test_one_loop_of_a_cascade_comes_to_its_set_point_in_a_run_a_map_and_an_expo
     assert end == pytest.approx(0.02, abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("begins", "unit", "said"),
+    [
+        (0.0, " [deg]", "ballscrew: the set-point's file has x_d as angle, and the plant's"),
+        (100.0, "", "note: the set-point does not change within this run of 0.05 s: its first"),
+        (0.0, "", ""),
+    ],
+)
+def test_a_set_point_of_another_quantity_is_refused_and_one_of_another_time_is_told(
+    tmp_path, command, begins, unit, said
+):
+    rows = f"time,x_d{unit}\n{begins},0\n{begins + 1},0.1\n"
+    (tmp_path / "motion.csv").write_text(rows)
+    words = "run --controller pid --reference motion.csv --stop 0.05 --step 1e-3 --out out"
+    code, _, heard = command(tmp_path, words)
+    assert code == (2 if unit else 0)
+    assert heard.startswith(said)
+    assert heard.count("\n") == (said > "")
+    assert (tmp_path / "out").exists() == (unit == "")
+
+
 def test_a_step_that_was_asked_for_and_is_discarded_is_told_in_words(tmp_path, command):
     folder = case("step_discarded", tmp_path)
     code, *texts = command(folder, f"{RUN} cart_d.fmu {GOAL} --out out --step 1e-3")

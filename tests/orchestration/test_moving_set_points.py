@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.metrics import metrics
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.run import run_closed_loop
@@ -38,6 +39,12 @@ SET_POINTS = {
     "sine": (
         read_motion("sine:amplitude=0.01,frequency=1"),
         lambda t: 0.005 * (1 - np.cos(2 * np.pi * t)),
+        [],
+        0.1,
+    ),
+    "sine of the steps' frequency": (
+        read_motion("sine:amplitude=1e-3,frequency=10"),
+        lambda t: 5e-4 * (1 - np.cos(20 * np.pi * t)),
         [],
         0.1,
     ),
@@ -92,6 +99,11 @@ def test_in_one_solver_whatever_the_step(name):
     assert errors["x"] < 2e-10
     assert errors["v"] < 2e-9
     np.testing.assert_allclose(run.reference, goal(run.time + 1e-12), atol=1e-12)
+    fine = np.linspace(0.0, STOP, 10_001)
+    error = goal(fine) - truth(name, fine)[0]  # its largest value lies between the points
+    figures = metrics(run)
+    assert figures.largest_error == pytest.approx(np.abs(error).max(), rel=1e-3)
+    assert figures.rms_error == pytest.approx(np.sqrt(np.mean(error**2)), rel=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -102,13 +114,16 @@ def test_in_one_solver_whatever_the_step(name):
 def test_over_fmus_no_error_is_larger_than_the_one_a_trusted_run_states(coupling, name, native):
     motion, _, ends, step = SET_POINTS[name]
     fmus = str(native("iol")), str(native("plant"))
-    run = run_closed_loop(Loop(*fmus, motion, STOP, step=step, coupling=coupling)).run
+    result = run_closed_loop(Loop(*fmus, motion, STOP, step=step, coupling=coupling))
+    run = result.run
     check(run, name, 1e-9)
+    coarse = any("coarse for the figures" in note for note in result.notes)
+    assert coarse == ("frequency" in name)
     if name.startswith("step") and coupling is Coupling.INTERFACE_JACOBIAN:
         assert run.verdict.trusted  # the jump itself costs nothing, wherever it is
         assert len(run.time) == round(STOP / step) + 1
         np.testing.assert_array_equal(run.reference, after(run.time + 1e-12, ends[0]))
-    if name == "sine":
+    if name.startswith("sine"):
         assert not run.verdict.trusted  # which a grid of 0.1 s does not see
 
 

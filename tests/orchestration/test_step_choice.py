@@ -81,13 +81,6 @@ def test_each_halving_must_move_less_than_seven_tenths_of_the_last(ratio, number
         assert choice.reason == "the last of 12 tried: 12 steps were tried"
 
 
-def test_runs_that_are_all_equal_are_right_after_two_halvings() -> None:
-    run, choice = choose_step(with_error(lambda _h: 0.0))
-    assert run.verdict.trusted
-    assert run.verdict.error_estimate == {"x": 0.0}
-    assert choice.step == 2.5e-4
-
-
 @pytest.mark.parametrize(("apart", "number"), [(0.12, 4), (0.11, 12)])
 def test_runs_that_do_not_come_closer_to_each_other_are_given_up(apart, number) -> None:
     errors = itertools.cycle([0.0, apart])
