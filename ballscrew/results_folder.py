@@ -32,17 +32,21 @@ def save_results(folder: Path, save: Callable[[Path], None]) -> None:
 
 
 def prepare_folder(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
-    """Make the output folder before any work is done, so that an invalid one costs no time.
+    """Try the output folder before any work is done, so that an invalid one costs no time.
 
     An input must not be a result in this folder that the new results would overwrite.
     """
     if os.path.exists(folder) and not os.path.isdir(folder):  # False for names that are too long
         raise BadRequest(f"--out {folder} is a file, expected a folder")
     try:
+        new = [place for place in (folder, *folder.parents) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
+        writable = os.access(folder, os.W_OK)
+        for place in new:  # it is made again with the results: a refused request leaves nothing
+            place.rmdir()
     except OSError as error:
         raise BadRequest(f"--out {folder} cannot be made: {error.strerror}") from error
-    if not os.access(folder, os.W_OK):
+    if not writable:
         raise BadRequest(f"--out {folder} cannot be written")
     tell_folder(folder)
     from .orchestration.run_folder import settle, written_files

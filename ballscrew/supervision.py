@@ -12,8 +12,8 @@ interrupt is handled when Python code runs again.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
-import shutil
 import sys
 import tempfile
 import time
@@ -86,7 +86,7 @@ def supervised(command: Callable[[], int]) -> int:
         return code if code >= 0 else _BY_SIGNAL - code
     finally:
         if scratch is not None:
-            shutil.rmtree(scratch, ignore_errors=True)
+            _remove(Path(scratch))
 
 
 def interrupted() -> int:
@@ -115,8 +115,29 @@ def _remove_what_is_left(place: Path) -> None:
             continue
         with contextlib.suppress(OSError):  # removed, another user's folder, or locked
             descriptor = lock_if_left(folder)
-            shutil.rmtree(folder, ignore_errors=True)
+            _remove(folder)
             os.close(descriptor)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder as far as possible, however deep an FMU has made it.
+
+    What is in a folder is moved up before the folder is removed, so that no path gets long.
+    """
+    names, stuck = itertools.count(), set[str]()
+    with contextlib.suppress(OSError):
+        while found := [e for e in os.scandir(folder) if e.name not in stuck]:
+            for entry in found:
+                try:
+                    if entry.is_dir(follow_symlinks=False):
+                        for inner in os.scandir(entry):
+                            os.rename(inner, folder / f"{_SCRATCH}{next(names)}")
+                        os.rmdir(entry)
+                    else:
+                        os.unlink(entry)
+                except OSError:
+                    stuck.add(entry.name)
+        folder.rmdir()
 
 
 def _tell_user(what: str) -> None:

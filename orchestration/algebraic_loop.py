@@ -38,16 +38,8 @@ def loop_gain(
 ) -> float:
     """Change of the controller's output by a change of the commands without delay; 0 if it decays.
 
-    Parameters
-    ----------
-    opened : function
-        A plant and a controller, initialized together.
-    sizes : ndarray
-        Change of each command.
-    reference : ndarray
-        Set-points at the start.
-    step : float
-        Communication step [s].
+    `opened` gives a plant and a controller, initialized together; `sizes` are changes of the
+    commands, `reference` the set-points at the start.
     """
 
     commands = [theirs for _, theirs in wiring.commands]
@@ -86,15 +78,7 @@ def with_ring_named(
     reference: Vector,
     step: float,
 ) -> LoopRun:
-    """The run, with a verdict on an algebraic loop that remains for any step size.
-
-    Parameters
-    ----------
-    loop : CoupledPair
-        The loop of the run, after its end.
-    opened, wiring, reference, step
-        As for `loop_gain`.
-    """
+    """The run, after its end, with a verdict on an algebraic loop that remains for any step."""
     plant, found = loop.plant, loop.unsolved
     if found:
         return _named(run, f"has no solution at {found} communication points")

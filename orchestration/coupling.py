@@ -93,21 +93,9 @@ class OwnStep:
 class ControllerSide:
     """A controller as a function: commands for given signals.
 
-    Parameters
-    ----------
-    instance : Instance
-        Initialized.
-    wiring : Wiring
-    signals, reference : ndarray
-        Values at the start, used for the test of its feedthrough.
-    side : Struct, optional
-        The struct to fill, of the kind `compiled.CONTROLLER`.
-
-    Attributes
-    ----------
-    answer : Answer
-    m, n : int
-        Numbers of commands and signals.
+    The instance is initialized; with `signals` and `reference` at the start its feedthrough is
+    tested. `side` is a struct of the kind `compiled.CONTROLLER` to fill. It has `m` commands, `n`
+    signals, and the way of its `answer`.
     """
 
     def __init__(

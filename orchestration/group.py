@@ -70,19 +70,9 @@ def initialize(
 ) -> None:
     """Initialize a plant and its controller together.
 
-    Parameters
-    ----------
-    values : tuple of two mappings of str to float
-        Of plant and controller: parameters, start values, and inputs that are not connected.
-    stop : float
-        [s]
-    reference : ndarray
-        Set-points at the start.
-
-    Raises
-    ------
-    StepFailed
-        If a part rejects its values, or an algebraic loop has no solution.
+    `values` are those of plant and controller: parameters, start values, and inputs that are not
+    connected; `reference` has the set-points at the start. StepFailed: a part rejects its values,
+    or an algebraic loop has no solution.
     """
     goals = [f"set-point {k}" for k in range(len(wiring.references))]
     feeds = [

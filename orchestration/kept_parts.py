@@ -32,17 +32,7 @@ class KeptParts:
         self.digest = digest
 
     def claim(self, work: str, resume: bool, refused: type[ValueError]) -> None:
-        """Reject a folder that contains other parts than the given ones.
-
-        Parameters
-        ----------
-        work : str
-            Its name in messages.
-        resume : bool
-            Whether the user wants to continue it.
-        refused : type of exception
-            Raised with one line.
-        """
+        """Reject a folder that contains other parts, with one line of the type `refused`."""
         place = self.folder.parent
         found = {_digest(content) for path in self._files() if (content := _content(path))}
         if self.digest in found and not resume:
@@ -71,14 +61,9 @@ class KeptParts:
         workers: Workers,
         fits: Callable[[str, Any], bool] = lambda name, found: True,
     ) -> Iterator[tuple[str, Any]]:
-        """Yield the name and result of each job: finished ones first, then the others as they end.
+        """Yield the name and result of each job: finished ones first, the others as they end.
 
-        Parameters
-        ----------
-        jobs : mapping of str to tuple
-            Arguments of the function, by the name under which its result is kept.
-        fits : function (str, found) -> bool
-            Whether a result belongs to this job.
+        `jobs` are arguments by name; `fits` says whether a result belongs to its job.
         """
         missing = {}
         for name, job in jobs.items():

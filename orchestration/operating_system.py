@@ -47,15 +47,7 @@ def locked(folder: Path) -> Iterator[None]:
 def lock(folder: Path) -> int:
     """Wait for a folder and lock it; without effect on a file system without locks.
 
-    Returns
-    -------
-    int
-        A descriptor. The lock ends when all processes that have it have closed it, or ended.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be opened.
+    The lock ends when all processes that have the returned descriptor have closed it, or ended.
     """
     if sys.platform == "win32":
         import msvcrt
@@ -145,12 +137,8 @@ def fork(signals: set[signal.Signals]) -> int:
 def outcome(child: int, signals: set[signal.Signals]) -> tuple[int, str]:
     """Wait for a child's end, or for a signal that requests it.
 
-    Returns
-    -------
-    code : int
-        Its exit code; minus the number of the signal that ended it.
-    how : str
-        ``interrupted`` by one of `signals`, ``ended by`` another, or nothing.
+    Returns its exit code, or minus the signal that ended it; and ``interrupted`` by one of
+    `signals`, ``ended by`` another, or nothing.
     """
     while True:
         number = signal.sigwait({*signals, signal.SIGCHLD})
@@ -192,15 +180,10 @@ class Told:
 
 
 def end_when_closed(descriptor: int, whole_group: bool = False) -> None:
-    """End this process when the last writing end of a pipe is closed.
+    """End this process, or the group that it leads, when the last writing end of a pipe is closed.
 
-    Parameters
-    ----------
-    descriptor : int
-        Reading end of the pipe, which must not be shared with another process that calls this.
-        Nothing may be written to the pipe.
-    whole_group : bool
-        Whether to end the whole process group, which this process must lead.
+    The reading end must not be shared with another process that calls this, and nothing may be
+    written to the pipe.
     """
     if not sys.platform.startswith("linux"):
         _end_after(lambda: os.read(descriptor, 1))
@@ -269,24 +252,10 @@ def start_host(
 ) -> tuple[socket.socket, Popen[bytes], BinaryIO]:
     """Start a fresh interpreter that runs ``main(connection)`` of a module of this package.
 
-    It does not get Ctrl-C, and has no modules of the user on its path.
-
-    Parameters
-    ----------
-    module : str
-    folder : Path
-        Its working directory.
-    prints : int
-        Descriptor for its output, which is closed here.
-
-    Returns
-    -------
-    connection : socket
-        The other end of the connection that ``main`` gets.
-    process : Popen
-    held : file
-        When it is closed, at the latest at the end of this process, the host ends; on Linux with
-        all processes that it has started itself.
+    It works in `folder`, does not get Ctrl-C, and has no modules of the user on its path. `prints`
+    is the descriptor for its output, which is closed here. Returns the other end of the connection,
+    the process, and a file: when it is closed, at the latest at the end of this process, the host
+    ends; on Linux with all processes that it has started itself.
     """
     import socket
     import subprocess

@@ -207,7 +207,14 @@ def read_motion(text: str) -> Reference | None:
             raise BadReference(f"{text!r}: {name} is {number!r}, expected a number") from None
         if not math.isfinite(values[name]):
             raise BadReference(f"{text!r}: {name} is {number}, expected a finite number")
-    return KINDS[kind](**values)
+    try:
+        with np.errstate(all="ignore"):
+            motion = KINDS[kind](**values)
+    except (OverflowError, ZeroDivisionError):
+        motion = Reference.constant(math.nan)
+    if not (np.isfinite(motion.times).all() and np.isfinite(motion.pieces(0)).all()):
+        raise BadReference(f"{text!r}: its times or places are beyond all numbers")
+    return motion
 
 
 def read_set_point(text: str) -> Reference:

@@ -10,6 +10,7 @@ from the user's: a file that is not as we wrote it is never removed or overwritt
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import json
 import os
@@ -29,27 +30,13 @@ Files = dict[str, str]
 
 
 def write_run(folder: Path, write: Callable[[Path], None], adds: bool = False) -> list[str]:
-    """Write the results of a run in place of those of the run before.
+    """Write the results of a run in place of those of the run before; return notes for the user.
 
-    Parameters
-    ----------
-    folder : Path
-    write : function (Path) -> None
-        Writes all files into the folder that it is given.
-    adds : bool
-        Whether they belong to the run whose results the folder holds already.
-
-    Returns
-    -------
-    list of str
-        Notes for the user: which of their files have another name now.
-
-    Raises
-    ------
-    OSError
-        If something cannot be written. Before the results are complete, the folder is not changed.
+    `write` puts all files into the folder that it is given. With `adds` they belong to the run
+    whose results the folder holds. The notes say which of the user's files have another name now.
+    OSError: something cannot be written; before the results are complete, nothing is changed.
     """
-    hidden = folder / HIDDEN
+    hidden = _hidden(folder)
     hidden.mkdir(parents=True, exist_ok=True)
     with locked(hidden):
         notes = _settle(folder)
@@ -75,27 +62,27 @@ def write_run(folder: Path, write: Callable[[Path], None], adds: bool = False) -
 
 
 def settle(folder: Path) -> list[str]:
-    """Finish or undo the incomplete work of a killed process.
-
-    Returns
-    -------
-    list of str
-        As `write_run`.
-
-    Raises
-    ------
-    OSError
-    """
-    hidden = folder / HIDDEN
+    """Finish or undo the incomplete work of a killed process; notes and errors as `write_run`."""
+    hidden = _hidden(folder)
     if not (hidden / _STAGE).exists() and not (hidden / _NEXT).exists():
         return []
     with locked(hidden):
         return _settle(folder)
 
 
+def _hidden(folder: Path) -> Path:
+    """The hidden folder; raises OSError if it is a link, behind which the user's files may be."""
+    hidden = folder / HIDDEN
+    if hidden.is_symlink():
+        raise OSError(errno.ELOOP, "a link, expected a folder", str(hidden))
+    return hidden
+
+
 def written_files(folder: Path) -> Files:
-    """The files that the last run wrote into a folder."""
-    return _listed(folder / HIDDEN / _WRITTEN)
+    """The files that the last run wrote into a folder; none behind a link, if others made it."""
+    listed = _listed(folder / HIDDEN / _WRITTEN)
+    own = {n: Path(n).parents for n in listed}
+    return {n: listed[n] for n in own if not any((folder / p).is_symlink() for p in own[n][:-1])}
 
 
 def changed_since(folder: Path, instant: float) -> bool:

@@ -24,14 +24,7 @@ def check_state(
 ) -> tuple[str, ...]:
     """Do not use an FMU's saved states if it does not really restore them; return a note on it.
 
-    Parameters
-    ----------
-    fmu : FmuInstance or IsolatedInstance
-        Not initialized; a new instance of it is tried.
-    values : mapping of str to float
-        Its parameters that are not default.
-    stop, step : float
-        End of the run and communication step [s].
+    A new instance is tried, with the given parameters.
     """
     if not fmu.can_save or is_ours(fmu.path):
         return ()

@@ -14,17 +14,9 @@ COLUMNS = 2000  # of a picture: more than twice as many as it has pixels across
 
 
 def rows_over_time(time: Vector, values: Vector, columns: int = COLUMNS) -> Rows:
-    """Rows of a curve to draw: the first, last, smallest and largest of each column.
+    """Rows of a curve (n,) to draw, in order: the first, last, smallest and largest of each column.
 
-    Parameters
-    ----------
-    time, values : ndarray, shape (n,)
-        Times rise.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        In order; at most four for each column, and all if there are not more.
+    At most four for each column, and all if there are not more.
     """
     if len(time) <= 4 * columns:
         return np.arange(len(time))
@@ -44,18 +36,9 @@ def rows_over_time(time: Vector, values: Vector, columns: int = COLUMNS) -> Rows
 
 
 def rows_over_plane(points: npt.NDArray[np.float64], cells: int = COLUMNS) -> Rows:
-    """Rows of a curve to draw: where it enters and leaves the cells of a grid, and its extremes.
+    """Rows of a curve (n, 2) to draw: where it enters and leaves cells, and its extremes.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 2)
-    cells : int
-        Along each side of the grid.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        In order; omitted rows are within a cell of the returned ones.
+    They are in order; omitted rows are within a cell of the returned ones.
     """
     if len(points) <= 2:
         return np.arange(len(points))

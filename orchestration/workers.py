@@ -18,6 +18,7 @@ from .operating_system import pool
 
 AHEAD = 2  # tasks per worker that wait, so that memory stays bounded as maps grow
 SILENT = 50.0  # s without a heartbeat of any worker, so that the error comes within a minute
+NO_WORKER = 15.0  # s in which a first worker may come
 _NOISY = ("distributed", "tornado", "asyncio")
 _INSTALL = "install the same version of ballscrew there"
 CHECK = 2.0  # s between two checks of the workers
@@ -178,13 +179,15 @@ class Dask:
             told: Any = self.client.sync(_identity, self.address, callback_timeout=CHECK)
             seen = {name: float(worker["last_seen"]) for name, worker in told["workers"].items()}
             why = "has lost contact with its workers" if seen else "has no worker: start one"
+            self._seen_any = self._seen_any or bool(seen)
             if self._seen_any and not seen:
                 why = f"has lost all workers: {_INSTALL}"
         if any(self._seen.get(name) != last for name, last in seen.items()):
             self._heard = time.monotonic()
         self._seen = seen
-        if time.monotonic() - self._heard > SILENT:
-            raise self._lost(f"{why} ({SILENT:.0f} s without a sign of life)")
+        patience = SILENT if self._seen_any else NO_WORKER
+        if time.monotonic() - self._heard > patience:
+            raise self._lost(f"{why} ({patience:.0f} s without a sign of life)")
 
     def _told(self, error: BaseException) -> BaseException:
         """The exception to raise for an error of a task."""

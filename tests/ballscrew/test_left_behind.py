@@ -68,6 +68,21 @@ def test_folders_of_killed_commands_are_removed_and_those_of_living_ones_never(t
     assert sorted(temporary.iterdir()) == sorted(others)
 
 
+def test_a_folder_that_is_too_deep_for_recursion_goes_with_the_next_command(tmp_path):
+    """As an FMU leaves it that makes folders within folders; the path is longer than allowed."""
+    place = os.open(tmp_path, os.O_RDONLY)
+    for name in ("ballscrew-run-left", *("d" * 9 for _ in range(1200))):
+        os.mkdir(name, dir_fd=place)
+        inner = os.open(name, os.O_RDONLY, dir_fd=place)
+        os.close(place)
+        place = inner
+    os.close(place)
+    environment = os.environ | {"TMPDIR": str(tmp_path)}
+    done = subprocess.run([BALLSCREW, "gallery"], env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_what_cannot_be_written_to_a_full_disk_is_told_with_its_file(tmp_path, monkeypatch):
     def full(_descriptor):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

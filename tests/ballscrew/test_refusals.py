@@ -40,6 +40,8 @@ SHOWN = [
     (f"{RUN} --set plant.m=1 --set plant.m=2", "plant.m is given as 1 and as 2"),
     (f"{RUN} --map a=b", "--map: neither side has a port 'a'"),
     (f"{RUN} --reference none.csv", "none.csv: there is no such file"),
+    (f"{RUN} --reference move:speed=1e-300", "its times or places are beyond all numbers"),
+    (f"{RUN} --sampled 1e308", "sampled is 1e+308 s, expected at most stop"),
     (f"{RUN} --params sigma.toml", "[plant] there is no 'sigma', did you mean sigma"),
     (f"{RUN} --params grams.toml", "[plant] m has the unit 'g', expected 'kg'"),
     (f"{RUN} --out record.csv", "--out record.csv is a file, expected a folder"),

@@ -1,5 +1,6 @@
 """A folder holds the old run or the new one, whole, whenever a process is killed."""
 
+import json
 import os
 import shutil
 
@@ -69,6 +70,25 @@ def test_what_is_added_belongs_to_the_run_that_is_there(used):
     assert held(used) == OLD | THEIRS | {"borders.csv": "b"}
     write_run(used, put(NEW))
     assert held(used) == NEW | MOVED
+
+
+def test_a_folder_of_others_removes_nothing_behind_its_links(used, tmp_path):
+    """Its list names a file of the user's, with the right digest, by a link."""
+    other = tmp_path / "other"
+    (other / "next").mkdir(parents=True)
+    (other / "mine.txt").write_text(OLD["table.csv"])
+    (used / "away").symlink_to(other)
+    listed = used / HIDDEN / "written.json"
+    files = json.loads(listed.read_text())
+    listed.write_text(json.dumps(files | {"away/mine.txt": files["table.csv"]}))
+    write_run(used, put(NEW))
+    assert (other / "mine.txt").read_text() == OLD["table.csv"]
+    shutil.rmtree(used / HIDDEN)
+    (used / HIDDEN).symlink_to(other)
+    for action in (settle, lambda folder: write_run(folder, put(NEW))):
+        with pytest.raises(OSError, match="a link, expected a folder"):
+            action(used)
+    assert (other / "next").is_dir()
 
 
 @pytest.mark.parametrize("text", ["", "[1]", '{"../notes.txt": "0", "/etc/hosts": "0", "a": 1}'])
