@@ -1,7 +1,7 @@
 """Frequency response of a drive from a record with excitation: multisine, chirp or noise.
 
-H1 by Welch's method, with its coherence (J. S. Bendat, A. G. Piersol, *Random Data*, 4th ed., 2010,
-chapters 5.2 and 9.2), of the differenced position, so that a drift does not leak.
+H1 by Welch's method (J. S. Bendat, A. G. Piersol, *Random Data*, 4th ed., 2010, chapters 5.2, 9.2)
+of the differenced position, so that a drift does not leak.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from .intervals import CONFIDENCE, Interval, is_narrow
 Vector = npt.NDArray[np.float64]
 _SEGMENTS = 8  # record length over segment length; with half overlap, 15 averages
 _COHERENT = 0.7  # least coherence of a used frequency
-_METHOD = "a mode beside a rigid body, least squares on the response"
 _BAND = np.log(1.3)  # of the frequency ratios to the peak that are fitted
 
 
@@ -45,8 +44,7 @@ class Response:
         return self.coherence > _COHERENT
 
     @property
-    def highest(self) -> float:
-        """Highest frequency with sufficient coherence [Hz]; 0 without one."""
+    def highest(self) -> float:  # Hz
         return float(self.frequency[self.coherent].max(initial=0.0))
 
     @property
@@ -78,21 +76,23 @@ def frequency_response(record: Record) -> Response:
     given, moved = record.signals[name][:-1], np.diff(record.x)
     how = {"fs": 1.0 / record.step, "nperseg": max(len(given) // _SEGMENTS, 50)}
     if len(given) < 400 or not np.ptp(given) > 0 or not np.ptp(moved) > 0:
-        raise BadRecord(
-            f"{record.name}: expected 400 samples of a shaken drive, got no such {name}"
-        )
+        raise BadRecord(f"{record.name}: expected 400 samples with changing {name} and x")
     frequency, cross = csd(given, moved, **how)
     inside = (frequency > 1.5 * frequency[1]) & (frequency < 0.45 / record.step)
     share = np.clip(coherence(given, moved, **how)[1][inside], 0.0, 1.0)
     omega = 2 * np.pi * frequency[inside]
-    position = (cross / welch(given, **how)[1])[inside] / np.expm1(1j * omega * record.step)
+    own = welch(given, **how)[1][inside]
+    position = cross[inside] / own / np.expm1(1j * omega * record.step)
     found = Response(frequency[inside], position, share, next(iter(UNITS[kind])))
     good, error = found.coherent, np.sqrt((1 - share) / np.maximum(30 * share, 1e-12))
     if np.count_nonzero(good) < 12:
         return found
-    # what falls as the n-th power of frequency is n quarters of a turn late, except a controller
-    power, _ = np.polyfit(np.log(omega[good]), np.log(np.abs(position[good])), 1)
-    if np.median(np.cos(np.angle(position[good]) - 0.5 * np.pi * power)) < 0:
+    # what falls as the n-th power of frequency is n quarters of a turn late, except a controller;
+    # seen two octaves from the lowest line on, below resonances and before a delay counts
+    low = np.flatnonzero(good & (own > 0.01 * own[good].max()))
+    low = low[: max(8, np.count_nonzero(omega[low] < 4 * omega[low[0]]))]
+    power, _ = np.polyfit(np.log(omega[low]), np.log(np.abs(position[low])), 1)
+    if np.median(np.cos(np.angle(position[low]) - 0.5 * np.pi * power)) < 0:
         raise BadRecord(
             f"{record.name}: {name} acts against the displacement, as that of a controller does "
             "whose drive is moved from outside; shake the drive by its command"
@@ -126,7 +126,7 @@ def _mode(
         return np.concatenate([rest.real, rest.imag])
 
     bounds = ([np.exp(-_BAND), 1e-5], [np.exp(_BAND), 1.0])
-    fits = [least_squares(left, (1.0, z), bounds=bounds, x_scale=(0.01, z)) for z in (0.01, 0.05)]
+    fits = (least_squares(left, (1.0, z), bounds=bounds, x_scale=(0.01, z)) for z in (0.01, 0.05))
     best, freedom = min(fits, key=lambda f: f.cost), 2 * len(ratio) - 8
     variance = np.linalg.inv(best.jac.T @ best.jac) * 2 * best.cost / freedom
     # neighbouring lines of Hann's window are correlated
@@ -137,5 +137,6 @@ def _mode(
     f, d = best.x[0] * centre / (2 * np.pi), best.x[1]
     off_f, low = reach[0] * centre / (2 * np.pi), max(d - reach[1], 0.0) if wide else 0.0
     narrow = bool(is_narrow(d, low, d + reach[1]))
-    resonance = Interval(f, "Hz", None, f - off_f, f + off_f, _METHOD, True)
-    return resonance, Interval(d, "1", None, low, d + reach[1], _METHOD, narrow)
+    how = "a mode beside a rigid body, least squares on the response"
+    resonance = Interval(f, "Hz", None, f - off_f, f + off_f, how, True)
+    return resonance, Interval(d, "1", None, low, d + reach[1], how, narrow)

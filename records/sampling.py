@@ -100,8 +100,7 @@ def even_out(
     if len(repeated) > HOLES * len(time):
         raise BadRecord(
             f"{name}: time does not increase in {len(repeated)} of {len(time)} samples, the first "
-            "in "
-            f"row {row(int(repeated[0]) + 1)}: the time stamps are coarser than the sampling; "
+            f"in row {row(int(repeated[0]) + 1)}: the time stamps are coarser than the sampling; "
             "write them with more digits"
         )
     kept = {n: np.delete(v, repeated + 1) for n, v in signals.items()}
@@ -123,8 +122,7 @@ def even_out(
         raise BadRecord(
             f"{name}: a gap of {steps[k]:.4g} s after {time[k]:.6g} s, but the sampling "
             f"interval is {step:.4g} s ({np.sum(missing > _LONGEST_GAP)} such); divide the record "
-            "into "
-            "pieces without gaps"
+            "into pieces without gaps"
         )
     holes = int(missing.sum())
     if holes > HOLES * len(time):

@@ -95,14 +95,7 @@ def quantity_of(unit: str) -> str:
 
 
 class Conversion:
-    """Conversion of a column to SI values of a linear motion.
-
-    Attributes
-    ----------
-    factor : float
-    quantity : str
-        Quantity of the recorded column; a key of `UNITS`.
-    """
+    """`factor` to SI values of a linear motion, and the recorded `quantity`, a key of `UNITS`."""
 
     def __init__(
         self, column: str, text: str, quantities: Sequence[str], lead: float | None

@@ -24,15 +24,15 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (3251, 2639),
     "ballscrew": (4942, 4100),
     "gallery": (3571, 3184),
-    "records": (2401, 2154),
-    "identification": (4718, 3906),
+    "records": (2393, 2152),
+    "identification": (4719, 3908),
     "diagnosis": (6692, 5355),
     "rig": (1743, 1379),
     "proofs": (12907, 11541),
     "benchmarks": (1870, 1732),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (27981, 26703),
+    "tests": (27984, 26703),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

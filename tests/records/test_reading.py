@@ -60,13 +60,6 @@ def test_a_rotary_record_becomes_a_linear_one_of_the_same_work(tmp_path, unit, p
     )
 
 
-def test_the_units_that_the_file_says_are_taken_unless_the_user_says_others(tmp_path):
-    table = MOTION | {"time": 1e3 * TIME, "x": 1e3 * MOTION["x"]}
-    path = write(tmp_path / "a.csv", table, "time [ms],u,x [mm]")
-    np.testing.assert_allclose(read(path).x, MOTION["x"], atol=1e-12)
-    np.testing.assert_allclose(read(path, units={"x": "um"}).x, 1e-3 * MOTION["x"], atol=1e-12)
-
-
 def test_the_current_alone_is_a_command_and_a_force_is_one(tmp_path):
     path = write(tmp_path / "a.csv", {"time": TIME, "i": MOTION["u"], "x": MOTION["x"]})
     record = read(path)

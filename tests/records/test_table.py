@@ -180,13 +180,6 @@ def test_of_two_columns_of_one_name_one_has_to_be_chosen(tmp_path, names):
         np.testing.assert_array_equal(found, ROWS[:, column])
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("text", ["nothing but words\nand more\n", "PK\0\1\2"])
-def test_what_is_no_table_is_said(tmp_path, text):
-    with pytest.raises(BadRecord, match=r"no rows of numbers|not a text table"):
-        read_table(write(tmp_path, text))
-
-
 @pytest.mark.parametrize(
     ("row", "separator"),
     [("{:.3f};{:,.3f}", ";"), ('{:.3f},"{:,.3f}"', ",")],
