@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import sympy as sp
 
+from ..identification.fitted_law import LAWS
 from ..instruments.amplifier import with_amplifier
 from ..plant.classical import with_sticking
 from ..plant.direct_drive import with_command_limit
@@ -74,7 +75,7 @@ def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) 
     first = [n for n in own if n not in (*PARTING, *_BEFORE_THE_FORCE)]
     for name in (*first, *(n for n in PARTING if n in own)):
         plant = CAUSES[name].extend(plant, curve, own[name])
-    if drive.law == "classical":
+    if LAWS[drive.law].rigid:
         plant = _able_to_stick(plant)
     plant = with_amplifier(plant) if drive.has_motor else with_command_limit(plant)
     for name in (n for n in _BEFORE_THE_FORCE if n in own):

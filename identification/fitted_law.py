@@ -31,6 +31,8 @@ class FittedLaw:
     ----------
     directional : bool
         Whether each direction has its own parameters.
+    rigid : bool
+        Whether the body sticks without any motion.
     mass, offset : bool
         Whether the mass, and a constant force, are also fitted.
     """
@@ -39,6 +41,7 @@ class FittedLaw:
     parameters: tuple[str, ...]
     units: tuple[str, ...]
     directional: bool = False
+    rigid: bool = False
     mass: bool = False
     offset: bool = False
 
@@ -111,10 +114,11 @@ BRISTLES = ("lugre", "modified_lugre", "directional_lugre")
 
 def _fitted(name: str) -> FittedLaw:
     """A law of the plants; parameters with a default of 0 are not fitted."""
-    own: tuple[Parameter, ...] = LUGRE if name in BRISTLES else law(name)(symbol("v")).parameters
+    both = name.removeprefix("directional_")
+    own: tuple[Parameter, ...] = LUGRE if name in BRISTLES else law(both)(symbol("v")).parameters
     own = tuple(p for p in own if p.default > 0)
     names, units = tuple(p.name for p in own), tuple(p.unit for p in own)
-    return FittedLaw(name, names, units, directional=name == "directional_lugre")
+    return FittedLaw(name, names, units, both != name, claims(name).stiffness is None)
 
 
 LAWS = {name: _fitted(name) for name in NAMES}

@@ -263,7 +263,7 @@ def _remarks(
         )
     if any(r.velocity_alone for r in records):
         notes.append(INTEGRATED)
-    if law == "classical":
+    if fit.law.rigid:
         notes.append(
             f"presliding stiffness: the law has none; {np.mean(~fit.spoken):.0%} of the samples, "
             "where the block may stick, only give a lower limit of the static friction"

@@ -30,6 +30,7 @@ KINDS = {
     "bliman_sorine": 2,
     "maxwell_slip": 3,
     "classical": 4,
+    "directional_classical": 4,
 }
 """Laws with an exact step in ``c/laws.c``; for all others the equations are solved."""
 SHARPNESS = 1e8  # Kv of the modified law [s/m], Table 3.1; records give no information on it

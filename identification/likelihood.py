@@ -37,7 +37,7 @@ class Problem:
             firsts = range(0, self.of_law, len(law.parameters))
             self.peaked = [(first + fc, first + fs) for first in firsts]
         self.owner = course.of_record()
-        rigid = law.name == "classical"
+        rigid = law.rigid
         self.spoken = ~course.still if rigid else np.ones(len(course.x), dtype=bool)
         self.break_aways = break_aways(course) if rigid else {}
         self.peaks = np.array(list(self.break_aways), dtype=np.int64)
@@ -75,7 +75,7 @@ class Problem:
         law = LawValues(self.law.name, forwards, backwards)
         friction = friction_along(law, x, v, course.step, course.starts, shifts, vibration)
         friction += constant
-        if self.law.name == "classical":
+        if self.law.rigid:
             where = ~self.spoken
             friction[where] = course.force[where] - inertial[where]
             static = half - 2  # Fs, before Vs

@@ -36,6 +36,8 @@ def presliding_way(law: FittedLaw, values: Mapping[str, float], end: str = "") -
     end : str, optional
         Suffix of the parameters' names, if the directions have separate parameters.
     """
+    if law.directional and not end:  # of the mass, which has no direction
+        end = "_pos"
     own = {n: values[n + end] for n in law.parameters}
     if law.name == "maxwell_slip":
         return own["Fs"] / sum(own[f"k{i}"] for i in range(1, ELEMENTS + 1))
@@ -79,7 +81,7 @@ def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     remaining fall, its width and the viscous slope are not identified.
     """
     name = without_direction(parameter)
-    rigid = fit.law.name == "classical"
+    rigid = fit.law.rigid
     curve = ["Fc", "Vs", "sigma2"]
     sliding = curve.copy()
     if fit.law.name == "maxwell_slip":  # shares of the force at which all elements slip

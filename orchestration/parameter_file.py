@@ -42,53 +42,25 @@ class BadParameters(ValueError):
 
 @dataclass(frozen=True)
 class Value:
-    """One parameter's value.
-
-    Attributes
-    ----------
-    value : float
-        SI.
-    unit : str
-        Empty: not given.
-    interval : tuple of two floats, optional
-        95 %; an end may be infinite.
-    source : str
-        Where the value comes from.
-    """
+    """One parameter's value, in SI units."""
 
     value: float
-    unit: str = ""
-    interval: tuple[float, float] | None = None
-    source: str = ""
+    unit: str = ""  # empty: not given
+    interval: tuple[float, float] | None = None  # 95 %; an end may be infinite
+    source: str = ""  # where the value comes from
 
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """Prior model and named causes of a diagnosis, in addition to its final values.
+    """Prior model and named causes of a diagnosis, in addition to its final values; SI."""
 
-    Attributes
-    ----------
-    records : tuple of str
-        Names of the records.
-    command : {"voltage", "current", "force"}
-        Quantity of `u` in the records.
-    command_shift : float
-        Time by which the command acts before its time stamp, in sampling intervals.
-    law : str
-        The prior model's friction law; the file's own may have bristles in addition.
-    prior, adjusted : mapping of str to float
-        The plant's prior values, and adjusted within their tolerances without any cause, SI.
-    causes : mapping of str to mapping of str to float
-        Numbers of each cause, SI.
-    """
-
-    records: tuple[str, ...]
-    command: str
-    command_shift: float
-    law: str
-    prior: Mapping[str, float]
-    adjusted: Mapping[str, float]
-    causes: Mapping[str, Mapping[str, float]]
+    records: tuple[str, ...]  # their names
+    command: str  # quantity of `u` in the records
+    command_shift: float  # the command acts before its stamp by this, in sampling intervals
+    law: str  # of the prior model; the file's own may have bristles in addition
+    prior: Mapping[str, float]  # the plant's values
+    adjusted: Mapping[str, float]  # within their tolerances, without any cause
+    causes: Mapping[str, Mapping[str, float]]  # numbers of each
 
 
 Values = Mapping[str, Value]
@@ -97,46 +69,20 @@ Known: TypeAlias = "Mapping[str, ParameterInfo] | Mapping[str, Parameter]"
 
 @dataclass(frozen=True)
 class ParameterFile:
-    """Content of a parameter file.
+    """Content of a parameter file; `docs/parameters.md` says what each table means."""
 
-    Attributes
-    ----------
-    path : Path or None
-        The file it was read from.
-    kind : {"ball_screw", "drive", "rotary_drive", "fmu"}
-        Kind of the plant: the ball screw with a motor, a sliding or rotating body with the force
-        or torque ``gain*u``, or a plant outside the catalogue: an FMU, or a component from a file.
-    command : str
-        Quantity of a drive's `u`, one of `COMMANDS_OF`; empty if not given: a voltage.
-    law : str
-        Friction law; empty if not given.
-    plant : mapping of str to Value
-    found : mapping of str to Value
-        Values of forces that were found in measured data and are not in the basic plant.
-    controllers, rig : mapping of str to mapping of str to Value
-        By controller, and by part of the rig.
-    tolerance : mapping of str to float
-        Relative tolerance of values of the plant that `diagnose` may adjust.
-    not_identified : mapping of str to str
-        Parameters that records do not identify, and why.
-    diagnosis : Diagnosed or None
-        In a file by `diagnose`: where the values come from.
-    turns : bool
-        Whether a rotating body is described as a sliding one, see `sliding`.
-    """
-
-    path: Path | None = None
-    kind: str = BALL_SCREW
-    law: str = ""
+    path: Path | None = None  # the file it was read from
+    kind: str = BALL_SCREW  # one of `KINDS`; "fmu" is any plant outside the catalogue
+    law: str = ""  # of friction; empty if not given
     plant: Values = field(default_factory=dict)
-    found: Values = field(default_factory=dict)
+    found: Values = field(default_factory=dict)  # of forces that are not in the basic plant
     controllers: Mapping[str, Values] = field(default_factory=dict)
-    rig: Mapping[str, Values] = field(default_factory=dict)
-    tolerance: Mapping[str, float] = field(default_factory=dict)
-    not_identified: Mapping[str, str] = field(default_factory=dict)
+    rig: Mapping[str, Values] = field(default_factory=dict)  # by part of the rig
+    tolerance: Mapping[str, float] = field(default_factory=dict)  # relative
+    not_identified: Mapping[str, str] = field(default_factory=dict)  # and why
     diagnosis: Diagnosed | None = None
-    command: str = ""
-    turns: bool = False
+    command: str = ""  # quantity of a drive's `u`, one of `COMMANDS_OF`; empty: a voltage
+    turns: bool = False  # whether a rotating body is described as a sliding one, see `sliding`
 
     @property
     def plant_name(self) -> str:
@@ -227,20 +173,10 @@ class ParameterFile:
     def plant_values(
         self, known: Known, others: Collection[str] = ()
     ) -> tuple[dict[str, float], list[str]]:
-        """Values for a plant, checked, and the names that it does not use.
+        """Values for a plant with `known` parameters, checked, and names that it does not use.
 
-        If the file has Fc and not Fs, the break-away force is Fc.
-
-        Parameters
-        ----------
-        known : mapping of str to ParameterInfo
-            The plant's parameters.
-        others : collection of str
-            Parameters of the plant that the file describes; one that is not `known` is ignored.
-
-        Raises
-        ------
-        BadParameters
+        If the file has Fc and not Fs, the break-away force is Fc. `others` are parameters of the
+        plant that the file describes: one that is not known is ignored. Raises `BadParameters`.
         """
         use = {n: v for n, v in self.plant.items() if n in known or n not in others}
         found = {n: v for n, v in self.found.items() if n in known}
@@ -330,17 +266,8 @@ def list_used(
 ) -> dict[str, Value]:
     """All parameters of a part with the values that they had, as a parameter file lists them.
 
-    Initial states and the solver's tolerance are listed only if they were given.
-
-    Parameters
-    ----------
-    known : mapping of str to ParameterInfo
-    values : mapping of str to float
-        Values that were given.
-    told : mapping of str to Value
-        Values of a parameter file; those that are not changed keep their interval and source.
-    source : str
-        Of values that are not from a file.
+    Initial states and the solver's tolerance are listed only if they are among the given `values`.
+    Those of a file that are not changed keep their interval and source; others have `source`.
     """
     found = {}
     for name, p in known.items():
@@ -355,13 +282,7 @@ def list_used(
 
 
 def check_values(values: Values, known: Known, where: str) -> dict[str, float]:
-    """The plain numbers of values whose names, units and ranges fit.
-
-    Raises
-    ------
-    BadParameters
-        The message begins with `where`.
-    """
+    """The plain numbers of values whose names, units and ranges fit; else `BadParameters`."""
     known_name(where, values, known)
     for name, v in values.items():
         p = known[name]

@@ -8,6 +8,7 @@ from ..instruments import UNITS
 
 LAWS = {
     "classical": "ballscrew.plant.classical:classical",
+    "directional_classical": "ballscrew.plant.directional_classical:directional_classical",
     "lugre": "ballscrew.plant.lugre:lugre",
     "modified_lugre": "ballscrew.plant.modified_lugre:modified_lugre",
     "directional_lugre": "ballscrew.plant.directional_lugre:directional_lugre",

@@ -17,7 +17,7 @@ from ..solver.component import (
     State,
     symbol,
 )
-from .classical import classical, with_sticking
+from .classical import able_to_stick
 from .modified_lugre import modified_lugre
 
 # Table 3.1 prints the speed constant, 255 rpm/V; the back-EMF constant is its inverse.
@@ -60,9 +60,8 @@ def ball_screw(
         States x, v, i and those of the friction law. A feedback law may act on x, v, the friction
         law's deflection `z` (without one, its states) and i.
     """
-    axis = bare_ball_screw(friction, name)
     # Sticking is a property of the whole body: its modes keep velocity and position constant.
-    return with_sticking(axis) if friction is classical else axis
+    return able_to_stick(bare_ball_screw(friction, name))
 
 
 def bare_ball_screw(

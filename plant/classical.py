@@ -17,16 +17,16 @@ from .law import Claims
 from .lugre import PARAMETERS, stribeck
 
 STUCK, FORWARD, BACKWARD = "stuck", "forward", "backward"
-_USED = ("sigma2", "Fc", "Fs", "Vs")
+USED = ("sigma2", "Fc", "Fs", "Vs")
 
 
 def classical(velocity: sp.Expr) -> ForceTerm:
     """The friction term of a body that moves with `velocity` [m/s]; needs `with_sticking`."""
     term = ForceTerm(
         name="friction",
-        force=-_sliding(velocity, sp.sign(velocity)),
+        force=-sliding(velocity, sp.sign(velocity)),
         meaning="classical friction, opposing motion",
-        parameters=tuple(p for p in PARAMETERS if p.name in _USED),
+        parameters=tuple(p for p in PARAMETERS if p.name in USED),
     )
     return with_outputs(term)
 
@@ -43,11 +43,17 @@ def with_outputs(term: ForceTerm) -> ForceTerm:
     )
 
 
-def _sliding(velocity: sp.Expr, direction: sp.Expr) -> sp.Expr:
+def sliding(velocity: sp.Expr, direction: sp.Expr) -> sp.Expr:
     return direction * stribeck(velocity) + symbol("sigma2") * velocity
 
 
-CLAIMS = Claims(steady_state=_sliding(symbol("v"), sp.sign(symbol("v"))), stiffness=None)
+CLAIMS = Claims(steady_state=sliding(symbol("v"), sp.sign(symbol("v"))), stiffness=None)
+
+
+def able_to_stick(component: Component) -> Component:
+    """The component, with the modes of sticking if that is what its friction law needs."""
+    sticks = any(o.name == STUCK for o in component.all_outputs)
+    return with_sticking(component) if sticks else component
 
 
 def with_sticking(
@@ -69,7 +75,8 @@ def with_sticking(
         The state that moves with `velocity`; in sticking its derivative is the one at zero
         velocity.
     breakaway : expression, optional
-        Force up to which the body sticks [N]; default: the sliding friction at zero velocity.
+        Force up to which the body sticks [N]; default: the friction of each direction at zero
+        velocity.
 
     Raises
     ------
@@ -91,7 +98,7 @@ def with_sticking(
             "needs to oppose sliding"
         )
 
-    def sliding(direction: int) -> sp.Expr:
+    def one_way(direction: int) -> sp.Expr:
         return -term.force.xreplace({sp.sign(v): sp.Integer(direction), sp.Abs(v): direction * v})
 
     def at_rest(expression: sp.Expr) -> sp.Expr:
@@ -99,10 +106,12 @@ def with_sticking(
 
     applied = sp.Add(*[t.force for t in balance.terms if t is not term])
     held = at_rest(applied)
-    holds = at_rest(sliding(1)) if breakaway is None else breakaway
+    forwards, backwards = breakaway, breakaway
+    if breakaway is None:
+        forwards, backwards = at_rest(one_way(1)), -at_rest(one_way(-1))
 
     def mode(name: str, direction: int) -> Mode:
-        force = sliding(direction)
+        force = one_way(direction)
         stop = {velocity: sp.Integer(0)}
         return Mode(
             name,
@@ -123,8 +132,8 @@ def with_sticking(
             # a body that starts or is set in motion does not stick
             Event("moves forward", v, direction=1, next_mode=FORWARD),
             Event("moves backward", v, direction=-1, next_mode=BACKWARD),
-            Event("breaks away forward", held - holds, direction=1, next_mode=FORWARD),
-            Event("breaks away backward", held + holds, direction=-1, next_mode=BACKWARD),
+            Event("breaks away forward", held - forwards, direction=1, next_mode=FORWARD),
+            Event("breaks away backward", held + backwards, direction=-1, next_mode=BACKWARD),
         ),
         signs={velocity: 0},
     )

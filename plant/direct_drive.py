@@ -20,7 +20,7 @@ from ..solver.component import (
     symbol,
 )
 from .ball_screw import acted_on_of, inner_outputs
-from .classical import classical, with_sticking
+from .classical import able_to_stick
 from .law import Law, with_each_law
 from .modified_lugre import modified_lugre
 
@@ -49,8 +49,7 @@ def direct_drive(
         States x, v and those of the friction law; m dv/dt = gain u - friction - offset. A feedback
         law may act on x, v and the friction law's deflection `z` (without one, its states).
     """
-    drive = bare_direct_drive(friction, name)
-    return with_sticking(drive) if friction is classical else drive
+    return able_to_stick(bare_direct_drive(friction, name))
 
 
 def drive(friction: Law = modified_lugre, name: str = "drive") -> Component:

@@ -51,20 +51,18 @@ def _parameters() -> tuple[Parameter, ...]:
 PARAMETERS = _parameters()
 
 
-def _one_way(expression: sp.Expr, side: str) -> sp.Expr:
+def one_way(expression: sp.Expr, side: str) -> sp.Expr:
     """An expression of the modified LuGre law with the parameters of one direction."""
     return expression.xreplace({symbol(p.name): symbol(f"{p.name}_{side}") for p in LUGRE})
 
 
 def _by(sign: sp.Expr, expression: sp.Expr) -> sp.Expr:
     """`expression` with the parameters of the direction given by `sign`."""
-    return sp.Piecewise(
-        (_one_way(expression, "pos"), sign >= 0), (_one_way(expression, "neg"), True)
-    )
+    return sp.Piecewise((one_way(expression, "pos"), sign >= 0), (one_way(expression, "neg"), True))
 
 
 def _both(expression: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    return _one_way(expression, "pos"), _one_way(expression, "neg")
+    return one_way(expression, "pos"), one_way(expression, "neg")
 
 
 CLAIMS = Claims(

@@ -8,8 +8,8 @@ import sympy as sp
 
 from ..solver.component import Component, ForceTerm, symbol
 from .classical import with_outputs, with_sticking
+from .law import claims, turning
 from .law import law as law_of
-from .law import turning
 
 
 def with_friction(
@@ -22,7 +22,7 @@ def with_friction(
 ) -> Component:
     """A body with a friction law; see `ballscrew.with_friction`."""
     own = isinstance(law, ForceTerm)
-    sticks = own or law == "classical"
+    sticks = isinstance(law, ForceTerm) or claims(law).stiffness is None
     if breakaway is not None and not sticks:
         raise ValueError(f"breakaway is for friction with sticking as a mode, and {law} does not")
     term = with_outputs(law) if isinstance(law, ForceTerm) else law_of(law)(symbol(velocity))

@@ -38,7 +38,7 @@ def _at(courses: Courses, model: Drive, values: Values) -> Shape:
 
 
 def _beyond(courses: Courses, model: Drive) -> str | None:
-    return None if model.law == "classical" else "the prior law already has presliding"
+    return None if model.law == "classical" else "the prior law is not the classical one"
 
 
 _STIFFNESS = parameter("sigma0", "N/m", "stiffness of the bristles", 1e6)

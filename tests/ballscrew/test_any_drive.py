@@ -177,6 +177,22 @@ def test_what_is_identified_from_a_record_of_ones_own_is_a_whole_machine(identif
     assert file.plant["Vs"].source.startswith("an estimate, not identified from ")
 
 
+@pytest.mark.ci
+def test_friction_that_is_larger_backwards_is_identified_compared_and_diagnosed_so(tmp_path):
+    record, other = (
+        write_record(tmp_path / f"{seed}.csv", lambda x, v: -12.0 * (v < 0), seed)
+        for seed in (3, 4)
+    )
+    law = "directional_classical"
+    ballscrew.identify(record, law, mass=True, **screw("force")).save(tmp_path, False)
+    file = read_parameters(tmp_path / "parameters.toml")
+    found = [file.plant[n].value for n in ("m", "Fc_pos", "Fc_neg", "sigma2_pos")]
+    assert found == pytest.approx([40.0, 80.0, 92.0, 200.0], rel=0.05)
+    models = ballscrew.compare(other, file.path, **screw("u")).models
+    assert models["model"]["all"].force.value == pytest.approx(np.sqrt(0.5), rel=0.02)
+    assert ballscrew.diagnose(other, file.path, **screw("u")).verdict == "none"
+
+
 def test_the_next_record_of_an_identified_machine_is_compared_and_diagnosed(identified, tmp_path):
     """A healthy one has no fault; of one whose friction swings that is named, with its size."""
     given = ["--params", identified / "parameters.toml", "--lead", "0.005"]
@@ -244,34 +260,51 @@ def test_the_usual_cascade_moves_a_screw_by_its_torque_as_scipy_solves_it(tmp_pa
     assert found.units["u"] == "N*m"
 
 
-def karnopp(stop, step=4e-6):
-    """The drive with classical friction and its controller, by Karnopp, typed by hand."""
+def karnopp(stop, goal, more=1.0, step=4e-6):
+    """The drive with classical friction and its controller, by Karnopp, typed by hand.
+
+    Backwards the dry friction is `more` times that forwards.
+    """
     x = v = w = 0.0
     places = [x]
     for k in range(round(stop / step)):
-        u = 2e5 * (0.02 - x) + 1e6 * w - 4e3 * v
-        if v == 0.0 and abs(u) <= 100.0:
+        u = 2e5 * (goal - x) + 1e6 * w - 4e3 * v
+        if v == 0.0 and -100.0 * more <= u <= 100.0:
             a = 0.0
         else:
             way = np.sign(v) if v else np.sign(u)
+            way *= more if way < 0 else 1.0
             a = (u - way * (80.0 + 20.0 * np.exp(-((v / 0.01) ** 2))) - 200.0 * v) / 40.0
         faster = v + step * a
         v = 0.0 if v * faster < 0.0 else faster
         x += step * v
-        w += step * (0.02 - x)
+        w += step * (goal - x)
         if (k + 1) % round(1e-3 / step) == 0:
             places.append(x)
     return np.array(places)
 
 
-def test_a_drive_that_comes_to_rest_by_classical_friction_is_trusted_and_is_right():
+SAME = {"Fc": 80.0, "Fs": 100.0, "sigma2": 200.0, "Vs": 0.01}
+EACH = {f"{n}_pos": v for n, v in SAME.items()} | {f"{n}_neg": v for n, v in SAME.items()}
+EACH |= {"Fc_neg": 92.0, "Fs_neg": 115.0}
+
+
+@pytest.mark.parametrize(
+    ("law", "own", "goal", "more"),
+    [
+        pytest.param("classical", SAME, 0.02, 1.0, marks=pytest.mark.ci),
+        ("directional_classical", EACH, -0.02, 1.15),
+    ],
+)
+def test_a_drive_that_comes_to_rest_by_classical_friction_is_trusted_and_is_right(
+    law, own, goal, more
+):
     """Whether it sticks already or still moves differs at one point, and hid that all else fits."""
-    values = {"m": 40.0, "Fc": 80.0, "Fs": 100.0, "sigma2": 200.0, "Vs": 0.01}
     gains = {"Kp": 2e5, "Ki": 1e6, "Kd": 4e3}
-    result = run_loop(Loop("pid", "drive_classical+force", 0.02, 0.8, values, gains))
+    result = run_loop(Loop("pid", f"drive_{law}+force", goal, 0.8, {"m": 40.0, **own}, gains))
     assert result.run.verdict.trusted
     found = np.interp(1e-3 * np.arange(801), result.run.time, result.run.outputs["x"])
-    assert found == pytest.approx(karnopp(0.8), abs=5e-6)
+    assert found == pytest.approx(karnopp(0.8, goal, more), abs=5e-6)
     assert result.run.outputs["stuck"].max() == 1.0
 
 
