@@ -28,7 +28,6 @@ from .solver.files import temporary_folder
 
 if TYPE_CHECKING:
     from .orchestration.parameter_file import ParameterFile
-    from .solver.kernel import Kernel
 
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
@@ -171,7 +170,7 @@ def export(options: argparse.Namespace) -> int:
             target = options.out / (name_of(name) + ending)
             try:
                 write = partial(how.write, name, target, Path(folder))
-                made, kernel = write_or_refuse(write)
+                made = write_or_refuse(write)
             except (ContractError, UnsupportedComponent, BadUnit, CannotConnect) as error:
                 if options.only or options.loop:
                     raise BadRequest(str(error)) from error
@@ -180,8 +179,6 @@ def export(options: argparse.Namespace) -> int:
             except CompilerFailed as error:
                 print(f"ballscrew: {error}", file=sys.stderr)
                 return BAD_REQUEST
-            if not (options.ssp or options.variational or options.modelica):
-                _add_reference(kernel, target)
             print(target)
             print_notes(filter(None, [made.note]))
     return TRUSTED
@@ -217,16 +214,3 @@ def _names(options: argparse.Namespace, told: ParameterFile | None, known: list[
         return known
     with bad_parameters():
         return [told.plant_name, *CONTROLLERS, *INSTRUMENTS]
-
-
-def _add_reference(kernel: Kernel, fmu: Path) -> None:
-    """Write the reference files next to an FMU, or say why there are none."""
-    from .fmus.reference_files import reference_files, write_reference_files
-    from .solver.kernel import IntegrationError
-
-    try:
-        files = reference_files(kernel)
-    except (ArithmeticError, IntegrationError, ValueError) as error:
-        print_notes([f"{fmu}: no reference solution was written: {error}"])
-        return
-    write_or_refuse(partial(write_reference_files, files, fmu))

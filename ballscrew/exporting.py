@@ -12,7 +12,6 @@ from .params_option import apart, kernel_with_values
 if TYPE_CHECKING:
     from .fmus.native.export import NativeFmu
     from .orchestration.parameter_file import ParameterFile
-    from .solver.kernel import Kernel
 
 SYSTEM, MODELICA = ".ssp", ".mo"
 
@@ -28,7 +27,7 @@ class Export:
     fmi: int = 2
     platforms: Sequence[str] | None = None
 
-    def write(self, part: str, path: Path, folder: Path) -> tuple[NativeFmu, Kernel]:
+    def write(self, part: str, path: Path, folder: Path) -> NativeFmu:
         """Write a part, its loop or, with the suffix `SYSTEM`, a system; one plant per folder.
 
         For a system, this is the progress of its controller's FMU.
@@ -55,14 +54,14 @@ class Export:
         alone = replace(self, plant="")
         if not plant.exists():
             alone._write_fmu(self.plant, plant, in_system=True)
-        made, kernel = alone._write_fmu(base, element(base, "controller"), in_system=True)
+        made = alone._write_fmu(base, element(base, "controller"), in_system=True)
         between = {n: element(n, "between") for n in instruments}
         for name, place in between.items():
             alone._write_fmu(name, place, in_system=True)
         export_system(plant, made.path, path, name=name_of(part), instruments=between)
-        return replace(made, path=path), kernel
+        return replace(made, path=path)
 
-    def _write_modelica(self, part: str, path: Path) -> tuple[NativeFmu, Kernel]:
+    def _write_modelica(self, part: str, path: Path) -> NativeFmu:
         from .fmus import catalogue
         from .fmus.interface import START
         from .fmus.modelica import modelica
@@ -75,15 +74,13 @@ class Export:
         starts |= {s.name + START: s.start for s in kernel.states}
         whole = catalogue.loop(part, self.plant) if self.plant else catalogue.component(part)
         write_atomically(path, modelica(whole, starts).encode())
-        return NativeFmu(path, (), ()), kernel
+        return NativeFmu(path, (), ())
 
     def _described(self) -> str:
         """The plant of the parameter file, in its own units; empty if there is none."""
         return self.params.plant_name if self.params and self.params.command else ""
 
-    def _write_fmu(
-        self, part: str, path: Path, in_system: bool = False
-    ) -> tuple[NativeFmu, Kernel]:
+    def _write_fmu(self, part: str, path: Path, in_system: bool = False) -> NativeFmu:
         from .fmus import catalogue
         from .fmus.native import sources
         from .fmus.native.export import NativeFmu, write_native
@@ -97,6 +94,6 @@ class Export:
         kernel = kernel_with_values(self.params, part, kernel, self.plant)
         if model:
             model = sources.with_kernel(model, kernel)
-            return write_native(model, path, self.fmi, self.platforms), kernel
+            return write_native(model, path, self.fmi, self.platforms)
         write_atomically(path, catalogue.stored_fmu(kernel).read_bytes())
-        return NativeFmu(path, (), ()), kernel
+        return NativeFmu(path, (), ())

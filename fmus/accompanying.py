@@ -1,4 +1,4 @@
-"""Additional files of an FMU: documentation page, licences, picture, terminals."""
+"""Additional files of an FMU: documentation page, licences, terminals."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from pathlib import Path
 
 from ..solver.kernel import Kernel
 from .documentation import html_page
-from .icon import icon
 from .interface import Interface
-from .terminals import terminals_and_icons
+from .terminals import terminals, terminals_xml
 
 
 def accompanying_files(kernel: Kernel, interface: Interface, fmi: int) -> dict[str, bytes]:
@@ -20,22 +19,15 @@ def accompanying_files(kernel: Kernel, interface: Interface, fmi: int) -> dict[s
     kernel : Kernel
     interface : Interface
     fmi : {2, 3}
-        Version of FMI, which decides where the icon is.
+        Version of FMI; terminals are of FMI 3.
     """
-    commanded = any(i.role == "signal" for i in kernel.inputs)
-    asked = any(i.role == "reference" for i in kernel.inputs)
-    measures = any(i.role == "measurement" for i in kernel.inputs)
-    picture = icon(commanded or not measures, asked or measures)
     files = {
         "documentation/index.html": html_page(kernel, interface).encode(),
         "documentation/licenses/license.txt": licence("ballscrew"),
     }
-    if fmi == 2:
-        return files | {"model.png": picture}
-    return files | {
-        "terminalsAndIcons/icon.png": picture,
-        "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(interface),
-    }
+    if fmi == 3 and (found := terminals(interface)):
+        files["terminalsAndIcons/terminalsAndIcons.xml"] = terminals_xml(found)
+    return files
 
 
 def licence(package: str) -> bytes:

@@ -18,17 +18,12 @@ _PAGE = """<!DOCTYPE html>
 body { font-family: sans-serif; max-width: 60rem; margin: 2rem auto; color: #222 }
 table { border-collapse: collapse; margin: 1rem 0 }
 td, th { border: 1px solid #bbb; padding: .25rem .6rem; text-align: left; vertical-align: top }
-mtd { text-align: left }
-p.equation { margin: .6rem 0 .6rem 2rem; text-indent: -2rem; font-size: 1.1rem }
+pre { white-space: pre-wrap }
 </style></head><body>
 <h1>{{ kernel.name }}</h1>
 <p>{{ kernel.description }}.</p>
 <h2>Equations</h2>
-{# Each term of a sum is an element of its own, between which a line may end. #}
-{% for row in kernel.equations %}
-<p class="equation"><math>{{ row[0] | safe }}</math> <math><mo>=</mo>{{ row[1] | safe }}</math>
-{%- for term in row[2:] %} <math>{{ term | safe }}</math>{% endfor %}</p>
-{% endfor %}
+<pre>{{ kernel.source }}</pre>
 {% for causality in ("input", "output", "parameter") %}
 <h2>{{ causality | capitalize }}s</h2>
 <table><tr><th>name</th><th>unit</th><th>default</th><th>range</th><th>meaning</th></tr>
@@ -43,7 +38,7 @@ p.equation { margin: .6rem 0 .6rem 2rem; text-indent: -2rem; font-size: 1.1rem }
 
 
 def html_page(kernel: Kernel, interface: Interface) -> str:
-    """The page as text; equations are MathML, which browsers show without a script."""
+    """The page as text; the equations are Python."""
     return _template().render(kernel=kernel, variables=interface.variables)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable
 
 
 def gain_port(command: str, signal: str) -> str:
@@ -20,11 +21,14 @@ def rate_port(command: str) -> str:
     return f"{command}_rate"
 
 
-def law_ports(commands: Iterable[str], signals: Sequence[str]) -> set[str]:
-    """All ports that a feedback law of these commands and signals can have."""
-    return {
-        port
-        for u in commands
-        for y in signals
-        for port in (gain_port(u, y), reference_port(u, y), rate_port(u))
-    }
+def law_ports(ports: Iterable[str], commands: Iterable[str], signals: Iterable[str]) -> set[str]:
+    """Those of the ports that belong to a feedback law of some of these commands and signals."""
+    us, ys = set(commands), set(signals)
+    rates = {rate_port(u) for u in us}
+    return {port for port in ports if port in rates or _of_pair(port, us, ys)}
+
+
+def _of_pair(port: str, commands: set[str], signals: set[str]) -> bool:
+    """Whether it is the gain or reference of a command and a signal."""
+    ends = (m.span() for m in re.finditer("_(gain|ref)_", port))
+    return any(port[:start] in commands and port[end:] in signals for start, end in ends)

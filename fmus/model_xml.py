@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO, cast
 from xml.parsers import expat
@@ -66,6 +67,13 @@ def check_file(file: Path) -> dict[str, str]:
     check_size(file.stat().st_size, file.name)
     with file.open("rb") as stream:
         return first_element(stream, file.name)
+
+
+def check_lines(names: Iterable[str]) -> None:
+    """Refuse names of more than one line, which the schemas do not allow; raises `BadXml`."""
+    for name in names:
+        if name.splitlines() not in ([], [name]):
+            raise BadXml(f"the name {name!r} has a line break")
 
 
 def check_size(size: int, name: str) -> None:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 import re
 import shutil
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
+from xml.etree import ElementTree as ET
 
 from .archive import BadArchive, unpack_archive
-from .model_xml import BadXml, check_file
+from .model_xml import BadXml, check_file, check_lines
 from .source_fmu import NotCompiled, compile_sources
-from .system_xml import BASE_UNITS, Unit
+from .system_xml import BASE_UNITS, Unit, number
 from .units import BadUnit, base_exponents
 
 REAL = ("Real", "Float64", "Float32")
@@ -23,6 +26,8 @@ WHOLE = (
     "Enumeration",
     *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)),
 )
+
+SETTABLE = ("parameter", "input")
 
 
 class FmuError(ValueError):
@@ -47,6 +52,9 @@ class NumberVariable:
         Inputs that this output depends on in initialization; None if they are not declared.
     items : dict of str to int
         Of an enumeration: the values by name.
+    minimum, maximum : float
+    relative : bool
+        Whether it is a difference, for which the offset of its unit does not count.
     """
 
     name: str
@@ -60,6 +68,9 @@ class NumberVariable:
     sampled: bool
     initially_from: tuple[str, ...] | None = None
     items: dict[str, int] = field(default_factory=dict)
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    relative: bool = False
 
     @property
     def is_real(self) -> bool:
@@ -91,6 +102,8 @@ class Description:
         Whether its communication steps may vary in length.
     strings : dict of str to int
         Value references of the parameters that are Strings.
+    aliases : dict of str to str
+        Names of variables by their other names.
     """
 
     fmi: int
@@ -107,6 +120,11 @@ class Description:
     step_size: float | None = None
     steps_vary: bool = True
     strings: dict[str, int] = field(default_factory=dict)
+    aliases: dict[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def by_name(self) -> dict[str, NumberVariable]:
+        return {v.name: v for v in self.variables}
 
     def names(self, causality: str) -> list[str]:
         """Names of the variables of a causality."""
@@ -114,16 +132,17 @@ class Description:
 
     def unit(self, name: str) -> Unit | None:
         """The unit of a variable; None if the FMU does not give one."""
-        unit = next(v.unit for v in self.variables if v.name == name)
-        if not unit:
+        variable = self.by_name[name]
+        if not (unit := variable.unit):
             return None
-        if unit in self.units:
-            return Unit.defined(unit, self.units[unit])
-        return _undefined(unit)
+        defined = unit in self.units
+        found = Unit.defined(unit, self.units[unit]) if defined else _undefined(unit)
+        return replace(found, relative=variable.relative)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
-        return asdict(self)
+        told = {f.name: getattr(self, f.name) for f in fields(self)}
+        return told | {"variables": [vars(v) for v in self.variables]}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Description:
@@ -185,7 +204,8 @@ def _read(path: Path, folder: Path) -> tuple[Description, Any]:
         if (build := folder / "sources" / "buildDescription.xml").is_file():
             check_file(build)
         read = read_model_description(str(folder), validate=False)
-        description = _described(path, read)
+        with (folder / "modelDescription.xml").open("rb") as stream:
+            description = _described(path, read, attributes_of(stream))
     except FmuError:
         raise
     except BadXml as error:
@@ -228,7 +248,7 @@ def _find_binary(
         )
 
 
-def _described(path: Path, read: Any) -> Description:
+def _described(path: Path, read: Any, told: Mapping[str, Mapping[str, str]]) -> Description:
     kind = read.coSimulation or read.modelExchange
     if kind is None:
         what = "scheduled execution only" if read.scheduledExecution else "neither"
@@ -247,11 +267,11 @@ def _described(path: Path, read: Any) -> Description:
         if u.dependencies is not None
     }
     variables = []
-    message, strings = None, {}
-    names = [v.name for v in read.modelVariables]
-    if len(set(names)) < len(names):
-        twice = next(n for k, n in enumerate(names) if n in names[:k])
-        raise FmuError(f"{path}: modelDescription.xml has two variables called {twice!r}")
+    message, strings, aliases = None, {}, {}
+    check_lines(v.name for v in read.modelVariables)
+    for name, count in Counter(v.name for v in read.modelVariables).most_common(1):
+        if count > 1:
+            raise FmuError(f"{path}: modelDescription.xml has two variables called {name!r}")
     for v in read.modelVariables:
         if v.type == "String" and v.name == "message" and v.causality in ("local", "output"):
             message = int(v.valueReference)
@@ -261,8 +281,14 @@ def _described(path: Path, read: Any) -> Description:
         if v.type == "Clock" or (v.dimensions and is_signal):
             what = "a clock" if v.type == "Clock" else f"an array and an {v.causality}"
             raise FmuError(f"{path}: {v.name} is {what}, expected scalar signals without clocks")
-        if v.type not in (*REAL, *WHOLE) or v.dimensions or v.alias is not None:
+        if v.type not in (*REAL, *WHOLE) or v.dimensions:
             continue
+        if v.alias is not None:
+            aliases[str(v.name)] = str(v.alias.name)
+            continue
+        low, high = (_bound(v, told, key) for key in ("min", "max"))
+        if low > high:
+            raise FmuError(f"{path}: {v.name} has the min {low:g} above its max {high:g}")
         nominal = abs(float(v.nominal)) if v.nominal else 1.0
         variables.append(
             NumberVariable(
@@ -277,6 +303,9 @@ def _described(path: Path, read: Any) -> Description:
                 v.type in REAL and v.variability == "discrete",
                 () if v.initial == "exact" else initially.get(v.name),
                 _items(v),
+                low,
+                high,
+                is_relative(v, told),
             )
         )
     units = defined_units(read)
@@ -297,7 +326,38 @@ def _described(path: Path, read: Any) -> Description:
         _step_size(read.defaultExperiment),
         read.coSimulation is None or bool(kind.canHandleVariableCommunicationStepSize),
         strings,
+        aliases,
     )
+
+
+def attributes_of(stream: IO[bytes]) -> dict[str, Mapping[str, str]]:
+    """Attributes of each variable of a modelDescription.xml; fmpy leaves out some of them."""
+    variables = ET.parse(stream).getroot().find("ModelVariables")
+    return {
+        v.get("name", ""): next((c for c in v if c.tag in (*REAL, *WHOLE)), v).attrib
+        for v in (variables if variables is not None else ())
+    }
+
+
+def _told(variable: Any, told: Mapping[str, Mapping[str, str]], key: str) -> Any:
+    """An attribute of a variable, or of its declared type; None if there is none."""
+    name = (variable.alias or variable).name
+    return told[name].get(key, getattr(variable.declaredType, key, None))
+
+
+def is_relative(variable: Any, told: Mapping[str, Mapping[str, str]]) -> bool:
+    """Whether a variable read by fmpy is a difference; `told` has the attributes of all."""
+    return _told(variable, told, "relativeQuantity") in ("true", "1", True)
+
+
+def _bound(variable: Any, told: Mapping[str, Mapping[str, str]], key: str) -> float:
+    text = _told(variable, told, key) if variable.causality in SETTABLE else None
+    if text is None:
+        return math.inf if key == "max" else -math.inf
+    value = float(text)
+    if math.isnan(value):
+        raise ValueError(f"the {key} of {variable.name!r} is {text!r}, expected a number")
+    return value
 
 
 def _items(variable: Any) -> dict[str, int]:
@@ -308,7 +368,11 @@ def _items(variable: Any) -> dict[str, int]:
 def _start(variable: Any) -> float | None:
     if variable.type == "Boolean" and variable.start is not None:
         return float(variable.start in ("true", "1"))
-    return float(variable.start) if variable.start is not None else None
+    if variable.start is None:
+        return None
+    if variable.causality not in SETTABLE:
+        return float(variable.start)
+    return number(variable.start, f"the start value of {variable.name!r}")
 
 
 def _step_size(experiment: Any) -> float | None:

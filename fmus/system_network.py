@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import posixpath
-from dataclasses import dataclass, field
+import zipfile
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree as ET
 
-from .model_xml import check_archive
-from .reading import defined_units, unit_name
+from .model_xml import check_archive, check_lines
+from .reading import attributes_of, defined_units, is_relative, unit_name
 from .system_xml import (
     SSC,
     SSD,
@@ -69,13 +70,14 @@ class Connector:
 
 @dataclass(frozen=True)
 class Component:
-    """An FMU of the system: data of its connectors, and of its own variables."""
+    """An FMU of the system: its connectors, its own variables, and other names of these."""
 
     path: str
     node: ET.Element
     fmu: Path
     connectors: dict[str, Connector]
     variables: dict[str, Connector]
+    aliases: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ class Network:
         self.units = units
         self.places: dict[str, Component | System] = {}
         self.edges: dict[SystemPort, Edge] = {}  # by target
-        self._read_fmus: dict[Path, dict[str, Connector]] = {}
+        self._read_fmus: dict[Path, tuple[dict[str, Connector], dict[str, str]]] = {}
 
     def add_system(self, node: ET.Element, path: str, levels: int = DEEPEST) -> System:
         """Add a system, its elements and their connections; return it."""
@@ -128,6 +130,7 @@ class Network:
             below = f"{path}.{name}" if path else name
             if not name:
                 raise BadSystem(f"a {kind} of {called(path)} has no name")
+            check_lines([name])
             if name in system.children or below in self.places:
                 raise BadSystem(f"two elements are called {below!r}")
             if child.tag == SSD + "System":
@@ -150,7 +153,9 @@ class Network:
         fmu = self.file(node.get("source"), where)
         if fmu not in self._read_fmus:
             self._read_fmus[fmu] = _variables(fmu, where)
-        component = Component(path, node, fmu, self._connectors(node, path), self._read_fmus[fmu])
+        variables, aliases = self._read_fmus[fmu]
+        own = {aliases.get(n, n): c for n, c in self._connectors(node, path).items()}
+        component = Component(path, node, fmu, own, variables, aliases)
         self.places[path] = component
         return component
 
@@ -237,6 +242,7 @@ class Network:
         known = set(place.connectors)
         if isinstance(place, Component):
             known |= set(place.variables)
+            connector = place.aliases.get(connector, connector)
         if connector not in known:
             raise BadSystem(
                 f"{where} names the connector {connector!r} of {called(place.path)}, which does "
@@ -269,7 +275,10 @@ class Network:
                 f"{port} is in {said.unit.name!r}, but in {place.fmu.name} it is in "
                 f"{variable.unit.name!r}, which is a different unit"
             )
-        return Connector(variable.kind, variable.type, said.unit or variable.unit)
+        unit = said.unit or variable.unit
+        if unit and variable.unit and variable.unit.relative:
+            unit = replace(unit, relative=True)
+        return Connector(variable.kind, variable.type, unit)
 
     def _gives(self, port: SystemPort, own: bool, where: str) -> bool:
         """Whether a connector is a source of a connection; `own`: of the system, from inside."""
@@ -358,28 +367,34 @@ def unit_in(node: ET.Element, units: dict[str, Unit]) -> Unit | None:
     return units.get(name, Unit(name, None)) if name else None
 
 
-def _variables(fmu: Path, where: str) -> dict[str, Connector]:
-    """Variables of an FMU as connectors, by name."""
+def _variables(fmu: Path, where: str) -> tuple[dict[str, Connector], dict[str, str]]:
+    """Variables of an FMU as connectors, by name; and these names by their aliases."""
     from fmpy import read_model_description
 
     try:
         with fmu.open("rb") as stream:  # which the parser does not close if it is not a zip file
             check_archive(stream)
             read: Any = read_model_description(stream, validate=False)
+            with zipfile.ZipFile(stream) as archive, archive.open("modelDescription.xml") as text:
+                told = attributes_of(text)
     except Exception as error:  # the parser raises many kinds
         reason = str(error) or type(error).__name__
         raise BadSystem(f"{where}: {fmu.name} is not an FMU that can be read: {reason}") from error
     if not str(read.fmiVersion).startswith(("2.", "3.")):
         raise BadSystem(f"{where}: {fmu.name} is FMI {read.fmiVersion}, expected FMI 2.0 or 3.0")
     units = {name: Unit.defined(name, base) for name, base in defined_units(read).items()}
-    return {
-        v.name: Connector(
-            str(v.causality),
-            plain_type(str(v.type)),
-            units.get(name, Unit(name, None)) if (name := unit_name(v)) else None,
-        )
+
+    def unit_of(variable: Any) -> Unit | None:
+        if not (name := unit_name(variable)):
+            return None
+        return replace(units.get(name, Unit(name, None)), relative=is_relative(variable, told))
+
+    variables = {
+        v.name: Connector(str(v.causality), plain_type(str(v.type)), unit_of(v))
         for v in read.modelVariables
+        if v.alias is None
     }
+    return variables, {v.name: v.alias.name for v in read.modelVariables if v.alias is not None}
 
 
 def called(path: str) -> str:

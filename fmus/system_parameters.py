@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
@@ -77,6 +78,9 @@ class Bindings:
             _parameter(entry, prefix, units, source)
             for entry in root.iterfind(f"{SSV}Parameters/{SSV}Parameter")
         ]
+        for name, count in Counter(p.name for p in parameters).most_common(1):
+            if count > 1:
+                raise BadSystem(f"{source}: has two values for parameter {name!r}")
         mapping = node.find(SSD + "ParameterMapping")
         entries: list[ET.Element] = []
         if mapping is not None:
@@ -171,6 +175,7 @@ class Bindings:
 def _found(place: Component | System, name: str) -> SystemPort | None:
     """The port of a hierarchical name, seen from an element."""
     if isinstance(place, Component):
+        name = place.aliases.get(name, name)
         return SystemPort(place.path, name) if name in place.variables else None
     if name in place.connectors:
         return SystemPort(place.path, name)

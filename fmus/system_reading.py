@@ -12,6 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from .archive import LARGEST_OF_ALL, BadArchive, unpack_archive, unpacked_size
+from .model_xml import BadXml
 from .system_network import Component, Network, SystemConnection, SystemOutput, SystemPort
 from .system_parameters import Bindings
 from .system_xml import SSD, BadSystem, Unit, number, parse, units_of
@@ -131,7 +132,7 @@ def read_system(path: Path | str) -> SystemStructure:
         raise BadSystem(f"{path}: {error}") from error
     try:
         return _read(path, folder)
-    except BadSystem as error:
+    except (BadSystem, BadXml) as error:
         shutil.rmtree(folder, ignore_errors=True)
         # names in the file may hold line breaks
         raise BadSystem(f"{path}: {' '.join(str(error).split())}") from error

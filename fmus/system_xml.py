@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -26,12 +26,16 @@ class BadSystem(ValueError):
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: base value = factor * value + offset; `exponents` is None if it is not defined."""
+    """A unit: base value = factor * value + offset; `exponents` is None if it is not defined.
+
+    The offset is not for differences of two values, which are `relative`.
+    """
 
     name: str
     exponents: tuple[int, ...] | None
     factor: float = 1.0
     offset: float = 0.0
+    relative: bool = False
 
     @classmethod
     def defined(cls, name: str, base: dict[str, str]) -> Unit:
@@ -59,7 +63,7 @@ class Unit:
         """Whether both units have the same numbers; undefined units are compared by name."""
         if self.exponents is None or other.exponents is None:
             return self.name == other.name
-        return replace(self, name="") == replace(other, name="")
+        return self.exponents == other.exponents and conversion(self, other, "") == (1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -122,7 +126,8 @@ def conversion(before: Unit, after: Unit, where: str) -> tuple[float, float]:
             f"{where}: {before.name!r} cannot be converted to {after.name!r}: they are units "
             "of different quantities"
         )
-    return before.factor / after.factor, (before.offset - after.offset) / after.factor
+    shift = 0.0 if before.relative or after.relative else before.offset - after.offset
+    return before.factor / after.factor, shift / after.factor
 
 
 def parse(file: Path, tag: str) -> ET.Element:

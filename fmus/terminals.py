@@ -28,30 +28,24 @@ def terminals(interface: Interface) -> dict[str, list[str]]:
     return {name: list(dict.fromkeys(members)) for name, members in found.items()}
 
 
-def terminals_and_icons(interface: Interface) -> bytes:
-    """The text of ``terminalsAndIcons/terminalsAndIcons.xml``; it has an icon in any case.
+def terminals_xml(found: dict[str, list[str]]) -> bytes:
+    """The text of ``terminalsAndIcons/terminalsAndIcons.xml`` for `terminals`.
 
     Members of the same name are connected (matching rule ``bus``), so that a controller whose
     law uses a signal that this plant does not have also fits: a gain is always together with its
     reference.
     """
     root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
-    corners = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}
-    picture = ET.SubElement(root, "GraphicalRepresentation")
-    ET.SubElement(picture, "CoordinateSystem", corners, suggestedScalingFactorTo_mm="0.1")
-    ET.SubElement(picture, "Icon", corners)
-    found = terminals(interface)
-    if found:
-        listed = ET.SubElement(root, "Terminals")
-        for name, members in found.items():
-            terminal = ET.SubElement(listed, "Terminal", name=name, matchingRule="bus")
-            for member in members:
-                ET.SubElement(
-                    terminal,
-                    "TerminalMemberVariable",
-                    variableName=member,
-                    memberName=member,
-                    variableKind="signal",
-                )
+    listed = ET.SubElement(root, "Terminals")
+    for name, members in found.items():
+        terminal = ET.SubElement(listed, "Terminal", name=name, matchingRule="bus")
+        for member in members:
+            ET.SubElement(
+                terminal,
+                "TerminalMemberVariable",
+                variableName=member,
+                memberName=member,
+                variableKind="signal",
+            )
     ET.indent(root)
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root) + b"\n"

@@ -24,14 +24,14 @@ from .loop import HowCoupled, Loop
 from .loop_run import CouplingError, LoopRun
 from .master import Progress, run_loop
 from .metrics import coarse_notes
-from .parts import Part, check_names
+from .parts import Part, as_taken, check_names, settable_of
 from .port_units import convert
 from .sampled_fmu import sampled_every
 from .sampling import answers_in_steps
 from .state_trial import check_state
 from .step_choice import StepChoice, choose_step, only_step
 from .whole_loop import run_monolithic
-from .wiring import CONTROLLER, PLANT, Wiring, names_on, wire
+from .wiring import CONTROLLER, PLANT, Wiring, names_on, wire, with_aliases
 
 LIMIT, CURRENT_LIMIT = "voltage_limit", "current_limit"  # parameters of a plant with a motor
 _Fmu = FmuInstance | IsolatedInstance
@@ -143,15 +143,17 @@ def run_parts(
     tries: bool = False,
 ) -> tuple[LoopRun, tuple[str, ...]]:
     """Run open parts that are not initialized with this step [s]; also notes on the run."""
-    given = (plant, loop.plant_values), (controller, loop.controller_values)
-    for side, values in given:
-        check_names(side.name, values, [*side.parameters, *side.inputs])
-    states = [check_state(fmu, v, loop.stop, step) for fmu, v in given]
-    wiring = wire(plant, controller, loop.mapping)
-    wiring.check_given(loop.plant_values, loop.controller_values)
-    controller, units = convert(plant, controller, wiring, loop.mapping)
-    notes = _connection_notes(loop, plant, controller, wiring) + units.notes
-    notes += states[0] + states[1]
+    for fmu, given in ((plant, loop.plant_values), (controller, loop.controller_values)):
+        check_names(fmu.name, given, settable_of(fmu.description))
+    of_plant = as_taken(plant.name, plant.description, loop.plant_values)
+    of_controller = as_taken(controller.name, controller.description, loop.controller_values)
+    mapping = with_aliases(plant, controller, loop.mapping)
+    wiring = wire(plant, controller, mapping)
+    wiring.check_given(of_plant, of_controller)
+    states = check_state(plant, of_plant, loop.stop, step)
+    states += check_state(controller, of_controller, loop.stop, step)
+    controller, units = convert(plant, controller, wiring, mapping)
+    notes = _connection_notes(loop, mapping, plant, controller, wiring) + units.notes + states
     notes += fixed_step_notes(step, plant) + fixed_step_notes(loop.sampled or step, controller)
     run = run_loop(
         plant,
@@ -162,19 +164,20 @@ def run_parts(
         coupling=loop.coupling,
         corrections=loop.corrections,
         adaptive=loop.adaptive,
-        plant_values=loop.plant_values,
-        controller_values=loop.controller_values,
-        mapping=loop.mapping,
+        plant_values=of_plant,
+        controller_values=of_controller,
+        mapping=mapping,
         wiring=wiring,
         progress=progress,
         look_again=look_again,
         tries=tries,
     )
     factor, offset = units.set_point
-    told = _units(plant, run, loop.mapping, units.commands)
+    told = _units(plant, run, mapping, units.commands)
     reference = factor * run.reference + offset
     run = replace(run, units=told, reference=reference, scale=units.set_point)
-    run = limited(run, loop.plant_values)
+    notes += (*plant.notes, *controller.notes)
+    run = limited(run, of_plant)
     notes += coarse_notes(run, loop.reference)
     notes += amplifier_notes(run, plant.parameters, loop.plant_values, "--limit-voltage ")
     return run, notes
@@ -185,10 +188,13 @@ def _units(
 ) -> dict[str, str]:
     units = {v.name: v.unit for v in plant.description.variables} | dict(commands)
     ours = names_on(PLANT, [*plant.outputs, *plant.inputs], mapping)
-    return {ours[n]: units[n] for n in ours if ours[n] in {**run.outputs, **run.commands}}
+    recorded = {**run.outputs, **run.commands}
+    return {ours[n]: units[n] for n in ours if ours[n] in recorded}
 
 
-def _connection_notes(loop: Loop, plant: _Fmu, controller: _Fmu, wiring: Wiring) -> tuple[str, ...]:
+def _connection_notes(
+    loop: Loop, mapping: Mapping[str, str], plant: _Fmu, controller: _Fmu, wiring: Wiring
+) -> tuple[str, ...]:
     """Notes on inputs that are not connected, and on the input used for the set-point."""
     notes = []
     acts = [name for name in wiring.unconnected if _acts(loop.controller, name)]
@@ -203,7 +209,7 @@ def _connection_notes(loop: Loop, plant: _Fmu, controller: _Fmu, wiring: Wiring)
             for name in free
             if name not in values
         ]
-    called = names_on(CONTROLLER, wiring.references, loop.mapping)
+    called = names_on(CONTROLLER, wiring.references, mapping)
     notes += [
         f"the input {name!r} of {loop.label}, which is not connected, is used "
         f"as the set-point {SET_POINT}"

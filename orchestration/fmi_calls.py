@@ -19,7 +19,7 @@ import numpy as np
 
 from .fmi_status import OK
 from .fmi_versions import STATE, STEP
-from .fmu_instance import ENTRY_POINTS, FmuInstance, Instance, describe_end
+from .fmu_instance import ENTRY_POINTS, FmuInstance, Instance
 from .group import Group
 from .structs import VECTOR, Struct, Vector, struct
 
@@ -125,10 +125,11 @@ class Bound:
             return None
         if self._fmu is None:
             return self._others.error if self._others else None
+        if what == MOVE:
+            return self._fmu.step_failed(status)
         said = {
             PUT: f"rejects the values of {', '.join(self._inputs)}",
             TAKE: f"cannot give {', '.join(self._outputs)}",
-            MOVE: describe_end(status),
             SAVE: "cannot save its state",
             RESTORE: "cannot restore its state",
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 from collections.abc import Sequence
@@ -23,6 +24,7 @@ STEP = ctypes.CFUNCTYPE(
 )
 STATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
 _LOGGED: dict[int, str] = {}
+END = "requested the end of the simulation at t = {:g} s"
 
 
 def last_words(log: int) -> str:
@@ -227,15 +229,23 @@ class Fmi2:
         return self._end(self.integrator.time, t, h) if self.integrator.ends else 0
 
     def _co_step(self, t: float, h: float) -> int:
-        from fmpy import fmi2
-
         status = int(self.do_step(self.component, t, h, 1))
-        if status == DISCARD and self._fmu.getBooleanStatus(fmi2.fmi2Terminated):
-            return self._end(self._fmu.getRealStatus(fmi2.fmi2LastSuccessfulTime), t, h)
+        if status == DISCARD and (reached := self.asked_end()) is not None:
+            return self._end(reached, t, h)
         return status
 
+    def asked_end(self) -> float | None:
+        """After a discarded step, the end that the FMU requests; None if the step is too long."""
+        from fmpy import fmi2
+        from fmpy.fmi1 import FMICallException
+
+        with contextlib.suppress(FMICallException):  # not all answer this
+            if self._fmu.getBooleanStatus(fmi2.fmi2Terminated):
+                return float(self._fmu.getRealStatus(fmi2.fmi2LastSuccessfulTime))
+        return None
+
     def _end(self, reached: float, t: float, h: float) -> int:
-        self.ended = f"requested the end of the simulation at t = {reached:g} s"
+        self.ended = END.format(reached)
         if reached < t + h * (1 - 1e-9):
             raise Refused(self.ended, DISCARD)
         return 0

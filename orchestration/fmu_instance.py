@@ -8,6 +8,7 @@ import itertools
 import math
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
@@ -15,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.law_ports import law_ports
-from ..fmus.reading import Description, FmuError, NumberVariable, UnpackedFmu, unpack
+from ..fmus.reading import SETTABLE, Description, FmuError, NumberVariable, UnpackedFmu, unpack
 from .fmi_status import DISCARD, ERROR, FATAL, OK, Refused
-from .fmi_versions import Fmi2, Fmi3, Ports, forget, last_words
+from .fmi_versions import END, Fmi2, Fmi3, Ports, forget, last_words
 
 Vector = npt.NDArray[np.float64]
 
@@ -36,17 +37,8 @@ Value: TypeAlias = "float | str"
 """Value of a parameter: a number, or the text of a String."""
 
 SAMPLE_TIME = "sample_time"
+AS_PRINTED = 1e-6  # of a start value: what a tool that prints few digits may change
 SHORTER = "it needs shorter steps: use a smaller --step"
-
-
-def describe_end(status: int) -> str:
-    """Description of a step that ended with an error status of FMI."""
-    words = {
-        DISCARD: "rejects the step because it is too long",
-        ERROR: "the step ended with an error",
-        FATAL: "the step ended with a fatal error",
-    }
-    return words.get(status, f"the step ended with FMI status {status}")
 
 
 class StepFailed(RuntimeError):
@@ -106,11 +98,18 @@ class Instance(Protocol):
 
 
 class AnyFmu:
-    """Common part of FMU instances in this or another process."""
+    """Common part of FMU instances in this or another process.
+
+    Attributes
+    ----------
+    notes : sequence of str
+        On start values that the FMU did not have; after initialization.
+    """
 
     inputs: Sequence[str]
+    outputs: Sequence[str]
+    notes: Sequence[str] = ()
     _fmu: UnpackedFmu
-    _variables: Mapping[str, NumberVariable]
 
     @property
     def description(self) -> Description:
@@ -119,6 +118,10 @@ class AnyFmu:
     @property
     def path(self) -> Path:
         return self._fmu.path
+
+    @cached_property
+    def _variables(self) -> Mapping[str, NumberVariable]:
+        return self.description.by_name
 
     def nominal(self, name: str) -> float:
         return self._variables[name].nominal
@@ -142,6 +145,52 @@ class AnyFmu:
         self.leave_initialization()
 
     def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
+        """Set parameters and start values, enter initialization mode, and set inputs there.
+
+        What the FMU does not have as its description says is set then, too.
+
+        Raises
+        ------
+        StepFailed
+            If the FMU rejects them.
+        """
+        self.enter(values, stop)
+        told = {n: v for n, v in self._variables.items() if n not in values and n in self._starts}
+        wrong = self._unlike(told)
+        if not wrong:
+            return
+        self.writer(list(wrong))(np.array([told[n].start for n in wrong]))
+        kept = self._unlike({n: told[n] for n in wrong})
+        self.notes = [
+            f"{self.path.name} starts with {name} = {had:g}, but its description says "
+            f"{told[name].start:g}: {'this cannot be set' if name in kept else 'this was set'}"
+            for name, had in wrong.items()
+            if told[name].causality == "parameter"
+        ]
+
+    @cached_property
+    def _starts(self) -> frozenset[str]:
+        described = self.description.variables
+        return frozenset(
+            v.name for v in described if v.causality in SETTABLE and v.start is not None
+        )
+
+    def _unlike(self, told: Mapping[str, NumberVariable]) -> dict[str, float]:
+        """Values of variables whose start value is another one."""
+        found = zip(told, self.reader(list(told))().tolist(), strict=True) if told else ()
+        return {
+            n: value
+            for n, value in found
+            if not math.isclose(value, told[n].start or 0.0, rel_tol=AS_PRINTED)
+        }
+
+    def enter(self, values: Mapping[str, Value], stop: float) -> None:
+        raise NotImplementedError
+
+    def writer(self, names: Sequence[str]) -> Writer:
+        raise NotImplementedError
+
+    def reader(self, names: Sequence[str]) -> Reader:
         raise NotImplementedError
 
     def leave_initialization(self) -> None:
@@ -171,7 +220,6 @@ class FmuInstance(AnyFmu):
         self._fmu, self._clean = open_source(self, source)
         self.name = name
         description = self.description
-        self._variables = {v.name: v for v in description.variables}
         self.inputs: Sequence[str] = inputs_of(description)
         self.outputs: Sequence[str] = description.names("output")
         self.parameters = description.names("parameter")
@@ -193,14 +241,8 @@ class FmuInstance(AnyFmu):
             raise
         self._open = True
 
-    def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
-        """Set parameters and start values, enter initialization mode, and set inputs there.
-
-        Raises
-        ------
-        StepFailed
-            If the FMU rejects them.
-        """
+    def enter(self, values: Mapping[str, Value], stop: float) -> None:
+        """As `enter_initialization`, except for start values of the description."""
         self.stop = stop
         self._given = {name: v for name, v in values.items() if name in self.inputs}
         with self._initializing():
@@ -296,7 +338,18 @@ class FmuInstance(AnyFmu):
             status = getattr(error, "status", FATAL)
             raise self.failed(status, str(error).rstrip(".")) from error
         if status > OK:
-            raise self.failed(status, describe_end(status))
+            raise self.step_failed(status)
+
+    def step_failed(self, status: int) -> StepFailed:
+        """The error for a step that ended with this status."""
+        words = {
+            DISCARD: "rejects the step because it is too long",
+            ERROR: "the step ended with an error",
+            FATAL: "the step ended with a fatal error",
+        }
+        if status == DISCARD and (reached := self._fmi.asked_end()) is not None:
+            self._fmi.ended = words[DISCARD] = END.format(reached)
+        return self.failed(status, words.get(status, f"the step ended with FMI status {status}"))
 
     def save(self) -> Any:
         state = ctypes.c_void_p()
@@ -375,7 +428,7 @@ def inputs_of(description: Description) -> list[str]:
     The law's ramp counts from the start of a communication step: model exchange has none.
     """
     inputs = description.names("input")
-    law = law_ports(inputs, description.names("output"))
+    law = law_ports(inputs, inputs, description.names("output"))
     return [n for n in inputs if not description.exchanges or n not in law]
 
 

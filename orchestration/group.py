@@ -258,7 +258,7 @@ class Group:
 
     def _settle(self) -> None:
         """Set inputs and read outputs in the order in which they depend on each other."""
-        missing = {name: list(part.instance.outputs) for name, part in self._named_parts()}
+        missing = {name: dict.fromkeys(part.instance.outputs) for name, part in self._named_parts()}
         ring = False
         while any(missing.values()):
             found = [self._read(name, part, missing, False) for name, part in self._named_parts()]
@@ -272,7 +272,9 @@ class Group:
     def _named_parts(self) -> Iterable[tuple[str, Member]]:
         return zip(self._members, self.parts, strict=True)
 
-    def _read(self, name: str, part: Member, missing: dict[str, list[str]], all_: bool) -> bool:
+    def _read(
+        self, name: str, part: Member, missing: Mapping[str, dict[str, None]], all_: bool
+    ) -> bool:
         """Read a member's missing outputs that need no others, or all; return whether any was."""
         waits = {f.port for f in part.feeds if not self._is_known(f.source, missing)}
         ready = [
@@ -284,10 +286,11 @@ class Group:
             self._feed(part)
             values = part.instance.reader(ready)()
             self.values[[self.place[f"{name}.{port}"] for port in ready]] = values
-            missing[name] = [port for port in missing[name] if port not in ready]
+            for port in ready:
+                del missing[name][port]
         return bool(ready)
 
-    def _is_known(self, source: str, missing: Mapping[str, Sequence[str]]) -> bool:
+    def _is_known(self, source: str, missing: Mapping[str, dict[str, None]]) -> bool:
         if source in self.inputs:
             return bool(np.isfinite(self.values[self.place[source]]))
         member, port = self._split(source)

@@ -71,7 +71,6 @@ class IsolatedInstance(AnyFmu):
         self.name = name
         self.time_limit = time_limit
         description = self._fmu.description
-        self._variables = {v.name: v for v in description.variables}
         self.inputs: Sequence[str] = inputs_of(description)
         self.outputs: Sequence[str] = description.names("output")
         self.parameters = description.names("parameter")
@@ -113,14 +112,7 @@ class IsolatedInstance(AnyFmu):
             self._clean()
             raise
 
-    def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
-        """As `FmuInstance.enter_initialization`.
-
-        Raises
-        ------
-        StepFailed
-            If the FMU rejects them, or its process ends.
-        """
+    def enter(self, values: Mapping[str, Value], stop: float) -> None:
         self.stop = stop
         request = json.dumps({"values": dict(values), "stop": stop}).encode()
         self._ask(Request.ENTER_INITIALIZATION, request)
@@ -279,7 +271,10 @@ def open_fmu(
     FmuError
     """
     if is_ours(path) if isolate is None else not isolate:
-        return FmuInstance(path, name)
+        instance = FmuInstance(path, name)
+        if not instance.description.once_per_process:
+            return instance
+        instance.close()  # co-runs need further instances
     return IsolatedInstance(path, name, time_limit)
 
 

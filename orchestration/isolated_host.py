@@ -134,7 +134,7 @@ class _Host:
 
     def _enter(self, data: bytes) -> None:
         request = json.loads(data)
-        self._fmu.enter_initialization(request["values"], request["stop"])
+        self._fmu.enter(request["values"], request["stop"])
 
     def _leave(self, _data: bytes) -> bytes:
         self._fmu.leave_initialization()

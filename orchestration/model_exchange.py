@@ -130,14 +130,14 @@ class Integrator:
         while not self.ends and not _reached(self.time, end):
             if not (left := left - 1):
                 raise Refused(f"CVODE is at t = {self.time:g} s after {_MOST_STEPS} steps")
-            until = min(end, self.next_event)
             changes = False
-            if _reached(self.time, until):
-                self.time = until
-            else:
+            until = min(end, self.next_event)
+            if not _reached(self.time, until):
                 changes, self.time = self._solver.advance(until)
+            if due := _reached(self.time, self.next_event):  # its own number, to the last digit
+                self.time = max(self.time, self.next_event)
+                self._model.setTime(self.time)
             asks, self.ends = self._model.completedIntegratorStep()
-            due = _reached(self.time, self.next_event)
             waits = self._has_inputs and _reached(self.time, end)
             if not self.ends and (changes or asks or (due and not waits)):
                 self._model.enterEventMode()
@@ -145,7 +145,6 @@ class Integrator:
                 if not self.ends:
                     self._resume()
         if not self.ends:
-            self.time = end
             self._model.enterEventMode()
             if not (self._has_inputs and _reached(end, self.next_event)):
                 self._settle()

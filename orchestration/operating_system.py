@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from subprocess import Popen
 
 _LOCK = ".lock"  # if a folder itself cannot be locked
+_ADOPT = 36  # PR_SET_CHILD_SUBREAPER: orphans of children become children
 _PAUSE = 0.05  # s, between two checks of a lock of another process
 _PAGE = 4096  # bytes of a text; written in one call, which a kill does not interrupt
 
@@ -117,8 +118,11 @@ def fork(signals: set[signal.Signals]) -> int:
     int
         0 in the child, which leaves the `signals` to its parent; the child's number in the parent.
     """
+    import ctypes
+
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGCHLD})
+    ctypes.CDLL(None).prctl(_ADOPT, 1, 0, 0, 0)
     until, held = os.pipe()
     child = os.fork()
     if child:
@@ -144,12 +148,28 @@ def outcome(child: int, signals: set[signal.Signals]) -> tuple[int, str]:
         number = signal.sigwait({*signals, signal.SIGCHLD})
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
+            _end_children()
             code = os.waitstatus_to_exitcode(status)
             return code, f"ended by {_signal_name(-code)}" if code < 0 else ""
         if number in signals:
-            os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
+            _end_children()
             return -number, "interrupted"
+
+
+def _end_children() -> None:
+    """End all that the command has started; what a parent leaves behind is adopted here."""
+    while children := [n for n in os.listdir("/proc") if n.isdigit() and _is_child(n)]:
+        for child in children:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(int(child), signal.SIGKILL)
+            with contextlib.suppress(ChildProcessError):
+                os.waitpid(int(child), 0)
+
+
+def _is_child(process: str) -> bool:
+    with contextlib.suppress(OSError), open(f"/proc/{process}/stat", "rb") as stat:
+        return int(stat.read().rpartition(b")")[2].split()[1]) == os.getpid()
+    return False
 
 
 class Told:

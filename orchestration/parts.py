@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from ..controllers import ALONE, CONTROLLERS
 from ..fmus import catalogue
 from ..fmus.interface import START, TOLERANCE, interface_of
-from ..fmus.reading import Description, unpack
+from ..fmus.reading import SETTABLE, Description, unpack
 from ..instruments import FEED_FORWARD, INSTRUMENTS, SAMPLED, bare
 from ..plant import PLANTS
 from ..solver.component_file import (
@@ -26,10 +26,11 @@ from ..solver.component_file import (
 )
 from ..solver.kernel import Kernel, ParameterInfo
 from ..solver.nearest import did_you_mean, nearest
-from .limits import BadParameter
+from .limits import BadParameter, as_number
 
 if TYPE_CHECKING:
     from ..solver.component import Component
+    from .fmu_instance import Value
 
 SUFFIX = ".fmu"
 
@@ -121,11 +122,12 @@ class Part:
         if self.has_equations:
             return parameters_of(self.kernel)
         file = Path(self.name).name
-        said = f"parameter of {file}", f"start value of {file}", -math.inf, math.inf
+        said = f"parameter of {file}", f"start value of {file}"
+        described = (v for v in self.description.variables if v.causality == "parameter")
+        starts = ((v, math.nan if v.start is None else v.start) for v in described)
         return {
-            v.name: ParameterInfo(v.name, math.nan if v.start is None else v.start, v.unit, *said)
-            for v in self.description.variables
-            if v.causality == "parameter"
+            v.name: ParameterInfo(v.name, start, v.unit, *said, v.minimum, v.maximum)
+            for v, start in starts
         }
 
     def unit_of(self, output: str) -> str:
@@ -135,7 +137,7 @@ class Part:
         return next((v.unit for v in self.description.variables if v.name == output), "")
 
     def check_values(self, side: str, values: Mapping[str, float]) -> None:
-        """Make sure that it has these parameters, and that they are in range; FMUs have no ranges.
+        """Make sure that it has these parameters, and that they are in range.
 
         Parameters
         ----------
@@ -149,18 +151,16 @@ class Part:
             Naming the nearest.
         """
         if not self.has_equations:  # free inputs are only known after the wiring
-            check_names(side, values, [*self.parameters, *self.inputs])
+            check_names(side, values, settable_of(self.description))
+            as_taken(side, self.description, values)
             return
         ranges = dict(interface_of(self.kernel, self.own_name).layout.ranges)
         ranges.pop(TOLERANCE, None)  # a setting of the FMU's own solver
         check_names(side, values, ranges)
         for name, value in values.items():
             low, high = ranges[name]
-            if (low is not None and value < low) or (high is not None and value > high):
-                raise BadParameter(
-                    f"{side}: parameter {name} = {value:g} is out of its range "
-                    f"[{'-inf' if low is None else low}, {'inf' if high is None else high}]"
-                )
+            low, high = -math.inf if low is None else low, math.inf if high is None else high
+            _check_range(side, name, f"{value:g}", low <= value <= high, low, high)
 
     def settable(self, values: Mapping[str, float]) -> dict[str, ParameterInfo]:
         """Its parameters, and its inputs that are given a value."""
@@ -267,6 +267,55 @@ def check_names(side: str, names: Collection[str], known: Collection[str]) -> No
         if name not in known:
             hint = nearest(name, known) or f"; it has {', '.join(known)}"
             raise BadParameter(f"{side} has no parameter {name!r}{hint}")
+
+
+def settable_of(described: Description) -> list[str]:
+    """Names of an FMU's parameters and inputs."""
+    return [
+        *(v.name for v in described.variables if v.causality in SETTABLE),
+        *described.strings,
+        *described.aliases,
+    ]
+
+
+def as_taken(side: str, described: Description, given: Mapping[str, Value]) -> dict[str, Value]:
+    """Values as the variables of an FMU take them: numbers in their range, text for Strings.
+
+    Raises
+    ------
+    BadParameter
+        If a variable does not allow its value.
+    """
+    names = {described.aliases.get(name, name): value for name, value in given.items()}
+    return {name: _as_taken(side, described, name, value) for name, value in names.items()}
+
+
+def _as_taken(side: str, described: Description, name: str, value: Value) -> Value:
+    if name in described.strings:
+        if not isinstance(value, str):
+            raise BadParameter(f"{side}.{name} is {value!r}, expected text: it is a String")
+        return value
+    variable = described.by_name[name]
+    items = variable.items
+    one_of = f", or one of {', '.join(items)}{nearest(str(value), items)}" if items else ""
+    try:
+        number = float(items[value]) if value in items else as_number(f"{side}.{name}", value)
+    except BadParameter as error:
+        raise BadParameter(f"{error}{one_of}") from None
+    if items and number not in items.values():
+        allowed = ", ".join(f"{n} ({v})" for n, v in items.items())
+        raise BadParameter(f"{side}.{name} is {number:g}, expected one of {allowed}")
+    low, high = variable.minimum, variable.maximum
+    shown = f"{number:g} {variable.unit}".rstrip()
+    _check_range(side, name, shown, low <= number <= high, low, high)
+    return number
+
+
+def _check_range(side: str, name: str, shown: str, fits: bool, low: float, high: float) -> None:
+    if not fits:
+        raise BadParameter(
+            f"{side}: parameter {name} = {shown} is out of its range [{low:g}, {high:g}]"
+        )
 
 
 def readable(name: str) -> str:

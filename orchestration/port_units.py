@@ -17,9 +17,7 @@ from ..fmus.tangent_ports import tangent_port, tangent_states
 from .converted import AS_IS, Scale, converted
 from .fmu_instance import FmuInstance
 from .isolated import IsolatedInstance
-from .wiring import PLANT, Wiring, WiringError, names_on
-
-POSITION = "x"  # the output that a set-point is compared with
+from .wiring import PLANT, POSITION, Wiring, WiringError, names_on
 
 
 @dataclass(frozen=True)
@@ -114,7 +112,7 @@ def _one_sided(port: str, *units: Unit | None) -> list[str]:
 
 def from_si(unit: Unit, order: int = 0) -> Scale:
     """Conversion from SI units to a unit, also for a derivative by time of this order."""
-    return 1.0 / unit.factor, 0.0 if order else -unit.offset / unit.factor
+    return 1.0 / unit.factor, 0.0 if order or unit.relative else -unit.offset / unit.factor
 
 
 def _add_set_points(

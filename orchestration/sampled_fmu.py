@@ -42,7 +42,7 @@ class _Sampled:
     def __init__(self, instance: Instance, period: float) -> None:
         self._instance, self.sample_time = instance, period
         # a feedback law between samples is not applied by a digital controller
-        law = law_ports(instance.outputs, instance.inputs)
+        law = law_ports(instance.outputs, instance.outputs, instance.inputs)
         self.outputs = [name for name in instance.outputs if name not in law]
         self._initialized = False
         self._samples = 0

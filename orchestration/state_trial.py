@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..fmus.made_here import is_ours
 from ..fmus.reading import FmuError
-from .fmu_instance import FmuInstance, StepFailed, Value
+from .fmu_instance import FmuInstance, Reader, StepFailed, Value
 from .isolated import IsolatedInstance
 
 Vector = npt.NDArray[np.float64]
@@ -43,6 +44,19 @@ def check_state(
     )
 
 
+class _NotKept(Exception):
+    """A state was not saved or not restored."""
+
+
+def _done(call: Callable[[], Any], read: Reader) -> Any:
+    try:
+        result = call()
+        read()  # a process of its own answers only now
+    except StepFailed as error:
+        raise _NotKept from error
+    return result
+
+
 def _comes_back(
     fmu: FmuInstance | IsolatedInstance, values: Mapping[str, Value], stop: float, step: float
 ) -> bool:
@@ -72,11 +86,13 @@ def _comes_back(
             return np.array(rows)
 
         passed(0)
-        state = trial.save()
+        state = _done(trial.save, read)
         once = passed(STEPS)
-        trial.restore(state)
+        _done(lambda: trial.restore(state), read)
         again = passed(STEPS)
         trial.release(state)
+    except _NotKept:
+        return False
     except StepFailed:
         return True  # the run itself will report the error
     finally:

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.law_ports import gain_port
-from ..fmus.reading import Description
+from ..fmus.law_ports import law_ports
 from ..fmus.system_reading import (
     BadSystem,
     SystemConnection,
@@ -27,18 +26,18 @@ from .couplings import Coupling
 from .fmu_instance import SAMPLE_TIME, Instance, Value
 from .group import Feed, Group
 from .isolated import open_fmu
-from .limits import FIRST_STEP, BadParameter, as_number, check_step
+from .limits import FIRST_STEP, BadParameter, check_step
 from .loop import STOP, SystemLoop
 from .loop_run import LoopRun
 from .master import Progress, run_loop
 from .metrics import coarse_notes
-from .parts import check_names
-from .port_units import POSITION, scale_of_results
+from .parts import as_taken, check_names, settable_of
+from .port_units import scale_of_results
 from .reference_signal import Reference
 from .state_trial import check_state
 from .system_goal import Fmus, Goal, goal_of
 from .system_law import accepts_law, commands_of, reports_law
-from .wiring import CONTROLLER, Wiring, plain_outputs
+from .wiring import CONTROLLER, POSITION, Wiring, plain_outputs
 
 Vector = npt.NDArray[np.float64]
 
@@ -75,6 +74,7 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
         first = asked.step or own or min(FIRST_STEP, stop)
         states = [check_state(f, values[name], stop, first) for name, f in fmus.items()]
         loop = _loop(system, fmus, asked)
+        free = _free_inputs(system, loop, values)
         reference = asked.reference or Reference.constant(loop.set_point(system, values, fmus))
 
         sides = [loop.plant, loop.controller]  # for the first run; later runs open their own
@@ -113,8 +113,14 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
         amplifier += coarse_notes(run, reference)
         run = limited(run, of_plant)
     notes = [f"{name} is unknown in the system and was ignored" for name in system.ignored]
+    notes += [
+        f"nothing is connected to the input {port.connector!r} of {port.element}: it stays at "
+        f"{start:g}; --set {port}=VALUE gives it a value"
+        for port, start in free.items()
+    ]
     fixed = fixed_step_notes(first, *fmus.values()) if own or choice is None else ()
-    found = (note for state in states for note in state)
+    found = [note for state in states for note in state]
+    found += [note for fmu in fmus.values() for note in fmu.notes]
     notes += reference.notes(stop)
     return ClosedLoopResult(asked, run, (*notes, *found, *fixed, *amplifier), choice)
 
@@ -138,31 +144,37 @@ def _values(system: SystemStructure, asked: SystemLoop, fmus: Fmus) -> dict[str,
                 f"{', '.join(values)}"
             )
         variable = name[len(element) + 1 :]
-        described = fmus[element].description.variables
-        known = [v.name for v in described if v.causality in ("parameter", "input")]
-        known += fmus[element].description.strings
-        check_names(element, [variable], known)
-        values[element][variable] = value
-    for element, own in values.items():
-        for name, value in own.items():
-            own[name] = _taken(element, fmus[element].description, name, value)
-    return values
+        check_names(element, [variable], settable_of(fmus[element].description))
+        values[element][fmus[element].description.aliases.get(variable, variable)] = value
+    return {e: as_taken(e, fmus[e].description, own) for e, own in values.items()}
 
 
-def _taken(element: str, description: Description, name: str, value: Value) -> Value:
-    """Convert a value to the type of its variable: text for a String, else a finite number."""
-    if name in description.strings:
-        if not isinstance(value, str):
-            raise BadParameter(f"{element}.{name} is {value!r}, expected text: it is a String")
-        return value
-    items = next((v.items for v in description.variables if v.name == name), {})
-    if isinstance(value, str) and value in items:
-        return items[value]
-    try:
-        return as_number(f"{element}.{name}", value)
-    except BadParameter as error:
-        one_of = f", or one of {', '.join(items)}{nearest(str(value), items)}" if items else ""
-        raise BadParameter(f"{error}{one_of}") from None
+def _free_inputs(
+    system: SystemStructure, loop: _Loop, values: Mapping[str, Mapping[str, Value]]
+) -> dict[SystemPort, float]:
+    """Inputs that nothing drives and that are given no value, with their start values.
+
+    Raises
+    ------
+    BadSystem
+        If there are such inputs and nothing measures the plant.
+    """
+    driven = {c.target for c in (*system.connections, *(c for c, _ in loop.goal))}
+    driven |= {c.target for i in system.inputs for c in i.drives}
+    found: dict[SystemPort, float] = {}
+    for element, fmu in loop.fmus.items():
+        law = law_ports(fmu.inputs, fmu.inputs, fmu.outputs)
+        for name in fmu.inputs:
+            port = SystemPort(element, name)
+            if port not in driven and name not in law and name not in values[element]:
+                found[port] = fmu.description.by_name[name].start or 0.0
+    blind = [port for port in found if port.element != loop.plant_name]
+    if blind and not loop.wiring.signals:
+        raise BadSystem(
+            f"{system.path}: nothing is connected to the input {blind[0]}, and no element has an "
+            f"output of {loop.plant_name!r} as its input; expected a closed loop"
+        )
+    return found
 
 
 def _of_side(
@@ -327,7 +339,7 @@ def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
 def _plant(fmus: Fmus) -> str:
     def rank(name: str) -> tuple[bool, bool, bool]:
         fmu = fmus[name]
-        law = any(gain_port(u, y) in fmu.inputs for u in fmu.inputs for y in fmu.outputs)
+        law = bool(law_ports(fmu.inputs, fmu.inputs, fmu.outputs))
         silent = bool(fmu.outputs) and not any(fmu.follows_at_once(y) for y in fmu.outputs)
         return law, name == "plant", silent and SAMPLE_TIME not in fmu.parameters
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
-from ..fmus.law_ports import gain_port, rate_port, reference_port
+from ..fmus.law_ports import gain_port, law_ports, rate_port, reference_port
 from ..solver.nearest import nearest
-from ..solver.set_point import SET_POINT, set_point_orders
-from .fmu_instance import Instance
+from ..solver.set_point import DERIVATIVES, SET_POINT, set_point_orders
+from .fmu_instance import AnyFmu, Instance
 
 PLANT, CONTROLLER = "plant", "controller"
+POSITION = "x"  # the output that a set-point is compared with
 COLUMNS = ("time", SET_POINT)  # of the results, in addition to the plant's
 
 
@@ -124,12 +125,7 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     on_plant = names_on(PLANT, [*plant.outputs, *plant.inputs], mapping)
     on_controller = names_on(CONTROLLER, [*controller.inputs, *controller.outputs], mapping)
     plant_outputs = {on_plant[n]: n for n in plant.outputs}
-    law = {
-        port
-        for command in plant.inputs
-        for y in plant.outputs
-        for port in (gain_port(command, y), reference_port(command, y), rate_port(command))
-    }
+    law = law_ports(plant.inputs, plant.inputs, plant.outputs)
     needed = {on_plant[n]: n for n in plant.inputs if n not in law}
     commands = tuple(
         (n, needed[on_controller[n]]) for n in controller.outputs if on_controller[n] in needed
@@ -167,7 +163,8 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
         )
     references, orders = tuple(free[n] for n in taken), tuple(taken.values())
     unconnected = tuple(n for n in free.values() if n not in references)
-    others = tuple(n for n in plain_outputs(controller) if n not in {c for c, _ in commands})
+    acting = {c for c, _ in commands}
+    others = tuple(n for n in plain_outputs(controller) if n not in acting)
     wiring = Wiring(
         commands, signals, references, False, False, unconnected, orders, tuple(missing), others
     )
@@ -178,16 +175,29 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     )
 
 
+def with_aliases(plant: AnyFmu, controller: AnyFmu, mapping: Mapping[str, str]) -> dict[str, str]:
+    """The mapping by the ports' own names, and with the aliases that have a partner (FMI 3.0)."""
+    found = dict(mapping)
+    for side, fmu, other in ((PLANT, plant, controller), (CONTROLLER, controller, plant)):
+        theirs = {*other.inputs, *other.outputs}
+        known = {*theirs, *other.description.aliases, POSITION, SET_POINT, *DERIVATIVES}
+        for alias, port in fmu.description.aliases.items():
+            if port not in (*fmu.inputs, *fmu.outputs):
+                continue
+            own, bare = f"{side}.{port}", alias not in theirs
+            for key in (f"{side}.{alias}", *([alias] if bare else [])):
+                if key in found:
+                    found[own] = found.pop(key)
+            if {port, own} & {*found, *theirs} or (side == PLANT and alias in COLUMNS):
+                continue
+            if alias in known:
+                found[own] = alias
+    return found
+
+
 def plain_outputs(instance: Instance) -> list[str]:
     """Outputs except those of a feedback law."""
-    law = {
-        port
-        for u in instance.outputs
-        for port in (
-            rate_port(u),
-            *(of(u, y) for y in instance.inputs for of in (gain_port, reference_port)),
-        )
-    }
+    law = law_ports(instance.outputs, instance.outputs, instance.inputs)
     return [n for n in instance.outputs if n not in law]
 
 
@@ -223,8 +233,10 @@ def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, 
     ):
         called = names_on(side, group, mapping)
         for theirs, ours in called.items():
+            if ours == theirs:
+                continue
             others = [n for n, name in called.items() if name == ours and n != theirs]
-            if ours != theirs and (others or ours in taken):
+            if others or ours in taken:
                 whose = f"{side}'s port {others[0]!r}" if others else "a column of the results"
                 raise WiringError(
                     f"--map {theirs}={ours} has the same name as {whose}; map "

@@ -34,7 +34,7 @@ class Claims:
         Friction [N] after a long time at the constant velocity ``v``; None: no such value exists.
     stiffness : expression or None
         dF/dx [N/m] at zero force and zero deflection, for motion in the direction of ``v``;
-        None: rigid.
+        None: rigid; zero: smooth, without a deflection.
     passive_if : relation
         Condition on the parameters under which the law is passive: no motion from the undeflected
         state can extract more work than was put in.

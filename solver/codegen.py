@@ -14,7 +14,6 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from . import stepper
 from .component import TIME, Component, Event, Mode, Output, symbol
-from .formulas import Writer, formula, label
 from .functions import slopes, symbols_in
 from .kernel import InputInfo, Kernel, OutputInfo, ParameterInfo, StateInfo
 from .kernel_cache import hashed_name
@@ -274,7 +273,6 @@ def generate(component: Component) -> Kernel:
         sample_time=component.sample_time.name if component.sample_time else "",
         modes=[m.name for m in component.modes],
         events=most,
-        equations=_readable(component),
         module=hashed_name(f"equations_{component.name}", source),
         source=source,
         delays=[StateInfo(d.name, d.unit, "", d.start, d.nominal) for d in component.delays],
@@ -358,36 +356,3 @@ def _symbols_of(component: Component, output: Output) -> set[str]:
         *(m.outputs[output.name] for m in component.modes if output.name in m.outputs),
     ]
     return {s.name for value in values for s in symbols_in(sp.sympify(value))}
-
-
-def _readable(component: Component) -> list[list[str]]:
-    """Rows of MathML for the documentation inside an FMU: left side, then the right one's terms."""
-    writer = Writer({n for names in _places(component).values() for n in names})
-
-    def rate(name: str) -> str:
-        return formula(sp.Derivative(symbol(name), TIME))
-
-    rows = [
-        [rate(s.name), *writer.line(e)]
-        for s, e in zip(component.all_states, component.derivatives, strict=True)
-    ]
-    rows += [[formula(symbol(o.name)), *writer.line(o.value)] for o in component.all_outputs]
-    rows += [
-        [
-            formula(symbol(d.name)) + label(" after ") + formula(sp.sympify(d.duration)),
-            *writer.line(d.expression),
-        ]
-        for d in component.delays
-    ]
-    rows += [
-        [formula(symbol(d.name)) + label(" next"), *writer.line(d.update)]
-        for d in component.discrete
-    ]
-    for mode in component.modes:
-        where = label(f" in mode {mode.name}")
-        rows += [[rate(n) + where, *writer.line(e)] for n, e in mode.derivatives.items()]
-        rows += [[formula(symbol(n)) + where, *writer.line(e)] for n, e in mode.outputs.items()]
-        for event in mode.events:
-            to = label(f"{mode.name}: {event.name}, then {event.next_mode or mode.name}, at 0")
-            rows.append([to, *writer.line(event.indicator)])
-    return rows + writer.rest()

@@ -106,7 +106,6 @@ class Kernel:
     sample_time: str
     modes: list[str]
     events: int
-    equations: list[list[str]]
     module: str
     source: str = field(repr=False)
     delays: list[StateInfo]

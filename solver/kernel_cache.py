@@ -18,9 +18,9 @@ from pathlib import Path
 
 from .files import write_atomically
 
-COMPONENTS, EQUATIONS, REFERENCES = "components", "equations", "references"
+COMPONENTS, EQUATIONS = "components", "equations"
 FMUS, MADE, COMPILED = "fmus", "fmus/made", "fmus/compiled"
-_FOLDERS = (COMPONENTS, EQUATIONS, REFERENCES, FMUS, MADE, COMPILED)
+_FOLDERS = (COMPONENTS, EQUATIONS, FMUS, MADE, COMPILED)
 _DIGEST = ".sha256"
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _UNREADABLE = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # links, pipes

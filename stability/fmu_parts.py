@@ -14,7 +14,7 @@ from ..orchestration.isolated import IsolatedInstance, open_fmu
 from ..orchestration.loop import Loop
 from ..orchestration.parts import Part
 from ..orchestration.state_trial import check_state
-from ..orchestration.wiring import PLANT, names_on
+from ..orchestration.wiring import PLANT, names_on, with_aliases
 from .fmu_with_tangents import ordinary
 from .tangents_over_fmus import TangentRun, follow_over_fmus
 
@@ -51,14 +51,14 @@ class FmuParts:
                 step,
                 plant_values=loop.plant_values,
                 controller_values=loop.controller_values,
-                mapping=loop.mapping,
+                mapping=with_aliases(plant, controller, loop.mapping),
                 accuracy=accuracy,
             )
 
     def nominal(self, mapping: Mapping[str, str]) -> dict[str, float]:
         """Nominal values of the plant's outputs except tangents, by their names in results."""
         names = ordinary(self.plant).outputs
-        ours = names_on(PLANT, names, mapping)
+        ours = names_on(PLANT, names, with_aliases(self.plant, self.controller, mapping))
         return {ours[n]: self.plant.nominal(n) for n in names}
 
     def said(self) -> str:

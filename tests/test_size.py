@@ -15,14 +15,14 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (7423, 6543),
+    "solver": (7266, 6401),
     "plant": (1153, 910),
     "controllers": (1417, 1093),
     "instruments": (891, 715),
-    "fmus": (6229, 5407),
-    "orchestration": (13771, 11356),
+    "fmus": (6067, 5263),
+    "orchestration": (13918, 11485),
     "stability": (3251, 2639),
-    "ballscrew": (4942, 4100),
+    "ballscrew": (4926, 4085),
     "gallery": (3571, 3184),
     "records": (2393, 2152),
     "identification": (4726, 3913),
@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28017, 26734),
+    "tests": (28142, 26850),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

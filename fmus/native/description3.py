@@ -18,7 +18,7 @@ from ..model_description import (
 from ..uses import initial_uses
 from .dependencies import Dependency, dependencies_of
 from .description import write_dependencies
-from .sources import MAIN, NativeModel, is_intermediate
+from .sources import MAIN, NativeModel
 
 _CAN = {
     "needsExecutionTool": "false",
@@ -68,8 +68,6 @@ def description_of(model: NativeModel, token: str) -> bytes:
             "modelIdentifier": kernel.name,
             **_CAN,
             "canHandleVariableCommunicationStepSize": "true",
-            "providesIntermediateUpdate": "true",
-            "canReturnEarlyAfterIntermediateUpdate": "true",
             "hasEventMode": "false",
         },
     )
@@ -87,8 +85,6 @@ def _write_variables(parent: ET.Element, model: NativeModel) -> None:
     derivatives = {d.name: s for d, s in zip(model.derivatives, model.state_variables, strict=True)}
     for v in interface.variables:
         about, number = attributes_of(v, ("output", "local"))
-        if is_intermediate(v):
-            number["intermediateUpdate"] = "true"
         if v.name in derivatives:
             number["derivative"] = str(derivatives[v.name].reference)
         _write_float(parent, "Float64", about, number)

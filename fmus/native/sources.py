@@ -174,12 +174,6 @@ def _states_of_outputs(kernel: Kernel) -> list[int]:
     return [next(iter(states)) if len(states) == 1 else -1 for states in found]
 
 
-def is_intermediate(variable: Variable) -> bool:
-    """Whether a host can read it within a step of co-simulation."""
-    moves = variable.variability == "continuous"
-    return moves and variable.causality in ("output", "local")
-
-
 def sources(model: NativeModel, fmi: int, token: str) -> dict[str, str]:
     """Text by file name of everything that the compiler needs; `MAIN` names the file to compile.
 
@@ -280,7 +274,6 @@ def _tables(model: NativeModel, token: str) -> str:
             "    int place; /* in that array; of a derivative and an indicator, its number */",
             "    const char *name, *unit;",
             "    double low, high;",
-            "    int intermediate; /* it can be looked at within a step */",
             "} Variable;",
             "",
             "/* by value reference */",
@@ -302,7 +295,7 @@ def _variables(model: NativeModel) -> Iterable[str]:
         kind = kinds.get(v.causality) or ("STATE" if v.reference in own else "DERIVATIVE")
         yield (
             f"{v.reference}] = {{{kind}, {v.place}, {_quoted(v.name)}, {_quoted(v.unit)}, "
-            f"{_number(v.minimum)}, {_number(v.maximum)}, {int(is_intermediate(v))}}}"
+            f"{_number(v.minimum)}, {_number(v.maximum)}}}"
         )
     for reference, kind, place, name in (
         (model.interface.message_reference, "MESSAGE", 0, MESSAGE),

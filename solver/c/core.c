@@ -36,7 +36,7 @@ API int core_integrate(const System *s, double t0, double t1, double *x, double 
                        const double *p, const double *atol, double rtol, Work *work, Info *info,
                        int max_steps)
 {
-    return integrate(s, t0, t1, x, u, p, atol, rtol, work, info, max_steps, NULL);
+    return integrate(s, t0, t1, x, u, p, atol, rtol, work, info, max_steps);
 }
 
 /* A system with its memory, which is not moved; as in `core.py`. */
@@ -51,7 +51,7 @@ typedef struct {
 API int core_step(const Instance *i, double t0, double t1, double rtol, int max_steps)
 {
     const int status = integrate(i->system, t0, t1, i->x, i->u, i->p, i->atol, rtol, i->work,
-                                 i->info, max_steps, NULL);
+                                 i->info, max_steps);
     for (int k = 0; status == DONE && k < i->system->states; k++)
         if (!isfinite(i->x[k]))
             return NOT_FINITE;
@@ -86,7 +86,7 @@ API int core_trajectory(const System *s, const double *times, int rows, double *
                 memcpy(u, within + (size_t)row * given, taken);
             if (times[row] > times[row - 1]) {
                 info->status = integrate(s, times[row - 1], times[row], x, u, p, atol, rtol,
-                                         work, info, max_steps, NULL);
+                                         work, info, max_steps);
                 if (info->status != DONE)
                     return row;
             }

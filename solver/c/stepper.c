@@ -354,11 +354,10 @@ static void find_alone(int n, Work *work)
     }
 }
 
-/* Advance dx/dt = f(t, x, u, p) from t0 to t1 with u and p held, in place; a watcher can end it
- * earlier. At most max_steps steps are taken, accepted or rejected. */
+/* Advance dx/dt = f(t, x, u, p) from t0 to t1 with u and p held, in place. At most max_steps steps
+ * are taken, accepted or rejected. */
 static int integrate(const System *s, double t0, double t1, double *x, double *u, const double *p,
-              const double *atol, double rtol, Work *work, Info *info, int max_steps,
-              const Watcher *watcher)
+              const double *atol, double rtol, Work *work, Info *info, int max_steps)
 {
     const int n = s->states;
     info->reached = t0;
@@ -370,11 +369,8 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
     const double span = t1 - t0;
     if (span == 0.0)
         return DONE;
-    if (n == 0 && !s->delays) {
-        if (watcher)
-            watcher->end(watcher->owner, t1, t1);
+    if (n == 0 && !s->delays)
         return DONE;
-    }
     const double smallest = SMALLEST * larger(larger(fabs(t0), fabs(t1)), span);
     double h = info->next_step;
     if (!(h > smallest) || h > span) /* the previous step may have been tiny */
@@ -440,8 +436,6 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
                 h = planned;
                 last_error = 1e-4;
                 rejected_before = 0;
-                if (watcher)
-                    info->reached = t1 = watcher->end(watcher->owner, t, t1);
                 if (t >= t1) {
                     info->next_step = h;
                     return DONE;
@@ -457,8 +451,6 @@ static int integrate(const System *s, double t0, double t1, double *x, double *u
                 growth = smaller(growth, 1.0);
             last_error = larger(error, 1e-4);
             rejected_before = 0;
-            if (watcher)
-                info->reached = t1 = watcher->end(watcher->owner, t, t1);
             if (t >= t1) {
                 info->next_step = growth >= 1.0 ? larger(planned, h * growth) : h * growth;
                 return DONE;

@@ -61,13 +61,6 @@ typedef struct {
     Note *note;    /* null if not needed */
 } Work;
 
-/* Called for every accepted step, with its time t and the end t1 of the integration. It returns the
- * new end, at the earliest t. It must not change the states. */
-typedef struct {
-    double (*end)(void *owner, double t, double t1);
-    void *owner;
-} Watcher;
-
 #define WORK_DOUBLES(n, events) (4 * (n) * (n) + (STAGES + 11) * (n) + 3 * (events) + 2)
 
 /* Hermite's cubic through both ends of a step of length h, at the share q of it. */
@@ -91,13 +84,12 @@ static int settle(const System *s, double t, double *x, double *u, const double 
 static void look_before(const System *s, double t, const double *x, const double *u, const double *p,
                  double *before);
 
-/* Type of `integrate`, and of the function of the explicit pair, without a watcher. */
+/* Type of `integrate`, and of the function of the explicit pair. */
 typedef int (*Integrator)(const System *s, double t0, double t1, double *x, double *u,
                           const double *p, const double *atol, double rtol, void *work, Info *info,
                           int max_steps);
 
 static int integrate(const System *s, double t0, double t1, double *x, double *u, const double *p,
-              const double *atol, double rtol, Work *work, Info *info, int max_steps,
-              const Watcher *watcher);
+              const double *atol, double rtol, Work *work, Info *info, int max_steps);
 
 #endif

@@ -324,7 +324,7 @@ static int follow_span(const System *s, const Walk *w, int row, double t, double
             note->any = 0;
         const double accepted = info->accepted;
         const int status =
-            integrate(s, t, until, x, w->u, w->p, w->atol, w->rtol, work, info, 1, NULL);
+            integrate(s, t, until, x, w->u, w->p, w->atol, w->rtol, work, info, 1);
         if (status != DONE && status != TOO_MANY_STEPS)
             return status;
         if (++taken > w->max_steps)
@@ -645,7 +645,7 @@ static int cross(const System *s, const Crossings *c, Integrator walk, void *wor
 static int stiffly(const System *s, double t0, double t1, double *x, double *u, const double *p,
                    const double *atol, double rtol, void *work, Info *info, int max_steps)
 {
-    return integrate(s, t0, t1, x, u, p, atol, rtol, work, info, max_steps, NULL);
+    return integrate(s, t0, t1, x, u, p, atol, rtol, work, info, max_steps);
 }
 
 /* Crossings of a plane by the stiff stepper, or explicitly; the latter may end with STIFF. */

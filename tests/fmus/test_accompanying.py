@@ -1,4 +1,4 @@
-"""What an engineer and a tool find in an FMU: licence, icon, types, terminals."""
+"""What an engineer and a tool find in an FMU: licence, types, terminals."""
 
 import zipfile
 from pathlib import Path
@@ -32,14 +32,11 @@ def sources_only(tmp_path_factory):
     return get
 
 
-def test_licences_and_an_icon_are_where_each_version_of_fmi_looks_for_them(sources_only):
+def test_licences_are_where_each_version_of_fmi_looks_for_them(sources_only):
     readable, two, three = content(fmu("plant")), sources_only("plant", 2), sources_only("plant", 3)
     for files in (readable, two, three):
         assert files["documentation/licenses/license.txt"].startswith(b"MIT License")
     assert b"MIT" in readable["documentation/licenses/pythonfmu.txt"]
-    picture = two["model.png"]
-    assert readable["model.png"] == three["terminalsAndIcons/icon.png"] == picture
-    assert picture.startswith(b"\x89PNG\r\n\x1a\n")
 
 
 @pytest.mark.parametrize(

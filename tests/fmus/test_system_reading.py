@@ -483,6 +483,7 @@ def test_elements_that_cannot_be_joined_as_they_are_are_refused(tmp_path, system
         (typed("a.gain", '<ssv:String value="x"/>'), "is a String, but a.gain is a Real"),
         (typed("a.on", '<ssv:Boolean value="on"/>'), "true or false"),
         (typed("a.n", ""), "parameter 'a.n' has no value"),
+        (real("a.gain", 1) + real("a.gain", 2), "has two values for parameter 'a.gain'"),
     ],
 )
 def test_a_parameter_value_that_cannot_be_set_is_refused(tmp_path, content, text):

@@ -229,7 +229,7 @@ OK_AND_THREE = b"\4\0\0\0" + bytes([isolated_host.OK]) + b"abc"
         ([b"\1\0\0\0\x77"], "cannot be instantiated"),
         ([b"\xff\xff\xff\xff"], "closed the connection|was ended by"),
         ([b"\x40\0\0\0", *[b"a"] * 64], "did not answer the call open within 1 s"),
-        ([OK_AND_THREE], "gave 3 bytes for its sample time"),
+        ([OK_AND_THREE], "gave 3 bytes for x, v, x_d"),
     ],
 )
 def test_what_a_process_answers_is_not_believed(answer, message, tmp_path, answering, monkeypatch):

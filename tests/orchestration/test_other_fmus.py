@@ -1,7 +1,9 @@
 """FMUs that are not FMI 2.0 co-simulation of real signals, as the master takes them."""
 
+import math
 import re
 import zipfile
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from pythonfmu.builder import FmuBuilder
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.model_exchange import Integrator
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.run import run_closed_loop
 
@@ -180,3 +183,51 @@ def test_integer_and_boolean_signals_are_the_numbers_they_are(relays, saves, iso
     for name, values in expected.outputs.items():
         np.testing.assert_array_equal(found.outputs[name], values)
     np.testing.assert_array_equal(found.commands["on"], expected.commands["on"])
+
+
+class Ticking:
+    """A model-exchange FMU without states that counts at times, which it compares exactly."""
+
+    def __init__(self, period):
+        self.period, self.time, self.next, self.count = period, 0.0, period, 0
+
+    def setTime(self, time):
+        self.time = time
+
+    def updateDiscreteStates(self):
+        if self.time >= self.next:
+            self.count, self.next = self.count + 1, self.next + self.period
+        return False, False, False, False, True, self.next
+
+    def completedIntegratorStep(self):
+        return False, False
+
+    def __getattr__(self, name):  # the rest of FMI 3.0
+        return lambda *_: None
+
+
+@pytest.mark.parametrize("period", [0.1, 0.025, 0.0007])
+@pytest.mark.parametrize("driven", [True, False])
+def test_a_time_event_comes_at_its_own_time_to_the_last_digit(period, driven):
+    """Of an FMU with inputs, one at a communication point belongs to the next step."""
+    fmu = Ticking(period)
+    master = Integrator(fmu, 0, 0, driven)
+    for k in range(1, 71):
+        master.step(k * 1e-2)
+        periods = Fraction(k, 100) / Fraction(str(period))
+        assert fmu.count == (math.ceil(periods) - 1 if driven else math.floor(periods))
+
+
+@pytest.mark.ci
+def test_another_name_of_a_port_connects_it(native, described):
+    """Aliases of FMI 3.0."""
+
+    def renamed(found):
+        return b'<Float64 name="my_%b"%b><Alias name="%b"/></Float64>' % (*found.groups(), found[1])
+
+    _, expected = course(native("plant"), native("pid", 3))
+    other = described("pid", 3, rb'<Float64 name="(x|u)"([^>]*?) ?/>', renamed)
+    _, found = course(native("plant"), other)
+    np.testing.assert_allclose(found["x"], expected["x"], rtol=0, atol=1e-9)
+    _, found = course(native("plant"), other, mapping={"my_u": "u", "controller.x": "x"})
+    np.testing.assert_allclose(found["x"], expected["x"], rtol=0, atol=1e-9)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from third_party_fmus import proportional
 from waiting import wait_for
 
@@ -50,3 +51,21 @@ def test_a_hanging_fmu_and_what_it_started_end_with_the_master(tmp_path):
         os.kill(master.pid, signal.SIGKILL)
         master.wait(10)
         wait_for(lambda: not lives(fmu) and not lives(started), 5.0)
+
+
+@pytest.mark.parametrize("how", ["--isolate", pytest.param("--no-isolate", marks=pytest.mark.ci)])
+def test_what_an_fmu_has_started_ends_with_the_command(tmp_path, how):
+    """Also a child that left its process group."""
+    pid = tmp_path / "pid"
+    starts = proportional(
+        tmp_path,
+        "Starts",
+        head="import pathlib, subprocess\n",
+        in_step=f"path = pathlib.Path({str(pid)!r})\n        if not path.exists():\n"
+        "            child = subprocess.Popen(['sleep', '300'], start_new_session=True)\n"
+        "            path.write_text(str(child.pid))",
+    )
+    words = ["run", how, "--controller", starts, "--stop", "0.005", "--step", "1e-3", "--out"]
+    command = [sys.executable, "-m", "ballscrew", *words, tmp_path / "out"]
+    subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+    assert not lives(int(pid.read_text()))

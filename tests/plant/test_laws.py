@@ -69,7 +69,8 @@ def test_a_small_push_from_rest_meets_the_stiffness(name, direction):
     expected = float(evaluated(claims(name).stiffness, nominal(name), direction))
     friction, x = course.outputs["friction"][-1], course.outputs["x"][-1]
     assert friction / x == pytest.approx(expected, rel=2e-4)
-    assert friction / course.outputs["z"][-1] == pytest.approx(expected, rel=1e-9)
+    if "z" in course.outputs:  # a smooth law has no deflection
+        assert friction / course.outputs["z"][-1] == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -12,7 +12,7 @@ import pytest
 from prescribed_motion import prescribed_motion
 
 import ballscrew
-from ballscrew.fmus import catalogue, made_here, reference_files, source_fmu
+from ballscrew.fmus import catalogue, made_here, source_fmu
 from ballscrew.plant.lugre import lugre
 from ballscrew.solver import codegen, compiled_equations, compilers, kernel_cache, stored
 
@@ -20,7 +20,6 @@ NOBODY = 65534
 FOLDERS = {
     "component": kernel_cache.COMPONENTS,
     "equations": kernel_cache.EQUATIONS,
-    "reference": kernel_cache.REFERENCES,
     "sources": kernel_cache.COMPILED,
     "fmu": kernel_cache.FMUS,
     "note": kernel_cache.MADE,
@@ -66,7 +65,6 @@ def get(kernel, tmp_path_factory):
     return {
         "component": lambda: stored.stored_kernel("motion", motion, "ballscrew.plant.lugre"),
         "equations": equations,
-        "reference": lambda: reference_files.reference_files(kernel),
         "sources": sources,
         "fmu": fmu,
         "note": fmu,
@@ -181,7 +179,7 @@ def test_only_the_user_can_open_what_is_made_whatever_the_umask(get, tmp_path, m
     monkeypatch.setenv("BALLSCREW_CACHE", str(tmp_path / "above" / "cache"))
     before = os.umask(0)
     try:
-        for kind in ("component", "reference", "fmu"):
+        for kind in ("component", "equations", "fmu"):
             get[kind]()
     finally:
         os.umask(before)

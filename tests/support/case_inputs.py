@@ -482,14 +482,31 @@ def pd_in(folder, name: str = "pd", **units: str) -> None:
     mk.build(str(folder / f"{name}.fmu"), name, ports, out=law, units=DEFINED)
 
 
+def units_relative_quantity(folder):
+    """A heater of 10 J/K that loses 2 W/K, and a gain of 20 W/K: temperatures above the room's."""
+    told = 'relativeQuantity="true" unit='
+    room = [("u", "input", 0, ""), ("x", "output", None, told + '"degC"')]
+    lines = {"step": "double e=exp(-0.2*h);S[0]=S[0]*e+$u$/2.0*(1-e);", "out": "$x$=S[0];"}
+    mk.build(str(folder / "cart.fmu"), "cart", room, deps=False, units=DEFINED, **lines)
+    own = [("x", "input", 0, told + '"K"'), ("x_d", "input", 0, ""), ("u", "output", None, "")]
+    mk.build(str(folder / "pd.fmu"), "pd", own, out="$u$=20.0*($x_d$-$x$);", units=DEFINED)
+    system(folder, "s.ssp", without="v")
+
+
 def units_command_kN_to_N(folder):
     cart_in(folder, "cart_N", u="N")
     pd_in(folder, "pd_kN", u="kN")
 
 
-def system(folder, name: str, said: str = "", controller: str = "pd") -> None:
-    """An .ssp of cart.fmu and a controller of this folder; `said` is an attribute of the plant."""
+def system(
+    folder, name: str, said: str = "", controller: str = "pd", inside: str = "", without: str = ""
+) -> None:
+    """An .ssp of cart.fmu and a controller of this folder.
+
+    `said` is an attribute of the plant, `inside` its content; ports `without` are not connected.
+    """
     wires = [("plant", "x", controller), ("plant", "v", controller), (controller, "u", "plant")]
+    wires = [wire for wire in wires if wire[1] not in without.split()]
     connections = "".join(
         f'<ssd:Connection startElement="{a}" startConnector="{port}" '
         f'endElement="{b}" endConnector="{port}"/>'
@@ -498,7 +515,7 @@ def system(folder, name: str, said: str = "", controller: str = "pd") -> None:
     text = f"""<ssd:SystemStructureDescription version="1.0" name="s"
 xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
 xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"><ssd:System name="s"><ssd:Elements>
-<ssd:Component name="plant" source="cart.fmu" {said}/>
+<ssd:Component name="plant" source="cart.fmu" {said}>{inside}</ssd:Component>
 <ssd:Component name="{controller}" source="{controller}.fmu"/></ssd:Elements>
 <ssd:Connections>{connections}</ssd:Connections></ssd:System></ssd:SystemStructureDescription>"""
     with zipfile.ZipFile(folder / name, "w") as archive:

@@ -23,12 +23,12 @@ def maker():
     return small_fmus
 
 
-def cart_position(t: float, setpoint: float = 0.1) -> float:
+def cart_position(t: float, setpoint: float = 0.1, m: float = 1.0) -> float:
     """Position [m] of the cases' cart under their PD controller: the exact solution.
 
-    x'' = u - 2 x', u = 25 (setpoint - x) - 8 x', from rest at 0.
+    m x'' = u - 2 x', u = 25 (setpoint - x) - 8 x', from rest at 0.
     """
-    moved = expm(np.array([[0.0, 1.0], [-25.0, -10.0]]) * t) @ np.array([-setpoint, 0.0])
+    moved = expm(np.array([[0.0, 1.0], [-25.0 / m, -10.0 / m]]) * t) @ np.array([-setpoint, 0.0])
     return float(setpoint + moved[0])
 
 

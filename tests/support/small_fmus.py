@@ -162,6 +162,19 @@ def build(
             archive.writestr(f"binaries/linux64/{name}.so", library)
 
 
+def edited(path: str, *changes: tuple[str, str]) -> None:
+    """Change the text of an FMU's description."""
+    with zipfile.ZipFile(path) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    text = files["modelDescription.xml"].decode()
+    for old, new in changes:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in (files | {"modelDescription.xml": text.encode()}).items():
+            archive.writestr(name, data)
+
+
 # m x'' = u - d x', which is exact over a step with a constant u
 PLANT_STEP = (
     "double F=$u$/$d$, v=S[1], e=exp(-$d$*h/$m$);S[0]+=F*h+(v-F)*(1-e)*$m$/$d$;S[1]=F+(v-F)*e;"

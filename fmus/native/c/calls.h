@@ -63,7 +63,7 @@
     void *instance, const uint32_t unknowns[], size_t n, const uint32_t knowns[], size_t m,        \
         const double seed[]
 
-CALL(SetDebugLogging, ANY | UPDATING,
+CALL(SetDebugLogging, ANY,
      (void *instance, FMI(Boolean) on, size_t n, const char *const categories[]), OK)
 CALL(ExitInitializationMode, INITIALIZING, ALONE, end_initialization(c))
 CALL(Terminate, RUNNING, ALONE, enter(c, TERMINATED))

@@ -31,8 +31,7 @@ typedef enum {
     STEPPING = 4,    /* co-simulation, between steps */
     EVENT = 8,       /* model exchange */
     CONTINUOUS = 16, /* model exchange */
-    TERMINATED = 32,
-    UPDATING = 64 /* co-simulation, within a step: the host is called and may read variables */
+    TERMINATED = 32
 } Phase;
 #define RUNNING (STEPPING | EVENT | CONTINUOUS)
 #define ALIVE (INSTANTIATED | INITIALIZING | RUNNING)
@@ -83,10 +82,6 @@ typedef struct Instance {
     void (*log)(const struct Instance *, Status, const char *category, const char *text);
     void (*logger)(void); /* the host's, of a type that the FMI layer knows */
     double end;           /* of the present step of co-simulation */
-    int may_return;       /* a host that is called within a step may end it there */
-    void (*update)(struct Instance *, double t); /* reports an instant within a step to the host */
-    void (*updater)(void);                       /* the host's, of a type as above */
-    unsigned char wanted[REFERENCES];            /* variables that it may read within a step */
 } Instance;
 
 /* -- messages ----------------------------------------------------------------------------- */
@@ -137,7 +132,6 @@ static const char *phase_name(int phase)
     case STEPPING: return "between steps of co-simulation";
     case EVENT: return "in event mode";
     case CONTINUOUS: return "in continuous-time mode";
-    case UPDATING: return "in an intermediate update";
     default: return "after the end";
     }
 }
@@ -496,9 +490,6 @@ static Status get_numbers(Instance *c, const uint32_t *references, size_t n, dou
             return ERROR;
         if (v->what == MESSAGE)
             return refuse(c, "%s is a String, not a number", v->name);
-        if (c->now.phase == UPDATING && !c->wanted[references[k]])
-            return refuse(c, "%s cannot be had in an intermediate update; it is not among the "
-                             "required intermediate variables", v->name);
         if (v->what == DERIVATIVE) {
             values[k] = derivatives(c)[v->place];
         } else if (v->what == INDICATOR) {
@@ -564,34 +555,12 @@ static Status set_numbers(Instance *c, const uint32_t *references, size_t n, con
 
 /* -- steps of co-simulation --------------------------------------------------------------- */
 
-/* Report an instant within a step to the host; the host may end the step earlier. */
-static void tell(Instance *c, double t)
-{
-    if (!c->update)
-        return;
-    TIME(c) = t;
-    c->stale = 1;
-    c->now.phase = UPDATING;
-    c->update(c, t);
-    c->now.phase = STEPPING;
-}
-
-static double watch(void *instance, double t, double t1)
-{
-    Instance *c = instance;
-    tell(c, t);
-    return smaller(t1, c->end);
-}
-
 static Status advance(Instance *c, double t0, double t1)
 {
-    const Watcher watcher = {watch, c};
     int status = NO_ROOM;
     for (double from = t0; status == NO_ROOM; from = INFO(c)->reached) {
         status = integrate(EQUATIONS(c), from, t1, STATES(c), HELD(c), PARAMETERS(c), c->atol,
-                           c->now.memory[AT_TOLERANCE], &c->work, INFO(c), MAX_STEPS,
-                           c->update ? &watcher : NULL);
-        t1 = smaller(t1, c->end);
+                           c->now.memory[AT_TOLERANCE], &c->work, INFO(c), MAX_STEPS);
         if (status == NO_ROOM && !remember(c, c->history, 2.0 * c->history[ROOM]))
             return fail(c, "there is no memory for what delayed signals were");
     }
@@ -636,18 +605,11 @@ static Status advance_sampled(Instance *c, double t0)
         if (instant > now + ROUND_OFF * period) {
             if (advance(c, now, instant) != OK)
                 return ERROR;
-            if (*samples * period >= c->end - ROUND_OFF * period)
-                return OK; /* the host has ended the step before the sample is due */
             now = instant;
         }
         take_sample(c, now);
-        tell(c, now);
     }
-    if (N + DELAYS > 0)
-        return advance(c, now, c->end);
-    if (now < c->end)
-        tell(c, c->end);
-    return OK;
+    return N + DELAYS > 0 ? advance(c, now, c->end) : OK;
 }
 
 /* Whether it failed before and cannot continue; if so, report the reason again. */

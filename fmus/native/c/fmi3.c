@@ -63,18 +63,6 @@ static Instance *instantiate(fmi3String name, fmi3String token, int exchange, co
     return c;
 }
 
-/* Report every accepted step; inputs are held over a step, so that none are requested. */
-static void update_host(Instance *c, double t)
-{
-    const bool may_return = c->may_return && t < c->end;
-    fmi3Boolean requested = false;
-    fmi3Float64 until = t;
-    ((fmi3IntermediateUpdateCallback)c->updater)(c->environment, t, false, true, true, may_return,
-                                                 &requested, &until);
-    if (may_return && requested && !(until >= c->end))
-        c->end = larger(t, until); /* t if `until` is NaN */
-}
-
 EXPORT(fmi3Instance)
 NAMED(fmi3InstantiateModelExchange)(fmi3String name, fmi3String token, fmi3String resources,
                                     fmi3Boolean visible, fmi3Boolean logging,
@@ -92,30 +80,11 @@ NAMED(fmi3InstantiateCoSimulation)(fmi3String name, fmi3String token, fmi3String
                                    fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
 {
     const char *wrong = NULL;
-    Instance *c;
     if (event_mode)
         wrong = MODEL " has no event mode in co-simulation; its events happen within the steps";
-    else if (required_count && !required)
-        wrong = "a null pointer was given for the required intermediate variables";
-    c = instantiate(name, token, 0, wrong, environment, log);
-    if (!c)
-        return NULL;
-    for (size_t k = 0; k < required_count; k++) {
-        const Variable *v = variable(c, required[k]);
-        if (v && !v->intermediate)
-            refuse(c, "%s cannot be an intermediate variable", v->name);
-        if (!v || !v->intermediate) {
-            free_instance(c);
-            return NULL;
-        }
-        c->wanted[required[k]] = 1;
-    }
-    if (update) {
-        c->updater = (void (*)(void))update;
-        c->update = update_host;
-        c->may_return = early_return;
-    }
-    return c;
+    else if (required_count)
+        wrong = MODEL " has no intermediate update";
+    return instantiate(name, token, 0, wrong, environment, log);
 }
 
 EXPORT(fmi3Instance)
@@ -143,7 +112,7 @@ CALL(EnterInitializationMode, INSTANTIATED,
 
 /* -- variables ---------------------------------------------------------------------------- */
 
-CALL(GetFloat64, ANY | UPDATING, (REFERENCED, double values[], size_t room),
+CALL(GetFloat64, ANY, (REFERENCED, double values[], size_t room),
      fits(c, room, n) ? get_numbers(c, references, n, values) : ERROR)
 CALL(SetFloat64, ALIVE, (REFERENCED, const double values[], size_t room),
      fits(c, room, n) ? set_numbers(c, references, n, values) : ERROR)
@@ -264,7 +233,6 @@ NAMED(fmi3DoStep)(fmi3Instance instance, fmi3Float64 time, fmi3Float64 step, fmi
         return refuse(c, "a null pointer was given for what a step leads to");
     *event_needed = *terminate = *early_return = false;
     status = take_step(c, time, step);
-    *early_return = status == OK && c->end < time + step;
     *last_time = status == OK ? c->end : time;
     return status;
 }
