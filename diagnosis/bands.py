@@ -161,11 +161,11 @@ def cut(courses: Sequence[ModelledRecord], model: Drive) -> Bands:
 def moving(course: ModelledRecord, model: Drive) -> Vector:
     """One for each window that gives forces, else zero, shape (windows,).
 
-    Windows at a rest, near a rest and at the start are zero. A law without bristles has no known
-    force at a rest that is longer than a reversal. The current in the winding before the start is
-    not known.
+    Windows at a rest or a jump, near one and at the start are zero. A law without bristles has no
+    known force at a rest that is longer than a reversal. The current in the winding before the
+    start is not known.
     """
-    slow = course.rests
+    slow = course.silent
     if model.law not in BRISTLES:
         still = np.abs(course.v) < course.slowest
         slow = slow | binary_opening(still, np.ones(2 * course.width, dtype=bool))

@@ -10,11 +10,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
+from .modelled_record import ModelledRecord
+
 Vector = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 _DRAWS = 2000
 _FEWEST = 4  # blocks needed for an interval
+_AHEAD = 1.0  # time over which a position is predicted from a known state [s]
 _NORMAL = 1.96  # quantile of the normal distribution
 
 
@@ -79,3 +82,16 @@ class Blocks:
         quantiles = np.quantile(np.log(up[kept] / down[kept]), [0.025, 0.975])
         low, high = middle + self._wider * (quantiles - middle)
         return Estimate(top / bottom, (math.exp(low), math.exp(high)))
+
+
+def ends_of_seconds(courses: Sequence[ModelledRecord], least: int = 1) -> list[int]:
+    """Ends of the seconds over which positions are predicted, among all samples.
+
+    If a record is too short for the `least` number of blocks, its blocks are shorter.
+    """
+    ends = [0]
+    for c in courses:
+        start, n = ends[-1], len(c.x)
+        every = max(2, min(round(_AHEAD / c.step), n // least))
+        ends += [start + k for k in (*range(every, n, every), n)]
+    return ends

@@ -12,7 +12,7 @@ from dataclasses import replace
 from ..records.bad_record import BadRecord
 from .causes import CAUSES
 from .explained import Explained, built
-from .held_out import laps_of, left_on_blocks
+from .held_out import HeldOut, laps_of, left_on_blocks
 from .noise_floor import noise_floor
 from .residuals import residual
 from .scores import OUTSIDE, Catalogue, Scored, Suspect, in_best_form, scored
@@ -53,6 +53,24 @@ def explained(study: Study, take: str | None = None) -> Explained:
             better = in_best_form(catalogue, member.suspect, others)
             taken[k] = replace(member, suspect=better)
     return Explained(study, catalogue, taken, sets, wrong)
+
+
+def alternatives(found: Explained, held: HeldOut) -> dict[str, tuple[str, ...]]:
+    """For each cause that is not certain, what explains the held-out data as well in its place."""
+    built = {m.name for m in found.built}
+    out = {}
+    for k, member in enumerate(found.built):
+        others = _suspects([m for m in found.built if m is not member])
+        rivals = [m.suspect for m in found.sets[k] if m.suspect and m.name not in built]
+        as_good = []
+        for rival in [] if member.certain else rivals:
+            best = in_best_form(found.catalogue, rival, others)
+            left = left_on_blocks(found, [*(s.form for s in others), best.form])
+            if held.gain(left, held.all)[1][0] <= 0.0:
+                as_good.append(rival.name)
+        if as_good:
+            out[member.name] = tuple(as_good)
+    return out
 
 
 def _likeliest(members: Sequence[Likely]) -> Likely | None:

@@ -25,6 +25,8 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
     BadRecord
         If the model does not accept a record's command.
     """
+    if not records:
+        raise BadRecord("there is no record: expected one file of measured data at least")
     currents = [r.current_alone or r.command == CURRENT for r in records]
     if model.has_motor and any(currents):
         if not all(currents):

@@ -25,14 +25,13 @@ from ..records.reading import read_drive_records
 from ..records.record import CURRENT, TORQUE, Record
 from .balance import Added, balance
 from .bands import AROUND_REST
-from .blocks import Blocks, Estimate
+from .blocks import Blocks, Estimate, ends_of_seconds
 from .causes import CAUSES
 from .commanded import by_current, by_torque, commanded
 from .compared import ADJUSTED, ALL, CORRECTED, MODEL, PRIOR, Compared, Gain, Left, Traces
 from .diagnosis_pictures import binned
 from .drive import Drive, compiled, drive_of
-from .held_out import ends_of_seconds
-from .modelled_record import ModelledRecord, lay_along, shaken, with_law_force
+from .modelled_record import ModelledRecord, jumps_of, lay_along, shaken, with_law_force
 from .predicted import NotPredicted, Predictor
 from .residuals import at_samples, check_motion, floor, residual, rms
 from .weak_form import averaged
@@ -89,6 +88,7 @@ def compare_records(
     shift = told.command_shift if told else 0.0
     courses = [_laid(r, first, shift) for r in records]
     check_motion(courses, first)
+    notes += jumps_of(courses)
     nothing = Added.nothing(courses)
     extras = {name: _Extra(nothing, nothing.force, {}, False) for name in models}
     if told is not None:

@@ -16,13 +16,15 @@ from ..records.examine import check_identifiable
 from ..records.reading import read_drive_records
 from ..records.record import Record
 from .balance import Added
-from .building import explained
+from .building import alternatives, explained
 from .causes import CAUSES
 from .commanded import commanded
+from .compared import length
 from .diagnosis import (
     EXPLAINED,
     NONE,
     PARTLY,
+    UNDECIDED,
     UNEXPLAINED,
     Curves,
     Diagnosis,
@@ -30,20 +32,17 @@ from .diagnosis import (
     holds,
 )
 from .drive import Drive, drive_of
-from .explained import Explained, added_by, built, outside
+from .explained import Explained, built, outside
 from .found_cause import found_cause, level, suspect_found
 from .held_out import HeldOut, held_out
-from .load_cell import validation_signal
-from .modelled_record import ModelledRecord, opposing
+from .modelled_record import ModelledRecord, jumps_of, opposing
 from .next_experiment import next_experiment
-from .noise_floor import AT_FLOOR, NoiseFloor, noise_floor
-from .out_of_reach import out_of_reach
+from .noise_floor import AT_FLOOR, NoiseFloor, Remainder, noise_floor, remainder
 from .residuals import Residual, residual, rms
+from .scores import OUTSIDE
 from .study import study_of
 
 Vector = npt.NDArray[np.float64]
-
-_TELLS = 0.5  # share of the friction; records that would not show such a fault prove nothing
 
 
 def diagnose(
@@ -105,60 +104,47 @@ def diagnose_records(
     progress("testing on held-out data")
     held = held_out(found)
     corrected = _corrected(found)
-    lowest = noise_floor(found, corrected.left)
+    lowest = noise_floor(found, corrected.left, held.position("noise"))
     friction = _friction(study.courses, study.model, held)
     causes = tuple(found_cause(found, held, m, friction) for m in found.built)
     suspects = tuple(suspect_found(found, m, friction) for m in found.suspects)
     _, interval = held.gain(held.none, held.all)
-    fitted, final = level(held.none), level(held.all)
-    unseen, why = max(
-        (AT_FLOOR * lowest.force, "twice the noise"),
-        (held.all.force_rms, "the whole residual"),
-    )
-    # records that would not show a fault as large as half the friction prove nothing
-    at_floor = lowest.has_current(held.all) and unseen < _TELLS * friction
-    at_floor = at_floor and (lowest.has(held.all) or not lowest.repeated)
-    verdict = _verdict(found, at_floor, holds(interval, fitted, final))
+    before, fitted, final = (level(held, name) for name in ("prior", "none", "all"))
+    remains = remainder(found, held.all, lowest, friction)
+    better = holds(interval, fitted, final)
+    settled = better and not remains.something and not remains.hidden
+    either = alternatives(found, held) if settled else {}
+    verdict = _verdict(found, remains, better, either)
     free = outside(found) if verdict in (PARTLY, UNEXPLAINED) else None
-    notes += _notes(found, held, lowest)
-    if verdict == NONE:  # no fault found does not mean no fault
+    notes += jumps_of(study.courses) + _notes(found, held, lowest)
+    if held.why:
+        notes.append(f"no position is predicted: {held.why}")
+    first = found.sets[-1][0]
+    if verdict == NONE and first.suspect:
+        size = f"; --take {first.name} gives its size" if first.name in CAUSES else ""
         notes.append(
-            f"not excluded: a fault of up to {unseen:.3g} N ({100.0 * unseen / friction:.3g} % of "
-            f"the friction), which is {why}"
+            f"the most probable is {first.name}, {100 * first.probability:.0f} %, but 3 in "
+            f"100 faultless records look like this or worse{size}"
         )
-        first = found.sets[-1][0]
-        if first.suspect:
-            size = f"; --take {first.name} gives its size" if first.name in CAUSES else ""
-            notes.append(
-                f"the most probable is {first.name}, {100 * first.probability:.0f} %, but 3 in "
-                f"100 faultless records look like this or worse{size}"
-            )
-    elif not found.built and unseen >= _TELLS * friction:
-        notes.append(
-            f"these records do not exclude a fault: one of up to {unseen:.3g} N, {why}, would not "
-            "be visible"
-        )
-    cell = validation_signal(study.courses, prior_model, corrected.model, corrected.on_block)
-    if cell is None and any("force" in r.signals for r in records):
-        notes.append(
-            "the load cell's `force` is not used: the model does not say where it is mounted"
-        )
+    quiet = not found.built and not remains.something
+    done = verdict == EXPLAINED and not either
     suspects = () if verdict == NONE else suspects
     return Diagnosis(
         verdict=verdict,
-        where=_where(level(held.prior), lowest.level, verdict),
+        where=_where(before, lowest.level),
         floor=lowest.level,
-        baseline_residual=level(held.prior),
+        baseline_residual=before,
         adjusted_residual=fitted,
         final_residual=final,
         left_of_friction=max(final.force, held.all.by_current_rms) / friction,
+        unseen=remains.unseen,
         gain_interval=interval,
         held_out=held.parts,
         causes=causes,
         suspects=suspects,
+        alternatives=either,
         unnamed=(free.form.lives,) if free else (),
-        out_of_reach=out_of_reach(found),
-        next_experiment=None if verdict == EXPLAINED else next_experiment(found, verdict == NONE),
+        next_experiment=None if done else next_experiment(found, quiet),
         prior=prior_model,
         adjusted=built(study, [], found.catalogue.without([]).amplitude[0])[1],
         corrected=corrected.model,
@@ -169,42 +155,43 @@ def diagnose_records(
             for n in prior_model.adjustable
         },
         noise=lowest.told(study.courses[0].channels),
-        load_cell=cell,
         records=tuple(r.name for r in records),
-        curves=_curves(study.courses, prior_model, held.prior, corrected),
+        curves=_curves(study.courses, prior_model, held, corrected),
         seconds=time.perf_counter() - began,
         notes=tuple(notes),
     )
 
 
-def _verdict(found: Explained, at_floor: bool, better: bool) -> str:
-    """Verdict from the certain causes, and from whether the residual is more than noise.
+def _verdict(
+    found: Explained, remains: Remainder, better: bool, either: Mapping[str, tuple[str, ...]]
+) -> str:
+    """Verdict from what is left, and from whether the causes are certain.
 
-    If the motion repeats in laps, the residual is compared with the differences between laps.
-    Otherwise, it is more than noise if it differs from the residual of faultless records.
+    A cause with one alternative explains the error, too, if only noise is left with either.
     """
-    rest = at_floor and not found.none_ruled_out
-    if not found.built:
-        return NONE if rest else UNEXPLAINED
     certain = [m.certain for m in found.built]
-    if not any(certain):
+    if better and not remains.something and not remains.hidden and found.built:
+        if sum(map(len, either.values())) <= 1 and OUTSIDE not in sum(either.values(), ()):
+            return EXPLAINED
+        return PARTLY if any(certain) else UNDECIDED
+    if any(certain):
+        return PARTLY
+    if remains.something or (found.built and not better):
         return UNEXPLAINED
-    return EXPLAINED if better and rest and all(certain) else PARTLY
+    return UNDECIDED if remains.hidden else NONE
 
 
 @dataclass(frozen=True)
 class _Corrected:
     """The corrected model, its residual on all data, and the forces missing in the prior model.
 
-    `on_block` is the part of `named` that a load cell measures; `unnamed` is a free curve through
-    the residual.
+    `unnamed` is a free curve through the residual.
     """
 
     courses: list[ModelledRecord]
     model: Drive
     left: Residual
     named: Added
-    on_block: list[Vector]
     unnamed: Added
 
 
@@ -212,19 +199,16 @@ def _corrected(found: Explained) -> _Corrected:
     study, forms = found.study, found.forms
     amplitude = found.fit.amplitude[0]
     courses, model, named = built(study, forms, amplitude)
-    on_block = added_by(
-        study, forms, amplitude, lambda f: f.name in CAUSES and not CAUSES[f.name].on_screw
-    )
     free, nothing = outside(found), Added.nothing(courses)
     unnamed = nothing.more(free.form.shape, free.amplitude) if free else nothing
     left = residual(courses, model, named)
-    return _Corrected(courses, model, left, named, on_block.force, unnamed)
+    return _Corrected(courses, model, left, named, unnamed)
 
 
 def _curves(
     courses: Sequence[ModelledRecord],
     prior_model: Drive,
-    baseline: Residual,
+    held: HeldOut,
     corrected: _Corrected,
 ) -> Curves:
     predicted = np.concatenate([opposing(c, prior_model) for c in courses])
@@ -233,15 +217,15 @@ def _curves(
         record=np.repeat(np.arange(len(courses)), [len(c.x) for c in courses]),
         x=np.concatenate([c.x for c in courses]),
         v=np.concatenate([c.v for c in courses]),
-        force=predicted + baseline.force,
+        force=predicted + held.prior.force,
         predicted=predicted,
-        before=baseline.force,
+        before=held.prior.force,
         after=corrected.left.force,
-        position_before=baseline.position,
-        position_after=corrected.left.position,
+        position_before=held.positions["prior"],
+        position_after=held.positions["all"],
         cause=np.concatenate(corrected.named.force),
-        shape=np.concatenate(corrected.unnamed.force),
-        telling=baseline.telling,
+        shape=np.where(held.prior.telling, np.concatenate(corrected.unnamed.force), np.nan),
+        telling=held.prior.telling,
     )
 
 
@@ -254,22 +238,18 @@ def _friction(courses: Sequence[ModelledRecord], model: Drive, held: HeldOut) ->
 # -- sentences -------------------------------------------------------------------------------
 
 
-def _where(baseline: Level, lowest: Level, verdict: str) -> str:
+def _where(baseline: Level, lowest: Level) -> str:
     """How large the residual is, in one sentence."""
     size = (
         f"The prior model leaves {baseline.force:.3g} N rms in force (noise alone: "
-        f"{lowest.force:.3g} N) and {_length(baseline.position)} in position over a second "
-        f"({_length(lowest.position)})"
+        f"{lowest.force:.3g} N)"
     )
-    if verdict == NONE:
-        return (
-            f"{size}; with values within their tolerances the residual is at most twice the noise."
+    if baseline.position is not None and lowest.position is not None:
+        size += (
+            f" and {length(baseline.position)} in position over a second "
+            f"({length(lowest.position)})"
         )
     return f"{size}."
-
-
-def _length(metres: float) -> str:
-    return f"{1e3 * metres:.3g} mm" if metres >= 1e-4 else f"{1e6 * metres:.3g} um"
 
 
 def _notes(found: Explained, held: HeldOut, lowest: NoiseFloor) -> list[str]:

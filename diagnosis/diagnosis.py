@@ -15,11 +15,13 @@ from ..solver.files import write_atomically
 from .causes import CAUSES
 from .drive import Drive
 from .experiment_motions import Motion
-from .load_cell import ValidationSignal
 
 Vector = npt.NDArray[np.float64]
 
 NONE, EXPLAINED, PARTLY, UNEXPLAINED = "none", "explained", "partly", "unexplained"
+UNDECIDED = "undecided"
+ANSWERED = (NONE, EXPLAINED)
+"""Verdicts with exit code 0; with the others it is 1."""
 
 
 @dataclass(frozen=True)
@@ -30,12 +32,12 @@ class Level:
     ----------
     force : float
         Root mean square, at frequencies at which the record gives forces [N].
-    position : float
-        Root mean square error of the prediction from the start of each second [m].
+    position : float or None
+        Root mean square error of the prediction from the start of each second [m], if known.
     """
 
     force: float
-    position: float
+    position: float | None
 
 
 def holds(gain_interval: tuple[float, float], before: Level, after: Level) -> bool:
@@ -48,7 +50,10 @@ def holds(gain_interval: tuple[float, float], before: Level, after: Level) -> bo
     before, after : Level
         Residual on held-out data without and with the causes found.
     """
-    return gain_interval[0] > 0.0 and after.position <= before.position
+    better = gain_interval[0] > 0.0
+    if before.position is None or after.position is None:
+        return better
+    return better and after.position <= before.position
 
 
 @dataclass(frozen=True)
@@ -100,24 +105,16 @@ class FoundCause(SuspectFound):
         95 % interval, by resampling the seconds of the record.
     gain_alone : float
         The same share without other causes.
-    before, after : Level
-        Residual on held-out data without and with it.
+    before, after : float
+        Force residual on held-out data without and with it [N].
     """
 
     certain: bool
     gain_heldout: float
     gain_interval: tuple[float, float]
     gain_alone: float
-    before: Level
-    after: Level
-
-
-@dataclass(frozen=True)
-class OutOfReach:
-    """A cause that these records could not have shown."""
-
-    name: str
-    because: str
+    before: float
+    after: float
 
 
 @dataclass(frozen=True)
@@ -130,13 +127,10 @@ class NextExperiment:
         Purpose.
     motion : Motion
         Motion of the machine.
-    trial : str
-        Trial of the virtual rig for the same purpose.
     """
 
     says: str
     motion: Motion
-    trial: str
 
 
 @dataclass(frozen=True)
@@ -154,11 +148,11 @@ class Curves:
     before, after : ndarray
         Force residual of the prior and of the corrected model [N].
     position_before, position_after : ndarray
-        Position residual of the same models [m].
+        Position residual of the same models, the corrected one held out [m]; NaN if not known.
     cause : ndarray
         Force of the named causes together [N].
     shape : ndarray
-        Force of the residual without a known cause [N].
+        Force of the residual without a known cause [N]; NaN where forces are not known.
     telling : ndarray of bool
         Samples at which forces are known.
     """
@@ -184,7 +178,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : {"none", "explained", "partly", "unexplained"}
+    verdict : {"none", "explained", "partly", "unexplained", "undecided"}
     where : str
         Size of the residual, and the motion at which it occurs, in a sentence.
     floor, baseline_residual, adjusted_residual, final_residual : Level
@@ -194,6 +188,9 @@ class Diagnosis:
         Final residual on held-out data, as a share of the friction along the records. It is the
         residual of the force from the voltage, or the difference between voltage and current,
         whichever is larger.
+    unseen : float
+        Largest fault that these records would not show, as a share of the friction: twice the
+        noise, or the whole final residual.
     gain_interval : tuple of float
         95 % interval of the removed share of the adjusted residual's mean square in force.
     held_out : str
@@ -204,9 +201,11 @@ class Diagnosis:
     suspects : tuple of SuspectFound
         Other possible causes, in addition to or instead of those, the most probable first. Together
         they contain the true cause in 95 of 100 records like those of the calibration.
+    alternatives : mapping of str to tuple of str
+        By included cause that is not certain: suspects that explain the data as well in its place,
+        if only noise is left.
     unnamed : tuple of str
         How a residual without a known cause varies.
-    out_of_reach : tuple of OutOfReach
     next_experiment : NextExperiment or None
     prior, adjusted, corrected : Drive
         The prior model; with values adjusted within their tolerances and no cause; with the values
@@ -219,8 +218,6 @@ class Diagnosis:
         Relative changes of the prior values.
     noise : mapping of str to float
         Root mean square residual of each balance due to noise [N].
-    load_cell : ValidationSignal or None
-        Comparison of both models with the recorded ``force``, which is not used for the diagnosis.
     notes : tuple of str
         Warnings.
     """
@@ -232,12 +229,13 @@ class Diagnosis:
     adjusted_residual: Level
     final_residual: Level
     left_of_friction: float
+    unseen: float
     gain_interval: tuple[float, float]
     held_out: str
     causes: tuple[FoundCause, ...]
     suspects: tuple[SuspectFound, ...]
+    alternatives: Mapping[str, tuple[str, ...]]
     unnamed: tuple[str, ...]
-    out_of_reach: tuple[OutOfReach, ...]
     next_experiment: NextExperiment | None
     prior: Drive
     adjusted: Drive
@@ -246,7 +244,6 @@ class Diagnosis:
     command_shift: float
     adjustments: Mapping[str, float]
     noise: Mapping[str, float]
-    load_cell: ValidationSignal | None
     records: tuple[str, ...]
     curves: Curves
     seconds: float
@@ -283,8 +280,6 @@ def _plain(value: Any) -> Any:
     """JSON form of a value; levels have their units."""
     if isinstance(value, Level):
         return {"force_N": value.force, "position_m": value.position}
-    if isinstance(value, ValidationSignal):
-        return {"prior_N": value.prior, "corrected_N": value.corrected}
     if isinstance(value, Motion):
         return value.to_dict()
     if is_dataclass(value):

@@ -14,7 +14,6 @@ from ..orchestration.page import Line, Picture, level, thinned
 from ..orchestration.pictures import COLOURS, STYLE, drawing, in_words, new_figure, write_figure
 from ..orchestration.shown_units import shown_unit
 from ..orchestration.turning_words import words_for
-from .closed_loop_effect import SETPOINT, ClosedLoopEffect
 from .diagnosis import Curves, Diagnosis
 
 Vector = npt.NDArray[np.float64]
@@ -187,7 +186,7 @@ def _position_residual(diagnosis: Diagnosis, time: Vector, corrected: str) -> Pi
         (
             Line("prior model", "before", time, factor * c.position_before),
             Line(corrected, "after", time, factor * c.position_after),
-            level("noise alone, rms", time, factor * diagnosis.floor.position),
+            level("noise alone, rms", time, factor * (diagnosis.floor.position or np.nan)),
         ),
     )
 
@@ -197,40 +196,11 @@ def _force_of_causes(c: Curves, time: Vector) -> list[Picture]:
     lines = []
     if np.any(c.cause):
         lines.append(Line("named causes", "cause", time, c.cause))
-    if np.any(c.shape):
+    if np.nansum(np.abs(c.shape)):
         lines.append(Line("no known cause", "shape", time, c.shape))
     says = "Force that the named causes add to the model, and the residual without a known cause."
     causes = Picture("causes", "Force of the causes", says, _TIME, "force [N]", tuple(lines))
     return [causes] if lines else []
-
-
-def pictures_of_loop(effect: ClosedLoopEffect) -> list[Picture]:
-    """Pictures of the closed loop for the page."""
-    time = effect.time
-    prior, extended = effect.prior.x - SETPOINT, effect.extended.x - SETPOINT
-    size, unit = shown_unit([prior, extended], "m")
-    finer, finer_unit = shown_unit(extended - prior, "m")
-    return [
-        Picture(
-            "loop",
-            "Closed loop: position error",
-            "Distance to the set-point, for the prior plant and for the plant with the causes.",
-            _TIME,
-            f"error [{unit}]",
-            (
-                Line("prior plant", "before", time, size * prior),
-                Line("extended plant", "after dashed", time, size * extended),
-            ),
-        ),
-        Picture(
-            "loop_difference",
-            "Closed loop: effect of the causes",
-            "Position of the extended plant minus that of the prior one.",
-            _TIME,
-            f"difference [{finer_unit}]",
-            (Line("difference", "cause", time, finer * (extended - prior)),),
-        ),
-    ]
 
 
 def _height(values: Vector, share: float) -> float | None:

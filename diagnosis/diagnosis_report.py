@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +10,8 @@ from ..orchestration.page import page, plotly_figure, write_page
 from ..orchestration.turning_words import page_in_turning_units, words_for
 from . import report_words as words
 from .causes import CAUSES
-from .closed_loop_effect import CONTROLLER, SETPOINT, STOP, ClosedLoopEffect
 from .diagnosis import Diagnosis, names_of
-from .diagnosis_pictures import pictures_of, pictures_of_loop, said
+from .diagnosis_pictures import pictures_of, said
 from .experiment_motions import COMMAND_FILE
 
 _TEMPLATE = "report.html.jinja"
@@ -25,15 +23,7 @@ _NOISE = {
 }
 
 
-@dataclass(frozen=True)
-class ClosedLoopSection:
-    """Content of the page on the closed loop: the effect, or why it could not be computed."""
-
-    effect: ClosedLoopEffect | None
-    because: str = ""
-
-
-def save_report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection, folder: Path) -> None:
+def save_report(diagnosis: Diagnosis, folder: Path) -> None:
     """Write ``report.html``.
 
     Raises
@@ -41,23 +31,21 @@ def save_report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection, folder: Pa
     OSError
         If it cannot be written.
     """
-    write_page(folder, report(diagnosis, closed_loop))
+    write_page(folder, report(diagnosis))
 
 
-def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
+def report(diagnosis: Diagnosis) -> str:
     """The page as text."""
-    effect, kind = closed_loop.effect, diagnosis.prior.kind
+    kind = diagnosis.prior.kind
     turns = diagnosis.prior.turns
     words_of_it = words_for(diagnosis.notes)
     pictures = said(pictures_of(diagnosis), words_of_it)
-    loop_pictures = said(pictures_of_loop(effect) if effect else [], words_of_it)
     text = page(
         __package__,
         _TEMPLATE,
-        [plotly_figure(p) for p in (*pictures, *loop_pictures)],
+        [plotly_figure(p) for p in pictures],
         _filters(diagnosis.prior.units),
         d=diagnosis,
-        loop=closed_loop,
         headline=words.verdict_sentence(diagnosis),
         coverage=words.SET,
         naming=words.NAMED,
@@ -74,12 +62,8 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
             for c in diagnosis.causes
         },
         pictures=pictures,
-        loop_pictures=loop_pictures,
         noise=_NOISE,
         kind="rotating body, driven by a torque" if turns else _KINDS.get(kind, kind),
-        controller=CONTROLLER,
-        setpoint=SETPOINT,
-        stop=STOP,
         command_file=COMMAND_FILE,
     )
     return page_in_turning_units(text) if turns else text
@@ -87,7 +71,7 @@ def report(diagnosis: Diagnosis, closed_loop: ClosedLoopSection) -> str:
 
 def _filters(units: Mapping[str, str]) -> dict[str, Callable[..., Any]]:
     """Functions by which the template writes numbers and sentences."""
-    plain = (words.as_share, words.micro, words.of_friction, words.percent, words.rig_command)
+    plain = (words.as_share, words.micro, words.of_friction, words.percent)
     return {f.__name__: f for f in (*plain, words.times)} | {
         "change": lambda change: f"{100 * change:+.2g} %" if abs(change) > _NOT_SHOWN else "0",
         "interval": lambda ends: words.interval(*ends),

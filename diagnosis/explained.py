@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -94,20 +94,18 @@ def built(
     values = {n: model.values[n] * (1.0 + change[n]) for n in model.adjustable}
     off = {n: c for n, c in change.items() if n not in values}
     courses = recalibrated(study.courses, off)
-    return courses, model.changed(values), added_by(study, forms, amplitude)
+    added = Added.nothing(study.courses)
+    for form, mine in own_amplitudes(study, forms, amplitude):
+        added = added.more(form.shape, mine)
+    return courses, model.changed(values), added
 
 
-def added_by(
-    study: Study,
-    forms: Sequence[Form],
-    amplitude: Vector,
-    counts: Callable[[Form], bool] = lambda form: True,
-) -> Added:
-    """Additions to the model by the selected forms, with the amplitudes of a fit of all forms."""
-    added, at = Added.nothing(study.courses), len(study.values)
+def own_amplitudes(
+    study: Study, forms: Sequence[Form], amplitude: Vector
+) -> Iterator[tuple[Form, Vector]]:
+    """Forms that have amplitudes of their own, with these, of a fit of all the forms."""
+    at = len(study.values)
     for form in forms:
         if not form.freed:
-            mine = amplitude[at : at + len(form.columns)]
-            at += len(mine)
-            added = added.more(form.shape, mine) if counts(form) else added
-    return added
+            yield form, amplitude[at : at + len(form.columns)]
+            at += len(form.columns)

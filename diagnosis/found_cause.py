@@ -31,8 +31,10 @@ _OUTSIDE_SAYS = (
 _AGAIN = "repeat the same motion: does the error repeat?"
 
 
-def level(found: Residual) -> Level:
-    return Level(found.force_rms, found.position_rms)
+def level(held: HeldOut, name: str) -> Level:
+    """Residual of one of the models "prior", "none" and "all"."""
+    found: Residual = getattr(held, name)
+    return Level(found.force_rms, held.position(name))
 
 
 def suspect_found(found: Explained, member: Likely, friction: float) -> SuspectFound:
@@ -65,8 +67,8 @@ def found_cause(found: Explained, held: HeldOut, member: Likely, friction: float
         gain_heldout=gain,
         gain_interval=interval,
         gain_alone=held.gain(held.none, held.alone[member.name])[0],
-        before=level(before),
-        after=level(held.all),
+        before=before.force_rms,
+        after=held.all.force_rms,
     )
 
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from .balance import Added
-from .blocks import Blocks
-from .explained import Explained, built
-from .modelled_record import ModelledRecord
-from .residuals import AHEAD, Residual, residual
+from .blocks import Blocks, ends_of_seconds
+from .drive import Drive
+from .explained import Explained, built, own_amplitudes
+from .modelled_record import ModelledRecord, shaken
+from .predicted import NotPredicted, Predictor
+from .residuals import Residual, residual, rms
 from .scores import Form
+from .study import Study
 
 Vector = npt.NDArray[np.float64]
 
@@ -37,6 +42,11 @@ class HeldOut:
         Residual of the prior model, with fitted values, and with all named causes.
     without, alone : dict of str to Residual
         Residual with all named causes except one, and with one only.
+    positions : dict of str to ndarray, shape (n,)
+        Error of the predicted position of "prior", "none" and "all"; of "noise", its change with
+        another reading of the encoder [m]. NaN if it cannot be predicted.
+    why : str
+        Why a position cannot be predicted.
     """
 
     parts: str
@@ -46,6 +56,13 @@ class HeldOut:
     all: Residual
     without: dict[str, Residual]
     alone: dict[str, Residual]
+    positions: dict[str, Vector]
+    why: str
+
+    def position(self, name: str) -> float | None:
+        """Root mean square error of a predicted position [m]; None if it is not known."""
+        error = rms(self.positions[name])
+        return error if math.isfinite(error) else None
 
     def gain(self, before: Residual, after: Residual) -> tuple[float, tuple[float, float]]:
         """Removed share of the mean square in force, and its 95 % interval."""
@@ -65,14 +82,18 @@ def held_out(found: Explained) -> HeldOut:
     else:
         without = {n: left_on_blocks(found, [f for f in forms if f.name != n]) for n in names}
         alone = {n: left_on_blocks(found, [f for f in forms if f.name == n]) for n in names}
+    as_read = [replace(c, calibration=dict.fromkeys(c.calibration, 0.0)) for c in study.courses]
+    positions, why = _positions(found, as_read)
     return HeldOut(
         f"{len(study.bands.parts)} parts",
         Blocks(ends_of_seconds(study.courses, _EIGHTHS)),
-        residual(study.courses, study.prior_model, Added.nothing(study.courses)),
+        residual(as_read, study.prior_model, Added.nothing(as_read)),
         none,
         everything,
         without,
         alone,
+        positions,
+        why,
     )
 
 
@@ -80,35 +101,108 @@ def left_on_blocks(found: Explained, forms: Sequence[Form]) -> Residual:
     """Residual of each block with these forms, fitted without the block."""
     study = found.study
     fit = found.catalogue.without(forms)
-    lengths = [len(c.x) for c in study.courses]
-    starts = np.concatenate([[0], np.cumsum(lengths)])
-    total = int(starts[-1])
-    force, between, position = np.zeros((3, total))
-    whole = Residual(force, between, position, np.zeros(total, dtype=bool))
-    for ways, (record, first, last) in zip(fit.ways, study.bands.parts, strict=True):
+    starts = np.cumsum([0, *(len(c.x) for c in study.courses)])
+    force, between = np.zeros((2, starts[-1]))
+    whole = Residual(force, between, np.zeros(starts[-1], dtype=bool))
+    for ways, (record, begin, end) in zip(fit.ways, _samples(study), strict=True):
         one = residual(*built(study, forms, ways[0]))
-        width = study.courses[record].width
-        begin = first * width
-        # a record's last windows end before its last samples
-        ends = max(p[2] for p in study.bands.parts if p[0] == record)
-        end = last * width if last < ends else lengths[record]
-        test = slice(int(starts[record]) + begin, int(starts[record]) + end)
+        test = slice(starts[record] + begin, starts[record] + end)
         for name, values in vars(whole).items():
             values[test] = getattr(one, name)[test]
     return whole
 
 
-def ends_of_seconds(courses: Sequence[ModelledRecord], least: int = 1) -> list[int]:
-    """Ends of the seconds over which positions are predicted, among all samples.
+def _samples(study: Study) -> list[tuple[int, int, int]]:
+    """Record, and range of samples, of each block."""
+    out = []
+    for record, first, last in study.bands.parts:
+        course = study.courses[record]
+        # a record's last windows end before its last samples
+        ends = max(p[2] for p in study.bands.parts if p[0] == record)
+        end = last * course.width if last < ends else len(course.x)
+        out.append((record, first * course.width, end))
+    return out
 
-    If a record is too short for the `least` number of blocks, its blocks are shorter.
+
+def _positions(
+    found: Explained, as_read: Sequence[ModelledRecord]
+) -> tuple[dict[str, Vector], str]:
+    """Errors of predicted positions, see `HeldOut`, and why one cannot be predicted."""
+    study, forms, why = found.study, found.forms, ""
+    out = dict.fromkeys(
+        ("prior", "none", "all", "noise"), np.full(len(_end_to_end(as_read)), np.nan)
+    )
+    try:
+        predictor = Predictor(study.prior_model, {})
+        prior = [predictor(c, np.zeros(len(c.x))) for c in as_read]
+        out["prior"] = np.concatenate(prior) - _end_to_end(as_read)
+        out["none"], out["noise"] = _ahead_on_blocks(found, [])
+        out["all"] = out["none"]
+        if forms:
+            out["all"], out["noise"] = _ahead_on_blocks(found, forms)
+    except NotPredicted as error:
+        why = str(error)
+        if forms:
+            out["all"] = out["noise"] = np.full_like(out["all"], np.nan)
+    return out, why
+
+
+def _end_to_end(courses: Sequence[ModelledRecord]) -> Vector:
+    return np.concatenate([c.x for c in courses])
+
+
+def _ahead_on_blocks(found: Explained, forms: Sequence[Form]) -> tuple[Vector, Vector]:
+    """Error of the position in each second, and its change with another reading of the encoder.
+
+    A second is predicted without the block in which it begins. States that are not recorded begin
+    as in the fit to all blocks.
     """
-    ends = [0]
-    for c in courses:
-        start, n = ends[-1], len(c.x)
-        every = max(2, min(round(AHEAD / c.step), n // least))
-        ends += [start + k for k in (*range(every, n, every), n)]
-    return ends
+    study = found.study
+    fit = found.catalogue.without(forms)
+
+    def predictor(
+        model: Drive, amplitude: Vector, record: int, like: Predictor | None = None
+    ) -> Predictor:
+        return Predictor(model, _in_plant(study, forms, amplitude, record), like)
+
+    courses, model, added = built(study, forms, fit.amplitude[0])
+    whole = [predictor(model, fit.amplitude[0], r) for r in range(len(courses))]
+    inner = [p.states(*given) for p, *given in zip(whole, courses, added.command, strict=True)]
+    random = np.random.default_rng(0)
+    again = [shaken(c, random) for c in courses]
+    once, twice = ([np.full(len(c.x), np.nan) for c in courses] for _ in range(2))
+    for ways, (record, begin, end) in zip(fit.ways, _samples(study), strict=True):
+        courses, model, added = built(study, forms, ways[0])
+        course, change = courses[record], added.command[record]
+        other = replace(course, x=again[record].x, v=again[record].v)
+        own = predictor(model, ways[0], record, whole[record])
+        seconds = itertools.pairwise(ends_of_seconds([course]))
+        some = [(first, last) for first, last in seconds if begin <= first < end]
+        for out, read in ((once, course), (twice, other)):
+            position = own(read, change, some, inner[record])
+            out[record] = np.where(np.isnan(position), out[record], position)
+    first = np.concatenate(once)
+    return first - _end_to_end(study.courses), np.concatenate(twice) - first
+
+
+def _in_plant(
+    study: Study, forms: Sequence[Form], amplitude: Vector, record: int
+) -> dict[str, dict[str, float]]:
+    """The causes that are forces, with their values in a record."""
+    out = {}
+    for form, mine in own_amplitudes(study, forms, amplitude):
+        shape = form.shape
+        if shape.force is None:
+            continue
+        if shape.command is not None:
+            raise NotPredicted(f"the recorded position itself is corrected by {form.name}")
+        own = dict(shape.values)
+        for name, size in zip(shape.amplitudes, mine.tolist(), strict=True):
+            name, _, number = name.partition(".")
+            if shape.sure is None and number in ("", str(record + 1)):
+                own[name] = size
+        out[form.name] = own
+    return out
 
 
 def lap(x: Vector, step: float) -> float:

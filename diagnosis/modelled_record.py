@@ -10,7 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import binary_opening, median_filter, uniform_filter1d
+from scipy.ndimage import (
+    binary_opening,
+    maximum_filter1d,
+    median_filter,
+    minimum_filter1d,
+    uniform_filter1d,
+)
 from scipy.signal import lfilter, savgol_filter, welch
 
 from ..records.record import Record
@@ -27,10 +33,11 @@ _SHORTEST, _SHORT, _LONGEST = 2e-4, 1e-3, 0.02  # spacing of the windows [s]
 _OF_BAND = 0.35  # shortest window over the period of a position filter's cut-off
 _MOST_WINDOWS = 10_000
 _SHAKES = 4  # draws of an uncertain motion, for the variance of the law's force
-_AROUND = 5  # windows
+_AROUND = 5  # windows or samples
 _FALLS = 4.0  # fall of a spectrum within an octave, in powers of ten, that only a filter causes
 _LONGEST_REST = 0.05  # rests longer than this give no forces [s]
 _SLOW = 3e-3  # rest is slower than this share of the record's fast speeds
+_JUMP, _USUAL = 4.0, 0.99  # a jump over the usual one of moving samples, and its quantile
 _OFFSET = 0.1  # standard deviation of a current sensor's offset, as a share of the rms current
 _OFFSETS = "offset."  # prefix of the names of the records' offsets
 _ANSWERS = 1.0  # an interval longer than this many time constants hides the speed's response
@@ -65,6 +72,8 @@ class ModelledRecord:
         command within an interval.
     answers : float
         Sampling interval over the time constant of the drive's speed, by the prior values.
+    jumps : tuple of int
+        Samples before which the position jumps faster than any force of the drive can move it.
     offset_name : str
         Name in `calibration` of this record's offset less that of the first record [N]; empty if
         all have the same offset.
@@ -90,6 +99,7 @@ class ModelledRecord:
     offset_name: str = ""
     per_command: float = 1.0
     answers: float = 0.0
+    jumps: tuple[int, ...] = ()
 
     @property
     def step(self) -> float:
@@ -126,6 +136,14 @@ class ModelledRecord:
         slow = np.abs(self.v) < self.slowest
         length = max(round(_LONGEST_REST / self.step), 2)
         return np.asarray(binary_opening(slow, np.ones(length, dtype=bool)))
+
+    @cached_property
+    def silent(self) -> npt.NDArray[np.bool_]:
+        """Samples that give no forces, shape (n,): in long rests and around jumps."""
+        out = self.rests.copy()
+        for k in self.jumps:
+            out[max(k - 2 * self.width, 0) : k + 2 * self.width] = True
+        return out
 
     @cached_property
     def resting(self) -> Vector:
@@ -263,10 +281,44 @@ def lay_along(record: Record, model: Drive) -> ModelledRecord:
         course,
         per_command=model.per_command,
         calibration=dict.fromkeys(calibration_priors(course), 0.0),
+        jumps=_jumps(course, model, noise),
     )
     return replace(
         with_law_force(course, model), force_variance=_force_variance(course, model, noise)
     )
+
+
+def _jumps(course: ModelledRecord, model: Drive, noise: float) -> tuple[int, ...]:
+    """Samples before which x jumps while the drive moves, such as by lost counts of an encoder.
+
+    The speed before and after is the same, so that two opposite forces would act within a step.
+    """
+    bent = np.diff(course.record.x, 2)
+    first, second = bent[:-1], bent[1:]
+    size = np.where(first * second < 0.0, np.minimum(np.abs(first), np.abs(second)), 0.0)
+    speed = np.abs(np.diff(course.record.x)) / course.step
+    moves = np.minimum(speed[:-2], speed[2:]) > course.slowest
+    usual = float(np.quantile(size[moves], _USUAL)) if moves.any() else 0.0
+    u = course.u
+    swing = maximum_filter1d(u, _AROUND)[1:-2] - minimum_filter1d(u, _AROUND)[1:-2]
+    swing = abs(model.per_command) * swing + 2.0 * model.friction_scale
+    possible = swing * course.step**2 / model.inertia
+    least = np.maximum(possible, _JUMP * max(usual, noise))
+    return tuple((np.flatnonzero(moves & (size > least)) + 2).tolist())
+
+
+def jumps_of(courses: Sequence[ModelledRecord]) -> list[str]:
+    """Notes on jumps of the position: the first of each record."""
+    notes = []
+    for c in courses:
+        for k in c.jumps[:1]:
+            size = 1e6 * float(np.diff(c.record.x[k - 2 : k + 1], 2)[0])
+            notes.append(
+                f"{c.record.name}: x jumps by {size:.3g} um within a sample at "
+                f"{c.record.time[k]:.6g} s ({len(c.jumps)} in all), which no force of this drive "
+                "can do: look for lost counts; the samples around are left out"
+            )
+    return notes
 
 
 def _smoothed(x: Vector, width: int, step: float) -> tuple[Vector, Vector]:

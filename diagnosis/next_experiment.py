@@ -14,8 +14,6 @@ import numpy.typing as npt
 from ..records.record import Record
 from .balance import responses
 from .bands import cut, products
-from .causes import CAUSES
-from .causes.cause import CONSTANT_SPEEDS
 from .diagnosis import NextExperiment
 from .experiment_motions import Motion, survey
 from .explained import Explained
@@ -29,7 +27,6 @@ from .study import Study, base_columns, told_of
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
-UNNAMED = "unexplained"
 _MOST = 3  # suspects in the text
 _TELLS = 6.0  # difference of log-likelihoods at which two suspects are distinguished
 _SAMPLES = 20_000  # most samples of a simulated motion
@@ -62,7 +59,7 @@ def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
             says += (
                 f", and each of them corrects the model equally well: {entry(alike[0][0]).confirm}"
             )
-    return NextExperiment(says, motion, trial_for(told[0].name if told else UNNAMED))
+    return NextExperiment(says, motion)
 
 
 def _alike(found: Explained, told: Sequence[Likely], motion: Motion) -> list[tuple[str, str]]:
@@ -132,8 +129,3 @@ def _apart(study: Study, columns: Matrix, weights: Vector, spread: Vector) -> fl
     precision = np.zeros(len(inner) - 1)
     precision[: len(spread)] = spread**-2.0
     return float(0.5 * told_of(inner, np.array([0]), precision)[0, 0])
-
-
-def trial_for(cause: str) -> str:
-    """Name of the trial of the virtual rig that shows this cause."""
-    return CAUSES[cause].trial if cause in CAUSES else CONSTANT_SPEEDS

@@ -1,4 +1,4 @@
-"""The smallest possible residual, and whether the residual is as small as that."""
+"""The smallest possible residual, and whether more than noise is left."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from .held_out import laps_of
 from .residuals import Residual, at_samples, floor, repetition
 
 AT_FLOOR = 2.0  # a residual above this multiple of the floor is not explained
+TELLS = 0.2  # share of the friction: records that hide a larger fault decide nothing
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class NoiseFloor:
     ----------
     force, by_current : float
         Force residuals [N].
-    position : float
+    position : float or None
         Position residual within a second [m].
     repeated : bool
         Whether the floor is computed from laps of one motion.
@@ -33,7 +34,7 @@ class NoiseFloor:
 
     force: float
     by_current: float
-    position: float
+    position: float | None
     repeated: bool
 
     @property
@@ -54,7 +55,39 @@ class NoiseFloor:
         return left.by_current_rms <= AT_FLOOR * self.by_current
 
 
-def noise_floor(found: Explained, left: Residual) -> NoiseFloor:
+@dataclass(frozen=True)
+class Remainder:
+    """What is left on held-out data; all verdicts rest on it.
+
+    Attributes
+    ----------
+    something : bool
+        Whether more than noise is left: faultless records do not look like this, voltage and
+        current contradict each other, or laps of one motion differ by less.
+    unseen : float
+        Largest fault that these records would not show, as a share of the friction.
+    """
+
+    something: bool
+    unseen: float
+
+    @property
+    def hidden(self) -> bool:
+        return self.unseen >= TELLS
+
+
+def remainder(found: Explained, left: Residual, lowest: NoiseFloor, friction: float) -> Remainder:
+    """Judge the residual `left` on held-out data, with the causes found in the model.
+
+    If the motion repeats in laps, it is compared with their differences. Otherwise, more than noise
+    is left if it differs from the residual of faultless records.
+    """
+    something = found.none_ruled_out or not lowest.has_current(left)
+    something = something or (lowest.repeated and not lowest.has(left))
+    return Remainder(something, max(AT_FLOOR * lowest.force, left.force_rms) / friction)
+
+
+def noise_floor(found: Explained, left: Residual, position: float | None = None) -> NoiseFloor:
     """Differences between laps of one motion, or the white part of the residual without laps.
 
     The floor is at least the noise of readings. The error of the law due to the error of the motion
@@ -65,6 +98,8 @@ def noise_floor(found: Explained, left: Residual) -> NoiseFloor:
     found : Explained
     left : Residual
         Residual of the model with all named causes.
+    position : float, optional
+        Of `NoiseFloor`.
     """
     study = found.study
     courses, model = study.courses, study.model
@@ -77,7 +112,7 @@ def noise_floor(found: Explained, left: Residual) -> NoiseFloor:
     own = math.hypot(repetition(left, courses, laps), study.exact) if laps else white[0]
     forces = max(own, read.force_rms)  # rounding may be the same in every lap
     between = max([study.exact, read.by_current_rms, *white[1:]])
-    return NoiseFloor(math.hypot(forces, law), between, read.position_rms, bool(laps))
+    return NoiseFloor(math.hypot(forces, law), between, position, bool(laps))
 
 
 def _white(found: Explained) -> list[float]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
 
 from .diagnosis import (
     EXPLAINED,
     NONE,
     PARTLY,
+    UNDECIDED,
     Diagnosis,
     Level,
     SuspectFound,
@@ -33,13 +33,24 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     explain = "explain" if len(certain) > 1 else "explains"
     named = f"{names_of(certain)} {explain}"
     lives = " and ".join(diagnosis.unnamed)
+    left, floor = diagnosis.final_residual.force, diagnosis.floor.force
+    unseen = f"a fault up to {percent(diagnosis.unseen)} of the friction would not be seen"
+    suspects = suspicion_sentence(diagnosis.suspects)
     if diagnosis.verdict == NONE:
         return (
-            "These records show no error of the model: with values within "
-            "their tolerances the residual is at most twice the noise."
+            f"These records show no error of the model: with values within their tolerances "
+            f"{left:.3g} N are left, with a noise of {floor:.3g} N; {unseen}."
         )
+    if diagnosis.alternatives:
+        return _either(diagnosis)
+    if diagnosis.verdict == UNDECIDED:
+        return f"{unseen}.{_built_in(likeliest)}{suspects}"
     if diagnosis.verdict == EXPLAINED:
-        return f"{named} the error of the model; the rest is noise.{scale_sentence(certain)}"
+        names, one = names_of(diagnosis.causes), len(diagnosis.causes) == 1
+        return (
+            f"{names} explain{'s' if one else ''} the error of the model; the rest is noise."
+            f"{scale_sentence(diagnosis.causes)}"
+        )
     if diagnosis.verdict == PARTLY and diagnosis.unnamed:
         return (
             f"{named} part of the error of the model; the rest has no "
@@ -53,21 +64,37 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == PARTLY:
         return (
-            f"{named} part of the error of the model: on held-out data "
-            f"{diagnosis.final_residual.force:.3g} N of "
-            f"{diagnosis.adjusted_residual.force:.3g} N remain, more than twice "
-            f"the {diagnosis.floor.force:.3g} N of noise."
-            f"{scale_sentence(certain)}{_built_in(likeliest)}"
-            f"{suspicion_sentence(diagnosis.suspects)}"
+            f"{named} part of the error of the model: on held-out data {left:.3g} N of "
+            f"{diagnosis.adjusted_residual.force:.3g} N remain, with a noise of {floor:.3g} N; "
+            f"{unseen}.{scale_sentence(certain)}{_built_in(likeliest)}{suspects}"
         )
     lives = f" It varies {lives}." if lives else ""
-    lives += _built_in(likeliest)
-    suspects = suspicion_sentence(diagnosis.suspects)
     return (
         f"{percent(diagnosis.left_of_friction)} of the friction is unexplained, and no "
-        f"cause is certain: {diagnosis.final_residual.force:.3g} N on held-out data, "
-        f"with a noise of {diagnosis.floor.force:.3g} N.{lives}{suspects}"
+        f"cause is certain: {left:.3g} N on held-out data, "
+        f"with a noise of {floor:.3g} N.{lives}{_built_in(likeliest)}{suspects}"
     )
+
+
+def _either(diagnosis: Diagnosis) -> str:
+    """The causes with their alternatives, each with its size."""
+    sizes = {s.name: _sized(s) for s in (*diagnosis.causes, *diagnosis.suspects)}
+    ways = []
+    for cause in diagnosis.causes:
+        others = [sizes.get(n, n) for n in diagnosis.alternatives.get(cause.name, ())]
+        ways.append(" or ".join([sizes[cause.name], *others]))
+    return (
+        f"{' and '.join(ways)} explain the error of the model: the rest is noise, and these "
+        "records cannot tell which."
+    )
+
+
+def _sized(suspect: SuspectFound) -> str:
+    """A suspect with its first size."""
+    for name, value in suspect.parameters.items():
+        unit = suspect.units.get(name, "")
+        return f"{suspect.name} ({name} {value:.3g}{'' if unit in ('', '1') else f' {unit}'})"
+    return suspect.name
 
 
 SET = (
@@ -140,17 +167,18 @@ def does_not_hold(diagnosis: Diagnosis) -> bool:
     return found and not holds(diagnosis.gain_interval, *levels)
 
 
-def rig_command(trial: str, params: Path | str = "parameters.toml") -> str:
-    """The command that runs a trial on the virtual rig with the values of the corrected machine."""
-    return f"ballscrew rig {trial} --params {params} --out out/next"
-
-
-def length(metres: float) -> str:
+def length(metres: float | None) -> str:
     """A length as text, with a suitable unit."""
+    if metres is None:
+        return "-"
     size = abs(metres)
     if size >= 1e-1:
         return f"{metres:.3g} m"
     return f"{1e3 * metres:.3g} mm" if size >= 1e-4 else f"{1e6 * metres:.3g} µm"
+
+
+def micrometres(metres: float | None) -> str:
+    return "-" if metres is None else f"{1e6 * metres:.4g}"
 
 
 def interval(low: float, high: float) -> str:
@@ -167,8 +195,8 @@ def sentence_for_page(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def times(value: float, floor: float) -> str:
-    return f"{value / floor:.3g}" if floor > 0 else "-"
+def times(value: float | None, floor: float | None) -> str:
+    return f"{value / floor:.3g}" if value is not None and floor else "-"
 
 
 def percent(share: float) -> str:
@@ -176,4 +204,7 @@ def percent(share: float) -> str:
 
 
 def as_share(before: Level, after: Level) -> float:
-    return 1.0 - (after.position / before.position) ** 2 if before.position > 0 else 0.0
+    """Share of the mean square that goes in position; zero if it is not known."""
+    if not before.position or after.position is None:
+        return 0.0
+    return 1.0 - (after.position / before.position) ** 2

@@ -1,14 +1,12 @@
-"""Residuals of a model in force and in position, compared with the errors of the instruments."""
+"""Residuals of a model in force, compared with the errors of the instruments."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
 
 from ..records.bad_record import BadRecord
 from .balance import Added, leftovers
@@ -21,7 +19,6 @@ Vector = npt.NDArray[np.float64]
 
 _JUMP = 0.1  # jump of the law's force between two samples, as a share of friction
 _FEWEST = 50  # smallest number of windows in motion to judge a model
-AHEAD = 1.0  # time over which a position is predicted from a known state [s]
 
 
 @dataclass(frozen=True)
@@ -35,15 +32,12 @@ class Residual:
     by_current : ndarray, shape (n,)
         Motor force computed from the voltage less that from the current [N]; zero without a
         current.
-    position : ndarray, shape (n,)
-        Error of the position predicted from the state at the start of each second [m].
     telling : ndarray of bool, shape (n,)
         Samples at which forces are known.
     """
 
     force: Vector
     by_current: Vector
-    position: Vector
     telling: npt.NDArray[np.bool_]
 
     @property
@@ -53,10 +47,6 @@ class Residual:
     @property
     def by_current_rms(self) -> float:
         return rms(self.by_current[self.telling])
-
-    @property
-    def position_rms(self) -> float:
-        return rms(self.position)
 
 
 def rms(values: Vector) -> float:
@@ -85,7 +75,7 @@ def check_motion(courses: Sequence[ModelledRecord], model: Drive) -> None:
 
 
 def residual(courses: Sequence[ModelledRecord], model: Drive, added: Added) -> Residual:
-    """Force missing in the model along each record, and its effect on a prediction.
+    """Force missing in the model along each record.
 
     Forces are scaled to the prior model's force per unit of the command, see `balance`.
 
@@ -103,7 +93,7 @@ def residual(courses: Sequence[ModelledRecord], model: Drive, added: Added) -> R
         if c.by_current:  # the input of a simulation is the voltage
             whole = whole + between
         keep = at_samples(c, _telling(c, model)) == 1.0
-        parts.append((whole, between, _ahead(model, whole, c), keep))
+        parts.append((whole, between, keep))
     return Residual(*map(np.concatenate, zip(*parts, strict=True)))
 
 
@@ -129,7 +119,6 @@ def floor(courses: Sequence[ModelledRecord], model: Drive) -> Residual:
     return Residual(
         again.force - once.force,
         again.by_current - once.by_current,
-        again.position - once.position,
         once.telling,
     )
 
@@ -152,28 +141,3 @@ def repetition(found: Residual, courses: Sequence[ModelledRecord], laps: Sequenc
 def at_samples(course: ModelledRecord, values: Vector) -> Vector:
     """Values in windows, shape (windows,), interpolated at the samples, shape (n,)."""
     return np.interp(np.arange(len(course.x)), centres(len(course.x), course.width), values)
-
-
-def _ahead(model: Drive, force: Vector, course: ModelledRecord) -> Vector:
-    """Position error caused by a missing force, starting from zero in every second.
-
-    At rest, friction balances all forces, and the error does not grow. `compare` computes the
-    motion of the model itself there.
-    """
-    step = course.step
-    slowed = model.damping / model.inertia
-    kept = math.exp(-slowed * step)
-    gained = step if slowed * step < 1e-9 else -math.expm1(-slowed * step) / slowed
-    out = np.zeros(len(force))
-    every = max(2, round(AHEAD / step))
-    for first in range(0, len(force), every):
-        part = slice(first, first + every)
-        speed = np.zeros(len(force[part]))
-        turns = np.flatnonzero(np.diff(course.rests[part], prepend=True, append=True))
-        for begin, end in zip(turns[::2], turns[1::2], strict=True):
-            pushed = force[part][begin:end] / model.inertia
-            speed[begin:end] = lfilter([0.0, gained], [1.0, -kept], pushed)
-        # the speed changes linearly between two samples
-        moved = np.cumsum(0.5 * (speed[1:] + speed[:-1])) * step
-        out[first + 1 : first + len(speed)] = moved
-    return out

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .balance import responses
-from .bands import EDGES, products
+from .bands import EDGES, moving, products
 from .causes import CAUSES
 from .causes.cause import Shape, Smaller
 from .modelled_record import ModelledRecord
@@ -28,7 +28,6 @@ from .study import (
     base_fit,
     fitted,
     noise_products,
-    told_of,
     trusted,
 )
 
@@ -233,30 +232,19 @@ class Catalogue:
                     out[k] = fit.one(j)
         return [f for f in out if f is not None]
 
-    def information(self, form: Form, variance: Vector) -> Vector:
-        """Information of the records on each amplitude of a form, with values adjusted, shape (m,).
-
-        This is one over the variance of its estimate; `variance` is the noise of each band per
-        number [N^2].
-        """
-        products = self._products([form], ())[:, :, 0].sum(axis=0)
-        inner = np.einsum("bij,b->ij", products, 1.0 / variance)[1:, 1:]
-        priors = self._stated([form])
-        columns = np.arange(len(inner))
-        chosen = columns[own_columns(form)]
-        left = told_of(inner, chosen, np.delete(priors.precision, chosen))
-        return np.asarray(np.maximum(np.diag(left), 0.0))
-
     def force_of(self, suspect: Suspect) -> float:
-        """Root mean square effect of a suspect on a balance of forces or of voltages [N]."""
+        """Root mean square effect of a suspect on a balance of forces or of voltages [N].
+
+        It is taken where the fit counts the balance: elsewhere, a free curve may be anything.
+        """
         shape = suspect.form.shape
         if shape.freed:
             parts = [b[:, :, suspect.form.columns] for b in self.base]
         else:
             parts = responses(self.study.courses, self.study.model, shape)
         each = np.concatenate([p @ suspect.amplitude for p in parts])
-        moves = np.concatenate([c.resting == 0.0 for c in self.study.courses])
-        return float(np.sqrt(np.mean(each[moves] ** 2, axis=0)).max())
+        moves = [moving(c, self.study.model) > 0.0 for c in self.study.courses]
+        return float(np.sqrt(np.mean(each[np.concatenate(moves)] ** 2, axis=0)).max())
 
     def _stated(self, forms: Sequence[Form]) -> Priors:
         """Priors of values and forms, shape (columns,)."""

@@ -159,7 +159,7 @@ def measured(rows: list[Row], when: str) -> dict[str, Any]:
         ),
         "faultless, a name": of(lambda r: not r.effect, lambda r, a: bool(a.certain)),
         "faultless, anything but none": of(
-            lambda r: not r.effect, lambda r, a: a.verdict != "none"
+            lambda r: not r.effect, lambda r, a: a.verdict not in ("none", "undecided")
         ),
         "intervals of right causes that hold the truth": share(
             [h for _, a in usable for h in a.holds]

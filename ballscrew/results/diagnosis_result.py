@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..diagnosis.diagnosis import EXPLAINED, NONE, Diagnosis
+from ..diagnosis.diagnosis import ANSWERED, Diagnosis
 from .result import Result, table_of
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ class DiagnosisResult(Result, Diagnosis):
         """Whether all of the residual but noise is explained, confirmed on held-out data."""
         from ..diagnosis.report_words import does_not_hold
 
-        return self.verdict in (NONE, EXPLAINED) and not does_not_hold(self)
+        return self.verdict in ANSWERED and not does_not_hold(self)
 
     def pictures(self) -> dict[str, Any]:
         from ..diagnosis.diagnosis_pictures import diagnosis_figure
@@ -35,16 +35,16 @@ class DiagnosisResult(Result, Diagnosis):
         return f"{self.verdict}: {verdict_sentence(self)}"
 
     def facts(self) -> Iterable[tuple[str, str]]:
-        from ..diagnosis.report_words import of_friction
+        from ..diagnosis.report_words import micrometres, of_friction
 
         rows = (
             ("residual of the prior model, rms", self.baseline_residual),
-            ("residual with with adjusted values, rms", self.adjusted_residual),
+            ("residual with adjusted values, rms", self.adjusted_residual),
             ("residual with causes, rms", self.final_residual),
             ("noise alone, rms", self.floor),
         )
         for name, level in rows:
-            yield name, f"{level.force:.4g} N, {1e6 * level.position:.4g} um"
+            yield name, f"{level.force:.4g} N, {micrometres(level.position)} um"
         for cause in self.causes:
             low, high = cause.gain_interval
             yield (

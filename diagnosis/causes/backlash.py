@@ -24,5 +24,4 @@ CAUSE = Cause(
     ),
     confirm="reverse slowly and record the current: it is near zero until the gap is closed",
     mistaken_for=("compliance", "parameter_error", "unexplained"),
-    trial="2.4/1",
 )

@@ -67,8 +67,6 @@ Smaller = Callable[[Courses, Shape, Vector], float]
 Grid = Callable[[Courses, Drive], list[Values]]
 Signals = Callable[[Courses, Drive, Values], Sequence[Mapping[str, Vector]]]
 
-CONSTANT_SPEEDS = "2.3.1"
-"""The rig's trial of constant speeds."""
 _SOME = 1e-3  # smallest command used, as a share of the largest
 _LEAST = 1e-3  # smallest remaining share of a command
 
@@ -124,12 +122,8 @@ class Cause:
     mistaken_for : tuple of str
     beyond : function of (courses, model) to str or None
         Reason why these records cannot show it.
-    on_screw : bool
-        Its force acts on the screw's side, where a load cell at the block does not measure it.
     smaller : function of (courses, shape, amplitudes) to a number, optional
         Factor by which it makes a residual of pure noise smaller, such as `of_command`.
-    trial : str
-        The trial of `ballscrew rig` that shows it.
     """
 
     name: str
@@ -138,9 +132,7 @@ class Cause:
     confirm: str
     mistaken_for: tuple[str, ...] = ()
     beyond: Callable[[Courses, Drive], str | None] = lambda courses, model: None
-    on_screw: bool = False
     smaller: Smaller | None = None
-    trial: str = CONSTANT_SPEEDS
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -71,5 +71,4 @@ CAUSE = Cause(
     confirm="a sensor on the block in addition to the encoder: their readings differ when the "
     "force reverses",
     mistaken_for=("parameter_error", "backlash"),
-    trial="presliding",
 )

@@ -37,5 +37,4 @@ CAUSE = Cause(
     confirm="run the same speeds in both directions: the difference is proportional to the "
     "friction",
     mistaken_for=("load_bias", "nonlinear_viscous"),
-    trial="viscous",
 )

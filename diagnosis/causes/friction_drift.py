@@ -61,5 +61,4 @@ CAUSE = Cause(
     (*map(_drifting, in_time("friction", "drift_time")), _WITH_TEMPERATURE),
     confirm="repeat the same motion and record the temperature: friction follows the temperature",
     mistaken_for=("resistance_drift", "position_trend_friction"),
-    trial="viscous/1",
 )

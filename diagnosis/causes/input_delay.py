@@ -119,5 +119,4 @@ CAUSE = Cause(
     ),
     confirm="record the current during a step of the command: the current starts late",
     mistaken_for=("unmodelled_inertia",),
-    trial="2.10/1",
 )

@@ -13,5 +13,4 @@ CAUSE = Cause(
     confirm="measure the force that just moves the block in both directions: the two differ, by "
     "the same amount at all speeds",
     mistaken_for=("direction_asymmetry",),
-    trial="viscous",
 )

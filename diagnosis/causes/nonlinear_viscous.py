@@ -45,5 +45,4 @@ CAUSE = Cause(
     (_QUADRATIC, _POWER, _THINNING),
     confirm="constant speeds up to the highest: friction over speed is not a straight line",
     mistaken_for=("stribeck_mismatch", "direction_asymmetry"),
-    trial="viscous",
 )

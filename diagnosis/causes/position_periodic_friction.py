@@ -33,5 +33,4 @@ CAUSE = Cause(
     confirm="move slowly over a few turns in both directions: the periodic part changes sign with "
     "the direction",
     mistaken_for=("torque_ripple",),
-    trial="2.3.1/1",
 )

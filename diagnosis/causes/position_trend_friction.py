@@ -73,5 +73,4 @@ CAUSE = Cause(
     confirm="slow runs over the whole travel in both directions: the difference of the forces "
     "changes along the travel",
     mistaken_for=("friction_drift", "unexplained"),
-    trial="2.3.1/16",
 )

@@ -61,5 +61,4 @@ CAUSE = Cause(
     confirm="small slow movements forwards and backwards: force over position is a hysteresis loop",
     mistaken_for=("compliance", "backlash"),
     beyond=_beyond,
-    trial="presliding",
 )

@@ -26,5 +26,4 @@ CAUSE = Cause(
     "run",
     mistaken_for=("friction_drift",),
     beyond=lambda courses, model: None if model.has_motor else "the model has no motor",
-    trial="viscous/1",
 )

@@ -34,6 +34,4 @@ CAUSE = Cause(
     ),
     confirm="move slowly over a few turns in both directions: the periodic part keeps its sign",
     mistaken_for=("position_periodic_friction",),
-    on_screw=True,
-    trial="2.3.1/1",
 )

@@ -16,5 +16,4 @@ CAUSE = Cause(
     confirm="accelerate strongly in both directions at the same speeds: plot force over "
     "acceleration",
     mistaken_for=("parameter_error", "input_delay"),
-    trial="2.6/9",
 )

@@ -91,5 +91,4 @@ CAUSE = Cause(
     confirm="measure the motor's voltage at the largest command",
     mistaken_for=("nonlinear_viscous", "resistance_drift"),
     smaller=of_command,
-    trial="viscous/60",
 )

@@ -1,10 +1,13 @@
 """What is wrong with a record has to be told from what is wrong with the drive."""
 
+import json
 import math
 import re
 
 import pytest
+from case_inputs import karnopp_step, lead_screw
 from cases import case
+from pyarrow.parquet import read_table
 
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.drive import drive_of
@@ -19,6 +22,61 @@ def right(folder):
     told = read_parameters(folder / "axis.toml").with_lead(LEAD)
     (record,) = read_drive_records([folder / "right.csv"], lead=LEAD)
     return record, drive_of(told, None)
+
+
+SCREW = "--map Zeit=time --map Istposition=x --map Drehmoment=u --lead 0.005"
+
+
+def drift(coulomb):
+    """Root mean square drift within a second of a screw with this friction, by own integration."""
+    _, x, torque, v = lead_screw()
+    off = []
+    for k, (place, held) in enumerate(zip(x, torque, strict=True)):
+        if k % 1000 == 0:
+            at, speed = place, v[k]
+        off.append(at - place)
+        for _ in range(10):
+            at, speed = karnopp_step(at, speed, held * 2e3 * math.pi / 5, 1e-4, 60.0, coulomb, 1.0)
+    return math.sqrt(sum(o * o for o in off) / len(off))
+
+
+@pytest.mark.ci
+def test_both_commands_predict_the_drift_that_an_own_integration_has(tmp_path, command):
+    folder = case("own_machine", tmp_path)
+    words = f"rec.csv {SCREW} --params weak.toml --json"
+    known = drift(88.0)
+    _, printed, _ = command(folder, f"compare {words}")
+    compared = json.loads(printed)["models"]["model"]["all"]
+    assert compared["position"]["value_m"] == pytest.approx(known, rel=0.02)
+    _, printed, _ = command(folder, f"diagnose {words} --out out")
+    told = json.loads(printed)
+    prior, fitted = told["baseline_residual"], told["adjusted_residual"]
+    assert prior["position_m"] == pytest.approx(compared["position"]["value_m"], rel=1e-9)
+    assert prior["force_N"] == pytest.approx(compared["force"]["value_N"], rel=1e-9)
+    assert fitted["position_m"] < 0.2 * known
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("record", "cause", "size", "truth"),
+    # 90 N forwards and 103.5 N backwards: 7 % of their mean
+    [("asym", "direction_asymmetry", "asymmetry", -0.07), ("heavy", "unmodelled_inertia", "m", 72)],
+)
+def test_a_wrong_value_of_an_own_machine_is_explained_in_forces_that_it_can_have(
+    tmp_path, command, record, cause, size, truth
+):
+    folder = case("own_machine", tmp_path)
+    words = f"diagnose {record}.csv {SCREW} --params right.toml --json --out out"
+    code, printed, _ = command(folder, words)
+    told = json.loads(printed)
+    assert (code, told["verdict"]) == (0, "explained")
+    found = {c["name"]: c for c in (*told["causes"], *told["suspects"])}
+    values = found[cause]["parameters"]
+    assert values.get(size, values.get(f"dry_{size}")) == pytest.approx(truth, rel=0.06)
+    assert told["final_residual"]["force_N"] < 1.3 * told["floor"]["force_N"]
+    assert max(c["force"] for c in found.values()) < 100.0  # of a friction of 120 N
+    curves = read_table(folder / "out" / "curves.parquet").to_pydict()
+    assert max(abs(f) for name in ("cause", "shape") for f in curves[name] if f == f) < 100.0
 
 
 @pytest.mark.ci

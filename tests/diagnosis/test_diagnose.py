@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,10 +26,14 @@ from worlds import draw_case as draw_world
 from worlds import layout as at
 from worlds import write_case as write_world
 
+from ballscrew.diagnosis.compare import compare
 from ballscrew.diagnosis.diagnose import diagnose, diagnose_records
+from ballscrew.diagnosis.report_words import verdict_sentence
 from ballscrew.diagnosis.scores import OUTSIDE
+from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.reading import check_record
 
+EMPS = Path(__file__).parents[2] / "docs" / "emps.toml"
 in_a_world = pytest.mark.xdist_group("worlds")  # whose simulators are compiled once
 
 LIMITED = {at.LIMIT: 3.2}
@@ -87,9 +92,42 @@ def test_nothing_hidden_is_called_nothing(noise, count):
     # reversals within a sample make most of it
     assert found.final_residual.force == pytest.approx(found.floor.force, rel=0.1)
     assert found.floor.force == pytest.approx(3.25, rel=0.03)
-    (note,) = found.notes
-    assert note.startswith(f"not excluded: a fault of up to {2 * found.floor.force:.3g} N (")
+    assert found.notes == ()
+    friction = found.floor.force * 2.0 / found.unseen
+    assert friction == pytest.approx(np.sqrt(np.mean(found.curves.predicted**2)), rel=0.1)
     assert found.next_experiment.says.startswith("these records show no fault; ")
+
+
+@pytest.mark.ci
+def test_where_more_than_a_fifth_of_the_friction_would_not_be_seen_nothing_is_decided():
+    """The noise of the force is as large as the friction; means over windows have less."""
+    found = diagnose_records([slide_record(seed=2, noise=100.0)], believed())
+    assert (found.verdict, found.causes) == ("undecided", ())
+    friction = np.sqrt(np.mean(found.curves.predicted[found.curves.telling] ** 2))
+    unseen = max(2.0 * found.floor.force, found.final_residual.force) / friction
+    assert found.unseen == pytest.approx(unseen, rel=0.02)
+    assert found.unseen > 0.2
+    sentence = f"a fault up to {100 * found.unseen:.3g} % of the friction would not be seen."
+    assert verdict_sentence(found).startswith(sentence)
+
+
+@pytest.mark.parametrize("command", [diagnose, compare])
+def test_without_a_record_it_is_said_what_is_missing(command):
+    with pytest.raises(BadRecord, match="expected one file of measured data"):
+        command([], EMPS)
+
+
+@pytest.mark.ci
+def test_a_corrected_position_is_not_predicted_and_the_answer_says_so():
+    record = slide_record()
+    stretched = check_record("made", record.signals | {"x": 1.3 * record.x}, "force")
+    found = diagnose_records([stretched], believed())
+    (cause,) = found.causes
+    assert (found.verdict, cause.name) == ("explained", "scale_of_x")
+    assert cause.parameters["scale_of_x"] == pytest.approx(1.0 / 1.3, rel=0.03)
+    assert found.adjusted_residual.position > 0.0
+    assert (found.final_residual.position, found.floor.position) == (None, None)
+    assert found.notes[0].startswith("no position is predicted: the recorded position itself")
 
 
 def test_what_has_no_cause_is_given_no_name():
@@ -108,7 +146,7 @@ def test_two_effects_are_both_built_in_with_their_sizes_and_one_is_named():
     both = ("unmodelled_inertia", "position_periodic_friction")
     found = diagnose_records([slide_record(*both)], believed())
     mass, periodic = sorted(found.causes, key=lambda c: both.index(c.name))
-    assert found.verdict == "partly"
+    assert found.verdict == "explained"  # only noise is left
     assert [c.certain for c in (periodic, mass)] == [True, False]
     assert mass.parameters["m"] == pytest.approx(50.0, rel=0.01)
     assert periodic.parameters["friction_cos"] == pytest.approx(0.2, rel=0.02)

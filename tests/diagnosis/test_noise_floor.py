@@ -22,8 +22,7 @@ pytestmark = pytest.mark.ci
 
 
 def left(force, between):
-    n = len(force)
-    return Residual(force, between, np.zeros(n), np.ones(n, dtype=bool))
+    return Residual(force, between, np.ones(len(force), dtype=bool))
 
 
 @given(sizes=st.tuples(*[st.floats(1e-6, 1e6)] * 4))
@@ -49,18 +48,23 @@ def test_reading_anew_changes_as_much_as_rounding_leaves_under_the_true_model():
 STEP = 1e-5  # m
 
 
-def jumped():
+def test_a_jump_is_named_and_changes_nothing_else():
+    """Friction of half its size in the model, and ten micrometres at three seconds."""
     record = strong_record({}, samples=6_000)
     late = record.time > record.time[3_000]
-    return record.signals | {"x": record.x + STEP * late}, {"Fc": 2.0}
-
-
-def test_a_wrong_model_is_not_cleared_where_x_jumps():
-    signals, wrong = jumped()
+    x = record.x + STEP * late
+    jumped = check_record("made", record.signals | {"x": x})
     model = nominal()
-    model = model.changed({n: f * model.values[n] for n, f in wrong.items()})
-    found = diagnose_records([check_record("made", signals)], model)
-    assert found.verdict != "none"
+    wrong = model.changed({"Fc": 2.0 * model.values["Fc"]})
+    as_it_is, found = (diagnose_records([r], wrong) for r in (record, jumped))
+    assert found.verdict == as_it_is.verdict != "none"
+    assert [c.name for c in found.causes] == [c.name for c in as_it_is.causes]
+    assert found.floor.force == pytest.approx(as_it_is.floor.force, rel=0.1)
+    (note,) = (n for n in found.notes if "x jumps by" in n)
+    assert f"at {record.time[3_001]:.6g} s (1 in all)" in note
+    assert not any("x jumps by" in n for n in as_it_is.notes)
+    size = float(note.partition("x jumps by ")[2].split()[0])
+    assert size == pytest.approx(10.0, abs=2.0)  # a count
 
 
 def test_voltage_and_current_that_contradict_each_other_are_not_cleared():

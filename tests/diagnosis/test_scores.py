@@ -179,16 +179,6 @@ def test_what_is_left_without_a_suspect_is_told_over_the_friction(looked):
     assert found.unlike_noise[2:] == pytest.approx((0.204, 0.791), abs=0.01)
 
 
-def test_information_is_one_over_the_variance_of_the_size(looked):
-    """A cosine's half of the windows, less what the model's values share with it."""
-    catalogue, found = looked
-    form, used = found.suspects[0].form, int(catalogue.study.bands.used.sum())
-    once, twice = (catalogue.information(form, np.full(used, s**2)) for s in (1.0, 2.0))
-    assert once == pytest.approx(4.0 * twice, rel=1e-2)
-    assert once == pytest.approx(len(catalogue.study.courses[0].resting) / 2, rel=0.15)
-    assert once == pytest.approx([1742.0, 1748.0], rel=0.01)
-
-
 @pytest.mark.parametrize(
     ("share", "excess", "cuts"),
     [(0.25, 1.2, True), (0.25, 1.3, False), (0.15, 1.2, False)],

@@ -95,6 +95,51 @@ def diagnose_voltage_scaled_none(folder):
     (folder / "axis.toml").write_text(AXIS)
 
 
+def lead_screw(mass: float = 60.0, backwards: float = 1.0, seconds: float = 10.0) -> np.ndarray:
+    """Time, position, torque and speed of a screw of 5 mm with Karnopp's stiction, at 1 kHz.
+
+    Coulomb friction of 90 N, `backwards` times as much in -x; the torque is held between samples.
+    """
+    h, per_torque = 1e-4, 2 * np.pi / 0.005
+    t = np.arange(round(1e3 * seconds)) * 1e-3
+    way, speed, _ = swings(t, (0.02, 0.17), (0.012, 0.63), (0.01, 1.09))
+    way, speed = way * np.minimum(t, 1.0), speed * np.minimum(t, 1.0)
+    x = v = summed = 0.0
+    rows = []
+    for k, at in enumerate(t):
+        read = round(x / 2e-6) * 2e-6
+        summed += (way[k] - read) * 1e-3
+        asked = 3e5 * (way[k] - read) + 2e6 * summed + 6e3 * (speed[k] - v)
+        torque = round(max(-800.0, min(800.0, asked)) / per_torque, 5)
+        rows.append((at, read, torque, v))
+        for _ in range(10):
+            x, v = karnopp_step(x, v, torque * per_torque, h, mass, 90.0, backwards)
+    return np.array(rows).T
+
+
+def karnopp_step(x, v, force, h, mass, coulomb, backwards):
+    """One step of a body that sticks at zero speed, for the record and for its oracle."""
+    if v == 0.0 and -1.28 * coulomb * backwards <= force <= 1.28 * coulomb:
+        return x, 0.0
+    way = np.copysign(1.0, v or force)
+    level = coulomb * (1.0 if way > 0 else backwards)
+    friction = way * level * (1.0 + 0.28 * np.exp(-((v / 0.012) ** 2))) + 260.0 * v
+    after = v + h * (force - friction) / mass
+    after = after if after * way > 0.0 else 0.0
+    return x + 0.5 * h * (v + after), after
+
+
+def own_machine(folder):
+    head = "Achse 1;Messung\nZeit;Istposition;Drehmoment\nms;mm;Nm"
+    for name, given in (("rec", {}), ("heavy", {"mass": 72.0}), ("asym", {"backwards": 1.15})):
+        t, x, torque, _ = lead_screw(**given)
+        write(folder / f"{name}.csv", head, ".1f .3f .5f", 1e3 * t, 1e3 * x, torque, sep=";")
+    plant = HEAVY_DRIVE.replace("25.0", "60.0").replace("100.0", "260.0").replace("0.001", "0.012")
+    for name, coulomb in (("right", 90.0), ("weak", 88.0)):
+        text = plant.replace("Fc = 1658.0", f"Fc = {coulomb}\nFs = {1.28 * coulomb:.2f}")
+        (folder / f"{name}.toml").write_text(text + "Fc = 0.1\nFs = 0.1\n")
+
+
 def record_thousands_dot(folder):
     t, x, u, _ = axis_record(1500).values()
     path, whole = folder / "run.csv", np.round(x / 0.36).astype(int)  # micrometres
