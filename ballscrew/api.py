@@ -7,7 +7,9 @@ program.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import contextlib
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +36,26 @@ if TYPE_CHECKING:
     from .solver.component import Component, ForceTerm
 
     Values = Mapping[str, float]
+
+
+_OPTION = re.compile(r"--(map|unit) (?:'([^'=]+)=([^']*)'|([^\s=]+)=([^\s,;:]*))")
+_ARGUMENTS = {"map": "mapping", "unit": "units"}
+
+
+@contextlib.contextmanager
+def _arguments_named() -> Iterator[None]:
+    """Errors of records and parameter files name arguments, not the options of the command."""
+
+    def given(found: re.Match[str]) -> str:
+        key, value = found[2] or found[4], found[3] or found[5] or "..."
+        return f'{_ARGUMENTS[found[1]]}={{"{key}": "{value}"}}'
+
+    try:
+        yield
+    except ValueError as error:
+        said = _OPTION.sub(given, str(error)).replace("--lead METRES", "lead=METRES")
+        error.args = (re.sub(r"--([a-z]+)", lambda m: _ARGUMENTS.get(m[1], m[1]), said),)
+        raise
 
 
 def catalogue() -> dict[str, tuple[str, ...]]:
@@ -713,6 +735,7 @@ def run_trial(
     return RigRecord.of(recorded(trial, law, values, seed, told=told))
 
 
+@_arguments_named()
 def read_force_records(
     paths: Sequence[Path | str],
     mapping: Mapping[str, str] | None = None,
@@ -749,6 +772,7 @@ def read_force_records(
     return read(_paths(paths), mapping, units, mass, lead)
 
 
+@_arguments_named()
 def read_drive_records(
     paths: Sequence[Path | str],
     mapping: Mapping[str, str] | None = None,
@@ -800,6 +824,7 @@ def read_parameters(path: Path | str) -> ParameterFile:
     return read(path)
 
 
+@_arguments_named()
 def identify(  # noqa: PLR0913
     records: Path | str | Sequence[Record | Path | str],
     law: str,
@@ -849,27 +874,17 @@ def identify(  # noqa: PLR0913
     Maximum likelihood by Fisher scoring, with errors from pieces of the records; estimates by the
     formulas of the thesis are given next to it.
     """
-    from .identification.identify import check_held
-    from .identification.identify import identify as identified
+    from .identification.identify import identify_files
     from .options import check_name
     from .plant import LAWS
     from .results.identified_law import IdentifiedLaw
 
     check_name("law", law, LAWS)
-    check_held(law, dict(fixed or {}), offset)
-    told, fit = _told(params), mass is True
-    if told:
-        told = told.checked().with_lead(lead)
-        lead = lead or told.lead
-    known = told.plant["m"].value if told and "m" in told.plant else None
-    how = mapping, units, known if isinstance(mass, bool) else mass, lead
-    found: list[Record] = []
-    for record in _paths(records):
-        by_file = isinstance(record, str | Path)
-        found += read_force_records([record], *how) if by_file else [record]
-    return IdentifiedLaw.of(identified(found, law, told, dict(fixed or {}), offset, fit))
+    columns, how = (mapping, units, lead), (law, fixed, offset, _told(params), mass)
+    return IdentifiedLaw.of(identify_files(_paths(records), *how, *columns))
 
 
+@_arguments_named()
 def diagnose(
     data: Path | str | Sequence[Path | str],
     params: Path | str | None = None,
@@ -922,6 +937,7 @@ def diagnose(
     )
 
 
+@_arguments_named()
 def compare(
     data: Path | str | Sequence[Path | str],
     params: Path | str,

@@ -119,17 +119,17 @@ def _identify(options: argparse.Namespace) -> int:
         mass = read_number("--mass", options.mass)
     told = read_params(options)
     fixed = _fixed(options.fix, told)
-    from . import api
-    from .identification.identify import CannotHold
+    from .identification.identify import CannotHold, identify_files
     from .orchestration.turning_words import words_for
     from .records.bad_record import BadRecord
+    from .results.identified_law import IdentifiedLaw
 
     prepare_folder(options.out, [*options.data, options.params])
     tell(f"fitting {options.law}")
     given = options.law, fixed, options.offset, told, mass
     try:
         with bad_parameters():
-            result = api.identify(options.data, *given, *columns)
+            result = IdentifiedLaw.of(identify_files(options.data, *given, *columns))
     except CannotHold as error:
         raise BadRequest(f"--fix, --offset: {error}") from error
     except BadRecord as error:

@@ -57,30 +57,14 @@ class _Linear(NamedTuple):
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive with a friction law, its prior values and their tolerances.
+    """A drive with a friction law, its prior values and their tolerances."""
 
-    Attributes
-    ----------
-    kind : {"ball_screw", "drive"}
-        With a DC motor and a voltage `u`, or a body on which ``gain*u`` acts as a force.
-    law : str
-        One of ``LAWS`` of the estimator.
-    values : mapping of str to float
-        All parameters of its `plant`, SI.
-    tolerance : mapping of str to float
-        Relative tolerance, plus or minus, of each value that may be adjusted.
-    command : {"", "voltage", "current", "force"}
-        Kind of `u`; empty: as in the records.
-    turns : bool
-        Whether the body rotates; its values are stored as those of a sliding body.
-    """
-
-    kind: str
-    law: str
-    values: Mapping[str, float]
-    tolerance: Mapping[str, float] = field(default_factory=dict)
-    command: str = ""
-    turns: bool = False
+    kind: str  # a ball screw with its motor, or a body on which ``gain*u`` acts as a force
+    law: str  # one of ``LAWS`` of the estimator
+    values: Mapping[str, float]  # all parameters of its `plant`, SI
+    tolerance: Mapping[str, float] = field(default_factory=dict)  # relative; of what is adjusted
+    command: str = ""  # kind of `u`; empty: as in the records
+    turns: bool = False  # the body rotates; its values are stored as those of a sliding one
 
     @property
     def plant(self) -> Component:

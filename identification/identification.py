@@ -27,49 +27,23 @@ SIDES = {FORWARDS: "_pos", BACKWARDS: "_neg"}
 
 @dataclass(frozen=True)
 class Identification:
-    """Result of an identification.
-
-    Attributes
-    ----------
-    parameters : dict of str to Interval
-        Parameters of the law, and the offset if requested, by our estimator on all records.
-    per_direction : dict of str to dict of str to Interval
-        ``forwards``, ``backwards`` and ``averaged``, fitted separately with the offset of
-        `parameters`; empty for one direction only.
-    thesis : dict
-        Results of the thesis' formulas on the same records.
-    fit : Fit
-    course : Course
-    estimates : list of FrictionEstimate
-    points : StribeckPoints
-    left : LeftOver
-        Residual of the force beyond its noise, and its parts.
-    time_shift : Interval or None
-        Delay of the force relative to the motion, by the fit [s]; if it is larger than known
-        before, `records` are corrected by it. None if the law does not explain the force.
-    warnings : tuple of str
-        Why the result is not trusted; empty if it is trusted.
-    notes : tuple of str
-    told : ParameterFile or None
-        Prior values of the drive; they go into the result's parameter file.
-    fixed : mapping of str to float
-        Fixed values.
-    """
+    """Result of an identification; `parameters` are by our estimator on all records."""
 
     law: str
-    records: tuple[Record, ...]
-    parameters: dict[str, Interval]
+    records: tuple[Record, ...]  # corrected by `time_shift` if it is larger than known before
+    parameters: dict[str, Interval]  # of the law, and mass and offset if requested
+    # forwards, backwards and averaged, with the offset of `parameters`; empty for one direction
     per_direction: dict[str, dict[str, Interval]]
-    thesis: dict[str, Any]
+    thesis: dict[str, Any]  # by the formulas of the thesis on the same records
     fit: Fit
     course: StackedRecords
     estimates: tuple[FrictionEstimate, ...]
     points: StribeckPoints
-    left: LeftOver
-    time_shift: Interval | None
-    warnings: tuple[str, ...]
+    left: LeftOver  # residual of the force beyond its noise, and its parts
+    time_shift: Interval | None  # of the force after the motion [s]; None: the law does not fit
+    warnings: tuple[str, ...]  # why it is not trusted
     notes: tuple[str, ...]
-    told: ParameterFile | None = None
+    told: ParameterFile | None = None  # prior values, for the result's parameter file
     fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property

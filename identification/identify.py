@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -12,6 +14,7 @@ from scipy.stats import chi2
 from ..instruments.amplifier import PARAMETERS as AMPLIFIER
 from ..orchestration.parameter_file import BALL_SCREW, DRIVE, TURNS, ParameterFile, Value
 from ..plant.ball_screw import PARAMETERS as AXIS
+from ..records.reading import read_force_records
 from ..records.record import FORCE, TORQUE, Record
 from ..records.velocity import INTEGRATED
 from ..solver.nearest import nearest
@@ -87,6 +90,32 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
         )
 
 
+def identify_files(
+    records: Sequence[Record | Path | str],
+    law: str,
+    fixed: Mapping[str, float] | None,
+    offset: bool,
+    told: ParameterFile | None,
+    mass: float | bool,
+    *columns: Any,
+) -> Identification:
+    """Identify from records, or files with these mapping, units and lead; see `identify`.
+
+    The mass of files is that of `told` if it is not given; True: it is fitted.
+    """
+    fixed, (mapping, units, lead) = dict(fixed or {}), columns
+    check_held(law, fixed, offset)
+    if told:
+        told = told.checked().with_lead(lead)
+        lead = lead or told.lead
+    known = told.plant[MASS].value if told and MASS in told.plant else None
+    how = mapping, units, known if isinstance(mass, bool) else mass, lead
+    found: list[Record] = []
+    for record in records:
+        found += [record] if isinstance(record, Record) else read_force_records([record], *how)
+    return identify(found, law, told, fixed, offset, mass is True)
+
+
 def identify(
     records: Sequence[Record],
     law: str,
@@ -97,28 +126,11 @@ def identify(
 ) -> Identification:
     """Identify a law's parameters from records.
 
-    Parameters
-    ----------
-    records : sequence of Record
-    law : str
-        One of `LAWS`.
-    told : ParameterFile, optional
-        Known values of the drive; the result's parameter file keeps them. Default: the nominal axis
-        for records of the rig; otherwise a drive with the records' mass whose command is the force.
-    fixed : mapping of str to float, optional
-        Values of fixed parameters, SI; `OFFSET` may be one.
-    offset : bool, optional
-        Whether a constant force is also fitted, for a load or a load cell's zero.
-    mass : bool, optional
-        Whether the mass is also fitted, one for all records, instead of the records' mass.
-
-    Raises
-    ------
-    UnknownLaw
-        If no such law can be identified.
-    CannotHold
-    ValueError
-        If there are no records.
+    The result's parameter file keeps the known values of the drive, which are `told`. Default: the
+    rig's axis for records of the rig; otherwise a drive with their mass, by its force or torque.
+    Parameters in `fixed` are not fitted [SI]. The `offset` is a constant force, of a load or a
+    load cell's zero; with `mass` one mass is fitted in place of the records'. Raises `UnknownLaw`,
+    `CannotHold`, and ValueError without records.
     """
     if law not in LAWS:
         raise UnknownLaw(f"no law {law!r} to identify; there are {', '.join(LAWS)}")

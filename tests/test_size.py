@@ -22,17 +22,17 @@ MOST = {  # folder: lines, lines without docstrings
     "fmus": (6067, 5263),
     "orchestration": (13918, 11485),
     "stability": (3251, 2639),
-    "ballscrew": (4886, 4045),
+    "ballscrew": (4896, 4054),
     "gallery": (3571, 3184),
     "records": (2393, 2152),
-    "identification": (4726, 3913),
-    "diagnosis": (6535, 5222),
+    "identification": (4711, 3937),
+    "diagnosis": (6520, 5222),
     "rig": (1743, 1379),
     "proofs": (12907, 11541),
     "benchmarks": (1870, 1732),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28237, 26940),
+    "tests": (28251, 26954),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -223,6 +223,22 @@ def test_the_next_record_of_an_identified_machine_is_compared_and_diagnosed(iden
     assert size == pytest.approx(12.0 / 80.0, rel=0.1)
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"units": {}}, 'use units={"time": "..."} with one of s, ms, us, min, or with '),
+        ({"lead": None}, "use lead=METRES, or give p (turns per metre) in params"),
+        ({"mapping": {"t": "time"}}, "use mapping={"),
+        ({"params": "none.toml"}, "none.toml cannot be read"),
+    ],
+)
+def test_an_error_in_python_names_arguments_and_no_options(tmp_path, given, said):
+    path = write_record(tmp_path / "record.csv")
+    with pytest.raises(ValueError, match=re.escape(said)) as caught:
+        ballscrew.identify(path, "classical", **{**screw("force"), **given})
+    assert "--" not in str(caught.value)
+
+
 SCREW = f"""
 kind = "drive"
 command = "torque"

@@ -218,7 +218,7 @@ def test_bad_requests_are_told_by_one_exception_with_one_line(tmp_path):
     with pytest.raises(ValueError, match="a single part"):
         ballscrew.export("pid", "pid.ssp", tangents=2)
     axes = {"x": "sigma0_hat=1:2:2", "y": "sigma1_hat=1:2:2", "folder": "nowhere"}
-    for wrong, said in (({"x": "sigma0_hat"}, "NAME=LOW:HIGH:COUNT"), ({"step": -1.0}, "step")):
+    for wrong, said in (({"x": "sigma0_hat"}, "NAME=LOW:HIGH:COUNT"), ({"stop": -1.0}, "stop")):
         with pytest.raises(ValueError, match=said):
             ballscrew.stability_map("iol", **{**axes, **wrong})
     with pytest.raises(ValueError, match="controller has no parameter 'Kpp'; nearest: Kp"):
