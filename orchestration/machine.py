@@ -17,6 +17,7 @@ import numpy as np
 
 from ..controllers import CONTROLLERS, tunable
 from ..fmus.catalogue import OWN_LIMIT
+from ..fmus.interface import TOLERANCE
 from ..fmus.units import base_exponents
 from ..instruments import bare, without_units
 from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
@@ -204,7 +205,7 @@ def own_ranges(controller: str) -> dict[str, tuple[float, float]]:
     if bare(controller) in CONTROLLERS:
         return tunable(controller)
     known = resolve_controller(controller).parameters.values()
-    gains = (p for p in known if p.name not in ("sample_time", OWN_LIMIT))
+    gains = (p for p in known if p.name not in ("sample_time", TOLERANCE, OWN_LIMIT))
     limits = {p.name: (p.minimum, p.maximum) for p in gains}
     return {n: (a, b) for n, (a, b) in limits.items() if -math.inf < a < b < math.inf}
 

@@ -58,8 +58,8 @@ class NoExponents(ValueError):
 def bars(estimates: Vector, others: Vector, least: float = LEAST) -> Vector:
     """Half of 95 % intervals of estimates from those of a second run; zero for minus infinity.
 
-    A tenth of the tolerance does not always lower an error to a tenth: of the finite-time exponents
-    of iol, nctf and pid, 95 of 100 are nearer to those at 1e-13 than three times the change.
+    A tenth of the tolerance does not always lower an error to a tenth: of 420 finite-time exponents
+    of iol, nctf and pid 38 % are within the plain change of those at 1e-13, all within these bars.
     """
     with np.errstate(invalid="ignore"):
         found = np.maximum(WIDER * np.abs(estimates - others), least * np.abs(others))

@@ -20,7 +20,7 @@ MOST = {  # folder: lines, lines without docstrings
     "controllers": (1417, 1093),
     "instruments": (891, 715),
     "fmus": (6067, 5263),
-    "orchestration": (13918, 11485),
+    "orchestration": (13919, 11486),
     "stability": (3251, 2639),
     "ballscrew": (4896, 4054),
     "gallery": (3571, 3184),
@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28251, 26954),
+    "tests": (28249, 26951),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 
