@@ -44,8 +44,8 @@ class FittedRecords:
     def late(self) -> Interval:
         """Delay of the force after the motion; of several rates, the largest [s]."""
         put = [r.lags.get("force", 0.0) for r in self.records]
-        late = [self.fit.late[c].plus(p) for c, p in zip(self.course.clock, put, strict=True)]
-        return max(late, key=lambda i: abs(i.value))
+        late = zip((self.fit.late[int(c)] for c in self.course.clock), put, strict=True)
+        return max((i.plus(p) for i, p in late), key=lambda i: abs(i.value))
 
 
 def fit_records(
@@ -63,9 +63,10 @@ def fit_records(
     return FittedRecords(list(records), estimates, course, fit, left_over(course, fit, noise))
 
 
-def _reach(delay: Interval) -> float:
-    """Half of the interval [s]."""
-    return math.inf if delay.high is None else delay.high - delay.value
+def _beyond(late: Interval, known: float) -> bool:
+    """Whether all of the interval is beyond what was known of the delay [s]."""
+    reach = math.inf if late.high is None else late.high - late.value
+    return abs(late.value) > _KNOWN * known + reach
 
 
 def fit_late_records(
@@ -79,7 +80,7 @@ def fit_late_records(
     first = last = fit_records(records, law, fixed, beside)
     known = max(r.delay_std for r in records)
     for _ in range(_MOST * (not any(r.lags for r in records))):
-        if not any(abs(i.value) > max(known, _reach(i)) for i in last.fit.late):
+        if not any(_beyond(i, known) for i in last.fit.late):
             break
         moved = []
         for record, clock in zip(last.records, last.course.clock, strict=True):
@@ -90,5 +91,4 @@ def fit_late_records(
         before, last = last, fit_records(moved, law, fixed, beside, last.fit.values)
         if last.left.force > before.left.force:
             break
-    certain = abs(last.late.value) > _KNOWN * known + _reach(last.late)
-    return last if certain and last.explained else first
+    return last if _beyond(last.late, known) and last.explained else first

@@ -285,10 +285,12 @@ def _confused(fit: Fit, parameter: str) -> str:
     alone = 1.0 / math.sqrt(max(float(np.linalg.pinv(both)[j, j]), 1.0))
     both[j, j] = 0.0
     other = int(np.argmax(np.abs(both[j])))
+    noise = f"the noise of {fit.noise:.2g} N"
+    if alone > _MADE_UP and 2 * alone * float(size[j]) > NARROW:
+        return f"the force depends too little on it for {noise}, even if all else were known"
     if alone > _MADE_UP:
         return (
-            f"the force depends too little on it for the noise of {fit.noise:.2g} N and the "
-            "sensors' errors, even if all else were known"
+            f"its error by sensors, or from piece to piece of the records, is above that by {noise}"
         )
     name = [*fit.names, *["the delay between force and motion"] * len(fit.delays)][other]
     return (

@@ -189,8 +189,7 @@ def _mass_words(told: Vector, course: StackedRecords, fit: Fit) -> str:
     right = course.mass + float(told[0])
     return (
         f"with the acceleration: a mass of {right:.4g} kg instead of {course.mass:.4g} kg would "
-        "explain it (fit the mass: --mass fit), or a delay of the "
-        "force" + gain_words(right, course.mass)
+        "explain it (fit the mass: --mass fit)" + gain_words(right, course.mass)
     )
 
 

@@ -25,14 +25,14 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (4896, 4054),
     "gallery": (3571, 3184),
     "records": (2393, 2152),
-    "identification": (4711, 3937),
+    "identification": (4712, 3938),
     "diagnosis": (6520, 5222),
     "rig": (1743, 1379),
     "proofs": (12907, 11541),
     "benchmarks": (1870, 1732),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28249, 26951),
+    "tests": (28247, 26949),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 
