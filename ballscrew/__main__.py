@@ -3,6 +3,7 @@
 import io
 import os
 import sys
+import warnings
 
 from .orchestration.operating_system import can_supervise, hold_interrupts
 
@@ -50,6 +51,8 @@ def _command() -> int:
 def main() -> int:
     """Run the command, supervised where the system supports it, and return its exit code."""
     _open_streams()
+    # NumPy's, on numbers that the verdict, or a note, tells of in words
+    warnings.simplefilter("ignore", RuntimeWarning)
     if can_supervise():
         hold_interrupts()  # until a handler exists
     from .supervision import supervised

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import sys
 import time
@@ -161,7 +162,8 @@ def print_figures(figures: dict[str, Any], units: Mapping[str, str], folder: Pat
     other = OF_A_STEP if figures.get("rms_error") is not None else OF_A_MOTION
     for name in (n for n in shown if n not in other):
         value = figures.get(name)
-        text = "-" if value is None else f"{value:.6g} {units[name]}"
+        told = value is not None and math.isfinite(value)
+        text = f"{value:.6g} {units[name]}" if told else "-"
         print(f"{labels[name]:<22}{text}")
     print(f"{'coupling':<22}{figures['coupling']} ({figures['coupling_reason']})")
     print(f"{'communication steps':<22}{figures['macro_steps']}")

@@ -177,28 +177,10 @@ class ControllerSide:
 class CoupledPair:
     """A plant and a controller that move together.
 
-    Parameters
-    ----------
-    plant, controller : Instance
-        Initialized.
-    coupling : Coupling
-        Not monolithic.
-    corrected : bool
-        Whether every step is corrected once; needs both sides to save their states.
-    averaged : bool
-        Whether the controller's own states use the mean of the signals over the step (second
-        order) or only the value at one end, as in a simple master.
-    reference : ndarray
-        Set-points at the start.
-    whole : Struct
-        The struct to fill, of the kind `compiled.LOOP`.
-
-    Attributes
-    ----------
-    answer : Answer
-        Of the controller.
-    given : ndarray
-        The commands at the start, before the controller moves.
+    Both are initialized; `reference` has the set-points at the start, `given` the commands there,
+    before the controller moves. If `corrected`, every step is corrected once, which needs both
+    sides to save their states. If `averaged`, the controller's own states use the mean of the
+    signals over the step (second order), else the value at one end, as in a simple master.
     """
 
     def __init__(

@@ -16,19 +16,7 @@ class NotEnoughMemory(ValueError):
 
 
 def check_memory(needed: float, what: str, remedy: str) -> None:
-    """Reject a request that would run out of memory.
-
-    Parameters
-    ----------
-    needed : float
-        Estimated need [bytes].
-    what, remedy : str
-        Description of the request, and advice; both become parts of one line.
-
-    Raises
-    ------
-    NotEnoughMemory
-    """
+    """Reject a request that would need so many bytes: what it is and the remedy become one line."""
     room = available_memory()
     if room is not None and needed > room:
         raise NotEnoughMemory(

@@ -172,12 +172,13 @@ def second_verdict(
     share = worst_error / scales(run)
     worst = int(np.argmax(share))
     estimate = dict(zip(names, worst_error.tolist(), strict=True))
-    found = f"{names[worst]} by {worst_error[worst]:.3g}, {100 * share[worst]:.3g} % of its range"
     by = "by co-runs with a half and a quarter of the step"
+    size, part = f"{worst_error[worst]:.3g}", f"{100 * share[worst]:.3g} % of its range"
     if not share[worst] <= ACCURACY:
-        reason = f"the coupling may have moved {found}, {by}; {100 * ACCURACY:g} % is allowed"
+        reason = f"the coupling may have moved {names[worst]} by {size}, {part}, {by}; "
+        reason += f"{100 * ACCURACY:g} % is allowed"
         return Verdict(False, reason, first.advice, estimate, first.contraction)
-    reason = f"the coupling moved no output by more than {found}, {by}"
+    reason = f"the coupling moved no output by more than {part} ({names[worst]}: {size}), {by}"
     return Verdict(True, reason, "", estimate, first.contraction)
 
 

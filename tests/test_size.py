@@ -20,9 +20,9 @@ MOST = {  # folder: lines, lines without docstrings
     "controllers": (1417, 1093),
     "instruments": (891, 715),
     "fmus": (6067, 5263),
-    "orchestration": (13919, 11486),
+    "orchestration": (13894, 11488),
     "stability": (3251, 2639),
-    "ballscrew": (4896, 4054),
+    "ballscrew": (4901, 4059),
     "gallery": (3571, 3184),
     "records": (2393, 2152),
     "identification": (4712, 3938),
@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28247, 26949),
+    "tests": (28257, 26959),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

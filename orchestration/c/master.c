@@ -154,10 +154,9 @@ static Judged judge_step(const Pair *main, const Pair *co_run, const Clock *cloc
         co_run->loop.corrected && runs(co_run) ? &co_run->loop : &main->loop;
     double weight = 0.0, worst = 0.0;
     for (int64_t k = 0; k < main->loop.outputs.size; k++) {
-        course->low.at[k] = fmin(course->low.at[k], outputs[k]);
-        course->high.at[k] = fmax(course->high.at[k], outputs[k]);
-        const double scale =
-            fmax(course->high.at[k] - course->low.at[k], 1e-2 * course->nominal.at[k]);
+        const double range =
+            fmax(course->high.at[k], outputs[k]) - fmin(course->low.at[k], outputs[k]);
+        const double scale = fmax(range, 1e-2 * course->nominal.at[k]);
         weight = fmax(weight, corrected->effect.at[k] / scale);
         const double moved = apart_by(co_run, outputs, k) - course->apart.at[k];
         worst = fmax(worst, fabs(moved) / scale);
@@ -231,6 +230,8 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
             course->effect_rate.at[k] =
                 fmax(course->effect_rate.at[k], judged.corrected->effect.at[k] / h);
             course->apart.at[k] = apart_by(co_run, outputs, k);
+            course->low.at[k] = fmin(course->low.at[k], outputs[k]);
+            course->high.at[k] = fmax(course->high.at[k], outputs[k]);
         }
         if (clock->adaptive)
             clock_adapt(clock, judged.share);

@@ -86,6 +86,15 @@ def test_export_only_writes_what_is_named(tmp_path):
     assert sorted(p.name for p in tmp_path.glob("*.fmu")) == ["nctf.fmu", "plant.fmu"]
 
 
+@pytest.mark.ci
+def test_numbers_beyond_all_bounds_are_told_in_words_alone(tmp_path):
+    words = "run --controller pid --coupling monolithic --stop 0.05 --set plant.x_start=1e308"
+    done = command(*words.split(), "--out", str(tmp_path))
+    assert done.returncode == 1
+    assert "exceeds its bound" in done.stderr
+    assert not [w for w in ("Warning", "nan", ".py") if w in done.stdout + done.stderr]
+
+
 def test_set_and_limits_reach_the_run(tmp_path, capsys):
     arguments = ["--set", "plant.m=2", "--set", "controller.Kp=100", "--set", "controller.Ki=0"]
     arguments += ["--limit-voltage", "1.5", "--setpoint", "-0.02", "--json", "--out", str(tmp_path)]
