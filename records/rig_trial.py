@@ -71,9 +71,8 @@ def _lags(about: Mapping[str, Any]) -> dict[str, float]:
 def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]:
     """Fine position by Eq. 2.1 with the trial's calibration, and its scale's standard deviation.
 
-    The instrument's polynomial differs from the hyperbola of the plates: at small displacements its
-    slope is wrong by several percent, in the same way in every trial. The polynomial is inverted,
-    and displacement is fitted to the calibration's points as a + b/C.
+    At small displacements the slope of the instrument's polynomial is wrong by several percent, so
+    it is inverted, and displacement is fitted to the calibration's points as a + b/C.
     """
     calibration = about.get("calibration")
     if not isinstance(calibration, Mapping):

@@ -20,7 +20,7 @@ _FOLLOWED = 0.1  # share of a stamp's delay by which the equidistant instants ar
 _BEGINNING = 20  # samples whose stamps give the first instant
 _LEVELS = 200  # steps of rounded stamps in a record, from which their mean rate is known
 _DIGITS = 0.05  # of a rounding step, by which the written digits may differ
-_ALIKE = 0.2  # difference of steps that count as equal, over the step
+_ALIKE = 0.3  # difference of steps that count as equal, over the step
 _CLEAR = 8.0  # least step of a position over its noise or resolution, for multiples to be seen
 _FEWEST_LOST = 5  # places with lost samples
 HOLES = 0.1  # largest share of missing samples or repeated stamps
@@ -62,13 +62,16 @@ def recounted(time: Vector, x: Vector) -> tuple[Vector, str]:
     # a late value makes a small step before a large one; other losses may be near
     smooth = (alike > 1 - _ALIKE).all(axis=0) & (np.sum(alike < 1 + _ALIKE, axis=0) > 4)
     noise = float(np.median(np.abs(np.diff(x, 3)))) / 3.0
-    lost = smooth & (np.abs(usual) > _CLEAR * max(noise, resolution_of(x)))
-    lost &= (jump >= 2) & (jump <= _LONGEST_GAP + 1) & (np.abs(ratio - jump) < _ALIKE)
+    moving = np.abs(usual) > _CLEAR * max(noise, resolution_of(x))
+    lost = (
+        smooth & moving & (jump >= 2) & (jump <= _LONGEST_GAP + 1) & (np.abs(ratio - jump) < _ALIKE)
+    )
     places = np.flatnonzero(lost) + 5  # samples behind a jump
     apart = np.diff(places)
-    if len(places) < _FEWEST_LOST or (
-        np.median(np.abs(apart - np.median(apart))) < _ALIKE * np.median(apart)
-    ):
+    rough = 2 * np.count_nonzero(smooth & moving) < np.count_nonzero(moving)
+    if rough or len(places) < _FEWEST_LOST:
+        return time, ""
+    if np.median(np.abs(apart - np.median(apart))) < _ALIKE * np.median(apart):
         return time, ""
     missing = np.zeros(len(time))
     missing[places] = jump[lost] - 1

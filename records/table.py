@@ -156,14 +156,8 @@ def rename(
 ) -> Table:
     """Columns under our names, in the order of ours, of constant length.
 
-    Parameters
-    ----------
-    mapping : mapping of str to str
-        ``theirs -> ours``.
-    known : sequence of str
-        Our names.
-    needed : sequence of sequences of str
-        At least one name of each must be present.
+    `mapping` is ``theirs -> ours``, `known` has our names, and of each in `needed` at least one
+    name must be present.
     """
     path, columns = table.path, table.columns
     there = listed(columns)
@@ -221,18 +215,9 @@ def in_si(
     """A table's columns in SI units of a linear motion, their quantities, and notes.
 
     Positions, and times, that restart after a turn or the counter's range are made continuous.
-
-    Parameters
-    ----------
-    table : Table
-        With our names.
-    units : mapping of str to str
-        Units given by the user; otherwise those in the file are used. A column with our name and
-        without a unit is in SI units; a column with another name needs a unit.
-    quantities : mapping of str to sequence of str
-        Possible quantities of each of our columns, the usual one first.
-    lead : float or None
-        Lead of the screw [m].
+    Units by the user, `units`, go before those of the file. Without either a column with our name
+    is in SI units, and a column that was renamed needs one. `quantities` has those that are
+    possible for each of our columns, the usual one first; `lead` is that of the screw [m].
     """
     for name, text in units.items():
         if name not in quantities:

@@ -100,10 +100,7 @@ class Conversion:
     def __init__(
         self, column: str, text: str, quantities: Sequence[str], lead: float | None
     ) -> None:
-        """Read a unit, or a number of units such as ``2.5e-6*m`` or ``9.84e-5 N*m``.
-
-        `quantities` are the possible ones of the `column`; `lead` is that of the screw [m].
-        """
+        """Read a unit, or a number of units such as ``2.5e-6*m``; `lead` is the screw's [m]."""
         sized = _SIZED.fullmatch(text.strip())
         size, unit = (_number(sized[1]), spell(sized[2])) if sized else (1.0, spell(text))
         self.quantity = quantity_of(unit)

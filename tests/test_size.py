@@ -24,7 +24,7 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (3251, 2639),
     "ballscrew": (4901, 4059),
     "gallery": (3571, 3184),
-    "records": (2393, 2152),
+    "records": (2379, 2155),
     "identification": (4712, 3938),
     "diagnosis": (6520, 5222),
     "rig": (1743, 1379),
@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28257, 26959),
+    "tests": (28269, 26970),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -10,6 +10,7 @@ from cases import case
 
 from ballscrew import read_drive_records, read_force_records
 from ballscrew.records.bad_record import BadRecord
+from ballscrew.records.sampling import recounted
 
 SI = {"time": "s", "x": "m", "u": "V"}
 BY_NUMBER = {"1": "time", "2": "x", "4": "u"}
@@ -159,6 +160,10 @@ def test_a_position_that_is_made_at_another_rate_than_it_is_read_keeps_its_stamp
     (record,) = read_force_records([tmp_path / "even" / "run.csv"])
     np.testing.assert_allclose(record.time, 1e-3 * np.arange(len(record.time)), atol=1e-9)
     assert not any("missing" in note for note in record.notes)
+    random = np.random.default_rng(21)  # instants that jitter by most of a step
+    t = 1e-3 * np.arange(60_000)
+    x = case_inputs.swings(t + random.uniform(0, 0.8e-3, t.size), (0.03, 0.7), (0.008, 2.1))[0]
+    np.testing.assert_array_equal(recounted(t, x)[0], t)
 
 
 @pytest.mark.ci

@@ -21,13 +21,6 @@ def test_resolution_is_found_in_samples_that_jump_over_levels_and_not_in_smooth_
     assert resolution_of(random.normal(size=500)) == 0.0
 
 
-def test_of_few_levels_the_step_is_the_largest_that_all_gaps_are_made_of():
-    assert resolution_of(np.full(9, 0.3)) == 0.0
-    assert resolution_of(np.array([0.0, 3.0])) == 3.0
-    assert resolution_of(np.array([0.0, 6.0, 10.0, 25.0])) == pytest.approx(1.0)
-    assert resolution_of(np.array([0.0, 6.0, 16.0])) == pytest.approx(2.0)
-
-
 @pytest.mark.parametrize(("off", "step"), [(0.05, 5.0), (0.2, 0.2)])
 def test_gaps_are_multiples_to_within_a_fiftieth_of_the_step(off, step):
     """The mean of gaps of 5 and 10, or a new and smaller step."""

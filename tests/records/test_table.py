@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from ballscrew.records.bad_record import BadRecord
 from ballscrew.records.columns import Table
-from ballscrew.records.table import choose, in_si, listed, read_tables, rename
+from ballscrew.records.table import choose, in_si, read_tables, rename
 
 ROWS = np.array([[0.0, -1.5, 0.25], [0.001, 2.25, 0.5], [0.002, 3e-4, -0.75], [0.003, 7.0, 1.0]])
 # As a motor controller exports a recording: lines about itself, then names, then units.
@@ -276,13 +276,6 @@ def test_tables_of_one_name_are_numbered_and_which_one_is_meant_is_asked(tmp_pat
         choose(tables, {"t": "time"}, ["time", "i"], [("time",), ("i",)])
     asked[0] = {"x (2)/t": "time"}
     np.testing.assert_array_equal(choose(tables, *asked).columns["x"], [5, 6, 7, 8])
-
-
-def test_of_many_names_a_message_has_twelve():
-    names = [f"n{k}" for k in range(14)]
-    assert listed(names[:13]) == ", ".join(names[:13])
-    assert listed(names) == ", ".join(names[:12]) + ", 2 more"
-    assert listed([]) == "none"
 
 
 def test_a_force_that_jumps_as_a_counter_does_is_no_counter():

@@ -251,12 +251,26 @@ def words_beside_the_table(folder):
     (folder / "scope.csv").write_text("".join(lines))
 
 
-def samples_lost_under_even_stamps(folder, every: int | None = None):
-    """A mass of 5 kg with dry friction; a logger that counts rows lost samples where it moves."""
-    random = np.random.default_rng(7)
+def block_record(noise: float, random: np.random.Generator) -> list[np.ndarray]:
+    """Time, position, speed, and the force that moves 5 kg with dry and viscous friction."""
     t = np.arange(8000) * 1e-3
     x, v, a = swings(t, (0.03, 0.7), (0.008, 2.1))
-    force = 5.0 * a + 40.0 * v + 8.0 * np.sign(v) + 0.2 * random.standard_normal(t.size)
+    force = 5.0 * a + 40.0 * v + 8.0 * np.sign(v) + noise * random.standard_normal(t.size)
+    return [t, x, v, force]
+
+
+def counts_wrap_14_bits(folder):
+    t, x, _, force = block_record(0.02, np.random.default_rng(1))
+    write(folder / "run.csv", "time,x,u", ".3f .0f .3f", t, np.round(x / 1e-6) % 2**14, force)
+    values = "m = 5.0\nFc = 8.0\nFs = 8.0\nVs = 0.01\nsigma2 = 40.0\ngain = 1.0\n"
+    drive = 'kind = "drive"\ncommand = "force"\nlaw = "classical"\n[plant]\n'
+    (folder / "d.toml").write_text(drive + values)
+
+
+def samples_lost_under_even_stamps(folder, every: int | None = None):
+    """A logger that counts rows lost samples where the block moves."""
+    random = np.random.default_rng(7)
+    t, x, v, force = block_record(0.2, random)
     moving = np.flatnonzero(np.abs(v) > 0.05)
     lost = moving[::every] if every else random.choice(moving, 240, replace=False)
     t, *columns = (np.delete(c, lost) for c in (t, x, force))
