@@ -177,7 +177,7 @@ def run_parts(
     reference = factor * run.reference + offset
     run = replace(run, units=told, reference=reference, scale=units.set_point)
     notes += (*plant.notes, *controller.notes)
-    run = limited(run, of_plant)
+    run = limited(run, loop.plant_values)
     notes += coarse_notes(run, loop.reference)
     notes += amplifier_notes(run, plant.parameters, loop.plant_values, "--limit-voltage ")
     return run, notes
