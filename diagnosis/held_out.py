@@ -167,7 +167,7 @@ def _ahead_on_blocks(found: Explained, forms: Sequence[Form]) -> tuple[Vector, V
 
     courses, model, added = built(study, forms, fit.amplitude[0])
     whole = [predictor(model, fit.amplitude[0], r) for r in range(len(courses))]
-    inner = [p.states(*given) for p, *given in zip(whole, courses, added.command, strict=True)]
+    inner = [p.states(c, u) for p, c, u in zip(whole, courses, added.command, strict=True)]
     random = np.random.default_rng(0)
     again = [shaken(c, random) for c in courses]
     once, twice = ([np.full(len(c.x), np.nan) for c in courses] for _ in range(2))
