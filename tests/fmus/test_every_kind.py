@@ -89,10 +89,11 @@ def test_no_fmu_is_larger_than_a_hundred_kilobytes(made, name):
 def test_outputs_under_random_inputs_are_those_of_the_equations(made, name, kind):
     kernel = fmu_kernel(name)
     inputs, outputs = ports(name)
-    host = Host(made(name, kind))
+    # tight, since round-off decides on which side of a bend of the law a step ends
+    host = Host(made(name, kind), {"solver_tolerance": 1e-11} if kernel.states else {})
     found = driven(host, name, 20)
     host.close()
-    model = Model(kernel)
+    model = Model(kernel, tolerance=1e-11)
     expected = []
     for k in range(20):
         values = np.random.default_rng(k).normal(size=len(inputs))
