@@ -41,7 +41,7 @@ class Cell:
     ----------
     verdict : Kind
     final_error : float
-        Position minus set-point at the end of the run [m].
+        Set-point minus position at the end of the run [m].
     lambda1 : float
         Largest finite-time exponent [bits/s]; NaN if not requested.
     oscillation : float
@@ -94,7 +94,7 @@ def run_cell(
         if away:
             ended = Cell(Kind.DIVERGES, math.nan, math.nan, math.nan)
         return replace(ended, lambda1=growth / at * _BITS)
-    error = float(model.x[position] - setpoint)
+    error = float(setpoint - model.x[position])
     swing = 0.5 * float(passes.high[position] - passes.low[position])
     motion = becomes(model, plan.loop.stop, plan.loop.stop)
     return Cell(motion.kind, error, growth / plan.loop.stop * _BITS, swing, reason_of(motion))

@@ -245,7 +245,7 @@ def test_a_map_keeps_to_given_parameters_and_gives_its_cells_by_column(tmp_path)
     given = {"plant_values": {"m": 2.0, "Fs": 2.0}, "controller_values": {"Kp": 900.0}}
     whole = ballscrew.Coupling("monolithic")
     alone = ballscrew.run("pid", reference=0.02, stop=0.2, coupling=whole, **given)
-    error = alone.run.outputs["x"][-1] - 0.02
+    error = 0.02 - alone.run.outputs["x"][-1]
     assert cells["final_error"][4] == pytest.approx(error, rel=1e-4)
 
 

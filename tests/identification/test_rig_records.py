@@ -10,8 +10,6 @@ from ballscrew.records.reading import read_force_records
 from ballscrew.rig.bench import run_trial
 from ballscrew.rig.rig_trials import trials_named
 
-LAW = "modified_lugre"
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
