@@ -302,7 +302,7 @@ def _variables(model: NativeModel) -> Iterable[str]:
         *((model.first_indicator + k, "INDICATOR", k, "indicator") for k in range(model.events)),
         (model.time_reference, "CLOCK", layout.time, "time"),
     ):
-        yield f'{reference}] = {{{kind}, {place}, "{name}", "1", -HUGE_VAL, HUGE_VAL, 0}}'
+        yield f'{reference}] = {{{kind}, {place}, "{name}", "1", -HUGE_VAL, HUGE_VAL}}'
 
 
 def _array(kind: str, name: str, values: Iterable[str]) -> str:

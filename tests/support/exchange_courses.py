@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,6 @@ from ballscrew.fmus.catalogue import component
 from ballscrew.fmus.export import with_law_ports
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import native_model
-from ballscrew.plant.classical import classical
-from ballscrew.plant.direct_drive import direct_drive
 from ballscrew.solver import core
 from ballscrew.solver.component import Component
 from ballscrew.solver.kernel import Kernel, Model
@@ -146,9 +145,9 @@ class Subject:
 
 BREAK_AWAY = 2.35  # N
 COMPONENTS = {
-    "plant_classical": Subject(lambda: component("plant_classical"), 0.214),
-    "drive_classical": Subject(lambda: direct_drive(classical, "drive_classical"), BREAK_AWAY),
-    "rotary_drive_classical": Subject(lambda: component("rotary_drive_classical"), BREAK_AWAY),
+    f"{kind}_{law}": Subject(partial(component, f"{kind}_{law}"), command)
+    for law in ("classical", "directional_classical")
+    for kind, command in (("plant", 0.214), ("drive", BREAK_AWAY), ("rotary_drive", BREAK_AWAY))
 }
 
 
