@@ -154,10 +154,7 @@ def _free_inputs(
 ) -> dict[SystemPort, float]:
     """Inputs that nothing drives and that are given no value, with their start values.
 
-    Raises
-    ------
-    BadSystem
-        If there are such inputs and nothing measures the plant.
+    Raises BadSystem if nothing measures the plant and an element gets nothing from others.
     """
     driven = {c.target for c in (*system.connections, *(c for c, _ in loop.goal))}
     driven |= {c.target for i in system.inputs for c in i.drives}
@@ -168,7 +165,8 @@ def _free_inputs(
             port = SystemPort(element, name)
             if port not in driven and name not in law and name not in values[element]:
                 found[port] = fmu.description.by_name[name].start or 0.0
-    blind = [port for port in found if port.element != loop.plant_name]
+    fed = {loop.plant_name, *(c.target.element for c in system.connections)}
+    blind = [port for port in found if port.element not in fed]
     if blind and not loop.wiring.signals:
         raise BadSystem(
             f"{system.path}: nothing is connected to the input {blind[0]}, and no element has an "
