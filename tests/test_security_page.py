@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ def test_under_the_lines_of_the_page_a_hostile_fmu_harms_nobody(tmp_path, monkey
         pytest.skip("needs bubblewrap (`apt install bubblewrap`), for the recipe of security.md")
     (lines,) = re.findall(r"```sh\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert ASKED in lines
+    monkeypatch.setenv("PATH", f"{sys.prefix}/bin", prepend=":")
     with world(tmp_path, monkeypatch) as user:
         here = user.folders["here"]
 
@@ -34,5 +36,5 @@ def test_under_the_lines_of_the_page_a_hostile_fmu_harms_nobody(tmp_path, monkey
         report = user.folders["temporary"] / "report"
         assert run(short, report) == found
         assert user.harm() == {"tells", "kills", *user.folders}
-        done = set(report.read_text().split())
-        assert done >= {"tells", "reads", "lists", "kills", "knows", *user.folders}
+        words = report.read_text().split()
+        assert {"tells", "reads", "lists", "kills", "knows", *user.folders} <= set(words)

@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28249, 26952),
+    "tests": (28232, 26935),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

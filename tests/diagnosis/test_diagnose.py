@@ -232,30 +232,6 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path, world, seed, verdict
     assert found.verdict == verdict
 
 
-@in_a_world
-@pytest.mark.prove
-@pytest.mark.parametrize(
-    ("world", "effect", "seed"),
-    [
-        ("heavy_screw", "position_trend_friction", 90003),
-        ("heavy_screw", "direction_asymmetry", 100003),
-        ("industrial", "voltage_saturation", 61000),
-        ("simulated", "input_delay", 61000),
-        ("heavy_screw", "nonlinear_viscous", 61000),
-    ],
-)
-def test_a_hidden_effect_of_a_world_is_built_in_with_its_size(tmp_path, world, effect, seed):
-    case, found = found_in_world(tmp_path, world, (effect,), seed)
-    assert found.verdict != "none"
-    cause = found.causes[0]
-    assert cause.name == effect
-    truth = case.effects[0].truth
-    for name in truth.keys() & cause.intervals.keys():
-        low, high = cause.intervals[name]
-        near = 0.1 * abs(truth[name])  # one in twenty is just beside its interval
-        assert low - near < truth[name] < high + near, name
-
-
 @pytest.mark.prove
 def test_friction_that_follows_a_thermometer_is_told_per_degree():
     """A screw that cools down and warms up again: no growth in time would do."""

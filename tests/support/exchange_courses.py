@@ -58,7 +58,7 @@ class Outcome:
         Largest difference of the position from the reference [m], and ten times that of perturbed
         co-simulation.
     held : float
-        Largest friction force while stuck [N].
+        Largest friction force while stuck, as a share of the static one times `BREAK_AWAY` [N].
     zeros : int
         Number of starts of continuous time with an event indicator of exactly zero.
     events : int
@@ -112,13 +112,15 @@ def outcome(kernel: Kernel, path: Path, one: Case) -> Outcome:
     theirs = [co_simulated(kernel, one, one.tolerance, random) for _ in range(DRAWS)]
     host = ExchangeHost(path, {}, one.tolerance, random)
     rows, held, zeros = [host.get(["x"])[0]], 0.0, int((host.z == 0.0).sum())
+    own = {p.name: p.default for p in kernel.parameters}
     for t1, u in zip(one.times[1:], one.commands, strict=False):
         host.jump({"u": u})
         host.advance(t1)
         zeros += int((host.z == 0.0).sum())
         x, friction, stuck = host.get(["x", "friction", "stuck"])
         rows.append(x)
-        held = max(held, abs(friction) * stuck)
+        most = own.get("Fs") or own["Fs_pos" if friction > 0 else "Fs_neg"]
+        held = max(held, abs(friction) * stuck / most * BREAK_AWAY)
     host.close()
     return Outcome(
         one,
