@@ -30,7 +30,7 @@ def test_under_the_lines_of_the_page_a_hostile_fmu_harms_nobody(tmp_path, monkey
             return (here / "out" / "trajectory.csv").read_text()
 
         short = f"{ASKED} --stop 0.005 --step 1e-4"
-        found = run(lines.replace(ASKED, short), Path("/work/report"))
+        found = run(lines.replace(ASKED, short), Path("/home/axis/report"))
         assert user.harm() == set()
         assert not (here / "report").exists()  # nothing was done inside either
         report = user.folders["temporary"] / "report"
