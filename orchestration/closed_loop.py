@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -71,13 +71,10 @@ def run_pair(loop: Loop, progress: Progress | None = None) -> ClosedLoopResult:
     return ClosedLoopResult(loop, run, notes, choice)
 
 
-@contextlib.contextmanager
+@contextmanager
 def opened(loop: Loop) -> Iterator[tuple[_Fmu, _Fmu]]:
     """Both FMUs of a loop, not initialized, and closed at the end."""
-    with contextlib.ExitStack() as closing:
-        plant, controller = _opened(loop, PLANT), _opened(loop, CONTROLLER)
-        closing.callback(plant.close)
-        closing.callback(controller.close)
+    with closing(_opened(loop, PLANT)) as plant, closing(_opened(loop, CONTROLLER)) as controller:
         yield plant, sampled_every(controller, loop.sampled) if loop.sampled else controller
 
 
@@ -91,9 +88,9 @@ def _sampled_if_it_answers_in_steps(loop: Loop) -> Loop:
     part, values = loop.controller, loop.controller_values
     if loop.sampled or part.has_equations or part.is_none:
         return loop
-    fmu, opened = part.description, partial(_opened, loop, CONTROLLER)
+    fmu, try_out = part.description, partial(_opened, loop, CONTROLLER)
     step = loop.step or own_step({part.name: fmu}) or min(FIRST_STEP, loop.stop)
-    if not answers_in_steps(fmu, opened, values, loop.stop, step):
+    if not answers_in_steps(fmu, try_out, values, loop.stop, step):
         return loop
     note = (
         f"{loop.label} computes its outputs in its steps only: it is run as a digital controller "

@@ -39,7 +39,7 @@ from .machine import LIMIT, Machine, gain_ranges, gains_of, limit_of, model_valu
 from .reference_motions import read_set_point
 from .reference_signal import Reference
 from .study.figures import Figures, figures_of
-from .study.loop import STEP, Course, FmuLoop, StudyLoop
+from .study.loop import STEP, Course, FmuLoop, StudyLoop, of_side
 from .study.study import FAILED, OVER_LIMIT
 from .study.tuning import Tuned
 from .study.tuning import tune as optimized
@@ -501,7 +501,7 @@ class _Work:
         kernel, first = model.kernel, len(model.kernel.inputs)
         names = [s.name for s in (*kernel.states, *kernel.discrete)]
         all_of = dict(zip(names, [*model.x, *model.u[first:]], strict=False))
-        own = {n.removeprefix(CONTROLLER): v for n, v in all_of.items() if n.startswith(CONTROLLER)}
+        own = of_side(CONTROLLER, all_of)
         return {**plant, **own, "x": float(y["x"][-1]), "x_d": SLIDE * speed, "v_d": speed}
 
     @cached_property

@@ -142,13 +142,13 @@ class FmuLoop:
         """As `StudyLoop.run`; with a finer tolerance than usual, steps of the master are halved."""
         step = self.loop.sampled or (step if tolerance >= TOLERANCE else 0.5 * step)
         count = math.ceil(stop / step - 1e-9)
-
-        def of(side: str) -> dict[str, float]:
-            named = (n for n in values if n.startswith(side))
-            return {n.removeprefix(side): values[n] for n in named}
-
-        loop = replace(self.loop, reference=reference, stop=count * step)
-        loop = replace(loop, plant_values=of(PLANT), controller_values=of(CONTROLLER))
+        loop = replace(
+            self.loop,
+            reference=reference,
+            stop=count * step,
+            plant_values=of_side(PLANT, values),
+            controller_values=of_side(CONTROLLER, values),
+        )
         try:
             with opened(loop) as (plant, controller):
                 found, _ = run_parts(loop, plant, controller, step, look_again=False)
@@ -163,6 +163,11 @@ class FmuLoop:
         signals = [found.outputs.get(n, none) for n in ("x", "v", "i")]
         x, v, i, u = (np.interp(time, found.time, s) for s in (*signals, found.commands["u"]))
         return Course(time, x, v, i, u, x_d, v_d)
+
+
+def of_side(side: str, values: Mapping[str, float]) -> dict[str, float]:
+    """The values of one part of a loop, by the part's own names."""
+    return {n.removeprefix(side): v for n, v in values.items() if n.startswith(side)}
 
 
 _SYSTEMS: dict[str, core.System] = {}  # a process runs a loop many times, one run after another

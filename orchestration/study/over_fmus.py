@@ -13,7 +13,7 @@ import numpy as np
 from ...solver.kernel import CONTROLLER, DEFAULT_TOLERANCE, PLANT
 from ..closed_loop import run_pair
 from ..loop import Loop
-from .loop import StudyLoop
+from .loop import StudyLoop, of_side
 
 if TYPE_CHECKING:
     from .plan import Duty
@@ -101,8 +101,8 @@ def check_over_fmus(
         reference=reference,
         stop=stop,
         step=step,
-        plant_values=_of(PLANT, values),
-        controller_values=_of(CONTROLLER, values),
+        plant_values=of_side(PLANT, values),
+        controller_values=of_side(CONTROLLER, values),
         isolate=False,
     )
     found = run_pair(over).run
@@ -128,7 +128,3 @@ def _nearest(loop: StudyLoop, values: Mapping[str, float]) -> Iterator[dict[str,
             value = values.get(p.name, p.default)
             if value:
                 yield {**values, p.name: float(np.nextafter(value, np.inf))}
-
-
-def _of(side: str, values: Mapping[str, float]) -> dict[str, float]:
-    return {n.removeprefix(side): v for n, v in values.items() if n.startswith(side)}
