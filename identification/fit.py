@@ -101,7 +101,8 @@ def fit_along(
         course = course.with_mass(guess[MASS]) if mass else course
     else:
         sliding = _fast_sliding(course, replace(described, offset=OFFSET in beside), constant)
-        course, constant = course.with_mass(sliding.mass), sliding.offset
+        course = course.with_mass(sliding.mass) if mass else course
+        constant = sliding.offset
         starts = _starts(course, described, sliding)
     problem = Problem(course, described, tied)
     best: Climb | None = None
@@ -151,7 +152,7 @@ def _fast_sliding(course: StackedRecords, law: FittedLaw, offset: float) -> _Sli
     A column that the motion does not show is left out: a constant force with one direction, a
     viscous slope with one speed.
     """
-    v, a = course.v, course.inertial / course.mass
+    v, a = course.v, course.acceleration
     fast = np.abs(v) > _FAST * float(np.quantile(np.abs(v), 0.98))
     columns = {"dry": np.sign(v), "viscous": v, "offset": np.ones(len(v)), "mass": a}
     one_way = abs(float(np.sign(v[fast]).sum())) == np.count_nonzero(fast)

@@ -84,6 +84,11 @@ class StackedRecords:
         """Typical large friction force [N]."""
         return max(float(np.quantile(np.abs(self.force - self.inertial), 0.98)), 1e-9)
 
+    @property
+    def acceleration(self) -> Vector:
+        """Acceleration [m/s^2]; zero where the mass is zero: then it is not known."""
+        return self.inertial / self.mass if self.mass else np.zeros(len(self.x))
+
     def with_mass(self, mass: float) -> StackedRecords:
         """The same motion of another mass [kg]."""
         replays = self.replays * np.array([1.0, 1.0, mass / self.mass])[:, None]

@@ -130,7 +130,7 @@ def _predicted(
 def _columns(course: StackedRecords, fit: Fit) -> dict[str, Matrix]:
     """Columns of each part, shape (n, columns)."""
     n = len(course.x)
-    acceleration = _acceleration(course)
+    acceleration = course.acceleration
     way, near = np.zeros(n), np.zeros(n, dtype=bool)
     direction = np.sign(course.v)
     for r in range(course.records):
@@ -151,11 +151,6 @@ def _columns(course: StackedRecords, fit: Fit) -> dict[str, Matrix]:
     return {k: c for k, c in groups.items() if k not in _fitted_already(fit)}
 
 
-def _acceleration(course: StackedRecords) -> Vector:
-    """Acceleration [m/s^2]; zero where the mass is zero: then it is not known."""
-    return course.inertial / course.mass if course.mass else np.zeros(len(course.x))
-
-
 def _fitted_already(fit: Fit) -> set[str]:
     return {n for n, yes in (("acceleration", fit.law.mass), ("constant", fit.law.offset)) if yes}
 
@@ -174,7 +169,7 @@ def _by_motion(course: StackedRecords, residual: Vector) -> dict[str, float]:
     squares, counts = dict.fromkeys(PARTS, 0.0), dict.fromkeys(PARTS, 0)
     for r in range(course.records):
         part = slice(course.starts[r], course.starts[r + 1])
-        bent = _acceleration(course)[part]
+        bent = course.acceleration[part]
         masks = motion_parts(
             _Moved(float(course.step[r]), course.v[part], bent, course.still[part])
         )

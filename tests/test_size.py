@@ -25,14 +25,14 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (4901, 4059),
     "gallery": (3571, 3184),
     "records": (2379, 2155),
-    "identification": (4712, 3938),
+    "identification": (4714, 3940),
     "diagnosis": (6520, 5222),
     "rig": (1743, 1379),
     "proofs": (12907, 11541),
     "benchmarks": (1870, 1732),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28232, 26935),
+    "tests": (28217, 26920),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

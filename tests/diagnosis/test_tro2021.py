@@ -47,7 +47,7 @@ def test_runs_that_were_not_fitted_lie_in_their_intervals_by_direction(data):
     out = set(speeds[2:-1:3])
     chosen = [r for r in records if abs(tro2021.speed_of(Path(r.name))) not in out]
     new = [r for r in records if abs(tro2021.speed_of(Path(r.name))) in out]
-    fit = fit_along(chosen, tro2021.LAW, tied=False, follow=False)
+    fit = fit_along(chosen, tro2021.LAW, tied=False)
     assert fit.values["Fc_neg"] == pytest.approx(2.0 * fit.values["Fc_pos"], rel=0.05)
     seen = tro2021.steady_points(chosen)
     found = tro2021.forecasts(fit, seen, tro2021.steady_points(new))

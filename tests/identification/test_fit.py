@@ -20,6 +20,7 @@ from synthetic.records import (
 from ballscrew.identification import fit as module
 from ballscrew.identification.fit import fit_along
 from ballscrew.identification.fitted_law import LAWS, claim_of
+from ballscrew.identification.identify import identify
 from ballscrew.identification.law_along_record import LawValues, friction_along, score
 from ballscrew.identification.layout import lay_out
 from ballscrew.identification.likelihood import Problem
@@ -172,8 +173,6 @@ def thesis_trials():
 
 @pytest.mark.prove
 def test_what_the_thesis_trials_cannot_tell_is_said_with_a_trial_that_would_do(thesis_trials):
-    from ballscrew.identification.identify import identify
-
     truth, records = thesis_trials
     result = identify(records, "directional_lugre")
     assert not result.trusted
@@ -229,14 +228,13 @@ def test_one_speed_does_not_tell_the_parts_of_a_stribeck_curve():
         assert fit.intervals[name].identified, name
 
 
-def test_directions_that_differ_are_noticed():
-    from ballscrew.identification.identify import identify
-
+@pytest.mark.parametrize("mass", [1.0, 0.0])  # none: the force is that of friction alone
+def test_directions_that_differ_are_noticed(mass):
     random = np.random.default_rng(0)
     truth = {"sigma_pos": 8e4, "Fc_pos": 1.9, "alpha_pos": 1.0}
     truth |= {"sigma_neg": 9e4, "Fc_neg": 2.1, "alpha_neg": 1.0}
     trials = [sine_velocity(s * 1e-3, 1.0, 3.14) for s in (1, -1)]
-    records = [record_of(t, "dahl", truth, random) for t in trials]
+    records = [record_of(t, "dahl", truth, random, mass=mass) for t in trials]
     result = identify(records, "dahl")
     assert any("directions differ" in note for note in result.notes)
     assert result.per_direction["forwards"]["Fc"].value == pytest.approx(1.9, abs=0.01)
@@ -247,8 +245,6 @@ def test_directions_that_differ_are_noticed():
 @pytest.mark.ci
 def test_why_a_parameter_is_not_known_is_computed():
     """Bristles that are fast beside the samples: another delay does what another sigma1 does."""
-    from ballscrew.identification.identify import identify
-
     random = np.random.default_rng(0)
     trials = [sine_velocity(s * 3e-3, 1.0, 6.28) for s in (1, -1)]
     records = [record_of(t, "lugre", LUGRE, random) for t in trials]
