@@ -29,6 +29,9 @@ from .solver.files import temporary_folder
 if TYPE_CHECKING:
     from .orchestration.parameter_file import ParameterFile
 
+DEFAULTS = ("plant", "iol", "nctf", "pid")
+"""What is written if nothing is named."""
+
 
 def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> None:
     """Add this command to those of the program."""
@@ -36,6 +39,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "export",
         help="write the components as FMUs",
         epilog="examples:\n  ballscrew export --out fmus --only plant iol\n"
+        "  ballscrew export --all --out fmus\n"
         "  ballscrew export --ssp --out loops\n"
         "  ballscrew export --ssp --only pid_sampled+position_encoder --out loops\n"
         "  ballscrew export --native --platforms linux64,win64 --out native\n"
@@ -56,7 +60,10 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "function of a Python file that returns a Component; or CONTROLLER+feed_forward, which "
         "receives the derivatives of the set-point; or CONTROLLER+INSTRUMENT+..., a controller "
         "that measures "
-        "through instruments",
+        f"through instruments (default: {', '.join(DEFAULTS)}; with --params its plant)",
+    )
+    parser.add_argument(
+        "--all", action="store_true", help="write every part that --component names, or every loop"
     )
     parser.add_argument(
         "--ssp",
@@ -124,9 +131,11 @@ def export(options: argparse.Namespace) -> int:
     whole = options.ssp or options.loop is not None
     known = [*CONTROLLERS] if whole else [*PLANTS, *CONTROLLERS, *INSTRUMENTS]
     if options.loop is not None:
-        for other in ("only", "ssp", "variational"):
+        for other in ("only", "all", "ssp", "variational"):
             if getattr(options, other):
                 raise BadRequest(f"--loop and --{other}: expected one of them")
+    if options.only and options.all:
+        raise BadRequest("--component and --all: expected one of them")
     told = read_params(options)
     names = _names(options, told, known)
     option = "--component" if options.loop is None else "--loop"
@@ -205,12 +214,13 @@ def _read_native(options: argparse.Namespace) -> list[str] | None:
 
 
 def _names(options: argparse.Namespace, told: ParameterFile | None, known: list[str]) -> list[str]:
-    """What to export; with a parameter file and no name, the plant that the file describes."""
+    """What to export; a parameter file's plant takes the place of all plants."""
     if options.loop is not None:
         return [options.loop]
     if options.only:
         return list(options.only)
+    names = known if options.all else [name for name in DEFAULTS if name in known]
     if told is None or options.ssp:
-        return known
+        return names
     with bad_parameters():
-        return [told.plant_name, *CONTROLLERS, *INSTRUMENTS]
+        return [told.plant_name, *(name for name in names if name not in PLANTS)]

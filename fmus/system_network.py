@@ -24,7 +24,7 @@ from .system_xml import (
     scaling_of,
 )
 
-DEEPEST = 50  # systems within systems
+DEEPEST = 2  # levels of systems within the system
 
 _FMU = "application/x-fmu-sharedlibrary"
 
@@ -119,8 +119,11 @@ class Network:
 
     def add_system(self, node: ET.Element, path: str, levels: int = DEEPEST) -> System:
         """Add a system, its elements and their connections; return it."""
-        if levels == 0:
-            raise BadSystem(f"systems lie more than {DEEPEST} levels deep")
+        if levels < 0:
+            raise BadSystem(
+                f"system {path!r} lies {DEEPEST + 1} levels deep, expected at most {DEEPEST}; move "
+                "its elements up"
+            )
         system = System(path, node, self._connectors(node, path))
         self.places[path] = system
         elements = node.find(SSD + "Elements")

@@ -57,7 +57,7 @@ class Bindings:
         self.values: dict[str, dict[str, float | str]] = {
             path: {} for path, place in network.places.items() if isinstance(place, Component)
         }
-        self.starts: dict[str, float | str] = {}
+        self.starts: dict[str, float] = {}
         self.ignored: list[str] = []
 
     def bind(self, place: Component | System) -> None:
@@ -136,6 +136,12 @@ class Bindings:
             raise BadSystem(
                 f"{where} is a {parameter.type}; only numbers, truth values and texts can be set"
             )
+        inside = isinstance(self._network.places[port.element], Component)
+        if isinstance(parameter.value, str) and not inside:
+            raise BadSystem(
+                f"{where} is a {parameter.type}, which a connector of a system does not pass on; "
+                "name the FMU's own parameter"
+            )
         begun = Scaled(1.0, 0.0, parameter.unit)
         value = begun.through(scaling, self._network.connector(port).unit, where)
         for reached, scaled in self._reached(port, value):
@@ -168,7 +174,7 @@ class Bindings:
             self.values[port.element][port.connector] = value
         elif connector.kind not in ("input", "parameter"):
             raise BadSystem(f"{where} sets a system's {connector.kind}, which its FMUs compute")
-        elif not port.element:
+        elif not port.element and not isinstance(value, str):
             self.starts[port.connector] = value
 
 

@@ -68,7 +68,7 @@ class SystemInput:
 
     name: str
     unit: str
-    start: float | str | None
+    start: float | None
     drives: tuple[SystemConnection, ...]
     defined: Unit | None = None
 

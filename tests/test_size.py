@@ -19,10 +19,10 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1153, 910),
     "controllers": (1417, 1093),
     "instruments": (891, 715),
-    "fmus": (6067, 5263),
+    "fmus": (6076, 5272),
     "orchestration": (13892, 11488),
     "stability": (3251, 2639),
-    "ballscrew": (4901, 4059),
+    "ballscrew": (4910, 4068),
     "gallery": (3571, 3184),
     "records": (2379, 2155),
     "identification": (4714, 3940),
@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28217, 26920),
+    "tests": (28191, 26894),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -1,10 +1,8 @@
 """Components with delays as FMUs of every kind, and in plain Python."""
 
-import fmpy
 import pytest
 import sympy as sp
 from any_fmu import KINDS, Host, written
-from fmpy.validation import validate_fmu
 
 from ballscrew.fmus.export import with_law_ports
 from ballscrew.fmus.variational import variational
@@ -142,14 +140,6 @@ def test_a_delay_that_lasts_no_time_fails_with_one_line(files, kind):
         host.step(0.0, 1e-3)
     assert host.message() == "instance: a delay is 0 s; expected more than 0 s"
     host.close()
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize("kind", ["native-2", pytest.param("native-3", marks=rare)])
-def test_a_native_one_is_valid_and_for_co_simulation_only(files, kind):
-    path = str(files(LOOP, kind))
-    assert validate_fmu(path) == []
-    assert fmpy.read_model_description(path).modelExchange is None
 
 
 def test_a_feedback_law_knows_how_fast_a_delayed_signal_moves():

@@ -198,6 +198,8 @@ def test_tangents_are_carried_and_set_at_a_new_frame(tmp_path, kind):
     host.step(0.0, 1e-3)
     host.set({"x_d1_set": 0.5, "v_d2_set": 2.0, "tangent_frame": 1.0})
     assert host.get("x_d1", "v_d2", "x_d2") == [0.5, 2.0, 0.0]
+    host.set({"x_d1_set": 7.0, "tangent_frame": 1.0})  # the same number: nothing new
+    assert host.get("x_d1") == [0.5]
     host.step(1e-3, 1e-3)
     model = Model(fmu_kernel("plant", tangents=2))
     model.set_input("u", 5.0)

@@ -12,8 +12,11 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from ballscrew.cli import main
-from ballscrew.fmus.catalogue import fmu
+from ballscrew.controllers import CONTROLLERS
+from ballscrew.exporting import Export
+from ballscrew.fmus.catalogue import NAMES, fmu
 from ballscrew.fmus.native import ready
+from ballscrew.fmus.native.export import NativeFmu
 from ballscrew.fmus.native.ready import NATIVE, READABLE, ready_fmu
 from ballscrew.solver import compilers
 from ballscrew.solver.tape import UnsupportedComponent
@@ -28,6 +31,28 @@ def export(*arguments):
 def no_compiler(monkeypatch):
     monkeypatch.setattr(compilers.shutil, "which", lambda _: None)
     monkeypatch.setattr(compilers.importlib.util, "find_spec", lambda _: None)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "some", "count"),
+    [
+        ("", {"plant.fmu", "iol.fmu", "nctf.fmu", "pid.fmu"}, 4),
+        ("--ssp", {"iol.ssp", "nctf.ssp", "pid.ssp"}, 3),
+        ("--all", {"plant_dahl.fmu", "p_pi.fmu", "position_encoder.fmu"}, len({*NAMES})),
+        ("--all --ssp", {"iol.ssp", "p_pi.ssp"}, len(CONTROLLERS)),
+    ],
+)
+def test_what_is_written_if_nothing_is_named(tmp_path, monkeypatch, arguments, some, count):
+    written = []
+
+    def write(self, part, path, folder):
+        written.append(path.name)
+        return NativeFmu(path, (), ())
+
+    monkeypatch.setattr(Export, "write", write)
+    assert export(*arguments.split(), "--out", tmp_path) == 0
+    assert some <= {*written}
+    assert len({*written}) == len(written) == count
 
 
 def test_what_is_named_is_written_with_sources_binary_and_documentation(native, tmp_path, capsys):
@@ -95,6 +120,7 @@ def test_a_compiler_that_fails_is_quoted_in_one_block_and_nothing_is_written(
         ("--platforms linux64", "--platforms needs --native"),
         ("--loop iool", "--loop 'iool' is neither one of iol, iol_true_acceleration, nctf, pid, "),
         ("--loop iol --only iol", "--loop and --only: expected one of them"),
+        ("--all --only iol", "--component and --all: expected one of them"),
         ("--loop iol --ssp", "--loop and --ssp: expected one of them"),
         ("--loop iol --fmi 3", "--fmi needs --native"),
         ("--modelica --native", "--modelica and --native: expected one of them"),
@@ -131,6 +157,7 @@ def test_an_equation_that_c_has_no_function_for_is_named():
         [],
         pytest.param(["--native"], marks=pytest.mark.ci),
         pytest.param(["--native", "--fmi", "3"], marks=pytest.mark.ci),
+        pytest.param(["--ssp"], marks=pytest.mark.ci),
     ],
 )
 def test_export_is_reproducible_byte_for_byte(tmp_path, more):
@@ -144,8 +171,8 @@ def test_export_is_reproducible_byte_for_byte(tmp_path, more):
         cwd=tempfile.gettempdir(),
     )
     assert done.returncode == 0, done.stderr
-    here, there = (tmp_path / place / "nctf.fmu" for place in ("here", "there"))
-    assert here.read_bytes() == there.read_bytes()
+    here, there = ([*(tmp_path / place).iterdir()] for place in ("here", "there"))
+    assert [p.read_bytes() for p in here] == [p.read_bytes() for p in there]
 
 
 def test_a_native_fmu_is_made_once_and_a_readable_one_taken_where_nothing_compiles(

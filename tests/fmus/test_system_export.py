@@ -1,8 +1,5 @@
 """Closed loops as one .ssp: by the standard, in another reader, and run."""
 
-import subprocess
-import sys
-import tempfile
 import zipfile
 from pathlib import Path
 
@@ -152,26 +149,6 @@ def test_omsimulator_finds_its_master_where_it_looks_for_it(systems):
     # it looks for the elements by these letters
     with zipfile.ZipFile(systems["nctf"]) as archive:
         assert b"<oms:FixedStepMaster" in archive.read("SystemStructure.ssd")
-
-
-def test_the_archive_holds_the_fmus_as_they_are(systems, fmus):
-    with zipfile.ZipFile(systems["nctf"]) as archive:
-        assert archive.read("resources/plant.fmu") == fmus["plant"].read_bytes()
-        assert archive.read("resources/controller.fmu") == fmus["nctf"].read_bytes()
-        assert len(archive.namelist()) == 5
-
-
-@pytest.mark.ci
-def test_export_is_reproducible_byte_for_byte(systems, fmus, tmp_path):
-    code = """if True:
-        import sys
-        from ballscrew.fmus.system_export import export_system
-        export_system(*sys.argv[1:4], name="nctf")
-    """
-    again = tmp_path / "again.ssp"
-    command = [sys.executable, "-c", code, fmus["plant"], fmus["nctf"], again]
-    subprocess.run(command, check=True, cwd=tempfile.gettempdir())
-    assert again.read_bytes() == systems["nctf"].read_bytes()
 
 
 def test_set_point_and_stop_time_are_as_asked(fmus, tmp_path):

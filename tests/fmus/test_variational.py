@@ -86,37 +86,6 @@ def test_without_start_values_the_tangents_are_the_transition_matrix(opened):
     assert np.log(a * d - b * c) == pytest.approx(-0.25, rel=1e-8)
 
 
-def test_a_new_frame_is_taken_at_once_and_only_once(opened):
-    p = opened()
-    names = ["x_d1", "v_d1", "x_d2", "v_d2"]
-    write = p.writer([*(n + "_set" for n in names), "tangent_frame"])
-    read = p.reader(names)
-    p.step(0.0, 0.1)
-    write(np.array([0.0, 2.0, 3.0, 0.0, 1.0]))
-    np.testing.assert_array_equal(read(), [0.0, 2.0, 3.0, 0.0])
-    p.step(0.1, 0.1)
-    after = read()
-    p.writer(["u"])(np.array([0.1]))
-    np.testing.assert_array_equal(read(), after)
-    write(np.array([5.0, 5.0, 5.0, 5.0, 1.0]))  # the same frame number: nothing new
-    np.testing.assert_array_equal(read(), after)
-
-
-def test_saving_and_restoring_covers_tangents_and_frames(opened):
-    p = opened()
-    names = ["x_d1", "v_d1", "x_d2", "v_d2"]
-    write = p.writer([*(n + "_set" for n in names), "tangent_frame"])
-    write(np.array([0.0, 2.0, 3.0, 0.0, 1.0]))
-    state = p.save()
-    p.step(0.0, 0.1)
-    first = p.reader(names)()
-    write(np.array([1.0, 1.0, 1.0, 1.0, 2.0]))
-    p.restore(state)
-    p.release(state)
-    p.step(0.0, 0.1)
-    np.testing.assert_array_equal(p.reader(names)(), first)
-
-
 def test_a_controller_reports_the_tangents_of_its_law(tmp_path):
     """Command, gains and rate of NCTF along a tangent of its signals and of its own state."""
     path = export(variational(nctf(), 1), tmp_path / "nctf.fmu")
