@@ -2,17 +2,14 @@
 
 from importlib import import_module
 
-from ..instruments import without_feed_forward
+from ..instruments import without_feed_forward, without_instruments, without_sampling
 
 CONTROLLERS = {
     "iol": "ballscrew.controllers.linearization:input_output_linearization",
     "iol_true_acceleration": "ballscrew.controllers.linearization:with_true_acceleration",
     "nctf": "ballscrew.controllers.nctf:nctf",
     "pid": "ballscrew.controllers.pid:pid",
-    "pid_sampled": "ballscrew.controllers.pid_sampled:pid_sampled",
-    "iol_sampled": "ballscrew.controllers.sampled:iol_sampled",
-    "nctf_sampled": "ballscrew.controllers.sampled:nctf_sampled",
-    "pid_encoder": "ballscrew.controllers.pid_encoder:pid_encoder",
+    "pid_sampled": "ballscrew.controllers.pid:pid_sampled",
     "p_pi": "ballscrew.controllers.p_pi:p_pi",
     "pid_dob": "ballscrew.controllers.pid_dob:pid_dob",
     "pid_lugre": "ballscrew.controllers.pid_lugre:pid_lugre",
@@ -26,20 +23,27 @@ CONTROLLERS = {
 }
 # used instead of a controller for a plant without inputs; not to be listed, exported or compared
 ALONE = {"none": "ballscrew.controllers.none:none"}
+FORMER = {
+    "iol_sampled": "iol+sampled",
+    "nctf_sampled": "nctf+sampled, with sample_time=5e-5",
+    "pid_encoder": "pid_sampled+position_encoder, with position_encoder_resolution=1.953125e-6 and "
+    "both position_encoder_..._harmonic=0",
+}
+"""Names of former versions, and what takes their place."""
 
 
 def tunable(name: str) -> dict[str, tuple[float, float]]:
     """Ranges of the parameters of a controller that a study tunes; empty if it has none.
 
-    The ranges are in the law's own file, as ``TUNABLE``; a sampled law has the ranges of the
-    continuous one. ``controller+feed_forward`` has the ranges of the controller and of its
-    feed-forward.
+    The ranges are in the law's own file, as ``TUNABLE``; a sampled law, also behind instruments,
+    has the ranges of the continuous one. ``controller+feed_forward`` has the ranges of the
+    controller and of its feed-forward.
     """
-    law, has_forward = without_feed_forward(name)
+    law, has_forward = without_feed_forward(without_sampling(without_instruments(name)[0])[0])
     ranges: dict[str, tuple[float, float]] = {}
     linearizing = False
     if law in CONTROLLERS:
-        module, _, function = CONTROLLERS[law.removesuffix("_sampled")].partition(":")
+        module, _, function = CONTROLLERS[law].partition(":")
         made = import_module(module)
         ranges = dict(getattr(made, "TUNABLE", {}))
     if has_forward:

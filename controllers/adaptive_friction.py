@@ -21,8 +21,8 @@ import sympy as sp
 from ..plant.axis import axis
 from ..solver.component import Component, Parameter, State, symbol
 from .limited import voltage_output
-from .limited_pid import PID_VOLTAGE, pid_integral, pid_parameters
 from .linearization import measurements_of
+from .pid import PID_VOLTAGE, pid_integral, pid_parameters
 from .pid import TUNABLE as PID_TUNABLE
 
 TUNABLE = {**PID_TUNABLE, "rate": (1.0, 1e3), "slow": (5e-4, 0.05)}

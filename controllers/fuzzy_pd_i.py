@@ -14,7 +14,7 @@ import math
 
 import sympy as sp
 
-from ..instruments.supply import NOMINAL_VOLTAGE
+from ..instruments import NOMINAL_VOLTAGE
 from ..plant.axis import axis
 from ..solver.component import Component, Parameter, symbol
 from .limited import U_MAX, ramp, tracked_integral, tracking_time, voltage_output

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from ..instruments.supply import NOMINAL_VOLTAGE
+from ..instruments import NOMINAL_VOLTAGE
 from ..plant.axis import axis
 from ..plant.ball_screw import ball_screw, bare_ball_screw
 from ..solver.component import Component, ForceTerm, Parameter, symbol

@@ -15,8 +15,8 @@ from __future__ import annotations
 from ..plant.axis import axis
 from ..solver.component import Component, Parameter, State, symbol
 from .limited import limit, voltage_output
-from .limited_pid import PID_VOLTAGE, pid_integral, pid_parameters
 from .linearization import measurements_of
+from .pid import PID_VOLTAGE, pid_integral, pid_parameters
 from .pid import TUNABLE as PID_TUNABLE
 from .rigid_axis import model_parameters, rigid_axis
 

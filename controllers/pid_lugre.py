@@ -22,10 +22,9 @@ from ..plant.axis import axis
 from ..plant.ball_screw import ball_screw
 from ..solver.component import Component, Parameter, State, symbol
 from .limited import ramp, voltage_output
-from .limited_pid import ERROR, PID_VOLTAGE, pid_integral, pid_parameters
 from .linearization import estimates_of, measurements_of
+from .pid import ERROR, PID_VOLTAGE, pid_integral, pid_parameters, simc
 from .pid import TUNABLE as PID_TUNABLE
-from .pid import simc
 from .rigid_axis import rigid_axis
 
 TUNABLE = {**PID_TUNABLE, "k": (0.0, 10.0)}

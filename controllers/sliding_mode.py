@@ -5,27 +5,53 @@ J.-J. E. Slotine and W. Li, "Applied Nonlinear Control", Prentice Hall (1991), s
 friction, by ``(b/lag) (level - Fs R/(kt 2 pi p))``; within it ``s`` decays with the pole
 ``(b/lag) level/layer``. The law has no integral: the block sticks if friction balances the
 remaining command, at errors up to ``Fs/(m slope pole)``.
+
+With ``s = v + slope (x - x_d)`` and the rigid axis ``lag dv/dt = b u - v``, ``ds/dt = 0`` needs
+``u_eq = (1 - lag slope) v / b``; every additional volt changes ``s`` at ``b/lag``
+(V. Utkin, "Sliding Modes in Control and Optimization", Springer (1992)). On ``s = 0`` the error
+decays with ``slope``.
 """
 
 from __future__ import annotations
 
-from ..instruments.saturation import saturate
+from ..instruments.amplifier import saturate
 from ..plant.axis import axis
 from ..solver.component import Component, Parameter, symbol
 from .limited import U_MAX, voltage_output
 from .linearization import measurements_of
-from .rigid_axis import rigid_axis
-from .sliding_surface import (
-    EQUIVALENT_VOLTAGE,
-    FASTEST_SHARE,
-    SURFACE,
-    surface_parameters,
-)
+from .rigid_axis import model_parameters, rigid_axis
+
+_B, _LAG, _SLOPE, _SPEED = map(symbol, ("b", "lag", "slope", "v"))
+
+SURFACE = _SPEED + _SLOPE * (symbol("x") - symbol("x_d"))
+"""s [m/s]."""
+EQUIVALENT_VOLTAGE = (1 - _LAG * _SLOPE) * _SPEED / _B
+VOLTS_PER_RATE = _LAG / _B
+"""Voltage that changes s by one metre per second squared."""
+
+FASTEST_SHARE = 0.25
+"""Fastest pole within the boundary layer, as a share of the electrical one, R/L: critical damping
+of the layer's lag with the electrical one as second."""
 
 LEVEL_RATIO = 2.0
 """Ratio of the level to the voltage for static friction."""
 
 TUNABLE = {"slope": (0.5, 50.0), "level": (0.22, 36.0), "layer": (1e-4, 1.0)}
+
+
+def surface_parameters() -> tuple[Parameter, ...]:
+    """``slope`` and the model of the rigid axis."""
+    return (
+        Parameter(
+            "slope",
+            5.0,
+            "1/s",
+            "decay of the position error on the sliding surface",
+            "the slowest pole of Eq. 3.21, -5 1/s",
+            minimum=1e-6,
+        ),
+        *model_parameters(),
+    )
 
 
 def sliding_mode() -> Component:

@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import sympy as sp
 
-from ..instruments.saturation import saturate
+from ..instruments.amplifier import saturate
 from ..plant.axis import axis
 from ..solver.component import Component, Parameter, symbol
 from .limited import U_MAX, tracked_integral, tracking_time, voltage_output
 from .linearization import measurements_of
 from .rigid_axis import rigid_axis
-from .sliding_surface import (
+from .sliding_mode import (
     EQUIVALENT_VOLTAGE,
     FASTEST_SHARE,
     SURFACE,

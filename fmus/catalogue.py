@@ -15,16 +15,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from ..controllers import ALONE, CONTROLLERS
+from ..controllers import ALONE, CONTROLLERS, FORMER
 from ..instruments import (
     INSTRUMENTS,
+    UNLIMITED,
     bare,
     without_feed_forward,
     without_instruments,
     without_sampling,
     without_units,
 )
-from ..instruments.supply import UNLIMITED
 from ..plant import NOMINAL, PLANTS
 from ..solver import kernel_cache
 from ..solver.component_file import load_component, names_file
@@ -205,6 +205,8 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
 
 def _place_of(name: str) -> str:
     """``module:function`` of a name of the catalogue."""
+    if name in FORMER:
+        raise UnknownComponent(f"no component {name!r}; use {FORMER[name]}")
     if name not in NAMES | ALONE:
         hint = did_you_mean(name, NAMES)
         raise UnknownComponent(f"no component {name!r}{hint}; there are {', '.join(NAMES)}")

@@ -7,9 +7,11 @@ name of the plant's signal, their output that name with `MEASURED` added.
 """
 
 MEASURED = "_measured"
+UNLIMITED = 1e6
+NOMINAL_VOLTAGE = 36.0  # of the axis' amplifier, Table 2.1 [V]
 
 INSTRUMENTS = {
-    "position_encoder": "ballscrew.instruments.position_encoder:position_encoder",
+    "position_encoder": "ballscrew.instruments.encoder:position_encoder",
     "velocity_estimate": "ballscrew.instruments.velocity_estimate:velocity_estimate",
     "current_sensor": "ballscrew.instruments.current_sensor:current_sensor",
 }

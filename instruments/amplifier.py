@@ -10,7 +10,7 @@ from __future__ import annotations
 import sympy as sp
 
 from ..solver.component import Component, Parameter, symbol
-from .supply import NOMINAL_VOLTAGE, UNLIMITED
+from . import NOMINAL_VOLTAGE, UNLIMITED
 
 PARAMETERS = (
     Parameter(
@@ -46,6 +46,11 @@ PARAMETERS = (
 def clip(value: sp.Expr, low: sp.Expr, high: sp.Expr) -> sp.Expr:
     """A value limited by two others."""
     return sp.Piecewise((low, value < low), (high, value > high), (value, True))
+
+
+def saturate(value: sp.Expr, limit: sp.Expr) -> sp.Expr:
+    """A value limited to both signs of a limit."""
+    return sp.Max(-limit, sp.Min(limit, value))
 
 
 def applied_voltage(demand: sp.Expr) -> sp.Expr:

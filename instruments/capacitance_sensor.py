@@ -5,8 +5,8 @@ from __future__ import annotations
 import sympy as sp
 
 from ..solver.component import Component, DiscreteState, Input, Output, Parameter, symbol
-from .sampling_period import sampling_period
-from .saturation import saturate
+from .acquisition import sampling_period
+from .amplifier import saturate
 
 CONVERSION_SAMPLES = 8
 """Samples of the acquisition during one conversion of the AD7747: 40 ms."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sympy as sp
 
 from ..solver.component import Component, DiscreteState, Input, Output, Parameter, symbol
+from . import UNLIMITED
 from .sample_and_hold import PERIOD
-from .supply import UNLIMITED
 
 
 def velocity_estimate() -> Component:

@@ -13,7 +13,7 @@ import numpy as np
 from ..fmus.catalogue import NAMES
 from ..fmus.law_ports import reference_port
 from ..fmus.reading import Description
-from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
+from ..instruments import NOMINAL_VOLTAGE, UNLIMITED
 from ..solver.set_point import SET_POINT
 from .closed_loop_result import ClosedLoopResult
 from .couplings import Coupling

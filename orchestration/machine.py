@@ -19,8 +19,7 @@ from ..controllers import CONTROLLERS, tunable
 from ..fmus.catalogue import OWN_LIMIT
 from ..fmus.interface import TOLERANCE
 from ..fmus.units import base_exponents
-from ..instruments import bare, without_units
-from ..instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
+from ..instruments import NOMINAL_VOLTAGE, UNLIMITED, bare, without_units
 from ..plant.ball_screw import PARAMETERS as MOTOR
 from ..solver.kernel import Model
 from .limits import BadParameter

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..fmus.interface import START, TOLERANCE
 from ..fmus.units import base_exponents
-from ..instruments.supply import UNLIMITED
+from ..instruments import UNLIMITED
 from ..plant import DEFAULT_LAW, NOMINAL, TURNING, plant_of
 from ..solver.files import write_atomically
 from ..solver.nearest import did_you_mean

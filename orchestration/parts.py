@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ..controllers import ALONE, CONTROLLERS
+from ..controllers import ALONE, CONTROLLERS, FORMER
 from ..fmus import catalogue
 from ..fmus.interface import START, TOLERANCE, interface_of
 from ..fmus.reading import SETTABLE, Description, unpack
@@ -223,6 +223,8 @@ def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool 
     if base in known or (fmus and (Path(name).suffix == SUFFIX or os.path.exists(name))):
         return Part(name)
     first, *rest = name.split("+")
+    if base in FORMER:
+        raise BadPart(f"{role} {name!r} is none of this version; use {FORMER[base]}")
     if rest and first in known:
         wrong = next((part for part in rest if part not in INSTRUMENTS), "")
         if wrong == FEED_FORWARD:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from ..instruments.low_pass import filter_lag
-from ..instruments.sampling_period import SAMPLE_TIME
+from ..instruments.acquisition import SAMPLE_TIME, filter_lag
 from ..solver.core import DONE, NOT_FINITE, at
 from ..solver.kernel import MAX_STEPS, IntegrationError, Model, describe_failure
 from .calibration import POINTS

@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from ..instruments import UNITS
-from ..instruments.sampling_period import SAMPLE_TIME
-from ..instruments.supply import UNLIMITED
+from ..instruments import UNITS, UNLIMITED
+from ..instruments.acquisition import SAMPLE_TIME
 from ..orchestration.parameter_file import BALL_SCREW, COMMANDS, ROTARY, BadParameters
 from ..plant import NOMINAL, TURNING
 from ..plant.law import claims

@@ -21,8 +21,7 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from ..instruments.low_pass import filter_lag
-from ..instruments.sampling_period import SAMPLE_TIME, sampling_period
+from ..instruments.acquisition import SAMPLE_TIME, filter_lag, sampling_period
 from ..plant.ball_screw import PARAMETERS as AXIS
 from ..plant.lugre import PARAMETERS as FRICTION
 from ..solver.component import Component, DiscreteState, Input, Output, Parameter, symbol

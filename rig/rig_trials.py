@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from ..instruments.sampling_period import SAMPLE_TIME
+from ..instruments.acquisition import SAMPLE_TIME
 from ..solver.component import unit_in
 from ..solver.nearest import did_you_mean
 

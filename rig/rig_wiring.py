@@ -10,11 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..instruments.acquisition import acquisition
+from ..instruments.acquisition import acquisition, load_cell, low_pass
 from ..instruments.capacitance_sensor import capacitance_sensor
 from ..instruments.encoder import encoder
-from ..instruments.load_cell import load_cell
-from ..instruments.low_pass import low_pass
 from ..solver.component import Component
 from ..solver.interconnect import interconnect
 from . import regulators

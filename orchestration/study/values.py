@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from ...fmus.catalogue import OWN_LIMIT
-from ...instruments.supply import NOMINAL_VOLTAGE, UNLIMITED
+from ...instruments import NOMINAL_VOLTAGE, UNLIMITED
 from ...solver.kernel import CONTROLLER, PLANT, ParameterInfo
 from .plan import Duty, Entrant, Plan
 from .reading import BadPlan

@@ -15,7 +15,7 @@ from ballscrew.identification.fitted_law import LAWS
 from ballscrew.identification.identify import identify
 from ballscrew.identification.intervals import Interval
 from ballscrew.identification.layout import lay_out
-from ballscrew.instruments.sampling_period import SAMPLE_TIME
+from ballscrew.instruments.acquisition import SAMPLE_TIME
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ballscrew.records.reading import FORCE_RECORD
 from ballscrew.records.record import Record

@@ -10,6 +10,7 @@ import pytest
 from ballscrew.cli import main
 from ballscrew.fmus.catalogue import component, fmu_kernel, has_equations, kept_as, name_of
 from ballscrew.instruments import without_instruments
+from ballscrew.orchestration.parts import resolve_controller
 
 NAME = "pid_sampled+position_encoder"
 SHORT = ["--stop", "0.05", "--step", "1e-3"]
@@ -63,5 +64,18 @@ def test_a_part_s_name_says_the_controller_and_its_instruments():
     assert name_of(NAME) == NAME
     assert kept_as(NAME)[0] == "pid_sampled_behind_position_encoder"
     assert fmu_kernel(NAME).name == component(NAME).name
-    made = component("nctf_sampled+velocity_estimate")  # instruments sample with the controller
-    assert made.sample_time.default == component("nctf_sampled").sample_time.default == 5e-5
+
+
+@pytest.mark.parametrize(
+    ("former", "now"),
+    [
+        ("iol_sampled", r"use iol\+sampled$"),
+        ("nctf_sampled", r"use nctf\+sampled, with sample_time=5e-5$"),
+        ("pid_encoder+feed_forward", r"use pid_sampled\+position_encoder, with "),
+    ],
+)
+def test_a_name_of_a_former_version_is_refused_with_what_takes_its_place(former, now):
+    with pytest.raises(ValueError, match=now):
+        resolve_controller(former)
+    with pytest.raises(KeyError, match=now):
+        component(former)

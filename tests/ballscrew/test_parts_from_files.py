@@ -20,7 +20,7 @@ from ballscrew.stability.map_plan import MapPlan, kernel_of, read_axis
 # The same equations as in the catalogue under names of their own: its results are the oracle.
 MINE = """
 from dataclasses import replace
-from ballscrew.controllers.pid_sampled import pid_sampled
+from ballscrew.controllers.pid import pid_sampled
 from ballscrew.plant.axis import axis
 
 def law():

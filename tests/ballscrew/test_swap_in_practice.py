@@ -62,16 +62,13 @@ def test_commands_are_the_law_of_what_the_encoder_shows_at_samples_and_held_betw
 
 
 @pytest.mark.ci
-def test_a_name_with_sampled_is_the_catalogue_s_sampled_controller(tmp_path, capsys):
-    asked = ["--controllers", "iol", "iol_sampled", "--sampled", "5e-4", "--stop", "0.02"]
+def test_the_period_is_in_every_table_and_only_what_is_made_so_is_sampled(tmp_path, capsys):
+    asked = ["--controllers", "iol", "pid_sampled", "--sampled", "5e-4", "--stop", "0.02"]
     assert main(["swap", *asked, "--out", str(tmp_path)]) == 0
-    table = capsys.readouterr().out
-    ours, known = (course(tmp_path / f"trajectory_{n}.csv") for n in ("iol+sampled", "iol_sampled"))
-    np.testing.assert_array_equal(ours, known)
-    assert "sampled [s]" in table
+    assert "sampled [s]" in capsys.readouterr().out
     with open(tmp_path / "comparison.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [r["controller"] for r in rows] == ["iol+sampled", "iol_sampled"]
+    assert [r["controller"] for r in rows] == ["iol+sampled", "pid_sampled"]
     assert [r["sampling_period"] for r in rows] == ["0.0005", "0.0005"]
     found = ballscrew.swap(["pid", "pid_sampled"], stop=0.01)  # only what is made so
     assert [r.figures()["sampling_period"] for r in found.results] == [None, 1e-3]

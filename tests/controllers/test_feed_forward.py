@@ -13,7 +13,7 @@ from ballscrew.solver.contract_error import ContractError
 
 COULOMB, SLOW = 1.284, 0.01  # N, m/s
 NO_FORWARD = {"relay"}
-LINEARIZING = {"iol", "iol_true_acceleration", "iol_observed", "iol_sampled"}
+LINEARIZING = {"iol", "iol_true_acceleration", "iol_observed"}
 ADDED = [n for n in CONTROLLERS if n not in NO_FORWARD | LINEARIZING]
 EXACT = {
     "Kvff": 1 / la.B,
@@ -67,7 +67,7 @@ def test_what_is_added_to_the_command_is_that_of_the_axis(name):
     known = values.get("Kd", values.get("Kv", 0.0))
     if name in ("pid_dob", "pid_lugre", "adaptive_friction"):  # the damping alone is of v - v_d
         expected += known * v_d
-    elif name not in ("p_pi", "pid_sampled", "pid_encoder"):  # v - v_d is zero, as at rest
+    elif name not in ("p_pi", "pid_sampled"):  # v - v_d is zero, as at rest
         expected += command(law, values, rest) - command(law, values, onward)
     assert added == pytest.approx(expected, rel=1e-9)
 

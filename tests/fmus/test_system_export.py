@@ -1,6 +1,7 @@
 """Closed loops as one .ssp: by the standard, in another reader, and run."""
 
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import fmpy
@@ -11,6 +12,7 @@ from every_component import EVERY_CONTROLLER
 from lxml import etree
 
 from ballscrew.cli import main
+from ballscrew.fmus import catalogue
 from ballscrew.fmus.reading import FmuError
 from ballscrew.fmus.system_export import CannotConnect, export_system
 from ballscrew.orchestration.loop import Loop
@@ -45,9 +47,11 @@ def systems(fmus, tmp_path_factory):
 @pytest.fixture(scope="module")
 def measured_system(fmus, tmp_path_factory):
     """The sampled NCTF loop, position and velocity through instruments."""
+    controller = catalogue.component("nctf+sampled")
+    fast = replace(controller.sample_time, default=5e-5)
     return export_system(
         fmus["plant"],
-        fmus["nctf_sampled"],
+        catalogue.fmu(replace(controller, sample_time=fast)),
         tmp_path_factory.mktemp("measured") / "nctf_sampled.ssp",
         name="nctf_sampled",
         instruments={name: fmus[name] for name in BETWEEN},

@@ -5,12 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from ballscrew.instruments.acquisition import acquisition
+from ballscrew.instruments.acquisition import (
+    SAMPLE_TIME,
+    acquisition,
+    filter_lag,
+    load_cell,
+    low_pass,
+)
 from ballscrew.instruments.capacitance_sensor import CONVERSION_SAMPLES, capacitance_sensor
 from ballscrew.instruments.encoder import encoder
-from ballscrew.instruments.load_cell import load_cell
-from ballscrew.instruments.low_pass import filter_lag, low_pass
-from ballscrew.instruments.sampling_period import SAMPLE_TIME
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.kernel import Model
 

@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ballscrew.controllers.pid_sampled import pid_sampled
-from ballscrew.controllers.sampled import iol_sampled, nctf_sampled
+from ballscrew.controllers.pid import pid_sampled
+from ballscrew.fmus.catalogue import component
 from ballscrew.instruments.current_sensor import current_sensor
-from ballscrew.instruments.encoder import encoder
+from ballscrew.instruments.encoder import encoder, position_encoder
 from ballscrew.instruments.measured_through import measured_through
-from ballscrew.instruments.position_encoder import position_encoder
 from ballscrew.instruments.velocity_estimate import velocity_estimate
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import ContractError
@@ -49,12 +48,9 @@ def moving(count):
     return [{n: s[k] for n, s in course.items()} | {"x_d": 0.08} for k in range(count)]
 
 
-@pytest.mark.parametrize(
-    "controller",
-    [iol_sampled(), replace(nctf_sampled(), sample_time=pid_sampled().sample_time)],
-    ids=lambda c: c.name,
-)
-def test_at_each_sample_it_commands_as_the_chain_asked_one_after_the_other(controller):
+@pytest.mark.parametrize("name", ["iol+sampled", "nctf+sampled"])
+def test_at_each_sample_it_commands_as_the_chain_asked_one_after_the_other(name):
+    controller = component(name)
     signals = moving(30)
     whole = Model(generate(measured_through(controller, CHAIN)))
     commands = []

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ballscrew.controllers.linearization import input_output_linearization
-from ballscrew.controllers.pid import pid
-from ballscrew.controllers.pid_sampled import pid_sampled
+from ballscrew.controllers.pid import pid, pid_sampled
 from ballscrew.controllers.relay import relay
 from ballscrew.fmus.catalogue import component
 from ballscrew.instruments.sample_and_hold import sampled

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballscrew.instruments.current_sensor import current_sensor
-from ballscrew.instruments.position_encoder import position_encoder
+from ballscrew.instruments.encoder import position_encoder
 from ballscrew.instruments.velocity_estimate import velocity_estimate
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.kernel import Model

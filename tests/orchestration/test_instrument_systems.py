@@ -14,7 +14,7 @@ from ballscrew.orchestration.run import run_closed_loop
     [
         pytest.param("pid_sampled", ["position_encoder"], 0.1, id="position"),
         pytest.param(
-            "iol_sampled",
+            "iol+sampled",
             ["position_encoder", "velocity_estimate", "current_sensor"],
             0.05,
             id="position-velocity-current",

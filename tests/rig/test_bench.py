@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ballscrew.instruments.sampling_period import SAMPLE_TIME
+from ballscrew.instruments.acquisition import SAMPLE_TIME
 from ballscrew.results.rig_record import RigRecord
 from ballscrew.rig.bench import run_trial
 from ballscrew.rig.compiled_rig import plant_kernel

@@ -137,7 +137,7 @@ def test_one_loop_that_creeps_does_so_by_all_roads() -> None:
 
 @pytest.mark.ci
 def test_what_diverges_before_the_first_hundredth_of_the_run_has_exponents_until_then() -> None:
-    run = loop_lyapunov(Loop("nctf_sampled", stop=20.0, controller_values={"sample_time": 2e-3}))
+    run = loop_lyapunov(Loop("nctf+sampled", stop=20.0, controller_values={"sample_time": 2e-3}))
     assert run.motion.kind is Kind.DIVERGES
     assert len(run.running()[0]) > 100
     assert run.exponents[0] > 100.0

@@ -121,9 +121,16 @@ def test_quantized_loops_have_the_exponents_of_the_average_and_the_verdict_of_th
     None
 ):
     exact = loop_lyapunov(Loop("pid_sampled", "plant_classical", stop=2.0), tolerance=1e-9)
-    values = {"encoder_counts": 1.0, "encoder_p": 20.0}  # a count is 5 cm
+    values = {"position_encoder_resolution": 0.05}
+    values |= {f"position_encoder_{n}_harmonic": 0.0 for n in ("first", "second")}
     run = loop_lyapunov(
-        Loop("pid_encoder", "plant_classical", reference=0.08, stop=2.0, controller_values=values),
+        Loop(
+            "pid_sampled+position_encoder",
+            "plant_classical",
+            reference=0.08,
+            stop=2.0,
+            controller_values=values,
+        ),
         tolerance=1e-9,
     )
     assert "average with dither" in run.method

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ballscrew.fmus.catalogue import component, fmu
+from ballscrew.fmus.catalogue import component, fmu, name_of
 from ballscrew.fmus.system_export import export_system
 from ballscrew.instruments.measured_through import measured_through
 from ballscrew.orchestration.whole_loop import loop_kernel
@@ -18,19 +18,19 @@ GOAL = 0.08
 SIGNALS = ("x", "v", "i")
 
 
-def exported(path: Path, controller: str, instruments: Sequence[str]) -> Path:
-    """An .ssp of our plant, a controller and instruments, all by name."""
+def exported(path: Path, controller: str | Component, instruments: Sequence[str]) -> Path:
+    """An .ssp of our plant, a controller and instruments."""
     return export_system(
         fmu("plant"),
         fmu(controller),
         path,
-        name=controller,
+        name=name_of(controller),
         instruments={name: fmu(name) for name in instruments},
     )
 
 
 def exact_course(
-    controller: str,
+    controller: str | Component,
     instruments: Sequence[Component],
     stop: float,
     values: Mapping[str, float] | None = None,

@@ -16,7 +16,7 @@ from wired_loop import WiredLoop, run_in
 
 from ballscrew.fmus.catalogue import component
 from ballscrew.fmus.system_reading import read_system
-from ballscrew.instruments.position_encoder import position_encoder
+from ballscrew.instruments.encoder import position_encoder
 from ballscrew.instruments.velocity_estimate import velocity_estimate
 from ballscrew.solver.component import DiscreteState, symbol
 
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.ci
 # Without them an error of the coupling would be lost among the steps of the encoder.
 FAITHFUL = {"resolution": 1e-12, "first_harmonic": 0.0, "second_harmonic": 0.0}
 VALUES = {f"position_encoder_{n}": v for n, v in FAITHFUL.items()}
-STOP = 0.0025  # seconds, fifty samples of nctf_sampled
+STOP = 0.0025  # seconds, fifty samples of the NCTF loop
 
 
 def courses(host, path, period, stop, **options):
@@ -80,15 +80,18 @@ def test_two_sampled_parts_in_a_row_go_to_a_loop_that_depends_on_the_scheme(
     tmp_path, host, options, limit, other
 ):
     chain = ["position_encoder", "velocity_estimate"]
-    path = exported(tmp_path / "loop.ssp", "nctf_sampled", chain)
-    period = component("nctf_sampled").sample_time.default
+    controller = component("nctf+sampled")
+    period = 5e-5  # half of the loop's fastest time constant
+    fast = replace(controller.sample_time, default=period)
+    controller = replace(controller, sample_time=fast)
+    path = exported(tmp_path / "loop.ssp", controller, chain)
 
     found = courses(host, path, period, STOP, **options)
 
     def exact(estimate):
         at = replace(estimate.sample_time, default=period)
         parts = [position_encoder(), replace(estimate, sample_time=at)]
-        return exact_course("nctf_sampled", parts, STOP, VALUES)
+        return exact_course(controller, parts, STOP, VALUES)
 
     coarse, fine = errors(found, exact(limit()))
     np.testing.assert_allclose(np.log2(coarse / fine), 1.0, atol=0.05)

@@ -43,12 +43,16 @@ def test_a_table_that_says_other_figures_than_the_run_over_fmus_disagrees(wrong)
 
 
 @pytest.mark.parametrize(
-    ("controller", "most"),
-    [("pid_sampled", 1e-11), ("nctf_sampled", 1e-7), ("nctf", 1e-6)],  # m
+    ("controller", "values", "most"),
+    [
+        ("pid_sampled", {}, 1e-11),  # m
+        ("nctf+sampled", {"controller_sample_time": 5e-5}, 1e-7),
+        ("nctf", {}, 1e-6),
+    ],
 )
-def test_a_loop_that_converges_is_trusted_and_agrees(controller, most):
+def test_a_loop_that_converges_is_trusted_and_agrees(controller, values, most):
     loop = StudyLoop(loop_kernel("plant", controller))
-    found = checked(loop, controller, {}, DUTY)
+    found = checked(loop, controller, values, DUTY)
     assert found.coupling == "trusted"
     assert found.agrees
     assert found.allowed < most
