@@ -17,22 +17,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import sympy as sp
 
+    from .loop_results import Comparison, Exponents, RunResult, StabilityMap, SwapStudy, TunedGains
+    from .measured_results import DiagnosisResult, IdentifiedLaw, ModelComparison, RigRecord
     from .orchestration.couplings import Coupling
     from .orchestration.loop import Loop, ReferenceLike, SystemLoop
     from .orchestration.parameter_file import ParameterFile
     from .orchestration.parts import PartLike
     from .orchestration.workers import Processes
     from .records.record import Record
-    from .results.comparison import Comparison
-    from .results.diagnosis_result import DiagnosisResult
-    from .results.exponents import Exponents
-    from .results.identified_law import IdentifiedLaw
-    from .results.map_result import StabilityMap
-    from .results.model_comparison import ModelComparison
-    from .results.rig_record import RigRecord
-    from .results.run_result import RunResult
-    from .results.swap_study import SwapStudy
-    from .results.tuned_gains import TunedGains
     from .solver.component import Component, ForceTerm
 
     Values = Mapping[str, float]
@@ -308,10 +300,10 @@ def run(  # noqa: PLR0913
     32.1
     """
     asked = locals()
+    from .loop_results import RunResult
     from .orchestration.file_values import with_file
     from .orchestration.loop import Loop
     from .orchestration.run import run_closed_loop
-    from .results.run_result import RunResult
 
     told, found = _told(params), _loop(loop, asked)
     if told is not None:
@@ -377,9 +369,9 @@ def swap(  # noqa: PLR0913
     """
     # each controller has its own
     asked = locals() | {"controller_values": None, "mapping": None, "sampled": None}
+    from .loop_results import Comparison
     from .orchestration.in_practice import in_practice
     from .orchestration.swap import swap as swapped
-    from .results.comparison import Comparison
 
     if sampled is not None and not sampled > 0:
         raise ValueError(f"sampled is {sampled:g} s, expected more than 0")
@@ -461,7 +453,7 @@ def lyapunov(  # noqa: PLR0913
     (4,)
     """
     asked = locals()
-    from .results.exponents import Exponents
+    from .loop_results import Exponents
 
     followed = _followed_loop(loop, asked, stop=300.0)
     if followed.step is not None:
@@ -531,7 +523,7 @@ def stability_map(  # noqa: PLR0913
     4
     """
     asked = locals()
-    from .results.map_result import StabilityMap
+    from .loop_results import StabilityMap
     from .stability.stability_map import make_map, plan_map
 
     processes = _processes(workers)
@@ -594,9 +586,9 @@ def swap_study(
     >>> found.headline()
     'pid wins 1 of 1 duties. 2 controllers, 1 duties, 4 runs'
     """
+    from .loop_results import SwapStudy
     from .orchestration.study.plan import read_plan
     from .orchestration.study.study import discard_parts, do_study
-    from .results.swap_study import SwapStudy
 
     plan = read_plan(study)
     for part in (plan.plant, *(e.component for e in plan.entrants)):
@@ -666,10 +658,10 @@ def tune(  # noqa: PLR0913
     ['stuck', 'sliding']
     """
     asked = locals() | {"reference": None, "stop": None}
+    from .loop_results import TunedGains
     from .options import read_whole_number
     from .orchestration.limits import check_length
     from .orchestration.tune import tune_loop
-    from .results.tuned_gains import TunedGains
 
     length = None if stop is None else check_length("stop", stop)
     count = read_whole_number("budget", budget, 2)
@@ -726,8 +718,8 @@ def run_trial(
     >>> sorted(record.record)[:3]
     ['force', 'force_filtered', 'force_ref']
     """
+    from .measured_results import RigRecord
     from .plant import DEFAULT_LAW
-    from .results.rig_record import RigRecord
     from .rig.bench import run_trial as recorded
 
     told = None if params is None else read_parameters(params)
@@ -875,9 +867,9 @@ def identify(  # noqa: PLR0913
     formulas of the thesis are given next to it.
     """
     from .identification.identify import identify_files
+    from .measured_results import IdentifiedLaw
     from .options import check_name
     from .plant import LAWS
-    from .results.identified_law import IdentifiedLaw
 
     check_name("law", law, LAWS)
     columns, how = (mapping, units, lead), (law, fixed, offset, _told(params), mass)
@@ -922,9 +914,9 @@ def diagnose(
         In one line: what cannot be used and why.
     """
     from .diagnosis.diagnose import diagnose as diagnosed
+    from .measured_results import DiagnosisResult
     from .options import check_name
     from .plant import LAWS
-    from .results.diagnosis_result import DiagnosisResult
 
     if law is not None:
         check_name("law", law, LAWS)
@@ -969,7 +961,7 @@ def compare(
         In one line: what cannot be used and why.
     """
     from .diagnosis.compare import compare as compared
-    from .results.model_comparison import ModelComparison
+    from .measured_results import ModelComparison
 
     return ModelComparison.of(compared(_paths(data), params, mapping, units, lead))
 

@@ -18,6 +18,8 @@ from .supervision import tell, tell_kept
 if TYPE_CHECKING:
     from tqdm import tqdm
 
+    from .orchestration.page import Table
+
 # characters of an error message; a text from a third-party file may be very long
 LONGEST_LINE = 600
 
@@ -207,6 +209,16 @@ def comparison_table(rows: list[dict[str, Any]], units: Mapping[str, str]) -> st
     return "\n".join(
         "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip()
         for line in cells
+    )
+
+
+def text_of(table: Table) -> str:
+    """A table for a terminal, its columns side by side."""
+    rows = [table.columns, *table.rows] if any(table.columns) else table.rows
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        "  ".join(cell.ljust(wide) for cell, wide in zip(row, widths, strict=True)).rstrip()
+        for row in rows
     )
 
 

@@ -6,7 +6,6 @@ import argparse
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,7 +65,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         description="Simulate your model on the recorded data, name the causes of its errors, "
         "and measure the improvement on held-out data. Writes diagnosis.json, report.html, "
         "curves.parquet "
-        "(curves.csv without pyarrow), a picture, the corrected values as parameters.toml, "
+        "(curves.csv without pyarrow), pictures, the corrected values as parameters.toml, "
         "extended_plant.fmu if causes are found, and next_experiment.csv for the machine "
         "unless everything is explained. Exit code 0: nothing is wrong, or all is explained, "
         "also by either of two causes; 1: partly, unexplained, or undecided because a fault "
@@ -127,7 +126,10 @@ def _diagnose(options: argparse.Namespace) -> int:
     extension = _extended(result)
     values = corrected(result, extension.plant, told)
     progress("writing")
-    save_results(options.out, lambda folder: _save_diagnosis(result, extension, values, folder))
+    made_by = options.command
+    save_results(
+        options.out, lambda folder: _save_diagnosis(result, extension, values, folder, made_by)
+    )
     progress.finish()
     if options.json:
         print(json.dumps(result.to_dict()))
@@ -187,21 +189,16 @@ def _extended(result: Diagnosis) -> _Extension:
 
 
 def _save_diagnosis(
-    result: Diagnosis, extension: _Extension, values: ParameterFile, folder: Path
+    result: Diagnosis, extension: _Extension, values: ParameterFile, folder: Path, command: str
 ) -> None:
-    from .diagnosis.diagnosis_pictures import save_pictures
-    from .diagnosis.diagnosis_report import save_report
     from .diagnosis.with_causes import as_it_moves
     from .fmus.export import export
-    from .solver.tables import write_table
+    from .measured_results import DiagnosisResult
 
-    write_table(folder, _CURVES, [asdict(result.curves)])
-    save_pictures(result, folder)
-    save_report(result, folder)
+    DiagnosisResult.of(result).save(folder, command=command)
     if extension.plant is not None:
         export(as_it_moves(extension.plant, result.corrected), folder / _FMU)
     values.save(folder)
-    result.save(folder)
 
 
 def _diagnosis_table(result: Diagnosis, extension: _Extension, folder: Path) -> str:
@@ -240,6 +237,7 @@ def _diagnosis_table(result: Diagnosis, extension: _Extension, folder: Path) -> 
     plant = f", {_FMU}" if extension.plant is not None else ""
     curves = table_path(folder, _CURVES).name
     lines.append(
-        f"report.html, diagnosis.json, {_PARAMETERS}, {curves}, diagnosis.png{plant} in {folder}"
+        f"report.html, diagnosis.json, {_PARAMETERS}, {curves}, diagnosis.png, forces.png, "
+        f"places.png{plant} in {folder}"
     )
     return "\n".join(lines)

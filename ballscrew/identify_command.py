@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .console import text_of
 from .options import (
     NOT_TRUSTED,
     TRUSTED,
@@ -25,8 +26,6 @@ from .results_folder import prepare_folder, save_results
 from .supervision import tell
 
 if TYPE_CHECKING:
-    from .identification.identification import Identification
-    from .identification.intervals import Interval
     from .orchestration.parameter_file import ParameterFile
 
 _EXAMPLES = """DATA are folders written by `ballscrew rig`, or files of measured data with the
@@ -57,8 +56,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "identify",
         help="find friction parameters in recorded data",
         description="Write the parameters with their intervals, what cannot be identified and "
-        "why, a parameter file, and pictures. Exit code 1: a parameter is not identified, "
-        "or the law does not describe the records.",
+        "why, a parameter file, report.html, and pictures. Exit code 1: a parameter is not "
+        "identified, or the law does not describe the records.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -120,9 +119,9 @@ def _identify(options: argparse.Namespace) -> int:
     told = read_params(options)
     fixed = _fixed(options.fix, told)
     from .identification.identify import CannotHold, identify_files
+    from .measured_results import IdentifiedLaw
     from .orchestration.turning_words import words_for
     from .records.bad_record import BadRecord
-    from .results.identified_law import IdentifiedLaw
 
     prepare_folder(options.out, [*options.data, options.params])
     tell(f"fitting {options.law}")
@@ -134,13 +133,15 @@ def _identify(options: argparse.Namespace) -> int:
         raise BadRequest(f"--fix, --offset: {error}") from error
     except BadRecord as error:
         raise BadRequest(str(error)) from error
-    save_results(options.out, result.save)
+    save_results(options.out, lambda folder: result.save(folder, command=options.command))
     words = words_for(result.notes)
     if options.json:
         print(json.dumps(result.to_dict()))
     else:
-        print(words(_intervals_table(result)))
-        print(f"identified.json, parameters.toml, friction_map and residuals in {options.out}")
+        *tables, _ = result.tables()
+        print(words("\n\n".join(map(text_of, tables))))
+        files = "report.html, identified.json, parameters.toml, friction_map and residuals"
+        print(f"{files} in {options.out}")
     of_records = [f"{r.name}: {note}" for r in result.records for note in r.notes]
     print_notes([*result.notes, *of_records], options.json)
     for name, interval in result.parameters.items():
@@ -208,28 +209,3 @@ def _fixed(texts: Sequence[str], told: ParameterFile | None) -> dict[str, float]
             )
         fixed[name] = told.plant[name].value
     return fixed
-
-
-def _intervals_table(result: Identification) -> str:
-    lines = [f"{'parameter':<14}{'value':>13}  {'95 % interval':<28}{'unit':<8}"]
-    for name, i in result.parameters.items():
-        word = "held" if name in result.fixed else "" if i.identified else "not identified"
-        lines.append(f"{name:<14}{i.value:>13.6g}  {_interval(i):<28}{i.unit:<8}{word}".rstrip())
-    for side, table in result.per_direction.items():
-        values = ", ".join(f"{n} {i.value:.5g} ({_interval(i)})" for n, i in table.items())
-        lines.append(f"{side}: {values}")
-    if result.time_shift:
-        shift = result.time_shift.times(1e3)
-        lines.append(
-            f"the force comes later than the motion by {shift.value:.3g} ms ({_interval(shift)})"
-        )
-    lines.append(
-        f"noise of the load cell {result.fit.noise:.3g} N, unexplained {result.unexplained:.3g} N"
-    )
-    return "\n".join(lines)
-
-
-def _interval(i: Interval) -> str:
-    low = "..." if i.low is None else f"{i.low:.5g}"
-    high = "..." if i.high is None else f"{i.high:.5g}"
-    return f"{low} .. {high}"

@@ -83,7 +83,7 @@ def _map(options: argparse.Namespace) -> int:
         again = options.resume
         summary = guard(lambda: make_map(plan, options.out, workers, again, progress))
         progress.finish()
-        from .results.map_result import StabilityMap
+        from .loop_results import StabilityMap
 
         notes = StabilityMap(summary, options.out).add_report(options.command)
     except (BadMap, NotEnoughMemory, WorkersLost) as error:

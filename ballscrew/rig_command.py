@@ -101,8 +101,8 @@ def _rig(options: argparse.Namespace) -> int:
         for trial in trials:
             set_up(trial, machine, values, told=told)
     prepare_folder(options.out, [options.params])
+    from .measured_results import RigRecord
     from .orchestration.file_values import aside
-    from .results.rig_record import RigRecord
     from .rig.bench import run_trial
     from .solver.kernel import IntegrationError
 
@@ -122,7 +122,7 @@ def _rig(options: argparse.Namespace) -> int:
             )
             done += trial.duration
             place = folder / trial.folder if len(trials) > 1 else folder
-            RigRecord.of(recorded).save(place)
+            RigRecord.of(recorded).save(place, command=options.command)
             notes[trial.name] = recorded.notes
             if told is not None and trial is trials[0]:
                 print_notes(aside(told, recorded.used.plant, "the rig"))

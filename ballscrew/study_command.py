@@ -7,14 +7,14 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .console import Bar
+from .console import Bar, text_of
 from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder
 from .results_folder import prepare_folder, save_results
 from .supervision import tell, tell_kept
 from .worker_options import add_worker_options, open_workers, read_worker_count
 
 if TYPE_CHECKING:
-    from .results.swap_study import SwapStudy
+    from .loop_results import SwapStudy
 
 _EXAMPLES = """examples:
   ballscrew study STUDY.toml --out out/study
@@ -46,11 +46,11 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 def _study(options: argparse.Namespace) -> int:
     count = read_worker_count(options)
+    from .loop_results import SwapStudy
     from .orchestration.study.plan import read_plan
     from .orchestration.study.reading import BadPlan
     from .orchestration.study.study import discard_parts, do_study
     from .orchestration.workers import WorkersLost
-    from .results.swap_study import SwapStudy
 
     try:
         plan = read_plan(options.study)
@@ -61,7 +61,7 @@ def _study(options: argparse.Namespace) -> int:
         progress.finish()
     except (BadPlan, WorkersLost) as error:
         raise BadRequest(str(error)) from error
-    save_results(options.out, result.save)
+    save_results(options.out, lambda folder: result.save(folder, command=options.command))
     discard_parts(options.out)
     if options.json:
         print(json.dumps(result.to_dict()["answers"]))
@@ -72,8 +72,8 @@ def _study(options: argparse.Namespace) -> int:
 
 def _show(result: SwapStudy, folder: Path) -> None:
     print(result.headline())
-    for name, text in result.facts():
-        print(f"  {name:<24}{text}")
+    answers, *_ = result.tables()
+    print(text_of(answers), answers.says, sep="\n")
     print(f"report.html, study.json, runs in {folder}")
 
 

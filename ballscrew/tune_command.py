@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .console import Bar
+from .console import Bar, text_of
 from .controllers import CONTROLLERS
 from .loop_options import read_loops
 from .options import (
@@ -27,7 +27,7 @@ from .results_folder import prepare_folder, save_results
 from .supervision import tell
 
 if TYPE_CHECKING:
-    from .results.tuned_gains import TunedGains
+    from .loop_results import TunedGains
 
 _EXAMPLES = """examples:
   ballscrew tune --controller p_pi --out out/tuned
@@ -45,8 +45,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
         "tune",
         help="find the gains of one controller for one machine, and test them on another motion",
         description="Write parameters.toml with the gains, for run, swap and export, "
-        "tuning.json, and pictures of motions and of the frequency response. Exit code 1: done, "
-        "but a run failed or is not converged, or the linearized loop is unstable.",
+        "tuning.json, report.html, and pictures of motions and of the frequency response. Exit "
+        "code 1: done, but a run failed or is not converged, or the linearized loop is unstable.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -117,9 +117,9 @@ def _tune(options: argparse.Namespace) -> int:
         result = guard(lambda: api.tune(loop, progress=progress, **how))
     finally:
         progress.finish()
-    save_results(options.out, result.save)
+    save_results(options.out, lambda folder: result.save(folder, command=options.command))
     if options.json:
-        print(json.dumps(finite_or_null(result.figures())))
+        print(json.dumps(finite_or_null(result.to_dict())))
     else:
         _show(result, options.out)
     if not result.trusted:
@@ -129,10 +129,11 @@ def _tune(options: argparse.Namespace) -> int:
 
 def _show(result: TunedGains, folder: Path) -> None:
     print(result.headline())
-    for name, text in result.facts():
-        print(f"  {name:<16}{text}")
+    gains, motions, *_ = result.tables()
+    print(text_of(gains), text_of(motions), sep="\n")
     pictures = ", ".join(f"{name}.png" for name in result.pictures())
-    print(f"parameters.toml with the gains for --params, tuning.json, {pictures} in {folder}")
+    files = f"report.html, tuning.json, {pictures}"
+    print(f"parameters.toml with the gains for --params, {files} in {folder}")
 
 
 class _Progress:

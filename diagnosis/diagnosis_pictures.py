@@ -1,31 +1,44 @@
-"""Pictures of a diagnosis: for its page, with zoom, and for papers."""
+"""Pictures of a diagnosis: residuals over time, position and velocity; forces."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import replace
-from pathlib import Path
+import itertools
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.page import Line, Picture, level, thinned
-from ..orchestration.pictures import COLOURS, STYLE, drawing, in_words, new_figure, write_figure
+from ..orchestration.pictures import COLOURS, STYLE, new_figure
 from ..orchestration.shown_units import shown_unit
-from ..orchestration.turning_words import words_for
 from .diagnosis import Curves, Diagnosis
 
 Vector = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 SMOOTH = 0.1  # averaging time of a force residual in pictures [s]
-CORRECTED = "corrected"
+_MOST = 4000  # points of a curve
 _BINS = 60
 _LEAST_IN_BIN = 20
-_SHOWN = 0.995  # share of a curve's samples within the initial height of a picture
-_MEANS_SHOWN = 0.95
-_TIME = "time [s]"
+_SHOWN = 0.95  # share of the means over position within the height of their picture
+_CAUSE, _SHAPE, _MEASURED = COLOURS[2], COLOURS[3], "#999999"
+
+
+def thinned(x: Vector, y: Vector, most: int = _MOST) -> tuple[Vector, Vector]:
+    """At most `most` points of a curve, with the highest and the lowest of every section.
+
+    Interruptions are kept, with one more point each.
+    """
+    n = len(x)
+    if n <= most:
+        return x, y
+    edges = np.linspace(0, n, most // 2 + 1).astype(int)
+    there = np.isfinite(x) & np.isfinite(y)
+    high, low = np.where(there, y, -np.inf), np.where(there, y, np.inf)
+    keep = set(np.flatnonzero(~there).tolist())
+    for a, b in itertools.pairwise(edges.tolist()):
+        keep |= {a + int(high[a:b].argmax()), a + int(low[a:b].argmin())}
+    places = sorted(keep)
+    return x[places], y[places]
 
 
 def smoothed(values: Vector, record: npt.NDArray[np.int64], step: float) -> Vector:
@@ -69,159 +82,6 @@ def end_to_end(curves: Curves) -> Vector:
     return time
 
 
-def said(pictures: Iterable[Picture], words: Callable[[str], str]) -> list[Picture]:
-    """The pictures with all their texts changed by `words`."""
-    return [
-        replace(
-            p,
-            title=words(p.title),
-            says=words(p.says),
-            x_label=words(p.x_label),
-            y_label=words(p.y_label),
-        )
-        for p in pictures
-    ]
-
-
-def pictures_of(diagnosis: Diagnosis) -> list[Picture]:
-    """Pictures of the records for the page."""
-    time = end_to_end(diagnosis.curves)
-    corrected = "with all causes found" if diagnosis.unnamed else CORRECTED
-    return [
-        _force(diagnosis.curves, time, corrected),
-        _residual_over_time(diagnosis, time, corrected),
-        _residual_over_position(diagnosis.curves, corrected),
-        _residual_over_velocity(diagnosis.curves, corrected),
-        _position_residual(diagnosis, time, corrected),
-        *_force_of_causes(diagnosis.curves, time),
-    ]
-
-
-def _force(c: Curves, time: Vector, corrected: str) -> Picture:
-    label = f"{corrected} model" if corrected == CORRECTED else corrected
-    return Picture(
-        "force",
-        "Force: measured and predicted",
-        "Friction and all other forces that oppose the motion: from the record, "
-        "and from each model.",
-        _TIME,
-        "force [N]",
-        (
-            Line("measured", "measured", time, c.force),
-            Line("prior model", "before", time, c.predicted),
-            Line(label, "after", time, c.force - c.after),
-        ),
-    )
-
-
-def _residual_over_time(diagnosis: Diagnosis, time: Vector, corrected: str) -> Picture:
-    c = diagnosis.curves
-    step = float(np.median(np.diff(c.time)))
-    before, after = (smoothed(v, c.record, step) for v in (c.before, c.after))
-    return Picture(
-        "residual_time",
-        "Force residual over time",
-        f"Means over {SMOOTH:g} s; pale: "
-        f"every sample. Noise alone is {diagnosis.floor.force:.3g} N rms.",
-        _TIME,
-        "residual [N]",
-        (
-            Line(f"every sample, {corrected}", "after faint", time, c.after),
-            Line("prior model", "before", time, before),
-            Line(corrected, "after", time, after),
-        ),
-        _height(np.concatenate([before, after]), _SHOWN),
-    )
-
-
-def _residual_over_position(c: Curves, corrected: str) -> Picture:
-    ways = {"forwards": c.telling & (c.v > 0), "backwards": c.telling & (c.v < 0)}
-    lines = tuple(
-        Line(f"{label}, {way}", style, 1e3 * x, y)
-        for label, colour, values in _residuals(c, corrected)
-        for way, style in (("forwards", colour), ("backwards", f"{colour} dashed"))
-        for x, y in (binned(c.x, values, ways[way]),)
-    )
-    return Picture(
-        "residual_position",
-        "Force residual over position, by direction",
-        "Means over parts of the travel. Friction changes sign with the direction; a "
-        "load does not.",
-        "position [mm]",
-        "mean residual [N]",
-        lines,
-        _height(np.concatenate([line.y for line in lines]), _MEANS_SHOWN),
-    )
-
-
-def _residual_over_velocity(c: Curves, corrected: str) -> Picture:
-    return Picture(
-        "residual_velocity",
-        "Force residual over velocity",
-        "Means over neighbouring speeds, with the same number of samples each.",
-        "velocity [mm/s]",
-        "mean residual [N]",
-        tuple(
-            Line(label, f"{colour} dots", 1e3 * x, y)
-            for label, colour, values in _residuals(c, corrected)
-            for x, y in (binned(c.v, values, c.telling, alike=True),)
-        ),
-    )
-
-
-def _residuals(c: Curves, corrected: str) -> tuple[tuple[str, str, Vector], ...]:
-    """Label, colour and force residual of each model."""
-    return ("prior model", "before", c.before), (corrected, "after", c.after)
-
-
-def _position_residual(diagnosis: Diagnosis, time: Vector, corrected: str) -> Picture:
-    c = diagnosis.curves
-    factor, unit = shown_unit(c.position_before, "m")
-    return Picture(
-        "position_residual",
-        "Position residual over time",
-        "Error of the position predicted from the start of each second.",
-        _TIME,
-        f"residual [{unit}]",
-        (
-            Line("prior model", "before", time, factor * c.position_before),
-            Line(corrected, "after", time, factor * c.position_after),
-            level("noise alone, rms", time, factor * (diagnosis.floor.position or np.nan)),
-        ),
-    )
-
-
-def _force_of_causes(c: Curves, time: Vector) -> list[Picture]:
-    """Pictures of the causes' force; none if no cause is a force, such as an instrument error."""
-    lines = []
-    if np.any(c.cause):
-        lines.append(Line("named causes", "cause", time, c.cause))
-    if np.nansum(np.abs(c.shape)):
-        lines.append(Line("no known cause", "shape", time, c.shape))
-    says = "Force that the named causes add to the model, and the residual without a known cause."
-    causes = Picture("causes", "Force of the causes", says, _TIME, "force [N]", tuple(lines))
-    return [causes] if lines else []
-
-
-def _height(values: Vector, share: float) -> float | None:
-    """Height that contains this share of the values, so that outliers do not hide the rest."""
-    finite = np.abs(values[np.isfinite(values)])
-    return 1.5 * float(np.quantile(finite, share)) or None if len(finite) else None
-
-
-@drawing()
-def save_pictures(diagnosis: Diagnosis, folder: Path) -> None:
-    """Write diagnosis.png: the residual before and after, in force and position.
-
-    Raises
-    ------
-    OSError
-        If they cannot be written.
-    """
-    words = words_for(diagnosis.notes)
-    write_figure(in_words(diagnosis_figure(diagnosis), words), folder, "diagnosis")
-
-
 def diagnosis_figure(diagnosis: Diagnosis) -> Any:
     """A figure of the residual before and after, in force and position."""
     import matplotlib as mpl
@@ -249,3 +109,79 @@ def diagnosis_figure(diagnosis: Diagnosis) -> Any:
         force.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
         figure.align_ylabels()
     return figure
+
+
+def forces_figure(diagnosis: Diagnosis) -> Any:
+    """A figure of the force, measured and by each model, and of the force of causes, if any."""
+    import matplotlib as mpl
+
+    c = diagnosis.curves
+    time = end_to_end(c)
+    parts = [
+        (label, colour, values)
+        for label, colour, values in (
+            ("named causes", _CAUSE, c.cause),
+            ("no known cause", _SHAPE, c.shape),
+        )
+        if np.nansum(np.abs(values))
+    ]
+    with mpl.rc_context(STYLE):
+        figure, grid = new_figure(1 + bool(parts), 1, (9, 3 * (1 + bool(parts))))
+        shown = grid[:, 0]
+        for values, colour, width, label in (
+            (c.force, _MEASURED, 3.0, "measured"),
+            (c.predicted, COLOURS[1], 1.2, "prior model"),
+            (c.force - c.after, COLOURS[0], 1.2, "corrected"),
+        ):
+            shown[0].plot(*thinned(time, values), color=colour, lw=width, label=label)
+        shown[0].set_title("Friction and all other forces that oppose the motion", loc="left")
+        for label, colour, values in parts:
+            shown[1].plot(*thinned(time, values), color=colour, lw=1.2, label=label)
+        for axes, name in zip(shown, ("force", "force of causes"), strict=False):
+            axes.set_ylabel(f"{name} [N]")
+            axes.margins(x=0.01)
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
+        shown[-1].set_xlabel("time [s]")
+        figure.align_ylabels()
+    return figure
+
+
+def places_figure(diagnosis: Diagnosis) -> Any:
+    """A figure of the mean force residual over position, by direction, and over velocity."""
+    import matplotlib as mpl
+
+    c = diagnosis.curves
+    models = (
+        ("prior model", COLOURS[1], c.before),
+        ("corrected", COLOURS[0], c.after),
+    )
+    ways = (("forwards", c.v > 0, "-"), ("backwards", c.v < 0, "--"))
+    with mpl.rc_context(STYLE):
+        figure, ((over_position,), (over_velocity,)) = new_figure(2, 1, (9, 6))
+        means = []
+        for label, colour, values in models:
+            for way, there, dash in ways:
+                x, y = binned(c.x, values, c.telling & there)
+                look: dict[str, Any] = {"color": colour, "ls": dash, "label": f"{label}, {way}"}
+                over_position.plot(1e3 * x, y, **look)
+                means.append(y)
+            v, y = binned(c.v, values, c.telling, alike=True)
+            over_velocity.plot(1e3 * v, y, ".", color=colour, label=label)
+        height = _height(np.concatenate(means))
+        if height:  # outliers do not hide the rest
+            low, high = over_position.get_ylim()
+            over_position.set_ylim(max(low, -height), min(high, height))
+        over_position.set_title("Mean residual: a load has one sign in both directions", loc="left")
+        for axes, name in ((over_position, "position [mm]"), (over_velocity, "velocity [mm/s]")):
+            axes.set_xlabel(name)
+            axes.set_ylabel("mean residual [N]")
+        figure.legend(
+            *over_position.get_legend_handles_labels(), loc="outside lower center", ncols=4
+        )
+    return figure
+
+
+def _height(values: Vector) -> float:
+    """Half the height of a picture that contains nearly all values."""
+    finite = np.abs(values[np.isfinite(values)])
+    return 1.5 * float(np.quantile(finite, _SHOWN)) if len(finite) else 0.0

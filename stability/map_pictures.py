@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.page import Figure, layout, numbers
 from ..orchestration.pictures import STYLE, drawing, new_figure, write_figure
 from ..orchestration.shown_units import labelled, shown_unit
 from ..solver.kernel import PLANT
@@ -41,9 +39,6 @@ Boundary = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[n
 
 _BOUNDARY_POINTS = 48
 BOUNDARY = "limit of stability while the block is stuck (Routh-Hurwitz)"
-_SHORT = "limit while stuck"  # for narrow screens
-_AROUND_ZERO = ("#7f3b08", "#fdb863", "#f7f7f7", "#b2abd2", "#2d004b")  # PuOr, for colour-blind
-MOST_CELLS = 200  # along each side of a map on its page
 
 
 @drawing()
@@ -148,82 +143,6 @@ def map_figure(plan: MapPlan, folder: Path) -> Any:
             place.tick_params(axis="x", rotation=30)
         axes[0].set_ylabel(_label(plan, plan.y.name))
     return figure
-
-
-def page_figures(plan: MapPlan, folder: Path) -> list[Figure]:
-    """The panels of the map as plotly's figures, for its page."""
-    kinds = list(COLOUR)
-    verdict, panels = _verdicts_and_panels(plan, folder)
-    every = [max(1, -(-axis.count // MOST_CELLS)) for axis in (plan.y, plan.x)]
-    thin = slice(None, None, every[0]), slice(None, None, every[1])
-    says = ""
-    if max(every) > 1:
-        says = f"Drawn is one cell of {every[1]} along x and one of {every[0]} along y; "
-        says += "map.png and the table have all."
-    found = _boundary(plan)
-    line: list[Figure] = []
-    if found is not None:
-        zero = {"start": 0.0, "end": 0.0, "size": 1.0, "coloring": "none"}
-        look = {"color": "#000", "dash": "dash", "width": 2}
-        grid = {"x": found[0].tolist(), "y": found[1].tolist(), "z": _grid(found[2])}
-        says = f"{says} Dashed: {BOUNDARY}.".strip()
-        more = {"name": _SHORT, "showlegend": True, "hoverinfo": "skip"}
-        line = [{"type": "contour", **grid, "contours": zero, "line": look, **more}]
-
-    def figure(name: str, title: str, says: str, traces: list[Figure]) -> Figure:
-        x, y = (
-            {"title": {"text": _label(plan, axis.name)}, "exponentformat": "none"}
-            for axis in (plan.x, plan.y)
-        )
-        shown = layout(x, y) | {"showlegend": True}
-        data = [*traces, *line]
-        return {"name": name, "title": title, "says": says, "data": data, "layout": shown}
-
-    place = {"x": plan.x.values()[thin[1]].tolist(), "y": plan.y.values()[thin[0]].tolist()}
-    image: Figure = {"type": "heatmap", **place, "showscale": False}
-    steps = [
-        [(k + end) / len(kinds), COLOUR[kind]] for k, kind in enumerate(kinds) for end in (0, 1)
-    ]
-    words = [[kinds[k].value for k in row] for row in verdict[thin].tolist()]
-    cells = {"z": verdict[thin].tolist(), "text": words, "hoverinfo": "x+y+text"}
-    scale = {"colorscale": steps, "zmin": -0.5, "zmax": len(kinds) - 0.5}
-    met = [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "x": [None],
-            "y": [None],
-            "name": kind.value,
-            "marker": {"color": COLOUR[kind], "symbol": "square", "size": 12},
-        }
-        for k, kind in enumerate(kinds)
-        if k in verdict
-    ]
-    title = f"{plan.loop.label}: how the motion ends"
-    figures = [figure("verdict", title, says, [image | cells | scale, *met])]
-    for number, panel in enumerate(panels):
-        low, high = panel.range()
-        values = np.maximum(panel.values[thin], panel.least or low)
-        bar: Figure = {"title": {"text": panel.label, "side": "right"}, "thickness": 14}
-        colours: Any = "Viridis"
-        if panel.least:
-            low, high, values = np.log10(low), np.log10(high), np.log10(values)
-            ticks = list(range(math.ceil(low), math.floor(high) + 1))
-            bar |= {"tickvals": ticks, "ticktext": [f"{10.0**k:g}" for k in ticks]}
-        else:
-            colours = [[k / 4, c] for k, c in enumerate(_AROUND_ZERO)]
-        scale = {"colorscale": colours, "zmin": float(low), "zmax": float(high)}
-        cells = {"z": _grid(values), "showscale": True, "colorbar": bar, "hoverinfo": "x+y+z"}
-        if panel.least:  # z is a logarithm
-            text = [[f"{v:.4g}" for v in row] for row in panel.values[thin].tolist()]
-            cells |= {"text": text, "hoverinfo": "x+y+text"}
-        figures.append(figure(f"panel{number}", panel.title, says, [image | cells | scale]))
-    return figures
-
-
-def _grid(values: npt.NDArray[np.float64]) -> Figure:
-    """A table of numbers in plotly's format."""
-    return numbers(values) | {"shape": f"{values.shape[0]}, {values.shape[1]}"}
 
 
 def _label(plan: MapPlan, name: str) -> str:

@@ -1,51 +1,73 @@
-"""A study as one page that opens without a network."""
+"""A study as tables, for its page."""
 
 from __future__ import annotations
 
 import math
-import statistics
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
-from ..page import layout, page
+from ..page import Table
+from .comparison import ALIKE
 from .figures import UNITS
 from .lengths import length, scale
-from .pictures import COLOURS, mark_of
 from .result import JUDGED_BY, MEASURED
-from .verdict import sentence, weaknesses
+from .verdict import cannot_tell
 
 if TYPE_CHECKING:
     from .result import StudyResult
 
-_SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "x")
-_DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot", "5px 1px 1px 1px")
-_FAR_OFF = (
-    30.0  # times the median of the largest errors: a larger course is drawn only if requested
+_MEANS = (
+    "Means over plants and tunings, and their 90 % intervals over plants and noise, after Student. "
+    "Geometric means for errors, energy, current and variation, of which the logarithm was taken. "
+    "The luck of a tuning is not in these intervals; it is in those of the differences. A dash: "
+    "not defined, or not in every run. A run hunts that goes to and fro in the last quarter of its "
+    "last rest, two whole times or more, with an amplitude of more than a count of the position "
+    "sensor; it is undecided where it neither does nor stays within a count. A cycle longer than "
+    "that rest is not seen."
 )
 
 
-def report(study: StudyResult) -> str:
-    """The page as text; its headline gives the winner, and the line below the limitations."""
-    duties = [d.name for d in study.plan.judged_duties]
-    figures = [
-        _error_over_duties(study),
-        *(course for d in duties for course in _courses(study, d)),
-        *(_error_against_effort(study, d) for d in duties),
+def tables_of(study: StudyResult) -> list[Table]:
+    """Winners, figures, differences, tunings and sensitivities."""
+    return [
+        answers(study),
+        *_figures(study),
+        *_differences(study),
+        _tunings(study),
+        _sensitivities(study),
+        *_sobol(study),
     ]
-    return page(
-        __package__,
-        "report.html.jinja",
-        figures,
-        {"number": number, "metres": length},
-        figures=figures,
-        study=study,
-        headline=sentence(study),
-        weaknesses=weaknesses(study),
-        plan=study.plan,
-        duties=duties,
-        names=[e.name for e in study.plan.entrants],
-        answers=study.answers,
-        shown={d: [(n, *_scale(study, n, d)) for n in MEASURED] for d in duties},
+
+
+def answers(study: StudyResult) -> Table:
+    """The best controller of each duty, and how far the runs over FMUs agree."""
+    rows = []
+    for a in study.answers:
+        failed = ", ".join(f"{n}: {count}" for n, count in a.failed.items() if count)
+        best = "-"
+        if a.order:
+            best = f"{a.order[0]} ({length(study.mean(JUDGED_BY, a.order[0], a.duty))} rms)"
+        others = (", ".join(a.best[1:]) or "-", ", ".join(a.unclear) or "-", failed or "none")
+        rows.append((a.duty, best, *others))
+    plan = study.plan
+    worst = max((c.apart for c in study.checks.values() if c.apart >= 0), default=0.0)
+    duties = ", ".join(d.name for d in plan.tuning_duties)
+    says = (
+        f"Each controller was tuned {plan.tuning.seeds} times with a budget of "
+        f"{plan.tuning.budget} candidates on {duties}, on the nominal plant and "
+        f"{plan.tuning.plants} drawn ones, then judged on {plan.plants} other plants and on "
+        "motions that no tuning has seen. "
+        + (f"Sampled every {number(1e3 * plan.period)} ms. " if plan.period > 0 else "")
+        + "Simulated plants: how a real axis differs from them is not in these figures. "
+        f"Repeated over FMUs: {len(study.checks)} runs, drawn at random, at most {length(worst)} "
+        f"apart; {study.disagreed} came out differently, and the coupling of "
+        f"{study.not_converged} is not converged."
     )
+    columns = (
+        *("duty", "smallest error", f"equal to it within {100 * ALIKE:g} %"),
+        *(cannot_tell(study), "failed runs"),
+    )
+    return Table("Which controller for which duty", columns, rows, says=says)
 
 
 def number(value: float) -> str:
@@ -55,6 +77,29 @@ def number(value: float) -> str:
     return "never" if math.isinf(value) else f"{value:.3g}"
 
 
+def _duties(study: StudyResult) -> list[str]:
+    return [d.name for d in study.plan.judged_duties]
+
+
+def _figures(study: StudyResult) -> Iterator[Table]:
+    names = [e.name for e in study.plan.entrants]
+    for duty in _duties(study):
+        scales = {n: _scale(study, n, duty) for n in MEASURED}
+        rows = []
+        for name in names:
+            hunts = study.hunting(name, duty)
+            cells = []
+            for figure, (factor, _) in scales.items():
+                m = study.interval(figure, name, duty)
+                ends = f" ({number(factor * m.low)} to {number(factor * m.high)})"
+                cells.append(number(factor * m.mean) + (ends if m.low < m.high else ""))
+            undecided = f", {hunts['undecided']} undecided" if hunts["undecided"] else ""
+            rows.append((name, *cells, f"{hunts['hunting']} of {sum(hunts.values())}{undecided}"))
+        titles = [f"{n.replace('_', ' ')} [{unit}]" for n, (_, unit) in scales.items()]
+        says = _MEANS if duty == _duties(study)[0] else ""
+        yield Table(f"Figures: {duty}", ("controller", *titles, "hunts"), rows, says=says)
+
+
 def _scale(study: StudyResult, figure: str, duty: str) -> tuple[float, str]:
     """Factor of a column of the table, and its unit."""
     if UNITS[figure] != "m":
@@ -62,108 +107,64 @@ def _scale(study: StudyResult, figure: str, duty: str) -> tuple[float, str]:
     return scale(study.interval(figure, e.name, duty).mean for e in study.plan.entrants)
 
 
-def _trace(k: int, name: str, **data: Any) -> dict[str, Any]:
-    marker = {"symbol": _SYMBOLS[mark_of(k)], "size": 9}
-    trace = {"type": "scatter", "mode": "markers", "name": name, "meta": _colour(k)}
-    return trace | {"marker": marker, **data}
+def _differences(study: StudyResult) -> Iterator[Table]:
+    columns = ("first", "second", "ratio of rms errors", "90 % interval", "")
+    for duty in _duties(study):
+        rows = [
+            (*pair, number(d.ratio), f"{number(d.low)} to {number(d.high)}", d.words)
+            for pair, d in study.differences[duty].items()
+        ]
+        yield Table(f"Differences: {duty}", columns, rows)
 
 
-def _colour(k: int) -> str:
-    return f"c{k % len(COLOURS)}"
-
-
-def _error_over_duties(study: StudyResult) -> dict[str, Any]:
-    duties = [d.name for d in study.plan.judged_duties]
-
-    def errors(name: str) -> list[float | None]:
-        return [_plain(1e6 * study.mean(JUDGED_BY, name, duty)) for duty in duties]
-
-    traces = [
-        _trace(k, e.name, x=duties, y=errors(e.name)) for k, e in enumerate(study.plan.entrants)
-    ]
-    y = {"type": "log", "title": {"text": "rms error [um]"}}
-    return {
-        "name": "errors",
-        "title": "Error at each duty",
-        "says": "Geometric mean over all plants and tunings.",
-        "data": traces,
-        "layout": layout({"type": "category"}, y),
-    }
-
-
-def _courses(study: StudyResult, duty: str) -> list[dict[str, Any]]:
-    """Position error and command over time, of all controllers on the nominal plant."""
-    place = [d.name for d in study.plan.judged_duties].index(duty)
-    courses = {n: c for n, c in study.courses.get(duty, {}).items() if c.time}
-    peaks = {n: max(map(abs, course.error)) for n, course in courses.items()}
-    factor, unit = scale(peaks.values())
-    far = {n for n, p in peaks.items() if p > _FAR_OFF * statistics.median(peaks.values())}
-    hidden = (
-        " Hidden until you click on its name, since it is far from the others: "
-        f"{', '.join(sorted(far))}."
-        if far
-        else ""
+def _tunings(study: StudyResult) -> Table:
+    columns = (
+        *("controller", "cost of the published rule", "tuned", "with twice the budget"),
+        "at the end of its range",
     )
-
-    def figure(name: str, title: str, axis: str, values: Any) -> dict[str, Any]:
-        traces = []
-        for k, entrant in enumerate(study.plan.entrants):
-            if entrant.name not in courses:
-                continue
-            trace: dict[str, Any] = {
-                "type": "scatter",
-                "mode": "lines",
-                "name": entrant.name,
-                "meta": _colour(k),
-                "line": {"dash": dash_of(k), "width": 1.5},
-                "x": courses[entrant.name].time,
-                "y": values(courses[entrant.name]),
-            }
-            if entrant.name in far:
-                trace["visible"] = "legendonly"
-            traces.append(trace)
-        return {
-            "name": f"{name}{place}",
-            "title": f"{title}: {duty}",
-            "says": "On the nominal plant, each with its best tuning." + hidden,
-            "data": traces,
-            "layout": layout({"title": {"text": "time [s]"}}, {"title": {"text": axis}}),
-        }
-
-    errors = f"set-point minus position [{unit}]"
-    return [
-        figure("course", "Error over time", errors, lambda c: [factor * e for e in c.error]),
-        figure(
-            "command", "Command over time", f"command [{study.command_unit}]", lambda c: c.command
-        ),
+    rows = [
+        (name, *map(number, (t.published_cost, t.cost, t.doubled_cost)), ", ".join(t.at_bound))
+        for name, found in study.tunings.items()
+        for t in found
     ]
+    says = (
+        "Cost: mean of the rms error over the size of the motion, and penalties beyond the limits. "
+        "A controller with fewer parameters tunes faster: compare the last two costs."
+    )
+    return Table("Tuning", columns, rows, says=says)
 
 
-def dash_of(number: int) -> str:
-    """The dash of a controller's line: solid for the first of each colour."""
-    return _DASHES[number // len(COLOURS) % len(_DASHES)]
-
-
-def _error_against_effort(study: StudyResult, duty: str) -> dict[str, Any]:
-    traces = [
-        _trace(
-            k,
-            e.name,
-            x=[_plain(study.mean("total_variation", e.name, duty))],
-            y=[_plain(1e6 * study.mean(JUDGED_BY, e.name, duty))],
+def _sensitivities(study: StudyResult) -> Table:
+    rows = [
+        (
+            name,
+            s.foremost or "-",
+            " ".join(f"{n}: {number(c)}" for n, c in s.coefficients.items()),
+            f"{number(100 * s.explained)} %",
         )
-        for k, e in enumerate(study.plan.entrants)
+        for name, s in study.sensitivities.items()
     ]
-    x = {"type": "log", "title": {"text": f"total variation of the command [{study.command_unit}]"}}
-    y = {"type": "log", "title": {"text": "rms error [um]"}}
-    return {
-        "name": f"effort{[d.name for d in study.plan.judged_duties].index(duty)}",
-        "title": f"Error against effort: {duty}",
-        "says": "Points further down and to the left are better. Missing points are failed runs.",
-        "data": traces,
-        "layout": layout(x, y),
-    }
+    columns = ("controller", "foremost", "coefficients", "variance explained")
+    return Table("What each is most sensitive to", columns, rows)
 
 
-def _plain(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _sobol(study: StudyResult) -> Iterator[Table]:
+    if not study.sobol:
+        return
+    rows = []
+    for name, of_duties in study.sobol.items():
+        for duty, indices in of_duties.items():
+            for varied, i in indices.items():
+                first, total = (
+                    f"{value:.2f} +- {within:.2f}"
+                    for value, within in ((i.first, i.first_within), (i.total, i.total_within))
+                )
+                rows.append((name, duty, varied, first, total))
+            if not indices:
+                rows.append((name, duty, "a run failed", "", ""))
+    says = (
+        f"Share of the variance of the error's logarithm, from {study.plan.sobol} points and one "
+        "noise, with 90 % intervals. A wide interval needs more points."
+    )
+    columns = ("controller", "duty", "varied", "alone", "with others")
+    yield Table("Sobol indices of the rms error", columns, rows, says=says)

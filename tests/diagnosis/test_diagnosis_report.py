@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hostile import ALL, HOSTILE, check_text
+from pages import ALL, HOSTILE, Page, check_hostile
 from slide_records import believed, slide_record
 
 from ballscrew.diagnosis.diagnose import diagnose_records
 from ballscrew.diagnosis.diagnosis import Level, SuspectFound
-from ballscrew.diagnosis.diagnosis_pictures import binned, end_to_end, pictures_of, smoothed
-from ballscrew.diagnosis.diagnosis_report import report
+from ballscrew.diagnosis.diagnosis_pictures import binned, end_to_end, forces_figure, smoothed
 from ballscrew.diagnosis.report_words import length, of_friction, suspect_lines
+from ballscrew.measured_results import DiagnosisResult
 
 
 @pytest.fixture(scope="module")
@@ -25,8 +24,7 @@ def found():
 
 def text_of(diagnosis):
     """What a reader sees, as one line."""
-    page = report(diagnosis)
-    return " ".join(re.sub(r"<(style|script).*?</\1>|<[^>]+>", " ", page, flags=re.S).split())
+    return Page(DiagnosisResult.of(diagnosis).report()).said
 
 
 def test_the_numbers_of_the_report_are_those_of_the_result(found):
@@ -43,7 +41,7 @@ def test_the_numbers_of_the_report_are_those_of_the_result(found):
     share, ends = 100 * cause.gain_heldout, [100 * g for g in cause.gain_interval]
     for words in (
         "torque_ripple explains the error of the model; the rest is noise.",
-        f"ripple_cos {cause.parameters['ripple_cos']:.4g} {low:.4g} to {high:.4g} N",
+        f"ripple_cos {cause.parameters['ripple_cos']:.4g} N ({low:.4g} to {high:.4g})",
         f"{share:.3g} % of the mean square in force ({ends[0]:.3g} % to {ends[1]:.3g} %)",
         f"residual {cause.before:.4g} N to {cause.after:.4g} N; alone, ",
         f"{cause.force:.3g} N rms, {100 * cause.of_friction:.3g} % of the friction",
@@ -97,7 +95,7 @@ def test_suspects_are_told_with_size_and_force(found):
     said = text_of(replace(found, **changes))
     assert "It is one of scale of u or outside the catalogue." in said
     assert "The command fits with a factor of 0.577: check its unit." in said
-    assert "scale_of_u = 0.577 1 0.57 to 0.59 39 N 7.5 times the friction 0.75 a meter" in said
+    assert "scale_of_u = 0.577 1 (0.57 to 0.59) 39 N 7.5 times the friction 0.75 a meter" in said
     lines = "\n".join(suspect_lines((scale, other)))
     assert "scale_of_u = 0.577  0.57 .. 0.59" in lines
     assert "a scale; 39 N rms, 7.5 times the friction; probability 0.75" in lines
@@ -107,17 +105,20 @@ def test_names_that_are_meant_badly_stay_text(found):
     words = {"name": ALL, "says": ALL, "confirm": ALL, "parameters": {ALL: 1.0}}
     cause = replace(found.causes[0], **words, intervals={ALL: (0.9, 1.1)}, units={ALL: ALL})
     changes = {"causes": (cause,), "records": HOSTILE, "notes": HOSTILE, "where": ALL}
-    check_text(report(replace(found, **changes)))
+    check_hostile(DiagnosisResult.of(replace(found, **changes)).report())
 
 
 def test_what_is_unnamed_is_drawn_and_what_was_not_found_is_not(found):
     curves, shaped = found.curves, np.ones(len(found.curves.x))
-    drawn = {p.name for p in pictures_of(found)}
-    none = replace(curves, cause=0 * shaped)
-    assert drawn - {p.name for p in pictures_of(replace(found, curves=none))} == {"causes"}
-    bent = replace(found, curves=replace(curves, shape=shaped))
-    assert '"meta": "shape"' in report(bent)
-    assert '"meta": "shape"' not in report(found)
+
+    def drawn(**changes):
+        figure = forces_figure(replace(found, curves=replace(curves, **changes)))
+        return [line.get_label() for axes in figure.axes for line in axes.lines]
+
+    models = ["measured", "prior model", "corrected"]
+    assert drawn() == [*models, "named causes"]
+    assert drawn(cause=0 * shaped) == models
+    assert drawn(shape=shaped) == [*models, "named causes", "no known cause"]
 
 
 def test_records_follow_each_other_and_are_neither_joined_nor_mixed(found):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballscrew.instruments.acquisition import SAMPLE_TIME
-from ballscrew.results.rig_record import RigRecord
+from ballscrew.measured_results import RigRecord
 from ballscrew.rig.bench import run_trial
 from ballscrew.rig.compiled_rig import plant_kernel
 from ballscrew.rig.noise import Noise

@@ -15,7 +15,7 @@ import types
 THEIRS = (
     "asyncio concurrent.futures.process control cma ctypes.util fmpy fmpy.simulation jinja2 "
     "matplotlib.pyplot multiprocessing.connection multiprocessing.popen_spawn_posix "
-    "multiprocessing.resource_tracker multiprocessing.synchronize numpy plotly.graph_objects "
+    "multiprocessing.resource_tracker multiprocessing.synchronize numpy "
     "pythonfmu pythonfmu.builder scipy.fft scipy.integrate scipy.linalg scipy.optimize "
     "scipy.signal scipy.sparse.linalg scipy.special scipy.stats selectors subprocess sympy "
     "tempfile tomli_w tomllib tqdm uuid zipfile"

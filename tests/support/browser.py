@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import fcntl
 import json
 import os
@@ -65,14 +64,6 @@ class Page:
         answer = self.call("Runtime.evaluate", expression=script, returnByValue=True)
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
-
-    def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
-        """A mouse event, as by hand."""
-        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
-
-    def screenshot(self) -> bytes:
-        """The page as seen, PNG."""
-        return base64.b64decode(self.call("Page.captureScreenshot")["data"])
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         self._number += 1

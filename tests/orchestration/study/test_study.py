@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from dask_cluster import cluster
 from long_commands import Command, interrupted
+from pages import Page
 from waiting import wait_for
 
 from ballscrew.cli import main
+from ballscrew.loop_results import SwapStudy
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.orchestration.study.loop import StudyLoop
@@ -21,7 +23,6 @@ from ballscrew.orchestration.study.study import PARTS, do_study, loops_of, parts
 from ballscrew.orchestration.study.verdict import sentence
 from ballscrew.orchestration.whole_loop import loop_kernel, run_monolithic
 from ballscrew.orchestration.workers import Processes
-from ballscrew.results.swap_study import SwapStudy
 
 STUDY = """version = 1
 plants = 3
@@ -173,7 +174,7 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
     assert main(given) == 0
     printed = capsys.readouterr().out
     assert "2 controllers, 1 duties, 12 runs" in printed
-    assert "repeated over FMUs" in printed
+    assert "Repeated over FMUs: " in printed
     assert {p.name for p in out.iterdir()} >= {
         "report.html",
         "study.json",
@@ -182,11 +183,11 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
     }
     told = json.loads((out / "study.json").read_text())
     assert [a["order"] for a in told["answers"]] == [list(a.order) for a in result.answers]
-    page = (out / "report.html").read_text()
-    assert "Which controller for which duty" in page
-    assert f"<h1>{sentence(result)}</h1>" in page
-    assert "rms error [um]" in page
-    assert "rms error [m]" not in page
+    page = Page((out / "report.html").read_text())
+    assert page.headline == SwapStudy.of(result).headline()
+    assert page.pictures == 2
+    (figures,) = (rows for title, rows in page.tables.items() if title.startswith("Figures: "))
+    assert "rms error [um]" in figures[0]
     assert told["verdict"] == sentence(result) == printed.splitlines()[0].partition(". ")[0]
     assert not (out / PARTS).exists()
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ballscrew.loop_results import SwapStudy
 from ballscrew.orchestration.study.figures import NAMES
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Tuning
 from ballscrew.orchestration.study.result import concluded
@@ -11,7 +12,6 @@ from ballscrew.orchestration.study.verdict import (
     sentence,
     weaknesses,
 )
-from ballscrew.results.swap_study import SwapStudy
 
 GAINS = {"Kp": (1.0, 2.0)}
 PLANTS, SEEDS = 8, 2
@@ -87,5 +87,6 @@ def test_two_tunings_of_which_one_failed_cannot_tell_and_the_words_say_so():
     answer = next(a for a in found.answers if a.duty == "move")
     assert (answer.best, answer.unclear) == (("p_pi",), ("pid",))
     assert "at 4 of them 2 tunings on 8 plants cannot tell whether" in sentence(found)
-    facts = dict(SwapStudy.of(found).facts())
-    assert facts["move"].endswith("; 2 tunings on 8 plants cannot tell it from pid")
+    answers, *_ = SwapStudy.of(found).tables()
+    assert answers.columns[3] == "2 tunings on 8 plants cannot tell"
+    assert next(row for row in answers.rows if row[0] == "move")[3] == "pid"

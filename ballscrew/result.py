@@ -1,0 +1,243 @@
+"""What all results have: a sentence, tables, pictures, files, a page, and a view in notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+from .orchestration.loop import Loop, SystemLoop
+from .orchestration.page import REPORT, Table, page
+from .orchestration.pictures import drawing, in_words, write_figure
+from .orchestration.shown_units import quantity
+from .orchestration.turning_words import page_in_turning_units, words_for
+from .solver.files import write_atomically
+
+if TYPE_CHECKING:
+    from .orchestration.parameter_file import Value
+    from .solver.kernel import ParameterInfo
+
+_COLUMNS = ("parameter", "value", "unit", "default", "95 % interval", "from", "meaning")
+
+
+class Result:
+    """What all results have: a sentence, tables, pictures, files, a page, and a view in notebooks.
+
+    Attributes
+    ----------
+    function : str
+        The function that gives such a result.
+    """
+
+    function: ClassVar[str]
+
+    @classmethod
+    def of(cls, computed: Any) -> Self:
+        """The result with the fields of the computed object."""
+        return cls(**{f.name: getattr(computed, f.name) for f in fields(computed)})
+
+    def headline(self) -> str:
+        """The result in one sentence."""
+        raise NotImplementedError
+
+    def doubts(self) -> Iterable[str]:
+        """What weakens it."""
+        return getattr(self, "notes", ())
+
+    def tables(self) -> list[Table]:
+        """All numbers with units, the most important table first."""
+        raise NotImplementedError
+
+    def pictures(self) -> dict[str, Any]:
+        """Matplotlib figures by the names of their files, the most important first."""
+        raise NotImplementedError
+
+    @property
+    def badge(self) -> str:
+        """A word on the result."""
+        return "trusted" if self.good else "not trusted"
+
+    @property
+    def good(self) -> bool:
+        """Whether the badge is a good one."""
+        return bool(getattr(self, "trusted", True))
+
+    def save(self, folder: Path | str, pictures: bool = True, command: str = "") -> None:
+        """Write plain files (CSV, JSON, TOML), the figures as PNG, and the page ``report.html``.
+
+        Parameters
+        ----------
+        folder : path-like
+            Created if it does not exist.
+        pictures : bool
+            Whether to write figures and page, too.
+        command : str
+            What the page names as its origin. Default: the function of Python.
+
+        Raises
+        ------
+        OSError
+            If a file cannot be written.
+        """
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        self.write(folder)
+        if pictures:
+            figures = {}
+            with drawing():
+                figures = self._figures()
+                for stem, figure in figures.items():
+                    write_figure(figure, folder, stem)
+            with drawing(REPORT):
+                write_page(folder, self.report(command, figures))
+
+    def write(self, folder: Path) -> None:
+        """Write the plain files; raises OSError if one cannot be written."""
+        super().save(folder)  # type: ignore[misc]
+
+    def report(self, command: str = "", figures: Mapping[str, Any] | None = None) -> str:
+        """The page as text, with these pictures or with all."""
+        text = page(
+            self._figures() if figures is None else figures,
+            kind=self.function.rpartition(".")[2],
+            badge=self.badge,
+            good=self.good,
+            headline=self.headline(),
+            doubts=list(self.doubts()),
+            tables=self.tables(),
+            made_by=command or self.function,
+        )
+        return text if self._words is str else page_in_turning_units(text)
+
+    def plot(self) -> Any:
+        """The most important figure, a `matplotlib.figure.Figure`."""
+        return in_words(next(iter(self.pictures().values())), self._words)
+
+    def say(self, text: str) -> str:
+        """A text, in N*m and rad if this is about a rotating body."""
+        return self._words(text)
+
+    def _figures(self) -> dict[str, Any]:
+        return {stem: in_words(f, self._words) for stem, f in self.pictures().items()}
+
+    @property
+    def _words(self) -> Callable[[str], str]:
+        return words_for(getattr(self, "notes", ()))
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.say(self.headline())}>"
+
+    def _repr_html_(self) -> str:
+        doubts = "".join(f"<li>{escape(self.say(d))}</li>" for d in self.doubts())
+        rows = "".join(
+            "<tr>" + "".join(f"<td>{escape(self.say(cell))}</td>" for cell in row) + "</tr>"
+            for row in self.tables()[0].rows
+        )
+        head = escape(self.say(self.headline()))
+        return f"<p><b>{head}</b></p><ul>{doubts}</ul><table>{rows}</table>"
+
+
+def write_page(folder: Path, text: str) -> None:
+    """Write ``report.html``; what no text may contain in the names of files becomes ``?``."""
+    write_atomically(folder / REPORT, text.encode("utf-8", "replace"))
+
+
+def table_of(data: Any, index: str | None = None) -> Any:
+    """A pandas table; pandas is imported only here."""
+    try:
+        import pandas as pd
+    except ImportError as error:
+        raise ImportError("to_pandas needs pandas: pip install pandas") from error
+    table = pd.DataFrame(data)
+    return table if index is None else table.set_index(index)
+
+
+def figures_table(title: str, figures: Mapping[str, Any], units: Mapping[str, str]) -> Table:
+    """All figures of a JSON file with their units, by name."""
+    rows = [
+        (name.replace("_", " "), told(value, units.get(name, _unit_in(name))))
+        for name, value in figures.items()
+    ]
+    return Table(title, ("figure", "value"), rows)
+
+
+def told(value: Any, unit: str = "") -> str:
+    """A figure of a JSON file, for a reader."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        return quantity(value, unit)
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name}: {told(part, unit)}" for name, part in value.items()) or "-"
+    if isinstance(value, list | tuple):
+        return ", ".join(told(part, unit) for part in value) or "-"
+    return str(value or "-")
+
+
+def _unit_in(name: str) -> str:
+    """The unit that the name of a figure ends with, as ``period_s``."""
+    ends = {"_bits_per_s": "bits/s", "_nats_per_s": "nats/s", "_bits": "bits", "_s": "s"}
+    return next((unit for end, unit in ends.items() if name.endswith(end)), "")
+
+
+def values_of(loop: Loop | SystemLoop, coupled: bool = True) -> list[Table]:
+    """The settings of a loop, and the values of its parts; not `coupled` ones have one solver."""
+    if isinstance(loop, SystemLoop):
+        rows = [(name, told(value)) for name, value in loop.values.items()]
+        named = Table("Given to the system; its file says the others", ("name", "value"), rows)
+        return [_settings(loop, {"system": loop.label}, coupled), named]
+    file = loop.parameters()
+    parts = {"plant": loop.plant.label, "controller": loop.controller.label}
+    tables = [_settings(loop, parts, coupled)]
+    own = file.controllers[loop.controller.label]
+    for side, part, values, given in (
+        ("Plant", loop.plant, {**file.plant, **file.found}, loop.plant_values),
+        ("Controller", loop.controller, own, loop.controller_values),
+    ):
+        if values:
+            title = f"{side} {part.label}"
+            tables.append(_values_table(title, part.settable(given), values, given))
+    return tables
+
+
+def _values_table(
+    title: str,
+    known: Mapping[str, ParameterInfo],
+    values: Mapping[str, Value],
+    given: Mapping[str, float],
+) -> Table:
+    rows, changed = [], set()
+    for k, (name, v) in enumerate(values.items()):
+        about = known.get(name)
+        if name in given and (about is None or v.value != about.default):
+            changed.add(k)
+        ends = f"{v.interval[0]:.4g} to {v.interval[1]:.4g}" if v.interval else "-"
+        default = f"{about.default:.6g}" if about and about.default == about.default else "-"
+        unit = "" if v.unit == "1" else v.unit
+        meaning = about.meaning if about else ""
+        rows.append((name, f"{v.value:.6g}", unit, default, ends, v.source, meaning))
+    return Table(title, _COLUMNS, rows, frozenset(changed))
+
+
+def _unit_of_goal(loop: Loop | SystemLoop) -> str:
+    """Of the position, where the plant's equations say it; a set-point is always in SI units."""
+    if isinstance(loop, SystemLoop) or not loop.plant.has_equations:
+        return "[SI]"
+    return next((o.unit for o in loop.plant.kernel.outputs if o.name == "x"), "m")
+
+
+def _settings(loop: Loop | SystemLoop, parts: Mapping[str, str], coupled: bool) -> Table:
+    goal = loop.reference
+    if goal is None:
+        said = "as the file says"
+    else:
+        ends = sorted({float(goal.values.min()), float(goal.values.max())})
+        said = " to ".join(quantity(value, _unit_of_goal(loop)) for value in ends)
+    length = "as the file says" if loop.stop is None else f"{loop.stop:g} s"
+    rows = {**parts, "set-point": said, "length": length}
+    if coupled:
+        rows["communication step"] = "chosen" if loop.step is None else f"{loop.step:g} s"
+        rows["coupling"] = "by rule" if loop.coupling is None else loop.coupling.value
+    return Table("The loop", ("setting", "value"), list(rows.items()))
