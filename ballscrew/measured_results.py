@@ -212,13 +212,9 @@ class ModelComparison(Result, Compared):
         models = self.models.values()
         whole = [_figure(of(left), size) for left in (*(m[ALL] for m in models), self.floor)]
         rows = [("in all", *whole)]
-        rows += [
-            (
-                f"{part}, {100 * share:.2g} % of the time",
-                *(_figure(of(m[part]), size) for m in models),
-            )
-            for part, share in self.shares.items()
-        ]
+        for part, share in self.shares.items():
+            figures = (_figure(of(m[part]), size) for m in models)
+            rows.append((f"{part}, {100 * share:.2g} % of the time", *figures, ""))
         title = f"{title}, rms (95 %)"
         return Table(title, (title, *self.models, "noise alone"), rows)
 

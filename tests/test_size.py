@@ -22,7 +22,7 @@ MOST = {  # folder: lines, lines without docstrings
     "fmus": (6078, 5274),
     "orchestration": (13556, 11197),
     "stability": (3105, 2498),
-    "ballscrew": (4737, 3912),
+    "ballscrew": (4733, 3908),
     "gallery": (3571, 3184),
     "records": (2379, 2155),
     "identification": (4714, 3940),
@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28154, 26865),
+    "tests": (28143, 26855),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

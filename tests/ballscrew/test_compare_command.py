@@ -52,7 +52,8 @@ def test_the_first_line_says_it_and_a_table_follows(files):
     lines = printed.splitlines()
     told = compare(record, params)
     assert lines[0] == f"The corrected {told.says.removeprefix('the corrected ')}."
-    assert "diagnosed of one.csv; corrected: values, and load_bias" in lines[2]
+    about = [line.split("  ")[-1].strip() for line in lines[3:5]]
+    assert about == ["one.csv", "values, and load_bias"]
     in_all = [line for line in lines if line.startswith("in all")]
     assert [len(figures_of(line)) for line in in_all] == [12, 12]  # three models and the noise
     assert figures_of(in_all[0])[0] == pytest.approx(told.models["prior"]["all"].force.value, 0.01)
@@ -85,4 +86,5 @@ def test_json_and_the_picture_are_saved(files, tmp_path):
     assert told["models"]["prior"]["all"]["force"]["value_N"] == pytest.approx(LOAD, rel=0.1)
     (gain,) = (g for g in told["gains"] if (g["model"], g["over"]) == ("corrected", "adjusted"))
     assert gain["force"]["interval"][0] > 0.9
-    assert {p.name for p in tmp_path.glob("[!.]*")} == {"compare.json", "compare.png"}
+    files = {p.name for p in tmp_path.glob("[!.]*")}
+    assert files == {"report.html", "compare.json", "compare.png"}

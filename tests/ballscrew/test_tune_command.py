@@ -40,7 +40,8 @@ def told(folder, name="out"):
 @pytest.mark.ci
 def test_files_are_written_with_the_same_gains(here):
     names = {p.name for p in (here / "out").iterdir() if p.is_file()}
-    assert names == {"tuning.json", "parameters.toml", "motions.png", "bode.png"}
+    pictures = {"motions.png", "bode.png"}
+    assert names == {"report.html", "tuning.json", "parameters.toml", *pictures}
     table = tomllib.loads((here / "out" / "parameters.toml").read_text())
     written = {n: v["value"] for n, v in table["controller"]["p_pi"].items()}
     for gain in told(here)["gains"]:
