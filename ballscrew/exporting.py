@@ -82,9 +82,9 @@ class Export:
 
     def _write_fmu(self, part: str, path: Path, in_system: bool = False) -> NativeFmu:
         from .fmus import catalogue
+        from .fmus.interface import with_set_point
         from .fmus.native import sources
         from .fmus.native.export import NativeFmu, write_native
-        from .fmus.start_values import with_set_point
         from .solver.files import write_atomically
 
         asked = part, self.plant, self.tangents
@@ -93,7 +93,7 @@ class Export:
         kernel = with_set_point(kernel) if in_system else kernel
         kernel = kernel_with_values(self.params, part, kernel, self.plant)
         if model:
-            model = sources.with_kernel(model, kernel)
+            model = sources.NativeModel(kernel, model.partials)
             return write_native(model, path, self.fmi, self.platforms)
         write_atomically(path, catalogue.stored_fmu(kernel).read_bytes())
         return NativeFmu(path, (), ())

@@ -97,7 +97,7 @@ def kernel_with_values(
     """
     if told is None:
         return kernel
-    from .fmus.start_values import with_start_values
+    from .fmus.interface import with_start_values
     from .orchestration.file_values import aside, for_controller, for_plant
     from .orchestration.loop import table_of
     from .orchestration.parts import Part

@@ -221,7 +221,7 @@ def fmu_component(part: str | Component, plant: str = "", tangents: int = 0) -> 
         return variational(component(part), tangents)
     if plant:
         return loop(part, plant)
-    from .export import with_law_ports
+    from .feedback_law import with_law_ports
 
     return with_law_ports(component(part))
 

@@ -18,10 +18,10 @@ from ..solver.kernel_cache import hashed_name
 from .accompanying import accompanying_files, licence
 from .archive import pack
 from .carried_runtime import carried_runtime
-from .feedback_law import accept_law, report_law
+from .description import model_description, token_of
+from .feedback_law import with_law_ports
 from .interface import interface_of
 from .made_here import remember
-from .model_description import model_description
 
 _SLAVE = '''"""The slave that pythonfmu loads: {description}."""
 
@@ -41,11 +41,6 @@ class Slave(ComponentSlave):
     equations = {equations!r}
     tapes = b64decode(TAPES)
 '''
-
-
-def with_law_ports(component: Component) -> Component:
-    """The component with the ports of the feedback law, for a plant or a controller."""
-    return report_law(accept_law(component))
 
 
 def export(component: Component, path: Path | str) -> Path:
@@ -75,7 +70,8 @@ def export(component: Component, path: Path | str) -> Path:
 def export_kernel(kernel: Kernel, path: Path | str) -> Path:
     """Export a compiled component with its law ports, as `export` does."""
     path = Path(path)
-    interface = interface_of(kernel, kernel.name)
+    interface = interface_of(kernel)
+    token = token_of(kernel.source, repr(interface))
     package, carried = carried_runtime()
     texts = {
         kernel.module: kernel.source,
@@ -107,7 +103,7 @@ def export_kernel(kernel: Kernel, path: Path | str) -> Path:
             Path(folder) / f"{kernel.name}.fmu",
         )
         ours = accompanying_files(kernel, interface, 2) | {
-            "modelDescription.xml": model_description(kernel, interface),
+            "modelDescription.xml": model_description(kernel, interface, 2, token),
             "documentation/licenses/pythonfmu.txt": licence("pythonfmu"),
         }
         write_atomically(path, _normalized(built, ours))

@@ -19,10 +19,15 @@ import sympy as sp
 
 from ..solver.component import TIME, Component, Input, Mode, Output, symbol
 from ..solver.functions import slope
-from .law_ports import gain_port, rate_port, reference_port
+from .ports import gain_port, rate_port, reference_port
 
 STEP_START = "t_step"
 """Internal input: the time at which the present communication step began [s]."""
+
+
+def with_law_ports(component: Component) -> Component:
+    """The component with the ports of the feedback law, for a plant or a controller."""
+    return report_law(accept_law(component))
 
 
 def accept_law(plant: Component) -> Component:

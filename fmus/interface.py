@@ -8,34 +8,27 @@ the model description, since some hosts expect this; `Layout.places` has the pla
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from ..solver.core import INFO_SIZE
-from ..solver.kernel import DEFAULT_TOLERANCE, Kernel
-from .tangent_ports import FRAME_ROLE, SET, SET_ROLE
+from ..solver.kernel import DEFAULT_TOLERANCE, Kernel, StateInfo
+from ..solver.set_point import START_VALUE
+from .dependencies import states_of_outputs
+from .ports import FRAME_ROLE, SET, SET_ROLE
 
 TOLERANCE = "solver_tolerance"
 MESSAGE = "message"
 START = "_start"
-TIME = "t"  # its name in equations
 
 
 @dataclass(frozen=True)
 class Variable:
-    """One Real variable.
-
-    Attributes
-    ----------
-    place : int
-        Its place in the memory.
-    reference : int
-        Its value reference, which is its number in the model description; see `number_variables`.
-    """
+    """One Real variable."""
 
     name: str
-    place: int
+    place: int  # in the memory; of a derivative, its number
     causality: str
     variability: str
     unit: str
@@ -44,27 +37,12 @@ class Variable:
     minimum: float = -math.inf
     maximum: float = math.inf
     nominal: float = 1.0
-    feedthrough: tuple[str, ...] = ()
-    reference: int = 0
-
-
-def number_variables(variables: Iterable[Variable], first: int) -> tuple[Variable, ...]:
-    """The variables with value references from `first` on, in their order."""
-    return tuple(replace(v, reference=first + k) for k, v in enumerate(variables))
+    reference: int = 0  # its value reference, which is its number in the model description
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Offsets into the memory, and other data that the runtime needs besides the equations.
-
-    Attributes
-    ----------
-    places : list of int
-        Place of each value reference; `size`, which is not a place, for variables that are not
-        numbers.
-    names : dict of str to int
-        Place of each variable.
-    """
+    """Offsets into the memory, and other data that the runtime needs besides the equations."""
 
     model: str
     inputs: int
@@ -86,8 +64,8 @@ class Layout:
     size: int
     initial: list[float]
     nominal: list[float]
-    places: list[int]
-    names: dict[str, int]
+    places: list[int]  # of each value reference; `size` for variables that are not numbers
+    names: dict[str, int]  # place of each variable
     units: dict[str, str]
     ranges: dict[str, list[float | None]]
 
@@ -97,15 +75,36 @@ class Layout:
 
 @dataclass(frozen=True)
 class Interface:
-    """The Real variables; the value reference of the String ``message`` follows after them."""
+    """The variables of an FMU.
 
-    variables: tuple[Variable, ...]
+    Their value references are in this order: inputs, outputs and parameters, the String
+    ``message``, in native FMUs the states that are no outputs, derivatives, event indicators, and
+    the time, which is a variable in FMI 3.0.
+    """
+
+    variables: tuple[Variable, ...]  # all that are Real, except indicators and time
     layout: Layout
     message_reference: int
+    states: tuple[Variable, ...] = ()  # of a native FMU: one per state
+    derivatives: tuple[Variable, ...] = ()  # one per state
+    events: int = 0  # number of event indicators
+
+    @property
+    def first_indicator(self) -> int:
+        """Value reference of the first event indicator; the others follow."""
+        return 1 + max(self.message_reference, self.variables[-1].reference)
+
+    @property
+    def time_reference(self) -> int:
+        """Value reference of the time, the last one."""
+        return self.first_indicator + self.events
+
+    def of(self, causality: str) -> list[Variable]:
+        return [v for v in self.variables if v.causality == causality]
 
 
-def interface_of(kernel: Kernel, model: str) -> Interface:
-    """The FMI variables of a component and their places."""
+def interface_of(kernel: Kernel) -> Interface:
+    """The variables of a readable FMU of a component."""
     late = 2 * len(kernel.delays)  # delayed signals and their rates
     held = len(kernel.inputs) + len(kernel.discrete) + late + bool(kernel.modes)
     n, parameters = len(kernel.states), held
@@ -118,23 +117,23 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
     samples = time + 1
     frame = _frame(kernel, states, samples + 1)
     size = samples + 1 + bool(frame)
-    step_start = max((k for k, i in enumerate(kernel.inputs) if i.role == "internal"), default=-1)
-
-    variables = [
+    of_inputs = {i.name: k for k, i in enumerate(kernel.inputs) if i.role == "internal"}
+    of_parameters = {p.name: parameters + k for k, p in enumerate(kernel.parameters)}
+    listed = [
         *_inputs(kernel),
         *_outputs(kernel, outputs),
         *_parameters(kernel, parameters),
         *_starts(kernel, starts),
     ]
     if n or late:
-        variables.append(_tolerance(tolerance))
+        listed.append(_tolerance(tolerance))
+    variables = _numbered(listed, 1)
     initial = [0.0] * size
     for v in variables:
         initial[v.place] = v.start or 0.0
     initial[tolerance] = DEFAULT_TOLERANCE
-    listed = number_variables(variables, 1)
     layout = Layout(
-        model=model,
+        model=kernel.name,
         inputs=len(kernel.inputs),
         discrete=len(kernel.discrete),
         delays=len(kernel.delays),
@@ -148,82 +147,81 @@ def interface_of(kernel: Kernel, model: str) -> Interface:
         info=info,
         time=time,
         samples=samples,
-        step_start=step_start,
-        sample_time=next(
-            (
-                parameters + k
-                for k, p in enumerate(kernel.parameters)
-                if p.name == kernel.sample_time
-            ),
-            -1,
-        ),
+        step_start=max(of_inputs.values(), default=-1),
+        sample_time=of_parameters.get(kernel.sample_time, -1),
         frame=frame,
         size=size,
         initial=initial,
         nominal=[s.nominal for s in kernel.states],
-        places=[size, *(v.place for v in listed), size],
+        places=[size, *(v.place for v in variables), size],
         names={v.name: v.place for v in variables},
         units={v.name: v.unit for v in variables},
         ranges={
-            v.name: [
-                v.minimum if math.isfinite(v.minimum) else None,
-                v.maximum if math.isfinite(v.maximum) else None,
-            ]
+            v.name: [b if math.isfinite(b) else None for b in (v.minimum, v.maximum)]
             for v in variables
             if v.causality == "parameter"
         },
     )
-    return Interface(listed, layout, len(listed) + 1)
+    return Interface(variables, layout, len(variables) + 1)
+
+
+def native_interface_of(kernel: Kernel) -> Interface:
+    """The same variables, then those of a native FMU.
+
+    A state is the output that is equal to it, or a variable of its own.
+    """
+    shared = interface_of(kernel)
+    first, layout = shared.message_reference + 1, shared.layout
+    taken = {v.name for v in shared.variables} | {MESSAGE}
+    shown = dict(zip(states_of_outputs(kernel), shared.of("output"), strict=True))
+
+    def local(name: str, place: int, unit: str, meaning: str, s: StateInfo) -> Variable:
+        return Variable(name, place, "local", "continuous", unit, meaning, nominal=s.nominal)
+
+    hidden: list[Variable] = []
+    for k, s in enumerate(kernel.states):
+        if k not in shown:
+            name = f"{s.name}_state" if s.name in taken else s.name
+            hidden.append(local(name, layout.states + k, s.unit, s.meaning, s))
+    own = _numbered(hidden, first)
+    of_number = {v.place - layout.states: v for v in own} | shown
+    states = tuple(of_number[k] for k in range(len(kernel.states)))
+    rates = [
+        local(f"der({v.name})", k, f"{s.unit}/s", f"time derivative of {s.meaning}", s)
+        for k, (s, v) in enumerate(zip(kernel.states, states, strict=True))
+    ]
+    derivatives = _numbered(rates, first + len(own))
+    variables = (*shared.variables, *own, *derivatives)
+    return Interface(variables, layout, first - 1, states, derivatives, kernel.events)
+
+
+def _numbered(variables: Iterable[Variable], first: int) -> tuple[Variable, ...]:
+    """The variables with value references from `first` on, in their order."""
+    return tuple(replace(v, reference=first + k) for k, v in enumerate(variables))
 
 
 def _inputs(kernel: Kernel) -> Iterator[Variable]:
     for k, i in enumerate(kernel.inputs):
         if i.role != "internal":
-            yield Variable(
-                i.name,
-                k,
-                "input",
-                "continuous",
-                i.unit,
-                i.meaning,
-                start=i.start,
-                nominal=i.nominal,
-            )
+            about = i.name, k, "input", "continuous", i.unit, i.meaning
+            yield Variable(*about, start=i.start, nominal=i.nominal)
 
 
 def _outputs(kernel: Kernel, first: int) -> Iterator[Variable]:
-    internal = {i.name for i in kernel.inputs if i.role == "internal"}
     delayed = {d.name for d in kernel.delays} | {f"{d.name}_rate_" for d in kernel.delays}
     # what changes between events
-    moving = {s.name for s in kernel.states} | {i.name for i in kernel.inputs} | delayed | {TIME}
+    moving = {s.name for s in kernel.states} | {i.name for i in kernel.inputs} | delayed | {"t"}
     for k, o in enumerate(kernel.outputs):
-        discrete = bool(kernel.sample_time) and moving.isdisjoint(o.uses)
-        yield Variable(
-            o.name,
-            first + k,
-            "output",
-            "discrete" if discrete else "continuous",
-            o.unit,
-            o.meaning,
-            nominal=o.nominal,
-            feedthrough=tuple(n for n in o.feedthrough if n not in internal),
-        )
+        held = bool(kernel.sample_time) and moving.isdisjoint(o.uses)
+        variability = "discrete" if held else "continuous"
+        about = o.name, first + k, "output", variability, o.unit, o.meaning
+        yield Variable(*about, nominal=o.nominal)
 
 
 def _parameters(kernel: Kernel, first: int) -> Iterator[Variable]:
     for k, p in enumerate(kernel.parameters):
-        yield Variable(
-            p.name,
-            first + k,
-            "parameter",
-            "fixed",
-            p.unit,
-            f"{p.meaning} ({p.source})",
-            start=p.default,
-            minimum=p.minimum,
-            maximum=p.maximum,
-            nominal=p.nominal,
-        )
+        about = p.name, first + k, "parameter", "fixed", p.unit, f"{p.meaning} ({p.source})"
+        yield Variable(*about, p.default, p.minimum, p.maximum, p.nominal)
 
 
 def _starts(kernel: Kernel, first: int) -> Iterator[Variable]:
@@ -231,31 +229,14 @@ def _starts(kernel: Kernel, first: int) -> Iterator[Variable]:
     # its signal
     shown = {o.uses[0]: o.nominal for o in kernel.outputs if len(o.uses) == 1}
     for k, s in enumerate((*kernel.states, *kernel.discrete)):
-        yield Variable(
-            s.name + START,
-            first + k,
-            "parameter",
-            "fixed",
-            s.unit,
-            f"initial {s.meaning}",
-            start=s.start,
-            nominal=shown.get(s.name, s.nominal),
-        )
+        about = s.name + START, first + k, "parameter", "fixed", s.unit, f"initial {s.meaning}"
+        yield Variable(*about, start=s.start, nominal=shown.get(s.name, s.nominal))
 
 
 def _tolerance(place: int) -> Variable:
-    return Variable(
-        TOLERANCE,
-        place,
-        "parameter",
-        "fixed",
-        "1",
-        "relative tolerance of the internal solver",
-        start=DEFAULT_TOLERANCE,
-        minimum=1e-13,
-        maximum=1e-2,
-        nominal=DEFAULT_TOLERANCE,
-    )
+    meaning = "relative tolerance of the internal solver"
+    about = TOLERANCE, place, "parameter", "fixed", "1", meaning
+    return Variable(*about, DEFAULT_TOLERANCE, 1e-13, 1e-2, DEFAULT_TOLERANCE)
 
 
 def _frame(kernel: Kernel, states: int, free: int) -> dict[str, int]:
@@ -266,10 +247,39 @@ def _frame(kernel: Kernel, states: int, free: int) -> dict[str, int]:
     given = [k for k, i in enumerate(kernel.inputs) if i.role == SET_ROLE]
     names = [s.name for s in kernel.states]
     first = names.index(kernel.inputs[given[0]].name.removesuffix(SET))
-    return {
-        "ask": asks[0],
-        "seen": free,
-        "from": given[0],
-        "to": states + first,
-        "count": len(given),
-    }
+    to = states + first
+    return {"ask": asks[0], "seen": free, "from": given[0], "to": to, "count": len(given)}
+
+
+def with_start_values(
+    kernel: Kernel, values: Mapping[str, float], sources: Mapping[str, str]
+) -> Kernel:
+    """A copy whose parameters, and initial states by ``x_start``, have these values as defaults.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    values : mapping of str to float
+        Each the name of a parameter, or of a state with ``_start``.
+    sources : mapping of str to str
+        Sources of parameter values, added to their descriptions.
+    """
+    return replace(
+        kernel,
+        parameters=[
+            replace(p, default=values[p.name], source=sources[p.name]) if p.name in values else p
+            for p in kernel.parameters
+        ],
+        states=[replace(s, start=values.get(s.name + START, s.start)) for s in kernel.states],
+        discrete=[replace(s, start=values.get(s.name + START, s.start)) for s in kernel.discrete],
+    )
+
+
+def with_set_point(kernel: Kernel) -> Kernel:
+    """A copy of a controller or a loop whose set-point starts at the default set-point of a run."""
+    return replace(
+        kernel,
+        inputs=[
+            replace(i, start=START_VALUE) if i.role == "reference" else i for i in kernel.inputs
+        ],
+    )

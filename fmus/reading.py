@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import shutil
+import zipfile
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -13,11 +14,17 @@ from pathlib import Path
 from typing import IO, Any
 from xml.etree import ElementTree as ET
 
-from .archive import BadArchive, unpack_archive
-from .model_xml import BadXml, check_file, check_lines
+from .archive import (
+    BadArchive,
+    BadXml,
+    check_lines,
+    first_element,
+    number,
+    open_archive,
+    unpack_archive,
+)
 from .source_fmu import NotCompiled, compile_sources
-from .system_xml import BASE_UNITS, Unit, number
-from .units import BadUnit, base_exponents
+from .units import BASE_UNITS, BadUnit, Unit
 
 REAL = ("Real", "Float64", "Float32")
 WHOLE = (
@@ -28,6 +35,8 @@ WHOLE = (
 )
 
 SETTABLE = ("parameter", "input")
+_DESCRIPTION = "modelDescription.xml"
+_READ = (_DESCRIPTION, "sources/buildDescription.xml")  # by fmpy
 
 
 class FmuError(ValueError):
@@ -36,41 +45,23 @@ class FmuError(ValueError):
 
 @dataclass(frozen=True)
 class NumberVariable:
-    """One scalar variable: a number, a Boolean or an item of an enumeration.
-
-    Attributes
-    ----------
-    type : str
-        Name of the type in its version of FMI.
-    unit : str
-        Its own or that of its declared type; empty if none.
-    direct : bool
-        Whether this output may have direct feedthrough from inputs; True if it is not declared.
-    sampled : bool
-        Whether it is a real number that is declared as discrete.
-    initially_from : tuple of str, optional
-        Inputs that this output depends on in initialization; None if they are not declared.
-    items : dict of str to int
-        Of an enumeration: the values by name.
-    minimum, maximum : float
-    relative : bool
-        Whether it is a difference, for which the offset of its unit does not count.
-    """
+    """One scalar variable: a number, a Boolean or an item of an enumeration."""
 
     name: str
-    type: str
+    type: str  # in its version of FMI
     reference: int
     causality: str
-    unit: str
+    unit: str  # its own or that of its declared type; empty if none
     nominal: float
     start: float | None
-    direct: bool
-    sampled: bool
+    direct: bool  # whether an output may have direct feedthrough; True if it is not declared
+    sampled: bool  # whether it is a real number that is declared as discrete
+    # inputs that it depends on in initialization; None if they are not declared
     initially_from: tuple[str, ...] | None = None
-    items: dict[str, int] = field(default_factory=dict)
+    items: dict[str, int] = field(default_factory=dict)  # of an enumeration, by name
     minimum: float = -math.inf
     maximum: float = math.inf
-    relative: bool = False
+    relative: bool = False  # a difference, for which the offset of its unit does not count
 
     @property
     def is_real(self) -> bool:
@@ -80,47 +71,24 @@ class NumberVariable:
 
 @dataclass(frozen=True)
 class Description:
-    """Data of a modelDescription.xml that the master needs.
+    """Data of a modelDescription.xml that the master needs."""
 
-    Attributes
-    ----------
-    fmi : int
-        Version of FMI: 2 or 3.
-    exchanges : bool
-        Whether it is for model exchange only, and needs our solver.
-    states, indicators : int
-        Numbers of continuous states and event indicators, from FMI 2.0.
-    units : dict of str to dict of str to str
-        For each unit that is defined in base units, the attributes of its BaseUnit
-        as written: exponents, factor, offset.
-    message_reference : int, optional
-        Value reference of the String ``message``, the reason of a failed step in our FMUs; in
-        earlier versions an output.
-    step_size : float, optional
-        Of its default experiment [s].
-    steps_vary : bool
-        Whether its communication steps may vary in length.
-    strings : dict of str to int
-        Value references of the parameters that are Strings.
-    aliases : dict of str to str
-        Names of variables by their other names.
-    """
-
-    fmi: int
-    exchanges: bool
-    states: int
-    indicators: int
+    fmi: int  # 2 or 3
+    exchanges: bool  # for model exchange only, so that it needs our solver
+    states: int  # continuous ones, from FMI 2.0
+    indicators: int  # of events, from FMI 2.0
     guid: str
     identifier: str
     variables: tuple[NumberVariable, ...]
-    units: dict[str, dict[str, str]]
+    units: dict[str, dict[str, str]]  # of those in base units, attributes of the BaseUnit
+    # of the String ``message``, the reason of a failed step in our FMUs; earlier an output
     message_reference: int | None
     saves_state: bool
     once_per_process: bool
-    step_size: float | None = None
-    steps_vary: bool = True
-    strings: dict[str, int] = field(default_factory=dict)
-    aliases: dict[str, str] = field(default_factory=dict)
+    step_size: float | None = None  # of its default experiment [s]
+    steps_vary: bool = True  # whether its communication steps may vary in length
+    strings: dict[str, int] = field(default_factory=dict)  # references of String parameters
+    aliases: dict[str, str] = field(default_factory=dict)  # names by other names
 
     @cached_property
     def by_name(self) -> dict[str, NumberVariable]:
@@ -135,8 +103,8 @@ class Description:
         variable = self.by_name[name]
         if not (unit := variable.unit):
             return None
-        defined = unit in self.units
-        found = Unit.defined(unit, self.units[unit]) if defined else _undefined(unit)
+        base = self.units.get(unit)
+        found = Unit.named(unit) if base is None else Unit.defined(unit, base)
         return replace(found, relative=variable.relative)
 
     def to_dict(self) -> dict[str, Any]:
@@ -162,69 +130,78 @@ class UnpackedFmu:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def unpack(path: Path | str, *, runs_here: bool = True) -> UnpackedFmu:
+def unpack(path: Path | str) -> UnpackedFmu:
     """Check and unpack an FMU of FMI 2.0 or 3.0, for co-simulation or model exchange.
-
-    Parameters
-    ----------
-    path : path-like
-    runs_here : bool
-        Whether it must have a binary for this platform, or sources that compile to one.
 
     Raises
     ------
     FmuError
-        If the file is missing, is no FMU, contains a path outside its folder, or cannot run here.
+        If the file is missing, is no FMU, contains a path outside its folder, or has no binary for
+        this platform and no sources that compile to one.
     """
-    path = Path(path)
+    path, folder = Path(path), None
     try:
         folder = unpack_archive(path)
-    except BadArchive as error:
-        raise FmuError(f"{path}: {error}") from error
-    try:
-        description, read = _read(path, folder)
-        if runs_here:
-            _find_binary(path, folder, description, read.buildConfigurations)
-        return UnpackedFmu(path, description, folder)
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
+        description, configurations = describe(path)
+        _find_binary(folder, description, configurations)
+    except BaseException as error:
+        if folder:
+            shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, BadArchive | FmuError):
+            raise FmuError(f"{path}: {error}") from error
         raise
+    return UnpackedFmu(path, description, folder)
 
 
-def _read(path: Path, folder: Path) -> tuple[Description, Any]:
+def read_description(path: Path | str) -> Description:
+    """What an FMU says about itself; it need not run here. Raises `FmuError`."""
+    try:
+        return describe(Path(path))[0]
+    except (BadArchive, FmuError) as error:
+        raise FmuError(f"{path}: {error}") from error
+
+
+def describe(path: Path) -> tuple[Description, list[Any]]:
+    """Description of a packed FMU, and fmpy's configurations for building it.
+
+    Raises
+    ------
+    BadArchive, FmuError
+        Without the file's name.
+    """
     from fmpy import read_model_description
 
-    if not (folder / "modelDescription.xml").is_file():
-        raise FmuError(f"{path}: contains no modelDescription.xml, so it is not an FMU")
-    try:
-        root = check_file(folder / "modelDescription.xml")
-        version = root.get("fmiVersion", "of no version")
-        if not re.fullmatch(r"2\.0|3\.\d+", version):
-            raise FmuError(f"{path}: is FMI {version}, expected FMI 2.0 or 3.0")
-        if (build := folder / "sources" / "buildDescription.xml").is_file():
-            check_file(build)
-        read = read_model_description(str(folder), validate=False)
-        with (folder / "modelDescription.xml").open("rb") as stream:
-            description = _described(path, read, attributes_of(stream))
-    except FmuError:
-        raise
-    except BadXml as error:
-        raise FmuError(f"{path}: {error}") from error
-    except (AttributeError, IndexError, KeyError, TypeError) as error:
-        raise FmuError(f"{path}: modelDescription.xml is incomplete ({error})") from error
-    except Exception as error:  # the parser raises many kinds
-        reason = str(error) or type(error).__name__
-        raise FmuError(f"{path}: modelDescription.xml cannot be read: {reason}") from error
+    with open_archive(path) as archive:
+        if _DESCRIPTION not in archive.namelist():
+            raise FmuError(f"contains no {_DESCRIPTION}, so it is not an FMU")
+        try:
+            roots = {name: _checked(archive, name) for name in _READ if name in archive.namelist()}
+            version = roots[_DESCRIPTION].get("fmiVersion", "of no version")
+            if not re.fullmatch(r"2\.0|3\.\d+", version):
+                raise FmuError(f"is FMI {version}, expected FMI 2.0 or 3.0")
+            read = read_model_description(str(path), validate=False)
+            with archive.open(_DESCRIPTION) as text:
+                description = _described(read, _attributes_of(text))
+        except FmuError:
+            raise
+        except (BadUnit, BadXml) as error:
+            raise FmuError(str(error)) from error
+        except (AttributeError, IndexError, KeyError, TypeError) as error:
+            raise FmuError(f"{_DESCRIPTION} is incomplete ({error})") from error
+        except Exception as error:  # the parser raises many kinds
+            reason = str(error) or type(error).__name__
+            raise FmuError(f"{_DESCRIPTION} cannot be read: {reason}") from error
     if not re.fullmatch(r"[A-Za-z_]\w*", description.identifier):
-        raise FmuError(
-            f"{path}: modelIdentifier is {description.identifier!r}, expected a name in C"
-        )
-    return description, read
+        raise FmuError(f"modelIdentifier is {description.identifier!r}, expected a name in C")
+    return description, read.buildConfigurations
 
 
-def _find_binary(
-    path: Path, folder: Path, description: Description, configurations: list[Any]
-) -> None:
+def _checked(archive: zipfile.ZipFile, name: str) -> dict[str, str]:
+    with archive.open(name) as stream:
+        return first_element(stream, archive.getinfo(name).file_size, name)
+
+
+def _find_binary(folder: Path, description: Description, configurations: list[Any]) -> None:
     """Make sure that there is a library; if there is none, compile it from the sources."""
     from fmpy import platform, platform_tuple, sharedLibraryExtension
 
@@ -237,22 +214,20 @@ def _find_binary(
         try:
             compile_sources(folder, own[0], binary)
         except NotCompiled as error:
-            raise FmuError(
-                f"{path}: has sources but no binary for this platform, and {error}"
-            ) from error
+            raise FmuError(f"has sources but no binary for this platform, and {error}") from error
     else:
         there = sorted(p.name for p in (folder / "binaries").glob("*") if p.is_dir())
         raise FmuError(
-            f"{path}: has no binary for this platform, expected {binary}; it has binaries for "
+            f"has no binary for this platform, expected {binary}; it has binaries for "
             f"{', '.join(there) or 'none'}"
         )
 
 
-def _described(path: Path, read: Any, told: Mapping[str, Mapping[str, str]]) -> Description:
+def _described(read: Any, told: Mapping[str, Mapping[str, str]]) -> Description:
     kind = read.coSimulation or read.modelExchange
     if kind is None:
         what = "scheduled execution only" if read.scheduledExecution else "neither"
-        raise FmuError(f"{path}: is for {what}, expected co-simulation or model exchange")
+        raise FmuError(f"is for {what}, expected co-simulation or model exchange")
     # outputs may also depend on states: this is not direct feedthrough
     followers = {
         u.variable.name
@@ -271,7 +246,7 @@ def _described(path: Path, read: Any, told: Mapping[str, Mapping[str, str]]) -> 
     check_lines(v.name for v in read.modelVariables)
     for name, count in Counter(v.name for v in read.modelVariables).most_common(1):
         if count > 1:
-            raise FmuError(f"{path}: modelDescription.xml has two variables called {name!r}")
+            raise FmuError(f"{_DESCRIPTION} has two variables called {name!r}")
     for v in read.modelVariables:
         if v.type == "String" and v.name == "message" and v.causality in ("local", "output"):
             message = int(v.valueReference)
@@ -280,7 +255,7 @@ def _described(path: Path, read: Any, told: Mapping[str, Mapping[str, str]]) -> 
         is_signal = v.causality in ("input", "output")
         if v.type == "Clock" or (v.dimensions and is_signal):
             what = "a clock" if v.type == "Clock" else f"an array and an {v.causality}"
-            raise FmuError(f"{path}: {v.name} is {what}, expected scalar signals without clocks")
+            raise FmuError(f"{v.name} is {what}, expected scalar signals without clocks")
         if v.type not in (*REAL, *WHOLE) or v.dimensions:
             continue
         if v.alias is not None:
@@ -288,7 +263,7 @@ def _described(path: Path, read: Any, told: Mapping[str, Mapping[str, str]]) -> 
             continue
         low, high = (_bound(v, told, key) for key in ("min", "max"))
         if low > high:
-            raise FmuError(f"{path}: {v.name} has the min {low:g} above its max {high:g}")
+            raise FmuError(f"{v.name} has the min {low:g} above its max {high:g}")
         nominal = abs(float(v.nominal)) if v.nominal else 1.0
         variables.append(
             NumberVariable(
@@ -296,7 +271,7 @@ def _described(path: Path, read: Any, told: Mapping[str, Mapping[str, str]]) -> 
                 v.type,
                 int(v.valueReference),
                 str(v.causality),
-                unit_name(v),
+                _unit_name(v),
                 nominal if math.isfinite(nominal) and nominal > 0 else 1.0,
                 _start(v),
                 v.name in followers or v.name in silent or v.name not in listed,
@@ -305,12 +280,9 @@ def _described(path: Path, read: Any, told: Mapping[str, Mapping[str, str]]) -> 
                 _items(v),
                 low,
                 high,
-                is_relative(v, told),
+                _told(v, told, "relativeQuantity") in ("true", "1", True),
             )
         )
-    units = defined_units(read)
-    for name, base in units.items():
-        Unit.defined(name, base)  # rejects an invalid unit
     return Description(
         int(read.fmiVersion[0]),
         read.coSimulation is None,
@@ -319,7 +291,7 @@ def _described(path: Path, read: Any, told: Mapping[str, Mapping[str, str]]) -> 
         str(read.guid),
         str(kind.modelIdentifier),
         tuple(variables),
-        units,
+        _defined_units(read),
         message,
         bool(kind.canGetAndSetFMUstate),
         bool(kind.canBeInstantiatedOnlyOncePerProcess),
@@ -330,7 +302,7 @@ def _described(path: Path, read: Any, told: Mapping[str, Mapping[str, str]]) -> 
     )
 
 
-def attributes_of(stream: IO[bytes]) -> dict[str, Mapping[str, str]]:
+def _attributes_of(stream: IO[bytes]) -> dict[str, Mapping[str, str]]:
     """Attributes of each variable of a modelDescription.xml; fmpy leaves out some of them."""
     variables = ET.parse(stream).getroot().find("ModelVariables")
     return {
@@ -341,13 +313,7 @@ def attributes_of(stream: IO[bytes]) -> dict[str, Mapping[str, str]]:
 
 def _told(variable: Any, told: Mapping[str, Mapping[str, str]], key: str) -> Any:
     """An attribute of a variable, or of its declared type; None if there is none."""
-    name = (variable.alias or variable).name
-    return told[name].get(key, getattr(variable.declaredType, key, None))
-
-
-def is_relative(variable: Any, told: Mapping[str, Mapping[str, str]]) -> bool:
-    """Whether a variable read by fmpy is a difference; `told` has the attributes of all."""
-    return _told(variable, told, "relativeQuantity") in ("true", "1", True)
+    return told[variable.name].get(key, getattr(variable.declaredType, key, None))
 
 
 def _bound(variable: Any, told: Mapping[str, Mapping[str, str]], key: str) -> float:
@@ -381,30 +347,17 @@ def _step_size(experiment: Any) -> float | None:
     return size if math.isfinite(size) and size > 0 else None
 
 
-def unit_name(variable: Any) -> str:
+def _unit_name(variable: Any) -> str:
     """The unit of a variable read by fmpy, or of its declared type; empty if none."""
     declared = variable.declaredType
     return str(variable.unit or (declared.unit if declared is not None else None) or "")
 
 
-def _undefined(name: str) -> Unit:
-    """A unit that the FMU does not define in base units, by its name, also in Modelica spelling."""
-    powers = re.sub(r"(?<=[A-Za-z])(-?\d)", r"^\1", name).replace(".", "*")
-    try:
-        exponents = base_exponents(powers)
-    except BadUnit:
-        return Unit(name, None)
-    return Unit(name, tuple(exponents.get(base, 0) for base in BASE_UNITS))
-
-
-def defined_units(read: Any) -> dict[str, dict[str, str]]:
-    """`Description.units` of a model description read by fmpy."""
-    return {
-        unit.name: {
-            key: str(value)
-            for key in (*BASE_UNITS, "factor", "offset")
-            if (value := getattr(unit.baseUnit, key)) is not None
-        }
-        for unit in read.unitDefinitions or ()
-        if unit.baseUnit is not None
-    }
+def _defined_units(read: Any) -> dict[str, dict[str, str]]:
+    """`Description.units` of a model description read by fmpy; rejects invalid ones."""
+    units = {}
+    for unit in (u for u in read.unitDefinitions or () if u.baseUnit is not None):
+        given = ((key, getattr(unit.baseUnit, key)) for key in (*BASE_UNITS, "factor", "offset"))
+        units[unit.name] = {key: str(value) for key, value in given if value is not None}
+        Unit.defined(unit.name, units[unit.name])
+    return units

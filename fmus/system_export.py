@@ -20,11 +20,11 @@ from ..instruments import MEASURED
 from ..solver.files import write_atomically
 from ..solver.kernel import DEFAULT_TOLERANCE
 from ..solver.set_point import DERIVATIVES, START_VALUE
-from .archive import pack
-from .law_ports import gain_port, rate_port, reference_port
-from .model_description import TOOL
-from .reading import NumberVariable, unpack
-from .system_xml import BASE_UNITS
+from .archive import pack, xml_text
+from .description import TOOL
+from .ports import gain_port, rate_port, reference_port
+from .reading import NumberVariable, read_description
+from .units import BASE_UNITS
 
 PLANT, CONTROLLER = "plant", "controller"
 # The same name for the sets of both sides: masters that choose a set by name then find both.
@@ -139,9 +139,7 @@ def export_system(
 
 
 def _side(name: str, path: Path | str) -> _Side:
-    unpacked = unpack(path, runs_here=False)
-    unpacked.remove()
-    description = unpacked.description
+    description = read_description(path)
     # An Integer, a Boolean or a String is not a signal of this loop, and SSP needs
     # connectors only for connections.
     variables = {
@@ -271,7 +269,7 @@ def _structure(
     _write_master(system)
     _write_units(root, "ssd:Units", _all_units(sides))
     ET.SubElement(root, "ssd:DefaultExperiment", startTime="0.0", stopTime=repr(float(stop)))
-    return _text(root)
+    return xml_text(root)
 
 
 def _write_master(system: ET.Element) -> None:
@@ -320,7 +318,7 @@ def _parameter_set(side: _Side, version: str, given: dict[str, float]) -> bytes:
         ET.SubElement(parameter, "ssv:Real", {"value": repr(value)} | _unit_of(side, name))
     used = {side.variables[n].unit for n in values}
     _write_units(root, "ssv:Units", {n: base for n, base in side.units.items() if n in used})
-    return _text(root)
+    return xml_text(root)
 
 
 def _unit_of(side: _Side, name: str) -> dict[str, str]:
@@ -353,9 +351,3 @@ def _root(tag: str, version: str, name: str, *prefixes: str) -> ET.Element:
     """The root element; libcosim and ecos need exactly these prefixes."""
     spaces = {f"xmlns:{p}": _NAMESPACES[f"xmlns:{p}"] for p in prefixes}
     return ET.Element(tag, spaces | {"version": version, "name": name, "generationTool": TOOL})
-
-
-def _text(root: ET.Element) -> bytes:
-    ET.indent(root)
-    text: str = ET.tostring(root, "unicode")
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()

@@ -3,35 +3,34 @@
 from __future__ import annotations
 
 import posixpath
-import zipfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree as ET
 
-from .model_xml import check_archive, check_lines
-from .reading import attributes_of, defined_units, is_relative, unit_name
+from .archive import BadArchive, check_lines
+from .reading import Description, FmuError, describe
 from .system_xml import (
     SSC,
     SSD,
     BadSystem,
     Scaled,
     Scaling,
-    Unit,
     near_or_all,
     plain_type,
     scaling_of,
 )
+from .units import Unit
 
 DEEPEST = 2  # levels of systems within the system
 
 _FMU = "application/x-fmu-sharedlibrary"
+_SIGNALS = ("Real", "Integer", "Boolean", "Enumeration", "")
 
 
 @dataclass(frozen=True)
 class SystemPort:
-    """A variable of an element."""
+    """A variable of an element; the element of the whole system is the empty string."""
 
     element: str
     connector: str
@@ -69,25 +68,22 @@ class Connector:
 
 
 @dataclass(frozen=True)
-class Component:
-    """An FMU of the system: its connectors, its own variables, and other names of these."""
+class Element:
+    """The whole system, a system within it, or an FMU."""
 
-    path: str
+    path: str  # empty: the whole system
     node: ET.Element
-    fmu: Path
-    connectors: dict[str, Connector]
-    variables: dict[str, Connector]
-    aliases: dict[str, str]
+    connectors: dict[str, Connector]  # as the system describes them
+    variables: dict[str, Connector]  # as the FMU does; of a system its connectors
+    fmu: Path | None = None
+    aliases: dict[str, str] = field(default_factory=dict)
 
+    def __str__(self) -> str:
+        return repr(self.path) if self.path else "the system"
 
-@dataclass(frozen=True)
-class System:
-    """The whole system, whose path is empty, or a system within it."""
-
-    path: str
-    node: ET.Element
-    connectors: dict[str, Connector]
-    children: dict[str, Component | System] = field(default_factory=dict)
+    def port(self, name: str) -> SystemPort | None:
+        name = self.aliases.get(name, name)
+        return SystemPort(self.path, name) if name in self.variables else None
 
 
 @dataclass(frozen=True)
@@ -100,12 +96,14 @@ class Edge:
 
 
 class Network:
-    """All elements and connections of a system.
+    """All elements and connections of a system, found in one walk.
 
     Attributes
     ----------
-    places : dict
-        Components and systems by path; the whole system's path is the empty string.
+    elements : dict
+        By path.
+    bindings : list of (Element, XML element)
+        Of parameters, those of inner elements first.
     edges : dict
         Links by the port that they drive.
     """
@@ -113,66 +111,79 @@ class Network:
     def __init__(self, folder: Path, units: dict[str, Unit]) -> None:
         self.folder = folder
         self.units = units
-        self.places: dict[str, Component | System] = {}
-        self.edges: dict[SystemPort, Edge] = {}  # by target
-        self._read_fmus: dict[Path, tuple[dict[str, Connector], dict[str, str]]] = {}
+        self.elements: dict[str, Element] = {}
+        self.bindings: list[tuple[Element, ET.Element]] = []
+        self.edges: dict[SystemPort, Edge] = {}
+        self._described: dict[Path, Description] = {}
 
-    def add_system(self, node: ET.Element, path: str, levels: int = DEEPEST) -> System:
+    def add_system(self, node: ET.Element, path: str = "", level: int = 0) -> Element:
         """Add a system, its elements and their connections; return it."""
-        if levels < 0:
+        if level > DEEPEST:
             raise BadSystem(
-                f"system {path!r} lies {DEEPEST + 1} levels deep, expected at most {DEEPEST}; move "
-                "its elements up"
+                f"system {path!r} lies {level} levels deep, expected at most {DEEPEST}; move its "
+                "elements up"
             )
-        system = System(path, node, self._connectors(node, path))
-        self.places[path] = system
+        connectors = self._connectors(node, path)
+        system = self.elements[path] = Element(path, node, connectors, connectors)
         elements = node.find(SSD + "Elements")
         for child in elements if elements is not None else ():
             kind = child.tag.rpartition("}")[2]
             name = child.get("name", "")
-            below = f"{path}.{name}" if path else name
+            below = _joined(path, name)
             if not name:
-                raise BadSystem(f"a {kind} of {called(path)} has no name")
+                raise BadSystem(f"a {kind} of {system} has no name")
             check_lines([name])
-            if name in system.children or below in self.places:
+            if below in self.elements:
                 raise BadSystem(f"two elements are called {below!r}")
             if child.tag == SSD + "System":
-                system.children[name] = self.add_system(child, below, levels - 1)
+                self.add_system(child, below, level + 1)
             elif child.tag == SSD + "Component":
-                system.children[name] = self._component(child, below)
+                self._add_fmu(child, below)
             else:
                 raise BadSystem(
                     f"element {below!r} is a {kind}; only components and systems are supported"
                 )
         for k, connection in enumerate(node.iterfind(f"{SSD}Connections/{SSD}Connection"), 1):
-            self._connect(system, connection, f"connection {k} of {called(path)}")
+            self._connect(system, connection, f"connection {k} of {system}")
+        self._bind(system)
         return system
 
-    def _component(self, node: ET.Element, path: str) -> Component:
+    def _add_fmu(self, node: ET.Element, path: str) -> None:
         where = f"element {path!r}"
         kind = node.get("type") or _FMU
         if kind != _FMU:
             raise BadSystem(f"{where} is of type {kind}; only FMUs ({_FMU}) are supported")
         fmu = self.file(node.get("source"), where)
-        if fmu not in self._read_fmus:
-            self._read_fmus[fmu] = _variables(fmu, where)
-        variables, aliases = self._read_fmus[fmu]
-        own = {aliases.get(n, n): c for n, c in self._connectors(node, path).items()}
-        component = Component(path, node, fmu, own, variables, aliases)
-        self.places[path] = component
-        return component
+        if fmu not in self._described:
+            try:
+                self._described[fmu], _ = describe(fmu)
+            except (BadArchive, FmuError) as error:
+                raise BadSystem(f"{where}: {fmu.name}: {error}") from error
+        read = self._described[fmu]
+        variables = {
+            v.name: Connector(v.causality, plain_type(v.type), read.unit(v.name))
+            for v in read.variables
+        }
+        variables |= {name: Connector("parameter", "String", None) for name in read.strings}
+        given = self._connectors(node, path)
+        own = {read.aliases.get(name, name): c for name, c in given.items()}
+        self.elements[path] = Element(path, node, own, variables, fmu, read.aliases)
+        self._bind(self.elements[path])
+
+    def _bind(self, element: Element) -> None:
+        found = element.node.iterfind(f"{SSD}ParameterBindings/{SSD}ParameterBinding")
+        self.bindings += [(element, node) for node in found]
 
     def _connectors(self, node: ET.Element, path: str) -> dict[str, Connector]:
         connectors: dict[str, Connector] = {}
         for entry in node.iterfind(f"{SSD}Connectors/{SSD}Connector"):
             name, kind, unit = entry.get("name", ""), "", None
+            port = SystemPort(path, name)
             if name in connectors:
-                raise BadSystem(f"{called(path)} has two connectors {name!r}")
+                raise BadSystem(f"there are two connectors {port}")
             for child in entry:
                 if child.tag == SSC + "Dimension":
-                    raise BadSystem(
-                        f"{SystemPort(path, name)} is an array; only scalars are supported"
-                    )
+                    raise BadSystem(f"{port} is an array; only scalars are supported")
                 if child.tag.startswith(SSC):
                     kind = plain_type(child.tag.removeprefix(SSC))
                     unit = unit_in(child, self.units)
@@ -193,35 +204,24 @@ class Network:
             raise BadSystem(f"{where} has the source {source!r}, expected a file in the archive")
         file = self.folder / name
         if not file.is_file():
-            present = [
-                p.relative_to(self.folder).as_posix() for p in self.folder.rglob("*") if p.is_file()
-            ]
-            raise BadSystem(
-                f"{where} has the source {source!r}, which is not in the archive"
-                f"{near_or_all(name, present)}"
-            )
+            files = (p for p in self.folder.rglob("*") if p.is_file())
+            hint = near_or_all(name, (p.relative_to(self.folder).as_posix() for p in files))
+            raise BadSystem(f"{where} has the source {source!r}, which is not in the archive{hint}")
         return file
 
-    def _connect(self, system: System, node: ET.Element, where: str) -> None:
-        ends = [
-            (
-                self._port(system, node.get(f"{end}Element"), node.get(f"{end}Connector"), where),
-                not node.get(f"{end}Element"),
-            )
-            for end in ("start", "end")
-        ]
+    def _connect(self, system: Element, node: ET.Element, where: str) -> None:
+        first, second = (self._end(system, node, end, where) for end in ("start", "end"))
         if node.get("startIndices") or node.get("endIndices"):
             raise BadSystem(f"{where} is between parts of arrays; only scalars are supported")
-        (first, _), (second, _) = ends
-        flows = [self._gives(port, own, where) for port, own in ends]
-        if flows[0] == flows[1]:
+        gives = self._gives(system, first, where)
+        if gives == self._gives(system, second, where):
             raise BadSystem(
                 f"{where} joins {first} and {second}, which "
-                f"{'both give' if flows[0] else 'both take'} a value"
+                f"{'both give' if gives else 'both take'} a value"
             )
         # The start and end in the standard do not give the direction; the kinds of the connectors
         # do.
-        source, target = (first, second) if flows[0] else (second, first)
+        source, target = (first, second) if gives else (second, first)
         edge = Edge(source, scaling_of(node, where), f"{where}, {source} to {target}")
         if target in self.edges:
             raise BadSystem(
@@ -229,75 +229,77 @@ class Network:
             )
         self.edges[target] = edge
 
-    def _port(
-        self, system: System, element: str | None, connector: str | None, where: str
-    ) -> SystemPort:
+    def _end(self, system: Element, node: ET.Element, end: str, where: str) -> SystemPort:
+        name, connector = node.get(f"{end}Element"), node.get(f"{end}Connector")
         if not connector:
             raise BadSystem(f"{where} lacks a connector's name")
-        place: Component | System = system
-        if element:
-            if element not in system.children:
-                raise BadSystem(
-                    f"{where} names the element {element!r}, which does not exist"
-                    f"{near_or_all(element, system.children)}"
-                )
-            place = system.children[element]
-        known = set(place.connectors)
-        if isinstance(place, Component):
-            known |= set(place.variables)
-            connector = place.aliases.get(connector, connector)
-        if connector not in known:
+        element = self.elements.get(_joined(system.path, name)) if name else system
+        if element is None:
+            inside = (p for p in self.elements if p.startswith(_joined(system.path, "")))
+            children = [p.removeprefix(_joined(system.path, "")) for p in inside]
             raise BadSystem(
-                f"{where} names the connector {connector!r} of {called(place.path)}, which does "
-                f"not exist{near_or_all(connector, known)}"
+                f"{where} names the element {name!r}, which does not exist"
+                f"{near_or_all(str(name), children)}"
             )
-        return SystemPort(place.path, connector)
+        port = element.port(connector)
+        if port is None:
+            raise BadSystem(
+                f"{where} names the connector {connector!r} of {element}, which does not exist or "
+                f"is no number{near_or_all(connector, element.variables)}"
+            )
+        return port
+
+    def port(self, element: Element, name: str) -> SystemPort | None:
+        """The port of a hierarchical name, seen from an element; None if there is none."""
+        words = name.split(".")
+        for k in range(len(words)):
+            place = self.elements.get(_joined(element.path, *words[:k]))
+            port = place.port(".".join(words[k:])) if place else None
+            if port:
+                return port
+        return None
+
+    def in_fmu(self, port: SystemPort) -> bool:
+        """Whether it is a variable of an FMU, not a connector of a system."""
+        return self.elements[port.element].fmu is not None
 
     def connector(self, port: SystemPort) -> Connector:
         """Data of a port; missing data of a connector come from the FMU's own description."""
-        place = self.places[port.element]
-        if isinstance(place, System):
-            return place.connectors[port.connector]
-        variable = place.variables.get(port.connector)
-        if variable is None:
-            raise BadSystem(
-                f"{port} is a connector, but {place.fmu.name} has no such variable"
-                f"{near_or_all(port.connector, place.variables)}"
-            )
-        said = place.connectors.get(port.connector, variable)
+        element = self.elements[port.element]
+        variable = element.variables[port.connector]
+        said = element.connectors.get(port.connector, variable)
+        fmu = element.fmu.name if element.fmu else ""
         for what, ours, theirs in (
             ("kind", said.kind, variable.kind),
             ("type", said.type or variable.type, variable.type),
         ):
             if ours != theirs:
-                raise BadSystem(
-                    f"{port} is of {what} {ours}, but in {place.fmu.name} it is {theirs}"
-                )
+                raise BadSystem(f"{port} is of {what} {ours}, but in {fmu} it is {theirs}")
         if said.unit and variable.unit and not said.unit.same_as(variable.unit):
             raise BadSystem(
-                f"{port} is in {said.unit.name!r}, but in {place.fmu.name} it is in "
-                f"{variable.unit.name!r}, which is a different unit"
+                f"{port} is in {said.unit.name!r}, but in {fmu} it is in {variable.unit.name!r}, "
+                "which is a different unit"
             )
         unit = said.unit or variable.unit
         if unit and variable.unit and variable.unit.relative:
             unit = replace(unit, relative=True)
         return Connector(variable.kind, variable.type, unit)
 
-    def _gives(self, port: SystemPort, own: bool, where: str) -> bool:
-        """Whether a connector is a source of a connection; `own`: of the system, from inside."""
+    def _gives(self, system: Element, port: SystemPort, where: str) -> bool:
+        """Whether a port is a source of a connection inside a system."""
         kind = self.connector(port).kind
         if kind not in ("input", "output", "parameter", "calculatedParameter"):
             raise BadSystem(
                 f"{where} joins {port} of kind {kind or 'nothing'}; expected an input, output or "
                 "parameter"
             )
-        return (kind in ("output", "calculatedParameter")) != own
+        return (kind in ("output", "calculatedParameter")) != (port.element == system.path)
 
     def check_rings(self) -> None:
         """Reject connections that form a ring through connectors of systems."""
         for target in self.edges:
             port, passed = target, set()
-            while port in self.edges and isinstance(self.places[port.element], System):
+            while port in self.edges and not self.in_fmu(port):
                 if port in passed:
                     raise BadSystem(f"the connections through {port} form a ring without an FMU")
                 passed.add(port)
@@ -307,20 +309,18 @@ class Network:
         """Connections into FMUs, those from the system's inputs included, and the outputs."""
         connections, outputs = [], []
         for target in self.edges:
-            place = self.places[target.element]
-            inside = isinstance(place, System) and place.path
+            inside = target.element and not self.in_fmu(target)
             if inside or self.connector(target).kind == "calculatedParameter":
                 continue
             connection = self._traced(target)
             if connection is None:
                 continue
-            if place.path:
+            if target.element:
                 connections.append(connection)
             elif connection.source.element:
                 unit = self.connector(target).unit
-                outputs.append(
-                    SystemOutput(target.connector, unit.name if unit else "", connection)
-                )
+                name = unit.name if unit else ""
+                outputs.append(SystemOutput(target.connector, name, connection))
             else:
                 raise BadSystem(
                     f"the system's output {target} is its input {connection.source}; they cannot "
@@ -330,28 +330,24 @@ class Network:
 
     def _traced(self, target: SystemPort) -> SystemConnection | None:
         """The whole chain to a port; None if it has no source or is for a parameter."""
-        chain, port = [], target
-        while port in self.edges:
-            chain.append(port)
-            port = self.edges[port].source
-            if isinstance(self.places[port.element], Component):
-                break
-        source, ends = port, (self.connector(port), self.connector(target))
-        if isinstance(self.places[source.element], System) and (
-            source.element or ends[0].kind != "input"
-        ):
+        chain, source = [], target
+        while source in self.edges and (source == target or not self.in_fmu(source)):
+            chain.append(source)
+            source = self.edges[source].source
+        ends = self.connector(source), self.connector(target)
+        if not self.in_fmu(source) and (source.element or ends[0].kind != "input"):
             return None
-        kinds = {c.kind for c in ends}
-        if not kinds <= {"input", "output"}:
+        where = self.edges[target].where
+        if not {c.kind for c in ends} <= {"input", "output"}:
             raise BadSystem(
-                f"{self.edges[target].where}: {source} is of kind {ends[0].kind} and {target} of "
-                f"kind {ends[1].kind}; only outputs and inputs can be connected while a system runs"
+                f"{where}: {source} is of kind {ends[0].kind} and {target} of kind {ends[1].kind}; "
+                "only outputs and inputs can be connected while a system runs"
             )
         for end, connector in zip((source, target), ends, strict=True):
-            if connector.type not in ("Real", "Integer", "Boolean", "Enumeration", ""):
+            if connector.type not in _SIGNALS:
                 raise BadSystem(
-                    f"{self.edges[target].where}: {end} is of type {connector.type}; only numbers "
-                    "and truth values are signals here"
+                    f"{where}: {end} is of type {connector.type}; only numbers and truth values "
+                    "are signals here"
                 )
         signal = Scaled(1.0, 0.0, ends[0].unit)
         for port in reversed(chain):
@@ -370,36 +366,5 @@ def unit_in(node: ET.Element, units: dict[str, Unit]) -> Unit | None:
     return units.get(name, Unit(name, None)) if name else None
 
 
-def _variables(fmu: Path, where: str) -> tuple[dict[str, Connector], dict[str, str]]:
-    """Variables of an FMU as connectors, by name; and these names by their aliases."""
-    from fmpy import read_model_description
-
-    try:
-        with fmu.open("rb") as stream:  # which the parser does not close if it is not a zip file
-            check_archive(stream)
-            read: Any = read_model_description(stream, validate=False)
-            with zipfile.ZipFile(stream) as archive, archive.open("modelDescription.xml") as text:
-                told = attributes_of(text)
-    except Exception as error:  # the parser raises many kinds
-        reason = str(error) or type(error).__name__
-        raise BadSystem(f"{where}: {fmu.name} is not an FMU that can be read: {reason}") from error
-    if not str(read.fmiVersion).startswith(("2.", "3.")):
-        raise BadSystem(f"{where}: {fmu.name} is FMI {read.fmiVersion}, expected FMI 2.0 or 3.0")
-    units = {name: Unit.defined(name, base) for name, base in defined_units(read).items()}
-
-    def unit_of(variable: Any) -> Unit | None:
-        if not (name := unit_name(variable)):
-            return None
-        return replace(units.get(name, Unit(name, None)), relative=is_relative(variable, told))
-
-    variables = {
-        v.name: Connector(str(v.causality), plain_type(str(v.type)), unit_of(v))
-        for v in read.modelVariables
-        if v.alias is None
-    }
-    return variables, {v.name: v.alias.name for v in read.modelVariables if v.alias is not None}
-
-
-def called(path: str) -> str:
-    """An element's name in a message."""
-    return repr(path) if path else "the system"
+def _joined(*names: str) -> str:
+    return ".".join(names[not names[0] :])

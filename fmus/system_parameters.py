@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
-from .system_network import Component, Network, System, SystemPort, called, unit_in
+from .archive import number
+from .system_network import Element, Network, SystemPort, unit_in
 from .system_xml import (
     SSD,
     SSM,
@@ -15,15 +16,14 @@ from .system_xml import (
     BadSystem,
     Scaled,
     Scaling,
-    Unit,
     check_root,
-    number,
     parse,
     plain_type,
     scaling_of,
     truth,
     units_of,
 )
+from .units import Unit
 
 _SET = "application/x-ssp-parameter-set"
 _MAPPING = "application/x-ssp-parameter-mapping"
@@ -45,7 +45,7 @@ class Bindings:
     Attributes
     ----------
     values : dict
-        Start values of variables, by component.
+        Start values of variables, by FMU.
     starts : dict
         Of the whole system's own inputs and parameters.
     ignored : list of str
@@ -55,21 +55,15 @@ class Bindings:
     def __init__(self, network: Network) -> None:
         self._network = network
         self.values: dict[str, dict[str, float | str]] = {
-            path: {} for path, place in network.places.items() if isinstance(place, Component)
+            path: {} for path, element in network.elements.items() if element.fmu
         }
         self.starts: dict[str, float] = {}
         self.ignored: list[str] = []
+        for element, node in network.bindings:  # the last one has priority
+            self._bind(element, node)
 
-    def bind(self, place: Component | System) -> None:
-        """Apply parameter sets, inner ones first, so that outer ones have priority."""
-        if isinstance(place, System):
-            for child in place.children.values():
-                self.bind(child)
-        for node in place.node.iterfind(f"{SSD}ParameterBindings/{SSD}ParameterBinding"):
-            self._bind(place, node)
-
-    def _bind(self, place: Component | System, node: ET.Element) -> None:
-        where = f"a parameter binding of {called(place.path)}"
+    def _bind(self, place: Element, node: ET.Element) -> None:
+        where = f"a parameter binding of {place}"
         holder = node.find(SSD + "ParameterValues")
         root, source = self._document(node, holder, SSV + "ParameterSet", _SET, where)
         units = self._network.units | units_of(root.find(SSV + "Units"))
@@ -88,7 +82,7 @@ class Bindings:
             entries = list(found.iterfind(SSM + "MappingEntry"))
         named = {p.name for p in parameters}
         self.ignored += [
-            f"{entry.get('source')} of a mapping of {called(place.path)}"
+            f"{entry.get('source')} of a mapping of {place}"
             for entry in entries
             if entry.get("source") not in named
         ]
@@ -120,13 +114,13 @@ class Bindings:
 
     def _set(
         self,
-        place: Component | System,
+        place: Element,
         name: str,
         parameter: _Parameter,
         scaling: Scaling,
         source: str,
     ) -> None:
-        port = _found(place, name)
+        port = self._network.port(place, name)
         if port is None:
             within = f" in {place.path}" if place.path else ""
             self.ignored.append(f"{name}{within} ({source})")
@@ -136,8 +130,7 @@ class Bindings:
             raise BadSystem(
                 f"{where} is a {parameter.type}; only numbers, truth values and texts can be set"
             )
-        inside = isinstance(self._network.places[port.element], Component)
-        if isinstance(parameter.value, str) and not inside:
+        if isinstance(parameter.value, str) and not self._network.in_fmu(port):
             raise BadSystem(
                 f"{where} is a {parameter.type}, which a connector of a system does not pass on; "
                 "name the FMU's own parameter"
@@ -150,7 +143,7 @@ class Bindings:
     def _reached(self, port: SystemPort, value: Scaled) -> Iterator[tuple[SystemPort, Scaled]]:
         """The ports that get a value set at this port, including itself."""
         yield port, value
-        if isinstance(self._network.places[port.element], System):
+        if not self._network.in_fmu(port):
             for target, edge in self._network.edges.items():
                 if edge.source == port:
                     yield from self._reached(target, self._network.link(value, target))
@@ -170,7 +163,7 @@ class Bindings:
                 f"{where} is a {parameter.type}{'' if exact else ', scaled'}, but {port} is a "
                 f"{wanted}"
             )
-        if isinstance(self._network.places[port.element], Component):
+        if self._network.in_fmu(port):
             self.values[port.element][port.connector] = value
         elif connector.kind not in ("input", "parameter"):
             raise BadSystem(f"{where} sets a system's {connector.kind}, which its FMUs compute")
@@ -178,39 +171,23 @@ class Bindings:
             self.starts[port.connector] = value
 
 
-def _found(place: Component | System, name: str) -> SystemPort | None:
-    """The port of a hierarchical name, seen from an element."""
-    if isinstance(place, Component):
-        name = place.aliases.get(name, name)
-        return SystemPort(place.path, name) if name in place.variables else None
-    if name in place.connectors:
-        return SystemPort(place.path, name)
-    for child, below in place.children.items():
-        if name.startswith(child + "."):
-            port = _found(below, name.removeprefix(child + "."))
-            if port is not None:
-                return port
-    return None
-
-
 def _parameter(node: ET.Element, prefix: str, units: dict[str, Unit], source: str) -> _Parameter:
     name = prefix + node.get("name", "")
     what = f"{source}: parameter {name!r}"
     for child in node:
         kind, text = plain_type(child.tag.removeprefix(SSV)), child.get("value")
-        if kind == "Real":
-            return _Parameter(name, kind, number(text, what), unit_in(child, units))
-        if kind == "Integer":
+        value: float | str | None = None
+        if kind in ("Real", "Integer"):
             value = number(text, what)
-            if not value.is_integer():
-                raise BadSystem(f"{what} is {text!r}, expected an integer")
-            return _Parameter(name, kind, int(value), None)
-        if kind == "Boolean":
-            return _Parameter(name, kind, truth(text, what), None)
-        if kind in ("String", "Enumeration"):
-            if text is None:
-                break
-            return _Parameter(name, kind, text, None)
-        if kind == "Binary":
-            return _Parameter(name, kind, None, None)
+            if kind == "Integer":
+                if not value.is_integer():
+                    raise BadSystem(f"{what} is {text!r}, expected an integer")
+                value = int(value)
+        elif kind == "Boolean":
+            value = truth(text, what)
+        elif kind in ("String", "Enumeration") and text is not None:
+            value = text
+        elif kind != "Binary":
+            continue
+        return _Parameter(name, kind, value, unit_in(child, units) if kind == "Real" else None)
     raise BadSystem(f"{what} has no value")

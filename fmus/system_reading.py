@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from .archive import LARGEST_OF_ALL, BadArchive, unpack_archive, unpacked_size
-from .model_xml import BadXml
-from .system_network import Component, Network, SystemConnection, SystemOutput, SystemPort
+from .archive import LARGEST_OF_ALL, BadArchive, BadXml, number, unpack_archive, unpacked_size
+from .system_network import Network, SystemConnection, SystemOutput, SystemPort
 from .system_parameters import Bindings
-from .system_xml import SSD, BadSystem, Unit, number, parse, units_of
+from .system_xml import SSD, BadSystem, parse, units_of
+from .units import BadUnit, Unit
 
 __all__ = [
     "BadSystem",
@@ -126,19 +126,17 @@ def read_system(path: Path | str) -> SystemStructure:
         or needs something that is not supported; the message says which.
     """
     path = Path(path)
+    folder = None
     try:
         folder = unpack_archive(path)
-    except BadArchive as error:
-        raise BadSystem(f"{path}: {error}") from error
-    try:
         return _read(path, folder)
-    except (BadSystem, BadXml) as error:
-        shutil.rmtree(folder, ignore_errors=True)
+    except BaseException as error:
+        if folder:
+            shutil.rmtree(folder, ignore_errors=True)
+        if not isinstance(error, BadArchive | BadSystem | BadUnit | BadXml):
+            raise
         # names in the file may hold line breaks
         raise BadSystem(f"{path}: {' '.join(str(error).split())}") from error
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
 
 
 def _read(path: Path, folder: Path) -> SystemStructure:
@@ -150,15 +148,14 @@ def _read(path: Path, folder: Path) -> SystemStructure:
         raise BadSystem(f"{DESCRIPTION} holds no System")
     start, stop = _experiment(root.find(SSD + "DefaultExperiment"))
     network = Network(folder, units_of(root.find(SSD + "Units")))
-    top = network.add_system(system, "")
+    top = network.add_system(system)
     network.check_rings()
     connections, outputs = network.signals()
     bindings = Bindings(network)
-    bindings.bind(top)
     elements = tuple(
-        SystemElement(place.path, place.fmu, bindings.values[place.path])
-        for place in network.places.values()
-        if isinstance(place, Component)
+        SystemElement(element.path, element.fmu, bindings.values[element.path])
+        for element in network.elements.values()
+        if element.fmu
     )
     if not elements:
         raise BadSystem(f"{DESCRIPTION} holds no component")

@@ -1,10 +1,14 @@
-"""Unit strings such as ``N*s/m`` or ``V/(m/s)`` to the exponents of FMI's base units."""
+"""Units: strings such as ``N*s/m`` or ``V/(m/s)``, definitions by FMI's base units, conversion."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
+from .archive import number
+
+BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _SI: dict[str, dict[str, int]] = {
     "1": {},
     "kg": {"kg": 1},
@@ -27,13 +31,82 @@ TYPES = {
     "Velocity": ("Velocity", "m/s", "mm/s"),
 }
 """Quantity, unit and display unit of each declared type."""
+_TOKEN = re.compile(r"\s*([A-Za-z]+|\d+|[*/^()]|-)")
 
 
 class BadUnit(ValueError):
-    """A unit that cannot be read; the message quotes it."""
+    """A unit that cannot be read or converted; the message quotes it."""
 
 
-_TOKEN = re.compile(r"\s*([A-Za-z]+|\d+|[*/^()]|-)")
+@dataclass(frozen=True)
+class Unit:
+    """A unit: base value = factor * value + offset; `exponents` is None if it is not defined.
+
+    The offset is not for differences of two values, which are `relative`.
+    """
+
+    name: str
+    exponents: tuple[int, ...] | None
+    factor: float = 1.0
+    offset: float = 0.0
+    relative: bool = False
+
+    @classmethod
+    def defined(cls, name: str, base: dict[str, str]) -> Unit:
+        """A unit from the attributes of its BaseUnit; raises `BadXml`, `BadUnit`."""
+        what = f"unit {name!r}"
+        exponents = (number(base.get(n, "0"), f"the exponent of {n} of {what}") for n in BASE_UNITS)
+        powers = tuple(round(e) for e in exponents)
+        factor = number(base.get("factor", "1"), f"the factor of {what}")
+        if factor == 0:
+            raise BadUnit(f"the factor of {what} is 0")
+        return cls(name, powers, factor, number(base.get("offset", "0"), f"the offset of {what}"))
+
+    @classmethod
+    def named(cls, name: str) -> Unit:
+        """A unit that is not defined in base units, by its name, also in Modelica spelling."""
+        powers = re.sub(r"(?<=[A-Za-z])(-?\d)", r"^\1", name).replace(".", "*")
+        try:
+            exponents = base_exponents(powers)
+        except BadUnit:
+            return cls(name, None)
+        return cls(name, tuple(exponents.get(base, 0) for base in BASE_UNITS))
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether its values are bare numbers."""
+        return self.exponents == (0,) * len(BASE_UNITS) and (self.factor, self.offset) == (1, 0)
+
+    def same_as(self, other: Unit) -> bool:
+        """Whether both units have the same numbers; undefined units are compared by name."""
+        if self.exponents is None or other.exponents is None:
+            return self.name == other.name
+        return self.exponents == other.exponents and conversion(self, other, "") == (1.0, 0.0)
+
+
+def conversion(before: Unit, after: Unit, where: str) -> tuple[float, float]:
+    """Factor and offset from one unit to another.
+
+    Raises
+    ------
+    BadUnit
+        If they are of different quantities, or one of them is not defined.
+    """
+    for unit in (before, after):
+        if unit.exponents is None and before.name != after.name:
+            raise BadUnit(
+                f"{where}: the unit {unit.name!r} is not defined, so {before.name!r} cannot be "
+                f"converted to {after.name!r}"
+            )
+    if before.exponents is None or after.exponents is None:
+        return 1.0, 0.0
+    if before.exponents != after.exponents:
+        raise BadUnit(
+            f"{where}: {before.name!r} cannot be converted to {after.name!r}: they are units "
+            "of different quantities"
+        )
+    shift = 0.0 if before.relative or after.relative else before.offset - after.offset
+    return before.factor / after.factor, shift / after.factor
 
 
 def base_exponents(unit: str) -> dict[str, int]:

@@ -23,7 +23,8 @@ import sympy as sp
 from ..solver.component import Component, Input, Output, State, symbol
 from ..solver.functions import slopes
 from ..solver.tape import UnsupportedComponent
-from .tangent_ports import FRAME, FRAME_ROLE, SET_ROLE, TRACE, set_port, tangent_port
+from .feedback_law import with_law_ports
+from .ports import FRAME, FRAME_ROLE, SET_ROLE, TRACE, set_port, tangent_port
 
 
 def variational(component: Component, tangents: int) -> Component:
@@ -51,8 +52,6 @@ def variational(component: Component, tangents: int) -> Component:
     ValueError
         If `tangents` is less than 1.
     """
-    from .export import with_law_ports
-
     _check(component, tangents)
     lawful = with_law_ports(component)
     states = _ordered(lawful)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..fmus.catalogue import NAMES
-from ..fmus.law_ports import reference_port
+from ..fmus.ports import reference_port
 from ..fmus.reading import Description
 from ..instruments import NOMINAL_VOLTAGE, UNLIMITED
 from ..solver.set_point import SET_POINT

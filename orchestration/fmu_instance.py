@@ -15,7 +15,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.law_ports import law_ports
+from ..fmus.ports import law_ports
 from ..fmus.reading import SETTABLE, Description, FmuError, NumberVariable, UnpackedFmu, unpack
 from .fmi_status import DISCARD, ERROR, FATAL, OK, Refused
 from .fmi_versions import END, Fmi2, Fmi3, Ports, forget, last_words

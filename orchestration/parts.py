@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from ..controllers import ALONE, CONTROLLERS, FORMER
 from ..fmus import catalogue
 from ..fmus.interface import START, TOLERANCE, interface_of
-from ..fmus.reading import SETTABLE, Description, unpack
+from ..fmus.reading import SETTABLE, Description, read_description
 from ..instruments import FEED_FORWARD, INSTRUMENTS, SAMPLED, bare
 from ..plant import PLANTS
 from ..solver.component_file import (
@@ -100,9 +100,7 @@ class Part:
         FmuError
             If it is no FMU of a kind that can run here.
         """
-        unpacked = unpack(self.name, runs_here=False)  # its sources are compiled when it runs
-        unpacked.remove()
-        return unpacked.description
+        return read_description(self.name)  # its sources are compiled when it runs
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -154,7 +152,7 @@ class Part:
             check_names(side, values, settable_of(self.description))
             as_taken(side, self.description, values)
             return
-        ranges = dict(interface_of(self.kernel, self.own_name).layout.ranges)
+        ranges = dict(interface_of(self.kernel).layout.ranges)
         ranges.pop(TOLERANCE, None)  # a setting of the FMU's own solver
         check_names(side, values, ranges)
         for name, value in values.items():

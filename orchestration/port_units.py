@@ -10,10 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ..fmus.law_ports import gain_port, rate_port
+from ..fmus.ports import gain_port, rate_port, tangent_port, tangent_states
 from ..fmus.reading import Description
-from ..fmus.system_xml import BadSystem, Unit, conversion
-from ..fmus.tangent_ports import tangent_port, tangent_states
+from ..fmus.units import BadUnit, Unit, conversion
 from .converted import AS_IS, Scale, converted
 from .fmu_instance import FmuInstance
 from .isolated import IsolatedInstance
@@ -99,7 +98,7 @@ def _between(given: Unit | None, taken: Unit | None, where: str) -> Scale:
         return AS_IS
     try:
         return conversion(given, taken, where)
-    except BadSystem as error:
+    except BadUnit as error:
         raise WiringError(str(error)) from error
 
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.law_ports import law_ports
+from ..fmus.ports import law_ports
 from .fmu_instance import Instance, Value, Writer
 
 Vector = npt.NDArray[np.float64]

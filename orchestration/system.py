@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.law_ports import law_ports
+from ..fmus.ports import law_ports
 from ..fmus.system_reading import (
     BadSystem,
     SystemConnection,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from ..fmus.system_reading import SystemConnection, SystemPort, SystemStructure
-from ..fmus.system_xml import Unit
+from ..fmus.units import Unit
 from ..solver.set_point import set_point_orders
 from .fmu_instance import FmuInstance
 from .isolated import IsolatedInstance

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..fmus.law_ports import gain_port, rate_port, reference_port
+from ..fmus.ports import gain_port, rate_port, reference_port
 from ..fmus.system_reading import SystemConnection
 from .fmu_instance import Instance
 

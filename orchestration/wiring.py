@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
-from ..fmus.law_ports import gain_port, law_ports, rate_port, reference_port
+from ..fmus.ports import gain_port, law_ports, rate_port, reference_port
 from ..solver.nearest import nearest
 from ..solver.set_point import DERIVATIVES, SET_POINT, set_point_orders
 from .fmu_instance import AnyFmu, Instance

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from ..fmus.native.ready import ready_fmu
+from ..fmus.ports import tangent_states
 from ..fmus.reading import FmuError
-from ..fmus.tangent_ports import tangent_states
 from ..orchestration.fmu_instance import FmuInstance
 from ..orchestration.isolated import IsolatedInstance, open_fmu
 from ..orchestration.loop import Loop

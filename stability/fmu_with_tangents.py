@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.tangent_ports import (
+from ..fmus.ports import (
     FRAME,
     TRACE,
     is_tangent_port,

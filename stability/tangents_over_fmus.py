@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.tangent_ports import tangent_port
+from ..fmus.ports import tangent_port
 from ..orchestration.clock import Clock
 from ..orchestration.compiled import DIVERGES, GOES_ON, JOINT, STEP_FAILED, TRAIL, USES, library
 from ..orchestration.fmi_calls import Bound, failure_of

@@ -9,7 +9,7 @@ import sympy as sp
 
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
-from ballscrew.fmus.export import with_law_ports
+from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.fmus.interface import interface_of
 from ballscrew.fmus.units import base_exponents
 from ballscrew.solver.component import symbol
@@ -86,7 +86,7 @@ def test_description_has_what_a_tool_asks_for(fmus, name):
     assert description.defaultExperiment.stepSize == "0.001"
     kernel = fmu_kernel(name)
     starts = {v.name: v.start for v in description.modelVariables if v.start is not None}
-    for v in interface_of(kernel, name).variables:
+    for v in interface_of(kernel).variables:
         base_exponents(v.unit)  # which parses it
     for p in kernel.parameters:
         assert float(starts[p.name]) == p.default  # exact, not 16 digits

@@ -19,8 +19,8 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1153, 910),
     "controllers": (1365, 1050),
     "instruments": (870, 700),
-    "fmus": (6078, 5274),
-    "orchestration": (13556, 11197),
+    "fmus": (5553, 4922),
+    "orchestration": (13553, 11194),
     "stability": (3105, 2498),
     "ballscrew": (4733, 3908),
     "gallery": (3571, 3184),
@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1870, 1732),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28143, 26855),
+    "tests": (28147, 26859),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 from ...solver.compilers import (
     PLATFORMS,
@@ -17,30 +17,21 @@ from ...solver.compilers import (
 from ...solver.component import Component
 from ...solver.files import write_atomically
 from ..accompanying import accompanying_files
-from ..archive import pack
-from ..export import with_law_ports
+from ..archive import pack, xml_text
+from ..dependencies import kinds_of
+from ..description import MAIN, model_description, token_of
+from ..feedback_law import with_law_ports
 from ..made_here import remember
-from ..model_description import VERSION
-from . import description, description3
-from .sources import MAIN, NativeModel, native_model, sources
+from .sources import NativeModel, native_model, sources
 
 
 @dataclass(frozen=True)
 class NativeFmu:
-    """An FMU that was written.
-
-    Attributes
-    ----------
-    path : Path
-    compiled : tuple of str
-        Platforms with a binary.
-    missing : tuple of str
-        Platforms without a compiler; the sources are in the FMU in any case.
-    """
+    """An FMU that was written."""
 
     path: Path
-    compiled: tuple[str, ...]
-    missing: tuple[str, ...]
+    compiled: tuple[str, ...]  # platforms with a binary
+    missing: tuple[str, ...]  # platforms without a compiler; the sources are there in any case
 
     @property
     def note(self) -> str:
@@ -101,30 +92,30 @@ def write_native(
                 f"platform {name!r}, expected with FMI {fmi} some of {', '.join(platforms_of(fmi))}"
             )
     able = tuple(name for name in wanted if compiler_for(name))
-    token = _token(model, fmi)
+    kernel, interface = model.kernel, model.interface
+    token = token_of(*sources(model, fmi, "").values(), repr(interface))
     texts = sources(model, fmi, token)
-    stem = model.kernel.name
-    files: dict[str, bytes] = {}
-    if fmi == 2:
-        files["modelDescription.xml"] = description.description_of(model, token)
-    else:
-        files["modelDescription.xml"] = description3.description_of(model, token)
-        texts_and_build = description3.build_description(stem)
-        files["sources/buildDescription.xml"] = texts_and_build
+    kinds = kinds_of(model.partials, model.entries)
+    described = model_description(kernel, interface, fmi, token, kinds, model.exchanges)
+    files = {"modelDescription.xml": described}
+    if fmi == 3:
+        files["sources/buildDescription.xml"] = _build_description(kernel.name)
     for name in able:
         kind = PLATFORMS[name]
-        library = compile_library(name, texts, MAIN[fmi], stem)
-        files[f"binaries/{kind.folder[fmi]}/{stem}{kind.suffix}"] = library
-    files |= accompanying_files(model.kernel, model.interface, fmi)
+        library = compile_library(name, texts, MAIN[fmi], kernel.name)
+        files[f"binaries/{kind.folder[fmi]}/{kernel.name}{kind.suffix}"] = library
+    files |= accompanying_files(kernel, interface, fmi)
     files |= {f"sources/{name}": text.encode() for name, text in sorted(texts.items())}
     write_atomically(path, pack(files))
     remember(path)
     return NativeFmu(path, able, tuple(name for name in wanted if name not in able))
 
 
-def _token(model: NativeModel, fmi: int) -> str:
-    """The same for the same equations, variables, C sources and versions, in every process."""
-    text = "".join(sources(model, fmi, "").values()) + repr(model.interface) + VERSION
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    parts = (digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])
-    return "{" + "-".join(parts) + "}"
+def _build_description(identifier: str) -> bytes:
+    """How a tool compiles the sources; FMI 2.0 says it in the model description."""
+    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
+    files = ET.SubElement(configuration, "SourceFileSet", language="C99")
+    ET.SubElement(files, "SourceFile", name=MAIN[3])
+    ET.SubElement(configuration, "Library", name="m", external="true")
+    return xml_text(root)

@@ -7,7 +7,7 @@ generator as everything else: they are the only outputs of a component.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import sympy as sp
 
@@ -17,26 +17,13 @@ from ...solver.functions import slopes
 _NAME = "partial_{}_{}"
 
 
-@dataclass(frozen=True)
-class Entry:
-    """Which partial derivative an output is.
+def entry_of(name: str) -> tuple[int, int]:
+    """Row and column of the output of this name, for a component made by `partials`.
 
-    Attributes
-    ----------
-    row : int
-        Number of the derivative, or of the output, counted after the derivatives.
-    column : int
-        Number of the state, or of the input, counted after the states.
+    Rows are those of the derivatives, then of the outputs; columns of the states, then of inputs.
     """
-
-    row: int
-    column: int
-
-
-def entry_of(name: str) -> Entry:
-    """Meaning of the output of this name, for a component made by `partials`."""
     _, row, column = name.rsplit("_", 2)
-    return Entry(int(row), int(column))
+    return int(row), int(column)
 
 
 def partials(component: Component) -> Component:

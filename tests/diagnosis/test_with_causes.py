@@ -11,7 +11,8 @@ from ballscrew.diagnosis.causes import CAUSES
 from ballscrew.diagnosis.drive import Drive, midway
 from ballscrew.diagnosis.modelled_record import ModelledRecord
 from ballscrew.diagnosis.with_causes import BadExtension, with_causes
-from ballscrew.fmus.export import export, with_law_ports
+from ballscrew.fmus.export import export
+from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.plant.ball_screw import PARAMETERS as SCREW
 from ballscrew.plant.direct_drive import PARAMETERS as DRIVE
 from ballscrew.plant.law import law

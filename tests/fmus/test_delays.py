@@ -4,7 +4,7 @@ import pytest
 import sympy as sp
 from any_fmu import KINDS, Host, written
 
-from ballscrew.fmus.export import with_law_ports
+from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.fmus.variational import variational
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (

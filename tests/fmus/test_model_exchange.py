@@ -9,7 +9,7 @@ from any_fmu import NATIVE, Host
 from every_component import EVERY_COMPONENT
 
 from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
-from ballscrew.fmus.export import with_law_ports
+from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.instruments import INSTRUMENTS
 from ballscrew.solver.component import symbol
@@ -74,8 +74,9 @@ def test_under_cvode_a_plant_moves_as_its_equations_say(made, name, kind):
 def test_states_set_one_by_one_are_those_set_all_at_once(made, name, mode, kind):
     """CasADi sets them in no other way; some are outputs, one is not, and one part has modes."""
     model = catalogued_model(name)
-    states = [v.name for v in model.state_variables]
-    unknowns = [v.name for v in model.derivatives] + [o.name for o in model.kernel.outputs]
+    states = [v.name for v in model.interface.states]
+    unknowns = [v.name for v in model.interface.derivatives]
+    unknowns += [o.name for o in model.kernel.outputs]
     random = np.random.default_rng(8)
     whole, single = (Host(made(name, kind), exchange=True) for _ in range(2))
     for host in (whole, single):
@@ -162,8 +163,8 @@ def test_directional_derivatives_are_the_partial_derivatives_of_the_equations(ma
     at = [starts[f"{s.name}_start"] for s in kernel.states] + [values[i.name] for i in signals]
     nominal = [s.nominal for s in kernel.states] + [i.nominal for i in signals]
     model = catalogued_model(name)
-    known = [v.name for v in model.state_variables] + [i.name for i in signals]
-    unknown = [v.name for v in model.derivatives] + [o.name for o in kernel.outputs]
+    known = [v.name for v in model.interface.states] + [i.name for i in signals]
+    unknown = [v.name for v in model.interface.derivatives] + [o.name for o in kernel.outputs]
     got = np.column_stack([host.slopes(unknown, [k], [1.0]) for k in known])
     f = sp.lambdify(
         [symbol(n) for n in names],
@@ -199,8 +200,9 @@ def test_adjoint_derivatives_of_fmi_3_are_directional_ones_transposed(made, name
     signals = [i.name for i in model.kernel.inputs if i.role != "internal"]
     starts = {f"{s.name}_start": s.nominal * random.normal() for s in model.kernel.states}
     host = Host(made(name, "native-3"), starts | dict.fromkeys(signals, 1e-3))
-    knowns = [v.name for v in model.state_variables] + signals
-    unknowns = [v.name for v in model.derivatives] + [o.name for o in model.kernel.outputs]
+    knowns = [v.name for v in model.interface.states] + signals
+    unknowns = [v.name for v in model.interface.derivatives]
+    unknowns += [o.name for o in model.kernel.outputs]
     forward = np.column_stack([host.slopes(unknowns, [k], [1.0]) for k in knowns])
     rows, columns = ([host.at[n] for n in names] for names in (unknowns, knowns))
     n = len(knowns)  # left out, fmpy makes room for as many as there are unknowns

@@ -11,10 +11,10 @@ from lxml import etree
 
 from ballscrew.fmus import catalogue
 from ballscrew.fmus.catalogue import component, fmu_kernel, loop
-from ballscrew.fmus.export import with_law_ports
+from ballscrew.fmus.dependencies import kinds_of
+from ballscrew.fmus.description import model_description
+from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.fmus.interface import interface_of
-from ballscrew.fmus.model_description import model_description
-from ballscrew.fmus.native import description, description3
 from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.fmus.reading import unpack
 from ballscrew.solver.codegen import generate
@@ -54,12 +54,13 @@ def described(name, kind):
         model = catalogued_model("pid", tangents=1)
     else:
         model = catalogued_model(LOOPS.get(name, name), "plant" if name in LOOPS else "")
-    writer = description if kind == "native-2" else description3
-    return etree.fromstring(writer.description_of(model, "t"))
+    kinds = kinds_of(model.partials, model.entries)
+    given = model.kernel, model.interface, int(kind[-1]), "t", kinds, model.exchanges
+    return etree.fromstring(model_description(*given))
 
 
 def root_of(kernel):
-    return etree.fromstring(model_description(kernel, interface_of(kernel, kernel.name)))
+    return etree.fromstring(model_description(kernel, interface_of(kernel), 2, "t"))
 
 
 @pytest.mark.parametrize("name", PARTS)

@@ -16,7 +16,7 @@ import numpy as np
 from exchange_host import FIRST_STEP, ROUND_OFF, ExchangeHost
 
 from ballscrew.fmus.catalogue import component
-from ballscrew.fmus.export import with_law_ports
+from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import native_model
 from ballscrew.solver import core

@@ -60,8 +60,8 @@ def what_moves(path, name):
     kernel, model = fmu_kernel(name), catalogued_model(name)
     random = np.random.default_rng(12)
     inputs = [i for i in kernel.inputs if i.role != "internal"]
-    states = [v.name for v in model.state_variables]
-    unknowns = [o.name for o in kernel.outputs] + [d.name for d in model.derivatives]
+    states = [v.name for v in model.interface.states]
+    unknowns = [o.name for o in kernel.outputs] + [d.name for d in model.interface.derivatives]
     moved = {u: set() for u in unknowns}
     probe = Host(path, exchange=True, begun=False)
     limited = "u_max" in {p.name for p in kernel.parameters}
@@ -191,7 +191,7 @@ def test_what_is_listed_for_initialization_moves_the_unknown_and_nothing_else(fm
     assert {u: known - {"time"} for u, known in three.items()} == two
     model = catalogued_model(name)
     outputs = {o.name for o in model.kernel.outputs}
-    own = [*model.state_variables, *model.derivatives]
+    own = [*model.interface.states, *model.interface.derivatives]
     assert set(two) == outputs | {v.name for v in own}
     assert initially(fmus[name], 2) == {o: two[o] for o in outputs}
     exactly = name in EXACTLY
