@@ -99,7 +99,7 @@ def component(name: str) -> Component:
     >>> [s.name for s in ballscrew.component("plant").all_states]
     ['x', 'v', 'i', 'z']
     """
-    from .fmus.catalogue import component as made
+    from .orchestration.catalogue import component as made
 
     return made(_as_it_is_now(name))
 

@@ -164,9 +164,9 @@ def export(options: argparse.Namespace) -> int:
         int(options.fmi or 2),
         platforms,
     )
-    from .fmus.catalogue import name_of
     from .fmus.system_export import CannotConnect
     from .fmus.units import BadUnit
+    from .orchestration.catalogue import name_of
     from .solver.compilers import CompilerFailed
     from .solver.contract_error import ContractError
     from .solver.tape import UnsupportedComponent

@@ -32,8 +32,8 @@ class Export:
 
         For a system, this is the progress of its controller's FMU.
         """
-        from .fmus.catalogue import in_units_of, name_of
         from .instruments import without_units
+        from .orchestration.catalogue import in_units_of, name_of
 
         described = self.plant or self._described()
         part = in_units_of(part, described)
@@ -62,10 +62,10 @@ class Export:
         return replace(made, path=path)
 
     def _write_modelica(self, part: str, path: Path) -> NativeFmu:
-        from .fmus import catalogue
         from .fmus.interface import START
         from .fmus.modelica import modelica
         from .fmus.native.export import NativeFmu
+        from .orchestration import catalogue
         from .solver.files import write_atomically
 
         kernel = catalogue.fmu_kernel(part, self.plant)
@@ -81,19 +81,19 @@ class Export:
         return self.params.plant_name if self.params and self.params.command else ""
 
     def _write_fmu(self, part: str, path: Path, in_system: bool = False) -> NativeFmu:
-        from .fmus import catalogue
         from .fmus.interface import with_set_point
-        from .fmus.native import sources
         from .fmus.native.export import NativeFmu, write_native
+        from .fmus.native.sources import NativeModel
+        from .orchestration import catalogue
         from .solver.files import write_atomically
 
         asked = part, self.plant, self.tangents
-        model = sources.catalogued_model(*asked) if self.native else None
+        model = catalogue.catalogued_model(*asked) if self.native else None
         kernel = model.kernel if model else catalogue.fmu_kernel(*asked)
         kernel = with_set_point(kernel) if in_system else kernel
         kernel = kernel_with_values(self.params, part, kernel, self.plant)
         if model:
-            model = sources.NativeModel(kernel, model.partials)
+            model = NativeModel(kernel, model.partials)
             return write_native(model, path, self.fmi, self.platforms)
         write_atomically(path, catalogue.stored_fmu(kernel).read_bytes())
         return NativeFmu(path, (), ())

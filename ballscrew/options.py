@@ -116,10 +116,10 @@ def out_folder(text: str) -> Path:
 
 def guard(action: Any) -> Any:
     """Run, and turn errors that the user can correct into one line."""
-    from .fmus.catalogue import UnknownComponent
     from .fmus.reading import FmuError
     from .fmus.system_reading import BadSystem
     from .fmus.units import BadUnit
+    from .orchestration.catalogue import UnknownComponent
     from .orchestration.couplings import UnknownCoupling
     from .orchestration.fmu_instance import StepFailed
     from .orchestration.loop_run import CouplingError

@@ -126,8 +126,8 @@ def kernel_with_values(
 
 def _is_plant(part: str) -> bool:
     """Whether a part is on the plant's side: it has no measurement or set-point."""
-    from .fmus.catalogue import component
     from .instruments import bare
+    from .orchestration.catalogue import component
     from .plant import PLANTS
     from .solver.component_file import names_file
 

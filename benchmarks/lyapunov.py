@@ -26,7 +26,7 @@ import numpy as np  # noqa: E402
 import numpy.typing as npt  # noqa: E402
 import sympy as sp  # noqa: E402
 
-from ballscrew.fmus.catalogue import component  # noqa: E402
+from ballscrew.orchestration.catalogue import component  # noqa: E402
 from ballscrew.orchestration.whole_loop import loop_kernel  # noqa: E402
 from ballscrew.solver.codegen import generate  # noqa: E402
 from ballscrew.solver.component import Component, Output, State, symbol  # noqa: E402

@@ -17,9 +17,9 @@ from time import perf_counter
 import numpy as np
 from other_masters import TimedChain, TimedLoop, link, side_by_side
 
-from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.export import export
 from ballscrew.fmus.native.export import export_native
+from ballscrew.orchestration.catalogue import fmu
 from ballscrew.orchestration.clock import Clock
 from ballscrew.orchestration.compiled import PAIR
 from ballscrew.orchestration.coupling import CoupledPair
@@ -188,7 +188,7 @@ def networks(folder: Path) -> None:
 def start_cost() -> tuple[float, float]:
     """Seconds until a fresh process has computed its first step, cold and warm."""
     code = (
-        "from ballscrew.fmus.catalogue import fmu_kernel; "
+        "from ballscrew.orchestration.catalogue import fmu_kernel; "
         "from ballscrew.solver.kernel import Model; "
         "m = Model(fmu_kernel('plant')); m.set_input('u', 30.0); m.advance(0.0, 1e-3)"
     )

@@ -17,9 +17,8 @@ from pathlib import Path
 import master
 from other_masters import TimedLoop, missing_for_ecos, step_cost
 
-from ballscrew.fmus.catalogue import NAMES, fmu
 from ballscrew.fmus.native.export import write_native
-from ballscrew.fmus.native.sources import catalogued_model
+from ballscrew.orchestration.catalogue import NAMES, catalogued_model, fmu
 from ballscrew.solver.compilers import PLATFORMS, own_platform, platforms_of
 
 ROUNDS = 3

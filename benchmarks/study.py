@@ -22,7 +22,7 @@ from fmpy.simulation import instantiate_fmu
 from scipy.integrate import solve_ivp
 
 import ballscrew
-from ballscrew.fmus.catalogue import component, fmu
+from ballscrew.orchestration.catalogue import component, fmu
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.orchestration.reference_signal import Reference

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from ..instruments import MEASURED
 from ..solver.files import write_atomically
 from ..solver.kernel import DEFAULT_TOLERANCE
-from ..solver.set_point import DERIVATIVES, START_VALUE
+from ..solver.set_point import DERIVATIVES, MEASURED, START_VALUE
 from .archive import pack, xml_text
 from .description import TOOL
 from .ports import gain_port, rate_port, reference_port

@@ -3,10 +3,9 @@
 Those of the rig (Section 2.2 and Table 2.1) have their noise as an input, so that a seed outside
 determines it; if the thesis gives no value, the parameter's source says what was assumed. The
 instruments in `INSTRUMENTS` can be connected between any plant and controller: their input has the
-name of the plant's signal, their output that name with `MEASURED` added.
+name of the plant's signal, their output that name with `solver.set_point.MEASURED` added.
 """
 
-MEASURED = "_measured"
 UNLIMITED = 1e6
 NOMINAL_VOLTAGE = 36.0  # of the axis' amplifier, Table 2.1 [V]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ..solver.component import Component, ContractError
 from ..solver.interconnect import interconnect
-from . import MEASURED
+from ..solver.set_point import MEASURED
 
 
 def measured_through(controller: Component, instruments: Sequence[Component]) -> Component:

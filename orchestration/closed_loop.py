@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..fmus.catalogue import NAMES
 from ..fmus.ports import reference_port
 from ..fmus.reading import Description
 from ..instruments import NOMINAL_VOLTAGE, UNLIMITED
 from ..solver.set_point import SET_POINT
+from .catalogue import NAMES
 from .closed_loop_result import ClosedLoopResult
 from .couplings import Coupling
 from .fmu_instance import FmuInstance

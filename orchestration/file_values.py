@@ -6,9 +6,9 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from ..controllers import CONTROLLERS
-from ..fmus.catalogue import in_units_of
 from ..instruments import without_units
 from ..plant import DESCRIBED
+from .catalogue import in_units_of
 from .loop import Loop, table_of
 from .parameter_file import FMU, ParameterFile
 from .parts import Part

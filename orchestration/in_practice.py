@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..fmus.catalogue import component
-from ..instruments import INSTRUMENTS, MEASURED, SAMPLED, without_instruments, without_units
+from ..instruments import INSTRUMENTS, SAMPLED, without_instruments, without_units
 from ..solver.contract_error import ContractError
+from ..solver.set_point import MEASURED
+from .catalogue import component
 from .fmu_instance import SAMPLE_TIME
 from .parts import Part
 

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.catalogue import component, kept_as
 from ..solver.component import Component, Input, Output, State, symbol
 from ..solver.interconnect import interconnect
 from ..solver.kernel import Kernel, Model
 from ..solver.staircase import dithered_average
 from ..solver.stored import stored_kernel
+from .catalogue import component, kept_as
 
 if TYPE_CHECKING:
     from .parts import Part

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ..fmus.catalogue import in_units_of
 from ..instruments import bare, without_units
 from ..plant import DESCRIBED
 from ..solver.kernel import CONTROLLER, PLANT
 from ..solver.set_point import START_VALUE
+from .catalogue import in_units_of
 from .couplings import Coupling, coupling_named
 from .limits import (
     TIME_LIMIT,

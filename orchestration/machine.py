@@ -16,12 +16,12 @@ from functools import cached_property
 import numpy as np
 
 from ..controllers import CONTROLLERS, tunable
-from ..fmus.catalogue import OWN_LIMIT
 from ..fmus.interface import TOLERANCE
 from ..fmus.units import base_exponents
 from ..instruments import NOMINAL_VOLTAGE, UNLIMITED, bare, without_units
 from ..plant.ball_screw import PARAMETERS as MOTOR
 from ..solver.kernel import Model
+from .catalogue import OWN_LIMIT
 from .limits import BadParameter
 from .linear_loop import Linear, Vector, linear_kernel, linearized
 from .parts import Part, resolve_controller

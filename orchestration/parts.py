@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..controllers import ALONE, CONTROLLERS, FORMER
-from ..fmus import catalogue
 from ..fmus.interface import START, TOLERANCE, interface_of
 from ..fmus.reading import SETTABLE, Description, read_description
 from ..instruments import FEED_FORWARD, INSTRUMENTS, SAMPLED, bare
@@ -26,6 +25,7 @@ from ..solver.component_file import (
 )
 from ..solver.kernel import Kernel, ParameterInfo
 from ..solver.nearest import did_you_mean, nearest
+from . import catalogue
 from .limits import BadParameter, as_number
 
 if TYPE_CHECKING:

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from ..controllers import CONTROLLERS, tunable
-from ..fmus.catalogue import component
 from ..fmus.units import base_exponents
 from ..instruments import bare
 from ..solver.files import finite_or_null, write_atomically
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
+from .catalogue import component
 from .limits import BadParameter
 from .linear_loop import (
     Linear,

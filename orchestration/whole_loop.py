@@ -44,8 +44,8 @@ def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
     """
 
     def make() -> Component:
-        from ..fmus.catalogue import component
         from ..solver.connect import connect
+        from .catalogue import component
 
         return _with_curves(connect(component(plant), component(controller)))
 
@@ -55,7 +55,7 @@ def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
 def _stored_loop(
     kind: str, make: Callable[[], Component], plant: str | Component, controller: str | Component
 ) -> Kernel:
-    from ..fmus.catalogue import kept_as
+    from .catalogue import kept_as
 
     (p, of_plant), (c, of_controller) = kept_as(plant), kept_as(controller)
     return stored_kernel(f"{kind}_{p}_{c}", make, __name__, *of_plant, *of_controller)
@@ -75,11 +75,11 @@ def held_loop_kernel(
         return kernel
 
     def make() -> Component:
-        from ..fmus.catalogue import component
         from ..solver.connect import connect
         from ..solver.delay_states import with_delay_states
         from ..solver.held_states import with_held_states
         from ..solver.staircase import dithered_average
+        from .catalogue import component
 
         loop = _with_curves(connect(component(plant), component(controller)))
         if averaged:

@@ -44,8 +44,8 @@ def good_files() -> dict[str, bytes]:
     """Files to be mutated: one FMU and one system of ours, without the rarer binaries."""
     import zipfile
 
-    from ballscrew.fmus.catalogue import fmu
     from ballscrew.fmus.system_export import export_system
+    from ballscrew.orchestration.catalogue import fmu
 
     def lean(path: Path) -> bytes:
         stream = io.BytesIO()

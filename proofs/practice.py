@@ -21,10 +21,10 @@ import numpy as np
 from provenance import provenance
 
 from ballscrew.cli import main as command
-from ballscrew.fmus.catalogue import component
 from ballscrew.instruments.encoder import encoder
 from ballscrew.instruments.late_command import with_late_command
 from ballscrew.instruments.measured_through import measured_through
+from ballscrew.orchestration.catalogue import component
 from ballscrew.orchestration.whole_loop import held_loop_kernel, loop_kernel
 from ballscrew.solver.component import Component, Parameter
 from ballscrew.solver.kernel import IntegrationError, Kernel, Model

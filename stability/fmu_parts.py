@@ -6,9 +6,9 @@ import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from ..fmus.native.ready import ready_fmu
 from ..fmus.ports import tangent_states
 from ..fmus.reading import FmuError
+from ..orchestration.catalogue import ready_fmu
 from ..orchestration.fmu_instance import FmuInstance
 from ..orchestration.isolated import IsolatedInstance, open_fmu
 from ..orchestration.loop import Loop

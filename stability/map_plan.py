@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.catalogue import kept_as
+from ..orchestration.catalogue import kept_as
 from ..orchestration.limits import TOLERANCE_OF_MAPS
 from ..orchestration.loop import Loop
 from ..orchestration.memory import check_memory

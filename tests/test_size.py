@@ -15,12 +15,12 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (7266, 6401),
+    "solver": (7267, 6402),
     "plant": (1153, 910),
     "controllers": (1365, 1050),
-    "instruments": (870, 700),
-    "fmus": (5553, 4922),
-    "orchestration": (13553, 11194),
+    "instruments": (869, 699),
+    "fmus": (5237, 4682),
+    "orchestration": (13848, 11426),
     "stability": (3105, 2498),
     "ballscrew": (4733, 3908),
     "gallery": (3571, 3184),
@@ -29,10 +29,10 @@ MOST = {  # folder: lines, lines without docstrings
     "diagnosis": (6393, 5106),
     "rig": (1738, 1374),
     "proofs": (12916, 11549),
-    "benchmarks": (1870, 1732),
+    "benchmarks": (1869, 1731),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28147, 26859),
+    "tests": (28144, 26856),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

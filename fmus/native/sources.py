@@ -12,11 +12,8 @@ from ... import solver
 from ...solver.codegen import generate
 from ...solver.component import Component
 from ...solver.kernel import Kernel
-from ...solver.kernel_cache import hashed_name
-from ...solver.stored import stored_kernel
 from ...solver.tape import functions
 from ...solver.translation import in_c
-from ..catalogue import fmu_component, fmu_kernel
 from ..dependencies import states_of_outputs
 from ..description import MAIN
 from ..interface import MESSAGE, Interface, native_interface_of
@@ -61,18 +58,6 @@ def native_model(component: Component) -> NativeModel:
         If this version cannot solve it.
     """
     return NativeModel(generate(component), generate(partials(component)))
-
-
-def catalogued_model(part: str | Component, plant: str = "", tangents: int = 0) -> NativeModel:
-    """The model of `catalogue.fmu_kernel`, from disk if available."""
-    kernel = fmu_kernel(part, plant, tangents)
-    maker = resources.files(__package__).joinpath("partials.py").read_text(encoding="utf-8")
-    stored = hashed_name(f"partials_{kernel.name}", maker + kernel.to_json())
-
-    def make() -> Component:
-        return partials(fmu_component(part, plant, tangents))
-
-    return NativeModel(kernel, stored_kernel(stored, make))
 
 
 def sources(model: NativeModel, fmi: int, token: str) -> dict[str, str]:

@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ...controllers import tunable
-from ...fmus.catalogue import in_units_of
 from ...fmus.reading import FmuError
 from ...solver.component_file import BadComponentFile
 from ...solver.contract_error import ContractError
+from ..catalogue import in_units_of
 from ..file_values import for_plant
 from ..limits import BadParameter
 from ..machine import Machine, gain_ranges, limit_of, model_values, own_ranges

@@ -156,7 +156,7 @@ def _checks(
     runs: list[Run],
 ) -> dict[str, tuple[Any, ...]]:
     """Runs as tasks over FMUs."""
-    from ...fmus.catalogue import fmu
+    from ..catalogue import fmu
 
     entrants = {e.name: e for e in plan.entrants}
     duties = {d.name: d for d in plan.judged_duties}
@@ -286,10 +286,10 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
     ------
     UnknownComponent, BadComponentFile, ContractError
     """
-    from ...fmus.catalogue import component, in_units_of
     from ...instruments import INSTRUMENTS
     from ...instruments.measured_through import measured_through
     from ...instruments.sample_and_hold import PERIOD, sampled
+    from ..catalogue import component, in_units_of
 
     def in_time(part: Component) -> Component:
         return replace(part, sample_time=period) if part.sample_time else part
@@ -312,9 +312,9 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
 
 
 def _loop(plan: Plan, entrant: Entrant) -> AnyLoop:
-    from ...fmus.catalogue import UnknownComponent, component
     from ...solver.component_file import BadComponentFile
     from ...solver.contract_error import ContractError
+    from ..catalogue import UnknownComponent, component
 
     if Path(entrant.component).suffix == SUFFIX:
         return _fmu_loop(plan, entrant)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from ...fmus.catalogue import OWN_LIMIT
 from ...instruments import NOMINAL_VOLTAGE, UNLIMITED
 from ...solver.kernel import CONTROLLER, PLANT, ParameterInfo
+from ..catalogue import OWN_LIMIT
 from .plan import Duty, Entrant, Plan
 from .reading import BadPlan
 

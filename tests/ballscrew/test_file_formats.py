@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnosed import run
 
-from ballscrew.fmus.catalogue import fmu
+from ballscrew.orchestration.catalogue import fmu
 
 pytestmark = [pytest.mark.ci, pytest.mark.xdist_group("file_formats")]
 ROOT = Path(__file__).resolve().parents[2]

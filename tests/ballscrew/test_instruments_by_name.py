@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.fmus.catalogue import component, fmu_kernel, has_equations, kept_as, name_of
 from ballscrew.instruments import without_instruments
+from ballscrew.orchestration.catalogue import component, fmu_kernel, has_equations, kept_as, name_of
 from ballscrew.orchestration.parts import resolve_controller
 
 NAME = "pid_sampled+position_encoder"

@@ -10,7 +10,7 @@ import pytest
 
 import ballscrew
 from ballscrew.cli import main
-from ballscrew.fmus.catalogue import component
+from ballscrew.orchestration.catalogue import component
 from ballscrew.orchestration.in_practice import in_practice, practice_of
 from ballscrew.orchestration.parts import Part
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers import CONTROLLERS, tunable
-from ballscrew.fmus.catalogue import component, fmu_kernel
+from ballscrew.orchestration.catalogue import component, fmu_kernel
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers.linearization import gains_from_poles, input_output_linearization
-from ballscrew.fmus.catalogue import component
+from ballscrew.orchestration.catalogue import component
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic

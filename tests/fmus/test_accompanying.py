@@ -7,9 +7,8 @@ import fmpy
 import pytest
 from lxml import etree
 
-from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.native.export import write_native
-from ballscrew.fmus.native.sources import catalogued_model
+from ballscrew.orchestration.catalogue import catalogued_model, fmu
 
 SCHEMAS = Path(fmpy.__file__).parent / "schema"
 LAW = ["u", *(f"u_gain_{s}" for s in "xvzi"), *(f"u_ref_{s}" for s in "xvzi"), "u_rate"]

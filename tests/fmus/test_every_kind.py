@@ -19,9 +19,8 @@ from every_component import EVERY_COMPONENT
 from fmpy.validation import validate_fmu
 from thesis_axis import axis_under
 
-from ballscrew.fmus.catalogue import fmu, fmu_kernel
 from ballscrew.fmus.native.export import write_native
-from ballscrew.fmus.native.sources import catalogued_model
+from ballscrew.orchestration.catalogue import catalogued_model, fmu, fmu_kernel
 from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from fmu_host import opened
 
-from ballscrew.fmus.catalogue import component
 from ballscrew.fmus.export import export
+from ballscrew.orchestration.catalogue import component
 
 SUPPORT = str(Path(__file__).resolve().parents[1] / "support")
 

@@ -14,10 +14,9 @@ from fmpy.validation import validate_fmu
 from ballscrew.cli import main
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.exporting import Export
-from ballscrew.fmus.catalogue import NAMES, fmu
-from ballscrew.fmus.native import ready
 from ballscrew.fmus.native.export import NativeFmu
-from ballscrew.fmus.native.ready import NATIVE, READABLE, ready_fmu
+from ballscrew.orchestration import catalogue
+from ballscrew.orchestration.catalogue import NAMES, NATIVE, READABLE, fmu, ready_fmu
 from ballscrew.solver import compilers
 from ballscrew.solver.tape import UnsupportedComponent
 from ballscrew.solver.translation import in_c
@@ -180,7 +179,7 @@ def test_a_native_fmu_is_made_once_and_a_readable_one_taken_where_nothing_compil
 ):
     made = ready_fmu("pid")
     assert made.build == NATIVE
-    monkeypatch.setattr(ready, "compiler_for", lambda _: [])
+    monkeypatch.setattr(catalogue, "compiler_for", lambda _: [])
     assert ready_fmu("pid") == made  # it is there already
     monkeypatch.setenv("BALLSCREW_CACHE", str(tmp_path))
     assert ready_fmu("pid").build == READABLE

@@ -5,7 +5,7 @@ import pytest
 from any_fmu import Host
 from scipy.integrate import solve_ivp
 
-from ballscrew.fmus.catalogue import CONTROLLERS, fmu_kernel
+from ballscrew.orchestration.catalogue import CONTROLLERS, fmu_kernel
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic

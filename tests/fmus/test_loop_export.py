@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from ballscrew.cli import main
 from ballscrew.controllers import CONTROLLERS
-from ballscrew.fmus import catalogue
+from ballscrew.orchestration import catalogue
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic

@@ -8,10 +8,9 @@ import sympy as sp
 from any_fmu import NATIVE, Host
 from every_component import EVERY_COMPONENT
 
-from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
 from ballscrew.fmus.feedback_law import with_law_ports
-from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.instruments import INSTRUMENTS
+from ballscrew.orchestration.catalogue import NAMES, catalogued_model, component, fmu_kernel
 from ballscrew.solver.component import symbol
 from ballscrew.solver.kernel import Model
 

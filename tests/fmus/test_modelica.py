@@ -10,8 +10,8 @@ import pytest
 import sympy as sp
 from diagnosed import run, whole
 
-from ballscrew.fmus.catalogue import NAMES, component, fmu_kernel
 from ballscrew.fmus.modelica import modelica
+from ballscrew.orchestration.catalogue import NAMES, component, fmu_kernel
 from ballscrew.solver.component import Component, Output, Parameter, State, symbol
 from ballscrew.solver.contract_error import ContractError
 from ballscrew.solver.kernel import Model

@@ -12,9 +12,9 @@ from every_component import EVERY_CONTROLLER
 from lxml import etree
 
 from ballscrew.cli import main
-from ballscrew.fmus import catalogue
 from ballscrew.fmus.reading import FmuError
 from ballscrew.fmus.system_export import CannotConnect, export_system
+from ballscrew.orchestration import catalogue
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
 from ballscrew.orchestration.whole_loop import run_monolithic

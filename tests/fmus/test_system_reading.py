@@ -400,8 +400,8 @@ def test_an_archive_that_climbs_out_or_unpacks_to_too_much_is_refused(tmp_path, 
         ('source="file:///etc/passwd"', "expected a file in the archive"),
         ("", "element 'c' has no source"),
         ('source="x.ssp" type="application/x-ssp-package"', "is of type application/x-ssp-package"),
-        ('source="text.fmu"', "text.fmu is not an FMU that can be read"),
-        ('source="old.fmu"', "old.fmu is FMI 1.0, expected FMI 2.0"),
+        ('source="text.fmu"', "text.fmu: modelDescription.xml is no XML"),
+        ('source="old.fmu"', "old.fmu: is FMI 1.0, expected FMI 2.0"),
     ],
 )
 def test_an_element_without_an_fmu_that_can_run_is_refused(tmp_path, attributes, text):
@@ -422,7 +422,10 @@ MANY = """<ssd:Connectors>
     ("connection", "text"),
     [
         ({"start": "bb.y"}, "names the element 'bb', which does not exist; nearest: b"),
-        ({"end": "b.xx"}, "names the connector 'xx' of 'b', which does not exist; nearest: x"),
+        (
+            {"end": "b.xx"},
+            "names the connector 'xx' of 'b', which does not exist or is no number; nearest: x",
+        ),
         ({"end": "b.y"}, "joins a.y and b.y, which both give a value"),
         ({"start": "a.x"}, "joins a.x and b.x, which both take a value"),
         ({"start": "both"}, "joins both of kind inout"),

@@ -9,14 +9,13 @@ from any_fmu import KINDS
 from exported_loops import IN_LOOPS
 from lxml import etree
 
-from ballscrew.fmus import catalogue
-from ballscrew.fmus.catalogue import component, fmu_kernel, loop
 from ballscrew.fmus.dependencies import kinds_of
 from ballscrew.fmus.description import model_description
 from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.fmus.interface import interface_of
-from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.fmus.reading import unpack
+from ballscrew.orchestration import catalogue
+from ballscrew.orchestration.catalogue import catalogued_model, component, fmu_kernel, loop
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     TIME,

@@ -5,9 +5,9 @@ import pytest
 import sympy as sp
 
 from ballscrew.controllers.nctf import nctf
-from ballscrew.fmus.catalogue import component
 from ballscrew.fmus.export import export
 from ballscrew.fmus.variational import variational
+from ballscrew.orchestration.catalogue import component
 from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.solver.component import Component, Input, Output, Parameter, State, symbol
 from ballscrew.solver.tape import UnsupportedComponent

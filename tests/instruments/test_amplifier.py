@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ballscrew.fmus.catalogue import component
+from ballscrew.orchestration.catalogue import component
 from ballscrew.plant.ball_screw import ball_screw
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.kernel import Model

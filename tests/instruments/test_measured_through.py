@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers.pid import pid_sampled
-from ballscrew.fmus.catalogue import component
 from ballscrew.instruments.current_sensor import current_sensor
 from ballscrew.instruments.encoder import encoder, position_encoder
 from ballscrew.instruments.measured_through import measured_through
 from ballscrew.instruments.velocity_estimate import velocity_estimate
+from ballscrew.orchestration.catalogue import component
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import ContractError
 from ballscrew.solver.kernel import Model

@@ -7,8 +7,8 @@ import pytest
 from ballscrew.controllers.linearization import input_output_linearization
 from ballscrew.controllers.pid import pid, pid_sampled
 from ballscrew.controllers.relay import relay
-from ballscrew.fmus.catalogue import component
 from ballscrew.instruments.sample_and_hold import sampled
+from ballscrew.orchestration.catalogue import component
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import ContractError
 from ballscrew.solver.kernel import Model

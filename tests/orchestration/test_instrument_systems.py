@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from instrument_loops import SIGNALS, apart, exact_course, exported
 
-from ballscrew.fmus.catalogue import component
+from ballscrew.orchestration.catalogue import component
 from ballscrew.orchestration.loop import SystemLoop
 from ballscrew.orchestration.run import run_closed_loop
 

@@ -14,12 +14,11 @@ import pytest
 from third_party_fmus import proportional
 
 from ballscrew.cli import main
-from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.made_here import is_ours
 from ballscrew.fmus.native.export import write_native
-from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.fmus.reading import FmuError
 from ballscrew.orchestration import isolated, isolated_host
+from ballscrew.orchestration.catalogue import catalogued_model, fmu
 from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.isolated import IsolatedInstance
 from ballscrew.orchestration.loop import Loop

@@ -8,8 +8,8 @@ import pytest
 from third_party_fmus import feedthrough, proportional
 
 from ballscrew.cli import main
-from ballscrew.fmus.catalogue import fmu
 from ballscrew.fmus.system_export import export_system
+from ballscrew.orchestration.catalogue import fmu
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop, SystemLoop
 from ballscrew.orchestration.reference_signal import Reference

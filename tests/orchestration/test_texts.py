@@ -7,7 +7,7 @@ import pytest
 from networks_of_parts import SSD
 from pythonfmu.builder import FmuBuilder
 
-from ballscrew.fmus.catalogue import fmu
+from ballscrew.orchestration.catalogue import fmu
 from ballscrew.orchestration.loop import SystemLoop
 from ballscrew.orchestration.run import run_closed_loop
 

@@ -8,9 +8,9 @@ import sympy as sp
 from third_party_fmus import STATE_FEEDBACK_PORTS, proportional, state_feedback
 
 from ballscrew.controllers.linearization import measurements_of
-from ballscrew.fmus.native import ready
 from ballscrew.fmus.native.export import write_native
-from ballscrew.fmus.native.sources import catalogued_model
+from ballscrew.orchestration import catalogue
+from ballscrew.orchestration.catalogue import catalogued_model
 from ballscrew.orchestration.loop import Loop
 from ballscrew.plant.axis import axis
 from ballscrew.solver.component import Component, Output, symbol
@@ -57,14 +57,14 @@ def test_native_variational_fmus_have_the_exponents_of_the_equations(native, con
 @pytest.mark.ci
 def test_readable_and_native_fmus_give_the_same_exponents(native, monkeypatch):
     own = loop_lyapunov_over_fmus(Loop("pid", stop=0.1, step=STEP))
-    monkeypatch.setattr(ready, "_native", _no_compiler)
+    monkeypatch.setattr(catalogue, "_native_fmu", _no_compiler)
     readable = loop_lyapunov_over_fmus(Loop("pid", stop=0.1, step=STEP))
     assert readable.method.startswith("readable variational FMUs")
     np.testing.assert_allclose(readable.exponents, own.exponents, rtol=1e-7, atol=1e-7)
 
 
 def _no_compiler(name, tangents):
-    raise ready.CompilerFailed("hidden")
+    raise catalogue.CompilerFailed("hidden")
 
 
 @pytest.mark.ci

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ballscrew.fmus.catalogue import fmu
+from ballscrew.orchestration.catalogue import fmu
 from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ballscrew.diagnosis.drive import Drive
-from ballscrew.fmus.catalogue import component
+from ballscrew.orchestration.catalogue import component
 
 # the thesis' axis as believed by its user
 NOMINAL = {

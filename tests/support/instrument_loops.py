@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ballscrew.fmus.catalogue import component, fmu, name_of
 from ballscrew.fmus.system_export import export_system
 from ballscrew.instruments.measured_through import measured_through
+from ballscrew.orchestration.catalogue import component, fmu, name_of
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.solver.component import Component
 from ballscrew.solver.kernel import Model

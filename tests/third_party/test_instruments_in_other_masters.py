@@ -14,10 +14,10 @@ import pytest
 from instrument_loops import apart, exact_course, exported
 from wired_loop import WiredLoop, run_in
 
-from ballscrew.fmus.catalogue import component
 from ballscrew.fmus.system_reading import read_system
 from ballscrew.instruments.encoder import position_encoder
 from ballscrew.instruments.velocity_estimate import velocity_estimate
+from ballscrew.orchestration.catalogue import component
 from ballscrew.solver.component import DiscreteState, symbol
 
 pytestmark = pytest.mark.ci

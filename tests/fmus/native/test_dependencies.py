@@ -10,10 +10,9 @@ from any_fmu import Host
 from every_component import EVERY_COMPONENT
 from fmpy.validation import validate_fmu
 
-from ballscrew.fmus.catalogue import fmu_kernel
 from ballscrew.fmus.native.export import export_native
-from ballscrew.fmus.native.sources import catalogued_model
 from ballscrew.instruments import INSTRUMENTS
+from ballscrew.orchestration.catalogue import catalogued_model, fmu_kernel
 from ballscrew.solver.component import (
     Component,
     Delay,

@@ -7,7 +7,7 @@ import pytest
 
 import ballscrew
 from ballscrew.cli import main
-from ballscrew.fmus.catalogue import fmu
+from ballscrew.orchestration.catalogue import fmu
 from ballscrew.orchestration.study.plan import read_plan
 from ballscrew.orchestration.study.study import loops_of, tuned_and_judged
 from ballscrew.orchestration.workers import Processes

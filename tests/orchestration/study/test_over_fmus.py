@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ballscrew.fmus.catalogue import fmu
+from ballscrew.orchestration.catalogue import fmu
 from ballscrew.orchestration.study.figures import figures_of
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.over_fmus import check_over_fmus

@@ -9,13 +9,20 @@ all others are paths of FMUs. The name may end with the units of a drive, as in
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+from .. import fmus, solver
 from ..controllers import ALONE, CONTROLLERS, FORMER
+from ..fmus.carried_runtime import carried_runtime
+from ..fmus.made_here import is_kept, keep
 from ..instruments import (
     INSTRUMENTS,
     UNLIMITED,
@@ -27,24 +34,26 @@ from ..instruments import (
 )
 from ..plant import NOMINAL, PLANTS
 from ..solver import kernel_cache
+from ..solver.compilers import CompilerFailed, compiler_for, own_platform
 from ..solver.component_file import load_component, names_file
 from ..solver.kernel import Kernel
 from ..solver.nearest import did_you_mean
 from ..solver.stored import fingerprint, stored_kernel
-from .carried_runtime import carried_runtime
-from .made_here import is_kept, keep
 
 if TYPE_CHECKING:
+    from ..fmus.native.sources import NativeModel
     from ..solver.component import Component
 
 NAMES = {**PLANTS, **CONTROLLERS, **INSTRUMENTS}
 # modules that make equations or files of components; by name, since they are imported when needed
 _EXPORT, _VARIATIONAL = "ballscrew.fmus.export", "ballscrew.fmus.variational"
+_NATIVE = "ballscrew.fmus.native.export"
 _CONNECT = "ballscrew.solver.connect"
 _MEASURED = "ballscrew.instruments.measured_through"
 _SAMPLED = "ballscrew.instruments.sample_and_hold"
 _INSTRUMENTS = "ballscrew.instruments"
 _OF_MOTOR = {"A", "ohm", "H"}
+NATIVE, READABLE = "native", "readable"
 OWN_LIMIT = "u_max"  # parameters of a controller for the limit of the nominal amplifier, in volts
 _FORWARD = "ballscrew.controllers.feed_forward"
 
@@ -140,8 +149,6 @@ def put_into_practice(
     ------
     ContractError
     """
-    from dataclasses import replace
-
     from ..instruments.measured_through import measured_through
     from ..instruments.sample_and_hold import sampled
     from ..solver.contract_error import ContractError
@@ -216,12 +223,12 @@ def _place_of(name: str) -> str:
 def fmu_component(part: str | Component, plant: str = "", tangents: int = 0) -> Component:
     """Content of a part's FMU: see `fmu_kernel`; raises as `fmu` does."""
     if tangents:
-        from .variational import variational
+        from ..fmus.variational import variational
 
         return variational(component(part), tangents)
     if plant:
         return loop(part, plant)
-    from .feedback_law import with_law_ports
+    from ..fmus.feedback_law import with_law_ports
 
     return with_law_ports(component(part))
 
@@ -267,9 +274,68 @@ def stored_fmu(kernel: Kernel) -> Path:
     path = kernel_cache.entry(kernel_cache.FMUS, f"{stem}.fmu")
     if is_kept(path):
         return path
-    from .export import export_kernel
+    from ..fmus.export import export_kernel
 
     return keep(path, lambda: export_kernel(kernel, path))
+
+
+def catalogued_model(part: str | Component, plant: str = "", tangents: int = 0) -> NativeModel:
+    """The kernel of `fmu_kernel` with its partial derivatives, for a native FMU."""
+    from ..fmus.native import partials
+    from ..fmus.native.sources import NativeModel
+
+    kernel = fmu_kernel(part, plant, tangents)
+    maker = Path(partials.__file__).read_text(encoding="utf-8")
+    stored = kernel_cache.hashed_name(f"partials_{kernel.name}", maker + kernel.to_json())
+
+    def make() -> Component:
+        return partials.partials(fmu_component(part, plant, tangents))
+
+    return NativeModel(kernel, stored_kernel(stored, make))
+
+
+@dataclass(frozen=True)
+class ReadyFmu:
+    """An FMU in the user's cache; `build` is `NATIVE` or `READABLE`."""
+
+    path: Path
+    build: str
+
+
+def ready_fmu(name: str, tangents: int = 0) -> ReadyFmu:
+    """As `fmu`, but a native FMU if there is a C compiler; for runs of this program."""
+    try:
+        return ReadyFmu(_native_fmu(name, tangents), NATIVE)
+    except CompilerFailed:
+        return ReadyFmu(fmu(name, tangents=tangents), READABLE)
+
+
+def _native_fmu(name: str, tangents: int) -> Path:
+    """Raises CompilerFailed also if there is no compiler."""
+    kernel = fmu_kernel(name, tangents=tangents)
+    content = kernel.to_json() + _way_of_making()
+    stem = kernel_cache.hashed_name(f"{kernel.name}_native", content)
+    path = kernel_cache.entry(kernel_cache.FMUS, f"{stem}.fmu")
+    if is_kept(path):
+        return path
+    from ..fmus.native.export import write_native
+
+    platform = own_platform()
+    if not platform or not compiler_for(platform):
+        raise CompilerFailed("there is no C compiler")
+    model = catalogued_model(name, tangents=tangents)
+    return keep(path, lambda: write_native(model, path, 2, [platform]))
+
+
+@cache
+def _way_of_making() -> str:
+    """Hash of everything except the equations that affects the FMU: Python and C sources."""
+    digest = hashlib.sha256(fingerprint(_NATIVE).encode())
+    for folder in (resources.files(fmus) / "native" / "c", resources.files(solver) / "c"):
+        for file in sorted(folder.iterdir(), key=lambda f: f.name):
+            if file.name.endswith((".c", ".h")):
+                digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
 
 
 def loop(controller: str | Component, plant: str = "plant") -> Component:
@@ -283,8 +349,6 @@ def loop(controller: str | Component, plant: str = "plant") -> Component:
     ContractError
         If the two cannot be connected.
     """
-    from dataclasses import replace
-
     from ..solver.connect import connect
     from ..solver.set_point import START_VALUE
 
