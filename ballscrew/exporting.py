@@ -81,6 +81,7 @@ class Export:
         return self.params.plant_name if self.params and self.params.command else ""
 
     def _write_fmu(self, part: str, path: Path, in_system: bool = False) -> NativeFmu:
+        from .fmus.carried_runtime import platforms_with_core
         from .fmus.interface import with_set_point
         from .fmus.native.export import NativeFmu, write_native
         from .fmus.native.sources import NativeModel
@@ -95,5 +96,5 @@ class Export:
         if model:
             model = NativeModel(kernel, model.partials)
             return write_native(model, path, self.fmi, self.platforms)
-        write_atomically(path, catalogue.stored_fmu(kernel).read_bytes())
-        return NativeFmu(path, (), ())
+        write_atomically(path, catalogue.stored_fmu(kernel, everywhere=True).read_bytes())
+        return NativeFmu(path, *platforms_with_core())

@@ -61,18 +61,23 @@ def export(component: Component, path: Path | str) -> Path:
     ------
     UnsupportedComponent
         If this version cannot solve the component.
+    CompilerFailed
+        If the package ziglang fails, which compiles the core for other platforms.
     OSError
         If the file cannot be written.
     """
-    return export_kernel(generate(with_law_ports(component)), path)
+    return export_kernel(generate(with_law_ports(component)), path, everywhere=True)
 
 
-def export_kernel(kernel: Kernel, path: Path | str) -> Path:
-    """Export a compiled component with its law ports, as `export` does."""
+def export_kernel(kernel: Kernel, path: Path | str, everywhere: bool = False) -> Path:
+    """Export a compiled component with its law ports, as `export` does.
+
+    It runs on this platform; if `everywhere`, on all platforms of `carried_runtime`.
+    """
     path = Path(path)
     interface = interface_of(kernel)
     token = token_of(kernel.source, repr(interface))
-    package, carried = carried_runtime()
+    package, carried = carried_runtime(everywhere)
     texts = {
         kernel.module: kernel.source,
         (tapes := hashed_name(f"tapes_{kernel.name}", kernel.tapes)): f"TAPES = {kernel.tapes!r}\n",

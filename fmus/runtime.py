@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import hashlib
 import math
+import sys
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, ClassVar
 from urllib.parse import unquote, urlparse
 
@@ -21,47 +21,13 @@ import numpy as np
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
-from ..solver.core import (
-    CHATTER,
-    DONE,
-    NO_DELAY,
-    NOT_FINITE,
-    REACHED,
-    TOO_MANY_STEPS,
-    System,
-)
-from ..solver.stepper import EditedSystem, PlainSystem
+from ..solver.core import CHATTER, DONE, NO_DELAY, NOT_FINITE, REACHED, TOO_MANY_STEPS, System
+from ..solver.tape import record_edited
 from .process_end import end_cleanly
 
 MAX_STEPS = 200_000
 _Saved = tuple[Any, Any, str, bool]  # memory, delayed signals, failure, whether it has started
 ROUND_OFF = 1e-9  # share of a sampling period within which two times are equal
-
-
-def system_of(file: Path, tapes: bytes, states: int) -> tuple[System | PlainSystem, str]:
-    """The equations in the compiled core; in plain Python, with the reason, if the core is for
-    another platform or the equations were edited.
-
-    Parameters
-    ----------
-    file : Path
-        The generated functions; the name ends in the digest of what was exported.
-    tapes : bytes
-        The same for the core, see `System`.
-    states : int
-    """
-    text = file.read_bytes()
-    edited = not hashlib.sha256(text).hexdigest().startswith(file.stem.rpartition("_")[2])
-    if not edited:
-        try:
-            return System(tapes), ""
-        except OSError:
-            pass
-    why = "was edited" if edited else "has no compiled solver for this platform"
-    functions = SimpleNamespace()
-    exec(compile(text, file, "exec"), functions.__dict__)
-    plain = EditedSystem if edited else PlainSystem
-    return plain(functions, states, functions.MOST_EVENTS), f"{file.name} {why}"
 
 
 class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
@@ -104,17 +70,33 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self._update = np.zeros(len(self._discrete))
         self._nominal = np.array(at["nominal"])
         self._atol = np.zeros(n)
+        self._system: Any = None  # if it cannot be run
+        self._stale = True
+        file = Path(folder, f"{self.equations}.py")
         try:
-            file = Path(folder, f"{self.equations}.py")
-            self._system, why = system_of(file, self.tapes, n)
-            if why:
-                self.log(f"{self.instance_name}: {why}: it runs in plain Python, which is slow")
+            tapes = self._current_tapes(file)
         except Exception as error:
-            self._system = System(self.tapes)
             self._fail(f"{file.name} cannot be run: {error}")
+            return
+        try:
+            self._system = System(tapes)
+        except OSError as error:
+            self._fail(
+                f"no compiled solver for this platform, {sys.platform}: {error}; export it where "
+                "the package ziglang is installed, or here, or with --native and --platforms"
+            )
+            return
         kept = (self._x, self._held, self._p, self._y, self._atol, self._info)
         self._instance = self._system.instance(*kept)
-        self._stale = True
+
+    def _current_tapes(self, file: Path) -> bytes:
+        """The equations as the core runs them; recorded again if their text was edited."""
+        text = file.read_bytes()
+        if hashlib.sha256(text).hexdigest().startswith(file.stem.rpartition("_")[2]):
+            return self.tapes
+        self.log(f"{self.instance_name}: {file.name} was edited; it runs as it is now")
+        sizes = {"p": len(self._p), "y": len(self._y), "d": len(self._discrete)}
+        return record_edited(text.decode(), self.tapes, self._nominal, sizes)
 
     # -- variables ---------------------------------------------------------------------------
 
@@ -187,11 +169,10 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         if not self.started:
             self._initialize_states()
         self._take_frame()
-        try:
+        if self._system:
             self._instance.out(self.memory[self.layout["time"]])
-        except Exception as error:  # of any kind, if the equations were edited
+        else:
             self._y[:] = math.nan
-            self._fail(f"outputs cannot be computed: {error}")
         self._stale = False
 
     def _take_frame(self) -> None:
@@ -235,9 +216,8 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self._discrete[:] = self.memory[first + n : first + n + len(self._discrete)]
         self._scale_tolerances()
         self._info[:] = 0.0
-        self._system.forget()
-        if at["modes"]:
-            self._held[-1] = 0.0
+        if self._system:
+            self._system.forget()
             self._settle()
         if at["sample_time"] >= 0:  # samples count from t = 0, also if the run begins later
             past = self.memory[at["time"]] / self.memory[at["sample_time"]]
@@ -245,12 +225,11 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
 
     def _settle(self) -> None:
         """Enter the mode that follows from the start values and parameters."""
-        time = self.memory[self.layout["time"]]
-        try:
-            status = self._system.settle(time, self._x, self._held, self._p, self._info)
-        except Exception as error:
-            self._fail(f"the first mode cannot be found: {error}")
+        if not self.layout["modes"]:
             return
+        self._held[-1] = 0.0
+        time = self.memory[self.layout["time"]]
+        status = self._system.settle(time, self._x, self._held, self._p, self._info)
         if status != DONE:
             self._fail(f"events follow each other without end at t = {time:.9g} s")
 
@@ -318,12 +297,14 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
     # -- state -------------------------------------------------------------------------------
 
     def _get_fmu_state(self) -> _Saved:
-        return self.memory.copy(), self._system.history.copy(), self.failure, self.started
+        history = self._system.history if self._system else np.zeros(0)
+        return self.memory.copy(), history.copy(), self.failure, self.started
 
     def _set_fmu_state(self, state: _Saved) -> None:
         memory, history, self.failure, self.started = state
         self.memory[:] = memory
-        self._system.remember(history)
+        if self._system:
+            self._system.remember(history)
         self._scale_tolerances()
         self._stale = True
 

@@ -266,9 +266,12 @@ def fmu(part: str | Component, plant: str = "", tangents: int = 0) -> Path:
     return stored_fmu(fmu_kernel(part, plant, tangents))
 
 
-def stored_fmu(kernel: Kernel) -> Path:
-    """Path of a kernel's FMU, kept under a hash of its complete content."""
-    package, _ = carried_runtime()
+def stored_fmu(kernel: Kernel, everywhere: bool = False) -> Path:
+    """Path of a kernel's FMU, kept under a hash of its complete content.
+
+    It runs on this platform; if `everywhere`, on all platforms of `carried_runtime`.
+    """
+    package, _ = carried_runtime(everywhere)
     content = kernel.to_json() + package + fingerprint(_EXPORT)
     stem = kernel_cache.hashed_name(kernel.name, content)
     path = kernel_cache.entry(kernel_cache.FMUS, f"{stem}.fmu")
@@ -276,7 +279,7 @@ def stored_fmu(kernel: Kernel) -> Path:
         return path
     from ..fmus.export import export_kernel
 
-    return keep(path, lambda: export_kernel(kernel, path))
+    return keep(path, lambda: export_kernel(kernel, path, everywhere))
 
 
 def catalogued_model(part: str | Component, plant: str = "", tangents: int = 0) -> NativeModel:

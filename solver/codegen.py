@@ -12,8 +12,8 @@ from collections.abc import Iterable, Sequence
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
-from . import stepper
 from .component import TIME, Component, Event, Mode, Output, symbol
+from .core import CHANGES_MODE, EITHER, RESETS
 from .functions import slopes, symbols_in
 from .kernel import InputInfo, Kernel, OutputInfo, ParameterInfo, StateInfo
 from .kernel_cache import hashed_name
@@ -133,7 +133,7 @@ def _outputs(component: Component, mode: Mode | None) -> list[sp.Expr]:
 
 
 def _events(component: Component, most: int) -> str:
-    """The functions for events, and the number of events."""
+    """The functions for events."""
     unpack = _places(component)
     modes = component.modes
     names = [m.name for m in modes]
@@ -153,8 +153,8 @@ def _events(component: Component, most: int) -> str:
     for m, mode in enumerate(modes):
         for k, event in enumerate(mode.events):
             here = f"{_INDENT}if {mode_at} == {m}.0 and k == {k}:"
-            what = stepper.CHANGES_MODE if event.next_mode is not None else stepper.RESETS
-            what = what if event.direction else stepper.EITHER
+            what = CHANGES_MODE if event.next_mode is not None else RESETS
+            what = what if event.direction else EITHER
             kinds += [here, f"{2 * _INDENT}return {what}"]
             # all new values from the old ones, then the assignments
             reset = {f"new_{n}": sp.sympify(e) for n, e in event.reset.items()}
@@ -168,7 +168,6 @@ def _events(component: Component, most: int) -> str:
     reactions.append(f"{_INDENT}return")
     return "\n\n".join(
         [
-            f"MOST_EVENTS = {most}\n",
             _function("def indicate(t, x, u, p, g):", unpack, indicators or [{}]),
             _function("def spread(t, x, u, p, s):", unpack, spreads or [{}]),
             "\n".join(kinds) + "\n",
@@ -317,7 +316,7 @@ def _source(component: Component, unpack: dict[str, list[str]], most: int) -> st
             ),
             _function("def sample(t, x, u, p, d):", unpack, [updates]),
             _events(component, most),
-            *(_delayed(component, unpack) if component.delays else []),
+            *([_delayed(component, unpack)] if component.delays else []),
         ]
     )
     return f"{_HEAD.format(name=component.name)}\n{body}"
@@ -334,19 +333,14 @@ def _check_durations(component: Component) -> None:
             )
 
 
-def _delayed(component: Component, unpack: dict[str, list[str]]) -> list[str]:
-    """Values of the delayed signals, their delays, start values and nominals.
-
-    Also their number, the place of the first in u, and the length of u.
-    """
+def _delayed(component: Component, unpack: dict[str, list[str]]) -> str:
+    """The function for values of the delayed signals, their delays, start values and nominals."""
     rows = [d.expression for d in component.delays]
     rows += [d.duration for d in component.delays]
     rows += [d.start for d in component.delays]
     rows += [d.nominal for d in component.delays]
     targets = {f"e[{k}]": sp.sympify(e) for k, e in enumerate(rows)}
-    count, width = len(rows) // 4, len(unpack["u"])
-    places = count, width - 2 * count, width + bool(component.modes)
-    return [f"DELAYS = {places}\n", _function("def delayed(t, x, u, p, e):", unpack, [targets])]
+    return _function("def delayed(t, x, u, p, e):", unpack, [targets])
 
 
 def _symbols_of(component: Component, output: Output) -> set[str]:

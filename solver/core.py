@@ -21,6 +21,7 @@ NO_ROOM, NO_DELAY = 8, 9
 NEXT_STEP, ACCEPTED, REJECTED, REACHED, EVENTS, STATUS, LAST_ERROR = range(7)
 INFO_SIZE = 7
 FUNCTIONS = "rhs jac out sample indicate spread kind react slopes delayed".split()
+EITHER, CHANGES_MODE, RESETS = range(3)  # kinds of events
 # a history of delayed signals, see ``c/delays.h``
 ROOM, COUNT, END, DISTURBED, DURATIONS = range(5)
 PIECES = 5

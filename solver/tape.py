@@ -2,12 +2,16 @@
 
 A tape needs no compiler. Its operations are those of the generated text, in
 the same order, so that it gives the same numbers as the compiled text.
+
+This file imports only `core`: it is also part of every exported FMU, where it records the text
+again if its user has edited it.
 """
 
 from __future__ import annotations
 
 import ast
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,14 +23,15 @@ from .core import FUNCTIONS
 _OPERATIONS = (
     "ADD SUBTRACT MULTIPLY DIVIDE NEGATE POWER MODULO LESS LESS_EQUAL EQUAL NOT_EQUAL "
     "AND OR NOT LARGER SMALLER SELECT CALL_1 CALL_2 LOAD STORE JUMP JUMP_UNLESS "
-    "RETURN"
+    "RETURN DIFFERENCES"
 ).split()
 _NUMBER = {name: k for k, name in enumerate(_OPERATIONS)}
 OF_ONE = (
     "acos acosh asin asinh atan atanh ceil cos cosh erf erfc exp expm1 fabs floor "
-    "lgamma log log10 log1p log2 sin sinh sqrt tan tanh gamma sign"
+    "lgamma log log10 log1p log2 sin sinh sqrt tan tanh gamma"
 ).split()
 OF_TWO = ["atan2", "copysign", "fmod", "hypot", "pow"]
+_FUNCTIONS = {"abs", "min", "max", *(f"math.{name}" for name in [*OF_ONE, *OF_TWO])}
 _BINARY: dict[type[ast.AST], str] = {
     ast.Add: "ADD",
     ast.Sub: "SUBTRACT",
@@ -45,7 +50,7 @@ _COMPARED: dict[type[ast.AST], tuple[str, bool]] = {  # the second: with its sid
 }
 _CONSTANTS = {"pi": math.pi, "e": math.e, "inf": math.inf}
 # places of the vectors given to a function
-_VECTORS = {
+_VECTORS: dict[str, int] = {
     "x": 0,
     "u": 1,
     "p": 2,
@@ -55,6 +60,9 @@ _VECTORS = {
 }
 MOST_REGISTERS = 8192
 _GIVEN = 2  # registers of the time and the number of an event
+
+_LOGICAL = {"LESS", "LESS_EQUAL", "EQUAL", "NOT_EQUAL", "AND", "OR", "NOT"}
+_RESULTS = {"rhs": "dx", "out": "y", "sample": "d", "indicate": "g", "delayed": "e"}
 
 _OPERATION = np.dtype([(n, np.uint16) for n in ("operation", "to", "a", "b", "c")])
 _READS = {"SELECT": "abc", "STORE": "c", "JUMP_UNLESS": "c", "RETURN": "c", "CALL_1": "a"}
@@ -102,8 +110,43 @@ def record_tape(
     """
     written = functions(source)
     tapes = [record(written[name], states) if name in written else _NO_TAPE for name in FUNCTIONS]
+    return _packed((states, held, events, delays, first), tapes)
+
+
+def record_edited(
+    source: str, exported: bytes, nominal: npt.NDArray[np.float64], sizes: Mapping[str, int]
+) -> bytes:
+    """The tapes of a text that its user has edited; the Jacobian is computed by differences.
+
+    Parameters
+    ----------
+    source : str
+    exported : bytes
+        The tapes of the text as exported.
+    nominal : ndarray, shape (states,)
+        Sizes of the states, for the differences.
+    sizes : mapping of str to int
+        Lengths of the vectors of parameters, outputs and discrete states, "p", "y" and "d".
+
+    Raises
+    ------
+    SyntaxError, UnsupportedComponent
+    """
+    head = states, held, events, delays, _ = np.frombuffer(exported, np.int32, 5).tolist()
+    sizes = {"x": states, "dx": states, "u": held, "g": events, "e": 4 * delays, **sizes}
+    written = functions(source)
+    tapes = {"jac": Tape(np.array([(_NUMBER["DIFFERENCES"], 0, 0, 0, 0)], _OPERATION), nominal)}
+    for name in ("rhs", "out", "sample", "indicate", "kind", "react", "delayed"):
+        if name not in written and (delays or name != "delayed"):
+            raise UnsupportedComponent(f"the function {name!r} is missing; it is needed")
+        if name in written:
+            tapes[name] = record(written[name], states, sizes)
+    return _packed(head, [tapes.get(name, _NO_TAPE) for name in FUNCTIONS])
+
+
+def _packed(head: Sequence[int], tapes: list[Tape]) -> bytes:
     sizes = [size for t in tapes for size in (len(t.operations), len(t.constants))]
-    parts = [np.array([states, held, events, delays, first, *sizes, 0], np.int32).tobytes()]
+    parts = [np.array([*head, *sizes, 0], np.int32).tobytes()]
     parts += [t.constants.tobytes() for t in tapes]
     parts += [t.operations.tobytes() for t in tapes]
     return b"".join(parts)
@@ -128,16 +171,21 @@ class _Line:
 @dataclass
 class _Recorder:
     width: int
+    sizes: dict[str, int] | None  # lengths of the vectors that are given to it, if to be checked
+    names: dict[str, int]
     lines: list[_Line] = field(default_factory=list)
     constants: dict[str, tuple[int, float]] = field(default_factory=dict)
-    names: dict[str, int] = field(default_factory=dict)
+    logical: set[int] = field(default_factory=set)  # values that are 0 or 1
     values: int = _GIVEN
 
     def constant(self, value: float) -> int:
         key = float(value).hex()
         if key not in self.constants:
             self.constants[key] = (self._new(), float(value))
-        return self.constants[key][0]
+        found = self.constants[key][0]
+        if value in (0.0, 1.0):
+            self.logical.add(found)
+        return found
 
     def _new(self) -> int:
         self.values += 1
@@ -146,32 +194,35 @@ class _Recorder:
     def emit(self, operation: str, a: int = 0, b: int = 0, c: int = 0) -> int:
         to = self._new()
         self.lines.append(_Line(operation, to, a, b, c))
+        if operation in _LOGICAL or (operation == "SELECT" and {a, b} <= self.logical):
+            self.logical.add(to)
         return to
 
     # -- statements ------------------------------------------------------------------------------
 
     def block(self, statements: list[ast.stmt]) -> None:
         for s in statements:
-            if isinstance(s, ast.Assign):
-                (target,) = s.targets
-                value = self.value(s.value)
+            if isinstance(s, ast.Assign) and len(s.targets) == 1:
+                target, value = s.targets[0], self.value(s.value)
                 if isinstance(target, ast.Name):
                     self.names[target.id] = value
                 else:
                     vector, index = self._place(target)
                     self.lines.append(_Line("STORE", -1, vector, index, value))
             elif isinstance(s, ast.If):
-                skip = _Line("JUMP_UNLESS", c=self.value(s.test))
+                skip, end = _Line("JUMP_UNLESS", c=self.value(s.test)), _Line("JUMP")
+                before = dict(self.names)
                 self.lines.append(skip)
                 self.block(s.body)
+                names, self.names = self.names, dict(before)
                 if s.orelse:
-                    end = _Line("JUMP")
                     self.lines.append(end)
-                    skip.a = len(self.lines)
-                    self.block(s.orelse)
-                    end.a = len(self.lines)
-                else:
-                    skip.a = len(self.lines)
+                skip.a = len(self.lines)
+                self.block(s.orelse)
+                end.a = len(self.lines)
+                # a value of one branch only is not there after it
+                same = before.items() & names.items() & self.names.items()
+                self.names = dict(same)
             elif isinstance(s, ast.Return):
                 value = self.value(s.value) if s.value else self.constant(0.0)
                 self.lines.append(_Line("RETURN", c=value))
@@ -181,19 +232,23 @@ class _Recorder:
     def _place(self, target: ast.expr) -> tuple[int, int]:
         if not isinstance(target, ast.Subscript) or not isinstance(target.value, ast.Name):
             raise _unknown(target)
-        at = target.slice
+        at, name = target.slice, target.value.id
+        if self.sizes is not None:
+            size = self.sizes.get(name, 0)
+            if not isinstance(at, ast.Constant) or at.value not in range(size):
+                raise _unknown(target)
         if isinstance(at, ast.Tuple):
             row, column = (int(ast.literal_eval(part)) for part in at.elts)
-            return _VECTORS[target.value.id], row * self.width + column
-        return _VECTORS[target.value.id], int(ast.literal_eval(at))
+            return _VECTORS[name], row * self.width + column
+        return _VECTORS[name], int(ast.literal_eval(at))
 
     # -- expressions -----------------------------------------------------------------------------
 
     def value(self, e: ast.expr) -> int:
         if isinstance(e, ast.Constant) and isinstance(e.value, bool | int | float):
             return self.constant(e.value)
-        if isinstance(e, ast.Name):
-            return {"t": 0, "k": 1}.get(e.id, self.names.get(e.id, -1))
+        if isinstance(e, ast.Name) and e.id in self.names:
+            return self.names[e.id]
         if isinstance(e, ast.Subscript):
             vector, index = self._place(e)
             to = self._new()
@@ -202,12 +257,14 @@ class _Recorder:
         if isinstance(e, ast.BinOp) and type(e.op) in _BINARY:
             return self.emit(_BINARY[type(e.op)], self.value(e.left), self.value(e.right))
         if isinstance(e, ast.UnaryOp):
+            if isinstance(e.op, ast.Invert):
+                raise _unknown(e)
             inner = self.value(e.operand)
             if isinstance(e.op, ast.UAdd):
                 return inner
             return self.emit("NOT" if isinstance(e.op, ast.Not) else "NEGATE", inner)
         if isinstance(e, ast.BoolOp):
-            return self._joined("AND" if isinstance(e.op, ast.And) else "OR", e.values)
+            return self._joined("AND" if isinstance(e.op, ast.And) else "OR", e.values, self._truth)
         if isinstance(e, ast.Compare):
             return self._compared(e)
         if isinstance(e, ast.IfExp):
@@ -215,15 +272,22 @@ class _Recorder:
             return self.emit("SELECT", yes, no, test)
         if isinstance(e, ast.Attribute) and ast.unparse(e.value) == "math" and e.attr in _CONSTANTS:
             return self.constant(_CONSTANTS[e.attr])
-        if isinstance(e, ast.Call) and not e.keywords:
+        if isinstance(e, ast.Call) and not e.keywords and ast.unparse(e.func) in _FUNCTIONS:
             return self._called(e)
         raise _unknown(e)
 
-    def _joined(self, operation: str, parts: list[ast.expr]) -> int:
-        found = self.value(parts[0])
+    def _joined(
+        self, operation: str, parts: list[ast.expr], value: Callable[[ast.expr], int]
+    ) -> int:
+        found = value(parts[0])
         for part in parts[1:]:
-            found = self.emit(operation, found, self.value(part))
+            found = self.emit(operation, found, value(part))
         return found
+
+    def _truth(self, e: ast.expr) -> int:
+        if (value := self.value(e)) not in self.logical:
+            raise _unknown(e)  # of two numbers, ``and`` and ``or`` take one
+        return value
 
     def _compared(self, e: ast.Compare) -> int:
         sides = [self.value(part) for part in (e.left, *e.comparators)]
@@ -239,7 +303,7 @@ class _Recorder:
     def _called(self, e: ast.Call) -> int:
         called = ast.unparse(e.func)
         if called in ("min", "max") and e.args:
-            return self._joined("LARGER" if called == "max" else "SMALLER", e.args)
+            return self._joined("LARGER" if called == "max" else "SMALLER", e.args, self.value)
         name = "fabs" if called == "abs" else called.removeprefix("math.")
         arguments = [self.value(a) for a in e.args]
         if name in OF_ONE and len(arguments) == 1:
@@ -250,11 +314,15 @@ class _Recorder:
         raise _unknown(e)
 
 
-def _unknown(node: ast.AST) -> UnsupportedComponent:
-    return UnsupportedComponent(f"a tape has no operation for {ast.unparse(node)!r}")
+def _unknown(node: ast.stmt | ast.expr) -> UnsupportedComponent:
+    return UnsupportedComponent(
+        f"line {node.lineno} has {ast.unparse(node).splitlines()[0]!r}; expected elements of the "
+        "given vectors, names assigned before and not within an if, numbers, arithmetic, "
+        "comparisons, 'a if c else b', abs, min, max and functions of math"
+    )
 
 
-def record(function: ast.FunctionDef, width: int) -> Tape:
+def record(function: ast.FunctionDef, width: int, sizes: Mapping[str, int] | None = None) -> Tape:
     """The tape of one generated function.
 
     Parameters
@@ -262,12 +330,21 @@ def record(function: ast.FunctionDef, width: int) -> Tape:
     function : ast.FunctionDef
     width : int
         Columns of matrices.
+    sizes : mapping of str to int, optional
+        For a text that may be wrong: lengths of vectors by name. Results that it does not write
+        are zero.
 
     Raises
     ------
     UnsupportedComponent
     """
-    recorder = _Recorder(width)
+    given = {argument.arg for argument in function.args.args}
+    own = None if sizes is None else {n: size for n, size in sizes.items() if n in given}
+    recorder = _Recorder(width, own, {n: k for k, n in enumerate("tk") if n in given})
+    if own is not None and function.name in _RESULTS:
+        zero = recorder.constant(0.0)
+        for k in range(own.get(_RESULTS[function.name], 0)):
+            recorder.lines.append(_Line("STORE", -1, _VECTORS[_RESULTS[function.name]], k, zero))
     recorder.block(function.body)
     recorder.lines.append(_Line("RETURN", c=recorder.constant(0.0)))
     registers = _registers(recorder)

@@ -15,14 +15,14 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (7267, 6402),
+    "solver": (6653, 5843),
     "plant": (1153, 910),
     "controllers": (1365, 1050),
     "instruments": (869, 699),
-    "fmus": (5237, 4682),
-    "orchestration": (13848, 11426),
+    "fmus": (5265, 4702),
+    "orchestration": (13850, 11426),
     "stability": (3105, 2498),
-    "ballscrew": (4733, 3908),
+    "ballscrew": (4734, 3909),
     "gallery": (3571, 3184),
     "records": (2379, 2155),
     "identification": (4714, 3940),
@@ -32,7 +32,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1869, 1731),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28144, 26856),
+    "tests": (28225, 26937),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

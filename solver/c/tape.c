@@ -2,14 +2,14 @@
 
 #include <string.h>
 
-static double sign_of(double x) { return x == 0.0 ? 0.0 : copysign(1.0, x); }
-
 /* By number; solver/tape.py has their names in the same order. */
 static double (*const OF_ONE[])(double) = {
     acos, acosh, asin, asinh, atan, atanh, ceil, cos, cosh, erf, erfc, exp, expm1, fabs, floor,
-    lgamma, log, log10, log1p, log2, sin, sinh, sqrt, tan, tanh, tgamma, sign_of,
+    lgamma, log, log10, log1p, log2, sin, sinh, sqrt, tan, tanh, tgamma,
 };
 static double (*const OF_TWO[])(double, double) = {atan2, copysign, fmod, hypot, pow};
+
+#define SHIFT 1e-8 /* of a difference, as a share of the size */
 
 static double play(const Tape *tape, double t, int event, double *const vectors[VECTORS])
 {
@@ -61,10 +61,35 @@ static void play_rhs(const System *s, double t, const double *x, const double *u
     play(&TAPES->rhs, t, 0, VECTORS_OF(x, u, p, dx));
 }
 
+/* The Jacobian of rates whose slopes are not known. */
+static void by_differences(const System *s, double t, const double *x, const double *u,
+                           const double *p, const double *nominal, double *J, double *ft)
+{
+    const int n = s->states;
+    double here[n + 1], moved[n + 1], beside[n + 1];
+    memcpy(moved, x, (size_t)n * sizeof *x);
+    s->rhs(s, t, x, u, p, here);
+    for (int j = 0; j < n; j++) {
+        const double step = SHIFT * larger(fabs(x[j]), nominal[j]);
+        moved[j] = x[j] + step;
+        s->rhs(s, t, moved, u, p, beside);
+        for (int i = 0; i < n; i++)
+            J[i * n + j] = (beside[i] - here[i]) / step;
+        moved[j] = x[j];
+    }
+    const double step = SHIFT * larger(fabs(t), 1.0);
+    s->rhs(s, t + step, x, u, p, beside);
+    for (int i = 0; i < n; i++)
+        ft[i] = (beside[i] - here[i]) / step;
+}
+
 static void play_jac(const System *s, double t, const double *x, const double *u, const double *p,
                      double *J, double *ft)
 {
-    play(&TAPES->jac, t, 0, VECTORS_OF(x, u, p, J, ft));
+    if (TAPES->jac.operations->operation == DIFFERENCES)
+        by_differences(s, t, x, u, p, TAPES->jac.constants, J, ft);
+    else
+        play(&TAPES->jac, t, 0, VECTORS_OF(x, u, p, J, ft));
 }
 
 static void play_out(const System *s, double t, const double *x, const double *u, const double *p,

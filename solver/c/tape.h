@@ -14,7 +14,8 @@ enum {
     CALL_1, CALL_2,          /* function number c of one argument, of two */
     LOAD, STORE,             /* element b of vector a; from or to register c */
     JUMP, JUMP_UNLESS,       /* to operation a + 65536 b; unless c */
-    RETURN                   /* c */
+    RETURN,                  /* c */
+    DIFFERENCES              /* instead of a Jacobian; the constants are sizes of the states */
 };
 
 /* Vectors of a tape. */

@@ -1,4 +1,4 @@
-"""Components with delays as FMUs of every kind, and in plain Python."""
+"""Components with delays as FMUs of every kind."""
 
 import pytest
 import sympy as sp

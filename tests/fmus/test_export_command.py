@@ -14,6 +14,7 @@ from fmpy.validation import validate_fmu
 from ballscrew.cli import main
 from ballscrew.controllers import CONTROLLERS
 from ballscrew.exporting import Export
+from ballscrew.fmus import carried_runtime
 from ballscrew.fmus.native.export import NativeFmu
 from ballscrew.orchestration import catalogue
 from ballscrew.orchestration.catalogue import NAMES, NATIVE, READABLE, fmu, ready_fmu
@@ -90,6 +91,15 @@ def test_without_a_compiler_there_are_sources_only_and_a_line_says_so(
         assert "sources/fmi2.c" in archive.namelist()
         assert not [n for n in archive.namelist() if n.startswith("binaries/")]
     assert validate_fmu(str(tmp_path / "pid.fmu")) == []
+
+
+def test_a_readable_one_names_the_platform_that_it_is_for_where_no_other_can_be_compiled(
+    no_compiler, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(carried_runtime, "_in_package", lambda: ["linux64"])
+    assert export("--only", "pid", "--out", tmp_path) == 0
+    heard = capsys.readouterr().err.strip()
+    assert "no C compiler for win64, so it contains binaries for linux64; install" in heard
 
 
 def test_a_compiler_that_fails_is_quoted_in_one_block_and_nothing_is_written(
@@ -200,3 +210,7 @@ def test_ziglang_makes_binaries_for_windows_and_macos_here(tmp_path):
         assert archive.read("binaries/darwin64/pid_loop.dylib")[:4] == b"\xcf\xfa\xed\xfe"
         assert archive.read("binaries/linux64/pid_loop.so")[:4] == b"\x7fELF"
     assert (tmp_path / "pid_loop.fmu").stat().st_size < 3 * 100_000
+    assert export("--only", "pid", "--out", tmp_path) == 0
+    with zipfile.ZipFile(tmp_path / "pid.fmu") as archive:
+        (core,) = (n for n in archive.namelist() if n.endswith("/c/libcore-win64.dll"))
+        assert archive.read(core)[:2] == b"MZ"
