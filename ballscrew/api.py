@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -299,13 +299,24 @@ def run(  # noqa: PLR0913
     >>> round(float(abs(result.run.commands["u"]).max()), 1)
     32.1
     """
-    asked = locals()
     from .loop_results import RunResult
+    from .orchestration.closed_loop import run_closed_loop
     from .orchestration.file_values import with_file
     from .orchestration.loop import Loop
-    from .orchestration.run import run_closed_loop
 
-    told, found = _told(params), _loop(loop, asked)
+    found = _loop(
+        loop,
+        plant=plant,
+        reference=reference,
+        stop=stop,
+        step=step,
+        plant_values=plant_values,
+        controller_values=controller_values,
+        coupling=coupling,
+        mapping=mapping,
+        sampled=sampled,
+    )
+    told = _told(params)
     if told is not None:
         if not isinstance(found, Loop):
             raise ValueError("params is for a loop of two parts; an .ssp contains its values")
@@ -367,8 +378,6 @@ def swap(  # noqa: PLR0913
     >>> result.results[1].loop.controller_values
     {'Kp': 300.0}
     """
-    # each controller has its own
-    asked = locals() | {"controller_values": None, "mapping": None, "sampled": None}
     from .loop_results import Comparison
     from .orchestration.in_practice import in_practice
     from .orchestration.swap import swap as swapped
@@ -377,7 +386,8 @@ def swap(  # noqa: PLR0913
         raise ValueError(f"sampled is {sampled:g} s, expected more than 0")
     if isinstance(controllers, str | Path):
         controllers = [controllers]
-    loops = [_loop(c, asked) for c in controllers]
+    same = {"plant": plant, "reference": reference, "stop": stop, "step": step}
+    loops = [_loop(c, **same, plant_values=plant_values) for c in controllers]
     if not loops:
         raise ValueError("controllers is empty; expected one or more")
     names = [loop.controller.own_name for loop in loops]
@@ -452,10 +462,21 @@ def lyapunov(  # noqa: PLR0913
     >>> result.exponents.shape
     (4,)
     """
-    asked = locals()
     from .loop_results import Exponents
+    from .orchestration.loop import Loop
 
-    followed = _followed_loop(loop, asked, stop=300.0)
+    if stop is None and not isinstance(loop, Loop):
+        stop = 300.0
+    followed = _followed_loop(
+        loop,
+        plant=plant,
+        reference=reference,
+        stop=stop,
+        step=step,
+        plant_values=plant_values,
+        controller_values=controller_values,
+        mapping=mapping,
+    )
     if followed.step is not None:
         from .stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
 
@@ -522,12 +543,19 @@ def stability_map(  # noqa: PLR0913
     >>> sum(found.summary.verdicts.values())
     4
     """
-    asked = locals()
     from .loop_results import StabilityMap
     from .stability.stability_map import make_map, plan_map
 
     processes = _processes(workers)
-    plan = plan_map(_followed_loop(loop, asked), x, y, exponents, tolerance)
+    followed = _followed_loop(
+        loop,
+        plant=plant,
+        reference=reference,
+        stop=stop,
+        plant_values=plant_values,
+        controller_values=controller_values,
+    )
+    plan = plan_map(followed, x, y, exponents, tolerance)
     summary = make_map(plan, Path(folder), processes, resume)
     found = StabilityMap(summary, Path(folder))
     found.add_report()
@@ -657,7 +685,6 @@ def tune(  # noqa: PLR0913
     >>> [m.state for m in result.margins]
     ['stuck', 'sliding']
     """
-    asked = locals() | {"reference": None, "stop": None}
     from .loop_results import TunedGains
     from .options import read_whole_number
     from .orchestration.limits import check_length
@@ -666,7 +693,7 @@ def tune(  # noqa: PLR0913
     length = None if stop is None else check_length("stop", stop)
     count = read_whole_number("budget", budget, 2)
     found = tune_loop(
-        _loop(loop, asked),
+        _loop(loop, plant=plant, plant_values=plant_values, controller_values=controller_values),
         reference,
         length,
         limit,
@@ -966,22 +993,19 @@ def compare(
     return ModelComparison.of(compared(_paths(data), params, mapping, units, lead))
 
 
-def _loop(loop: Any, asked: Mapping[str, Any], **defaults: Any) -> Any:
-    """A loop from the arguments of a function, or a given loop with some values changed."""
+def _loop(loop: Any, **asked: Any) -> Any:
+    """A loop with these values, or a given loop with those changed that are not None."""
     from .orchestration.loop import Loop, SystemLoop
 
-    names = (field.name for field in fields(Loop))
-    given = {name: asked[name] for name in names if asked.get(name) is not None}
-    if isinstance(loop, Loop | SystemLoop):
-        return replace(loop, **given)
-    return Loop(loop, **{**defaults, **given})
+    given = {name: value for name, value in asked.items() if value is not None}
+    return replace(loop, **given) if isinstance(loop, Loop | SystemLoop) else Loop(loop, **given)
 
 
-def _followed_loop(loop: Any, asked: Mapping[str, Any], **defaults: Any) -> Loop:
+def _followed_loop(loop: Any, **asked: Any) -> Loop:
     """A loop with a constant set-point, whose values and ports are checked now."""
     from .orchestration.loop import Loop
 
-    found = _loop(loop, asked, **defaults)
+    found = _loop(loop, **asked)
     if not isinstance(found, Loop):
         raise ValueError(f"{found.label}: an .ssp can only be run; give a Loop of its two parts")
     if found.step is None:
@@ -1023,9 +1047,9 @@ def _paths(given: Any) -> Any:
 
 def _as_it_is_now(part: str) -> str:
     """The same part; a Python file is read again."""
-    from .instruments import bare
+    from .instruments import PartName
     from .solver.component_file import names_file, read_component
 
-    if names_file(name := bare(part)):
+    if names_file(name := PartName.of(part).bare):
         read_component(name)
     return part

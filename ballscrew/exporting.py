@@ -32,12 +32,12 @@ class Export:
 
         For a system, this is the progress of its controller's FMU.
         """
-        from .instruments import without_units
+        from .instruments import PartName
         from .orchestration.catalogue import in_units_of, name_of
 
         described = self.plant or self._described()
         part = in_units_of(part, described)
-        if part == without_units(described)[0]:
+        if part == PartName.of(described).plain:
             part = described
         if path.suffix == MODELICA:
             return self._write_modelica(part, path)

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,18 +64,18 @@ def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
     BadRequest
         If the file has values for both as one part.
     """
-    from .instruments import without_instruments, without_units
+    from .instruments import PartName
     from .orchestration.parts import Part
 
-    plain, units = without_units(name)
-    base, instruments = without_instruments(plain)
-    if told and instruments and Part(name).label in told.controllers:
+    named = PartName.of(name)
+    if told and named.instruments and Part(name).label in told.controllers:
         raise BadRequest(
             f"{told.path}: [controller.{Part(name).label}] is for one part, but in an .ssp its "
             "instruments are separate parts; export without --params, and run with --set "
             "ELEMENT.VARIABLE=VALUE"
         )
-    return base + units, tuple(i + units for i in instruments)
+    base = replace(named, instruments=())
+    return str(base), tuple(str(PartName(i, units=named.units)) for i in named.instruments)
 
 
 def kernel_with_values(
@@ -126,11 +127,12 @@ def kernel_with_values(
 
 def _is_plant(part: str) -> bool:
     """Whether a part is on the plant's side: it has no measurement or set-point."""
-    from .instruments import bare
+    from .instruments import PartName
     from .orchestration.catalogue import component
     from .plant import PLANTS
     from .solver.component_file import names_file
 
-    if not names_file(bare(part)):
-        return bare(part) in PLANTS
+    bare = PartName.of(part).bare
+    if not names_file(bare):
+        return bare in PLANTS
     return not any(i.role in ("measurement", "reference") for i in component(part).inputs)

@@ -64,11 +64,10 @@ def labels_of(controllers: Sequence[str]) -> dict[str, str]:
 
     Without its instruments, if no other has the same name: ``pid`` for ``pid+position_encoder``.
     """
-    from .instruments import bare
     from .orchestration.parts import Part
 
     labels = {Part(c).own_name: c for c in controllers}
-    alone = [Part(bare(c)).own_name for c in controllers]
+    alone = [Part(Part(c).bare).own_name for c in controllers]
     shorter = {n: c for n, c in zip(alone, controllers, strict=True) if alone.count(n) == 1}
     labels = shorter | labels
     return {label: c for label, c in labels.items() if label not in ("plant", "controller")}

@@ -23,13 +23,13 @@ from scipy.integrate import solve_ivp
 
 import ballscrew
 from ballscrew.orchestration.catalogue import component, fmu
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Tuning, Variation
-from ballscrew.orchestration.study.study import loops_of, tuned_and_judged
+from ballscrew.orchestration.study.study import Work, contenders_of, parts_of
 from ballscrew.orchestration.whole_loop import loop_kernel
 from ballscrew.orchestration.workers import Processes
 
@@ -79,7 +79,7 @@ def whole_study() -> None:
     asked = plan()
     runs = len(asked.entrants) * len(asked.judged_duties) * asked.plants
     began = perf_counter()
-    loops = loops_of(asked)
+    contenders = contenders_of(asked)
     compiled = perf_counter() - began
 
     def progress(stage: str, done: int, total: int) -> None:
@@ -88,7 +88,9 @@ def whole_study() -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         began = perf_counter()
-        _, figures = tuned_and_judged(asked, loops, Path(folder), Processes(2), progress)
+        parts = parts_of(asked, contenders, Path(folder))
+        work = Work(asked, contenders, parts, Processes(2), progress)
+        figures = work.figures(work.tunings())
         took = perf_counter() - began
     failed = int(figures["failed"].sum())
     verdict = "met" if took <= AIM else "MISSED"

@@ -2,7 +2,7 @@
 
 from importlib import import_module
 
-from ..instruments import without_feed_forward, without_instruments, without_sampling
+from ..instruments import PartName
 
 CONTROLLERS = {
     "iol": "ballscrew.controllers.linearization:input_output_linearization",
@@ -39,14 +39,15 @@ def tunable(name: str) -> dict[str, tuple[float, float]]:
     has the ranges of the continuous one. ``controller+feed_forward`` has the ranges of the
     controller and of its feed-forward.
     """
-    law, has_forward = without_feed_forward(without_sampling(without_instruments(name)[0])[0])
+    named = PartName.of(name)
+    law = "" if named.units else named.bare
     ranges: dict[str, tuple[float, float]] = {}
     linearizing = False
     if law in CONTROLLERS:
         module, _, function = CONTROLLERS[law].partition(":")
         made = import_module(module)
         ranges = dict(getattr(made, "TUNABLE", {}))
-    if has_forward:
+    if law and named.feed_forward:
         from .feed_forward import TUNABLE, is_linearizing
 
         linearizing = law in CONTROLLERS and is_linearizing(getattr(made, function)())

@@ -90,22 +90,9 @@ def feed_forward_parameters() -> tuple[Parameter, ...]:
 def with_feed_forward(law: Component) -> Component:
     """The controller with feed-forward, called ``<name>_feed_forward``.
 
-    Parameters
-    ----------
-    law : Component
-        With a set-point x_d and one output. Its states keep their names.
-
-    Returns
-    -------
-    Component
-        With the inputs v_d and a_d, and the parameters of `feed_forward_parameters`, except
-        for a linearizing law.
-
-    Raises
-    ------
-    ContractError
-        For a law without set-point x_d, with several outputs or with modes, or one that has
-        parameters of these names.
+    It has the inputs v_d and a_d, and the parameters of `feed_forward_parameters`, except for a
+    linearizing law; the law's states keep their names. Raises `ContractError` for a law without
+    set-point x_d, with several outputs or with modes, or one that has parameters of these names.
     """
     if "x_d" not in [i.name for i in law.inputs] or len(law.outputs) != 1 or law.modes:
         raise ContractError(
@@ -133,14 +120,9 @@ def is_linearizing(law: Component) -> bool:
 
 
 def _with_added_command(law: Component, acts_on_error: bool) -> Component:
-    """The law with `_COMMAND` added to its command.
+    """The law, which has all symbols of `_COMMAND`, with it added to its command.
 
-    Parameters
-    ----------
-    law : Component
-        With all symbols of `_COMMAND`.
-    acts_on_error : bool
-        Whether its velocity feedback already uses v - v_d.
+    `acts_on_error`: whether its velocity feedback already uses v - v_d.
     """
     (output,) = law.outputs
     held = {symbol(d.name): d for d in law.discrete}.get(sp.sympify(output.value))

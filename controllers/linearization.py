@@ -27,19 +27,11 @@ def gains_from_poles(poles: tuple[float, float, float]) -> tuple[float, float, f
 
 
 def input_output_linearization(acceleration: str = "estimated") -> Component:
-    """The linearizing controller.
+    """The linearizing controller: `u` [V] from x, v, z, i and the set-point x_d; no states.
 
-    Parameters
-    ----------
-    acceleration : {"estimated", "true"}
-        Source of the block's acceleration: computed with the estimated friction parameters,
-        as in a real controller, or with the true ones, which are then also parameters of
-        the controller, under the plant's names. The thesis does not say which it used.
-
-    Returns
-    -------
-    Component
-        `u` [V] from x, v, z, i and the set-point x_d; no states.
+    The block's acceleration is computed with the estimated friction parameters, as in a real
+    controller, or with the "true" ones, which are then also parameters of the controller, under the
+    plant's names. The thesis does not say which it used.
     """
     if acceleration not in ("estimated", "true"):
         raise ValueError(f"acceleration is {acceleration!r}, expected 'estimated' or 'true'")
@@ -82,14 +74,9 @@ def estimates_of(
 ) -> tuple[dict[sp.Symbol, sp.Symbol], tuple[Parameter, ...], Parameter]:
     """A controller's estimates of the parameters of modified LuGre friction.
 
-    Returns
-    -------
-    dict
-        Each parameter's symbol to that of its estimate, ``<name>_hat``.
-    tuple of Parameter
-        The estimates, with the parameters' values as defaults.
-    Parameter
-        The sharpness of the smooth sign, which is part of the model and is not estimated.
+    Returns each parameter's symbol to that of its estimate, ``<name>_hat``; the estimates, with the
+    parameters' values as defaults; and the sharpness of the smooth sign, which is part of the model
+    and is not estimated.
     """
     sharpness = next(p for p in friction.parameters if p.name == "Kv")
     known = [p for p in friction.parameters if p is not sharpness]

@@ -39,27 +39,13 @@ TUNABLE = {"Kx": (50.0, 5e4), "Kv": (0.0, 500.0), "Kc": (-50.0, 50.0), "Ki": (0.
 
 @dataclass(frozen=True)
 class LqDesign:
-    """The linear plant, the weights, and the resulting gains.
+    """The linear plant, the weights, and the resulting gains."""
 
-    Attributes
-    ----------
-    dynamics : ndarray, shape (4, 4)
-        System matrix of x - x_d, v, i and the integral of x - x_d.
-    effect : ndarray, shape (4, 1)
-        Input matrix of the voltage.
-    weights : ndarray, shape (4, 4)
-        Weights of the states; that of the voltage is ``1/u_max^2``.
-    cost : ndarray, shape (4, 4)
-        Solution of the Riccati equation.
-    gains : ndarray, shape (4,)
-        ``u = -gains (x - x_d, v, i, integral)``.
-    """
-
-    dynamics: Matrix
-    effect: Matrix
-    weights: Matrix
-    cost: Matrix
-    gains: Matrix
+    dynamics: Matrix  # shape (4, 4); system matrix of x - x_d, v, i and the integral of x - x_d
+    effect: Matrix  # shape (4, 1); input matrix of the voltage
+    weights: Matrix  # shape (4, 4); weights of the states; that of the voltage is ``1/u_max^2``
+    cost: Matrix  # shape (4, 4); solution of the Riccati equation
+    gains: Matrix  # shape (4,); ``u = -gains (x - x_d, v, i, integral)``
 
 
 def rest_sliding(

@@ -32,30 +32,16 @@ TUNABLE = {"h": (0.01, 0.3), "c": (1.0, 500.0), "Kp": (10.0, 5e3), "Ki": (0.0, 5
 
 @dataclass(frozen=True)
 class NctfDesign:
-    """Results of the open-loop step, and the controller computed from them.
-
-    Attributes
-    ----------
-    mode : str
-    speed : float
-        Steady speed h under the step voltage [m/s].
-    stopping_time : float
-        A [s].
-    coefficient : float
-        c in ``h tanh(c e)`` [1/m].
-    proportional, integral : float
-        Kp [V*s/m] and Ki [V/m].
-    fit_error : float
-        Root mean square distance of the tanh to the simulated deceleration, as a share of
-        h; NaN if nothing was fitted.
-    """
+    """Results of the open-loop step, and the controller computed from them."""
 
     mode: str
-    speed: float
-    stopping_time: float
-    coefficient: float
-    proportional: float
-    integral: float
+    speed: float  # steady speed h under the step voltage [m/s]
+    stopping_time: float  # A [s]
+    coefficient: float  # c in ``h tanh(c e)`` [1/m]
+    proportional: float  # Kp [V*s/m]
+    integral: float  # Ki [V/m]
+    # root mean square distance of the tanh to the simulated deceleration, as a share of h; NaN if
+    # nothing was fitted
     fit_error: float
 
     def parameters(self) -> dict[str, float]:

@@ -42,15 +42,7 @@ class PidGains:
 def simc(
     plant_parameters: Mapping[str, float] | None = None, closed_loop_time: float = CLOSED_LOOP_TIME
 ) -> PidGains:
-    """The SIMC gains for a plant.
-
-    Parameters
-    ----------
-    plant_parameters : mapping of str to float, optional
-        Parameters of the plant with other than nominal values.
-    closed_loop_time : float
-        The rule's one tuning parameter [s].
-    """
+    """The SIMC gains for a plant with these values; the rule has one tuning parameter [s]."""
     plant = rigid_axis(plant_parameters)
     delay = plant.electrical_time
     gain = 1 / (plant.speed_per_volt * (closed_loop_time + delay))

@@ -17,24 +17,12 @@ from ..solver.component import Parameter
 
 @dataclass(frozen=True)
 class RigidAxis:
-    """The rigid axis in numbers.
+    """The rigid axis in numbers."""
 
-    Attributes
-    ----------
-    force_per_volt : float
-        Force of the motor at rest [N/V].
-    damping : float
-        Damping by viscous friction and back-EMF [N*s/m].
-    inertia : float
-        Inertia of block and rotor [kg].
-    electrical_time : float
-        L/R [s].
-    """
-
-    force_per_volt: float
-    damping: float
-    inertia: float
-    electrical_time: float
+    force_per_volt: float  # force of the motor at rest [N/V]
+    damping: float  # damping by viscous friction and back-EMF [N*s/m]
+    inertia: float  # inertia of block and rotor [kg]
+    electrical_time: float  # L/R [s]
 
     @property
     def speed_per_volt(self) -> float:

@@ -6,6 +6,11 @@ instruments in `INSTRUMENTS` can be connected between any plant and controller: 
 name of the plant's signal, their output that name with `solver.set_point.MEASURED` added.
 """
 
+from __future__ import annotations
+
+from collections.abc import Container
+from dataclasses import dataclass, replace
+
 UNLIMITED = 1e6
 NOMINAL_VOLTAGE = 36.0  # of the axis' amplifier, Table 2.1 [V]
 
@@ -15,27 +20,10 @@ INSTRUMENTS = {
     "current_sensor": "ballscrew.instruments.current_sensor:current_sensor",
 }
 """The instruments that are exported by name. To add one, add a file and a line here."""
-
-
-def without_instruments(part: str) -> tuple[str, tuple[str, ...]]:
-    """The controller and the instruments of ``controller+instrument+...``, in their order."""
-    names = part.split("+")
-    first = len(names)
-    while first > 1 and names[first - 1] in INSTRUMENTS:
-        first -= 1
-    return "+".join(names[:first]), (*names[first:],)
-
-
 SAMPLED = "sampled"
 """Suffix of a controller's name: it reads at sample instants and holds its commands."""
-
-
-def without_sampling(controller: str) -> tuple[str, bool]:
-    """The controller of ``controller+sampled``, and whether it is one."""
-    name = controller.removesuffix(f"+{SAMPLED}")
-    return name, name != controller
-
-
+FEED_FORWARD = "feed_forward"
+"""Suffix of a controller's name: it uses the derivatives of the set-point."""
 UNITS = {
     "rotary": {"m": "rad", "N": "N*m", "kg": "kg*m^2"},
     "current": {"V": "A"},
@@ -45,27 +33,36 @@ UNITS = {
 """Suffix of the name of a drive or a controller: other names for the units of its equations."""
 
 
-def without_units(part: str) -> tuple[str, str]:
-    """The part of ``part+rotary+torque``, and its suffixes from `UNITS`, with their signs."""
-    names = part.split("+")
-    first = len(names)
-    while first > 1 and names[first - 1] in UNITS:
-        first -= 1
-    name = "+".join(names[:first])
-    return name, part[len(name) :]
+@dataclass(frozen=True)
+class PartName:
+    """The pieces of a part's name ``law+feed_forward+sampled+instrument+...+rotary+torque``."""
 
+    bare: str  # a name of the catalogue, a file's function or a path
+    feed_forward: bool = False
+    sampled: bool = False
+    instruments: tuple[str, ...] = ()  # in the order of the signals
+    units: tuple[str, ...] = ()  # from `UNITS`
 
-FEED_FORWARD = "feed_forward"
-"""Suffix of a controller's name: it uses the derivatives of the set-point."""
+    @classmethod
+    def of(cls, name: str) -> PartName:
+        """The pieces; what has no other meaning is the bare part, which is never empty."""
+        left = name.split("+")
 
+        def taken(known: Container[str], most: int) -> tuple[str, ...]:
+            last: list[str] = []
+            while len(left) > 1 and len(last) < most and left[-1] in known:
+                last.insert(0, left.pop())
+            return (*last,)
 
-def without_feed_forward(controller: str) -> tuple[str, bool]:
-    """The controller of ``controller+feed_forward``, and whether it is one."""
-    name = controller.removesuffix(f"+{FEED_FORWARD}")
-    return name, name != controller
+        units, instruments = taken(UNITS, len(left)), taken(INSTRUMENTS, len(left))
+        sampled, forward = bool(taken((SAMPLED,), 1)), bool(taken((FEED_FORWARD,), 1))
+        return cls("+".join(left), forward, sampled, instruments, units)
 
+    @property
+    def plain(self) -> str:
+        """The name without units."""
+        return str(replace(self, units=()))
 
-def bare(part: str) -> str:
-    """The part alone of ``part+feed_forward+sampled+instrument+...+force``."""
-    plain = without_instruments(without_units(part)[0])[0]
-    return without_feed_forward(without_sampling(plain)[0])[0]
+    def __str__(self) -> str:
+        suffixes = [FEED_FORWARD] * self.feed_forward + [SAMPLED] * self.sampled
+        return "+".join([self.bare, *suffixes, *self.instruments, *self.units])

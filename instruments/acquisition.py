@@ -71,18 +71,9 @@ def acquisition() -> Component:
 
 
 def low_pass(name: str, unit: str, meaning: str, cutoff: float, source: str) -> Component:
-    """A digital second-order low-pass filter: bilinear, exact at its cutoff.
+    """A digital second-order low-pass filter of a signal: bilinear, exact at its cutoff [Hz].
 
-    Parameters
-    ----------
-    name : str
-        Name of the component.
-    unit, meaning : str
-        Unit and meaning of the signal.
-    cutoff : float
-        Frequency at which the amplitude is 1/sqrt(2) [Hz].
-    source : str
-        Source of the cutoff.
+    There the amplitude is 1/sqrt(2); `source` is that of the cutoff.
     """
     w = sp.tan(sp.pi * symbol("cutoff") * symbol("sample_time"))
     damping, signal = symbol("damping"), symbol("signal")

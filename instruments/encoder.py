@@ -19,16 +19,9 @@ PHASE = Parameter(
 
 
 def counter_reading(position: sp.Expr, per_metre: sp.Expr, phase: sp.Expr) -> sp.Expr:
-    """A position in counts, by a counter that is zero at its position when turned on.
+    """A position [m] in counts, by a counter that is zero at its position when turned on.
 
-    Parameters
-    ----------
-    position : expression
-        Position [m].
-    per_metre : expression
-        Counts per metre [1/m].
-    phase : expression
-        Position of the origin between two counts, 0 to 1.
+    `phase` is the position of the origin between two counts, 0 to 1.
     """
     return sp.floor(position * per_metre + phase) / per_metre
 

@@ -13,12 +13,7 @@ from ..solver.component import Component, Delay, Parameter, State, symbol
 def with_late_command(plant: Component, delay: Parameter) -> Component:
     """The plant with its command `u` delayed by `delay` [s]; before that the command is zero.
 
-    Parameters
-    ----------
-    plant : Component
-        Has an input `u`. A feedback law acts before the delay.
-    delay : Parameter
-        Its minimum is more than 0.
+    The delay's minimum is more than 0. A feedback law acts before the delay.
     """
     u = symbol("u")
     given = next(i for i in plant.inputs if i.name == "u")
@@ -33,14 +28,8 @@ def with_command_behind(
 ) -> Component:
     """The plant with its command `u` through a linear filter that starts at zero.
 
-    Parameters
-    ----------
-    plant : Component
-        Has an input `u`.
-    time : Parameter
-        Time unit of the coefficients; its minimum is more than 0.
-    coefficients : sequence of expression
-        Of the filter's denominator 1 + c1 s + c2 s^2 + ...; its numerator is 1.
+    The denominator is 1 + c1 s + c2 s^2 + ... with these coefficients, whose unit of time is
+    `time`, with a minimum of more than 0; the numerator is 1.
     """
     u, scale = symbol("u"), symbol(time.name)
     unit = next(i.unit for i in plant.inputs if i.name == "u")

@@ -34,18 +34,8 @@ def with_load(plant: Component, balance: str = "v") -> Component:
     payload already has the speed of the plant: speed does not jump, and the momentum grows by that
     of the payload.
 
-    Parameters
-    ----------
-    plant : Component
-        Has a force balance and no modes for its state; for a plant that sticks
-        (`plant.classical`), add the load before the modes.
-    balance : str
-        The state of the force balance.
-
-    Raises
-    ------
-    ContractError
-        If there is no such balance, or modes have their own equations for it.
+    Raises `ContractError` if there is no force balance of this state, or modes have their own
+    equations for it; for a plant that sticks (`plant.classical`), add the load before the modes.
     """
     force, begin, rise = symbol("load_force"), symbol("load_time"), symbol("load_rise")
     share = sp.Piecewise(

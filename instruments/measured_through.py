@@ -11,25 +11,16 @@ from ..solver.set_point import MEASURED
 
 
 def measured_through(controller: Component, instruments: Sequence[Component]) -> Component:
-    """The controller with measurements from instruments.
+    """The controller with measurements from instruments without modes.
 
-    An instrument's output ``x_measured`` replaces ``x`` for the instruments after it in the
-    list, and for the controller: a `velocity_estimate` after an encoder differentiates the
-    output of the encoder. All sampled parts have one ``sample_time``. At a sample instant each part
-    reads the new values of the parts before it, not the previous ones.
+    An instrument's output ``x_measured`` replaces ``x`` for the instruments after it in the list,
+    and for the controller: a `velocity_estimate` after an encoder differentiates the output of the
+    encoder. All sampled parts have one ``sample_time``. At a sample instant each part reads the new
+    values of the parts before it, not the previous ones. The controller's parameters and states
+    keep their names, those of instruments are ``<instrument>_<name>``.
 
-    Parameters
-    ----------
-    controller : Component
-        Its parameters and states keep their names.
-    instruments : sequence of Component
-        Without modes. Their parameters and states are named ``<instrument>_<name>``.
-
-    Raises
-    ------
-    ContractError
-        If an instrument has modes, measures nothing that the parts after it use, or has
-        another sampling period.
+    Raises `ContractError` if an instrument has modes, measures nothing that the parts after it use,
+    or has another sampling period.
     """
     names = [i.name for i in instruments]
     inputs = {i.name: i for i in controller.inputs}

@@ -23,35 +23,17 @@ PERIOD = Parameter("sample_time", 1e-3, "s", "sampling period", "a common servo 
 def sampled(controller: Component, period: Parameter = PERIOD, delay: int = 0) -> Component:
     """The controller with samplers at its inputs and holds at its outputs.
 
-    At a sample instant measurements and set-points are read, and the commands computed from
-    them and from the controller's states are held until the next instant; with a `delay` they
-    are output that many samples later, and zero before. The states are not discretized by a
-    rule: between samples they follow their own equations with the sampled inputs, to the solver's
-    tolerance.
+    It is called ``<name>_sampled``. At a sample instant measurements and set-points are read, and
+    the commands computed from them and from the controller's states are held until the next
+    instant; with a `delay` they are output that many samples later, and zero before (for a fraction
+    of a sample use `with_late_command`). The states are not discretized by a rule: between samples
+    they follow their own equations with the sampled inputs, to the solver's tolerance.
 
-    Modes that change only outputs, as in a relay, are checked at the same instants: one event
-    may happen at each, before the command is computed.
+    Modes that change only outputs, as in a relay, are checked at the same instants: one event may
+    happen at each, before the command is computed.
 
-    Parameters
-    ----------
-    controller : Component
-        Continuous; modes may differ in their outputs.
-    period : Parameter
-        The sampling period [s], a parameter of the result.
-    delay : int
-        Computation time in whole samples. For a fraction of a sample use
-        `with_late_command` on the plant.
-
-    Returns
-    -------
-    Component
-        Called ``<name>_sampled``.
-
-    Raises
-    ------
-    ContractError
-        For a controller that is already sampled or has modes that change more than outputs,
-        or a delay that is not a count.
+    Raises `ContractError` for a controller that is already sampled or has modes that change more
+    than outputs, or a delay that is not a count.
     """
     if controller.discrete:
         raise ContractError(

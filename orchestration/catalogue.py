@@ -23,15 +23,7 @@ from .. import fmus, solver
 from ..controllers import ALONE, CONTROLLERS, FORMER
 from ..fmus.carried_runtime import carried_runtime
 from ..fmus.made_here import is_kept, keep
-from ..instruments import (
-    INSTRUMENTS,
-    UNLIMITED,
-    bare,
-    without_feed_forward,
-    without_instruments,
-    without_sampling,
-    without_units,
-)
+from ..instruments import INSTRUMENTS, UNLIMITED, PartName
 from ..plant import NOMINAL, PLANTS
 from ..solver import kernel_cache
 from ..solver.compilers import CompilerFailed, compiler_for, own_platform
@@ -67,7 +59,7 @@ class UnknownComponent(KeyError):
 
 def has_equations(part: str) -> bool:
     """Whether a part's name has equations; if not, it is the path of an FMU."""
-    name = bare(part)
+    name = PartName.of(part).bare
     return name in NAMES | ALONE or names_file(name)
 
 
@@ -86,18 +78,16 @@ def component(part: str | Component) -> Component:
     """
     if not isinstance(part, str):
         return part
-    plain, units = without_units(part)
-    if units:
-        return _in_units(component(plain), units)
-    base, instruments = without_instruments(part)
-    name, is_sampled = without_sampling(base)
-    if is_sampled or instruments:
-        return put_into_practice(component(name), is_sampled, instruments)
-    law, has_forward = without_feed_forward(name)
-    if has_forward:
+    named = PartName.of(part)
+    if named.units:
+        return _in_units(component(named.plain), named.units)
+    if named.sampled or named.instruments:
+        law = component(str(PartName(named.bare, named.feed_forward)))
+        return put_into_practice(law, named.sampled, named.instruments)
+    if named.feed_forward:
         from ..controllers.feed_forward import with_feed_forward
 
-        return with_feed_forward(component(law))
+        return with_feed_forward(component(named.bare))
     if names_file(part):
         return load_component(part)
     module, _, function = _place_of(part).partition(":")
@@ -109,20 +99,20 @@ def in_units_of(part: str, plant: str) -> str:
 
     Others, and those that already have units in their name, are not changed.
     """
-    drive, units = without_units(plant)
-    if bare(part) not in CONTROLLERS | INSTRUMENTS or part != without_units(part)[0]:
+    drive, named = PartName.of(plant), PartName.of(part)
+    if named.bare not in CONTROLLERS | INSTRUMENTS or named.units:
         return part
-    turns = drive.startswith(NOMINAL["rotary_drive"])
-    return part + "+rotary" * turns + units
+    turns = ("rotary",) * drive.bare.startswith(NOMINAL["rotary_drive"])
+    return str(replace(named, units=(*turns, *drive.units)))
 
 
-def _in_units(part: Component, units: str) -> Component:
+def _in_units(part: Component, units: Sequence[str]) -> Component:
     """A part in the units of a drive; a part with values of a motor has no other command."""
     from ..instruments import UNITS
     from ..solver.contract_error import ContractError
 
     words: dict[str, str] = {}
-    for name in units.split("+")[1:]:
+    for name in units:
         words |= UNITS[name]
     of_motor = [
         p.name for p in part.all_parameters if _OF_MOTOR & {*re.findall("[A-Za-z]+", p.unit)}
@@ -130,7 +120,7 @@ def _in_units(part: Component, units: str) -> Component:
     if of_motor and "V" in words:
         raise ContractError(
             f"{part.name} is made for the voltage of a motor, see its {of_motor[0]}, but the "
-            f"command of the drive is a {units.split('+')[-1]}; expected a part without such values"
+            f"command of the drive is a {units[-1]}; expected a part without such values"
         )
     told = part.in_units(words)
     if "V" in words and any(p.name == OWN_LIMIT for p in told.all_parameters):
@@ -176,8 +166,9 @@ def name_of(part: str | Component) -> str:
     """Name of a part in tables and files; raises as `component` does."""
     if not isinstance(part, str):
         return part.name
-    name, part = bare(part), without_units(part)[0]
-    return component(name).name + part.removeprefix(name) if names_file(name) else part
+    named = PartName.of(part)
+    own = component(named.bare).name if names_file(named.bare) else named.bare
+    return replace(named, bare=own).plain
 
 
 def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
@@ -187,22 +178,20 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
     as `component` does.
     """
     if isinstance(part, str):
-        plain, units = without_units(part)
-        if units:
-            name, own = kept_as(plain)
-            return name + units.replace("+", "_in_"), (*own, _INSTRUMENTS)
-        base, instruments = without_instruments(part)
-        if instruments:
-            kept = [kept_as(name) for name in (base, *instruments)]
+        named = PartName.of(part)
+        if named.units:
+            name, own = kept_as(named.plain)
+            return "_in_".join([name, *named.units]), (*own, _INSTRUMENTS)
+        if named.instruments:
+            base = str(replace(named, instruments=()))
+            kept = [kept_as(name) for name in (base, *named.instruments)]
             modules = [module for _, own in kept for module in own]
             return "_behind_".join(name for name, _ in kept), (*modules, _MEASURED)
-        base, is_sampled = without_sampling(part)
-        if is_sampled:
-            name, own = kept_as(base)
+        if named.sampled:
+            name, own = kept_as(str(replace(named, sampled=False)))
             return f"sampled_{name}", (*own, _SAMPLED)
-        law, has_forward = without_feed_forward(base)
-        if has_forward:
-            name, own = kept_as(law)
+        if named.feed_forward:
+            name, own = kept_as(named.bare)
             return f"feed_forward_{name}", (*own, _FORWARD)
         if not names_file(part):
             return part, (_place_of(part).partition(":")[0],)

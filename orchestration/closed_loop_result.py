@@ -21,21 +21,12 @@ FIRST_COLUMNS = ("x", "v", "z", "i", "u")
 
 @dataclass(frozen=True)
 class ClosedLoopResult:
-    """A run with its loop; `save` writes it as plain files.
-
-    Attributes
-    ----------
-    loop : Loop or SystemLoop
-    run : LoopRun
-    notes : tuple of str
-        Notes for the user, in addition to the verdict.
-    step_choice : StepChoice, optional
-        How the communication step was chosen, if it was not given.
-    """
+    """A run with its loop; `save` writes it as plain files."""
 
     loop: Loop | SystemLoop
     run: LoopRun
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # notes for the user, in addition to the verdict
+    # how the communication step was chosen, if it was not given
     step_choice: StepChoice | None = None
 
     @property

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from ..controllers import CONTROLLERS
-from ..instruments import without_units
+from ..instruments import PartName
 from ..plant import DESCRIBED
 from .catalogue import in_units_of
 from .loop import Loop, table_of
@@ -61,7 +61,7 @@ def for_plant(told: ParameterFile, plant: str, given: Collection[str] = ()) -> d
     own = Part(told.plant_name).parameters
     # a file of another law has values that this plant does not use
     values, _ = told.plant_values(known, own if told.law and told.plant_name != plant else ())
-    needed = known if without_units(plant)[0] in DESCRIBED else known.keys() & own.keys()
+    needed = known if PartName.of(plant).plain in DESCRIBED else known.keys() & own.keys()
     told.check_complete({n: known[n] for n in needed}, {*values, *given})
     return values
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from ..instruments import INSTRUMENTS, SAMPLED, without_instruments, without_units
+from ..instruments import INSTRUMENTS
 from ..solver.contract_error import ContractError
 from ..solver.set_point import MEASURED
 from .catalogue import component
@@ -18,24 +18,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Practice:
-    """Sampling and instruments added to a controller.
+    """Sampling and instruments added to a controller."""
 
-    Attributes
-    ----------
-    sampled : bool
-        Whether it is to be sampled; False if it already is.
-    instruments : tuple of str
-        Names of the catalogue, in the order of the signals.
-    ideal : tuple of str
-        Signals without an instrument: it gets their true values.
-    period : str
-        Name of the parameter with its sampling period.
-    """
-
-    sampled: bool
-    instruments: tuple[str, ...] = ()
-    ideal: tuple[str, ...] = ()
-    period: str = SAMPLE_TIME
+    sampled: bool  # whether it is to be sampled; False if it already is
+    instruments: tuple[str, ...] = ()  # names of the catalogue, in the order of the signals
+    ideal: tuple[str, ...] = ()  # signals without an instrument: it gets their true values
+    period: str = SAMPLE_TIME  # name of the parameter with its sampling period
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -48,16 +36,7 @@ class Practice:
 def practice_of(controller: Component, sampled: bool, noise: bool) -> Practice:
     """Sampling and instruments for a controller.
 
-    Parameters
-    ----------
-    controller : Component
-    sampled, noise : bool
-        Whether it is to be sampled; whether it is to measure through all instruments that fit.
-
-    Raises
-    ------
-    ContractError
-        If no instrument fits.
+    With `noise` it measures through all instruments that fit; raises `ContractError` if none does.
     """
     own = controller.sample_time
     sampled, period = sampled and not own, own.name if own else SAMPLE_TIME
@@ -89,31 +68,11 @@ def practice_of(controller: Component, sampled: bool, noise: bool) -> Practice:
 def in_practice(
     controller: Part, sampled: float | None, noise: bool
 ) -> tuple[Part, dict[str, float], tuple[str, ...]]:
-    """A controller with sampling and instruments from `practice_of`.
+    """A controller with sampling at a period [s] and with instruments, see `practice_of`.
 
-    An FMU is not changed: the run steps it at its samples, see `Loop.sampled`.
-
-    Parameters
-    ----------
-    controller : Part
-    sampled : float or None
-        Sampling period [s]; None: no change.
-    noise : bool
-        Whether it measures through all instruments that fit.
-
-    Returns
-    -------
-    Part
-    dict of str to float
-        Its sampling period, by the parameter's name.
-    tuple of str
-        Notes for the user.
-
-    Raises
-    ------
-    ContractError
-        For an FMU with `noise`, or a controller for which this is not possible.
-    UnknownComponent, BadComponentFile
+    Returns the part, its sampling period by the parameter's name, and notes. An FMU is not changed:
+    the run steps it at its samples, see `Loop.sampled`. Raises `ContractError` for an FMU with
+    `noise` or a controller for which this is not possible, `UnknownComponent`, `BadComponentFile`.
     """
     if sampled is None and not noise:
         return controller, {}, ()
@@ -124,11 +83,12 @@ def in_practice(
             f"{controller} is an FMU without equations; it cannot get instruments here; "
             "expected a name or FILE.py:FUNCTION"
         )
-    plain, units = without_units(controller.name)
-    base, own = without_instruments(plain)
-    if noise and own:
+    named = controller.named
+    base = str(replace(named, instruments=(), units=()))
+    if noise and named.instruments:
         raise ContractError(f"{controller} already has instruments; expected {base} alone")
     practice = practice_of(component(base), sampled is not None, noise)
-    name = "+".join([base, *[SAMPLED] * practice.sampled, *own, *practice.instruments])
+    instruments = (*named.instruments, *practice.instruments)
+    put = replace(named, sampled=named.sampled or practice.sampled, instruments=instruments)
     period = {} if sampled is None else {practice.period: sampled}
-    return Part(name + units), period, practice.notes
+    return Part(str(put)), period, practice.notes

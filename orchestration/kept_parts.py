@@ -17,14 +17,9 @@ from .workers import Workers
 
 
 class KeptParts:
-    """The parts of one work.
+    """The parts of one work; `digest` is of everything that determines them.
 
-    Parameters
-    ----------
-    folder : Path
-        Made with the first part: work that ends earlier leaves nothing.
-    digest : str
-        Of everything that determines the parts.
+    The folder is made with the first part: work that ends earlier leaves nothing.
     """
 
     def __init__(self, folder: Path, digest: str) -> None:

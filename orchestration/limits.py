@@ -39,12 +39,7 @@ def check_length(what: str, given: Any) -> float:
 
 
 def check_corrections(what: str, given: Any) -> int | None:
-    """Number of corrections of a step; None: as many as the parts allow.
-
-    Raises
-    ------
-    BadParameter
-    """
+    """Number of corrections of a step; None: as many as the parts allow. Raises `BadParameter`."""
     if given not in (None, 0, 1, "0", "1"):
         raise BadParameter(f"{what} is {given!r}, expected 0 or 1")
     return None if given is None else int(given)
@@ -59,11 +54,9 @@ def check_time_limit(what: str, given: Any) -> float:
 
 
 def check_step(what: str, given: Any, stop: float | None) -> float:
-    """A communication step [s] of a motion of this length; None: the length is not known yet.
+    """A communication step [s] of a motion of this length; raises `BadParameter`.
 
-    Raises
-    ------
-    BadParameter
+    The length is None if it is not known yet.
     """
     step = as_number(what, given)
     longest = what.replace("step", "stop")

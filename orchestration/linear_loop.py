@@ -50,45 +50,24 @@ class Linear:
 
 @dataclass(frozen=True)
 class Margins:
-    """A linearized loop, broken at the plant's command.
+    """A linearized loop, broken at the plant's command."""
 
-    Attributes
-    ----------
-    state : {"stuck", "sliding"}
-        Stuck: friction is the spring and damper of its bristles. Sliding: a damper, the slope of
-        the friction curve at this speed.
-    speed : float
-        [m/s]
-    stable : bool
-        Whether the closed loop is stable.
-    gain_margin, gain_margin_down : float
-        Factor by which the loop's gain may rise, and to which it may fall; infinite and 0: no
-        limit.
-    gain_frequency : float
-        Of the gain margin [Hz]; NaN without one.
-    phase_margin, crossover : float
-        [degrees], and the frequency where the loop's gain is 1 [Hz]; NaN if there is none.
-    sensitivity : float
-        Largest ``|1/(1 + L)|``, Ms.
-    sensitivity_frequency : float
-        [Hz]
-    frequency : ndarray, shape (m,)
-        [Hz]
-    response : ndarray of complex, shape (m,)
-        ``L``, from the plant's command back to it, with the sign of negative feedback.
-    """
-
+    # "stuck": friction is the spring and damper of its bristles; "sliding":
+    # a damper, the slope of the friction curve at this speed
     state: str
-    speed: float
-    stable: bool
+    speed: float  # [m/s]
+    stable: bool  # whether the closed loop is stable
+    # factor by which the loop's gain may rise, and to which it may fall; infinite and 0: no limit
     gain_margin: float
     gain_margin_down: float
-    gain_frequency: float
+    gain_frequency: float  # of the gain margin [Hz]; NaN without one
+    # [degrees], and the frequency where the loop's gain is 1 [Hz]; NaN if there is none
     phase_margin: float
     crossover: float
-    sensitivity: float
-    sensitivity_frequency: float
-    frequency: Vector
+    sensitivity: float  # largest ``|1/(1 + L)|``, Ms
+    sensitivity_frequency: float  # [Hz]
+    frequency: Vector  # shape (m,); [Hz]
+    # shape (m,); ``L``, from the plant's command back to it, with the sign of negative feedback
     response: Response
 
 
@@ -155,18 +134,10 @@ def linearized(
     mode: str = "",
     sampled: int = 0,
 ) -> Linear:
-    """The equations of `linear_kernel` about a state.
+    """The equations of `linear_kernel` about a state, in a `mode` of a part that has modes.
 
-    Parameters
-    ----------
-    values : mapping of str to float
-        Parameters.
-    at : mapping of str to float
-        States, and inputs of the part; others have their start values.
-    mode : str
-        Of a part that has modes.
-    sampled : int
-        Number of discrete states of the part.
+    `values` are parameters, `at` states and inputs of the part, others have their start values;
+    `sampled` is the number of the part's discrete states.
     """
     model = Model(kernel, values)
     names = [s.name for s in kernel.states]
@@ -189,16 +160,8 @@ def linearized(
 def open_loop(plant: Linear, controller: Linear, period: float = 0.0) -> Any:
     """The loop from the plant's command back to it, with the sign of negative feedback.
 
-    Parameters
-    ----------
-    plant, controller : Linear
-        One input and n outputs, n inputs and one output.
-    period : float
-        Of a sampled controller [s]; the plant is then discretized with a held command.
-
-    Returns
-    -------
-    control.StateSpace
+    A sampled controller has a `period` [s]; the plant is then discretized with a held command.
+    Returns a control.StateSpace.
     """
     import control
 

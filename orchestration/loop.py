@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ..instruments import bare, without_units
 from ..plant import DESCRIBED
 from ..solver.kernel import CONTROLLER, PLANT
 from ..solver.set_point import START_VALUE
@@ -234,10 +233,10 @@ class Loop(HowCoupled):
         known = plant.settable(values)
         found = list_used(known, values, {**told.plant, **told.found}, source)
         kind, law, own = FMU, "", set(known)
-        base, units = without_units(plant.name)
+        base, units = plant.named.plain, plant.named.units
         command = told.command
         if base in DESCRIBED:
-            (kind, law), command = DESCRIBED[base], units.removeprefix("+")
+            (kind, law), command = DESCRIBED[base], "+".join(units)
         elif self.told is not None and set(told.plant) <= own:
             kind, law, own = told.kind, told.law, set(told.plant)
             if kind != FMU:
@@ -330,7 +329,7 @@ def table_of(file: ParameterFile, controller: Part) -> str:
     So ``[controller.pid]`` is also used for ``pid+position_encoder`` if that has no table.
     """
     own = controller.label
-    return own if own in file.controllers else Part(bare(controller.name)).label
+    return own if own in file.controllers else Part(controller.bare).label
 
 
 def as_reference(given: ReferenceLike) -> Reference:

@@ -33,71 +33,37 @@ class CouplingError(ValueError):
 
 @dataclass(frozen=True)
 class LoopRun:
-    """A coupled run.
+    """A coupled run."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (k,)
-        Communication points [s].
-    outputs : dict of str to ndarray, shape (k,)
-        The plant's outputs, under the names they are mapped to.
-    commands : dict of str to ndarray, shape (k,)
-        The controller's commands, under the names of the plant's inputs.
-    reference : ndarray, shape (k,)
-    coupling : Coupling
-    coupling_reason : str
-        Reason for the coupling, if it was chosen by rule.
-    corrected : bool
-    residual_max : dict of str to float
-        Largest coupling residual of each command, in its unit.
-    effect_rate_max : dict of str to float
-        Largest effect of the residual on each output, per second; empty if there was no
-        correction.
-    macro_steps : int
-    step_range : tuple of two floats
-        Shortest and longest communication step [s].
-    verdict : Verdict
-    stopped : str
-        Why the run ended early; empty if it did not.
-    diverged : bool
-        Whether it ended because an output diverged.
-    others : dict of str to ndarray, shape (k,)
-        The controller's other outputs, as ``controller.NAME``.
-    units : dict of str to str
-        Of outputs and commands, if the parts declare them.
-    sampling_period : float
-        Sampling period of the controller and its instruments [s]; 0 if nothing is sampled.
-    scale : tuple of two floats
-        Factor and offset from the set-point's SI unit to the unit of `reference` and the position.
-    limit : float
-        Largest command that the plant lets through, in the command's unit.
-    between : LoopRun, optional
-        The same with points between the communication points, where equations are solved.
-    played : bool
-        Whether compiled code replaced the FMUs, see `run_loop`.
-    """
-
-    time: Vector
+    time: Vector  # shape (k,); communication points [s]
+    # shape (k,); the plant's outputs, under the names they are mapped to
     outputs: dict[str, Vector]
+    # shape (k,); the controller's commands, under the names of the plant's inputs
     commands: dict[str, Vector]
-    reference: Vector
+    reference: Vector  # shape (k,)
     coupling: Coupling
-    coupling_reason: str
+    coupling_reason: str  # reason for the coupling, if it was chosen by rule
     corrected: bool
-    residual_max: dict[str, float]
+    residual_max: dict[str, float]  # largest coupling residual of each command, in its unit
+    # largest effect of the residual on each output, per second; empty if there was no correction
     effect_rate_max: dict[str, float]
     macro_steps: int
-    step_range: tuple[float, float]
+    step_range: tuple[float, float]  # shortest and longest communication step [s]
     verdict: Verdict
-    stopped: str = ""
-    diverged: bool = False
+    stopped: str = ""  # why the run ended early; empty if it did not
+    diverged: bool = False  # whether it ended because an output diverged
+    # shape (k,); the controller's other outputs, as ``controller.NAME``
     others: dict[str, Vector] = field(default_factory=dict)
+    # of outputs and commands, if the parts declare them
     units: dict[str, str] = field(default_factory=dict)
+    # sampling period of the controller and its instruments [s]; 0 if nothing is sampled
     sampling_period: float = 0.0
+    # factor and offset from the set-point's SI unit to the unit of `reference` and the position
     scale: tuple[float, float] = (1.0, 0.0)
-    limit: float = math.inf
+    limit: float = math.inf  # largest command that the plant lets through, in the command's unit
+    # the same with points between the communication points, where equations are solved
     between: LoopRun | None = None
-    played: bool = False
+    played: bool = False  # whether compiled code replaced the FMUs, see `run_loop`
 
     @property
     def judged(self) -> dict[str, Vector]:

@@ -9,7 +9,7 @@ the same frequency.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,7 +18,7 @@ import numpy as np
 from ..controllers import CONTROLLERS, tunable
 from ..fmus.interface import TOLERANCE
 from ..fmus.units import base_exponents
-from ..instruments import NOMINAL_VOLTAGE, UNLIMITED, bare, without_units
+from ..instruments import NOMINAL_VOLTAGE, UNLIMITED, PartName
 from ..plant.ball_screw import PARAMETERS as MOTOR
 from ..solver.kernel import Model
 from .catalogue import OWN_LIMIT
@@ -38,25 +38,34 @@ WEIGHTS = {1: 2.0, -1: 0.25}  # of their derivative and integral parts: well dam
 LEAST = 1e-3  # of the high end of a range that begins at zero
 MODEL_AT = 100.0  # rad/s, at which inertia and damping are found
 SLOWEST_LAG = 10.0  # s, of a machine without damping
-LIMIT = "voltage_limit"
+LIMIT = "voltage_limit"  # the plant's parameter, for any unit of its command
+AMPLIFIER = "current_limit"  # a plant that has it is driven by volts, through an amplifier
 STICTION = 100.0  # times the inverse of its sharpness: there a smooth sign is 1
 
 
 @dataclass(frozen=True)
 class Machine:
-    """A plant with values, and its largest command.
-
-    Attributes
-    ----------
-    plant : Part
-    values : mapping of str to float
-    limit : float
-        Largest magnitude of the command [its unit].
-    """
+    """A plant with values, and its largest command."""
 
     plant: Part
     values: Mapping[str, float]
-    limit: float
+    limit: float  # largest magnitude of the command [its unit]
+
+    @classmethod
+    def of(cls, plant: Part, values: Mapping[str, float], asked: float | None) -> Machine:
+        """A plant with values and its limit, see `limit_of`.
+
+        Raises `BadParameter` if nobody gives a limit.
+        """
+        limit = limit_of(plant.parameters, values, asked)
+        if not limit > 0:
+            raise BadParameter(f"limit is {limit:g}, expected more than 0")
+        if limit >= UNLIMITED:
+            raise BadParameter(
+                f"{plant.label} has no limit of its command; give --limit, in the command's unit, "
+                f"or {LIMIT} in the parameter file"
+            )
+        return cls(plant, {**values, LIMIT: limit}, limit)
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
@@ -109,10 +118,7 @@ class Machine:
     def speed(self) -> float:
         """Speed of the reference motions [m/s]: half of the limit drives it.
 
-        Raises
-        ------
-        BadParameter
-            If the limit is not much larger than friction.
+        Raises `BadParameter` if the limit is not much larger than friction.
         """
         for k in range(HALVINGS):
             speed = FASTEST / 2**k
@@ -173,35 +179,23 @@ def nominal_machine() -> Machine:
     return Machine(Part("plant"), {}, NOMINAL_VOLTAGE)
 
 
-def limit_of(plant: Part, values: Mapping[str, float], asked: float | None) -> float:
-    """The largest command: the requested one, that of the plant, or the supply of the axis.
+def limit_of(known: Container[str], values: Mapping[str, float], asked: float | None) -> float:
+    """Largest command of a plant with `known` parameters, in the unit of its command.
 
-    Raises
-    ------
-    BadParameter
-        If it is not given.
+    The requested one, else that of its values, else the nominal amplifier's 36 V if it has an
+    amplifier. Others have none: a limit in volts has no meaning if the command is a force.
     """
     given = values.get(LIMIT, UNLIMITED) if asked is None else asked
-    if not given > 0:
-        raise BadParameter(f"limit is {given:g}, expected more than 0")
-    if given < UNLIMITED:
-        return given
-    if "R" in plant.parameters and asked is None:
-        return NOMINAL_VOLTAGE
-    raise BadParameter(
-        f"{plant.label} has no limit of its command; give --limit, in the command's unit, or "
-        f"{LIMIT} in the parameter file"
-    )
+    amplified = asked is None and given >= UNLIMITED and AMPLIFIER in known
+    return NOMINAL_VOLTAGE if amplified else given
 
 
 def own_ranges(controller: str) -> dict[str, tuple[float, float]]:
     """Ranges of a controller's gains: those of its law, else of its parameters with two limits.
 
-    Raises
-    ------
-    BadPart, BadComponentFile, FmuError
+    Raises `BadPart`, `BadComponentFile`, `FmuError`.
     """
-    if bare(controller) in CONTROLLERS:
+    if PartName.of(controller).bare in CONTROLLERS:
         return tunable(controller)
     known = resolve_controller(controller).parameters.values()
     gains = (p for p in known if p.name not in ("sample_time", TOLERANCE, OWN_LIMIT))
@@ -211,7 +205,7 @@ def own_ranges(controller: str) -> dict[str, tuple[float, float]]:
 
 def gains_of(controller: Part) -> dict[str, tuple[float, float]]:
     """As `own_ranges`, without those of a feed-forward."""
-    law = bare(controller.name)
+    law = controller.bare
     return own_ranges(law if law in CONTROLLERS else controller.name)
 
 
@@ -220,20 +214,17 @@ def gain_ranges(
 ) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
     """Ranges of a controller's gains for a machine, and gains for a modest bandwidth.
 
-    Raises
-    ------
-    BadParameter
-        If the controller has no ranges for its gains.
+    Raises `BadParameter` if the controller has no ranges for its gains.
     """
-    if bare(controller.name) not in CONTROLLERS:  # of the user, in the user's units
+    if controller.bare not in CONTROLLERS:  # of the user, in the user's units
         ranges, given = gains_of(controller), controller.parameters
         middle = {n: sum(r) / 2 for n, r in ranges.items()}
         start = {n: np.nan_to_num(given[n].default, nan=middle[n]) for n in ranges}
         return ranges, {n: float(np.clip(start[n], *r)) for n, r in ranges.items()}
     # in the units of the ranges
-    nominal, known = nominal_machine(), Part(without_units(controller.name)[0]).parameters
+    nominal, known = nominal_machine(), Part(controller.named.plain).parameters
     ranges, start = {}, {}
-    for name, (low, high) in tunable(bare(controller.name)).items():
+    for name, (low, high) in tunable(controller.bare).items():
         powers = base_exponents(known[name].unit)
         volts = powers.get("kg", 0)
         metres = powers.get("m", 0) - 2 * volts
@@ -262,13 +253,10 @@ def gain_ranges(
 def model_values(controller: Part, machine: Machine) -> dict[str, float]:
     """Parameters of a controller that describe its machine and are not gains.
 
-    Raises
-    ------
-    BadParameter
-        If it is designed for a motor that the machine does not have.
+    Raises `BadParameter` if it is designed for a motor that the machine does not have.
     """
     known, own = controller.parameters, machine.plant.parameters
-    if bare(controller.name) not in CONTROLLERS:
+    if controller.bare not in CONTROLLERS:
         return {OWN_LIMIT: machine.limit} if OWN_LIMIT in known else {}
     motor = [p.name for p in MOTOR if p.name in known and p.name not in own]
     if motor:
@@ -277,7 +265,7 @@ def model_values(controller: Part, machine: Machine) -> dict[str, float]:
             f"has no {', '.join(motor)}"
         )
     of_plant = {n: machine.values.get(n, p.default) for n, p in own.items()}
-    gains = tunable(bare(controller.name))
+    gains = tunable(controller.bare)
     found = {"u_max": machine.limit}
     found |= {n: of_plant[n] for n in known if n in own}
     found |= {n: of_plant[n[:-4]] for n in known if n.endswith("_hat") and n[:-4] in own}

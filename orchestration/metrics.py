@@ -20,33 +20,21 @@ PARTS = 8  # of a step, in which the set-point is looked at
 
 @dataclass(frozen=True)
 class Metrics:
-    """Figures of merit; None if the run does not define one.
+    """Figures of merit; None if the run does not define one."""
 
-    Attributes
-    ----------
-    peak_voltage, peak_voltage_time : float
-        Largest magnitude of the command, a voltage [V] unless the plant has another unit, as far
-        as the plant's limit lets it through, and its time [s].
-    settling_time_2pct : float or None
-        Time after which the error stays within 2 % of the step [s]; None if it does not, or if the
-        set-point moves.
-    overshoot : float or None
-        Largest distance of the block beyond the set-point [m]; None if the set-point moves.
-    steady_state_error : float
-        Set-point minus position at the end [m].
-    iae : float
-        Integral of the absolute error [m*s], trapezoidal.
-    rms_error, largest_error : float or None
-        Root mean square over the run and largest magnitude of set-point minus position [m]; None if
-        the set-point is constant.
-    """
-
+    # largest magnitude of the command, a voltage [V] unless the plant has another unit, as far as
+    # the plant's limit lets it through, and its time [s]
     peak_voltage: float
     peak_voltage_time: float
+    # time after which the error stays within 2 % of the step [s]; None if it does not, or if the
+    # set-point moves
     settling_time_2pct: float | None
+    # largest distance of the block beyond the set-point [m]; None if the set-point moves
     overshoot: float | None
-    steady_state_error: float
-    iae: float
+    steady_state_error: float  # set-point minus position at the end [m]
+    iae: float  # integral of the absolute error [m*s], trapezoidal
+    # root mean square over the run and largest magnitude of set-point minus position [m]; None if
+    # the set-point is constant
     rms_error: float | None
     largest_error: float | None
 
@@ -55,13 +43,7 @@ class Metrics:
 
 
 def units_of_figures(units: Mapping[str, str]) -> dict[str, str]:
-    """The unit of each figure of a run, from its signals, or those of the axis if not given.
-
-    Parameters
-    ----------
-    units : mapping of str to str
-        Of ``x`` and ``u``, as `LoopRun.units`.
-    """
+    """The unit of each figure of a run, from those of ``x`` and ``u``, else those of the axis."""
     x, u = units.get("x") or "m", units.get("u") or "V"
     return {
         "peak_voltage": u,
@@ -77,14 +59,7 @@ def units_of_figures(units: Mapping[str, str]) -> dict[str, str]:
 
 
 def metrics(run: LoopRun, position: str = "x", command: str = "u") -> Metrics:
-    """Compute the figures of merit of a run, from all that is known between its points.
-
-    Parameters
-    ----------
-    run : LoopRun
-    position, command : str
-        Names of the controlled output and of the command.
-    """
+    """Figures of merit of a run, from all that is known between its points."""
     known = run.between or run
     time, x, goal = known.time, known.outputs[position], known.reference
     voltage = np.minimum(np.abs(known.commands[command]), run.limit)

@@ -88,10 +88,7 @@ class ParameterFile:
     def plant_name(self) -> str:
         """The plant of the catalogue that the file describes.
 
-        Raises
-        ------
-        BadParameters
-            If it describes no plant.
+        Raises `BadParameters` if there is none.
         """
         if self.kind not in NOMINAL:
             raise BadParameters(

@@ -48,10 +48,7 @@ _VALUE_KEYS = [f.name for f in fields(Value)]
 def read_parameters(path: Path | str) -> ParameterFile:
     """Read a parameter file; the names of parameters are checked where they are used.
 
-    Raises
-    ------
-    BadParameters
-        In one line: what cannot be used and why.
+    Raises `BadParameters`, in one line: what cannot be used and why.
     """
     path = Path(path)
     data = _toml(path)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from ..controllers import ALONE, CONTROLLERS, FORMER
 from ..fmus.interface import START, TOLERANCE, interface_of
 from ..fmus.reading import SETTABLE, Description, read_description
-from ..instruments import FEED_FORWARD, INSTRUMENTS, SAMPLED, bare
+from ..instruments import FEED_FORWARD, INSTRUMENTS, SAMPLED, PartName
 from ..plant import PLANTS
 from ..solver.component_file import (
     BadComponentFile,
@@ -58,6 +58,16 @@ class Part:
         return self.name
 
     @property
+    def named(self) -> PartName:
+        """The pieces of its name."""
+        return PartName.of(self.name)
+
+    @property
+    def bare(self) -> str:
+        """Its name without feed-forward, sampling, instruments and units."""
+        return self.named.bare
+
+    @property
     def has_equations(self) -> bool:
         """Whether its equations are known; if not, it is a file of an FMU."""
         return catalogue.has_equations(self.name)
@@ -93,13 +103,7 @@ class Part:
 
     @cached_property
     def description(self) -> Description:
-        """The description of an FMU.
-
-        Raises
-        ------
-        FmuError
-            If it is no FMU of a kind that can run here.
-        """
+        """The description of an FMU; raises `FmuError` if it is of no kind that can run here."""
         return read_description(self.name)  # its sources are compiled when it runs
 
     @property
@@ -137,16 +141,7 @@ class Part:
     def check_values(self, side: str, values: Mapping[str, float]) -> None:
         """Make sure that it has these parameters, and that they are in range.
 
-        Parameters
-        ----------
-        side : str
-            Its name in the error message.
-        values : mapping of str to float
-
-        Raises
-        ------
-        BadParameter
-            Naming the nearest.
+        `side` is its name in messages; raises `BadParameter`, naming the nearest.
         """
         if not self.has_equations:  # free inputs are only known after the wiring
             check_names(side, values, settable_of(self.description))
@@ -171,13 +166,13 @@ class Part:
 
     def __getstate__(self) -> dict[str, Any]:
         # another process may lack the file of a component, or find it edited
-        base = bare(self.name)
+        base = self.bare
         return {"name": self.name, "made": load_component(base) if names_file(base) else None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         object.__setattr__(self, "name", state["name"])
         if state["made"] is not None:
-            remember_component(bare(self.name), state["made"])
+            remember_component(self.bare, state["made"])
 
 
 PartLike: TypeAlias = "str | Path | Component | Part"
@@ -186,21 +181,9 @@ PartLike: TypeAlias = "str | Path | Component | Part"
 def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool = True) -> Part:
     """The part with this name. A Python file is run here.
 
-    Parameters
-    ----------
-    role : str
-        Role of the part, or the option; error messages begin with it.
-    given : str, path-like, Component or Part
-    known : collection of str
-        Names that are allowed.
-    fmus : bool
-        Whether FMUs are allowed.
-
-    Raises
-    ------
-    BadPart
-        If it is not a known name, a function of a file or an FMU.
-    BadComponentFile
+    Error messages begin with `role`: the part's role, or the option. `known` are names that are
+    allowed, `fmus` says whether FMUs are. Raises `BadPart` for what is no known name, function of a
+    file or FMU, and `BadComponentFile`.
     """
     if isinstance(given, Part):
         return given
@@ -211,7 +194,7 @@ def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool 
             raise BadPart(f"{role} is {given!r}, expected a name, a path or a Component")
         return Part(name_in_memory(given))
     name = str(given)
-    base = bare(name)
+    base = PartName.of(name).bare
     if names_file(base):
         try:
             read_component(base)
@@ -256,13 +239,7 @@ def resolve_plant(given: PartLike, fmus: bool = True) -> Part:
 
 
 def check_names(side: str, names: Collection[str], known: Collection[str]) -> None:
-    """Make sure that every value has a variable.
-
-    Raises
-    ------
-    BadParameter
-        Naming the nearest.
-    """
+    """Make sure that every value has a variable; raises `BadParameter`, naming the nearest."""
     for name in names:
         if name not in known:
             hint = nearest(name, known) or f"; it has {', '.join(known)}"
@@ -281,10 +258,7 @@ def settable_of(described: Description) -> list[str]:
 def as_taken(side: str, described: Description, given: Mapping[str, Value]) -> dict[str, Value]:
     """Values as the variables of an FMU take them: numbers in their range, text for Strings.
 
-    Raises
-    ------
-    BadParameter
-        If a variable does not allow its value.
+    Raises `BadParameter` if a variable does not allow its value.
     """
     names = {described.aliases.get(name, name): value for name, value in given.items()}
     return {name: _as_taken(side, described, name, value) for name, value in names.items()}

@@ -105,10 +105,7 @@ def colour_of(run: LoopRun, name: str) -> int:
 def drawing(what: str = "a picture") -> Iterator[None]:
     """Let a picture that cannot be drawn, for example with 1e308 V, only print one line.
 
-    Raises
-    ------
-    OSError
-        If a file cannot be written.
+    Raises OSError if a file cannot be written.
     """
     try:
         yield
@@ -174,11 +171,8 @@ def new_figure(
 ) -> tuple[Any, Any]:
     """A figure with its axes.
 
-    Parameters
-    ----------
-    fixed_margins : bool
-        Whether margins fit the labels of a run. Else Matplotlib measures all labels, which takes
-        longer than drawing them.
+    With `fixed_margins` they fit the labels of a run. Else Matplotlib measures all labels, which
+    takes longer than drawing them.
     """
     figure = empty_figure(size, layout=None if fixed_margins else "constrained")
     axes = figure.subplots(rows, columns, squeeze=False)

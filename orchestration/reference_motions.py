@@ -37,25 +37,12 @@ def move(
     dwell: float = 0.5,
     back: float = 1.0,
 ) -> Reference:
-    """A jerk-limited move over a distance, a dwell, and the way back.
+    """A jerk-limited move over a distance with its sign [m], a dwell, and the way back.
 
-    The shortest move from rest to rest within the limits, of at most seven phases of constant jerk.
-
-    Parameters
-    ----------
-    distance : float
-        With its sign [m].
-    speed, acceleration, jerk : float
-        Limits [m/s], [m/s^2], [m/s^3].
-    start, dwell : float
-        Rest before the move, and at its end [s].
-    back : {1, 0}
-        Whether it comes back.
-
-    Raises
-    ------
-    BadReference
-        If a limit is not positive.
+    The shortest move from rest to rest within limits of speed [m/s], acceleration [m/s^2] and jerk
+    [m/s^3], of at most seven phases of constant jerk. It rests for `start` before it and for
+    `dwell` at its ends [s], and comes back if `back` is 1. Raises `BadReference` if a limit is not
+    positive.
     """
     limits = {"speed": speed, "acceleration": acceleration, "jerk": jerk}
     for name, limit in limits.items():
@@ -121,14 +108,7 @@ def sine(
 ) -> Reference:
     """``amplitude (1 - cos(2 pi frequency t)) / 2`` from a time on: from rest, without a jump.
 
-    Parameters
-    ----------
-    amplitude : float
-        From end to end [m].
-    frequency : float
-        [Hz]
-    duration, start : float
-        [s]
+    The amplitude is from end to end [m]; frequency in Hz, duration and start in s.
     """
     _positive("sine", frequency=frequency, duration=duration)
     count = math.ceil(duration * frequency * PIECES - 1e-9)
@@ -187,10 +167,7 @@ KINDS: dict[str, Callable[..., Reference]] = {
 def read_motion(text: str) -> Reference | None:
     """A set-point from ``KIND:NAME=VALUE,...``; None if the text names no kind.
 
-    Raises
-    ------
-    BadReference
-        If a name is not one of the kind's, or a value is no finite number.
+    Raises `BadReference` if a name is not one of the kind's, or a value is no finite number.
     """
     kind, colon, rest = text.partition(":")
     if kind not in KINDS or not (colon or text in KINDS):
@@ -218,12 +195,7 @@ def read_motion(text: str) -> Reference | None:
 
 
 def read_set_point(text: str) -> Reference:
-    """A set-point over time, from the text of a motion or the path of a file.
-
-    Raises
-    ------
-    BadReference
-    """
+    """A set-point from the text of a motion or the path of a file; raises `BadReference`."""
     kind, colon, _ = text.partition(":")
     if colon and kind not in KINDS and not os.path.exists(text):
         raise BadReference(

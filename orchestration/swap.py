@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..fmus.reading import FmuError
 from ..solver.files import write_atomically, write_json
-from .closed_loop import run_pair
+from .closed_loop import run_closed_loop
 from .closed_loop_result import ClosedLoopResult
 from .fmu_instance import StepFailed
 from .loop import Loop
@@ -39,17 +39,10 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class SwapResult:
-    """Results of several controllers in the requested order.
-
-    Attributes
-    ----------
-    results : tuple of ClosedLoopResult
-    failures : tuple of (str, str)
-        Controllers that could not be run at all, and why.
-    """
+    """Results of several controllers in the requested order."""
 
     results: tuple[ClosedLoopResult, ...]
-    failures: tuple[tuple[str, str], ...] = ()
+    failures: tuple[tuple[str, str], ...] = ()  # controllers that could not be run at all, and why
 
     @property
     def trusted(self) -> bool:
@@ -93,21 +86,14 @@ class SwapResult:
 def swap(loops: Sequence[Loop], progress: Callable[[str, float], None] | None = None) -> SwapResult:
     """Run loops that differ in their controllers, one after the other.
 
-    Parameters
-    ----------
-    loops : sequence of Loop
-    progress : function (label, time), optional
-
-    Raises
-    ------
-    FmuError, WiringError, CouplingError, StepFailed
-        As `run_pair`, if no controller can be run; results of other controllers are kept.
+    Errors are those of `run_closed_loop`, if no controller can be run; else failures are part of
+    the result. `progress` gets a loop's label and the time that it has reached [s].
     """
     results, failures, errors = [], [], []
     for loop in loops:
         told = None if progress is None else (lambda t, name=loop.label: progress(name, t))
         try:
-            results.append(run_pair(loop, told))
+            results.append(run_closed_loop(loop, told))
         except (FmuError, WiringError, CouplingError, StepFailed) as error:
             failures.append((loop.label, str(error)))
             errors.append(error)

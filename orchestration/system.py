@@ -1,16 +1,16 @@
-"""Run a closed loop of an .ssp file of any origin."""
+"""The closed loop of an .ssp file of any origin, cut into a plant and the rest."""
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from ..fmus.ports import law_ports
+from ..fmus.ports import gain_port, law_ports, rate_port, reference_port
 from ..fmus.system_reading import (
     BadSystem,
     SystemConnection,
@@ -18,42 +18,38 @@ from ..fmus.system_reading import (
     SystemStructure,
     read_system,
 )
+from ..fmus.units import Unit
 from ..solver.nearest import nearest
-from .closed_loop import LIMIT, amplifier_notes, fixed_step_notes, limited, own_step, run_by_steps
-from .closed_loop_result import ClosedLoopResult
+from ..solver.set_point import set_point_orders
 from .converted import AS_IS, Scale, converted
 from .couplings import Coupling
 from .fmu_instance import SAMPLE_TIME, Instance, Value
 from .group import Feed, Group
 from .isolated import open_fmu
-from .limits import FIRST_STEP, BadParameter, check_step
+from .joined import Fmu, Joined
+from .limits import BadParameter, check_step
 from .loop import STOP, SystemLoop
 from .loop_run import LoopRun
-from .master import Progress, run_loop
-from .metrics import coarse_notes
+from .machine import LIMIT
 from .parts import as_taken, check_names, settable_of
-from .port_units import scale_of_results
+from .port_units import from_si, scale_of_results
 from .reference_signal import Reference
-from .state_trial import check_state
-from .system_goal import Fmus, Goal, goal_of
-from .system_law import accepts_law, commands_of, reports_law
 from .wiring import CONTROLLER, POSITION, Wiring, plain_outputs
 
 Vector = npt.NDArray[np.float64]
+Fmus = Mapping[str, Fmu]
+Goal = tuple[tuple[SystemConnection, int], ...]
+"""Connections of the set-point, and the order of its time derivative for each."""
 
 
-def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoopResult:
-    """Run an .ssp: one of its elements is the plant, the others are its controller.
+@contextlib.contextmanager
+def joined_system(asked: SystemLoop) -> Iterator[Joined]:
+    """The elements of an .ssp, joined: one is the plant, the others are its controller.
 
     The plant is the element with feedback-law inputs, else the one called ``plant``, else the one
     whose outputs do not follow its inputs at once and that is not sampled, else the first.
 
-    Raises
-    ------
-    BadSystem, FmuError, CouplingError, WiringError, BadParameter
-        If the file or the request is invalid; the message says why.
-    StepFailed
-        If a part rejects its initial values.
+    Raises `BadSystem`, `FmuError`, `BadParameter` if the file or the request is invalid.
     """
     system = read_system(asked.system)
     with contextlib.ExitStack() as opened:
@@ -70,59 +66,33 @@ def run_system(asked: SystemLoop, progress: Progress | None = None) -> ClosedLoo
             )
             opened.callback(fmus[element.name].close)
         values = _values(system, asked, fmus)
-        own = own_step({f.path.name: f.description for f in fmus.values()})
-        first = asked.step or own or min(FIRST_STEP, stop)
-        states = [check_state(f, values[name], stop, first) for name, f in fmus.items()]
-        loop = _loop(system, fmus, asked)
-        free = _free_inputs(system, loop, values)
-        reference = asked.reference or Reference.constant(loop.set_point(system, values, fmus))
-
-        sides = [loop.plant, loop.controller]  # for the first run; later runs open their own
-
-        def run_at(step: float, look_again: bool = True) -> LoopRun:
-            if not sides:
-                for side in (loop.plant.reopened(), loop.controller.reopened()):
-                    opened.callback(side.close)
-                    sides.append(side)
-            plant, controller = sides
-            sides.clear()
-            return run_loop(
-                plant,
-                controller,
-                reference,
-                stop,
-                step,
-                coupling=asked.coupling,
-                corrections=asked.corrections,
-                adaptive=asked.adaptive,
-                plant_values=_of_side(loop.plant, [loop.plant_name], values),
-                controller_values=_of_side(
-                    loop.controller, [n for n in fmus if n != loop.plant_name], values
-                ),
-                mapping=loop.names,
-                wiring=loop.wiring,
-                progress=progress,
-                look_again=look_again,
-            )
-
-        run, choice = run_by_steps(asked, run_at, own, stop)
-        run = loop.in_units(run)
-        limit = f"--set {loop.plant_name}.{LIMIT}="
-        of_plant = {n: v for n, v in values[loop.plant_name].items() if not isinstance(v, str)}
-        amplifier = amplifier_notes(run, fmus[loop.plant_name].parameters, of_plant, limit)
-        amplifier += coarse_notes(run, reference)
-        run = limited(run, of_plant)
-    notes = [f"{name} is unknown in the system and was ignored" for name in system.ignored]
-    notes += [
-        f"nothing is connected to the input {port.connector!r} of {port.element}: it stays at "
-        f"{start:g}; --set {port}=VALUE gives it a value"
-        for port, start in free.items()
-    ]
-    fixed = fixed_step_notes(first, *fmus.values()) if own or choice is None else ()
-    found = [note for state in states for note in state]
-    found += [note for fmu in fmus.values() for note in fmu.notes]
-    notes += reference.notes(stop)
-    return ClosedLoopResult(asked, run, (*notes, *found, *fixed, *amplifier), choice)
+        cut = _cut(system, fmus, asked)
+        free = _free_inputs(system, cut, values)
+        reference = asked.reference or Reference.constant(cut.set_point(values))
+        notes = [f"{name} is unknown in the system and was ignored" for name in system.ignored]
+        notes += [
+            f"nothing is connected to the input {port.connector!r} of {port.element}: it stays at "
+            f"{start:g}; --set {port}=VALUE gives it a value"
+            for port, start in free.items()
+        ]
+        yield Joined(
+            fmus=fmus,
+            values=values,
+            main=cut.plant_name,
+            sides=(cut.plant, cut.controller),
+            side_values=(
+                _of_side(cut.plant, [cut.plant_name], values),
+                _of_side(cut.controller, [n for n in fmus if n != cut.plant_name], values),
+            ),
+            wiring=cut.wiring,
+            names=cut.names,
+            reference=reference,
+            stop=stop,
+            finish=cut.in_units,
+            notes=(*notes, *reference.notes(stop)),
+            limit_option=f"--set {cut.plant_name}.{LIMIT}=",
+            sampled={},
+        )
 
 
 def _values(system: SystemStructure, asked: SystemLoop, fmus: Fmus) -> dict[str, dict[str, Value]]:
@@ -150,27 +120,27 @@ def _values(system: SystemStructure, asked: SystemLoop, fmus: Fmus) -> dict[str,
 
 
 def _free_inputs(
-    system: SystemStructure, loop: _Loop, values: Mapping[str, Mapping[str, Value]]
+    system: SystemStructure, cut: _Cut, values: Mapping[str, Mapping[str, Value]]
 ) -> dict[SystemPort, float]:
     """Inputs that nothing drives and that are given no value, with their start values.
 
     Raises BadSystem if nothing measures the plant and an element gets nothing from others.
     """
-    driven = {c.target for c in (*system.connections, *(c for c, _ in loop.goal))}
+    driven = {c.target for c in (*system.connections, *(c for c, _ in cut.goal))}
     driven |= {c.target for i in system.inputs for c in i.drives}
     found: dict[SystemPort, float] = {}
-    for element, fmu in loop.fmus.items():
+    for element, fmu in cut.fmus.items():
         law = law_ports(fmu.inputs, fmu.inputs, fmu.outputs)
         for name in fmu.inputs:
             port = SystemPort(element, name)
             if port not in driven and name not in law and name not in values[element]:
                 found[port] = fmu.description.by_name[name].start or 0.0
-    fed = {loop.plant_name, *(c.target.element for c in system.connections)}
+    fed = {cut.plant_name, *(c.target.element for c in system.connections)}
     blind = [port for port in found if port.element not in fed]
-    if blind and not loop.wiring.signals:
+    if blind and not cut.wiring.signals:
         raise BadSystem(
             f"{system.path}: nothing is connected to the input {blind[0]}, and no element has an "
-            f"output of {loop.plant_name!r} as its input; expected a closed loop"
+            f"output of {cut.plant_name!r} as its input; expected a closed loop"
         )
     return found
 
@@ -184,25 +154,17 @@ def _of_side(
 
 
 @dataclass(frozen=True)
-class _Loop:
-    """A system cut into a plant and the rest.
-
-    Attributes
-    ----------
-    names : dict of str to str
-        Names of the plant's ports in the results.
-    goal : tuple of (SystemConnection, int)
-        Connections from the set-point in SI units, and the order of its time derivative for each.
-    commands : tuple of SystemConnection
-        Connections into the plant, without those of a law that the master applies.
-    """
+class _Cut:
+    """A system cut into a plant and the rest."""
 
     plant_name: str
     plant: Instance
     controller: Instance
     wiring: Wiring
-    names: dict[str, str]
+    names: dict[str, str]  # names of the plant's ports in the results
+    # connections from the set-point in SI units, and the order of its time derivative for each
     goal: Goal
+    # connections into the plant, without those of a law that the master applies
     commands: tuple[SystemConnection, ...]
     fmus: Fmus
 
@@ -252,9 +214,7 @@ class _Loop:
         by = "" if isinstance(self.controller, Group) else f"{own}."
         return {by + name.removeprefix(f"{CONTROLLER}."): v for name, v in run.others.items()}
 
-    def set_point(
-        self, system: SystemStructure, values: Mapping[str, Mapping[str, Value]], fmus: Fmus
-    ) -> float:
+    def set_point(self, values: Mapping[str, Mapping[str, Value]]) -> float:
         """The set-point's start value in SI units; NaN if there is no set-point."""
         if not self.goal:
             return math.nan
@@ -262,17 +222,17 @@ class _Loop:
         target = goal.target
         given = values[target.element].get(target.connector)
         if given is None:
-            variables = fmus[target.element].description.variables
+            variables = self.fmus[target.element].description.variables
             given = next(v.start for v in variables if v.name == target.connector) or 0.0
         return (float(given) - goal.offset) / (goal.factor or math.nan)
 
 
-def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
+def _cut(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Cut:
     if len(fmus) < 2:
         raise BadSystem(f"{system.path}: has one element; a closed loop has two or more")
     plant = _plant(fmus)
     rest = [n for n in fmus if n != plant]
-    goal = goal_of(system, fmus, rest)
+    goal = _goal_of(system, fmus, rest)
     if asked.reference and not goal:
         raise BadSystem(f"{system.path}: has no input for a set-point; set start values instead")
     inside = [c for c in system.connections if plant not in (c.source.element, c.target.element)]
@@ -307,8 +267,8 @@ def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
     )
     fed = {c.target.connector if plain else str(c.source): order for c, order in goal}
     law = asked.coupling in (None, Coupling.INTERFACE_JACOBIAN) and alone
-    main = commands_of(commands, measured) if law else commands
-    accepts = law and accepts_law(fmus[plant], main, measured)
+    main = _commands_of(commands, measured) if law else commands
+    accepts = law and _accepts_law(fmus[plant], main, measured)
     if not accepts:
         main = commands
     network = bool(len(rest) > 1 or own)
@@ -325,13 +285,13 @@ def _loop(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Loop:
         references=tuple(fed),
         orders=tuple(fed.values()),
         accepts_law=accepts,
-        reports_law=accepts and plain and reports_law(main, measured, commands),
+        reports_law=accepts and plain and _reports_law(main, measured, commands),
         others=tuple(map(theirs, others)),
         network=network,
     )
     names = {f"{plant}.{port}": port for port in fmus[plant].outputs}
     names |= {str(c.source): c.target.connector for c in main} if not alone else {}
-    return _Loop(plant, side, controller, wiring, names, goal, tuple(main), fmus)
+    return _Cut(plant, side, controller, wiring, names, goal, tuple(main), fmus)
 
 
 def _plant(fmus: Fmus) -> str:
@@ -364,3 +324,95 @@ def _grouped(
         scales[c.target.element][c.target.connector] = c.factor, c.offset
     scaled = {member: converted(fmu, scales[member]) for member, fmu in members.items()}
     return Group(name, scaled, feeds, list(dict.fromkeys(str(c.source) for c in (*outside, *goal))))
+
+
+def _goal_of(system: SystemStructure, fmus: Fmus, rest: Sequence[str]) -> Goal:
+    """Connections of the set-point: to the system's input, else to an input that nothing drives.
+
+    With an input ``x_d`` also those of the derivatives, ``v_d`` and ``a_d``, as in a loop of two
+    parts.
+    """
+    candidates: dict[str, tuple[SystemConnection, ...]] = {
+        i.name: tuple(_from_si(c, i.defined, fmus) for c in i.drives)
+        for i in system.inputs
+        if i.drives and all(c.target.element in rest for c in i.drives)
+    }
+    if not candidates:
+        driven = {c.target for c in system.connections}
+        free = [SystemPort(e, p) for e in rest for p in fmus[e].inputs]
+        candidates = {
+            str(port): (
+                _from_si(SystemConnection(SystemPort("", port.connector), port), None, fmus),
+            )
+            for port in free
+            if port not in driven
+        }
+    called = [(n.rpartition(".")[2], drives) for n, drives in candidates.items()]
+    orders = set_point_orders([n for n, _ in called])
+    return tuple(
+        (c, order)
+        for name, order in orders.items()
+        for n, drives in called
+        if n == name
+        for c in drives
+    )
+
+
+def _from_si(c: SystemConnection, unit: Unit | None, fmus: Fmus) -> SystemConnection:
+    """A connection from the set-point in SI units, for a system's input in `unit`.
+
+    An input without a unit has the unit of the port that it drives.
+    """
+    unit = unit or fmus[c.target.element].description.unit(c.target.connector)
+    if unit is None or unit.exponents is None:
+        return c
+    factor, offset = from_si(unit)
+    return replace(c, factor=c.factor * factor, offset=c.factor * offset + c.offset)
+
+
+def _commands_of(
+    commands: Sequence[SystemConnection], measured: Sequence[SystemConnection]
+) -> list[SystemConnection]:
+    """The commands without the law ports of any of them."""
+    signals = {c.source.connector for c in measured}
+    inputs = {c.target.connector for c in commands}
+    law = {
+        port
+        for u in inputs
+        for port in (
+            rate_port(u),
+            *(gain_port(u, y) for y in signals),
+            *(reference_port(u, y) for y in signals),
+        )
+    }
+    return [c for c in commands if c.target.connector not in law]
+
+
+def _law(command: SystemConnection, measured: Sequence[SystemConnection]) -> list[tuple[str, str]]:
+    """The law's ports of a command, on the plant's side and on the controller's."""
+    source, target = command.source.connector, command.target.connector
+    return [
+        (rate_port(source), rate_port(target)),
+        *(
+            (port(source, c.target.connector), port(target, c.source.connector))
+            for c in measured
+            for port in (gain_port, reference_port)
+        ),
+    ]
+
+
+def _accepts_law(
+    plant: Instance, main: Sequence[SystemConnection], measured: Sequence[SystemConnection]
+) -> bool:
+    return bool(main) and all(
+        port in plant.inputs for command in main for _, port in _law(command, measured)
+    )
+
+
+def _reports_law(
+    main: Sequence[SystemConnection],
+    measured: Sequence[SystemConnection],
+    commands: Sequence[SystemConnection],
+) -> bool:
+    joined = {(c.source.connector, c.target.connector) for c in commands}
+    return all(pair in joined for command in main for pair in _law(command, measured))

@@ -1,9 +1,9 @@
-"""Tune one controller for one machine, test it on another motion, and linearize the loop twice.
+"""Tune one controller for one machine: a study of one controller, with margins.
 
-The search minimizes the rms error of the tuning motions, each divided by its error with modest
-gains. As in studies, commands beyond the machine's limit add to the cost; so does a sensitivity
-above 2, the limit for a robust loop (K. J. Astrom and T. Hagglund, "Advanced PID Control", ISA
-(2006), section 4.6). See ``docs/howto/tune.md``.
+The search, the price of a run, the ranges of gains and the figures are those of a study. A run
+costs its rms error, divided by that with modest gains; commands beyond the machine's limit add to
+it, and so does a sensitivity above 2, the limit for a robust loop (K. J. Astrom and T. Hagglund,
+"Advanced PID Control", ISA (2006), section 4.6). See ``docs/howto/tune.md``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ import numpy as np
 
 from ..controllers import CONTROLLERS, tunable
 from ..fmus.units import base_exponents
-from ..instruments import bare
 from ..solver.files import finite_or_null, write_atomically
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from .catalogue import component
@@ -35,14 +34,12 @@ from .linear_loop import (
     response_of,
 )
 from .loop import Loop
-from .machine import LIMIT, Machine, gain_ranges, gains_of, limit_of, model_values
+from .machine import Machine, gain_ranges, gains_of, model_values
 from .reference_motions import read_set_point
 from .reference_signal import Reference
-from .study.figures import Figures, figures_of
-from .study.loop import STEP, Course, FmuLoop, StudyLoop, of_side
-from .study.study import FAILED, OVER_LIMIT
-from .study.tuning import Tuned
-from .study.tuning import tune as optimized
+from .study.figures import Figures, measured
+from .study.loop import STEP, AnyLoop, Course, FmuLoop, StudyLoop, of_side
+from .study.tuning import FAILED, OVER_LIMIT, price, tune
 from .whole_loop import follow, loop_kernel
 
 FILE = "tuning.json"
@@ -55,6 +52,7 @@ MOST_SENSITIVE = 2.0  # Ms
 SENSITIVITY_POINTS = 300  # of the frequency response of a candidate
 MORE = 0.1  # share of the cost: a larger gain by twice the budget is reported
 SLIDE = 2.0  # s, until a loop slides steadily
+NEVER_AT_LIMIT = {"saturated_share": 0.0}
 NOT_LINEAR = {
     "relay": "a relay has no slope at the set-point",
     "fuzzy_pd_i": "its rules have a kink at the set-point",
@@ -63,95 +61,54 @@ NOT_LINEAR = {
     "adaptive_friction": "its gain depends on its adapted estimate",
 }
 
+Gains = Mapping[str, float]
+Signal = tuple[Reference, float]
+"""A motion, and the length of its run [s]."""
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
 class Gain:
-    """A tuned parameter.
-
-    Attributes
-    ----------
-    name : str
-    value, start : float
-        The value found, and the start of the search.
-    unit : str
-    low, high : float
-        The range that was searched.
-    at_end : {"", "low", "high"}
-        The end of the range, if the value is within 1 % of it.
-    """
+    """A tuned parameter."""
 
     name: str
     value: float
-    start: float
+    start: float  # of the search
     unit: str
-    low: float
+    low: float  # ends of the range that was searched
     high: float
-    at_end: str
+    at_end: str  # "low" or "high" if the value is within 1 % of this end, else empty
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion under the tuned gains.
-
-    Attributes
-    ----------
-    name, reference : str
-    tuned_on : bool
-        Whether it was used for tuning, not for judging.
-    figures : Figures
-    peak_command : float
-        Largest magnitude of the requested command [unit of the command].
-    converged : bool
-        Whether a run with a hundredth of the tolerance has the same rms error within 1 %.
-    course : Course
-    """
+    """A motion under the tuned gains."""
 
     name: str
     reference: str
-    tuned_on: bool
+    tuned_on: bool  # whether it was used for tuning, not for judging
     figures: Figures
-    peak_command: float
-    converged: bool
+    peak_command: float  # largest magnitude of the requested command [its unit]
+    converged: bool  # whether a hundredth of the tolerance gives the same rms error within 1 %
     course: Course
 
 
 @dataclass(frozen=True)
 class TunedController:
-    """Gains of one controller for one machine, and what they achieve.
+    """Gains of one controller for one machine, and what they achieve."""
 
-    Attributes
-    ----------
-    loop : Loop
-        With the gains; its set-point is the judging motion.
-    limit : float
-        Largest command that the machine gives.
-    command_unit : str
-    gains : tuple of Gain
-    start_cost, cost, doubled_cost : float
-        Cost at the start, with the gains, and the lowest cost within twice the budget.
-    budget, seed : int
-    motions : tuple of Motion
-        The judging motion is the last.
-    margins : tuple of Margins
-        Of the loop linearized stuck and sliding.
-    no_margins : tuple of str
-        Why margins are missing.
-    """
-
-    loop: Loop
-    limit: float
+    loop: Loop  # with the gains; its set-point is the judging motion
+    limit: float  # largest command that the machine gives
     command_unit: str
     gains: tuple[Gain, ...]
     start_cost: float
     cost: float
-    doubled_cost: float
+    doubled_cost: float  # the lowest within twice the budget
     budget: int
     seed: int
-    motions: tuple[Motion, ...]
-    margins: tuple[Margins, ...]
-    no_margins: tuple[str, ...]
+    motions: tuple[Motion, ...]  # the judging motion is the last
+    margins: tuple[Margins, ...]  # of the loop linearized stuck and sliding
+    no_margins: tuple[str, ...]  # why margins are missing
 
     @property
     def weaknesses(self) -> tuple[str, ...]:
@@ -246,32 +203,76 @@ def tune_loop(
     seed: int = SEED,
     progress: Progress | None = None,
 ) -> TunedController:
-    """Find the gains of a loop's controller for its plant.
+    """Find the gains of a loop's controller for its plant; see `ballscrew.tune`.
 
-    Parameters
-    ----------
-    loop : Loop
-        Its controller's gains are one of the two starting points; its other values stay.
-    reference : str, optional
-        Motion for the tuning. Default: a step and a reversing move that the limit allows.
-    stop : float, optional
-        Length of that motion [s]. Default: its end and half a second.
-    limit : float, optional
-        Largest command. Default: the plant's ``voltage_limit``; 36 V for an axis.
-    budget, seed : int
-        Number of candidates; as many again show what more candidates would improve.
-    progress : function of int and int, optional
-        Called with the number of finished candidates and the number of all.
+    The controller's gains are one of the two starting points; its other values stay. The motion for
+    the tuning is `reference` for `stop` seconds, else a step and a reversing move that the limit
+    allows. `budget` candidates are for the result, as many again show what more would gain.
+    `progress` gets the number of finished candidates and that of all.
 
-    Raises
-    ------
-    BadParameter
-        If the controller has no ranges for its gains, or the machine has no limit.
-    WiringError, CouplingError, FmuError
-        If an FMU does not fit.
-    ContractError
-        If plant and controller do not fit together.
+    Raises `BadParameter` if the controller has no ranges for its gains, or the machine has no
+    limit; `WiringError`, `CouplingError`, `FmuError`, `ContractError` if the parts do not fit.
     """
+    _check(loop)
+    machine = Machine.of(loop.plant, loop.plant_values, limit)
+    runs, points = _Runs(loop, machine), _Margins(loop, machine)
+    step, move, judge = machine.motions()
+    motions = {"step": step, "move": move} if reference is None else {"motion": reference}
+    signals = {name: _signal(text, stop) for name, text in motions.items()}
+    ranges, modest = gain_ranges(loop.controller, machine)
+    scales = {name: runs.size(modest, signal) for name, signal in signals.items()}
+    own = {n: loop.controller_values.get(n, loop.controller.parameters[n].default) for n in ranges}
+    count = 2 * budget + 2
+    done = 0
+
+    def cost(gains: Gains) -> float:
+        nonlocal done
+        done += 1
+        if progress:
+            progress(min(done, count), count)
+        prices = [runs.price(gains, signals[name], scales[name]) for name in signals]
+        return sum(prices) / len(prices) + points.fragility(runs.values(gains))
+
+    start = min(own, modest, key=cost)
+    found = tune(cost, start, ranges, budget, seed)
+    values = runs.values(found.values)
+    shown = [runs.motion(found.values, n, motions[n], signals[n], True) for n in motions]
+    signal, length = _signal(judge)
+    shown.append(runs.motion(found.values, "judging move", judge, (signal, length), False))
+    margins, without = points.margins(values)
+    tuned = replace(
+        loop,
+        plant_values=dict(machine.values),
+        controller_values={**loop.controller_values, **values},
+        reference=signal,
+        stop=length,
+    )
+
+    def gain(name: str, low: float, high: float) -> Gain:
+        value = found.values[name]
+        near = "low" if value - low < high - value else "high"
+        unit = loop.controller.parameters[name].unit
+        at_end = near if name in found.at_bound else ""
+        return Gain(name, value, start[name], unit, low, high, at_end)
+
+    return TunedController(
+        loop=tuned,
+        limit=machine.limit,
+        command_unit=machine.plant.command_unit,
+        gains=tuple(gain(name, *ends) for name, ends in ranges.items()),
+        start_cost=found.published_cost,
+        cost=found.cost,
+        doubled_cost=found.doubled_cost,
+        budget=budget,
+        seed=seed,
+        motions=tuple(shown),
+        margins=margins,
+        no_margins=without,
+    )
+
+
+def _check(loop: Loop) -> None:
+    """Make sure that there is something to tune; raises `BadParameter`."""
     if not gains_of(loop.controller):
         names = ", ".join(n for n in CONTROLLERS if tunable(n))
         raise BadParameter(
@@ -283,106 +284,32 @@ def tune_loop(
             f"{loop.plant} has no equations for tuning; expected a plant with equations"
         )
     loop.check_values()
-    most = limit_of(loop.plant, loop.plant_values, limit)
-    machine = Machine(loop.plant, {**loop.plant_values, LIMIT: most}, most)
-    work = _Work(loop, machine)
-    step, move, judge = machine.motions()
-    motions = [("step", step, True), ("move", move, True)]
-    if reference is not None:
-        motions = [("motion", reference, True)]
-    ranges, modest = gain_ranges(loop.controller, machine)
-    runs = [work.scaled(modest, *_signal(text, stop)) for _, text, _ in motions]
-    own = {n: loop.controller_values.get(n, loop.controller.parameters[n].default) for n in ranges}
-    count = 2 * budget + 2
-    done = 0
-
-    def cost(gains: Mapping[str, float]) -> float:
-        nonlocal done
-        done += 1
-        if progress:
-            progress(min(done, count), count)
-        errors = [work.price(gains, *run) for run in runs]
-        return sum(errors) / len(errors) + work.fragility(gains)
-
-    start = min(own, modest, key=cost)
-    found = optimized(cost, start, ranges, budget, seed)
-    gains = found.values
-    motions.append(("judging move", judge, False))
-    shown = tuple(
-        work.motion(gains, name, text, tuned_on, stop if tuned_on else None)
-        for name, text, tuned_on in motions
-    )
-    margins, without = work.margins(gains)
-    kept = {**loop.controller_values, **work.values(gains)}
-    signal, length = _signal(judge)
-    return TunedController(
-        replace(
-            loop,
-            plant_values=dict(machine.values),
-            controller_values=kept,
-            reference=signal,
-            stop=length,
-        ),
-        most,
-        work.command_unit,
-        _gains(loop, found, start, ranges),
-        found.published_cost,
-        found.cost,
-        found.doubled_cost,
-        budget,
-        seed,
-        shown,
-        margins,
-        without,
-    )
 
 
-def _gains(
-    loop: Loop,
-    found: Tuned,
-    start: Mapping[str, float],
-    ranges: Mapping[str, tuple[float, float]],
-) -> tuple[Gain, ...]:
-    gains = []
-    for name, (low, high) in ranges.items():
-        value = found.values[name]
-        near = "low" if value - low < high - value else "high"
-        unit = loop.controller.parameters[name].unit
-        at_end = near if name in found.at_bound else ""
-        gains.append(Gain(name, value, start[name], unit, low, high, at_end))
-    return tuple(gains)
-
-
-def _signal(text: str, stop: float | None = None) -> tuple[Reference, float]:
-    """A motion, and the length of its run [s]."""
+def _signal(text: str, stop: float | None = None) -> Signal:
     signal = read_set_point(text)
     return signal, float(signal.times[-1]) + REST if stop is None else stop
 
 
-class _Work:
-    """One closed loop that is run many times, and the controller's model of the machine."""
+class _Runs:
+    """Runs of one closed loop with other gains, and the controller's model of the machine."""
 
     def __init__(self, loop: Loop, machine: Machine) -> None:
-        self.loop, self.machine = loop, machine
-        self.course: StudyLoop | FmuLoop = FmuLoop(loop)
-        if loop.controller.has_equations:
-            self.course = StudyLoop(loop_kernel(loop.plant.name, loop.controller.name))
-        gains = gains_of(loop.controller)
+        self.part, self.machine = loop.controller, machine
+        self.loop: AnyLoop = FmuLoop(loop)
+        if self.part.has_equations:
+            self.loop = StudyLoop(loop_kernel(loop.plant.name, self.part.name))
+        gains = gains_of(self.part)
         own = {n: v for n, v in loop.controller_values.items() if n not in gains}
-        self.fixed = {**model_values(loop.controller, machine), **own}
+        self.fixed = {**model_values(self.part, machine), **own}
 
-    @property
-    def command_unit(self) -> str:
-        return self.machine.plant.command_unit
-
-    def values(self, gains: Mapping[str, float]) -> dict[str, float]:
+    def values(self, gains: Gains) -> dict[str, float]:
         """All values of the controller with these gains."""
         return {**self._tracking(gains), **self.fixed, **gains}
 
-    def _tracking(self, gains: Mapping[str, float]) -> dict[str, float]:
+    def _tracking(self, gains: Gains) -> dict[str, float]:
         """The tracking time of the anti-windup: the integral time that follows from the gains."""
-        part = self.loop.controller
-        known = part.parameters if bare(part.name) in CONTROLLERS else {}
+        known = self.part.parameters if self.part.bare in CONTROLLERS else {}
         if "Tt" not in known or "Ki" not in gains:
             return {}
         powers = base_exponents(known["Ki"].unit)
@@ -394,104 +321,90 @@ class _Work:
                 return {"Tt": float(np.clip(time, STEP, known["Tt"].maximum))}
         return {}
 
-    def of_loop(self, gains: Mapping[str, float]) -> dict[str, float]:
-        """All values of the loop with these gains, by the loop's names."""
-        values = {PLANT + n: v for n, v in self.machine.values.items()}
-        return values | {CONTROLLER + n: v for n, v in self.values(gains).items()}
-
-    def model(self, gains: Mapping[str, float]) -> Model:
-        """The loop with these gains; its controller has equations."""
-        assert isinstance(self.course, StudyLoop)
-        return Model(self.course.kernel, self.of_loop(gains), TOLERANCE)
-
     def run(
-        self, gains: Mapping[str, float], signal: Reference, stop: float, tolerance: float
-    ) -> Course:
-        return self.course.run(self.of_loop(gains), signal, stop, tolerance)
+        self, gains: Gains, signal: Signal, tolerance: float = TOLERANCE
+    ) -> tuple[Course, Figures]:
+        values = of_loop(self.machine, self.values(gains))
+        return measured(self.loop, values, signal, tolerance, COUNT)
 
-    def figures(self, course: Course) -> Figures:
-        return figures_of(course, COUNT, self.machine.limit)
+    def size(self, modest: Gains, signal: Signal) -> float:
+        """The rms error with modest gains, for which the price is 1 [m]."""
+        error = self.run(modest, signal)[1].rms_error
+        return error if error > 0 else float(np.abs(signal[0].values).max()) or 1.0
 
-    def scaled(
-        self, modest: Mapping[str, float], signal: Reference, stop: float
-    ) -> tuple[Reference, float, float]:
-        """A motion, its length, and its rms error with modest gains, for which the cost is 1."""
-        error = self.figures(self.run(modest, signal, stop, TOLERANCE)).rms_error
-        return signal, stop, error if error > 0 else float(np.abs(signal.values).max()) or 1.0
-
-    def price(
-        self, gains: Mapping[str, float], signal: Reference, stop: float, scale: float
-    ) -> float:
-        course = self.run(gains, signal, stop, TOLERANCE)
-        found = self.figures(course)
+    def price(self, gains: Gains, signal: Signal, size: float) -> float:
+        """Price of a run; commands beyond the limit add to that of a study."""
+        course, found = self.run(gains, signal)
         if found.failed:
             return FAILED
         over = max(0.0, float(np.abs(course.command).max()) / self.machine.limit - 1)
-        excess = OVER_LIMIT * (min(over, FAILED / OVER_LIMIT) + found.saturated_share)
-        return min(FAILED, found.rms_error / scale) + excess
+        return price(found, size, NEVER_AT_LIMIT) + min(OVER_LIMIT * over, FAILED)
 
-    def motion(
-        self, gains: Mapping[str, float], name: str, text: str, tuned_on: bool, stop: float | None
-    ) -> Motion:
-        signal, length = _signal(text, stop)
-        course, again = (self.run(gains, signal, length, t) for t in (TOLERANCE, TIGHTER))
-        found, other = self.figures(course), self.figures(again)
+    def motion(self, gains: Gains, name: str, text: str, signal: Signal, tuned_on: bool) -> Motion:
+        (course, found), (_, other) = (self.run(gains, signal, t) for t in (TOLERANCE, TIGHTER))
         same = abs(found.rms_error - other.rms_error) <= AGREE * other.rms_error
         peak = float(np.abs(course.command).max(initial=0.0))
         return Motion(name, text, tuned_on, found, peak, same, course)
 
-    def fragility(self, gains: Mapping[str, float]) -> float:
-        """Cost added for gains whose loop has Ms above 2; 1 if the loop is unstable.
+
+def of_loop(machine: Machine, controller: Mapping[str, float]) -> dict[str, float]:
+    """Values of a machine and its controller, by the loop's names."""
+    values = {PLANT + n: v for n, v in machine.values.items()}
+    return values | {CONTROLLER + n: v for n, v in controller.items()}
+
+
+class _Margins:
+    """One closed loop, linearized stuck and sliding; `values` are all of its controller's."""
+
+    def __init__(self, loop: Loop, machine: Machine) -> None:
+        self.part, self.machine = loop.controller, machine
+        self.missing = NOT_LINEAR.get(self.part.bare, "")
+        if not self.part.has_equations:
+            self.missing = "an FMU has no equations"
+
+    def fragility(self, values: Mapping[str, float]) -> float:
+        """Cost added if the loop has Ms above 2; 1 if it is unstable.
 
         A law that is not linear is linearized at rest without an error.
         """
-        price = 0.0
+        paid = 0.0
         for _, _, plant, _ in self._states:
-            loop = self._open(gains, plant, self.machine.stuck())
+            loop = self._open(values, plant, self.machine.stuck())
             largest = float(np.abs(1 / (1 + response_of(loop, SENSITIVITY_POINTS)[1])).max())
             excess = OVER_LIMIT * max(0.0, largest / MOST_SENSITIVE - 1)
-            price += min(1.0, excess) if is_stable(loop) else 1.0
-        return price
+            paid += min(1.0, excess) if is_stable(loop) else 1.0
+        return paid
 
-    def margins(self, gains: Mapping[str, float]) -> tuple[tuple[Margins, ...], tuple[str, ...]]:
+    def margins(self, values: Mapping[str, float]) -> tuple[tuple[Margins, ...], tuple[str, ...]]:
         """Margins of the loop, stuck and sliding, and reasons for missing ones."""
-        part = self.loop.controller
-        if reason := self._not_linear:
-            return (), (f"{part}: no margins, {reason}",)
+        if self.missing:
+            return (), (f"{self.part}: no margins, {self.missing}",)
         found, without = [], []
         if self.machine.plant.kernel.modes:
             without.append("stuck: this friction law has no bristles, so the body does not move")
         for state, speed, plant, own in self._states:
-            at = self._followed(gains, speed, own) if speed else own
+            at = self._followed(values, speed, own) if speed else own
             if at is None:
                 without.append(f"sliding at {speed:g} m/s: there is no steady sliding of the loop")
             else:
-                found.append(margins_of(self._open(gains, plant, at), state, speed))
+                found.append(margins_of(self._open(values, plant, at), state, speed))
         return tuple(found), tuple(without)
-
-    @property
-    def _not_linear(self) -> str:
-        """Why the controller has no linear part; empty if it has one."""
-        part = self.loop.controller
-        return (
-            NOT_LINEAR.get(bare(part.name), "") if part.has_equations else "an FMU has no equations"
-        )
 
     @cached_property
     def _states(self) -> list[tuple[str, float, Linear, dict[str, float]]]:
         """Points of linearization: name, speed, linear plant, and its states."""
         machine = self.machine
-        if self._not_linear:
+        if self.missing:
             return []
         at = {"stuck": (0.0, machine.stuck())} if not machine.plant.kernel.modes else {}
         at["sliding"] = (machine.speed, machine.sliding(machine.speed))
         return [(s, v, machine.linear(self._seen, own), own) for s, (v, own) in at.items()]
 
     def _followed(
-        self, gains: Mapping[str, float], speed: float, plant: Mapping[str, float]
+        self, values: Mapping[str, float], speed: float, plant: Mapping[str, float]
     ) -> dict[str, float] | None:
         """States and inputs when the loop follows a ramp steadily; None if it does not."""
-        model = self.model(gains)
+        model = self._model(values)
         ramp = Reference.of_pieces([0.0, 2 * SLIDE], [[0.0, speed], [2 * SLIDE * speed, 0.0]])
         step = model.sample_time or STEP
         time = np.arange(round(SLIDE / step) + 1, dtype=np.float64) * step
@@ -504,18 +417,24 @@ class _Work:
         own = of_side(CONTROLLER, all_of)
         return {**plant, **own, "x": float(y["x"][-1]), "x_d": SLIDE * speed, "v_d": speed}
 
+    def _model(self, values: Mapping[str, float]) -> Model:
+        return Model(self._kernel, of_loop(self.machine, values), TOLERANCE)
+
+    @cached_property
+    def _kernel(self) -> Kernel:
+        return loop_kernel(self.machine.plant.name, self.part.name)
+
     @cached_property
     def _seen(self) -> tuple[str, ...]:
         """The machine's outputs that the controller measures."""
-        used = {str(s) for s in component(self.loop.controller.name).used_symbols()}
+        used = {str(s) for s in component(self.part.name).used_symbols()}
         return tuple(n for n in self.machine.outputs if n in used)
 
     @cached_property
     def _law(self) -> Kernel:
-        return linear_kernel(self.loop.controller, self._seen, ("u",))
+        return linear_kernel(self.part, self._seen, ("u",))
 
-    def _open(self, gains: Mapping[str, float], plant: Linear, at: Mapping[str, float]) -> Any:
-        count = len(self.loop.controller.kernel.discrete)
-        values = self.values(gains)
+    def _open(self, values: Mapping[str, float], plant: Linear, at: Mapping[str, float]) -> Any:
+        count = len(self.part.kernel.discrete)
         law = linearized(self._law, self._seen, ("u",), values, at, sampled=count)
-        return open_loop(plant, law, self.model(gains).sample_time)
+        return open_loop(plant, law, self._model(values).sample_time)

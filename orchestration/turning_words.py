@@ -30,12 +30,9 @@ _MASS = re.compile(r"(?:^|(?<=\bof ))m\b(?= {2,}| [\d(])", re.MULTILINE)
 
 
 def in_turning_units(text: str) -> str:
-    """The text with N*m for N, rad for m and kg*m^2 for kg; the mass m is J.
+    """Lines for a reader with N*m for N, rad for m and kg*m^2 for kg; the mass m is J.
 
-    Parameters
-    ----------
-    text : str
-        Lines for a reader, numbers before their units and one space between.
+    Numbers are before their units, with one space between.
     """
     units = _UNIT.sub(lambda unit: re.sub("[A-Za-zµ]+", _word, unit[0]), text)
     return _MASS.sub("J", units)

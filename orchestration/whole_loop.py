@@ -36,11 +36,8 @@ STARTED = "t_step"  # the input with the time from which the terms count
 def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
     """The compiled closed loop of two parts, with set-points as polynomials of time; kept on disk.
 
-    See `inputs_between`.
-
-    Raises
-    ------
-    UnknownComponent, BadComponentFile, ContractError, UnsupportedComponent
+    See `inputs_between`. Raises `UnknownComponent`, `BadComponentFile`, `ContractError`,
+    `UnsupportedComponent`.
     """
 
     def make() -> Component:
@@ -110,10 +107,7 @@ def _with_curves(loop: Component) -> Component:
 def model_of(kernel: Kernel, loop: Loop, tolerance: float, system: System | None = None) -> Model:
     """A loop's equations around its constant set-point; `system`, if given, is used again.
 
-    Raises
-    ------
-    KeyError
-        For a parameter that does not exist.
+    Raises KeyError for a parameter that does not exist.
     """
     model = Model(kernel, loop.values, tolerance, system)
     for i in kernel.inputs:
@@ -154,14 +148,9 @@ def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) ->
     """Run the closed loop without FMUs, its outputs on a grid of this step [s].
 
     The run is made twice, with a hundredfold difference in tolerance; the difference of the results
-    bounds the error of the looser run and determines the verdict on the tighter one.
-
-    Raises
-    ------
-    KeyError
-        For a parameter that does not exist.
-    NotEnoughMemory
-        If the rows of all steps do not fit.
+    bounds the error of the looser run and determines the verdict on the tighter one. Raises
+    KeyError for a parameter that does not exist, `NotEnoughMemory` if the rows of all steps do not
+    fit.
     """
     kernel = loop_kernel(loop.plant.name, loop.controller.name)
     reference, stop = loop.reference, loop.stop

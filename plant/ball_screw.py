@@ -49,16 +49,8 @@ def ball_screw(
 ) -> Component:
     """The axis from motor voltage `u` [V] to position `x` [m], with a given friction law.
 
-    Parameters
-    ----------
-    friction : function of the velocity symbol, returning a ForceTerm
-    name : str
-
-    Returns
-    -------
-    Component
-        States x, v, i and those of the friction law. A feedback law may act on x, v, the friction
-        law's deflection `z` (without one, its states) and i.
+    States x, v, i and those of the friction law. A feedback law may act on x, v, the friction law's
+    deflection `z` (without one, its states) and i.
     """
     # Sticking is a property of the whole body: its modes keep velocity and position constant.
     return able_to_stick(bare_ball_screw(friction, name))

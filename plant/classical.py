@@ -64,24 +64,12 @@ def with_sticking(
 ) -> Component:
     """The component with the modes stuck, forward and backward around its friction term.
 
-    Parameters
-    ----------
-    component : Component
-        Has a force balance of `velocity` with a term ``friction``, which opposes motion
-        by the sign of that state.
-    velocity : str
-        The state that is zero while the body sticks: its velocity relative to the surface.
-    position : str
-        The state that moves with `velocity`; in sticking its derivative is the one at zero
-        velocity.
-    breakaway : expression, optional
-        Force up to which the body sticks [N]; default: the friction of each direction at zero
-        velocity.
+    It has a force balance of `velocity` with a term ``friction``, which opposes motion by the sign
+    of that state. While it sticks, `velocity`, which is relative to the surface, is zero, and the
+    derivative of `position` is the one at zero velocity. It sticks up to the force `breakaway` [N];
+    default: the friction of each direction at zero velocity.
 
-    Raises
-    ------
-    ContractError
-        If it has no such balance or term, or has modes already.
+    Raises `ContractError` if it has no such balance or term, or has modes already.
     """
     v = symbol(velocity)
     balance = next((b for b in component.balances if b.state == velocity), None)

@@ -37,17 +37,8 @@ def direct_drive(
     """The drive from its command `u` to position `x` [m], with a given friction law.
 
     The command is in V; ``drive+force`` and similar names of the catalogue have it in another unit.
-
-    Parameters
-    ----------
-    friction : function of the velocity symbol, returning a ForceTerm
-    name : str
-
-    Returns
-    -------
-    Component
-        States x, v and those of the friction law; m dv/dt = gain u - friction - offset. A feedback
-        law may act on x, v and the friction law's deflection `z` (without one, its states).
+    States x, v and those of the friction law; m dv/dt = gain u - friction - offset. A feedback law
+    may act on x, v and the friction law's deflection `z` (without one, its states).
     """
     return able_to_stick(bare_direct_drive(friction, name))
 

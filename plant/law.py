@@ -26,36 +26,24 @@ Law = Callable[[sp.Expr], ForceTerm]
 
 @dataclass(frozen=True)
 class Claims:
-    """Claimed properties of a friction law, in symbols of its parameters and of the velocity ``v``.
+    """Claimed properties of a friction law, in symbols of its parameters and the velocity ``v``."""
 
-    Attributes
-    ----------
-    steady_state : expression or None
-        Friction [N] after a long time at the constant velocity ``v``; None: no such value exists.
-    stiffness : expression or None
-        dF/dx [N/m] at zero force and zero deflection, for motion in the direction of ``v``;
-        None: rigid; zero: smooth, without a deflection.
-    passive_if : relation
-        Condition on the parameters under which the law is passive: no motion from the undeflected
-        state can extract more work than was put in.
-    passive_above : expression
-        Speed [m/s]; the condition is valid only for motion that does not stay below it (passing
-        through it is allowed).
-    follows_path_only : bool
-        Friction depends on the path and not on the speed.
-    lags : bool
-        If the velocity oscillates without changing sign, friction is higher at rising velocity than
-        at falling velocity.
-    breaks_away_sooner_when_loaded_faster : bool
-        The largest friction before sliding falls as the loading rate grows.
-    """
-
+    # friction [N] after a long time at the constant velocity ``v``; None: no such value exists
     steady_state: sp.Expr | None
+    # dF/dx [N/m] at zero force and zero deflection, for motion in the direction of ``v``; None:
+    # rigid; zero: smooth, without a deflection
     stiffness: sp.Expr | None
+    # condition on the parameters under which the law is passive: no motion from the undeflected
+    # state can extract more work than was put in
     passive_if: sp.Basic = sp.true
+    # speed [m/s]; the condition is valid only for motion that does not stay below it (passing
+    # through it is allowed)
     passive_above: sp.Expr = sp.S.Zero
-    follows_path_only: bool = False
+    follows_path_only: bool = False  # friction depends on the path and not on the speed
+    # If the velocity oscillates without changing sign, friction is higher at rising velocity than
+    # at falling velocity
     lags: bool = False
+    # the largest friction before sliding falls as the loading rate grows
     breaks_away_sooner_when_loaded_faster: bool = False
 
 
@@ -67,12 +55,7 @@ class UnknownLaw(KeyError):
 
 
 def law(name: str) -> Law:
-    """The friction law of this name.
-
-    Raises
-    ------
-    UnknownLaw
-    """
+    """The friction law of this name; raises `UnknownLaw`."""
     module, function = _place(name)
     return cast("Law", getattr(importlib.import_module(module), function))
 
@@ -85,18 +68,7 @@ def turning(term: ForceTerm) -> ForceTerm:
 def with_each_law(
     make: Callable[[Law, str], Component], base: str
 ) -> Callable[[str], Callable[[], Component]]:
-    """``__getattr__`` of a module of plants: ``<base>_<law>`` is the plant with that law.
-
-    Parameters
-    ----------
-    make : function of (law, name) to a Component
-    base : str
-
-    Returns
-    -------
-    function
-        The module's ``__getattr__``.
-    """
+    """``__getattr__`` of a module of plants: ``<base>_<law>`` is the plant with that law."""
 
     def plant_named(name: str) -> Callable[[], Component]:
         known = name.removeprefix(f"{base}_")
@@ -108,12 +80,7 @@ def with_each_law(
 
 
 def claims(name: str) -> Claims:
-    """Claimed properties of the friction law of this name.
-
-    Raises
-    ------
-    UnknownLaw
-    """
+    """Claimed properties of the friction law of this name; raises `UnknownLaw`."""
     return cast("Claims", importlib.import_module(_place(name)[0]).CLAIMS)
 
 

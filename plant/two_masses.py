@@ -50,22 +50,10 @@ class OneBody(ValueError):
 def with_spring(plant: Component) -> Component:
     """The plant with a spring between encoder and block; damping one tenth of critical.
 
-    Parameters
-    ----------
-    plant : Component
-        Has one force balance, of `v`, and no sticking modes yet; or comes from `with_gap`, whose
-        sides then have the stiffness of the spring.
-
-    Returns
-    -------
-    Component
-        The block's position and velocity are states `xb` [m] and `vb` [m/s]; sticking
-        refers to these.
-
-    Raises
-    ------
-    OneBody
-        If the encoder's side has no inertia.
+    The plant has one force balance, of `v`, and no sticking modes yet; or comes from `with_gap`,
+    whose sides then have the stiffness of the spring. The block's position and velocity are states
+    `xb` [m] and `vb` [m/s]; sticking refers to these. Raises `OneBody` if the encoder's side has no
+    inertia.
     """
     return _joined(plant, spring=True, gap=_has(plant, GAP))
 

@@ -49,9 +49,9 @@ PLAN = Plan(
 def outcome(seed: int) -> dict[str, Any]:
     """One study: whether the equal, and the unequal, controllers are distinguished."""
     plan = replace(PLAN, seed=seed)
-    loops = studies.loops_of(plan)
     with tempfile.TemporaryDirectory() as folder:
-        _, figures = studies.tuned_and_judged(plan, loops, Path(folder), Processes(1))
+        work = studies.Work.of(plan, Path(folder), Processes(1))
+        figures = work.figures(work.tunings())
     errors = figures["rms_error"][:, :, 0]
     equal = compare(errors[0], errors[1])
     return {

@@ -16,23 +16,23 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
     "solver": (6653, 5843),
-    "plant": (1153, 910),
-    "controllers": (1365, 1050),
-    "instruments": (869, 699),
+    "plant": (1089, 920),
+    "controllers": (1294, 1053),
+    "instruments": (812, 704),
     "fmus": (5265, 4702),
-    "orchestration": (13850, 11426),
+    "orchestration": (13218, 11463),
     "stability": (3105, 2498),
-    "ballscrew": (4734, 3909),
+    "ballscrew": (4759, 3934),
     "gallery": (3571, 3184),
     "records": (2379, 2155),
     "identification": (4714, 3940),
     "diagnosis": (6393, 5106),
     "rig": (1738, 1374),
     "proofs": (12916, 11549),
-    "benchmarks": (1869, 1731),
+    "benchmarks": (1871, 1733),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28225, 26937),
+    "tests": (28226, 26937),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -20,44 +20,23 @@ ALIKE = 0.1
 
 @dataclass(frozen=True)
 class Mean:
-    """A mean of a figure over plants, with its interval; NaN if a run has no such figure.
+    """A mean of a figure over plants, with its interval; NaN if a run has no such figure."""
 
-    Attributes
-    ----------
-    mean : float
-        In the figure's unit.
-    low, high : float
-        90 % interval of it, over plants and their noise.
-    geometric : bool
-        Whether it is the geometric mean.
-    """
-
-    mean: float
-    low: float
+    mean: float  # in the figure's unit
+    low: float  # 90 % interval of it, over plants and their noise
     high: float
-    geometric: bool
+    geometric: bool  # whether it is the geometric mean
 
 
 @dataclass(frozen=True)
 class Difference:
-    """How a figure of one controller compares with that of another.
+    """How a figure of one controller compares with that of another."""
 
-    Attributes
-    ----------
-    ratio : float
-        Geometric mean of first over second.
-    low, high : float
-        90 % interval of it, over plants and tunings.
-    told_apart : bool
-        Whether the interval contains no ratio within 2 % of 1.
-    alike : bool
-        Whether it contains only ratios within 10 % of 1. If neither, these runs cannot tell.
-    """
-
-    ratio: float
-    low: float
+    ratio: float  # geometric mean of first over second
+    low: float  # 90 % interval of it, over plants and tunings
     high: float
-    told_apart: bool
+    told_apart: bool  # whether the interval contains no ratio within 2 % of 1
+    # whether it contains only ratios within 10 % of 1. If neither, these runs cannot tell
     alike: bool
 
     @property
@@ -70,20 +49,12 @@ class Difference:
 def mean_over_plants(figure: Matrix, geometric: bool) -> Mean:
     """The mean of a figure over the drawn plants, each with its own noise.
 
-    Student's interval over the plants, of the mean over tunings on each. For a positive figure it
-    is that of the logarithm: differences of plants mostly multiply an error, so that the logarithm
-    is closer to normal, and two controllers are compared by it. The tunings are fixed: the scatter
-    of other tunings is not included.
-
-    A bootstrap needs no distribution, but with 20 plants it is too narrow (for a normal figure it
-    contains the mean in 86 or 87 of 100 studies).
-
-    Parameters
-    ----------
-    figure : ndarray, shape (seeds, plants)
-        By tuning and plant.
-    geometric : bool
-        Whether to take the logarithm; all are positive then.
+    The figure is by tuning and plant, shape (seeds, plants). Student's interval over the plants, of
+    the mean over tunings on each. For a positive figure (`geometric`) it is that of the logarithm:
+    differences of plants mostly multiply an error, so that the logarithm is closer to normal, and
+    two controllers are compared by it. The tunings are fixed: the scatter of other tunings is not
+    included. A bootstrap needs no distribution, but with 20 plants it is too narrow (for a normal
+    figure it contains the mean in 86 or 87 of 100 studies).
     """
     from scipy import stats
 
@@ -99,16 +70,11 @@ def mean_over_plants(figure: Matrix, geometric: bool) -> Mean:
 
 
 def compare(first: Matrix, second: Matrix) -> Difference:
-    """Compare a positive figure of two controllers.
+    """Compare a positive, finite figure of two controllers, shape (seeds, plants).
 
     The plants are the same for both, so that their differences are paired; tunings are not. The
     variance of the mean is the sum of that over plants and of those over the tunings of each, its
     degrees of freedom after Welch and Satterthwaite (B. L. Welch, Biometrika 34, 28 (1947)).
-
-    Parameters
-    ----------
-    first, second : ndarray, shape (seeds, plants)
-        Figures by tuning and plant; positive and finite.
     """
     from scipy import stats
 

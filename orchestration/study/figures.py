@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
 
+from ...instruments import UNLIMITED
+from ...solver.kernel import PLANT
+from ..machine import LIMIT
 from ..metrics import BAND, Vector, overshoot, settled_from
-from .loop import Course
+from ..reference_signal import Reference
+from .loop import AnyLoop, Course
 
 MICRON = 1e-6
 COUNTS = 10
@@ -19,56 +24,31 @@ CYCLES = 2  # fewest cycles in it that are called hunting
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures of merit of a run; NaN if the run does not define one, or failed.
+    """Figures of merit of a run; NaN if the run does not define one, or failed."""
 
-    Attributes
-    ----------
-    rms_error, peak_error : float
-        Set-point minus position [m].
-    settling_2pct, settling_1um, settling_10counts : float
-        From the end of the last motion until the error stays within 2 % of the set-point's range,
-        1 um, 10 counts [s]; infinite if it does not.
-    overshoot : float
-        Furthest beyond the range of the set-point [m].
-    reversal_error : float
-        Largest error within 50 ms after the set-point reverses [m].
-    energy : float
-        Energy from the amplifier, which takes none back [J].
-    total_variation : float
-        Sum of the magnitudes of all changes of the command [V].
-    saturated_share : float
-        Share of the time in which the command is at the amplifier's limit.
-    peak_current : float
-        [A]
-    hunting_amplitude, hunting_period : float
-        Half the range of the position in the last quarter of the last rest [m], and its period [s];
-        zero and NaN if there are fewer than two whole cycles in it.
-    hunting : float
-        1 if it hunts there: two oscillations or more, with an amplitude of more than a count
-        of the position sensor. 0 if it does not: it stays within a count. NaN if this cannot
-        be decided: it creeps, oscillates by less than a count, or there is no rest.
-    steady_error : float
-        Mean error there [m].
-    failed : float
-        1 if the solver could not continue.
-    """
-
-    rms_error: float
+    rms_error: float  # set-point minus position [m]
     peak_error: float
+    # from the end of the last motion until the error stays within 2 % of the set-point's range, 1
+    # um, 10 counts [s]; infinite if it does not
     settling_2pct: float
     settling_1um: float
     settling_10counts: float
-    overshoot: float
-    reversal_error: float
-    energy: float
-    total_variation: float
-    saturated_share: float
-    peak_current: float
+    overshoot: float  # furthest beyond the range of the set-point [m]
+    reversal_error: float  # largest error within 50 ms after the set-point reverses [m]
+    energy: float  # energy from the amplifier, which takes none back [J]
+    total_variation: float  # sum of the magnitudes of all changes of the command [V]
+    saturated_share: float  # share of the time in which the command is at the amplifier's limit
+    peak_current: float  # [A]
+    # half the range of the position in the last quarter of the last rest [m], and its period [s];
+    # zero and NaN if there are fewer than two whole cycles in it
     hunting_amplitude: float
     hunting_period: float
+    # 1 if it hunts there: two oscillations or more, with an amplitude of more than a count of the
+    # position sensor. 0 if it does not: it stays within a count. NaN if this cannot be decided: it
+    # creeps, oscillates by less than a count, or there is no rest
     hunting: float
-    steady_error: float
-    failed: float = 0.0
+    steady_error: float  # mean error there [m]
+    failed: float = 0.0  # 1 if the solver could not continue
 
 
 NAMES = tuple(f.name for f in fields(Figures))
@@ -92,17 +72,20 @@ def hunting_verdict(hunting: float) -> str:
     return "hunting" if hunting else "none"
 
 
-def figures_of(course: Course, count: float, limit: float) -> Figures:
-    """The figures of a run.
+def measured(
+    loop: AnyLoop,
+    values: Mapping[str, float],
+    motion: tuple[Reference, float],
+    tolerance: float,
+    count: float,
+) -> tuple[Course, Figures]:
+    """Run a loop with these values over a motion and its length [s]; the run and its figures."""
+    course = loop.run(values, *motion, tolerance)
+    return course, figures_of(course, count, values.get(PLANT + LIMIT, UNLIMITED))
 
-    Parameters
-    ----------
-    course : Course
-    count : float
-        Resolution of the position sensor [m].
-    limit : float
-        Limit of the amplifier [V].
-    """
+
+def figures_of(course: Course, count: float, limit: float) -> Figures:
+    """The figures of a run, with the sensor's resolution [m] and the limit of the command."""
     if course.stopped or not np.isfinite(course.position).all():
         return Figures(**dict.fromkeys(NAMES, math.nan) | {"failed": 1.0})
     time, error = course.time, course.reference - course.position

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from ...solver import core
 from ...solver.kernel import CONTROLLER, PLANT, Kernel, Model, ParameterInfo
-from ..closed_loop import opened, run_parts
+from ..closed_loop import joined_pair
 from ..fmu_instance import StepFailed
 from ..loop import Loop
 from ..reference_signal import Reference
@@ -27,40 +28,30 @@ TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class Course:
-    """A run of a loop, on its grid of m times.
+    """A run of a loop, on its grid of m times."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (m,)
-        [s]
-    position, velocity, current, command, reference, reference_velocity : ndarray, shape (m,)
-        [m], [m/s], [A], in the unit of the plant's command, [m], [m/s]. The current is NaN for a
-        plant without a current.
-    stopped : str
-        Why it ended early; empty if it did not.
-    """
-
-    time: Vector
+    time: Vector  # shape (m,); [s]
+    # shape (m,); [m], [m/s], [A], in the unit of the plant's command, [m], [m/s]. The current is
+    # NaN for a plant without a current
     position: Vector
     velocity: Vector
     current: Vector
     command: Vector
     reference: Vector
     reference_velocity: Vector
-    stopped: str = ""
+    stopped: str = ""  # why it ended early; empty if it did not
 
 
-@dataclass(frozen=True)
-class StudyLoop:
-    """A plant and a controller as one system of equations.
+class AnyLoop(Protocol):
+    """A closed loop that is run many times with other values."""
 
-    Attributes
-    ----------
-    kernel : Kernel
-        See `loop_kernel`.
-    """
+    @property
+    def parameters(self) -> Sequence[ParameterInfo]:
+        """Of both parts, with the prefixes of a loop's parts."""
 
-    kernel: Kernel = field(repr=False)
+    @property
+    def digest(self) -> str:
+        """Of its equations and of the files of its FMUs."""
 
     def run(
         self,
@@ -68,9 +59,8 @@ class StudyLoop:
         reference: Reference,
         stop: float,
         tolerance: float = TOLERANCE,
-        step: float = STEP,
     ) -> Course:
-        """Run from rest.
+        """Run from rest; the grid is that of a sampled controller, else `STEP`.
 
         Parameters
         ----------
@@ -80,17 +70,38 @@ class StudyLoop:
         stop : float
             [s]
         tolerance : float
-            Relative, of the solver.
-        step : float
-            Of the grid [s]. A sampled controller has the grid of its samples.
+            Relative, of the solver. Over FMUs a finer one than usual halves the master's steps.
 
         Raises
         ------
         KeyError
             For a parameter that does not exist.
         """
+
+
+@dataclass(frozen=True)
+class StudyLoop:
+    """A plant and a controller as one system of equations, see `loop_kernel`."""
+
+    kernel: Kernel = field(repr=False)
+
+    @property
+    def parameters(self) -> Sequence[ParameterInfo]:
+        return self.kernel.parameters
+
+    @property
+    def digest(self) -> str:
+        return self.kernel.module
+
+    def run(
+        self,
+        values: Mapping[str, float],
+        reference: Reference,
+        stop: float,
+        tolerance: float = TOLERANCE,
+    ) -> Course:
         model = Model(self.kernel, values, tolerance, _system(self.kernel))
-        step = model.sample_time or step
+        step = model.sample_time or STEP
         time = np.arange(math.ceil(stop / step - 1e-9) + 1, dtype=np.float64) * step
         x_d, v_d = reference.on(time, 0), reference.on(time, 1)
         y, stopped = follow(model, reference, time)
@@ -102,32 +113,22 @@ class StudyLoop:
 
 @dataclass(frozen=True)
 class FmuLoop:
-    """As `StudyLoop`, with an FMU as controller: both parts are FMUs, coupled by the master.
+    """A loop with an FMU as controller: both parts are FMUs, coupled by the master.
 
-    Attributes
-    ----------
-    loop : Loop
-        With its sampling period, if it is a digital controller.
+    A digital controller has its sampling period in the `Loop`.
     """
 
     loop: Loop
 
-    @property
-    def kernel(self) -> FmuLoop:
-        """What a study asks of a kernel: the parameters, and what changes with the equations."""
-        return self
-
     @cached_property
     def parameters(self) -> tuple[ParameterInfo, ...]:
-        """Of both parts, with the prefixes of a loop's parts."""
         sides = (PLANT, self.loop.plant), (CONTROLLER, self.loop.controller)
         return tuple(
             replace(p, name=side + n) for side, part in sides for n, p in part.parameters.items()
         )
 
     @property
-    def module(self) -> str:
-        """The content of both parts."""
+    def digest(self) -> str:
         digest = hashlib.sha256(self.loop.controller.fmu().read_bytes()).hexdigest()
         return self.loop.plant.kernel.module + digest
 
@@ -137,10 +138,8 @@ class FmuLoop:
         reference: Reference,
         stop: float,
         tolerance: float = TOLERANCE,
-        step: float = STEP,
     ) -> Course:
-        """As `StudyLoop.run`; with a finer tolerance than usual, steps of the master are halved."""
-        step = self.loop.sampled or (step if tolerance >= TOLERANCE else 0.5 * step)
+        step = self.loop.sampled or (STEP if tolerance >= TOLERANCE else 0.5 * STEP)
         count = math.ceil(stop / step - 1e-9)
         loop = replace(
             self.loop,
@@ -150,8 +149,8 @@ class FmuLoop:
             controller_values=of_side(CONTROLLER, values),
         )
         try:
-            with opened(loop) as (plant, controller):
-                found, _ = run_parts(loop, plant, controller, step, look_again=False)
+            with joined_pair(loop) as joined:
+                found = joined.run_at(loop, step, look_again=False)
             stopped = found.stopped
         except StepFailed as error:
             stopped = str(error)

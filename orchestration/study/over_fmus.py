@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...solver.kernel import CONTROLLER, DEFAULT_TOLERANCE, PLANT
-from ..closed_loop import run_pair
+from ..closed_loop import run_closed_loop
 from ..loop import Loop
-from .loop import StudyLoop, of_side
+from .loop import AnyLoop, of_side
 
 if TYPE_CHECKING:
     from .plan import Duty
@@ -29,36 +29,25 @@ TOLERANCES = 40  # number of tolerances for the repetition of a run that seems t
 
 @dataclass(frozen=True)
 class FmuCheck:
-    """One run over FMUs, compared with that of the study.
+    """One run over FMUs, compared with that of the study."""
 
-    Attributes
-    ----------
-    apart : float
-        Largest distance of the two positions [m].
-    allowed : float
-        Ten times the uncertainty of the study's own run: its largest change by one unit in the last
-        place of any parameter of the plant, by a tenth of the solver's tolerance, or by that of the
-        FMUs' own solvers [m]; if that is less than `apart`, also by tolerances in between. At least
-        the master's own estimate of its coupling error.
-    agrees : bool
-        Whether the position over FMUs is that near, and the figures of the table agree with the run
-        over FMUs.
-    coupling : str
-        The master's verdict on its coupling: ``trusted`` or ``not converged``; empty if the study's
-        own run failed, so that none was made over FMUs.
-    reason : str
-        Reason of this verdict.
-    """
-
-    apart: float
+    apart: float  # largest distance of the two positions [m]
+    # ten times the uncertainty of the study's own run: its largest change by one unit in the last
+    # place of any parameter of the plant, by a tenth of the solver's tolerance, or by that of the
+    # FMUs' own solvers [m]; if that is less than `apart`, also by tolerances in between. At least
+    # the master's own estimate of its coupling error
     allowed: float
+    # whether the position over FMUs is that near, and the figures of the table agree with the run
+    # over FMUs
     agrees: bool
+    # the master's verdict on its coupling: ``trusted`` or ``not converged``; empty if the study's
+    # own run failed, so that none was made over FMUs
     coupling: str = ""
-    reason: str = ""
+    reason: str = ""  # reason of this verdict
 
 
 def check_over_fmus(
-    loop: StudyLoop,
+    loop: AnyLoop,
     fmus: tuple[str, str],
     values: Mapping[str, float],
     duty: Duty,
@@ -67,18 +56,8 @@ def check_over_fmus(
 ) -> FmuCheck:
     """Run one loop over FMUs and compare.
 
-    Parameters
-    ----------
-    loop : StudyLoop
-    fmus : tuple of two str
-        Paths of the plant's and the controller's FMU.
-    values : mapping of str to float
-        By the loop's names.
-    duty : Duty
-    tolerance : float
-        Of the study's run.
-    table : mapping of str to float
-        The study's figures of this run, those of `COMPARED`.
+    `fmus` are the paths of plant and controller, `values` by the loop's names, `tolerance` and
+    `table`, the figures `COMPARED`, those of the study's run.
     """
     reference = duty.signal()
     own = loop.run(values, reference, duty.stop, tolerance)
@@ -105,7 +84,7 @@ def check_over_fmus(
         controller_values=of_side(CONTROLLER, values),
         isolate=False,
     )
-    found = run_pair(over).run
+    found = run_closed_loop(over).run
     position = np.interp(own.time, found.time, found.outputs["x"])
     apart = float(np.abs(position - own.position).max())
     if apart > ALLOWED * uncertain:  # all of them may have no effect by chance
@@ -121,9 +100,9 @@ def check_over_fmus(
     return FmuCheck(apart, allowed, agrees, verdict.word, verdict.reason)
 
 
-def _nearest(loop: StudyLoop, values: Mapping[str, float]) -> Iterator[dict[str, float]]:
+def _nearest(loop: AnyLoop, values: Mapping[str, float]) -> Iterator[dict[str, float]]:
     """Yield the values with one parameter of the plant after the other at its next number."""
-    for p in loop.kernel.parameters:
+    for p in loop.parameters:
         if p.name.startswith(PLANT):
             value = values.get(p.name, p.default)
             if value:

@@ -21,7 +21,7 @@ from ...solver.contract_error import ContractError
 from ..catalogue import in_units_of
 from ..file_values import for_plant
 from ..limits import BadParameter
-from ..machine import Machine, gain_ranges, limit_of, model_values, own_ranges
+from ..machine import Machine, gain_ranges, model_values, own_ranges
 from ..parameter_file import BadParameters
 from ..parameter_reading import read_parameters
 from ..parts import BadPart, Part
@@ -30,7 +30,7 @@ from ..reference_signal import BadReference, Reference
 from .figures import NAMES
 from .loop import STEP
 from .reading import BadPlan, as_flag, as_list, as_numbers, as_range, as_table, check_names
-from .sobol import sobol_shares
+from .sensitivity import sobol_shares
 from .variation import Variation, read_variation
 
 VERSION = 1
@@ -41,26 +41,14 @@ Own = Callable[[str], tuple[dict[str, float], dict[str, tuple[float, float]]]]
 
 @dataclass(frozen=True)
 class Duty:
-    """A motion to follow.
-
-    Attributes
-    ----------
-    name : str
-    reference : str
-        A motion, see `read_motion`, or the path of a table.
-    stop : float
-        [s]
-    tune : bool
-        Whether controllers are tuned on it; they are judged on the others.
-    plant : dict of str to float
-        Parameters of the plant that differ from their defaults at this duty: those of the study's
-        parameter file, replaced by its own, such as those of a load.
-    """
+    """A motion to follow."""
 
     name: str
-    reference: str
-    stop: float
-    tune: bool = False
+    reference: str  # a motion, see `read_motion`, or the path of a table
+    stop: float  # [s]
+    tune: bool = False  # whether controllers are tuned on it; they are judged on the others
+    # parameters of the plant that differ from their defaults at this duty: those of the study's
+    # parameter file, replaced by its own, such as those of a load
     plant: Mapping[str, float] = field(default_factory=dict)
 
     def table(self) -> bytes:
@@ -68,106 +56,60 @@ class Duty:
         return b"" if read_motion(self.reference) else Path(self.reference).read_bytes()
 
     def signal(self) -> Reference:
-        """The set-point over time.
-
-        Raises
-        ------
-        BadReference
-        """
+        """The set-point over time; raises `BadReference`."""
         return _signal(self.reference)
 
 
 @dataclass(frozen=True)
 class Entrant:
-    """A controller that takes part.
+    """A controller that takes part."""
 
-    Attributes
-    ----------
-    name : str
-        Name in tables.
-    component : str
-        A name of the catalogue or ``file.py:function``, either with ``+feed_forward``, or the path
-        of an FMU.
-    values : dict of str to float
-        Fixed parameters that differ from their defaults, and start values of tuned parameters.
-    tune : dict of str to (float, float)
-        Parameters that are tuned, and their ranges; if a plan gives none, those of `own_ranges`
-        that are not in `values`.
-    """
-
-    name: str
+    name: str  # name in tables
+    # a name of the catalogue or ``file.py:function``, either with ``+feed_forward``, or the path of
+    # an FMU
     component: str
+    # fixed parameters that differ from their defaults, and start values of tuned parameters
     values: Mapping[str, float] = field(default_factory=dict)
+    # parameters that are tuned, and their ranges; if a plan gives none, those of `own_ranges` that
+    # are not in `values`
     tune: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """How all controllers are tuned.
+    """How all controllers are tuned."""
 
-    Attributes
-    ----------
-    budget : int
-        Candidates for each controller; twice as many are tried to find what that would gain.
-    plants : int
-        Drawn plants on which each candidate runs, in addition to the nominal one.
-    seeds : int
-        Number of repeated tunings of each, so that the scatter of a tuning is known.
-    limits : dict of str to float
-        Largest values of figures, see `Figures`, that a tuned controller should not exceed.
-    """
-
+    # candidates for each controller; twice as many are tried to find what that would gain
     budget: int = 100
-    plants: int = 2
-    seeds: int = 3
+    plants: int = 2  # drawn plants on which each candidate runs, in addition to the nominal one
+    seeds: int = 3  # number of repeated tunings of each, so that the scatter of a tuning is known
+    # largest values of figures, see `Figures`, that a tuned controller should not exceed
     limits: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A whole study.
-
-    Attributes
-    ----------
-    plant : str
-    entrants : tuple of Entrant
-    duties : tuple of Duty
-    variations : tuple of Variation
-    tuning : Tuning
-    plants : int
-        Drawn plants on which the tuned controllers are judged.
-    period : float
-        Sampling period of all controllers [s]; 0 for continuous ones, without instruments.
-    delay : int
-        Samples until a computed command is put out.
-    instruments : tuple of str
-        Through which the controllers measure, one after the other, see `measured_through`.
-    command_limit : float or None
-        Largest magnitude of the command, in the unit of the plant's command: volts of an amplifier,
-        newtons if the command is a force. None: see `limit_of`.
-    count : float
-        Of the position sensor, for figures in counts [m].
-    tolerance : float
-        Relative, of the solver.
-    seed : int
-    sobol : int
-        Points of the sample for Sobol indices; 0 for none. Each controller then runs
-        ``sobol (variations + 2)`` times at each judged duty.
-    """
+    """A whole study."""
 
     plant: str
     entrants: tuple[Entrant, ...]
     duties: tuple[Duty, ...]
     variations: tuple[Variation, ...] = ()
     tuning: Tuning = field(default_factory=Tuning)
-    plants: int = 20
+    plants: int = 20  # drawn plants on which the tuned controllers are judged
+    # sampling period of all controllers [s]; 0 for continuous ones, without instruments
     period: float = 1e-3
-    delay: int = 0
+    delay: int = 0  # samples until a computed command is put out
+    # through which the controllers measure, one after the other, see `measured_through`
     instruments: tuple[str, ...] = ()
+    # largest magnitude of the command, in the unit of the plant's command: volts of an amplifier,
+    # newtons if the command is a force. None: see `limit_of` of `machine`
     command_limit: float | None = None
-    count: float = 1 / 512_000
-    tolerance: float = 1e-6
+    count: float = 1 / 512_000  # of the position sensor, for figures in counts [m]
+    tolerance: float = 1e-6  # relative, of the solver
     seed: int = 1
+    # points of the sample for Sobol indices; 0 for none. Each controller then runs ``sobol
+    # (variations + 2)`` times at each judged duty
     sobol: int = 0
 
     @property
@@ -179,12 +121,9 @@ class Plan:
         return tuple(d for d in self.duties if not d.tune)
 
     def draws(self, purpose: str) -> npt.NDArray[np.float64]:
-        """The drawn plants, one row each, one column per variation.
+        """The drawn plants to "tune" on or to "judge" on, one row each, one column per variation.
 
-        Parameters
-        ----------
-        purpose : {"tune", "judge"}
-            The two purposes have different plants. The first plant for tuning is the nominal one.
+        The two purposes have different plants. The first plant for tuning is the nominal one.
         """
         count = self.tuning.plants if purpose == "tune" else self.plants
         random = np.random.default_rng([self.seed, ("tune", "judge").index(purpose)])
@@ -212,13 +151,7 @@ class Plan:
         return np.vstack([*rows, self.draws("tune"), self.draws("judge"), *sobol])
 
     def sobol_draws(self) -> npt.NDArray[np.float64]:
-        """The plants on which Sobol indices are computed, see `sobol_shares`.
-
-        Raises
-        ------
-        BadPlan
-            If SALib is not installed.
-        """
+        """The plants of the Sobol indices, see `sobol_shares`; raises `BadPlan` without SALib."""
         return self.drawn(sobol_shares(self.sobol, len(self.variations), self.seed))
 
     def to_json(self) -> str:
@@ -232,12 +165,7 @@ def _signal(text: str) -> Reference:
 
 
 def read_plan(path: Path | str) -> Plan:
-    """Read a study file.
-
-    Raises
-    ------
-    BadPlan
-    """
+    """Read a study file; raises `BadPlan`."""
     try:
         table = tomllib.loads(Path(path).read_text("utf-8"))
     except (OSError, UnicodeDecodeError) as error:
@@ -309,10 +237,8 @@ def _own(
     if not tunable(component):  # from a user's file, which gives all of this itself
         return {}, own_ranges(component)
     try:
-        plant = Part(table["plant"])
-        limit = limit_of(plant, values, table.get("command_limit"))
-        machine = Machine(plant, values, limit)
-        controller = Part(in_units_of(component, plant.name))
+        machine = Machine.of(Part(table["plant"]), values, table.get("command_limit"))
+        controller = Part(in_units_of(component, machine.plant.name))
         ranges, start = gain_ranges(controller, machine)
         return {**model_values(controller, machine), **start}, ranges
     except (BadParameter, ContractError) as error:

@@ -15,8 +15,7 @@ from .comparison import Difference, Mean, compare, mean_over_plants
 from .figures import NAMES, SIZES, hunting_verdict
 from .over_fmus import TRUSTED, FmuCheck
 from .plan import Plan
-from .sensitivity import Sensitivity, sensitivity
-from .sobol import SobolIndex
+from .sensitivity import Sensitivity, SobolIndex, sensitivity
 from .tuning import Tuned
 
 Array = npt.NDArray[np.float64]
@@ -37,80 +36,42 @@ class Run(NamedTuple):
 
 @dataclass(frozen=True)
 class Shown:
-    """A run for the report, at some hundreds of times; empty if it failed.
+    """A run for the report, at some hundreds of times; empty if it failed."""
 
-    Attributes
-    ----------
-    time : list of float
-        [s]
-    error : list of float
-        Set-point minus position [m].
-    command : list of float
-        In the unit of the plant's command.
-    """
-
-    time: list[float]
-    error: list[float]
-    command: list[float]
+    time: list[float]  # [s]
+    error: list[float]  # set-point minus position [m]
+    command: list[float]  # in the unit of the plant's command
 
 
 @dataclass(frozen=True)
 class DutyAnswer:
-    """The best controllers at a duty.
-
-    Attributes
-    ----------
-    duty : str
-    order : tuple of str
-        Controllers by their geometric mean error, the best first; without those that failed.
-    best : tuple of str
-        The first one, and all that are shown to be equal to it within 10 %.
-    unclear : tuple of str
-        Those of which these runs cannot tell whether they differ from it.
-    failed : dict of str to int
-        Failed runs by controller.
-    """
+    """The best controllers at a duty."""
 
     duty: str
+    # controllers by their geometric mean error, the best first; without those that failed
     order: tuple[str, ...]
-    best: tuple[str, ...]
-    unclear: tuple[str, ...]
-    failed: dict[str, int]
+    best: tuple[str, ...]  # the first one, and all that are shown to be equal to it within 10 %
+    unclear: tuple[str, ...]  # those of which these runs cannot tell whether they differ from it
+    failed: dict[str, int]  # failed runs by controller
 
 
 @dataclass(frozen=True)
 class StudyResult:
-    """A finished study.
-
-    Attributes
-    ----------
-    plan : Plan
-    tunings : dict of str to list of Tuned
-        By controller, one for each seed.
-    figures : dict of str to ndarray, shape (controllers, seeds, duties, plants)
-        By name, see `Figures`.
-    answers : list of DutyAnswer
-    differences : dict
-        By duty and pair of controllers, of the rms error.
-    sensitivities : dict of str to Sensitivity
-        Of the rms error, by controller.
-    checks : dict of Run to FmuCheck
-        Runs that were repeated over FMUs.
-    sobol : dict
-        Sobol indices of the rms error by controller, duty and variation; empty if not requested,
-        and for a duty with a failed run.
-    courses : dict of str to dict of str to Shown
-        By duty and controller, for the nominal plant with the tuning of least cost.
-    """
+    """A finished study."""
 
     plan: Plan
-    tunings: dict[str, list[Tuned]]
+    tunings: dict[str, list[Tuned]]  # by controller, one for each seed
+    # shape (controllers, seeds, duties, plants); by name, see `Figures`
     figures: dict[str, Array] = field(repr=False)
     answers: list[DutyAnswer]
+    # by duty and pair of controllers, of the rms error
     differences: dict[str, dict[tuple[str, str], Difference]]
-    sensitivities: dict[str, Sensitivity]
-    checks: dict[Run, FmuCheck]
+    sensitivities: dict[str, Sensitivity]  # of the rms error, by controller
+    checks: dict[Run, FmuCheck]  # runs that were repeated over FMUs
+    # Sobol indices of the rms error by controller, duty and variation; empty if not requested, and
+    # for a duty with a failed run
     sobol: dict[str, dict[str, dict[str, SobolIndex]]] = field(default_factory=dict)
+    # by duty and controller, for the nominal plant with the tuning of least cost
     courses: dict[str, dict[str, Shown]] = field(default_factory=dict, repr=False)
 
     @property

@@ -16,37 +16,39 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from .figures import Figures
+
 Vector = npt.NDArray[np.float64]
 Cost = Callable[[Mapping[str, float]], float]
 
+FAILED = 1e6  # price of a run that fails
+OVER_LIMIT = 10.0  # price of each limit that is exceeded by its own size
 SPREAD = 0.2  # of each range, of the first candidates
+
+
+def price(found: Figures, size: float, limits: Mapping[str, float]) -> float:
+    """Price of a run: its rms error over a size [m], and more for figures beyond their limits."""
+    if found.failed:
+        return FAILED
+    paid = min(FAILED, found.rms_error / size)
+    for name, most in limits.items():
+        reached = getattr(found, name)
+        if reached > most:
+            excess = reached / most - 1 if most > 0 else reached
+            paid += OVER_LIMIT * min(excess, FAILED)
+    return paid
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """Values that a tuning found.
+    """Values that a tuning found."""
 
-    Attributes
-    ----------
-    values : dict of str to float
-        The best within the budget.
-    cost : float
-    published_cost : float
-        Cost of the published rule.
-    doubled_cost : float
-        The best within twice the budget.
-    tried : int
-        Number of all candidates.
-    at_bound : tuple of str
-        Values that ended within 1 % of an end of their range.
-    """
-
-    values: dict[str, float]
+    values: dict[str, float]  # the best within the budget
     cost: float
-    published_cost: float
-    doubled_cost: float
-    tried: int
-    at_bound: tuple[str, ...] = ()
+    published_cost: float  # cost of the published rule
+    doubled_cost: float  # the best within twice the budget
+    tried: int  # number of all candidates
+    at_bound: tuple[str, ...] = ()  # values that ended within 1 % of an end of their range
 
 
 def tune(
@@ -56,19 +58,11 @@ def tune(
     budget: int,
     seed: int | Sequence[int],
 ) -> Tuned:
-    """Find values with a small cost.
+    """Find values with a small cost, from published ones on.
 
-    Parameters
-    ----------
-    cost : function of values by name
-        Not NaN; the same values always cost the same.
-    published : mapping of str to float
-        Values to begin with.
-    ranges : mapping of str to (float, float)
-        Without any range, the result is the published values.
-    budget : int
-        Candidates for the result; as many again show what more candidates would gain.
-    seed : int or sequence of int
+    Without any range the published values are the result. The same values always have the same
+    cost, which is not NaN. `budget` candidates are for the result; as many again show what more
+    candidates would gain.
     """
     names = list(ranges)
     start = {n: float(np.clip(published[n], *ranges[n])) for n in names}

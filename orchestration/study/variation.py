@@ -26,23 +26,14 @@ OUTERMOST = 2.0**-53  # share of all draws: the smallest that doubles distinguis
 
 @dataclass(frozen=True)
 class Variation:
-    """A draw for each plant: a factor on nominal values of parameters, or a temperature.
+    """A draw for each plant: a factor on nominal values of parameters, or a temperature."""
 
-    Attributes
-    ----------
-    parameters : tuple of str
-        Of the plant. All get the same factor, or the factors that follow from the temperature.
-    numbers : tuple of two floats
-        Of the distribution, see `DISTRIBUTIONS`: factors, or kelvins above nominal.
-    distribution : str
-        A temperature is uniform.
-    coefficients : dict of str to float
-        For a temperature: change of each parameter, relative to its nominal value, per kelvin.
-    """
-
+    # of the plant. All get the same factor, or the factors that follow from the temperature
     parameters: tuple[str, ...]
+    # of the distribution, see `DISTRIBUTIONS`: factors, or kelvins above nominal
     numbers: tuple[float, float]
-    distribution: str = UNIFORM
+    distribution: str = UNIFORM  # a temperature is uniform
+    # for a temperature: change of each parameter, relative to its nominal value, per kelvin
     coefficients: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -82,12 +73,7 @@ class Variation:
 
 
 def read_variation(given: Any) -> Variation:
-    """A ``[[vary]]`` of a study file.
-
-    Raises
-    ------
-    BadPlan
-    """
+    """A ``[[vary]]`` of a study file; raises `BadPlan`."""
     given = as_table("vary", given)
     check_names("vary", given, ("parameters", "coefficients", *DISTRIBUTIONS))
     kinds = [kind for kind in DISTRIBUTIONS if kind in given]

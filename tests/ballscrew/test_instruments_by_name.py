@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.instruments import without_instruments
+from ballscrew.instruments import PartName
 from ballscrew.orchestration.catalogue import component, fmu_kernel, has_equations, kept_as, name_of
 from ballscrew.orchestration.parts import resolve_controller
 
@@ -54,11 +54,12 @@ def test_swap_compares_a_controller_with_and_without_instruments(tmp_path, capsy
 
 
 def test_a_part_s_name_says_the_controller_and_its_instruments():
-    assert without_instruments("c++/mine.py:pi+velocity_estimate") == (
-        "c++/mine.py:pi",
-        ("velocity_estimate",),
-    )
-    assert without_instruments("position_encoder") == ("position_encoder", ())
+    named = PartName.of("c++/mine.py:pi+feed_forward+sampled+velocity_estimate+rotary+torque")
+    whole = "c++/mine.py:pi", True, True, ("velocity_estimate",), ("rotary", "torque")
+    assert named == PartName(*whole)
+    for name in (str(named), "position_encoder", "sampled", "pid+position_encoder+sampled", "a+b"):
+        assert str(PartName.of(name)) == name
+    assert PartName.of("position_encoder").bare == "position_encoder"
     assert has_equations(NAME)
     assert not has_equations("some+position_encoder")
     assert name_of(NAME) == NAME

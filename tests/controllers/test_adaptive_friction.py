@@ -9,7 +9,6 @@ from scipy.integrate import cumulative_simpson
 from ballscrew.controllers import tunable
 from ballscrew.controllers.adaptive_friction import adaptive_friction
 from ballscrew.orchestration.whole_loop import loop_kernel
-from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import symbol
 from ballscrew.solver.kernel import Model
 
@@ -47,22 +46,6 @@ def test_on_the_plant_s_friction_it_learns_the_coulomb_part():
     model.set_input("x_d", 0.08)
     run = model.simulate([0.0, 1.0])
     assert estimate(run)[-1] == pytest.approx(1.284, rel=0.05)
-
-
-def test_command_and_estimate_are_the_formulas_at_one_point_by_hand():
-    values = DEFAULT | {"rate": 40.0, "slow": 0.02}
-    model = Model(generate(adaptive_friction()), {"rate": 40.0, "slow": 0.02})
-    x, v, i, x_d, w, y = 0.01, 0.03, 0.5, 0.012, 0.2, 1.5
-    for name, value in {"x": x, "v": v, "i": i, "x_d": x_d}.items():
-        model.set_input(name, value)
-    newton = 2 * np.pi * values["kt"] * values["p"]  # per ampere
-    sign = v / np.hypot(v, 0.02)
-    friction = y - 40.0 * values["m"] * v**2 / 2
-    u = values["Kp"] * (x_d - x) + w - values["Kd"] * v + friction * sign * values["R"] / newton
-    rate = 40.0 * v * (newton * i - values["sigma2"] * v - friction * sign)
-    state = np.array([w, y])
-    assert model.outputs(0.0, state)["u"] == pytest.approx(u, rel=1e-12)
-    assert model.derivatives(0.0, state)[1] == pytest.approx(rate, rel=1e-12)
 
 
 def test_it_may_learn_nothing_and_is_tuned_over_decades():

@@ -7,10 +7,10 @@ from cases import cart_position, maker
 
 from ballscrew.cli import main
 from ballscrew.fmus.reading import FmuError
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.isolated import IsolatedInstance
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.run import run_closed_loop
 
 MISSING = "ModuleNotFoundError: No module named 'zmq'"
 

@@ -6,9 +6,9 @@ import pytest
 from ballscrew.controllers.linearization import measurements_of
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import native_model
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_motions import move
-from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.orchestration.whole_loop import run_monolithic
 from ballscrew.plant.axis import axis
 from ballscrew.solver.component import Component, Input, Output, symbol

@@ -5,8 +5,8 @@ import pytest
 from instrument_loops import SIGNALS, apart, exact_course, exported
 
 from ballscrew.orchestration.catalogue import component
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop import SystemLoop
-from ballscrew.orchestration.run import run_closed_loop
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,10 @@ from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.reading import FmuError
 from ballscrew.orchestration import isolated, isolated_host
 from ballscrew.orchestration.catalogue import catalogued_model, fmu
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.isolated import IsolatedInstance
 from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.run import run_closed_loop
 
 SEGFAULT = "import ctypes; ctypes.string_at(0)"
 

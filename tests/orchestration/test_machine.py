@@ -8,7 +8,7 @@ from heavy_drive import HEAVY
 
 from ballscrew.controllers.p_pi import cascade
 from ballscrew.orchestration.limits import BadParameter
-from ballscrew.orchestration.machine import Machine, gain_ranges, limit_of, model_values
+from ballscrew.orchestration.machine import Machine, gain_ranges, model_values
 from ballscrew.orchestration.parts import Part
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.plant import LAWS, plant_of
@@ -87,10 +87,10 @@ def test_a_controller_gets_its_machine_s_values():
 
 def test_a_limit_is_asked_for_only_where_nobody_says_it():
     drive = Part("drive_lugre")
-    assert limit_of(drive, {}, 7.0) == 7.0
-    assert limit_of(drive, {"voltage_limit": 5.0}, None) == 5.0
-    assert limit_of(Part("plant"), {}, None) == 36.0
+    assert Machine.of(drive, {}, 7.0).limit == 7.0
+    assert Machine.of(drive, {"voltage_limit": 5.0}, None).values == {"voltage_limit": 5.0}
+    assert Machine.of(Part("plant"), {}, None).limit == 36.0
     with pytest.raises(BadParameter, match="--limit"):
-        limit_of(drive, {}, None)
+        Machine.of(drive, {}, None)
     with pytest.raises(BadParameter, match="more than 0"):
-        limit_of(drive, {}, 0.0)
+        Machine.of(drive, {}, 0.0)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers import CONTROLLERS
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.orchestration.whole_loop import run_monolithic
 
 

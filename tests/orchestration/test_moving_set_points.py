@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.metrics import metrics
 from ballscrew.orchestration.reference_motions import read_motion
 from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.whole_loop import loop_kernel, run_monolithic
 

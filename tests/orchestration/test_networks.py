@@ -24,9 +24,9 @@ from networks_of_parts import (
 from trusted_loops import WRONG
 
 from ballscrew.fmus.native.export import export_native
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import SystemLoop
-from ballscrew.orchestration.run import run_closed_loop
 
 
 def off(found, truth):

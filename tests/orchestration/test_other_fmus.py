@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from pythonfmu.builder import FmuBuilder
 
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.model_exchange import Integrator
 from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.run import run_closed_loop
 
 STOP, STEP = 0.3, 1e-3
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ballscrew.orchestration import master
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.fmu_instance import FmuInstance
 from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.run import run_closed_loop
 
 
 @pytest.mark.parametrize("controller", ["iol", "relay"])  # the latter has events

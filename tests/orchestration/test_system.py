@@ -10,10 +10,10 @@ from third_party_fmus import feedthrough, proportional
 from ballscrew.cli import main
 from ballscrew.fmus.system_export import export_system
 from ballscrew.orchestration.catalogue import fmu
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop, SystemLoop
 from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.run import run_closed_loop
 
 STEP = 1e-3  # where runs are compared with each other, none needs to choose its step
 

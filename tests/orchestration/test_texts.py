@@ -8,8 +8,8 @@ from networks_of_parts import SSD
 from pythonfmu.builder import FmuBuilder
 
 from ballscrew.orchestration.catalogue import fmu
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop import SystemLoop
-from ballscrew.orchestration.run import run_closed_loop
 
 WORDED = """
 from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Integer, Real, String

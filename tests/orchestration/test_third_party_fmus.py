@@ -8,10 +8,10 @@ import pytest
 from diagnosed import run as command
 from pythonfmu.builder import FmuBuilder
 
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.couplings import Coupling
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.parameter_reading import read_parameters
-from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.orchestration.wiring import WiringError
 
 HAND = """

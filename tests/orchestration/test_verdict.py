@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from trusted_loops import RIGHT, WRONG, plain, summary
 
+from ballscrew.orchestration.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop import Loop
 from ballscrew.orchestration.master import run_loop
 from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.run import run_closed_loop
 from ballscrew.orchestration.verdict import Verdict, asks_again, second_verdict, verdict_of
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,7 +9,7 @@ import ballscrew
 from ballscrew.cli import main
 from ballscrew.orchestration.catalogue import fmu
 from ballscrew.orchestration.study.plan import read_plan
-from ballscrew.orchestration.study.study import loops_of, tuned_and_judged
+from ballscrew.orchestration.study.study import Work
 from ballscrew.orchestration.workers import Processes
 
 pytestmark = pytest.mark.ci
@@ -56,12 +56,14 @@ def test_an_fmu_is_judged_like_the_equations_that_it_holds(tmp_path, pid_file):
     path = tmp_path / "study.toml"
     path.write_text(STUDY.replace("PATH", str(pid_file)))
     plan = read_plan(path)
-    loops = loops_of(plan)
+    work = Work.of(plan, tmp_path / "parts", Processes(1))
+    loops = {name: contender.loop for name, contender in work.contenders.items()}
     values = {"controller_Kp": 300.0, "controller_Ki": 0.0, "plant_m": 1.4}  # no state: held alone
     own, file = (loops[n].run(values, plan.duties[0].signal(), 0.2, 1e-8) for n in ("pid", "file"))
     np.testing.assert_allclose(file.position, own.position, rtol=0, atol=1e-10)
     np.testing.assert_allclose(file.command[:-1], own.command[:-1], rtol=0, atol=1e-6)
-    tunings, figures = tuned_and_judged(plan, loops, tmp_path / "parts", Processes(1))
+    tunings = work.tunings()
+    figures = work.figures(tunings)
     costs = [tunings[name][0].published_cost for name in ("pid", "file")]
     assert costs[1] == pytest.approx(costs[0], rel=1e-2)
     assert np.isfinite(figures["rms_error"]).all()
@@ -89,3 +91,27 @@ def test_what_is_ones_own_is_tuned_within_the_limits_of_its_parameters(tmp_path,
         error = ballscrew.run("pid", **how, **values).figures()["rms_error"]
         assert found.motions[0].figures.rms_error == pytest.approx(error, rel=0.01)
     assert found.no_margins == ("mine.fmu: no margins, an FMU has no equations",)
+
+
+@pytest.mark.parametrize("part", ["mine.py:mine", "mine.fmu"])
+def test_a_study_of_one_controller_finds_what_tune_finds(tmp_path, monkeypatch, part):
+    """Motion, budget and seed are the same, and no limit is met: the costs differ by a factor."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(OWN)
+    ballscrew.export("mine.py:mine", tmp_path / "mine.fmu")
+    move = "move:distance=0.01,speed=0.1"
+    tuned = ballscrew.tune(part, reference=move, stop=0.4, budget=6, seed=3)
+    path = tmp_path / "study.toml"
+    one = STUDY.replace("[controllers.pid]\ntune = {Kp = [50.0, 2000.0]}\n", "")
+    one = one.replace("tune = {Kp = [50.0, 2000.0]}\n", "").replace("PATH", part)
+    one = one.replace("step:size=1e-3", move).replace("stop = 0.2", "stop = 0.4", 1)
+    one = one.replace("version = 1", "version = 1\nperiod = 0\nseed = 3")
+    path.write_text(one.replace("budget = 2", "budget = 6"))
+    plan = read_plan(path)
+    assert plan.entrants[0].tune == {"Kp": (100.0, 900.0)}
+    (study,) = Work.of(plan, tmp_path / "parts", Processes(1)).tunings()["file"]
+    assert study.values == tuned.values
+    assert study.tried == 12
+    sizes = [study.published_cost / tuned.start_cost, study.doubled_cost / tuned.doubled_cost]
+    assert study.cost / tuned.cost == pytest.approx(sizes[0], rel=1e-12)
+    assert sizes[1] == pytest.approx(sizes[0], rel=1e-12)

@@ -61,7 +61,7 @@ def test_a_loop_that_converges_is_trusted_and_agrees(controller, values, most):
 class OneCount:
     """A loop whose position is a count further where the solver's tolerance says so."""
 
-    kernel = SimpleNamespace(parameters=())
+    parameters = ()
 
     def __init__(self, flips):
         self.flips = flips
@@ -91,6 +91,6 @@ def test_a_count_that_few_tolerances_see_is_no_difference(monkeypatch, apart, fl
             run=SimpleNamespace(time=time, outputs={"x": np.full(5, apart)}, verdict=verdict)
         )
 
-    monkeypatch.setattr("ballscrew.orchestration.study.over_fmus.run_pair", over_fmus)
+    monkeypatch.setattr("ballscrew.orchestration.study.over_fmus.run_closed_loop", over_fmus)
     table = {"rms_error": 0.0, "peak_error": 0.0, "failed": 0.0}
     assert check_over_fmus(loop, ("plant", "pid"), {}, DUTY, 1e-6, table).agrees is agrees

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from ballscrew.cli import main
+from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import read_plan
 from ballscrew.orchestration.study.reading import BadPlan
-from ballscrew.orchestration.study.values import check_plants
+from ballscrew.orchestration.study.values import Contender
 from ballscrew.orchestration.whole_loop import loop_kernel
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
@@ -117,7 +118,8 @@ def test_the_studies_of_the_manual_are_read(tmp_path):
     assert plan.duties[-1].plant == {"load_force": -5.0, "load_time": 0.3}
     assert [v.distribution for v in plan.variations] == ["uniform", "uniform", "temperature"]
     assert plan.sobol == 64
-    check_plants(plan, loop_kernel(plan.plant, "pid"))
+    loop = StudyLoop(loop_kernel(plan.plant, "pid"))
+    Contender(plan, plan.entrants[0], loop).check_plants()
     assert read_plan(DOCS / "examples" / "swap_study.toml").entrants
 
 

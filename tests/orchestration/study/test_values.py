@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Variation
-from ballscrew.orchestration.study.study import loops_of
-from ballscrew.orchestration.study.values import values_for
+from ballscrew.orchestration.study.study import contenders_of
+from ballscrew.orchestration.study.values import Contender
 from ballscrew.orchestration.whole_loop import loop_kernel
 
 LOAD, LOAD_TIME = -5.0, 0.1
@@ -24,20 +25,19 @@ PLAN = Plan(
 
 
 @pytest.fixture(scope="module")
-def loops():
-    return loops_of(PLAN)
+def contenders():
+    return contenders_of(PLAN)
 
 
 @pytest.fixture(scope="module")
-def held(loops):
+def held(contenders):
     """The course of the duty, by the value of the load's force."""
 
     def run(force):
         duty = replace(HOLD, plant={**HOLD.plant, "load_force": force})
-        loop = loops["pid"]
-        tuned = {"Kp": 2000.0, "Ki": 2000.0, "Kd": 50.0}
-        values = values_for(PLAN, loop.kernel, PLAN.entrants[0], tuned, duty, [1.0], 7)
-        return values, loop.run(values, duty.signal(), duty.stop)
+        given = {"Kp": 2000.0, "Ki": 2000.0, "Kd": 50.0}, duty, [1.0], 7
+        pid = contenders["pid"]
+        return pid.values(*given), pid.run(*given)[0]
 
     return {force: run(force) for force in (0.0, LOAD)}
 
@@ -62,33 +62,27 @@ def test_the_motor_ends_up_holding_the_load_but_for_friction(held):
     assert values["plant_load_force"] == LOAD
 
 
-def test_a_factor_acts_on_the_value_of_the_duty_else_on_the_nominal_one(loops):
-    kernel, entrant = loops["pid"].kernel, PLAN.entrants[0]
+def test_a_factor_acts_on_the_value_of_the_duty_else_on_the_nominal_one(contenders):
     duty = replace(HOLD, plant={"payload": 2.0})
-    values = values_for(PLAN, kernel, entrant, {}, duty, [1.25], 0)
+    values = contenders["pid"].values({}, duty, [1.25], 0)
     assert (values["plant_payload"], values["plant_m"]) == (2.5, 1.25)
 
 
-def test_noise_is_that_of_the_plant_for_every_controller_and_another_on_another_plant(loops):
+def test_noise_is_that_of_the_plant_for_every_controller_and_another_on_another_plant(contenders):
     def seeds(name, draw):
-        entrant = next(e for e in PLAN.entrants if e.name == name)
-        values = values_for(PLAN, loops[name].kernel, entrant, {}, HOLD, [1.0], draw)
+        values = contenders[name].values({}, HOLD, [1.0], draw)
         return {n: v for n, v in values.items() if n.endswith("seed")}
 
     assert list(seeds("pid", 3)) == ["controller_current_sensor_seed"]
     assert seeds("pid", 3) == seeds("lqi", 3) != seeds("lqi", 4)
 
 
-def kernel_of(plant):
-    return loop_kernel(plant, "p_pi")
-
-
 def limits(plant, **given):
     """Of the plant's command and of the controller, as a run gets them."""
     plan = replace(PLAN, plant=plant, variations=(), instruments=(), period=0.0, **given)
-    entrant = Entrant("p_pi", "p_pi")
+    loop = StudyLoop(loop_kernel(plant, "p_pi"))
     duty = replace(HOLD, plant={})
-    values = values_for(plan, kernel_of(plant), entrant, {}, duty, [], 0)
+    values = Contender(plan, Entrant("p_pi", "p_pi"), loop).values({}, duty, [], 0)
     return values["plant_voltage_limit"], values["controller_u_max"]
 
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Variation
-from ballscrew.orchestration.study.study import loops_of
-from ballscrew.orchestration.study.values import values_for
+from ballscrew.orchestration.study.study import contenders_of
 
 pytestmark = pytest.mark.ci
 
@@ -59,9 +58,9 @@ def test_a_temperature_changes_parameters_by_their_coefficients_beside_other_fac
     friction = Variation(("Fc",), (0.7, 1.3))
     warm = Variation(tuple(WARM), (0.0, 40.0), "temperature", WARM)
     plan = replace(PLAN, variations=(friction, warm))
-    kernel = loops_of(plan)["pid"].kernel
-    values = values_for(plan, kernel, plan.entrants[0], {}, plan.duties[1], [1.2, 20.0], 0)
-    nominal = {p.name: p.default for p in kernel.parameters}
+    pid = contenders_of(plan)["pid"]
+    values = pid.values({}, plan.duties[1], [1.2, 20.0], 0)
+    nominal = {p.name: p.default for p in pid.loop.parameters}
     assert values["plant_Fc"] == pytest.approx(nominal["plant_Fc"] * 1.2 * 0.8, rel=1e-14)
     assert values["plant_R"] == pytest.approx(nominal["plant_R"] * 1.0786, rel=1e-14)
 
