@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := $(shell find ballscrew solver instruments plant controllers fmus orchestration stability rig records identification diagnosis gallery -name '*.py' -o -name '*.[ch]' -o -name '*.csv' -o -name '*.jinja' -o -name '*.json' -o -name 'page.md') pyproject.toml
+SOURCES := $(shell find ballscrew solver plant controllers fmus orchestration stability measurement gallery -name '*.py' -o -name '*.[ch]' -o -name '*.csv' -o -name '*.jinja' -o -name '*.json' -o -name 'page.md') pyproject.toml
 
 .PHONY: demo check test test-ci docs prove tools lint bench wheels pythons clean
 
@@ -31,8 +31,8 @@ demo: $(VENV)/installed
 # What one runs while one works: two minutes of tests, of the parts that all others stand on.
 check: lint
 	$(PYTEST) -q -m "not ci and not prove" \
-	  tests/solver tests/plant tests/instruments tests/controllers tests/records \
-	  tests/orchestration/test_step_choice.py tests/test_conformance.py tests/test_layout.py
+	  tests/solver tests/plant tests/controllers tests/measurement/records \
+	  tests/orchestration/master/test_step_choice.py tests/test_conformance.py tests/test_layout.py
 
 # Tests have three tiers, by two markers: these convince a stranger that all of it works, those
 # marked `ci` run in CI as well, and those marked `prove` take hours.

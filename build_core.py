@@ -24,8 +24,8 @@ from setuptools.build_meta import *  # noqa: F403  (what is not defined here is 
 TOP = Path(__file__).resolve().parent
 LIBRARIES = {
     "solver/c/core.c": "libcore",
-    "orchestration/c/master.c": "libmaster",
-    "identification/c/identification.c": "libidentification",
+    "orchestration/master/c/master.c": "libmaster",
+    "measurement/identification/c/identification.c": "libidentification",
 }
 CORE = next(iter(LIBRARIES))
 # those of native FMUs; the package itself cannot be imported before it is built

@@ -28,9 +28,9 @@ _PUBLIC = {
     ),
     "connect": "ballscrew.solver.connect",
     "interconnect": "ballscrew.solver.interconnect",
-    "Coupling": "ballscrew.orchestration.couplings",
-    **dict.fromkeys(("Loop", "SystemLoop"), "ballscrew.orchestration.loop"),
-    "Reference": "ballscrew.orchestration.reference_signal",
+    "Coupling": "ballscrew.orchestration.master.couplings",
+    **dict.fromkeys(("Loop", "SystemLoop"), "ballscrew.orchestration.loop.loop"),
+    "Reference": "ballscrew.orchestration.master.reference_signal",
 }
 __all__ = sorted(_PUBLIC)
 
@@ -54,10 +54,10 @@ if TYPE_CHECKING:
     from .api import swap_study as swap_study
     from .api import tune as tune
     from .api import with_friction as with_friction
-    from .orchestration.couplings import Coupling as Coupling
-    from .orchestration.loop import Loop as Loop
-    from .orchestration.loop import SystemLoop as SystemLoop
-    from .orchestration.reference_signal import Reference as Reference
+    from .orchestration.loop.loop import Loop as Loop
+    from .orchestration.loop.loop import SystemLoop as SystemLoop
+    from .orchestration.master.couplings import Coupling as Coupling
+    from .orchestration.master.reference_signal import Reference as Reference
     from .solver.component import TIME as TIME
     from .solver.component import Component as Component
     from .solver.component import Delay as Delay

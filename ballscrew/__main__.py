@@ -5,7 +5,7 @@ import os
 import sys
 import warnings
 
-from .orchestration.operating_system import can_supervise, hold_interrupts
+from .orchestration.fmu.operating_system import can_supervise, hold_interrupts
 
 
 class _Errors(io.FileIO):

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
     from .loop_results import Comparison, Exponents, RunResult, StabilityMap, SwapStudy, TunedGains
     from .measured_results import DiagnosisResult, IdentifiedLaw, ModelComparison, RigRecord
-    from .orchestration.couplings import Coupling
-    from .orchestration.loop import Loop, ReferenceLike, SystemLoop
-    from .orchestration.parameter_file import ParameterFile
-    from .orchestration.parts import PartLike
-    from .orchestration.workers import Processes
-    from .records.record import Record
+    from .measurement.records.record import Record
+    from .orchestration.loop.loop import Loop, ReferenceLike, SystemLoop
+    from .orchestration.loop.parameter_file import ParameterFile
+    from .orchestration.loop.parts import PartLike
+    from .orchestration.master.couplings import Coupling
+    from .orchestration.study.workers import Processes
     from .solver.component import Component, ForceTerm
 
     Values = Mapping[str, float]
@@ -65,8 +65,8 @@ def catalogue() -> dict[str, tuple[str, ...]]:
     True
     """
     from .controllers import CONTROLLERS
-    from .instruments import INSTRUMENTS
     from .plant import LAWS, PLANTS
+    from .plant.instruments import INSTRUMENTS
 
     named = {"plants": PLANTS, "controllers": CONTROLLERS, "instruments": INSTRUMENTS, "laws": LAWS}
     return {kind: (*names,) for kind, names in named.items()}
@@ -99,7 +99,7 @@ def component(name: str) -> Component:
     >>> [s.name for s in ballscrew.component("plant").all_states]
     ['x', 'v', 'i', 'z']
     """
-    from .orchestration.catalogue import component as made
+    from .orchestration.loop.catalogue import component as made
 
     return made(_as_it_is_now(name))
 
@@ -222,8 +222,8 @@ def export(
 
     from .exporting import SYSTEM, Export
     from .options import read_whole_number
-    from .orchestration.file_values import plant_of
-    from .orchestration.parts import resolve, resolve_plant
+    from .orchestration.loop.file_values import plant_of
+    from .orchestration.loop.parts import resolve, resolve_plant
     from .solver.files import temporary_folder
 
     path = Path(path)
@@ -300,9 +300,9 @@ def run(  # noqa: PLR0913
     32.1
     """
     from .loop_results import RunResult
-    from .orchestration.closed_loop import run_closed_loop
-    from .orchestration.file_values import with_file
-    from .orchestration.loop import Loop
+    from .orchestration.loop.closed_loop import run_closed_loop
+    from .orchestration.loop.file_values import with_file
+    from .orchestration.loop.loop import Loop
 
     found = _loop(
         loop,
@@ -379,8 +379,8 @@ def swap(  # noqa: PLR0913
     {'Kp': 300.0}
     """
     from .loop_results import Comparison
-    from .orchestration.in_practice import in_practice
-    from .orchestration.swap import swap as swapped
+    from .orchestration.loop.in_practice import in_practice
+    from .orchestration.loop.swap import swap as swapped
 
     if sampled is not None and not sampled > 0:
         raise ValueError(f"sampled is {sampled:g} s, expected more than 0")
@@ -463,7 +463,7 @@ def lyapunov(  # noqa: PLR0913
     (4,)
     """
     from .loop_results import Exponents
-    from .orchestration.loop import Loop
+    from .orchestration.loop.loop import Loop
 
     if stop is None and not isinstance(loop, Loop):
         stop = 300.0
@@ -687,8 +687,8 @@ def tune(  # noqa: PLR0913
     """
     from .loop_results import TunedGains
     from .options import read_whole_number
-    from .orchestration.limits import check_length
-    from .orchestration.tune import tune_loop
+    from .orchestration.fmu.limits import check_length
+    from .orchestration.study.tune import tune_loop
 
     length = None if stop is None else check_length("stop", stop)
     count = read_whole_number("budget", budget, 2)
@@ -746,8 +746,8 @@ def run_trial(
     ['force', 'force_filtered', 'force_ref']
     """
     from .measured_results import RigRecord
+    from .measurement.rig.bench import run_trial as recorded
     from .plant import DEFAULT_LAW
-    from .rig.bench import run_trial as recorded
 
     told = None if params is None else read_parameters(params)
     law = law or (told and told.law) or DEFAULT_LAW
@@ -786,7 +786,7 @@ def read_force_records(
     BadRecord
         In one line: what cannot be used and why.
     """
-    from .records.reading import read_force_records as read
+    from .measurement.records.reading import read_force_records as read
 
     return read(_paths(paths), mapping, units, mass, lead)
 
@@ -816,7 +816,7 @@ def read_drive_records(
     BadRecord
         In one line: what cannot be used and why.
     """
-    from .records.reading import read_drive_records as read
+    from .measurement.records.reading import read_drive_records as read
 
     return read(_paths(paths), mapping, units, lead)
 
@@ -838,7 +838,7 @@ def read_parameters(path: Path | str) -> ParameterFile:
     BadParameters
         In one line: what is wrong in the file, and where.
     """
-    from .orchestration.parameter_reading import read_parameters as read
+    from .orchestration.loop.parameter_reading import read_parameters as read
 
     return read(path)
 
@@ -893,8 +893,8 @@ def identify(  # noqa: PLR0913
     Maximum likelihood by Fisher scoring, with errors from pieces of the records; estimates by the
     formulas of the thesis are given next to it.
     """
-    from .identification.identify import identify_files
     from .measured_results import IdentifiedLaw
+    from .measurement.identification.identify import identify_files
     from .options import check_name
     from .plant import LAWS
 
@@ -940,15 +940,15 @@ def diagnose(
     BadRecord, BadParameters
         In one line: what cannot be used and why.
     """
-    from .diagnosis.diagnose import diagnose as diagnosed
     from .measured_results import DiagnosisResult
+    from .measurement.diagnosis.diagnose import diagnose as diagnosed
     from .options import check_name
     from .plant import LAWS
 
     if law is not None:
         check_name("law", law, LAWS)
     if take is not None:
-        from .diagnosis.causes import CAUSES
+        from .measurement.diagnosis.causes import CAUSES
 
         check_name("take", take, CAUSES)
     return DiagnosisResult.of(
@@ -987,15 +987,15 @@ def compare(
     BadRecord, BadParameters
         In one line: what cannot be used and why.
     """
-    from .diagnosis.compare import compare as compared
     from .measured_results import ModelComparison
+    from .measurement.diagnosis.compare import compare as compared
 
     return ModelComparison.of(compared(_paths(data), params, mapping, units, lead))
 
 
 def _loop(loop: Any, **asked: Any) -> Any:
     """A loop with these values, or a given loop with those changed that are not None."""
-    from .orchestration.loop import Loop, SystemLoop
+    from .orchestration.loop.loop import Loop, SystemLoop
 
     given = {name: value for name, value in asked.items() if value is not None}
     return replace(loop, **given) if isinstance(loop, Loop | SystemLoop) else Loop(loop, **given)
@@ -1003,7 +1003,7 @@ def _loop(loop: Any, **asked: Any) -> Any:
 
 def _followed_loop(loop: Any, **asked: Any) -> Loop:
     """A loop with a constant set-point, whose values and ports are checked now."""
-    from .orchestration.loop import Loop
+    from .orchestration.loop.loop import Loop
 
     found = _loop(loop, **asked)
     if not isinstance(found, Loop):
@@ -1020,7 +1020,7 @@ def _followed_loop(loop: Any, **asked: Any) -> Loop:
 
 def _processes(workers: int) -> Processes:
     from .options import read_whole_number
-    from .orchestration.workers import Processes
+    from .orchestration.study.workers import Processes
     from .worker_options import MOST_WORKERS
 
     return Processes(read_whole_number("workers", workers, 1, MOST_WORKERS))
@@ -1047,7 +1047,7 @@ def _paths(given: Any) -> Any:
 
 def _as_it_is_now(part: str) -> str:
     """The same part; a Python file is read again."""
-    from .instruments import PartName
+    from .plant.instruments import PartName
     from .solver.component_file import names_file, read_component
 
     if names_file(name := PartName.of(part).bare):

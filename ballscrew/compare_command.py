@@ -68,9 +68,9 @@ def _compare(options: argparse.Namespace) -> int:
     columns = read_record_options(options)
     if options.out is not None:
         prepare_folder(options.out, [*options.data, options.params])
-    from .diagnosis.compare import compare
     from .measured_results import ModelComparison
-    from .records.bad_record import BadRecord
+    from .measurement.diagnosis.compare import compare
+    from .measurement.records.bad_record import BadRecord
     from .solver.files import finite_or_null
 
     progress = Stages()

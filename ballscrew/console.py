@@ -18,7 +18,7 @@ from .supervision import tell, tell_kept
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from .orchestration.page import Table
+    from .orchestration.loop.page import Table
 
 # characters of an error message; a text from a third-party file may be very long
 LONGEST_LINE = 600

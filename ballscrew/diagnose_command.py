@@ -16,8 +16,8 @@ from .record_options import add_record_options, print_notes, read_record_options
 from .results_folder import prepare_folder, save_results
 
 if TYPE_CHECKING:
-    from .diagnosis.diagnosis import Diagnosis, Level
-    from .orchestration.parameter_file import ParameterFile
+    from .measurement.diagnosis.diagnosis import Diagnosis, Level
+    from .orchestration.loop.parameter_file import ParameterFile
     from .solver.component import Component
 
 
@@ -100,14 +100,14 @@ def _diagnose(options: argparse.Namespace) -> int:
     _check_cause(options.take)
     _check_overwritten(options)
     prepare_folder(options.out, [*options.data, options.params])
-    from .diagnosis.corrected import corrected
-    from .diagnosis.diagnose import diagnose_records
-    from .diagnosis.diagnosis import ANSWERED
-    from .diagnosis.drive import drive_of
-    from .diagnosis.report_words import DOES_NOT_HOLD, does_not_hold
-    from .orchestration.parameter_file import ParameterFile
-    from .records.bad_record import BadRecord
-    from .records.reading import read_drive_records
+    from .measurement.diagnosis.corrected import corrected
+    from .measurement.diagnosis.diagnose import diagnose_records
+    from .measurement.diagnosis.diagnosis import ANSWERED
+    from .measurement.diagnosis.drive import drive_of
+    from .measurement.diagnosis.report_words import DOES_NOT_HOLD, does_not_hold
+    from .measurement.records.bad_record import BadRecord
+    from .measurement.records.reading import read_drive_records
+    from .orchestration.loop.parameter_file import ParameterFile
 
     with bad_parameters():
         told = (read_params(options) or ParameterFile()).with_lead(columns.lead)
@@ -134,7 +134,7 @@ def _diagnose(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(result.to_dict()))
     else:
-        from .orchestration.turning_words import words_for
+        from .orchestration.loop.turning_words import words_for
 
         print(words_for(result.notes)(_diagnosis_table(result, extension, options.out)))
     notes = [*result.notes, *([extension.because] if extension.because else [])]
@@ -152,7 +152,7 @@ def _check_law(law: str | None) -> None:
 
 
 def _check_cause(name: str | None) -> None:
-    from .diagnosis.causes import CAUSES
+    from .measurement.diagnosis.causes import CAUSES
 
     if name is not None:
         check_name("--take", name, CAUSES)
@@ -178,7 +178,7 @@ class _Extension:
 def _extended(result: Diagnosis) -> _Extension:
     if not result.causes:
         return _Extension(None)
-    from .diagnosis.with_causes import BadExtension, with_causes
+    from .measurement.diagnosis.with_causes import BadExtension, with_causes
     from .plant.two_masses import OneBody
     from .solver.component import ContractError
 
@@ -191,9 +191,9 @@ def _extended(result: Diagnosis) -> _Extension:
 def _save_diagnosis(
     result: Diagnosis, extension: _Extension, values: ParameterFile, folder: Path, command: str
 ) -> None:
-    from .diagnosis.with_causes import as_it_moves
     from .fmus.export import export
     from .measured_results import DiagnosisResult
+    from .measurement.diagnosis.with_causes import as_it_moves
 
     DiagnosisResult.of(result).save(folder, command=command)
     if extension.plant is not None:
@@ -202,7 +202,7 @@ def _save_diagnosis(
 
 
 def _diagnosis_table(result: Diagnosis, extension: _Extension, folder: Path) -> str:
-    from .diagnosis.report_words import micrometres, suspect_lines, verdict_sentence
+    from .measurement.diagnosis.report_words import micrometres, suspect_lines, verdict_sentence
     from .solver.tables import table_path
 
     lines = [f"{result.verdict}: {verdict_sentence(result)}", result.where, ""]

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from .console import print_notes, tell_export
 from .controllers import CONTROLLERS
 from .exporting import Export
-from .instruments import INSTRUMENTS
 from .options import (
     BAD_REQUEST,
     TRUSTED,
@@ -22,12 +21,13 @@ from .options import (
 )
 from .params_option import add_params, bad_parameters, read_params
 from .plant import PLANTS
+from .plant.instruments import INSTRUMENTS
 from .results_folder import prepare_folder, write_or_refuse
 from .sides import check_labels
 from .solver.files import temporary_folder
 
 if TYPE_CHECKING:
-    from .orchestration.parameter_file import ParameterFile
+    from .orchestration.loop.parameter_file import ParameterFile
 
 DEFAULTS = ("plant", "iol", "nctf", "pid")
 """What is written if nothing is named."""
@@ -121,7 +121,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _around(told: ParameterFile | None, plant: str | None) -> str:
-    from .orchestration.file_values import plant_of
+    from .orchestration.loop.file_values import plant_of
 
     with bad_parameters():
         return plant_of(told, plant)
@@ -166,7 +166,7 @@ def export(options: argparse.Namespace) -> int:
     )
     from .fmus.system_export import CannotConnect
     from .fmus.units import BadUnit
-    from .orchestration.catalogue import name_of
+    from .orchestration.loop.catalogue import name_of
     from .solver.compilers import CompilerFailed
     from .solver.contract_error import ContractError
     from .solver.tape import UnsupportedComponent

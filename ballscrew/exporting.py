@@ -11,7 +11,7 @@ from .params_option import apart, kernel_with_values
 
 if TYPE_CHECKING:
     from .fmus.native.export import NativeFmu
-    from .orchestration.parameter_file import ParameterFile
+    from .orchestration.loop.parameter_file import ParameterFile
 
 SYSTEM, MODELICA = ".ssp", ".mo"
 
@@ -32,8 +32,8 @@ class Export:
 
         For a system, this is the progress of its controller's FMU.
         """
-        from .instruments import PartName
-        from .orchestration.catalogue import in_units_of, name_of
+        from .orchestration.loop.catalogue import in_units_of, name_of
+        from .plant.instruments import PartName
 
         described = self.plant or self._described()
         part = in_units_of(part, described)
@@ -65,7 +65,7 @@ class Export:
         from .fmus.interface import START
         from .fmus.modelica import modelica
         from .fmus.native.export import NativeFmu
-        from .orchestration import catalogue
+        from .orchestration.loop import catalogue
         from .solver.files import write_atomically
 
         kernel = catalogue.fmu_kernel(part, self.plant)
@@ -85,7 +85,7 @@ class Export:
         from .fmus.interface import with_set_point
         from .fmus.native.export import NativeFmu, write_native
         from .fmus.native.sources import NativeModel
-        from .orchestration import catalogue
+        from .orchestration.loop import catalogue
         from .solver.files import write_atomically
 
         asked = part, self.plant, self.tangents

@@ -68,7 +68,7 @@ def _list(systems: dict[str, str], as_json: bool) -> int:
 def _show(name: str, folder: Path, as_json: bool) -> int:
     from dataclasses import asdict
 
-    from .orchestration.pictures import write_figure
+    from .orchestration.loop.pictures import write_figure
     from .solver.files import finite_or_null, write_json
 
     prepare_folder(folder)

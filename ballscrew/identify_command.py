@@ -26,7 +26,7 @@ from .results_folder import prepare_folder, save_results
 from .supervision import tell
 
 if TYPE_CHECKING:
-    from .orchestration.parameter_file import ParameterFile
+    from .orchestration.loop.parameter_file import ParameterFile
 
 _EXAMPLES = """DATA are folders written by `ballscrew rig`, or files of measured data with the
 columns time [s], force [N] (on the block, positive in +x) and x [m], x_fine [m] or v [m/s].
@@ -118,10 +118,10 @@ def _identify(options: argparse.Namespace) -> int:
         mass = read_number("--mass", options.mass)
     told = read_params(options)
     fixed = _fixed(options.fix, told)
-    from .identification.identify import CannotHold, identify_files
     from .measured_results import IdentifiedLaw
-    from .orchestration.turning_words import words_for
-    from .records.bad_record import BadRecord
+    from .measurement.identification.identify import CannotHold, identify_files
+    from .measurement.records.bad_record import BadRecord
+    from .orchestration.loop.turning_words import words_for
 
     prepare_folder(options.out, [*options.data, options.params])
     tell(f"fitting {options.law}")
@@ -166,11 +166,11 @@ def _response(options: argparse.Namespace) -> int:
         got = ", ".join(refused) or f"{len(options.data)} files"
         raise BadRequest(f"--response: got {got} with it; expected one record and no law")
     columns = read_record_options(options)
-    from .identification.identification_pictures import response_figure
-    from .identification.response import frequency_response
-    from .orchestration.pictures import drawing, write_figure
-    from .records.bad_record import BadRecord
-    from .records.reading import read_response_record
+    from .measurement.identification.identification_pictures import response_figure
+    from .measurement.identification.response import frequency_response
+    from .measurement.records.bad_record import BadRecord
+    from .measurement.records.reading import read_response_record
+    from .orchestration.loop.pictures import drawing, write_figure
 
     lead = columns.lead_with(read_params(options))
     try:

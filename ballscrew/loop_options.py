@@ -21,14 +21,14 @@ from .options import (
     read_part,
     read_step,
 )
-from .orchestration.couplings import Coupling
-from .orchestration.limits import FIRST_STEP, TIME_LIMIT, check_corrections, check_time_limit
+from .orchestration.fmu.limits import FIRST_STEP, TIME_LIMIT, check_corrections, check_time_limit
+from .orchestration.master.couplings import Coupling
 from .params_option import add_params, bad_parameters, read_params
 from .plant import PLANTS
 from .sides import check_labels, labels_of, mappings, meant, split_side
 
 if TYPE_CHECKING:
-    from .orchestration.loop import Loop, SystemLoop
+    from .orchestration.loop.loop import Loop, SystemLoop
 
 COUPLINGS = tuple(coupling.value for coupling in Coupling)
 
@@ -171,8 +171,8 @@ def read_loops(
     given, given_to = read_settings(options, names)
     ports_of = mappings(options, names)
     told = read_params(options)
-    from .orchestration.file_values import file_values
-    from .orchestration.loop import Loop
+    from .orchestration.loop.file_values import file_values
+    from .orchestration.loop.loop import Loop
 
     with bad_parameters():
         asked = told, options.plant, names, given
@@ -199,7 +199,7 @@ def read_closed_loops(
     options: argparse.Namespace, controllers: Sequence[str], option: str = "--controller"
 ) -> list[Loop]:
     """The loops that `run` or `swap` is asked for, one for each controller of an option."""
-    from .orchestration.loop import STOP
+    from .orchestration.loop.loop import STOP
 
     stop = STOP if options.stop is None else read_length("--stop", options.stop)
     how = read_coupling_options(options, stop)
@@ -215,7 +215,7 @@ def read_practice_loops(
     """As `read_closed_loops`, sampled and with instruments where the options say so."""
     if options.sampled is None and not noise:
         return read_closed_loops(options, asked, option)
-    from .orchestration.in_practice import in_practice
+    from .orchestration.loop.in_practice import in_practice
 
     period = None if options.sampled is None else read_length("--sampled", options.sampled)
     parts = [read_part(option, controller, CONTROLLERS) for controller in asked]
@@ -297,7 +297,7 @@ def read_system_loop(options: argparse.Namespace) -> SystemLoop:
         if "." not in name:
             raise BadRequest(f"--set {name}={value}: expected ELEMENT.VARIABLE=VALUE")
         values[name] = value  # the FMU tells which values are valid
-    from .orchestration.loop import SystemLoop
+    from .orchestration.loop.loop import SystemLoop
 
     return SystemLoop(options.system, stop=stop, values=values, **how)
 
@@ -307,8 +307,8 @@ def read_coupling_options(options: argparse.Namespace, stop: float | None) -> di
     step = None if options.step is None else read_step("--step", options.step, stop)
     if step is None and stop is not None and stop > FIRST_STEP:
         read_step("--step", FIRST_STEP, stop)  # the first that is tried
-    from .orchestration.couplings import coupling_named
-    from .orchestration.loop import as_reference
+    from .orchestration.loop.loop import as_reference
+    from .orchestration.master.couplings import coupling_named
 
     how: dict[str, Any] = {"step": step, "adaptive": options.adaptive, "isolate": options.isolate}
     if options.reference:

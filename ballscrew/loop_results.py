@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .orchestration.closed_loop_result import ClosedLoopResult
-from .orchestration.metrics import units_of_figures
-from .orchestration.page import REPORT, Table
-from .orchestration.pictures import drawing
-from .orchestration.run_folder import write_run
+from .orchestration.loop.closed_loop_result import ClosedLoopResult
+from .orchestration.loop.metrics import units_of_figures
+from .orchestration.loop.page import REPORT, Table
+from .orchestration.loop.pictures import drawing
+from .orchestration.loop.run_folder import write_run
+from .orchestration.loop.swap import COLUMNS, SwapResult
 from .orchestration.study.result import StudyResult
-from .orchestration.swap import COLUMNS, SwapResult
-from .orchestration.tune import TunedController
+from .orchestration.study.tune import TunedController
 from .result import Result, figures_table, table_of, told, values_of, write_page
 from .solver.files import finite_or_null, write_json
 from .solver.tables import read_table, table_path, write_table
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from .orchestration.linear_loop import Margins
+    from .orchestration.loop.linear_loop import Margins
 
     Vector = npt.NDArray[np.float64]
 
@@ -65,7 +65,7 @@ class RunResult(Result, ClosedLoopResult):
         return {**run.others, **run.outputs, **run.commands, "x_d": run.reference}
 
     def pictures(self) -> dict[str, Any]:
-        from .orchestration.pictures import run_figures
+        from .orchestration.loop.pictures import run_figures
 
         return run_figures(self)
 
@@ -93,7 +93,7 @@ class Comparison(Result, SwapResult):
     function = "ballscrew.swap"
 
     def pictures(self) -> dict[str, Any]:
-        from .orchestration.pictures import comparison_figure
+        from .orchestration.loop.pictures import comparison_figure
 
         return {"comparison": comparison_figure(self.results)}
 
@@ -359,7 +359,7 @@ class TunedGains(Result, TunedController):
         return {g.name: g.value for g in self.gains}
 
     def pictures(self) -> dict[str, Any]:
-        from .orchestration.tune_pictures import bode_figure, motions_figure
+        from .orchestration.study.tune_pictures import bode_figure, motions_figure
 
         pictures = {"motions": motions_figure(self)}
         return {**pictures, "bode": bode_figure(self)} if self.margins else pictures

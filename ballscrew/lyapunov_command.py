@@ -11,7 +11,7 @@ from typing import Any
 from .console import Stages, print_notes
 from .loop_options import add_followed_loop_options, read_followed_loop
 from .options import NOT_TRUSTED, TRUSTED, BadRequest, guard, read_number
-from .orchestration.limits import TOLERANCE
+from .orchestration.fmu.limits import TOLERANCE
 from .results_folder import prepare_folder, save_results
 
 _EXAMPLES = """examples:

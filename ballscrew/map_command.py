@@ -10,7 +10,7 @@ from typing import Any
 from .console import Bar, print_notes
 from .loop_options import add_followed_loop_options, read_followed_loop
 from .options import TRUSTED, BadRequest, guard
-from .orchestration.limits import TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS
+from .orchestration.fmu.limits import TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS
 from .results_folder import prepare_folder
 from .supervision import tell, tell_kept
 from .worker_options import add_worker_options, open_workers, read_worker_count
@@ -66,8 +66,8 @@ def _map(options: argparse.Namespace) -> int:
     usual = TOLERANCE_OF_MAPS if options.exponents else TOLERANCE_OF_MOTIONS
     loop, tolerance = read_followed_loop(options, usual, finest=1e-12, coarsest=1e-4)
     count = read_worker_count(options)
-    from .orchestration.memory import NotEnoughMemory
-    from .orchestration.workers import WorkersLost
+    from .orchestration.fmu.memory import NotEnoughMemory
+    from .orchestration.study.workers import WorkersLost
     from .stability.map_plan import BadMap
     from .stability.stability_map import make_map, plan_map
 

@@ -7,20 +7,20 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .diagnosis.blocks import Estimate
-from .diagnosis.compared import ALL, Compared, Left
-from .diagnosis.diagnosis import ANSWERED, Diagnosis
-from .identification.identification import Identification
-from .orchestration.page import Table
+from .measurement.diagnosis.blocks import Estimate
+from .measurement.diagnosis.compared import ALL, Compared, Left
+from .measurement.diagnosis.diagnosis import ANSWERED, Diagnosis
+from .measurement.identification.identification import Identification
+from .measurement.rig.record import TrialRecord
+from .orchestration.loop.page import Table
 from .result import Result, table_of
-from .rig.record import TrialRecord
 from .solver.tables import write_table
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from .identification.intervals import Interval
+    from .measurement.identification.intervals import Interval
     from .solver.component import Component
 
     Vector = npt.NDArray[np.float64]
@@ -33,7 +33,7 @@ class IdentifiedLaw(Result, Identification):
     function = "ballscrew.identify"
 
     def pictures(self) -> dict[str, Any]:
-        from .identification.identification_pictures import identification_figures
+        from .measurement.identification.identification_pictures import identification_figures
 
         return identification_figures(self)
 
@@ -104,7 +104,7 @@ class DiagnosisResult(Result, Diagnosis):
     @property
     def trusted(self) -> bool:
         """Whether all of the residual but noise is explained, confirmed on held-out data."""
-        from .diagnosis.report_words import does_not_hold
+        from .measurement.diagnosis.report_words import does_not_hold
 
         return self.verdict in ANSWERED and not does_not_hold(self)
 
@@ -113,7 +113,7 @@ class DiagnosisResult(Result, Diagnosis):
         return self.verdict
 
     def pictures(self) -> dict[str, Any]:
-        from .diagnosis import diagnosis_pictures as drawn
+        from .measurement.diagnosis import diagnosis_pictures as drawn
 
         return {
             "diagnosis": drawn.diagnosis_figure(self),
@@ -122,7 +122,7 @@ class DiagnosisResult(Result, Diagnosis):
         }
 
     def headline(self) -> str:
-        from .diagnosis.report_words import verdict_sentence
+        from .measurement.diagnosis.report_words import verdict_sentence
 
         return f"{self.verdict}: {verdict_sentence(self)}"
 
@@ -132,7 +132,7 @@ class DiagnosisResult(Result, Diagnosis):
         Diagnosis.save(self, folder)
 
     def tables(self) -> list[Table]:
-        from .diagnosis.diagnosis_report import tables_of
+        from .measurement.diagnosis.diagnosis_report import tables_of
 
         return tables_of(self)
 
@@ -144,7 +144,7 @@ class DiagnosisResult(Result, Diagnosis):
         ValueError
             If no plant can hold these causes; the message says why.
         """
-        from .diagnosis.with_causes import as_it_moves, with_causes
+        from .measurement.diagnosis.with_causes import as_it_moves, with_causes
 
         return as_it_moves(with_causes(self.corrected, self.found()), self.corrected)
 
@@ -179,7 +179,7 @@ class ModelComparison(Result, Compared):
     badge = "compared"
 
     def pictures(self) -> dict[str, Any]:
-        from .diagnosis.compare_pictures import compare_figure
+        from .measurement.diagnosis.compare_pictures import compare_figure
 
         return {"compare": compare_figure(self)}
 
@@ -262,7 +262,7 @@ class RigRecord(Result, TrialRecord):
         return self.record[name]
 
     def pictures(self) -> dict[str, Any]:
-        from .rig.record_picture import record_figure
+        from .measurement.rig.record_picture import record_figure
 
         return {"record": record_figure(self)}
 

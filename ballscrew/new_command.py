@@ -67,7 +67,7 @@ def new(options: argparse.Namespace) -> int:
 
 
 def _check_name(name: str) -> None:
-    from .orchestration.catalogue import NAMES
+    from .orchestration.loop.catalogue import NAMES
 
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or keyword.iskeyword(name):
         raise BadRequest(f"NAME is {name!r}, expected an identifier, such as my_controller")

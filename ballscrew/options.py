@@ -8,11 +8,11 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from .orchestration.limits import BadParameter, as_number, check_length, check_step
+from .orchestration.fmu.limits import BadParameter, as_number, check_length, check_step
 from .solver.nearest import did_you_mean
 
 if TYPE_CHECKING:
-    from .orchestration.parts import Part
+    from .orchestration.loop.parts import Part
 
 # A word that begins like a number is a value, also where argparse takes it for an option: -3e-2.
 NEGATIVE_NUMBER = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
@@ -65,7 +65,7 @@ def read_part(option: str, name: str, known: Collection[str], fmus: bool = True)
 
     A Python file is run here; the command uses the component that its function returned.
     """
-    from .orchestration.parts import resolve
+    from .orchestration.loop.parts import resolve
 
     part: Part = guard(lambda: resolve(option, name, known, fmus))
     return part
@@ -119,14 +119,14 @@ def guard(action: Any) -> Any:
     from .fmus.reading import FmuError
     from .fmus.system_reading import BadSystem
     from .fmus.units import BadUnit
-    from .orchestration.catalogue import UnknownComponent
-    from .orchestration.couplings import UnknownCoupling
-    from .orchestration.fmu_instance import StepFailed
-    from .orchestration.loop_run import CouplingError
-    from .orchestration.memory import NotEnoughMemory
-    from .orchestration.parts import BadPart
-    from .orchestration.reference_signal import BadReference
-    from .orchestration.wiring import WiringError
+    from .orchestration.fmu.fmu_instance import StepFailed
+    from .orchestration.fmu.memory import NotEnoughMemory
+    from .orchestration.fmu.wiring import WiringError
+    from .orchestration.loop.catalogue import UnknownComponent
+    from .orchestration.loop.parts import BadPart
+    from .orchestration.master.couplings import UnknownCoupling
+    from .orchestration.master.loop_run import CouplingError
+    from .orchestration.master.reference_signal import BadReference
     from .solver.component_file import BadComponentFile
     from .solver.contract_error import ContractError
     from .solver.tape import UnsupportedComponent

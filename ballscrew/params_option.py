@@ -14,7 +14,7 @@ from .console import print_notes
 from .options import BadRequest, guard
 
 if TYPE_CHECKING:
-    from .orchestration.parameter_file import ParameterFile, Values
+    from .orchestration.loop.parameter_file import ParameterFile, Values
     from .solver.kernel import Kernel
 
 
@@ -28,7 +28,7 @@ def add_params(
 @contextlib.contextmanager
 def bad_parameters() -> Iterator[None]:
     """Turn an error in a parameter file into one line for the user."""
-    from .orchestration.parameter_file import BadParameters
+    from .orchestration.loop.parameter_file import BadParameters
 
     try:
         yield
@@ -46,8 +46,8 @@ def read_params(options: argparse.Namespace) -> ParameterFile | None:
     """
     if options.params is None:
         return None
-    from .orchestration.parameter_file import FILE_NAME
-    from .orchestration.parameter_reading import read_parameters
+    from .orchestration.loop.parameter_file import FILE_NAME
+    from .orchestration.loop.parameter_reading import read_parameters
 
     written = options.out and os.path.realpath(options.out / FILE_NAME)
     if written == os.path.realpath(options.params):
@@ -64,8 +64,8 @@ def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
     BadRequest
         If the file has values for both as one part.
     """
-    from .instruments import PartName
-    from .orchestration.parts import Part
+    from .orchestration.loop.parts import Part
+    from .plant.instruments import PartName
 
     named = PartName.of(name)
     if told and named.instruments and Part(name).label in told.controllers:
@@ -99,9 +99,9 @@ def kernel_with_values(
     if told is None:
         return kernel
     from .fmus.interface import with_start_values
-    from .orchestration.file_values import aside, for_controller, for_plant
-    from .orchestration.loop import table_of
-    from .orchestration.parts import Part
+    from .orchestration.loop.file_values import aside, for_controller, for_plant
+    from .orchestration.loop.loop import table_of
+    from .orchestration.loop.parts import Part
     from .solver.kernel import CONTROLLER, PLANT
 
     path = str(told.path)
@@ -127,9 +127,9 @@ def kernel_with_values(
 
 def _is_plant(part: str) -> bool:
     """Whether a part is on the plant's side: it has no measurement or set-point."""
-    from .instruments import PartName
-    from .orchestration.catalogue import component
+    from .orchestration.loop.catalogue import component
     from .plant import PLANTS
+    from .plant.instruments import PartName
     from .solver.component_file import names_file
 
     bare = PartName.of(part).bare

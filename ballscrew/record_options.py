@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from .options import BadRequest, read_named, read_number
 
 if TYPE_CHECKING:
-    from .orchestration.parameter_file import ParameterFile
+    from .orchestration.loop.parameter_file import ParameterFile
 
 
 class RecordOptions(NamedTuple):
@@ -71,8 +71,8 @@ def read_record_options(options: argparse.Namespace) -> RecordOptions:
 
 def print_notes(notes: Sequence[str], as_json: bool) -> None:
     """Notes for the user; the notes on names for a rotating body are only for readers of JSON."""
-    from .orchestration.parameter_file import TURNS
-    from .orchestration.turning_words import words_for
+    from .orchestration.loop.parameter_file import TURNS
+    from .orchestration.loop.turning_words import words_for
 
     words = words_for(notes)
     for note in notes:

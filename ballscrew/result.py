@@ -8,15 +8,15 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from .orchestration.loop import Loop, SystemLoop
-from .orchestration.page import REPORT, Table, page
-from .orchestration.pictures import drawing, in_words, write_figure
-from .orchestration.shown_units import quantity
-from .orchestration.turning_words import page_in_turning_units, words_for
+from .orchestration.loop.loop import Loop, SystemLoop
+from .orchestration.loop.page import REPORT, Table, page
+from .orchestration.loop.pictures import drawing, in_words, write_figure
+from .orchestration.loop.shown_units import quantity
+from .orchestration.loop.turning_words import page_in_turning_units, words_for
 from .solver.files import write_atomically
 
 if TYPE_CHECKING:
-    from .orchestration.parameter_file import Value
+    from .orchestration.loop.parameter_file import Value
     from .solver.kernel import ParameterInfo
 
 _COLUMNS = ("parameter", "value", "unit", "default", "95 % interval", "from", "meaning")

@@ -25,7 +25,7 @@ def write_or_refuse(action: Callable[[], T]) -> T:
 
 def save_results(folder: Path, save: Callable[[Path], None]) -> None:
     """Write the results of a run, and replace those of the previous run."""
-    from .orchestration.run_folder import write_run
+    from .orchestration.loop.run_folder import write_run
 
     tell("writing the results")
     print_notes(write_or_refuse(lambda: write_run(folder, save)))
@@ -49,7 +49,7 @@ def prepare_folder(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
     if not writable:
         raise BadRequest(f"--out {folder} cannot be written")
     tell_folder(folder)
-    from .orchestration.run_folder import settle, written_files
+    from .orchestration.loop.run_folder import settle, written_files
 
     print_notes(write_or_refuse(lambda: settle(folder)))
     listed = write_or_refuse(lambda: written_files(folder))

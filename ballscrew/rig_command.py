@@ -16,9 +16,9 @@ from .plant import DEFAULT_LAW
 from .results_folder import prepare_folder, save_results
 
 if TYPE_CHECKING:
-    from .orchestration.parameter_file import ParameterFile
-    from .rig.machine import Machine
-    from .rig.rig_trials import Trial
+    from .measurement.rig.machine import Machine
+    from .measurement.rig.rig_trials import Trial
+    from .orchestration.loop.parameter_file import ParameterFile
 
 _EXAMPLES = """TRIAL is a table (2.2, 2.4, 2.6, 2.8, 2.10, 2.11), the constant velocities (2.3.1),
 a series (viscous, loading-rate, presliding), or one of its trials, such as 2.4/7. Your own
@@ -89,8 +89,8 @@ def _rig(options: argparse.Namespace) -> int:
     values = _values(options.set)
     told = read_params(options)
     law = options.law or (told and told.law) or DEFAULT_LAW
-    from .rig.machine import machine_of
-    from .rig.setup import set_up
+    from .measurement.rig.machine import machine_of
+    from .measurement.rig.setup import set_up
 
     with _bad_rig():
         machine = machine_of(law, values, told)
@@ -102,8 +102,8 @@ def _rig(options: argparse.Namespace) -> int:
             set_up(trial, machine, values, told=told)
     prepare_folder(options.out, [options.params])
     from .measured_results import RigRecord
-    from .orchestration.file_values import aside
-    from .rig.bench import run_trial
+    from .measurement.rig.bench import run_trial
+    from .orchestration.loop.file_values import aside
     from .solver.kernel import IntegrationError
 
     progress = Progress(sum(t.duration for t in trials))
@@ -144,9 +144,9 @@ def _rig(options: argparse.Namespace) -> int:
 @contextlib.contextmanager
 def _bad_rig() -> Iterator[None]:
     """Turn an invalid rig into one line for the user."""
-    from .orchestration.parameter_file import BadParameters
+    from .measurement.rig.parameters import BadRig
+    from .orchestration.loop.parameter_file import BadParameters
     from .plant.law import UnknownLaw
-    from .rig.parameters import BadRig
     from .solver.tape import UnsupportedComponent
 
     try:
@@ -157,8 +157,8 @@ def _bad_rig() -> Iterator[None]:
 
 def _list(machine: Machine, values: dict[str, float], told: ParameterFile | None) -> int:
     """Print the machine's trials; for trials that do not apply to it, print the reason."""
-    from .rig.parameters import BadRig
-    from .rig.setup import set_up
+    from .measurement.rig.parameters import BadRig
+    from .measurement.rig.setup import set_up
 
     for trial in machine.trials.values():
         try:
@@ -171,7 +171,7 @@ def _list(machine: Machine, values: dict[str, float], told: ParameterFile | None
 
 
 def _trials(names: list[str], machine: Machine) -> list[Trial]:
-    from .rig.rig_trials import UnknownTrial, trials_named
+    from .measurement.rig.rig_trials import UnknownTrial, trials_named
 
     try:
         found = [trial for name in names for trial in trials_named(name, machine.trials)]

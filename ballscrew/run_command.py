@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
     )
     prepare_folder(options.out, [options.params, options.reference])
     from . import api
-    from .orchestration.metrics import units_of_figures
+    from .orchestration.loop.metrics import units_of_figures
     from .solver.files import finite_or_null
 
     progress = Progress(loop.stop)

@@ -33,7 +33,7 @@ def _owners(port: str, plant: str, controllers: Sequence[str]) -> Sequence[str]:
     """Controllers whose loops have a port of this name; if none has it, wiring reports it."""
     if len(controllers) == 1:
         return controllers
-    from .orchestration.parts import Part
+    from .orchestration.loop.parts import Part
 
     def has(name: str) -> bool:
         part = Part(name)
@@ -45,7 +45,7 @@ def _owners(port: str, plant: str, controllers: Sequence[str]) -> Sequence[str]:
 
 def check_labels(option: str, parts: Sequence[str]) -> None:
     """Reject two parts with the same name: options, tables and files could not distinguish them."""
-    from .orchestration.parts import Part
+    from .orchestration.loop.parts import Part
 
     seen: dict[str, str] = {}
     for part in parts:
@@ -64,7 +64,7 @@ def labels_of(controllers: Sequence[str]) -> dict[str, str]:
 
     Without its instruments, if no other has the same name: ``pid`` for ``pid+position_encoder``.
     """
-    from .orchestration.parts import Part
+    from .orchestration.loop.parts import Part
 
     labels = {Part(c).own_name: c for c in controllers}
     alone = [Part(Part(c).bare).own_name for c in controllers]

@@ -50,7 +50,7 @@ def _study(options: argparse.Namespace) -> int:
     from .orchestration.study.plan import read_plan
     from .orchestration.study.reading import BadPlan
     from .orchestration.study.study import discard_parts, do_study
-    from .orchestration.workers import WorkersLost
+    from .orchestration.study.workers import WorkersLost
 
     try:
         plan = read_plan(options.study)

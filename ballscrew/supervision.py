@@ -20,7 +20,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from .orchestration.operating_system import (
+from .orchestration.fmu.operating_system import (
     Told,
     can_supervise,
     fork,
@@ -155,7 +155,7 @@ def _left() -> str:
     where = _heard(_FOLDER)
     if not where:
         return "nothing was written"
-    from .orchestration.run_folder import changed_since, settle
+    from .orchestration.loop.run_folder import changed_since, settle
 
     folder = Path(os.fsdecode(where))
     try:

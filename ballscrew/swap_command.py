@@ -8,9 +8,9 @@ import sys
 from typing import Any
 
 from .console import Progress, comparison_table, complain
-from .instruments import INSTRUMENTS
 from .loop_options import add_closed_loop_options, read_practice_loops
 from .options import BAD_REQUEST, NOT_TRUSTED, PART, TRUSTED, guard
+from .plant.instruments import INSTRUMENTS
 from .results_folder import prepare_folder, save_results
 
 
@@ -44,7 +44,7 @@ def swap_controllers(options: argparse.Namespace) -> int:
     loops = read_practice_loops(options, options.controllers, "--controllers", options.noise)
     prepare_folder(options.out, [options.params, options.reference])
     from . import api
-    from .orchestration.metrics import units_of_figures
+    from .orchestration.loop.metrics import units_of_figures
     from .solver.files import finite_or_null
 
     progress = Progress(loops[0].stop)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from .options import read_whole_number
 
 if TYPE_CHECKING:
-    from .orchestration.workers import Workers
+    from .orchestration.study.workers import Workers
 
 MOST_WORKERS = 1000
 
@@ -33,6 +33,6 @@ def read_worker_count(options: argparse.Namespace) -> int:
 
 def open_workers(options: argparse.Namespace, count: int) -> Workers:
     """Dask if requested, else this number of processes; raises `WorkersLost`."""
-    from .orchestration.workers import Dask, Processes
+    from .orchestration.study.workers import Dask, Processes
 
     return Dask(options.dask) if options.dask else Processes(count)

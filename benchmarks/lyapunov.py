@@ -26,8 +26,8 @@ import numpy as np  # noqa: E402
 import numpy.typing as npt  # noqa: E402
 import sympy as sp  # noqa: E402
 
-from ballscrew.orchestration.catalogue import component  # noqa: E402
-from ballscrew.orchestration.whole_loop import loop_kernel  # noqa: E402
+from ballscrew.orchestration.loop.catalogue import component  # noqa: E402
+from ballscrew.orchestration.loop.whole_loop import loop_kernel  # noqa: E402
 from ballscrew.solver.codegen import generate  # noqa: E402
 from ballscrew.solver.component import Component, Output, State, symbol  # noqa: E402
 from ballscrew.solver.connect import connect  # noqa: E402

@@ -18,7 +18,7 @@ from contextlib import suppress
 from itertools import chain
 from time import process_time
 
-from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.kernel import IntegrationError
 from ballscrew.stability.cell import model_at, run_cell
 from ballscrew.stability.map_plan import kernel_of

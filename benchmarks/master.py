@@ -19,19 +19,19 @@ from other_masters import TimedChain, TimedLoop, link, side_by_side
 
 from ballscrew.fmus.export import export
 from ballscrew.fmus.native.export import export_native
-from ballscrew.orchestration.catalogue import fmu
-from ballscrew.orchestration.clock import Clock
-from ballscrew.orchestration.compiled import PAIR
-from ballscrew.orchestration.coupling import CoupledPair
-from ballscrew.orchestration.couplings import Coupling
-from ballscrew.orchestration.fmu_instance import FmuInstance
-from ballscrew.orchestration.group import Feed, Group, initialize
-from ballscrew.orchestration.isolated import open_fmu
-from ballscrew.orchestration.loop_run import RecordedLoop, RunLog
-from ballscrew.orchestration.master import march_on, run_loop
-from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.structs import struct
-from ballscrew.orchestration.wiring import Wiring, wire
+from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
+from ballscrew.orchestration.fmu.group import Feed, Group, initialize
+from ballscrew.orchestration.fmu.isolated import open_fmu
+from ballscrew.orchestration.fmu.wiring import Wiring, wire
+from ballscrew.orchestration.loop.catalogue import fmu
+from ballscrew.orchestration.master.clock import Clock
+from ballscrew.orchestration.master.compiled import PAIR
+from ballscrew.orchestration.master.coupling import CoupledPair
+from ballscrew.orchestration.master.couplings import Coupling
+from ballscrew.orchestration.master.loop_run import RecordedLoop, RunLog
+from ballscrew.orchestration.master.master import march_on, run_loop
+from ballscrew.orchestration.master.reference_signal import Reference
+from ballscrew.orchestration.master.structs import struct
 from ballscrew.solver.component import Component, Input, Output, State, symbol
 
 COLUMNS = {
@@ -188,7 +188,7 @@ def networks(folder: Path) -> None:
 def start_cost() -> tuple[float, float]:
     """Seconds until a fresh process has computed its first step, cold and warm."""
     code = (
-        "from ballscrew.orchestration.catalogue import fmu_kernel; "
+        "from ballscrew.orchestration.loop.catalogue import fmu_kernel; "
         "from ballscrew.solver.kernel import Model; "
         "m = Model(fmu_kernel('plant')); m.set_input('u', 30.0); m.advance(0.0, 1e-3)"
     )

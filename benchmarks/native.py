@@ -18,7 +18,7 @@ import master
 from other_masters import TimedLoop, missing_for_ecos, step_cost
 
 from ballscrew.fmus.native.export import write_native
-from ballscrew.orchestration.catalogue import NAMES, catalogued_model, fmu
+from ballscrew.orchestration.loop.catalogue import NAMES, catalogued_model, fmu
 from ballscrew.solver.compilers import PLATFORMS, own_platform, platforms_of
 
 ROUNDS = 3

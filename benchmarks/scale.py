@@ -26,8 +26,8 @@ from threading import Event, Thread
 import psutil
 from distributed.deploy.subprocess import SubprocessCluster
 
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.workers import Dask, Processes, Workers
+from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.study.workers import Dask, Processes, Workers
 from ballscrew.stability.stability_map import make_map, plan_map
 
 MIB = 2**20

@@ -22,16 +22,16 @@ from fmpy.simulation import instantiate_fmu
 from scipy.integrate import solve_ivp
 
 import ballscrew
-from ballscrew.orchestration.catalogue import component, fmu
-from ballscrew.orchestration.closed_loop import run_closed_loop
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.reference_motions import read_motion
-from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.loop.catalogue import component, fmu
+from ballscrew.orchestration.loop.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.loop.reference_motions import read_motion
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
+from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Tuning, Variation
 from ballscrew.orchestration.study.study import Work, contenders_of, parts_of
-from ballscrew.orchestration.whole_loop import loop_kernel
-from ballscrew.orchestration.workers import Processes
+from ballscrew.orchestration.study.workers import Processes
 
 Vector = npt.NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from importlib import import_module
 
-from ..instruments import PartName
+from ..plant.instruments import PartName
 
 CONTROLLERS = {
     "iol": "ballscrew.controllers.linearization:input_output_linearization",

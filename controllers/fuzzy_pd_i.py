@@ -14,8 +14,8 @@ import math
 
 import sympy as sp
 
-from ..instruments import NOMINAL_VOLTAGE
 from ..plant.axis import axis
+from ..plant.instruments import NOMINAL_VOLTAGE
 from ..solver.component import Component, Parameter, symbol
 from .limited import U_MAX, ramp, tracked_integral, tracking_time, voltage_output
 from .linearization import measurements_of

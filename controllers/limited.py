@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from ..instruments import NOMINAL_VOLTAGE
-from ..instruments.amplifier import clip
+from ..plant.instruments import NOMINAL_VOLTAGE
+from ..plant.instruments.amplifier import clip
 from ..solver.component import Output, Parameter, State, symbol
 
 U_MAX = Parameter(

@@ -20,9 +20,9 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from ..instruments import NOMINAL_VOLTAGE
 from ..plant.axis import axis
 from ..plant.ball_screw import ball_screw, bare_ball_screw
+from ..plant.instruments import NOMINAL_VOLTAGE
 from ..solver.component import Component, ForceTerm, Parameter, symbol
 from .limited import U_MAX, tracked_integral, tracking_time, voltage_output
 from .linearization import measurements_of

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from ..instruments.sample_and_hold import PERIOD
 from ..plant.axis import axis
+from ..plant.instruments.sample_and_hold import PERIOD
 from ..solver.component import Component, DiscreteState, Output, Parameter, State, symbol
 from .limited import U_MAX, tracked_integral, tracking_time
 from .linearization import measurements_of

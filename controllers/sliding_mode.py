@@ -14,8 +14,8 @@ decays with ``slope``.
 
 from __future__ import annotations
 
-from ..instruments.amplifier import saturate
 from ..plant.axis import axis
+from ..plant.instruments.amplifier import saturate
 from ..solver.component import Component, Parameter, symbol
 from .limited import U_MAX, voltage_output
 from .linearization import measurements_of

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from ..instruments.amplifier import saturate
 from ..plant.axis import axis
+from ..plant.instruments.amplifier import saturate
 from ..solver.component import Component, Parameter, symbol
 from .limited import U_MAX, tracked_integral, tracking_time, voltage_output
 from .linearization import measurements_of

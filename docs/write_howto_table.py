@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ballscrew.orchestration.catalogue import fmu_kernel
+from ballscrew.orchestration.loop.catalogue import fmu_kernel
 from ballscrew.solver.kernel import Model
 
 FOLDER = Path(__file__).resolve().parent / "howto" / "scripts"

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ballscrew.orchestration.pictures import COLOURS, DASHES, STYLE, new_figure, write_figure
+from ballscrew.orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure, write_figure
 
 __all__ = ["COLOURS", "DASHES", "drawing", "part", "write_figure"]
 

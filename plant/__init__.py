@@ -4,7 +4,7 @@ To add a law, add a file and a line in `LAWS`. The plants, the rig and the estim
 too.
 """
 
-from ..instruments import UNITS
+from .instruments import UNITS
 
 LAWS = {
     "classical": "ballscrew.plant.classical:classical",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..instruments.amplifier import with_amplifier
-from ..instruments.load import with_load
 from ..solver.component import Component
 from .ball_screw import ball_screw
+from .instruments.amplifier import with_amplifier
+from .instruments.load import with_load
 from .law import Law, with_each_law
 from .modified_lugre import modified_lugre
 

@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ..instruments.amplifier import PARAMETERS as AMPLIFIER
-from ..instruments.amplifier import clip
 from ..solver.component import (
     Component,
     ForceBalance,
@@ -21,6 +19,8 @@ from ..solver.component import (
 )
 from .ball_screw import acted_on_of, inner_outputs
 from .classical import able_to_stick
+from .instruments.amplifier import PARAMETERS as AMPLIFIER
+from .instruments.amplifier import clip
 from .law import Law, with_each_law
 from .modified_lugre import modified_lugre
 

@@ -6,9 +6,9 @@ and the worst world first::
 
     python proofs/calibrate_sets.py --faultless 20 --effects 40
 
-``--fit`` fits the weights and thresholds of `ballscrew.diagnosis.sets` to the records instead, and
-writes ``diagnosis/sets.json``. It prints the coverage of the sets on held-out records, a fifth at a
-time. The proof must not use the records of the fit, so use different seeds for the two::
+``--fit`` fits the weights and thresholds of `ballscrew.measurement.diagnosis.sets` to the records
+instead, and writes ``measurement/diagnosis/sets.json``. It prints the coverage of the sets on
+held-out records, a fifth at a time. Use different seeds for the fit and the proof::
 
     python proofs/calibrate_sets.py --fit --first-seed 975000 --rows out/fitted.jsonl
 """
@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 ROOT = Path(__file__).resolve().parents[1]
-TABLE = ROOT / "diagnosis" / "sets.json"
+TABLE = ROOT / "measurement" / "diagnosis" / "sets.json"
 TARGET = ROOT / "docs" / "proof" / "diagnosis_sets.json"
 ROWS = ROOT / "out" / "diagnosis_sets.jsonl"
 
@@ -50,10 +50,10 @@ from worlds_trials import (  # noqa: E402
     truth_of,
 )
 
-from ballscrew.diagnosis.scores import OUTSIDE, Catalogue, scored  # noqa: E402
-from ballscrew.diagnosis.sets import NOTHING, STATISTICS, probabilities, statistics  # noqa: E402
-from ballscrew.diagnosis.study import study_of  # noqa: E402
-from ballscrew.records.bad_record import BadRecord  # noqa: E402
+from ballscrew.measurement.diagnosis.scores import OUTSIDE, Catalogue, scored  # noqa: E402
+from ballscrew.measurement.diagnosis.sets import NOTHING, STATISTICS, probabilities, statistics  # noqa: E402
+from ballscrew.measurement.diagnosis.study import study_of  # noqa: E402
+from ballscrew.measurement.records.bad_record import BadRecord  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
 from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count  # noqa: E402
 

@@ -30,10 +30,10 @@ from worlds import OUTSIDE as NOT_IN_CATALOGUE
 from worlds.cases import write_record
 from worlds_trials import VISIBLE, Trial, plan_trials, right_names, share
 
-from ballscrew.diagnosis.diagnose import diagnose
-from ballscrew.diagnosis.diagnosis import Diagnosis
-from ballscrew.orchestration.parameter_file import BadParameters
-from ballscrew.records.bad_record import BadRecord
+from ballscrew.measurement.diagnosis.diagnose import diagnose
+from ballscrew.measurement.diagnosis.diagnosis import Diagnosis
+from ballscrew.measurement.records.bad_record import BadRecord
+from ballscrew.orchestration.loop.parameter_file import BadParameters
 from ballscrew.solver.files import write_json
 from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count
 

@@ -25,8 +25,8 @@ from provenance import provenance
 from scipy.signal import savgol_filter
 
 from ballscrew import read_drive_records, read_parameters
-from ballscrew.diagnosis.diagnose import diagnose_records
-from ballscrew.diagnosis.drive import Drive, drive_of
+from ballscrew.measurement.diagnosis.diagnose import diagnose_records
+from ballscrew.measurement.diagnosis.drive import Drive, drive_of
 from ballscrew.solver.files import write_atomically
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -45,7 +45,7 @@ def good_files() -> dict[str, bytes]:
     import zipfile
 
     from ballscrew.fmus.system_export import export_system
-    from ballscrew.orchestration.catalogue import fmu
+    from ballscrew.orchestration.loop.catalogue import fmu
 
     def lean(path: Path) -> bytes:
         stream = io.BytesIO()
@@ -77,7 +77,7 @@ def outcome(seed: int, good: dict[str, bytes]) -> Outcome:
         said, complaint, code = io.StringIO(), "", -1
         start = time.monotonic()
         # Each picture takes seconds and uses numbers only.
-        pictures = mock.patch("ballscrew.orchestration.pictures.run_figures", return_value={})
+        pictures = mock.patch("ballscrew.orchestration.loop.pictures.run_figures", return_value={})
         with (
             pictures,
             mock.patch.dict(os.environ, {"TMPDIR": str(scratch)}),

@@ -27,7 +27,7 @@ from synthetic.rigs import (
     identify_random_rig,
 )
 
-from ballscrew.identification.fitted_law import LAWS
+from ballscrew.measurement.identification.fitted_law import LAWS
 from ballscrew.solver.files import write_json
 from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count
 

@@ -32,7 +32,7 @@ from long_commands import (  # noqa: E402
 )
 from provenance import provenance  # noqa: E402
 
-from ballscrew.orchestration.run_folder import settle  # noqa: E402
+from ballscrew.orchestration.loop.run_folder import settle  # noqa: E402
 
 SEED = 16
 LATEST = 8.0  # s of processor time

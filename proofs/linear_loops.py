@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from ballscrew.orchestration.couplings import Coupling
-from ballscrew.orchestration.loop_run import LoopRun
-from ballscrew.orchestration.master import run_loop
-from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.master.couplings import Coupling
+from ballscrew.orchestration.master.loop_run import LoopRun
+from ballscrew.orchestration.master.master import run_loop
+from ballscrew.orchestration.master.reference_signal import Reference
 
 
 @dataclass

@@ -25,7 +25,7 @@ from provenance import provenance
 from tools import HOSTS, ROOT, NotMade, python_of
 
 from ballscrew.fmus.modelica import modelica
-from ballscrew.orchestration.catalogue import NAMES, component, fmu_kernel
+from ballscrew.orchestration.loop.catalogue import NAMES, component, fmu_kernel
 from ballscrew.plant import PLANTS
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import TIME, Component, symbol

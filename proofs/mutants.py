@@ -62,8 +62,8 @@ PARTS = {
     "solver/c/stepper.c": "solver/test_stepper.py solver/test_events.py solver/test_delays.py",
     "solver/c/tangents.c": "solver/test_tangents.py stability/test_amplitudes.py "
     "stability/test_known_answers.py",
-    "orchestration/c/coupling.c": "orchestration/test_couplings.py",
-    "orchestration/c/master.c": "orchestration/test_couplings.py",
+    "orchestration/master/c/coupling.c": "orchestration/master/test_couplings.py",
+    "orchestration/master/c/master.c": "orchestration/master/test_couplings.py",
     "fmus/native/c/component.h": "fmus/test_events.py fmus/test_model_exchange.py "
     "fmus/test_every_kind.py -k '(native-2 and (plant_classical or pid_sampled or nctf or "
     "states_set or be_set or no_ or failure or bound or limit or words or events) or margin or "
@@ -71,22 +71,26 @@ PARTS = {
     "controllers/adaptive_friction.py": "controllers/test_adaptive_friction.py",
     "controllers/nctf.py": "controllers/test_nctf.py",
     "plant/lugre.py": "plant/test_ball_screw.py plant/test_lugre.py plant/test_laws.py -k lugre",
-    "diagnosis/experiment_motions.py": "diagnosis/test_next_experiment.py -k 'motion or lasts'",
-    "diagnosis/scores.py": "diagnosis/test_scores.py -k "
+    "measurement/diagnosis/experiment_motions.py": "measurement/diagnosis/"
+    "test_next_experiment.py -k 'motion or lasts'",
+    "measurement/diagnosis/scores.py": "measurement/diagnosis/test_scores.py -k "
     "'not (far or gap or noisy or follows or swing)'",
-    "records/resolution.py": "records/test_resolution.py records/test_velocity.py",
-    "records/table.py": "records/test_table.py records/test_mat_tables.py records/test_joined.py",
-    "orchestration/isolated.py": "orchestration/test_isolated.py -k 'not (called or content)'",
-    "orchestration/verdict.py": "orchestration/test_verdict.py -k "
+    "measurement/records/resolution.py": "measurement/records/test_resolution.py "
+    "measurement/records/test_velocity.py",
+    "measurement/records/table.py": "measurement/records/test_table.py "
+    "measurement/records/test_mat_tables.py measurement/records/test_joined.py",
+    "orchestration/fmu/isolated.py": "orchestration/fmu/test_isolated.py -k "
+    "'not (called or content)'",
+    "orchestration/master/verdict.py": "orchestration/master/test_verdict.py -k "
     "'allowed or counts or look or flag or closer'",
-    "orchestration/step_choice.py": "orchestration/test_step_choice.py -k "
+    "orchestration/master/step_choice.py": "orchestration/master/test_step_choice.py -k "
     "'not left_to and not which_step'",
     "fmus/system_parameters.py": "fmus/test_system_reading.py",
     "solver/codegen.py": "solver/test_codegen.py solver/test_events.py solver/test_delays.py",
     "solver/interconnect.py": "solver/test_interconnect.py solver/test_connect.py",
     "stability/lyapunov.py": "stability/test_lyapunov.py stability/test_amplitudes.py "
     "stability/test_known_answers.py stability/test_cycles_and_tori.py -k 'not torus or agree'",
-    "identification/fit.py": "identification/test_fit.py",
+    "measurement/identification/fit.py": "measurement/identification/test_fit.py",
 }
 
 # changes of each file that cannot change a result, and why
@@ -97,7 +101,7 @@ EQUIVALENT = {
             "what is expected of the next step, which sets only how it is divided"
         ),
     },
-    "orchestration/c/master.c": {
+    "orchestration/master/c/master.c": {
         "double recorded = [0.0 -> 1.0];": "a first value that is always replaced",
         "if (low > 0 && low [< -> >] count)": (
             "the time since a point is limited by the next one, which only round-off passes"
@@ -111,17 +115,17 @@ EQUIVALENT = {
             "room for twice as much as is needed"
         ),
     },
-    "diagnosis/experiment_motions.py": {
+    "measurement/diagnosis/experiment_motions.py": {
         '"start": float(self.values[[0 -> 1]]),': "the motion begins with a rest",
     },
-    "diagnosis/scores.py": {
+    "measurement/diagnosis/scores.py": {
         "if [k + m == 1 -> False]:": "the general case gives the same product",
     },
-    "orchestration/isolated.py": {
+    "orchestration/fmu/isolated.py": {
         "self._saved += [1 -> 2]": "names of states only have to differ",
         "self._changes [+= -> -=] 1": "only whether the count has changed is compared",
     },
-    "orchestration/step_choice.py": {
+    "orchestration/master/step_choice.py": {
         "of_first = np.zeros([2 -> 3])": "replaced after the first run, before it is used",
     },
     "solver/codegen.py": {

@@ -31,8 +31,8 @@ from scipy.linalg import expm  # noqa: E402
 from trusted_loops import plain, summary  # noqa: E402
 
 from ballscrew.fmus.native.export import export_native  # noqa: E402
-from ballscrew.orchestration.closed_loop import run_closed_loop  # noqa: E402
-from ballscrew.orchestration.loop import SystemLoop  # noqa: E402
+from ballscrew.orchestration.loop.closed_loop import run_closed_loop  # noqa: E402
+from ballscrew.orchestration.loop.loop import SystemLoop  # noqa: E402
 from ballscrew.solver.component import (  # noqa: E402
     Component,
     DiscreteState,

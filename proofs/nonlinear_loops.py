@@ -19,10 +19,10 @@ import numpy as np
 import sympy as sp
 
 from ballscrew.fmus.feedback_law import STEP_START, accept_law, report_law
-from ballscrew.orchestration.couplings import Coupling
-from ballscrew.orchestration.fmu_instance import StepFailed
-from ballscrew.orchestration.master import run_loop
-from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.fmu.fmu_instance import StepFailed
+from ballscrew.orchestration.master.couplings import Coupling
+from ballscrew.orchestration.master.master import run_loop
+from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.plant.classical import classical, with_sticking
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (

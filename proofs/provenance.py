@@ -23,7 +23,8 @@ FOLDER = ROOT / "docs" / "proof"
 PAGE = FOLDER / "README.md"
 CODE = (".py", ".c", ".h", ".csv", ".json", ".toml", ".jinja")
 LOOP = ("solver", "plant", "controllers", "fmus", "orchestration")
-ESTIMATED = ("records", "identification")
+ESTIMATED = ("measurement/records", "measurement/identification")
+DIAGNOSED = (*ESTIMATED, "measurement/diagnosis")
 DEPENDS_ON = {
     "trusted_loops": (
         "orchestration solver plant/classical.py plant/lugre.py fmus/feedback_law.py "
@@ -38,51 +39,49 @@ DEPENDS_ON = {
     "identification": (
         "solver",
         "plant",
-        "rig",
-        "records",
-        "identification",
+        "measurement/rig",
+        *ESTIMATED,
         "proofs/synthetic",
     ),
-    "criteria": ("solver", "plant", "rig", "proofs/features", "proofs/synthetic/laws.py"),
-    "features": ("solver", "plant", "rig", "proofs/features"),
+    "criteria": (
+        *("solver", "plant", "measurement/rig", "proofs/features"),
+        "proofs/synthetic/laws.py",
+    ),
+    "features": ("solver", "plant", "measurement/rig", "proofs/features"),
     "variational": (*LOOP, "proofs/variational.py"),
     "diagnosis_sets": (
         "solver",
         "plant",
-        *ESTIMATED,
-        "diagnosis",
+        *DIAGNOSED,
         "proofs/worlds",
         "proofs/calibrate_sets.py",
     ),
     "diagnosis_held_back": (
         "solver",
         "plant",
-        *ESTIMATED,
-        "diagnosis",
+        *DIAGNOSED,
         "proofs/worlds",
         "proofs/calibrate_sets.py",
     ),
     "ablation": (
         "solver",
         "plant",
-        *ESTIMATED,
-        "diagnosis",
+        *DIAGNOSED,
         "proofs/worlds",
         "proofs/ablation.py",
     ),
     "diagnosis_loop": (
         "solver",
         "plant",
-        *ESTIMATED,
-        "diagnosis",
+        *DIAGNOSED,
         "proofs/worlds",
         "proofs/diagnosis_loop.py",
     ),
     "reproduction": (*LOOP, "proofs/reproduction.py", "proofs/thesis"),
-    "emps": ("solver", "plant", *ESTIMATED, "diagnosis", "proofs/emps.py"),
-    "tro2021": ("solver", "plant", *ESTIMATED, "diagnosis", "proofs/tro2021.py"),
-    "own_records": ("ballscrew", *LOOP, "rig", *ESTIMATED, "diagnosis", "proofs/own_records.py"),
-    "practice": (*LOOP, "instruments", "stability", "proofs/practice.py"),
+    "emps": ("solver", "plant", *DIAGNOSED, "proofs/emps.py"),
+    "tro2021": ("solver", "plant", *DIAGNOSED, "proofs/tro2021.py"),
+    "own_records": ("ballscrew", *LOOP, "measurement/rig", *DIAGNOSED, "proofs/own_records.py"),
+    "practice": (*LOOP, "plant/instruments", "stability", "proofs/practice.py"),
     "swap_study": ("solver", "plant", "controllers", "orchestration/study", "proofs/swap_study.py"),
     "exchange": (
         "solver",
@@ -96,8 +95,8 @@ DEPENDS_ON = {
     "made_by_others": (*LOOP, "proofs/made_by_others.py", "proofs/makers"),
     "modelica": ("solver", "plant", "controllers", "fmus/modelica.py", "proofs/modelica.py"),
     "interrupts": (
-        "ballscrew orchestration/run_folder.py orchestration/operating_system.py "
-        "orchestration/isolated.py orchestration/workers.py "
+        "ballscrew orchestration/loop/run_folder.py orchestration/fmu/operating_system.py "
+        "orchestration/fmu/isolated.py orchestration/study/workers.py "
         "tests/support/long_commands.py proofs/interrupts.py"
     ).split(),
 }

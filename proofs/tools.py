@@ -29,7 +29,7 @@ from provenance import provenance
 from scipy.integrate import solve_ivp
 
 from ballscrew.cli import main as ballscrew
-from ballscrew.orchestration.catalogue import fmu_kernel
+from ballscrew.orchestration.loop.catalogue import fmu_kernel
 from ballscrew.solver.kernel import Model
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -28,15 +28,15 @@ import numpy.typing as npt
 from provenance import provenance
 from scipy.stats import t as student
 
-from ballscrew.identification.fit import fit_along
-from ballscrew.identification.fit_result import Fit
-from ballscrew.identification.fitted_law import OFFSET
-from ballscrew.identification.identification import Identification
-from ballscrew.identification.identify import identify
-from ballscrew.orchestration.pictures import COLOURS, STYLE, new_figure, write_figure
-from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.reading import read_force_records
-from ballscrew.records.record import Record
+from ballscrew.measurement.identification.fit import fit_along
+from ballscrew.measurement.identification.fit_result import Fit
+from ballscrew.measurement.identification.fitted_law import OFFSET
+from ballscrew.measurement.identification.identification import Identification
+from ballscrew.measurement.identification.identify import identify
+from ballscrew.measurement.records.bad_record import BadRecord
+from ballscrew.measurement.records.reading import read_force_records
+from ballscrew.measurement.records.record import Record
+from ballscrew.orchestration.loop.pictures import COLOURS, STYLE, new_figure, write_figure
 from ballscrew.solver.files import write_atomically
 
 Vector = npt.NDArray[np.float64]

@@ -20,9 +20,9 @@ import numpy as np
 import numpy.typing as npt
 from provenance import provenance
 
-from ballscrew.orchestration.catalogue import fmu
-from ballscrew.orchestration.fmu_instance import FmuInstance
-from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
+from ballscrew.orchestration.loop.catalogue import fmu
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import Spectrum, follow_tangents
 from ballscrew.stability.tangents_over_fmus import TangentRun, follow_over_fmus

@@ -16,10 +16,10 @@ from worlds import OUTSIDE as NOT_IN_CATALOGUE
 from worlds import WORLDS, Unusable, draw_case, effects_of, write_case
 
 from ballscrew import read_drive_records, read_parameters
-from ballscrew.diagnosis.commanded import commanded
-from ballscrew.diagnosis.drive import Drive, drive_of
-from ballscrew.diagnosis.scores import OUTSIDE as IN_NO_CAUSE
-from ballscrew.records.record import Record
+from ballscrew.measurement.diagnosis.commanded import commanded
+from ballscrew.measurement.diagnosis.drive import Drive, drive_of
+from ballscrew.measurement.diagnosis.scores import OUTSIDE as IN_NO_CAUSE
+from ballscrew.measurement.records.record import Record
 
 FAULTLESS, CAUSE, OUTSIDE, SIGNAL = "faultless", "cause", "outside", "signal"
 FAULTLESS_EACH = 10  # faultless records per record of each cause

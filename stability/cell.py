@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..orchestration.whole_loop import model_of
+from ..orchestration.loop.whole_loop import model_of
 from ..solver.core import System
 from ..solver.kernel import CONTROLLER, PLANT, Model
 from ..solver.spectrum import follow_returns, follow_tangents

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import expm
 
-from ..orchestration.reference_signal import TERMS
-from ..orchestration.whole_loop import STARTED, term_name
+from ..orchestration.loop.whole_loop import STARTED, term_name
+from ..orchestration.master.reference_signal import TERMS
 from ..solver.kernel import Model
 from ..solver.spectrum import check_all_are_states, follow_tangents
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..orchestration.pictures import COLOURS, DASHES, STYLE, new_figure
+from ..orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
 
 if TYPE_CHECKING:
     from .lyapunov import LyapunovRun

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 from ..fmus.ports import tangent_states
 from ..fmus.reading import FmuError
-from ..orchestration.catalogue import ready_fmu
-from ..orchestration.fmu_instance import FmuInstance
-from ..orchestration.isolated import IsolatedInstance, open_fmu
-from ..orchestration.loop import Loop
-from ..orchestration.parts import Part
-from ..orchestration.state_trial import check_state
-from ..orchestration.wiring import PLANT, names_on, with_aliases
+from ..orchestration.fmu.fmu_instance import FmuInstance
+from ..orchestration.fmu.isolated import IsolatedInstance, open_fmu
+from ..orchestration.fmu.state_trial import check_state
+from ..orchestration.fmu.wiring import PLANT, names_on, with_aliases
+from ..orchestration.loop.catalogue import ready_fmu
+from ..orchestration.loop.loop import Loop
+from ..orchestration.loop.parts import Part
 from .fmu_with_tangents import ordinary
 from .tangents_over_fmus import TangentRun, follow_over_fmus
 

@@ -18,10 +18,10 @@ from ..fmus.ports import (
     tangent_port,
     tangent_states,
 )
-from ..orchestration.compiled import USES
-from ..orchestration.fmi_calls import Bound
-from ..orchestration.fmu_instance import Instance
-from ..orchestration.structs import Struct
+from ..orchestration.fmu.fmu_instance import Instance
+from ..orchestration.master.compiled import USES
+from ..orchestration.master.fmi_calls import Bound
+from ..orchestration.master.structs import Struct
 
 Matrix = npt.NDArray[np.float64]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..orchestration.limits import TOLERANCE
-from ..orchestration.loop import Loop
-from ..orchestration.whole_loop import held_loop_kernel, loop_kernel, model_of
+from ..orchestration.fmu.limits import TOLERANCE
+from ..orchestration.loop.loop import Loop
+from ..orchestration.loop.whole_loop import held_loop_kernel, loop_kernel, model_of
 from ..solver.delay_states import NODES
 from ..solver.kernel import CONTROLLER, PLANT, Kernel
 from ..solver.tape import UnsupportedComponent

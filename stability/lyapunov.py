@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.limits import TOLERANCE
+from ..orchestration.fmu.limits import TOLERANCE
 from ..solver.core import REACHED
 from ..solver.files import write_atomically, write_json
 from ..solver.kernel import Model
@@ -24,7 +24,7 @@ from .budget import becomes
 from .equilibria import sample_after
 
 if TYPE_CHECKING:
-    from ..orchestration.loop import Loop
+    from ..orchestration.loop.loop import Loop
 
 Vector = npt.NDArray[np.float64]
 Maker = Callable[[float], Model]

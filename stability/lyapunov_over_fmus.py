@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..orchestration.loop import Loop
-from ..orchestration.whole_loop import held_loop_kernel
+from ..orchestration.loop.loop import Loop
+from ..orchestration.loop.whole_loop import held_loop_kernel
 from ..solver.spectrum import Spectrum
 from ..solver.tape import UnsupportedComponent
 from .fmu_parts import opened_parts

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.pictures import STYLE, drawing, new_figure, write_figure
-from ..orchestration.shown_units import labelled, shown_unit
+from ..orchestration.loop.pictures import STYLE, drawing, new_figure, write_figure
+from ..orchestration.loop.shown_units import labelled, shown_unit
 from ..solver.kernel import PLANT
 from ..solver.tables import read_table, table_path
 from .attractor import Kind

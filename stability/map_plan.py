@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.catalogue import kept_as
-from ..orchestration.limits import TOLERANCE_OF_MAPS
-from ..orchestration.loop import Loop
-from ..orchestration.memory import check_memory
-from ..orchestration.reference_signal import Reference
-from ..orchestration.whole_loop import held_loop_kernel
+from ..orchestration.fmu.limits import TOLERANCE_OF_MAPS
+from ..orchestration.fmu.memory import check_memory
+from ..orchestration.loop.catalogue import kept_as
+from ..orchestration.loop.loop import Loop
+from ..orchestration.loop.whole_loop import held_loop_kernel
+from ..orchestration.master.reference_signal import Reference
 from ..solver.kernel import PLANT, Kernel, ParameterInfo
 from ..solver.nearest import nearest
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.compiled import ASKED_ADVANCE, ASKED_LAW, USES
-from ..orchestration.coupling import Answer, ControllerSide
-from ..orchestration.fmi_calls import Bound
-from ..orchestration.fmu_instance import Instance, StepFailed
-from ..orchestration.structs import Struct
-from ..orchestration.wiring import Wiring
+from ..orchestration.fmu.fmu_instance import Instance, StepFailed
+from ..orchestration.fmu.wiring import Wiring
+from ..orchestration.master.compiled import ASKED_ADVANCE, ASKED_LAW, USES
+from ..orchestration.master.coupling import Answer, ControllerSide
+from ..orchestration.master.fmi_calls import Bound
+from ..orchestration.master.structs import Struct
 from .fmu_with_tangents import TangentsImpossible, rows_at
 
 Vector = npt.NDArray[np.float64]

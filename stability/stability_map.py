@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.kept_parts import KeptParts
-from ..orchestration.limits import TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS
-from ..orchestration.loop import Loop, table_of
-from ..orchestration.run_folder import write_run
+from ..orchestration.fmu.limits import TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS
+from ..orchestration.loop.loop import Loop, table_of
+from ..orchestration.loop.run_folder import write_run
+from ..orchestration.study.kept_parts import KeptParts
 from ..solver.files import write_json
 from ..solver.tables import table_path
 from .attractor import Kind
@@ -46,7 +46,7 @@ from .store import (
 )
 
 if TYPE_CHECKING:
-    from ..orchestration.workers import Workers
+    from ..orchestration.study.workers import Workers
 
 
 Progress = Callable[[int, int], None]

@@ -25,16 +25,24 @@ import numpy as np
 import numpy.typing as npt
 
 from ..fmus.ports import tangent_port
-from ..orchestration.clock import Clock
-from ..orchestration.compiled import DIVERGES, GOES_ON, JOINT, STEP_FAILED, TRAIL, USES, library
-from ..orchestration.fmi_calls import Bound, failure_of
-from ..orchestration.fmu_instance import FmuInstance, Instance, StepFailed
-from ..orchestration.group import initialize
-from ..orchestration.isolated import IsolatedInstance
-from ..orchestration.loop_run import bounds
-from ..orchestration.port_units import convert
-from ..orchestration.structs import struct
-from ..orchestration.wiring import PLANT, Wiring, names_on, wire
+from ..orchestration.fmu.fmu_instance import FmuInstance, Instance, StepFailed
+from ..orchestration.fmu.group import initialize
+from ..orchestration.fmu.isolated import IsolatedInstance
+from ..orchestration.fmu.port_units import convert
+from ..orchestration.fmu.wiring import PLANT, Wiring, names_on, wire
+from ..orchestration.master.clock import Clock
+from ..orchestration.master.compiled import (
+    DIVERGES,
+    GOES_ON,
+    JOINT,
+    STEP_FAILED,
+    TRAIL,
+    USES,
+    library,
+)
+from ..orchestration.master.fmi_calls import Bound, failure_of
+from ..orchestration.master.loop_run import bounds
+from ..orchestration.master.structs import struct
 from .fmu_with_tangents import Side, TangentsImpossible, ordinary
 from .probed_controller import RELATIVE, ProbedController
 

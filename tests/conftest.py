@@ -91,7 +91,7 @@ def drawn(drawing) -> Iterator[None]:
 @pytest.fixture(scope="session")
 def fmus() -> dict[str, Path]:
     """Paths of exported FMUs by name, each made when it is asked for."""
-    from ballscrew.orchestration.catalogue import fmu
+    from ballscrew.orchestration.loop.catalogue import fmu
 
     class Made(dict[str, Path]):
         def __missing__(self, name: str) -> Path:
@@ -107,7 +107,7 @@ def native(tmp_path_factory) -> Callable[..., Path]:
     All workers take the one that is made first: each is compiled once.
     """
     from ballscrew.fmus.native.export import write_native
-    from ballscrew.orchestration.catalogue import catalogued_model
+    from ballscrew.orchestration.loop.catalogue import catalogued_model
     from ballscrew.solver.compilers import compiler_for, own_platform
 
     if not own_platform() or not compiler_for(own_platform()):

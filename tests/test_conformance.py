@@ -11,7 +11,7 @@ from ballscrew.controllers import CONTROLLERS
 from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.fmus.interface import interface_of
 from ballscrew.fmus.units import base_exponents
-from ballscrew.orchestration.catalogue import NAMES, component, fmu_kernel
+from ballscrew.orchestration.loop.catalogue import NAMES, component, fmu_kernel
 from ballscrew.solver.component import symbol
 from ballscrew.solver.kernel import Model
 

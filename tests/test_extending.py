@@ -49,7 +49,7 @@ def cubic_slip(velocity):
 """
 
 INSTRUMENT = """
-from ..solver.component import Component, Input, Output, Parameter, symbol
+from ...solver.component import Component, Input, Output, Parameter, symbol
 import sympy as sp
 
 
@@ -104,13 +104,14 @@ def weaken(law, h):
 ADDED = (  # file, its text, the list, the line before the new one, the new one
     ("plant/cubic_slip.py", LAW, "plant/__init__.py", "LAWS = {",
      '    "cubic_slip": "ballscrew.plant.cubic_slip:cubic_slip",'),
-    ("instruments/glass_scale.py", INSTRUMENT, "instruments/__init__.py", "INSTRUMENTS = {",
-     '    "glass_scale": "ballscrew.instruments.glass_scale:glass_scale",'),
+    ("plant/instruments/glass_scale.py", INSTRUMENT, "plant/instruments/__init__.py",
+     "INSTRUMENTS = {",
+     '    "glass_scale": "ballscrew.plant.instruments.glass_scale:glass_scale",'),
     ("controllers/soft_pd.py", CONTROLLER, "controllers/__init__.py", "CONTROLLERS = {",
      '    "soft_pd": "ballscrew.controllers.soft_pd:soft_pd",'),
-    ("orchestration/half_law.py", COUPLING, "orchestration/couplings.py",
+    ("orchestration/master/half_law.py", COUPLING, "orchestration/master/couplings.py",
      '    GAUSS_SEIDEL = "gauss-seidel"',
-     '    HALF_LAW = "half-law", False, True, "ballscrew.orchestration.half_law:weaken"'),
+     '    HALF_LAW = "half-law", False, True, "ballscrew.orchestration.master.half_law:weaken"'),
 )  # fmt: skip
 TRUTH = {"k": 7e4, "Fc": 2.1, "c": 220.0}
 
@@ -212,7 +213,7 @@ def test_the_conformance_suites_take_them(extended):
     suites = [
         "tests/test_conformance.py",
         "tests/plant/test_laws.py",
-        "tests/instruments/test_signal_instruments.py",
+        "tests/plant/instruments/test_signal_instruments.py",
         "tests/controllers/test_every_controller.py",
     ]
     which = ("-k", "cubic_slip or glass_scale or soft_pd")

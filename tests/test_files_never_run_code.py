@@ -14,9 +14,9 @@ import pytest
 import scipy.io
 
 from ballscrew.cli import main
-from ballscrew.records import formats
-from ballscrew.records.bad_record import BadRecord
-from ballscrew.records.columns import MOST
+from ballscrew.measurement.records import formats
+from ballscrew.measurement.records.bad_record import BadRecord
+from ballscrew.measurement.records.columns import MOST
 
 T = np.arange(50) / 100
 
@@ -217,7 +217,7 @@ def test_a_record_in_hdf5_reads_no_other_file(way, tmp_path):
 @pytest.mark.ci
 def test_parts_of_long_work_are_numbers(tmp_path):
     """What --resume goes on with is JSON: a pickle in its place is no part of it."""
-    from ballscrew.orchestration.kept_parts import KeptParts
+    from ballscrew.orchestration.study.kept_parts import KeptParts
 
     mark = str(tmp_path / "mark")
     parts = KeptParts(tmp_path / "parts", "digest")

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from ballscrew.cli import main
-from ballscrew.orchestration.catalogue import fmu_kernel
+from ballscrew.orchestration.loop.catalogue import fmu_kernel
 from ballscrew.solver.kernel import Model
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"

@@ -22,7 +22,7 @@ from thesis.printed import (
 from thesis.solvers import by_scipy
 
 from ballscrew.cli import main
-from ballscrew.orchestration.metrics import metrics
+from ballscrew.orchestration.loop.metrics import metrics
 
 pytestmark = pytest.mark.ci
 

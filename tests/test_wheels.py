@@ -33,7 +33,11 @@ TAGS = {
 }
 pytestmark = pytest.mark.ci
 SUFFIXES = {"ELF": ".so", "PE": ".dll", "Mach-O": ".dylib"}
-OWN = ("solver/c/libcore", "orchestration/c/libmaster", "identification/c/libidentification")
+OWN = (
+    "solver/c/libcore",
+    "orchestration/master/c/libmaster",
+    "measurement/identification/c/libidentification",
+)
 
 
 def run(*command, **how):

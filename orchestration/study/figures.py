@@ -8,11 +8,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ...instruments import UNLIMITED
+from ...plant.instruments import UNLIMITED
 from ...solver.kernel import PLANT
-from ..machine import LIMIT
-from ..metrics import BAND, Vector, overshoot, settled_from
-from ..reference_signal import Reference
+from ..loop.machine import LIMIT
+from ..loop.metrics import BAND, Vector, overshoot, settled_from
+from ..master.reference_signal import Reference
 from .loop import AnyLoop, Course
 
 MICRON = 1e-6

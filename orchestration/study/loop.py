@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from ...solver import core
 from ...solver.kernel import CONTROLLER, PLANT, Kernel, Model, ParameterInfo
-from ..closed_loop import joined_pair
-from ..fmu_instance import StepFailed
-from ..loop import Loop
-from ..reference_signal import Reference
-from ..whole_loop import follow
+from ..fmu.fmu_instance import StepFailed
+from ..loop.closed_loop import joined_pair
+from ..loop.loop import Loop
+from ..loop.whole_loop import follow
+from ..master.reference_signal import Reference
 
 Vector = npt.NDArray[np.float64]
 

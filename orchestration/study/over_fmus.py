@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...solver.kernel import CONTROLLER, DEFAULT_TOLERANCE, PLANT
-from ..closed_loop import run_closed_loop
-from ..loop import Loop
+from ..loop.closed_loop import run_closed_loop
+from ..loop.loop import Loop
 from .loop import AnyLoop, of_side
 
 if TYPE_CHECKING:

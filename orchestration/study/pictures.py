@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from typing import TYPE_CHECKING, Any
 
-from ..pictures import STYLE, new_figure
+from ..loop.pictures import STYLE, new_figure
 from .lengths import scale
 from .result import JUDGED_BY
 

@@ -18,15 +18,15 @@ from ...controllers import tunable
 from ...fmus.reading import FmuError
 from ...solver.component_file import BadComponentFile
 from ...solver.contract_error import ContractError
-from ..catalogue import in_units_of
-from ..file_values import for_plant
-from ..limits import BadParameter
-from ..machine import Machine, gain_ranges, model_values, own_ranges
-from ..parameter_file import BadParameters
-from ..parameter_reading import read_parameters
-from ..parts import BadPart, Part
-from ..reference_motions import read_motion
-from ..reference_signal import BadReference, Reference
+from ..fmu.limits import BadParameter
+from ..loop.catalogue import in_units_of
+from ..loop.file_values import for_plant
+from ..loop.machine import Machine, gain_ranges, model_values, own_ranges
+from ..loop.parameter_file import BadParameters
+from ..loop.parameter_reading import read_parameters
+from ..loop.parts import BadPart, Part
+from ..loop.reference_motions import read_motion
+from ..master.reference_signal import BadReference, Reference
 from .figures import NAMES
 from .loop import STEP
 from .reading import BadPlan, as_flag, as_list, as_numbers, as_range, as_table, check_names

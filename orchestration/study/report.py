@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ..page import Table
+from ..loop.page import Table
 from .comparison import ALIKE
 from .figures import UNITS
 from .lengths import length, scale

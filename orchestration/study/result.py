@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..parts import Part
+from ..loop.parts import Part
 from .comparison import Difference, Mean, compare, mean_over_plants
 from .figures import NAMES, SIZES, hunting_verdict
 from .over_fmus import TRUSTED, FmuCheck

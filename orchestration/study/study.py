@@ -13,16 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...fmus.reading import FmuError
-from ..kept_parts import KeptParts
-from ..limits import BadParameter
-from ..loop import Loop
-from ..loop_run import CouplingError
-from ..parts import SUFFIX, BadPart
-from ..reference_signal import Reference
-from ..whole_loop import loop_kernel
-from ..wiring import WiringError
-from ..workers import Processes
+from ..fmu.limits import BadParameter
+from ..fmu.wiring import WiringError
+from ..loop.loop import Loop
+from ..loop.parts import SUFFIX, BadPart
+from ..loop.whole_loop import loop_kernel
+from ..master.loop_run import CouplingError
+from ..master.reference_signal import Reference
 from .figures import NAMES
+from .kept_parts import KeptParts
 from .loop import STEP, FmuLoop, StudyLoop
 from .over_fmus import COMPARED, SHARE, FmuCheck, check_over_fmus
 from .plan import Duty, Entrant, Plan
@@ -31,10 +30,11 @@ from .result import JUDGED_BY, SMALLEST, Array, Run, Shown, StudyResult, conclud
 from .sensitivity import SobolIndex, sobol_indices
 from .tuning import Tuned
 from .values import Contender
+from .workers import Processes
 
 if TYPE_CHECKING:
     from ...solver.component import Component
-    from ..workers import Workers
+    from .workers import Workers
 
 Progress = Callable[[str, int, int], None]
 Contenders = Mapping[str, Contender]
@@ -161,7 +161,7 @@ class Work:
         self, run: Run, place: tuple[int, ...], tunings: Tunings, figures: Mapping[str, Array]
     ) -> tuple[Any, ...]:
         """A task for `check_over_fmus`."""
-        from ..catalogue import fmu
+        from ..loop.catalogue import fmu
 
         plan, c = self.plan, self.contenders[run.controller]
         (duty,) = (d for d in plan.judged_duties if d.name == run.duty)
@@ -285,10 +285,10 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
 
     Raises `UnknownComponent`, `BadComponentFile`, `ContractError`.
     """
-    from ...instruments import INSTRUMENTS
-    from ...instruments.measured_through import measured_through
-    from ...instruments.sample_and_hold import PERIOD, sampled
-    from ..catalogue import component, in_units_of
+    from ...plant.instruments import INSTRUMENTS
+    from ...plant.instruments.measured_through import measured_through
+    from ...plant.instruments.sample_and_hold import PERIOD, sampled
+    from ..loop.catalogue import component, in_units_of
 
     def in_time(part: Component) -> Component:
         return replace(part, sample_time=period) if part.sample_time else part
@@ -313,7 +313,7 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
 def _contender(plan: Plan, entrant: Entrant) -> Contender:
     from ...solver.component_file import BadComponentFile
     from ...solver.contract_error import ContractError
-    from ..catalogue import UnknownComponent, component
+    from ..loop.catalogue import UnknownComponent, component
 
     if Path(entrant.component).suffix == SUFFIX:
         return _with_fmu(plan, entrant)

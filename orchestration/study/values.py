@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...solver.kernel import CONTROLLER, PLANT, ParameterInfo
-from ..catalogue import OWN_LIMIT
-from ..machine import LIMIT, limit_of
+from ..loop.catalogue import OWN_LIMIT
+from ..loop.machine import LIMIT, limit_of
 from .figures import Figures, measured
 from .loop import AnyLoop, Course
 from .plan import Duty, Entrant, Plan

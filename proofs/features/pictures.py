@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ballscrew.orchestration.pictures import (
+from ballscrew.orchestration.loop.pictures import (
     COLOURS,
     DASHES,
     STYLE,

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ballscrew.orchestration.operating_system import pool
+from ballscrew.measurement.rig.compiled_rig import plant_kernel
+from ballscrew.orchestration.fmu.operating_system import pool
 from ballscrew.plant import LAWS
 from ballscrew.plant.law import UnknownLaw
-from ballscrew.rig.compiled_rig import plant_kernel
 
 from .criteria import CRITERIA, FEATURES, Cell, decide_features
 from .experiments import observe

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ballscrew.records.record import Record
+from ballscrew.measurement.records.record import Record
 
 try:
     from numba import njit

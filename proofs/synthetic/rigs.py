@@ -10,18 +10,18 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from ballscrew.identification.fit import fit_along
-from ballscrew.identification.fitted_law import LAWS
-from ballscrew.identification.identify import identify
-from ballscrew.identification.intervals import Interval
-from ballscrew.identification.layout import lay_out
-from ballscrew.instruments.acquisition import SAMPLE_TIME
+from ballscrew.measurement.identification.fit import fit_along
+from ballscrew.measurement.identification.fitted_law import LAWS
+from ballscrew.measurement.identification.identify import identify
+from ballscrew.measurement.identification.intervals import Interval
+from ballscrew.measurement.identification.layout import lay_out
+from ballscrew.measurement.records.reading import FORCE_RECORD
+from ballscrew.measurement.records.record import Record
+from ballscrew.measurement.records.rig_trial import described
+from ballscrew.measurement.rig.bench import run_trial
+from ballscrew.measurement.rig.rig_trials import TRIALS
+from ballscrew.plant.instruments.acquisition import SAMPLE_TIME
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
-from ballscrew.records.reading import FORCE_RECORD
-from ballscrew.records.record import Record
-from ballscrew.records.rig_trial import described
-from ballscrew.rig.bench import run_trial
-from ballscrew.rig.rig_trials import TRIALS
 from synthetic.records import Trial, constant_velocity, record_of, sine_velocity, slow_load
 
 # Laws with prescribed motions; records of the others come only from the rig, where the force causes

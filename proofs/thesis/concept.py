@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.stability.loop_lyapunov import loop_maker, loop_order
 from ballscrew.stability.lyapunov import lyapunov

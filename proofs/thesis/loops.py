@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.whole_loop import run_monolithic
+from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.loop.whole_loop import run_monolithic
+from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.solver.kernel import IntegrationError
 from ballscrew.solver.spectrum import follow_returns, follow_tangents
 from ballscrew.stability.loop_lyapunov import loop_maker, loop_order

@@ -17,8 +17,8 @@ from PIL import Image
 from scipy.integrate import solve_ivp
 
 from ballscrew.controllers.nctf import STEP_VOLTAGE, design
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.pictures import COLOURS, DASHES, STYLE, new_figure
+from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
 from ballscrew.plant.axis import axis
 from ballscrew.solver.files import write_atomically
 from ballscrew.solver.kernel import Model

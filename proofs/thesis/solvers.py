@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.stability.loop_lyapunov import loop_maker
 from thesis.loops import SEEN, SWING, End, Figures, Vector, end_of, hats
 from thesis.model import parameters

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.stability.loop_lyapunov import loop_lyapunov, loop_maker, loop_order
 from thesis.claim import Claim, number, numbers

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ballscrew.controllers.nctf import STOPPED_SPEED, design
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.metrics import metrics
-from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.loop.metrics import metrics
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.stability.loop_lyapunov import loop_lyapunov
 from thesis.claim import Claim, number, numbers
 from thesis.loops import Figures, Vector, growth, loop_run, spectrum_figures

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 import ballscrew
 from ballscrew import Loop, read_parameters
 from ballscrew import run as run_loop
-from ballscrew.orchestration.catalogue import component
+from ballscrew.orchestration.loop.catalogue import component
 
 MACHINE = """
 kind = "drive"

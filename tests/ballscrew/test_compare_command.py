@@ -8,7 +8,7 @@ import pytest
 from diagnosed import NOMINAL, run
 
 from ballscrew import compare
-from ballscrew.orchestration.parameter_file import Diagnosed, ParameterFile, Value
+from ballscrew.orchestration.loop.parameter_file import Diagnosed, ParameterFile, Value
 
 LOAD = 0.5
 pytestmark = pytest.mark.ci

@@ -52,7 +52,7 @@ def test_an_error_of_our_own_is_70_with_one_line_and_a_file_to_report(
     def fails(*_):
         raise error
 
-    monkeypatch.setattr("ballscrew.orchestration.closed_loop.run_closed_loop", fails)
+    monkeypatch.setattr("ballscrew.orchestration.loop.closed_loop.run_closed_loop", fails)
     assert main(RUN) == 70
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnosed import run
 
-from ballscrew.orchestration.catalogue import fmu
+from ballscrew.orchestration.loop.catalogue import fmu
 
 pytestmark = [pytest.mark.ci, pytest.mark.xdist_group("file_formats")]
 ROOT = Path(__file__).resolve().parents[2]

@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.instruments import PartName
-from ballscrew.orchestration.catalogue import component, fmu_kernel, has_equations, kept_as, name_of
-from ballscrew.orchestration.parts import resolve_controller
+from ballscrew.orchestration.loop.catalogue import (
+    component,
+    fmu_kernel,
+    has_equations,
+    kept_as,
+    name_of,
+)
+from ballscrew.orchestration.loop.parts import resolve_controller
+from ballscrew.plant.instruments import PartName
 
 NAME = "pid_sampled+position_encoder"
 SHORT = ["--stop", "0.05", "--step", "1e-3"]

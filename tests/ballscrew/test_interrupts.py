@@ -20,7 +20,7 @@ from long_commands import (
 )
 from waiting import wait_for
 
-from ballscrew.orchestration.run_folder import HIDDEN, written_files
+from ballscrew.orchestration.loop.run_folder import HIDDEN, written_files
 
 LATEST = 2.0  # s of processor time: well into the work of each
 

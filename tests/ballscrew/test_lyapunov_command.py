@@ -88,7 +88,7 @@ def test_map_writes_what_it_promises_and_refuses_to_overwrite(tmp_path, capsys):
 
 @pytest.mark.ci
 def test_a_full_disk_keeps_what_is_done_and_says_how_to_go_on(tmp_path, capsys, monkeypatch):
-    from ballscrew.orchestration import kept_parts
+    from ballscrew.orchestration.study import kept_parts
 
     def full(path, data):
         raise OSError(28, "No space left on device", str(path))

@@ -13,7 +13,7 @@ import pytest
 import ballscrew
 from ballscrew.cli import command_parser, main
 from ballscrew.fmus.reading import unpack
-from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.component_file import read_component
 from ballscrew.stability.map_plan import MapPlan, kernel_of, read_axis
 

@@ -10,9 +10,9 @@ import pytest
 
 import ballscrew
 from ballscrew.cli import main
-from ballscrew.orchestration.catalogue import component
-from ballscrew.orchestration.in_practice import in_practice, practice_of
-from ballscrew.orchestration.parts import Part
+from ballscrew.orchestration.loop.catalogue import component
+from ballscrew.orchestration.loop.in_practice import in_practice, practice_of
+from ballscrew.orchestration.loop.parts import Part
 
 GAIN, RESOLUTION = 300.0, 1e-5
 MINE = f"""

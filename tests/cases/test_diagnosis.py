@@ -9,10 +9,10 @@ from case_inputs import karnopp_step, lead_screw
 from cases import case
 from pyarrow.parquet import read_table
 
-from ballscrew.diagnosis.diagnose import diagnose_records
-from ballscrew.diagnosis.drive import drive_of
-from ballscrew.orchestration.parameter_reading import read_parameters
-from ballscrew.records.reading import check_record, read_drive_records
+from ballscrew.measurement.diagnosis.diagnose import diagnose_records
+from ballscrew.measurement.diagnosis.drive import drive_of
+from ballscrew.measurement.records.reading import check_record, read_drive_records
+from ballscrew.orchestration.loop.parameter_reading import read_parameters
 
 LEAD = 0.001
 

@@ -3,8 +3,8 @@
 import pytest
 from cases import case
 
-from ballscrew.identification.identify import identify
-from ballscrew.records.reading import read_force_records
+from ballscrew.measurement.identification.identify import identify
+from ballscrew.measurement.records.reading import read_force_records
 
 SI = {"time": "s", "x": "m", "force": "N"}
 

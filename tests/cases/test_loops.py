@@ -6,10 +6,10 @@ from case_inputs import system
 from cases import cart_position, case, maker, trajectory
 from fmpy import simulate_fmu
 
-from ballscrew.orchestration.closed_loop import run_closed_loop
-from ballscrew.orchestration.loop import Loop, SystemLoop
-from ballscrew.orchestration.loop_run import CouplingError
-from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.loop.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop.loop import Loop, SystemLoop
+from ballscrew.orchestration.master.loop_run import CouplingError
+from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.signal_motion import signal_motion
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.kernel import Model
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.cell import run_cell

@@ -8,10 +8,10 @@ import pytest
 from case_inputs import DEFINED, UNITS, cart_in, pd_in, system
 from cases import cart_position, maker
 
-from ballscrew.orchestration.closed_loop import run_closed_loop
-from ballscrew.orchestration.couplings import Coupling
-from ballscrew.orchestration.loop import Loop, SystemLoop
-from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.loop.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop.loop import Loop, SystemLoop
+from ballscrew.orchestration.master.couplings import Coupling
+from ballscrew.orchestration.master.reference_signal import Reference
 
 GOAL = Reference.constant(0.1)
 

@@ -9,9 +9,9 @@ import small_fmus
 from case_inputs import system
 from cases import cart_position, case, trajectory
 
-from ballscrew.orchestration.closed_loop import run_closed_loop
-from ballscrew.orchestration.isolated import IsolatedInstance, open_fmu
-from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.fmu.isolated import IsolatedInstance, open_fmu
+from ballscrew.orchestration.loop.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop.loop import Loop
 
 PAIR = "--controller pd.fmu --plant cart.fmu"
 GOAL = "--setpoint 0.1 --stop 0.5 --step 1e-3 --out"

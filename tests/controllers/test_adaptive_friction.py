@@ -8,7 +8,7 @@ from scipy.integrate import cumulative_simpson
 
 from ballscrew.controllers import tunable
 from ballscrew.controllers.adaptive_friction import adaptive_friction
-from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver.component import symbol
 from ballscrew.solver.kernel import Model
 

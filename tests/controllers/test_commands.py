@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.catalogue import component, fmu_kernel
+from ballscrew.orchestration.loop.catalogue import component, fmu_kernel
 from ballscrew.solver.kernel import Model
 
 TURN = 2 * math.pi * 1000.0

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers import CONTROLLERS, tunable
-from ballscrew.orchestration.catalogue import component, fmu_kernel
-from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.orchestration.loop.catalogue import component, fmu_kernel
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
 
 PAGE = Path(__file__).parents[2] / "docs" / "controllers.md"

@@ -7,7 +7,7 @@ import sympy as sp
 
 from ballscrew.controllers import CONTROLLERS, tunable
 from ballscrew.controllers.feed_forward import with_feed_forward
-from ballscrew.orchestration.catalogue import component
+from ballscrew.orchestration.loop.catalogue import component
 from ballscrew.solver.component import TIME, State, symbol
 from ballscrew.solver.contract_error import ContractError
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from ballscrew.controllers.fuzzy_pd_i import PEAKS, RULES, fuzzy_pd_i
-from ballscrew.orchestration.catalogue import fmu_kernel
+from ballscrew.orchestration.loop.catalogue import fmu_kernel
 from ballscrew.solver.kernel import Model
 
 DEFAULT = {p.name: p.default for p in fuzzy_pd_i().parameters}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers.iol_observed import POLE
-from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
 
 

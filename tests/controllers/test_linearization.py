@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers.linearization import gains_from_poles, input_output_linearization
-from ballscrew.orchestration.catalogue import component
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.whole_loop import run_monolithic
+from ballscrew.orchestration.loop.catalogue import component
+from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.loop.whole_loop import run_monolithic
+from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.plant.ball_screw import ball_screw
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.kernel import Model

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers.nctf import _stopping, design, nctf
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.metrics import metrics
-from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.whole_loop import run_monolithic
+from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.loop.metrics import metrics
+from ballscrew.orchestration.loop.whole_loop import run_monolithic
+from ballscrew.orchestration.master.reference_signal import Reference
 
 
 def test_printed_design_of_the_nominal_plant_gives_the_printed_gains():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers.pid import simc
-from ballscrew.orchestration.catalogue import component
+from ballscrew.orchestration.loop.catalogue import component
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.kernel import Model
 

@@ -7,7 +7,7 @@ from scipy.integrate import cumulative_simpson
 
 from ballscrew.controllers.pid import simc
 from ballscrew.controllers.pid_lugre import pid_lugre
-from ballscrew.orchestration.catalogue import component
+from ballscrew.orchestration.loop.catalogue import component
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.connect import connect
 from ballscrew.solver.kernel import Model

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers.sliding_mode import sliding_mode
-from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
 
 DEFAULT = {p.name: p.default for p in sliding_mode().parameters}

@@ -8,7 +8,7 @@ import pytest
 from lxml import etree
 
 from ballscrew.fmus.native.export import write_native
-from ballscrew.orchestration.catalogue import catalogued_model, fmu
+from ballscrew.orchestration.loop.catalogue import catalogued_model, fmu
 
 SCHEMAS = Path(fmpy.__file__).parent / "schema"
 LAW = ["u", *(f"u_gain_{s}" for s in "xvzi"), *(f"u_ref_{s}" for s in "xvzi"), "u_rate"]

@@ -13,7 +13,7 @@ from exchange_host import ExchangeHost
 from fmpy.validation import validate_fmu
 
 from ballscrew.fmus.native.export import export_native
-from ballscrew.orchestration.catalogue import NAMES, component, fmu_kernel
+from ballscrew.orchestration.loop.catalogue import NAMES, component, fmu_kernel
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     TIME,

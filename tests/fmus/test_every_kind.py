@@ -20,10 +20,10 @@ from fmpy.validation import validate_fmu
 from thesis_axis import axis_under
 
 from ballscrew.fmus.native.export import write_native
-from ballscrew.orchestration.catalogue import catalogued_model, fmu, fmu_kernel
-from ballscrew.orchestration.fmu_instance import FmuInstance, StepFailed
-from ballscrew.orchestration.master import run_loop
-from ballscrew.orchestration.reference_signal import Reference
+from ballscrew.orchestration.fmu.fmu_instance import FmuInstance, StepFailed
+from ballscrew.orchestration.loop.catalogue import catalogued_model, fmu, fmu_kernel
+from ballscrew.orchestration.master.master import run_loop
+from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.solver.kernel import Model
 
 SUPPORT = str(Path(__file__).resolve().parents[1] / "support")

@@ -13,7 +13,7 @@ import pytest
 from fmu_host import opened
 
 from ballscrew.fmus.export import export
-from ballscrew.orchestration.catalogue import component, fmu_kernel
+from ballscrew.orchestration.loop.catalogue import component, fmu_kernel
 from ballscrew.solver.kernel import Model
 
 SUPPORT = str(Path(__file__).resolve().parents[1] / "support")

@@ -5,10 +5,10 @@ import pytest
 from any_fmu import Host
 from scipy.integrate import solve_ivp
 
-from ballscrew.orchestration.catalogue import CONTROLLERS, fmu_kernel
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.whole_loop import run_monolithic
+from ballscrew.orchestration.loop.catalogue import CONTROLLERS, fmu_kernel
+from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.loop.whole_loop import run_monolithic
+from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.solver.kernel import Model
 
 FIRST = "nctf", "iol", "p_pi"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from any_fmu import KINDS, NATIVE, Host, written
 
-from ballscrew.orchestration.catalogue import fmu_kernel
+from ballscrew.orchestration.loop.catalogue import fmu_kernel
 from ballscrew.solver.component import (
     Component,
     DiscreteState,

@@ -10,10 +10,9 @@ from scipy.integrate import solve_ivp
 
 from ballscrew.cli import main
 from ballscrew.controllers import CONTROLLERS
-from ballscrew.orchestration import catalogue
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.whole_loop import run_monolithic
+from ballscrew.orchestration.loop.loop import Loop, catalogue
+from ballscrew.orchestration.loop.whole_loop import run_monolithic
+from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.solver.component import Component, Input, Output, symbol
 
 GOAL, STOP, STEP = 0.08, 2.0, 1e-2

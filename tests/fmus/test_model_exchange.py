@@ -9,8 +9,8 @@ from any_fmu import NATIVE, Host
 from every_component import EVERY_COMPONENT
 
 from ballscrew.fmus.feedback_law import with_law_ports
-from ballscrew.instruments import INSTRUMENTS
-from ballscrew.orchestration.catalogue import NAMES, catalogued_model, component, fmu_kernel
+from ballscrew.orchestration.loop.catalogue import NAMES, catalogued_model, component, fmu_kernel
+from ballscrew.plant.instruments import INSTRUMENTS
 from ballscrew.solver.component import symbol
 from ballscrew.solver.kernel import Model
 

@@ -11,7 +11,7 @@ import sympy as sp
 from diagnosed import run, whole
 
 from ballscrew.fmus.modelica import modelica
-from ballscrew.orchestration.catalogue import NAMES, component, fmu_kernel
+from ballscrew.orchestration.loop.catalogue import NAMES, component, fmu_kernel
 from ballscrew.solver.component import Component, Output, Parameter, State, symbol
 from ballscrew.solver.contract_error import ContractError
 from ballscrew.solver.kernel import Model

@@ -11,8 +11,8 @@ import pytest
 
 from ballscrew.cli import main
 from ballscrew.fmus import source_fmu
-from ballscrew.orchestration.closed_loop import run_closed_loop
-from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.loop.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop.loop import Loop
 
 
 @pytest.fixture

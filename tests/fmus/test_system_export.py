@@ -14,10 +14,9 @@ from lxml import etree
 from ballscrew.cli import main
 from ballscrew.fmus.reading import FmuError
 from ballscrew.fmus.system_export import CannotConnect, export_system
-from ballscrew.orchestration import catalogue
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.whole_loop import run_monolithic
+from ballscrew.orchestration.loop.loop import Loop, catalogue
+from ballscrew.orchestration.loop.whole_loop import run_monolithic
+from ballscrew.orchestration.master.reference_signal import Reference
 
 SCHEMAS = Path(fmpy.ssp.__file__).with_name("schema")
 SPACES = {

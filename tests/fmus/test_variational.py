@@ -7,8 +7,8 @@ import sympy as sp
 from ballscrew.controllers.nctf import nctf
 from ballscrew.fmus.export import export
 from ballscrew.fmus.variational import variational
-from ballscrew.orchestration.catalogue import component
-from ballscrew.orchestration.fmu_instance import FmuInstance
+from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
+from ballscrew.orchestration.loop.catalogue import component
 from ballscrew.solver.component import Component, Input, Output, Parameter, State, symbol
 from ballscrew.solver.tape import UnsupportedComponent
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from motions import pieces, ways
 from prescribed_motion import motion_kernel, prescribed_friction
 
-from ballscrew.orchestration.catalogue import fmu_kernel
+from ballscrew.orchestration.loop.catalogue import fmu_kernel
 from ballscrew.plant import LAWS, NOMINAL, PLANTS
 from ballscrew.plant.law import claims
 from ballscrew.solver.component import symbol

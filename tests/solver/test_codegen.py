@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from ballscrew.orchestration.catalogue import fmu_kernel
+from ballscrew.orchestration.loop.catalogue import fmu_kernel
 from ballscrew.solver.codegen import as_python, generate
 from ballscrew.solver.component import (
     TIME,

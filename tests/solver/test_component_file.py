@@ -161,7 +161,7 @@ def test_the_digest_tells_apart_whatever_differs():
 @pytest.mark.ci
 def test_the_digest_is_the_same_in_every_process():
     code = (
-        "from ballscrew.orchestration.catalogue import component as c; "
+        "from ballscrew.orchestration.loop.catalogue import component as c; "
         "print(*(c(n).digest for n in ('plant_classical', 'iol', 'pid_sampled')))"
     )
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import ballscrew
-from ballscrew.orchestration.catalogue import fmu_kernel
-from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.orchestration.loop.catalogue import fmu_kernel
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver import core
 from ballscrew.solver.compiled_equations import compile_equations
 from ballscrew.solver.compilers import compiler_for, own_platform
@@ -73,7 +73,7 @@ def test_threads_with_models_of_one_kernel_do_not_disturb_each_other():
 @pytest.mark.ci
 def test_four_processes_that_start_with_one_empty_cache_agree(tmp_path):
     code = (
-        "from ballscrew.orchestration.catalogue import fmu_kernel; "
+        "from ballscrew.orchestration.loop.catalogue import fmu_kernel; "
         "from ballscrew.solver.kernel import Model; "
         "model = Model(fmu_kernel('plant'), {'v_start': 0.05}); model.kernel.compile(); "
         "model.advance(0.0, 0.05); print(model.x.tolist(), bool(model.kernel._compiled))"
@@ -98,8 +98,8 @@ def test_what_is_not_an_array_of_floats_is_refused_before_the_core_sees_it():
 
 EVERYTHING = """
 import numpy as np
-from ballscrew.orchestration.catalogue import NAMES, fmu_kernel
-from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.orchestration.loop.catalogue import NAMES, fmu_kernel
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver.kernel import IntegrationError, Model
 from ballscrew.solver.spectrum import follow_tangents, follow_returns
 random = np.random.default_rng(1)

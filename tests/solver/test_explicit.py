@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 from known_systems import belt, entries, linear, lorenz, stretched, torus, van_der_pol
 
-from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver import core
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, State, symbol

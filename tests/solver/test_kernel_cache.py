@@ -13,7 +13,7 @@ from prescribed_motion import prescribed_motion
 
 import ballscrew
 from ballscrew.fmus import made_here, source_fmu
-from ballscrew.orchestration import catalogue
+from ballscrew.orchestration.loop.loop import catalogue
 from ballscrew.plant.lugre import lugre
 from ballscrew.solver import codegen, compiled_equations, compilers, kernel_cache, stored
 
@@ -334,7 +334,7 @@ def test_equations_that_another_version_compiled_are_not_taken(tmp_path):
 @pytest.mark.ci
 def test_a_second_process_does_not_derive_again(tmp_path):
     run = (
-        "import sys; from ballscrew.orchestration.catalogue import fmu_kernel; "
+        "import sys; from ballscrew.orchestration.loop.catalogue import fmu_kernel; "
         "from ballscrew.solver.kernel import Model; Model(fmu_kernel('plant')).advance(0.0, 1e-3); "
         "print('sympy' in sys.modules)"
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from ballscrew.instruments.encoder import encoder
+from ballscrew.plant.instruments.encoder import encoder
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, Input, Output, symbol
 from ballscrew.solver.kernel import Model

@@ -27,7 +27,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver import core
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, Mode, State, symbol

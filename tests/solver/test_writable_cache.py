@@ -25,7 +25,7 @@ for module in pkgutil.walk_packages(ballscrew.__path__, "ballscrew."):
     if not module.name.endswith("__main__"):
         importlib.import_module(module.name)
 from pathlib import Path
-from ballscrew.orchestration.pictures import new_figure, write_figure
+from ballscrew.orchestration.loop.pictures import new_figure, write_figure
 from ballscrew.solver import kernel_cache
 code = main("export --only pid --out out".split())
 write_figure(new_figure(1, 1, (2, 2))[0], Path("out"), "picture")

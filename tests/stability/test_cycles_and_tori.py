@@ -14,7 +14,7 @@ from known_systems import (
     two_circles,
 )
 
-from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.solver.spectrum import follow_returns
 from ballscrew.stability.attractor import Attractor, Kind, classify_attractor

@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 from scipy.special import lambertw
 
-from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     Component,

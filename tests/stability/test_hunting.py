@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
 
-from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.plant.classical import classical, with_sticking
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     TIME,

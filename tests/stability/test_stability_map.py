@@ -13,9 +13,9 @@ from dask_cluster import cluster
 from scipy.integrate import solve_ivp
 from waiting import wait_for
 
-from ballscrew.orchestration.limits import TOLERANCE_OF_MOTIONS
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.workers import Processes
+from ballscrew.orchestration.fmu.limits import TOLERANCE_OF_MOTIONS
+from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.study.workers import Processes
 from ballscrew.stability import budget, stability_map, store
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.cell import model_at, run_cell, stuck_growth
@@ -208,10 +208,10 @@ def test_nctf_is_designed_on_the_perturbed_plant_and_run_on_the_nominal_one():
 KILLED = """
 import sys
 from pathlib import Path
-from ballscrew.orchestration.workers import Processes
+from ballscrew.orchestration.study.workers import Processes
 from ballscrew.stability import stability_map as m, store
-from ballscrew.orchestration.limits import TOLERANCE_OF_MOTIONS
-from ballscrew.orchestration.loop import Loop
+from ballscrew.orchestration.fmu.limits import TOLERANCE_OF_MOTIONS
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.stability.map_plan import read_axis
 store.CHUNK = 2
 x = read_axis("sigma0_hat=66965.89:66969.24:5", Loop("iol"))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.catalogue import fmu
-from ballscrew.orchestration.fmu_instance import FmuInstance
-from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
+from ballscrew.orchestration.loop.catalogue import fmu
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.stability.fmu_with_tangents import TangentsImpossible

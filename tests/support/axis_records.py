@@ -15,8 +15,8 @@ from scipy.signal import lfilter
 from world_runs import PERIOD, TURN, nominal_axis, run
 from worlds import layout as at
 
-from ballscrew.records.reading import check_record
-from ballscrew.records.record import Record
+from ballscrew.measurement.records.reading import check_record
+from ballscrew.measurement.records.record import Record
 
 COUNT = 1e-3 / 512  # step of the encoder [m]
 NOISE_TIME = 0.01  # s

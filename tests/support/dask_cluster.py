@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ballscrew.orchestration.workers import Dask
+from ballscrew.orchestration.study.workers import Dask
 
 WAIT = 60.0  # [s]
 

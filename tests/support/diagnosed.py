@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ballscrew.diagnosis.drive import Drive
-from ballscrew.orchestration.catalogue import component
+from ballscrew.measurement.diagnosis.drive import Drive
+from ballscrew.orchestration.loop.catalogue import component
 
 # the thesis' axis as believed by its user
 NOMINAL = {

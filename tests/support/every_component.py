@@ -7,7 +7,7 @@ instrument, among others; the rest takes hours.
 import pytest
 
 from ballscrew.controllers import CONTROLLERS
-from ballscrew.orchestration.catalogue import NAMES
+from ballscrew.orchestration.loop.catalogue import NAMES
 
 FIRST = "plant", "plant_classical", "pid_sampled"
 MORE = "nctf", "plant_maxwell_slip", "iol", "iol_observed", "relay", "position_encoder"

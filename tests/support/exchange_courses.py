@@ -18,7 +18,7 @@ from exchange_host import FIRST_STEP, ROUND_OFF, ExchangeHost
 from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import native_model
-from ballscrew.orchestration.catalogue import component
+from ballscrew.orchestration.loop.catalogue import component
 from ballscrew.solver import core
 from ballscrew.solver.component import Component
 from ballscrew.solver.kernel import Kernel, Model

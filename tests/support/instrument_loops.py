@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ballscrew.fmus.system_export import export_system
-from ballscrew.instruments.measured_through import measured_through
-from ballscrew.orchestration.catalogue import component, fmu, name_of
-from ballscrew.orchestration.whole_loop import loop_kernel
+from ballscrew.orchestration.loop.catalogue import component, fmu, name_of
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
+from ballscrew.plant.instruments.measured_through import measured_through
 from ballscrew.solver.component import Component
 from ballscrew.solver.kernel import Model
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ballscrew.diagnosis.drive import Drive
-from ballscrew.records.reading import check_record
-from ballscrew.records.record import Record
+from ballscrew.measurement.diagnosis.drive import Drive
+from ballscrew.measurement.records.reading import check_record
+from ballscrew.measurement.records.record import Record
 
 STEP, FINE = 1e-3, 10  # s between samples; parts of a step over which the force is averaged
 MASS, COULOMB, VISCOUS = 40.0, 80.0, 200.0

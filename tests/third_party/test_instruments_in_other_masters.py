@@ -15,9 +15,9 @@ from instrument_loops import apart, exact_course, exported
 from wired_loop import WiredLoop, run_in
 
 from ballscrew.fmus.system_reading import read_system
-from ballscrew.instruments.encoder import position_encoder
-from ballscrew.instruments.velocity_estimate import velocity_estimate
-from ballscrew.orchestration.catalogue import component
+from ballscrew.orchestration.loop.catalogue import component
+from ballscrew.plant.instruments.encoder import position_encoder
+from ballscrew.plant.instruments.velocity_estimate import velocity_estimate
 from ballscrew.solver.component import DiscreteState, symbol
 
 pytestmark = pytest.mark.ci

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from wired_loop import OUTPUTS, run_in, wired
 
-from ballscrew.orchestration.couplings import Coupling
-from ballscrew.orchestration.fmu_instance import FmuInstance
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.master import run_loop
-from ballscrew.orchestration.reference_signal import Reference
-from ballscrew.orchestration.whole_loop import run_monolithic
+from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
+from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.loop.whole_loop import run_monolithic
+from ballscrew.orchestration.master.couplings import Coupling
+from ballscrew.orchestration.master.master import run_loop
+from ballscrew.orchestration.master.reference_signal import Reference
 
 pytestmark = pytest.mark.ci
 GOAL = Reference.constant(0.08)

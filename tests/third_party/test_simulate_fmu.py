@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from wired_loop import HOSTS, OUTPUTS, ask
 
-from ballscrew.orchestration.fmu_instance import FmuInstance
+from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
 
 STEP = 2e-3
 VOLTS = [20.0] * 50 + [-30.0] * 100 + [12.0] * 50 + [0.0] * 50  # in each step

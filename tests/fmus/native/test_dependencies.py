@@ -11,8 +11,8 @@ from every_component import EVERY_COMPONENT
 from fmpy.validation import validate_fmu
 
 from ballscrew.fmus.native.export import export_native
-from ballscrew.instruments import INSTRUMENTS
-from ballscrew.orchestration.catalogue import catalogued_model, fmu_kernel
+from ballscrew.orchestration.loop.catalogue import catalogued_model, fmu_kernel
+from ballscrew.plant.instruments import INSTRUMENTS
 from ballscrew.solver.component import (
     Component,
     Delay,

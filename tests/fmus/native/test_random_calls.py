@@ -11,7 +11,7 @@ from pathlib import Path
 import fmpy
 import pytest
 
-from ballscrew.orchestration.catalogue import catalogued_model
+from ballscrew.orchestration.loop.catalogue import catalogued_model
 
 SCRIPT = Path(__file__).with_name("random_calls.py")
 BINARIES = {2: "linux64", 3: "x86_64-linux"}

@@ -15,7 +15,7 @@ import pytest
 from thesis_axis import axis_under
 
 from ballscrew.fmus.native.export import write_native
-from ballscrew.orchestration.catalogue import catalogued_model
+from ballscrew.orchestration.loop.catalogue import catalogued_model
 
 HOST = Path(__file__).with_name("host.c")
 FLAGS = ["-std=c99", "-O1", "-g", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror"]

@@ -7,10 +7,10 @@ import pytest
 
 import ballscrew
 from ballscrew.cli import main
-from ballscrew.orchestration.catalogue import fmu
+from ballscrew.orchestration.loop.catalogue import fmu
 from ballscrew.orchestration.study.plan import read_plan
 from ballscrew.orchestration.study.study import Work
-from ballscrew.orchestration.workers import Processes
+from ballscrew.orchestration.study.workers import Processes
 
 pytestmark = pytest.mark.ci
 STUDY = """version = 1

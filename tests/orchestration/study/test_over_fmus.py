@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.catalogue import fmu
+from ballscrew.orchestration.loop.catalogue import fmu
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.orchestration.study.figures import figures_of
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.over_fmus import check_over_fmus
 from ballscrew.orchestration.study.plan import Duty
-from ballscrew.orchestration.whole_loop import loop_kernel
 
 pytestmark = pytest.mark.ci
 

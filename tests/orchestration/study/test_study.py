@@ -14,15 +14,15 @@ from waiting import wait_for
 
 from ballscrew.cli import main
 from ballscrew.loop_results import SwapStudy
-from ballscrew.orchestration.loop import Loop
-from ballscrew.orchestration.reference_motions import read_motion
+from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.loop.reference_motions import read_motion
+from ballscrew.orchestration.loop.whole_loop import loop_kernel, run_monolithic
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import read_plan
 from ballscrew.orchestration.study.reading import BadPlan
 from ballscrew.orchestration.study.study import PARTS, Work, do_study
 from ballscrew.orchestration.study.verdict import sentence
-from ballscrew.orchestration.whole_loop import loop_kernel, run_monolithic
-from ballscrew.orchestration.workers import Processes
+from ballscrew.orchestration.study.workers import Processes
 
 STUDY = """version = 1
 plants = 3

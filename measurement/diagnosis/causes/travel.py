@@ -1,0 +1,198 @@
+"""Travel of a study's motion, for position-dependent causes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+from scipy.ndimage import median_filter
+from scipy.optimize import minimize_scalar
+
+from ....solver.component import Parameter, symbol
+from ...records.resolution import resolution_of
+from ..drive import Drive
+from ..modelled_record import ModelledRecord
+from .cause import DRY, FRICTION, RELAXATION, Courses, Values, Vector, parameter
+
+_FEWEST_PERIODS = 2  # fewest periods in the travel
+_MOST_PERIODS = 250
+_SHORTEST_PERIOD = 5e-5  # [m]; shorter periods are errors of the encoder
+_FINER = 5  # frequencies tried per additional period in the travel
+_CELLS = 4096  # cells in the travel: 16 in the shortest period
+_PEAKS = 6  # number of peaks with most power relative to their surroundings
+_STRONGEST = 3  # number of peaks with most power; a fast one may lie between its own multiples
+_AROUND = 75  # width of the surroundings, in fifths of a period in the travel
+_CONSTANT = 0.05  # largest relative deviation of a constant speed
+_HARMONICS, _BESIDE = 4, 3.0  # harmonics of rounding, and half-width around each
+
+
+def viscous_share(name: str) -> Parameter:
+    """Share of the viscous friction that changes with the dry friction.
+
+    The lubricant may be the same everywhere while the surfaces differ.
+    """
+    return parameter(name, "1", "share of the viscous friction that changes as well")
+
+
+def changing(name: str, course: sp.Expr) -> sp.Expr:
+    """Change of friction along a course: the dry part, and the share `name` of the rest.
+
+    In a law with bristles, the level of friction changes, and the bristles relax with it.
+    """
+    rate = symbol("v") * sp.diff(course, symbol("x"))
+    return DRY * (course + RELAXATION * rate) + symbol(name) * (FRICTION - DRY) * course
+
+
+def either_way(values: list[Values], name: str) -> list[Values]:
+    """Each of the values for the dry friction alone and for all friction."""
+    return [{**v, name: share} for v in values for share in (0.0, 1.0)]
+
+
+class Wave(NamedTuple):
+    name: str
+    kind: str
+    course: sp.Expr
+
+
+def waves(per_metre: str, harmonics: Sequence[int]) -> Iterator[Wave]:
+    """Cosine and sine of each harmonic; with several harmonics, names contain the number."""
+    for times in harmonics:
+        angle = 2 * sp.pi * times * symbol(per_metre) * symbol("x")
+        suffix = f"_{times}" if len(harmonics) > 1 else ""
+        yield Wave(f"cos{suffix}", "cosine", sp.cos(angle))
+        yield Wave(f"sin{suffix}", "sine", sp.sin(angle))
+
+
+def middle_and_half(courses: Courses) -> tuple[float, float]:
+    """Middle of the travel and half its length [m]."""
+    low = min(float(c.x.min()) for c in courses)
+    high = max(float(c.x.max()) for c in courses)
+    return 0.5 * (low + high), max(0.5 * (high - low), 1e-9)
+
+
+def fast_speed(courses: Courses) -> float:
+    """Speed exceeded by only 2 % of the samples [m/s]."""
+    return float(np.quantile(np.abs(np.concatenate([c.v for c in courses])), 0.98))
+
+
+def periods(courses: Courses, model: Drive, name: str, harmonics: Sequence[int]) -> list[Values]:
+    """Periods per metre to try: those of the screw's turn, and the strongest in the record.
+
+    They are those of forces that change sign with the velocity and of forces that do not, because
+    causes of both kinds have to be tried at each.
+
+    Parameters
+    ----------
+    name : str
+        Name of the values.
+    harmonics : sequence of int
+        Periods per turn, if the model has the turns per metre, ``p``.
+    """
+    middle, half = middle_and_half(courses)
+    low, way = middle - half, 2 * half
+    turns = model.values.get("p")
+    apart = 1.0 / (_FINER * way)  # closer ones are the same
+    rounding = [beats for c in courses if (beats := _Beats.of(c)) is not None]
+
+    def known(swing: float) -> bool:
+        return not any(b.have(n * swing, _BESIDE * apart) for b in rounding for n in (1, 2))
+
+    turning = [k * turns for k in harmonics if k * turns * way > _FEWEST_PERIODS] if turns else []
+    found = list(filter(known, turning))
+    tried = np.arange(_FEWEST_PERIODS * _FINER, _MOST_PERIODS * _FINER)
+    swings = tried / (_FINER * way)
+    of_force = np.array([f < 1.0 / _SHORTEST_PERIOD and known(f) for f in swings])
+    for flips in (True, False):
+        power = np.zeros(len(swings))
+        for c in courses:
+            power += _power((c.x - low) / way, _along_way(c, flips))[tried]
+        for k in _strongest(power, of_force):
+            if all(abs(swings[k] - f) > apart for f in found):
+                peak = _peak(courses, float(swings[k]), apart, flips)
+                found += [peak] * known(peak)
+    return [{name: f} for f in found]
+
+
+class _Beats(NamedTuple):
+    """Frequencies of the rounding error at a constant speed, a beat with the samples.
+
+    The distance between two samples is an integer number of counts and a fraction. The rounding
+    error repeats after one over the fraction, and its harmonics after one over the fraction of
+    their multiples. A force known once per window is aliased: frequencies that differ by an integer
+    number of periods per window are equal.
+
+    Attributes
+    ----------
+    way : float
+        Distance of a window [m].
+    shares : list of float
+        Frequencies in periods per window, 0 to 1/2.
+    """
+
+    way: float
+    shares: list[float]
+
+    @classmethod
+    def of(cls, course: ModelledRecord) -> _Beats | None:
+        """Frequencies of a course with constant speed for more than half of it; None for others."""
+        usual = float(np.median(course.v))
+        odd = np.flatnonzero(np.abs(course.v - usual) > _CONSTANT * abs(usual))
+        ends = np.concatenate([[-1], odd, [len(course.v)]])
+        longest = int(np.argmax(np.diff(ends)))
+        steady = slice(ends[longest] + 1, ends[longest + 1])
+        count = resolution_of(course.record.x)
+        if not (count and usual) or 2 * len(course.v[steady]) < len(course.v):
+            return None
+        speed = abs(float(np.polyfit(course.time[steady], course.x[steady], 1)[0]))
+        counts = speed * course.step / count
+        of_window = [course.width * k * counts for k in range(1, _HARMONICS + 1)]
+        return cls(speed * course.step * course.width, [abs(s - round(s)) for s in of_window])
+
+    def have(self, swing: float, around: float) -> bool:
+        """Whether periods per metre are aliased to one of the frequencies, within `around`."""
+        share = abs(swing * self.way - round(swing * self.way))
+        return any(abs(share - own) < around * self.way for own in self.shares)
+
+
+def _strongest(power: Vector, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """Indices of a spectrum's peaks."""
+    # peaks relative to their surroundings: slow variation has more power at few periods
+    rises = np.where(known, power / median_filter(power, _AROUND, mode="nearest"), 0.0)
+    power = np.where(known, power, 0.0)
+    inner = np.flatnonzero((rises[1:-1] > rises[:-2]) & (rises[1:-1] > rises[2:])) + 1
+    return np.union1d(
+        inner[np.argsort(-rises[inner])][:_PEAKS], inner[np.argsort(-power[inner])][:_STRONGEST]
+    )
+
+
+def _along_way(course: ModelledRecord, flips: bool) -> Vector:
+    """The unknown force per distance instead of per time, zero at rest, shape (n,)."""
+    speed = course.v if flips else np.abs(course.v)
+    whole = float(np.sum(np.abs(speed)))
+    mean = float(course.unknown @ speed) / max(whole, 1e-300)
+    return np.asarray(course.unknown * speed - mean * np.abs(speed))
+
+
+def _power(place: Vector, force: Vector) -> Vector:
+    """Power spectrum of a force over position, 0 to 1 in the travel, in fifths of a period."""
+    cell = np.minimum((place * _CELLS).astype(int), _CELLS - 1)
+    summed = np.bincount(cell, force, _CELLS)
+    return np.asarray(np.abs(np.fft.rfft(summed, _FINER * _CELLS)) ** 2)
+
+
+def _peak(courses: Courses, swings: float, apart: float, flips: bool) -> float:
+    """Periods per metre with most power near `swings` [1/m]."""
+
+    # the unknown force is known once per window
+    forces = [_along_way(c, flips)[:: c.width] for c in courses]
+    places = [2j * np.pi * c.x[:: c.width] for c in courses]
+
+    def power(tried: float) -> float:
+        sums = [f @ np.exp(tried * x) for f, x in zip(forces, places, strict=True)]
+        return -float(np.sum(np.abs(sums) ** 2))
+
+    ends = (swings - apart, swings + apart)
+    return float(minimize_scalar(power, bounds=ends, method="bounded", options={"maxiter": 12}).x)

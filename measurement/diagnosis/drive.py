@@ -1,0 +1,302 @@
+"""The prior model of a drive: values of a plant, and their tolerances.
+
+The linear part (motor, inertia, viscous friction) is in a filter. The rest of the friction law is
+integrated along the measured motion and enters the filter as a known force.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+
+from ...fmus.interface import START
+from ...orchestration.loop.parameter_file import (
+    BALL_SCREW,
+    DRIVE,
+    BadParameters,
+    ParameterFile,
+    Value,
+)
+from ...plant import DEFAULT_LAW
+from ...plant.ball_screw import bare_ball_screw
+from ...plant.direct_drive import bare_direct_drive
+from ...plant.instruments import UNITS
+from ...plant.instruments.amplifier import PARAMETERS as AMPLIFIER
+from ...plant.law import claims
+from ...plant.law import law as friction_law
+from ...plant.two_masses import block_of
+from ...solver.component import Component, symbol
+from ..identification.fitted_law import BRISTLES, LAWS
+from ..identification.law_along_record import LawValues, mean_friction_along
+
+Vector = npt.NDArray[np.float64]
+
+TOLERANCE = 0.03
+"""Relative tolerance of a value without a given tolerance."""
+BEND = ("dF_low", "V_mismatch")  # bend of friction at low speed, N and m/s; see stribeck_mismatch
+_PLANTS = {BALL_SCREW: bare_ball_screw, DRIVE: bare_direct_drive}
+_NEVER_ADJUSTED = ("L", "p", "Kv", "offset")
+_WIDEST = 0.9  # relative tolerance of a value whose interval is wider than the value itself
+_SLOWEST = sp.Float("1e-5")  # speed at which a curve is evaluated instead of at rest [m/s]
+_TURN = symbol("turn")  # screw angle per travel; pi is then in the equations only once [rad/m]
+_FREED = 0.3  # relative spread of a freed value
+_MORE_MASS = 2.0  # spread of an unknown mass, relative to the total moving mass
+_FINEST = 2.5e-4  # largest step of the law between two samples [s]
+
+
+class _Linear(NamedTuple):
+    """The linear part of a plant's equations, without friction."""
+
+    inertia: float
+    block: float
+    per_ampere: float
+    back_emf: float
+    per_command: float
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A drive with a friction law, its prior values and their tolerances."""
+
+    kind: str  # a ball screw with its motor, or a body on which ``gain*u`` acts as a force
+    law: str  # one of ``LAWS`` of the estimator
+    values: Mapping[str, float]  # all parameters of its `plant`, SI
+    tolerance: Mapping[str, float] = field(default_factory=dict)  # relative; of what is adjusted
+    command: str = ""  # kind of `u`; empty: as in the records
+    turns: bool = False  # the body rotates; its values are stored as those of a sliding one
+
+    @property
+    def plant(self) -> Component:
+        """The component without a sticking mode; its parameters have their own defaults."""
+        return _plant(self.kind, self.law, self.command)
+
+    @property
+    def units(self) -> dict[str, str]:
+        return {p.name: p.unit for p in self.plant.all_parameters}
+
+    @property
+    def has_motor(self) -> bool:
+        return self.kind == BALL_SCREW
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Parameters of motor or body, and those of the law except shape parameters."""
+        return (*(p.name for p in self.plant.parameters), *self.law_parameters)
+
+    @property
+    def adjustable(self) -> tuple[str, ...]:
+        """Parameters that can be estimated from a record."""
+        told = self.tolerance
+        return tuple(n for n in self.parameters if self.values.get(n) and told.get(n, 0.0) > 0)
+
+    @property
+    def law_parameters(self) -> tuple[str, ...]:
+        return LAWS[self.law].names
+
+    @cached_property
+    def _linear(self) -> _Linear:
+        names, numbers = _linear_of(self.kind)
+        known = {**self.values, _TURN.name: 2 * math.pi * self.values.get("p", 0.0)}
+        return _Linear(*map(float, numbers(*(known[n] for n in names))))
+
+    @property
+    def inertia(self) -> float:
+        """Total moving mass [kg]."""
+        return self._linear.inertia
+
+    @property
+    def block(self) -> float:
+        """Mass of the body on which friction acts [kg]."""
+        return self._linear.block
+
+    @property
+    def per_ampere(self) -> float:
+        """Force of the motor per ampere; zero without a motor [N/A]."""
+        return self._linear.per_ampere
+
+    @property
+    def back_emf(self) -> float:
+        """Back-EMF per velocity; zero without a motor [V*s/m]."""
+        return self._linear.back_emf
+
+    @property
+    def per_command(self) -> float:
+        """Static force per unit of a constant command [N/V]."""
+        return self._linear.per_command
+
+    @property
+    def can_bend(self) -> bool:
+        """Whether the law's curve can have an additional bend, see `BEND`."""
+        return self.law in BRISTLES
+
+    @property
+    def linear_friction(self) -> float:
+        """Viscous coefficient in the linear filter [N*s/m]."""
+        return self.values["sigma2"] if "sigma2" in self.law_parameters else 0.0
+
+    @property
+    def damping(self) -> float:
+        """Total damping: viscous friction and the motor's back-EMF [N*s/m]."""
+        return self.linear_friction + self.per_command * self.back_emf
+
+    @property
+    def friction_scale(self) -> float:
+        """Friction in slow sliding [N]."""
+        sliding = next((self.values[n] for n in ("Fc", "Fc_pos") if n in self.values), None)
+        return abs(float(self.curve(np.zeros(1))[0]) if sliding is None else sliding)
+
+    def free_spread(self, name: str) -> float:
+        """Relative spread of a freed value; larger for a mass."""
+        return _MORE_MASS * self.inertia / self.values["m"] if name == "m" else _FREED
+
+    def changed(self, values: Mapping[str, float]) -> Drive:
+        return replace(self, values={**self.values, **values})
+
+    def curve(self, v: Vector) -> Vector:
+        """Friction in steady sliding at these speeds, without its viscous part, shape (n,) [N]."""
+        names, curve = compiled(curve_of(self.law))
+        numbers = {**self.values, "v": v}
+        return np.broadcast_to(curve(*(numbers[n] for n in names)), v.shape)
+
+    def friction(self, x: Vector, v: Vector, step: float) -> Vector:
+        """Friction along a motion, without its viscous part, shape (n,) [N].
+
+        Each value is the mean over the interval after the sample, like all forces here.
+        """
+        parts = max(1, math.ceil(step / _FINEST))
+        motion = np.ascontiguousarray(x), np.ascontiguousarray(v)
+        out = mean_friction_along(self.law_values, *motion, step, parts)
+        out -= self.linear_friction * midway(v)
+        return out + self.values.get("offset", 0.0)
+
+    @property
+    def law_values(self) -> LawValues:
+        """The law's values, as used along a motion."""
+        half = len(LAWS[self.law].parameters)
+        q = np.array([self.values[n] for n in self.law_parameters])
+        bend = [self.values[n] for n in BEND] if self.can_bend and BEND[0] in self.values else []
+        forwards, backwards = np.append(q[:half], bend), np.append(q[-half:], bend)
+        return LawValues(self.law, forwards, backwards, self.values.get("Kv", 0.0))
+
+
+def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
+    """The drive that a parameter file describes, as the prior model.
+
+    A file without ``[plant]`` is the nominal axis. The tolerance of a value is that in
+    ``[tolerance]``, else half of its interval, else `TOLERANCE`. Values that only a closed loop
+    needs (amplifier, initial states, controllers) and the table ``[found]``, of an extended plant,
+    are ignored.
+
+    Parameters
+    ----------
+    file : ParameterFile
+    law : str, optional
+        Friction law in place of the file's.
+
+    Raises
+    ------
+    BadParameters
+    """
+    if file.kind not in _PLANTS:
+        raise BadParameters(
+            f"{file.path}: kind is {file.kind!r}, expected one of {', '.join(_PLANTS)}: the "
+            "equations are needed"
+        )
+    own = file.law or law or DEFAULT_LAW
+    # if a file is read with another law, values of the file's law only are not used
+    laws = (own, law or own)
+    plants = [_plant(file.kind, name, file.command) for name in laws]
+    known = {p.name: p for plant in plants for p in plant.all_parameters}
+    elsewhere = [p.name for p in AMPLIFIER]
+    elsewhere += [s.name + START for plant in plants for s in plant.all_states]
+    numbers, _ = file.plant_values(known, elsewhere)
+    file.check_complete({p.name: p for p in plants[-1].all_parameters}, numbers)
+    values = {p.name: numbers.get(p.name, p.default) for p in plants[-1].all_parameters}
+    ways = [Drive(file.kind, name, {}).parameters for name in laws]
+    adjusted = [[n for n in names if n not in _NEVER_ADJUSTED] for names in ways]
+    _check_tolerance(file, {n for names in adjusted for n in names})
+    tolerance = {
+        n: file.tolerance[n] if n in file.tolerance else _tolerance_of(file.plant.get(n))
+        for n in adjusted[-1]
+    }
+    return Drive(file.kind, laws[-1], values, tolerance, file.command, file.turns)
+
+
+def _tolerance_of(value: Value | None) -> float:
+    """Half of a value's interval, as a share of the value."""
+    if value is None or value.interval is None or value.value == 0:
+        return TOLERANCE
+    low, high = value.interval
+    half = max(high - value.value, value.value - low) / abs(value.value)
+    return half if math.isfinite(half) and half < _WIDEST else _WIDEST
+
+
+def _check_tolerance(file: ParameterFile, adjusted: Iterable[str]) -> None:
+    for name, share in file.tolerance.items():
+        if name in _NEVER_ADJUSTED:
+            raise BadParameters(
+                f"{file.path}: [tolerance] has {name}, which is never adjusted; remove it"
+            )
+        if name not in adjusted:
+            raise BadParameters(
+                f"{file.path}: [tolerance] there is no {name!r}; there are "
+                f"{', '.join(sorted(adjusted))}"
+            )
+        if not 0 <= share < 1:
+            raise BadParameters(
+                f"{file.path}: the tolerance of {name} is {share:g}, expected a share of its "
+                "value, from 0 to below 1"
+            )
+
+
+@cache
+def _plant(kind: str, law: str, command: str = "") -> Component:
+    return _PLANTS[kind](friction_law(law)).in_units(UNITS.get(command, {}))
+
+
+@cache
+def curve_of(law: str) -> sp.Expr:
+    """Friction in steady sliding at the speed of ``v``, in +x, without its viscous part."""
+    steady, v = sp.sympify(claims(law).steady_state), symbol("v")
+    viscous = symbol("sigma2") * v if symbol("sigma2") in steady.free_symbols else sp.Integer(0)
+    return (steady - viscous).xreplace({v: sp.Abs(v) + _SLOWEST})
+
+
+@cache
+def _linear_of(kind: str) -> tuple[tuple[str, ...], Callable[..., Any]]:
+    """Names of the symbols of `_Linear`, and a function of them, from the plant's equations."""
+    plant = _plant(kind, DEFAULT_LAW)
+    (balance,), (u, v, i) = plant.balances, map(symbol, ("u", "v", "i"))
+    force = next(t.force for t in balance.terms if t.name in ("motor", "drive"))
+    emf = held = sp.Integer(0)
+    if kind == BALL_SCREW:
+        rate = plant.derivative("i")
+        emf = -sp.diff(rate, v) / sp.diff(rate, u)
+        (held,) = sp.solve(rate.xreplace({v: sp.Integer(0)}), i)
+    numbers = (
+        balance.inertia,
+        block_of(plant),
+        sp.diff(force, i),
+        emf,
+        sp.diff(force.xreplace({i: held}), u),
+    )
+    return compiled(sp.Tuple(*numbers).xreplace({symbol("p"): _TURN / (2 * sp.pi)}))
+
+
+@cache
+def compiled(expression: sp.Basic) -> tuple[tuple[str, ...], Callable[..., Any]]:
+    """Names of an expression's symbols, and a function of them."""
+    free = tuple(sorted(s.name for s in sp.sympify(expression).free_symbols))
+    return free, sp.lambdify([symbol(n) for n in free], expression, "numpy", cse=True)
+
+
+def midway(values: Vector) -> Vector:
+    """Mean over the interval after each sample, shape (n,)."""
+    return np.append(0.5 * (values[1:] + values[:-1]), values[-1])

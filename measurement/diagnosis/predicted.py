@@ -1,0 +1,154 @@
+"""The position that a model predicts from the recorded state at the start of each second.
+
+The method is the same for every law: the package's solver solves the model's component, with its
+causes, under the recorded command. So a classical law sticks in a mode with events, and bristles
+are states. States that are not recorded (bristles, the current, a block behind a joint) are
+computed by solving the component from sample to sample; its position and velocity are reset to the
+recorded ones at each sample. At rest, the bristles then balance the force of the command.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from ...plant.two_masses import OneBody
+from ...solver.codegen import generate
+from ...solver.component import Component, ContractError
+from ...solver.kernel import IntegrationError, Kernel, Model
+from .blocks import ends_of_seconds
+from .drive import Drive
+from .modelled_record import ModelledRecord
+from .with_causes import BadExtension, with_causes
+
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+
+_TOLERANCE = 1e-6
+_BESIDE = {"xb": "x", "vb": "v", "xl": "x", "vl": "v"}  # initial states from the encoder's side
+
+
+class NotPredicted(ValueError):
+    """No position can be predicted; the message says why."""
+
+
+class Predictor:
+    """The equations of a drive with causes, to predict the motion of a record.
+
+    Parameters
+    ----------
+    drive : Drive
+    causes : mapping of str to mapping of str to float
+        Without causes in the command, see `__call__`.
+    like : Predictor, optional
+        Of a drive with the same causes and other values: its equations are used.
+    """
+
+    def __init__(
+        self,
+        drive: Drive,
+        causes: Mapping[str, Mapping[str, float]],
+        like: Predictor | None = None,
+    ) -> None:
+        self._drive, self._causes, self._like = drive, causes, like
+
+    @cached_property
+    def _plant(self) -> Component:
+        try:
+            return with_causes(self._drive, list(self._causes.items()))
+        except (BadExtension, OneBody, ContractError) as error:
+            raise NotPredicted(str(error)) from error
+
+    @cached_property
+    def _kernel(self) -> Kernel:
+        if self._like is not None:
+            return self._like._kernel
+        kernel = generate(self._plant)
+        kernel.compile()
+        return kernel
+
+    def __call__(
+        self,
+        course: ModelledRecord,
+        change: Vector,
+        seconds: Sequence[tuple[int, int]] | None = None,
+        states: Matrix | None = None,
+    ) -> Vector:
+        """Position from the recorded state at the start of each second, shape (n,) [m].
+
+        Parameters
+        ----------
+        change : ndarray, shape (n,)
+            Change of the command by causes in the command.
+        seconds : sequence of (first, end), optional
+            Samples of the seconds to predict, all by default; the others are NaN.
+        states : ndarray, shape (n, states), optional
+            Those of `states`, if they are known already.
+
+        Raises
+        ------
+        NotPredicted
+            If the plant cannot have these causes, or its equations cannot be solved.
+        """
+        if states is None:
+            states = self.states(course, change)
+        if seconds is None:
+            seconds = list(itertools.pairwise(ends_of_seconds([course])))
+        model, command = self._along(course, change)
+        out = np.full(len(course.x), np.nan)
+        try:
+            for first, last in seconds:
+                model.x[:] = states[first]
+                model.x[self._measured] = course.x[first], course.v[first]
+                _let_go(model)
+                now = command[first:last, None]
+                given = np.vstack([now[:1], now[:-1]]), now
+                out[first:last] = model.simulate(course.time[first:last], given).states["x"]
+        except IntegrationError as error:
+            raise NotPredicted(str(error)) from error
+        return out
+
+    def states(self, course: ModelledRecord, change: Vector) -> Matrix:
+        """The component's state at each sample, shape (n, states); arguments as in a call."""
+        model, command = self._along(course, change)
+        names = [s.name for s in self._kernel.states]
+        for name, encoder in _BESIDE.items():
+            if name in names:
+                model.x[names.index(name)] = getattr(course, encoder)[0]
+        motion = np.column_stack([course.x, course.v])
+        states = np.empty((len(motion), len(names)))
+        inner = len(names) > len(self._measured)
+        try:
+            for k, t in enumerate(course.time):
+                model.x[self._measured] = motion[k]
+                states[k] = model.x
+                if inner and k + 1 < len(motion):
+                    _let_go(model)
+                    model.u[0] = command[k]
+                    model.advance(t, course.time[k + 1])
+        except IntegrationError as error:
+            raise NotPredicted(str(error)) from error
+        return states
+
+    @property
+    def _measured(self) -> list[int]:
+        names = [s.name for s in self._kernel.states]
+        return [names.index("x"), names.index("v")]
+
+    def _along(self, course: ModelledRecord, change: Vector) -> tuple[Model, Vector]:
+        """The equations with the values of this record, and its command."""
+        values = {p.name: p.default for p in self._plant.all_parameters}
+        if course.offset_name:
+            values["offset"] += course.own_offset
+        command = course.u + course.calibration["command_shift"] * course.next_change + change
+        return Model(self._kernel, values, tolerance=_TOLERANCE), command
+
+
+def _let_go(model: Model) -> None:
+    """Set the first mode, so that velocity and forces decide again whether the body sticks."""
+    if model.kernel.modes:
+        model.u[-1] = 0.0

@@ -1,0 +1,142 @@
+"""Identification of a friction law: our estimator, and the formulas of the thesis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from ...orchestration.loop.parameter_file import DRIVE, ParameterFile, Value
+from ...plant.law import law as friction_law
+from ...solver.component import ForceTerm, Parameter, symbol
+from ...solver.files import write_json
+from ..records.record import Record
+from .fit_result import Fit
+from .fitted_law import OFFSET
+from .friction_estimation import FrictionEstimate
+from .identifiability import BACKWARDS, FORWARDS
+from .intervals import Interval
+from .layout import StackedRecords
+from .left_over import LeftOver
+from .stribeck_fit import StribeckPoints
+
+SIDES = {FORWARDS: "_pos", BACKWARDS: "_neg"}
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Result of an identification; `parameters` are by our estimator on all records."""
+
+    law: str
+    records: tuple[Record, ...]  # corrected by `time_shift` if it is larger than known before
+    parameters: dict[str, Interval]  # of the law, and mass and offset if requested
+    # forwards, backwards and averaged, with the offset of `parameters`; empty for one direction
+    per_direction: dict[str, dict[str, Interval]]
+    thesis: dict[str, Any]  # by the formulas of the thesis on the same records
+    fit: Fit
+    course: StackedRecords
+    estimates: tuple[FrictionEstimate, ...]
+    points: StribeckPoints
+    left: LeftOver  # residual of the force beyond its noise, and its parts
+    time_shift: Interval | None  # of the force after the motion [s]; None: the law does not fit
+    warnings: tuple[str, ...]  # why it is not trusted
+    notes: tuple[str, ...]
+    told: ParameterFile | None = None  # prior values, for the result's parameter file
+    fixed: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def unexplained(self) -> float:
+        """Root mean square residual of the force, without its noise [N]."""
+        return self.left.force
+
+    @property
+    def trusted(self) -> bool:
+        return not self.warnings
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, for JSON."""
+        return {
+            "law": self.law,
+            "records": [r.name for r in self.records],
+            "parameters": {n: asdict(i) for n, i in self.parameters.items()},
+            "per_direction": {
+                side: {n: asdict(i) for n, i in table.items()}
+                for side, table in self.per_direction.items()
+            },
+            "thesis": self.thesis,
+            "delay_of_force_s": [float(d) for d in self.fit.delays],
+            "load_cell_noise_N": self.fit.noise,
+            "unexplained_force_N": self.unexplained,
+            "unexplained_force_goes_with": [asdict(p) for p in self.left.parts],
+            "force_less_fit_by_motion_N": self.left.by_motion,
+            "time_shift_s": asdict(self.time_shift) if self.time_shift else None,
+            "friction_estimation": {
+                r.name: [*e.said, *r.notes]
+                for r, e in zip(self.records, self.estimates, strict=True)
+            },
+            "trusted": self.trusted,
+            "warnings": list(self.warnings),
+            "notes": list(self.notes),
+        }
+
+    def parameter_file(self) -> ParameterFile:
+        """The law's values with their intervals, and other values from `told`.
+
+        A parameter that is not identified has the value of `told`, else the estimate with its wide
+        interval, and is listed in a table with the reason.
+        """
+        given = self.told or ParameterFile()
+        names = ", ".join(r.name for r in self.records)
+        another = given.law not in ("", self.law)
+        replaced = {p.name for p in _law_of(given.law).parameters} if another else set()
+        known = {n: v for n, v in given.plant.items() if n not in replaced}
+        values = {p.name: _fixed(p) for p in _law_of(self.law).parameters} | known
+        for name, i in self.parameters.items():
+            if name == OFFSET and given.kind != DRIVE:
+                continue
+            held = name in self.fixed
+            if name not in known or (i.identified and not (held and known[name].value == i.value)):
+                source = f"{'' if i.identified else 'an estimate, not '}identified from {names}"
+                said = (None, "given, held") if held else (_bounds(i), source)
+                values[name] = Value(i.value, i.unit, *said)
+        reasons = {n: i.because for n, i in self.parameters.items() if not i.identified}
+        return replace(
+            given,
+            path=None,
+            law=self.law,
+            plant=values,
+            found={},
+            not_identified=reasons,
+            diagnosis=None,
+        ).turning()
+
+    def save(self, folder: Path | str) -> None:
+        """Write ``identified.json``, and ``parameters.toml`` into `folder`.
+
+        Raises
+        ------
+        OSError
+            If a file cannot be written.
+        """
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / "identified.json", self.to_dict())
+        self.parameter_file().save(folder)
+
+
+def _bounds(i: Interval) -> tuple[float, float]:
+    """The interval's ends; an unknown end is infinite."""
+    low = -math.inf if i.low is None else i.low
+    high = math.inf if i.high is None else i.high
+    return min(low, i.value), max(high, i.value)
+
+
+def _fixed(p: Parameter) -> Value:
+    """A parameter that is not fitted."""
+    return Value(p.default, p.unit, None, f"{p.source}, not fitted")
+
+
+def _law_of(name: str) -> ForceTerm:
+    return friction_law(name)(symbol("v"))

@@ -1,0 +1,144 @@
+"""Pictures of an identification: the friction map with the fit, and the residuals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...orchestration.loop.pictures import COLOURS, DASHES, STYLE, drawing, new_figure, write_figure
+from .fitted_law import OFFSET, claim_of
+from .identifiability import FORWARDS
+from .identification import SIDES
+
+if TYPE_CHECKING:
+    from .identification import Identification
+    from .response import Response
+
+_MOST_POINTS = 6000
+_CURVE = 60  # points of a curve
+
+
+@drawing()
+def save_pictures(result: Identification, folder: Path) -> None:
+    """Write ``friction_map`` and ``residuals`` into `folder`."""
+    for stem, figure in identification_figures(result).items():
+        write_figure(figure, folder, stem)
+
+
+def identification_figures(result: Identification) -> dict[str, Any]:
+    """Figures of friction over velocity and of the residuals, by name."""
+    import matplotlib as mpl
+
+    figures = {}
+
+    course, fit = result.course, result.fit
+    open_ones = [n for n, i in result.parameters.items() if not i.identified]
+    word = "identified" if result.trusted else "not trusted"
+    if len(open_ones) == len(result.warnings) > 0:
+        word = "all but " + ", ".join(open_ones)
+    count = len(result.records)
+    title = f"{result.law} from {count} record{'s' if count > 1 else ''}: {word}"
+    measured = course.force - course.inertial
+    friction = fit.predicted - course.inertial
+    with mpl.rc_context(STYLE):
+        figure, ((over_velocity, over_way),) = new_figure(1, 2, (11, 4.6))
+        some = slice(None, None, max(1, len(course.x) // _MOST_POINTS))
+        _scatter(over_velocity, 1e3 * course.v[some], measured[some], friction[some])
+        _draw_curves(over_velocity, result)
+        still = result.points.velocity == 0
+        for kind, marker, label in (
+            (still, "v", "largest force held"),
+            (~still, "D", "mean at constant velocity"),
+        ):
+            if np.any(kind):
+                over_velocity.plot(
+                    1e3 * result.points.velocity[kind],
+                    result.points.friction[kind],
+                    marker,
+                    color=COLOURS[6],
+                    mfc="none",
+                    ms=7,
+                    label=label,
+                )
+        over_velocity.set_xlabel("velocity [mm/s]")
+        over_velocity.set_ylabel("friction [N]")
+        over_velocity.set_title(title)
+        over_velocity.legend(loc="best", fontsize=9)
+        begin = course.x[course.starts[:-1]][course.of_record()]
+        way = 1e6 * (course.x - begin)
+        near = np.abs(way) < 100
+        _scatter(over_way, way[near], measured[near], friction[near])
+        over_way.set_xlabel("displacement from the start [µm]")
+        over_way.set_ylabel("friction [N]")
+        over_way.set_title("Presliding")
+        figures["friction_map"] = figure
+
+        figure, grid = new_figure(2, 1, (9, 6))
+        course_axes, histogram = grid[0][0], grid[1][0]
+        residual = course.force - fit.predicted
+        for r in range(course.records):
+            part = slice(course.starts[r], course.starts[r + 1])
+            time = course.step[r] * np.arange(course.starts[r + 1] - course.starts[r])
+            course_axes.plot(
+                time, residual[part], lw=0.6, color=COLOURS[r % len(COLOURS)], rasterized=True
+            )
+        course_axes.set_xlabel("time in the record [s]")
+        course_axes.set_ylabel("force less fit [N]")
+        course_axes.set_title(title)
+        spread = max(4 * float(residual.std()), 1e-9)
+        histogram.hist(
+            residual, bins=80, range=(-spread, spread), color=COLOURS[0], alpha=0.8, density=True
+        )
+        histogram.set_xlabel("force less fit [N]")
+        histogram.set_ylabel("density [1/N]")
+        figures["residuals"] = figure
+    return figures
+
+
+def _draw_curves(axes: Any, result: Identification) -> None:
+    """Draw friction at constant velocity, with each direction's parameters if both are known."""
+    constant = result.fit.values.get(OFFSET, 0.0)
+    tops = (float(result.course.v.max()), float(result.course.v.min()))
+    for (side, end), top, dash in zip(SIDES.items(), tops, DASHES[:2], strict=True):
+        if (top > 0) != (side == FORWARDS):
+            continue
+        values = {n: i.value for n, i in result.per_direction.get(side, {}).items()}
+        if result.fit.law.directional:
+            values = {n + end: v for n, v in values.items()}
+        values = values or {n: i.value for n, i in result.parameters.items()}
+        speeds = top * np.linspace(0.0, 1.0, _CURVE + 1)[1:] ** 2  # more points at low speed
+        curve = [claim_of(result.law, "steady_state", values, s) + constant for s in speeds]
+        axes.plot(1e3 * speeds, curve, ls=dash, color=COLOURS[6], lw=1.2, label=f"law, {side}")
+
+
+def response_figure(result: Response) -> Any:
+    """Figure of a frequency response: magnitude, phase and coherence over frequency."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        figure, grid = new_figure(3, 1, (8, 8))
+        known = np.where(result.coherent, result.position, np.nan)
+        rows = (
+            (np.abs(known), f"position per input [m/{result.unit}]"),
+            (np.degrees(np.angle(known)), "phase [deg]"),
+            (result.coherence, "coherence [1]"),
+        )
+        for (axes,), (values, label) in zip(grid, rows, strict=True):
+            axes.plot(result.frequency, values, color=COLOURS[0], lw=1.0)
+            axes.set_xscale("log")
+            axes.set_ylabel(label)
+            if result.resonance:
+                axes.axvline(result.resonance.value, color=COLOURS[1], ls="--", lw=1.0)
+        grid[0][0].set_yscale("log")
+        grid[0][0].set_title(result.said, fontsize=10)
+        grid[2][0].set_ylim(0, 1.05)
+        grid[2][0].set_xlabel("frequency [Hz]")
+    return figure
+
+
+def _scatter(axes: Any, where: Any, measured: Any, friction: Any) -> None:
+    style = {"ls": "none", "rasterized": True}
+    axes.plot(where, measured, ".", ms=2.5, color=COLOURS[5], label="measured", **style)
+    axes.plot(where, friction, ".", ms=1.5, color=COLOURS[1], label="fit", **style)

@@ -1,0 +1,339 @@
+"""Identify a friction law's parameters from records."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from ...orchestration.loop.parameter_file import BALL_SCREW, DRIVE, TURNS, ParameterFile, Value
+from ...plant.ball_screw import PARAMETERS as AXIS
+from ...plant.instruments.amplifier import PARAMETERS as AMPLIFIER
+from ...solver.nearest import nearest
+from ..records.reading import read_force_records
+from ..records.record import FORCE, TORQUE, Record
+from ..records.velocity import INTEGRATED
+from .delay import fit_late_records
+from .fit import fit_along
+from .fit_result import Fit
+from .fitted_law import LAWS, MASS, OFFSET
+from .friction_estimation import estimate_friction
+from .identifiability import ways, which_would_do, why_not
+from .identification import SIDES, Identification
+from .intervals import Interval, average
+from .law_along_record import KINDS
+from .layout import StackedRecords
+from .left_over import gain_words
+from .stribeck_fit import stribeck_points
+from .thesis_estimates import TOGETHER, thesis_estimates
+
+_SMALL = 0.02  # residual, as a share of friction, below which nothing is reported
+_LEAST_DIFFERENCE = 1e-3  # probability of such a difference if both directions were the same
+
+
+class UnknownLaw(ValueError):
+    """There is no law of this name to identify."""
+
+
+class CannotHold(ValueError):
+    """A parameter cannot be fixed at a value; the message says why and which ones can."""
+
+
+def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> None:
+    """Raise CannotHold if a parameter cannot be fixed, or an offset cannot be fitted.
+
+    Parameters
+    ----------
+    law : str
+        One of `LAWS`.
+    fixed : mapping of str to float
+        Values by the law's names, or `OFFSET` [N].
+    offset : bool, optional
+        Whether a constant force is fitted.
+
+    Raises
+    ------
+    CannotHold
+    """
+    described = LAWS[law]
+    names = described.names
+    together = TOGETHER.get(law, ())
+    for name, value in fixed.items():
+        if name in together:
+            others = ", ".join(n for n in together if n != name)
+            raise CannotHold(
+                f"{name} of {law} is fitted together with {others} and cannot be fixed alone"
+            )
+        if name != OFFSET and name not in names:
+            raise CannotHold(
+                f"{law} has no parameter {name!r}{nearest(name, [*names, OFFSET])}; it has "
+                f"{', '.join(names)}, and there is {OFFSET}"
+            )
+        if not math.isfinite(value) or (name != OFFSET and value <= 0):
+            raise CannotHold(
+                f"{name} is {value:g}, expected a {'finite number' if name == OFFSET else 'number'}"
+                + ("" if name == OFFSET else " above 0; a small value removes its effect")
+            )
+    if offset and OFFSET in fixed:
+        raise CannotHold(
+            f"{OFFSET} is held at {fixed[OFFSET]:g} N and fitted; expected one of them"
+        )
+    if offset and described.directional:
+        raise CannotHold(
+            f"{law} has separate friction for each direction, which cannot be distinguished "
+            f"from a constant force; fix {OFFSET} at a value"
+        )
+
+
+def identify_files(
+    records: Sequence[Record | Path | str],
+    law: str,
+    fixed: Mapping[str, float] | None,
+    offset: bool,
+    told: ParameterFile | None,
+    mass: float | bool,
+    *columns: Any,
+) -> Identification:
+    """Identify from records, or files with these mapping, units and lead; see `identify`.
+
+    The mass of files is that of `told` if it is not given; True: it is fitted.
+    """
+    fixed, (mapping, units, lead) = dict(fixed or {}), columns
+    check_held(law, fixed, offset)
+    if told:
+        told = told.checked().with_lead(lead)
+        lead = lead or told.lead
+    known = told.plant[MASS].value if told and MASS in told.plant else None
+    how = mapping, units, known if isinstance(mass, bool) else mass, lead
+    found: list[Record] = []
+    for record in records:
+        found += [record] if isinstance(record, Record) else read_force_records([record], *how)
+    return identify(found, law, told, fixed, offset, mass is True)
+
+
+def identify(
+    records: Sequence[Record],
+    law: str,
+    told: ParameterFile | None = None,
+    fixed: Mapping[str, float] | None = None,
+    offset: bool = False,
+    mass: bool = False,
+) -> Identification:
+    """Identify a law's parameters from records.
+
+    The result's parameter file keeps the known values of the drive, which are `told`. Default: the
+    rig's axis for records of the rig; otherwise a drive with their mass, by its force or torque.
+    Parameters in `fixed` are not fitted [SI]. The `offset` is a constant force, of a load or a
+    load cell's zero; with `mass` one mass is fitted in place of the records'. Raises `UnknownLaw`,
+    `CannotHold`, and ValueError without records.
+    """
+    if law not in LAWS:
+        raise UnknownLaw(f"no law {law!r} to identify; there are {', '.join(LAWS)}")
+    if not records:
+        raise ValueError("no records given; expected one or more")
+    fixed = dict(fixed or {})
+    check_held(law, fixed, offset)
+    records = [replace(r, mass=1.0) for r in records] if mass else list(records)
+    beside = (MASS,) * mass + (OFFSET,) * offset
+    fitted = fit_late_records(records, law, fixed, beside)
+    corrected = fitted.records[0].lags != records[0].lags
+    records, estimates, course, fit = fitted.records, fitted.estimates, fitted.course, fitted.fit
+    left, shift = fitted.left, fitted.late if fitted.explained else None
+    if mass:
+        found = fit.values[MASS]
+        records = [replace(r, mass=found) for r in records]
+        estimates = [estimate_friction(r) for r in records]
+        course = course.with_mass(found)
+    if told is None:
+        of_axis = [r for r in records if r.about and r.about.get("kind", BALL_SCREW) == BALL_SCREW]
+        told = _axis_of(of_axis[0]) if of_axis else _drive_of(records[0])
+        if mass:
+            told = replace(told, plant={n: v for n, v in told.plant.items() if n != MASS})
+    judged = {n: _judge(fit, n, course) for n in fit.names}
+    per_direction, notes = _each_way(records, fit, judged, course, fixed)
+    unkept = OFFSET in judged and told.kind != DRIVE
+    notes += [TURNS] * told.turns
+    notes += _remarks(records, law, fit, offset, unkept)
+    if corrected and shift and shift.low is not None and shift.high is not None:
+        notes.append(
+            f"the force comes {1e3 * shift.value:.3g} ms later than the motion "
+            f"({1e3 * shift.low:.3g} .. {1e3 * shift.high:.3g} ms): the records were corrected "
+            "by it"
+        )
+    if mass:
+        notes += _of_mass(judged[MASS], told.plant.get(MASS))
+    points = stribeck_points(list(records), estimates)
+    warnings = [f"{n}: {i.because}" for n, i in judged.items() if not i.identified]
+    parts = [f"{p.force:.3g} N go {p.words}" for p in left.parts]
+    if not fitted.explained:
+        warnings.append(
+            f"the law leaves {left.force:.3g} N of the force unexplained, "
+            f"{left.force / left.noise:.3g} times the effect of noise and sampling; "
+            + "; ".join(parts)
+        )
+    elif left.force > _SMALL * course.level:
+        notes.append(f"of this, {'; '.join(parts)}")
+    return Identification(
+        law=law,
+        records=tuple(records),
+        parameters=judged,
+        per_direction=per_direction,
+        thesis=thesis_estimates(records, estimates, points, law),
+        fit=fit,
+        course=course,
+        estimates=tuple(estimates),
+        points=points,
+        left=left,
+        time_shift=shift,
+        warnings=tuple(warnings),
+        notes=tuple(notes),
+        told=told,
+        fixed=fixed,
+    )
+
+
+def _axis_of(record: Record) -> ParameterFile:
+    """Parameter file of the rig's axis, as its ``trial.json`` describes it, without friction."""
+    said = record.about.get("parameters", {})
+    values = {p.name: (said.get(f"plant.{p.name}", p.default), p) for p in (*AXIS, *AMPLIFIER)}
+    source = "of the trial's rig"
+    return ParameterFile(plant={n: Value(v, p.unit, None, source) for n, (v, p) in values.items()})
+
+
+def _drive_of(record: Record) -> ParameterFile:
+    """Parameter file of a machine with records of force and position only."""
+    command, gain, unit = FORCE, 1.0, "1"
+    if record.lead:
+        command, gain, unit = TORQUE, 2 * math.pi / record.lead, "N/(N*m)"
+    values = {
+        "m": Value(record.mass, "kg", None, "of the records: between load cell and block"),
+        "gain": Value(gain, unit, None, f"the command is the {command}"),
+    }
+    return ParameterFile(kind=DRIVE, command=command, plant=values)
+
+
+def _each_way(
+    records: Sequence[Record],
+    fit: Fit,
+    judged: Mapping[str, Interval],
+    course: StackedRecords,
+    fixed: Mapping[str, float],
+) -> tuple[dict[str, dict[str, Interval]], list[str]]:
+    """Parameters of each direction, if both were recorded, and notes on them."""
+    if not fit.tied:
+        return _by_direction(judged, fit.law.parameters), []
+    moved = ways(course)
+    if len(moved) < 2:
+        return {}, [f"motion {moved[0]} only: the other direction is not identified"]
+    guess = {n: i.value for n, i in judged.items()}
+    held = dict(fixed) | ({OFFSET: guess[OFFSET]} if OFFSET in guess else {})
+    law = fit.law.name
+    apart = fit_along(records, law, course, tied=False, guess=guess, fixed=held)
+    split = {n: _judge(apart, n, course) for n in apart.names}
+    return _by_direction(split, fit.law.parameters), _difference(apart, split, fixed)
+
+
+def _of_mass(found: Interval, given: Value | None) -> list[str]:
+    """Notes on force, lead and units if the fitted mass differs from the given mass."""
+    if given is None or not found.identified or found.low is None or found.high is None:
+        return []
+    if found.low <= given.value <= found.high:
+        return []
+    return [
+        f"{MASS} is given as {given.value:.4g} kg, but these records give {found.value:.4g} kg"
+        + gain_words(found.value, given.value)
+    ]
+
+
+def _remarks(
+    records: Sequence[Record], law: str, fit: Fit, offset: bool, unkept: bool
+) -> list[str]:
+    """Notes on the records and on the law; `unkept`: no file contains the offset."""
+    notes = []
+    foreign = [r for r in records if not r.about]
+    if foreign:
+        way = max(float(np.ptp(r.position)) for r in foreign)
+        pull = max(float(np.abs(r.force).max()) for r in foreign)
+        notes.append(
+            f"without trial.json, by name and --unit, positions cover up to {way:.3g} m, forces "
+            f"reach {pull:.3g} N, samples come every {foreign[0].step:.3g} s: if this is "
+            "wrong, give the units"
+        )
+    if offset:
+        notes.append(
+            "in sliding, a constant force and a Coulomb friction that depends on direction "
+            "cannot be distinguished: the offset assumes the same friction in both directions"
+        )
+    if unkept:
+        notes.append(
+            'the offset is not in parameters.toml: only kind = "drive" has such a parameter'
+        )
+    if any(r.velocity_alone for r in records):
+        notes.append(INTEGRATED)
+    if fit.law.rigid:
+        notes.append(
+            f"presliding stiffness: the law has none; {np.mean(~fit.spoken):.0%} of the samples, "
+            "where the block may stick, only give a lower limit of the static friction"
+        )
+    if law not in KINDS:
+        notes.append(
+            f"{law} has no fast form in c/laws.c: its equations are solved from sample "
+            "to sample, which is slower"
+        )
+    if law in ("modified_lugre", "directional_lugre"):
+        notes.append("Kv is fixed at 1e8 s/m: these records do not resolve |v| of 1e-8 m/s")
+    if len({round(math.log(r.step), 2) for r in records}) > 1:
+        rates = ", ".join(f"{1 / s:.4g} Hz" for s in sorted({r.step for r in records}))
+        notes.append(f"records of different rates ({rates}), each is used at its own rate")
+    return notes
+
+
+def _judge(fit: Fit, name: str, course: StackedRecords) -> Interval:
+    interval = fit.intervals[name]
+    if interval.identified:
+        return interval
+    return replace(
+        interval,
+        because=why_not(fit, name, course),
+        would_do=which_would_do(fit, name, course),
+    )
+
+
+def _by_direction(
+    split: Mapping[str, Interval], names: Sequence[str]
+) -> dict[str, dict[str, Interval]]:
+    table = {side: {n: split[n + end] for n in names} for side, end in SIDES.items()}
+    table["averaged"] = {n: average(table["forwards"][n], table["backwards"][n]) for n in names}
+    return table
+
+
+def _difference(apart: Fit, split: Mapping[str, Interval], fixed: Mapping[str, float]) -> list[str]:
+    """A note if the two directions differ significantly."""
+    half = len(apart.law.parameters)
+    seen = [
+        j
+        for j, n in enumerate(apart.law.parameters)
+        if n not in fixed and all(split[n + end].identified for end in SIDES.values())
+    ]
+    if not seen:
+        return []
+    turn = np.zeros((len(seen), len(apart.coordinates)))
+    for row, j in enumerate(seen):
+        turn[row, j], turn[row, j + half] = 1.0, -1.0
+    gap = turn @ apart.coordinates
+    distance = float(gap @ np.linalg.solve(turn @ apart.covariance @ turn.T, gap))
+    if chi2.sf(distance, len(seen)) > _LEAST_DIFFERENCE:
+        return []
+    worst = max(seen, key=lambda j: abs(apart.coordinates[j] - apart.coordinates[j + half]))
+    name = apart.law.parameters[worst]
+    one, other = split[name + "_pos"], split[name + "_neg"]
+    return [
+        f"the two directions differ by more than chance (most in {name}: "
+        f"{one.value:.4g} and {other.value:.4g} {one.unit}); "
+        "one set of parameters for both is a compromise, and its intervals are too narrow"
+    ]

@@ -1,0 +1,254 @@
+"""Tables of numbers with columns of any name: choose the requested one, with our names."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ...solver.nearest import nearest
+from .bad_record import BadRecord
+from .columns import Table, Vector
+from .formats import tables_in
+from .joined import joined
+from .sampling import unrounded
+from .units import NO_UNIT, UNITS, Conversion, quantity_of
+from .wraps import unwrapped
+
+_LISTED = 12  # names in a message
+_POSITIONS = ("x", "x_fine", "x_ref", "time")  # columns that may wrap
+
+
+def read_tables(path: Path) -> list[Table]:
+    """All tables of numbers in a file; the format is detected by its first bytes.
+
+    A word in brackets after a name, as in ``time [ms]``, is the column's unit, known or not. The
+    name is the text before it, if no other column has that name.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise BadRecord(f"{path}: there is no such file") from None
+    except OSError as error:
+        raise BadRecord(f"{path}: cannot be read: {error.strerror or error}") from error
+    tables = [_with_units(t) for t in tables_in(path, data)]
+    again = Counter(t.group for t in tables)
+    return [
+        replace(t, group=f"{t.group} ({k})") if again[t.group] > 1 else t
+        for k, t in enumerate(tables, 1)
+    ]
+
+
+def _with_units(table: Table) -> Table:
+    every = [*table.columns, *table.faults]
+    times = Counter(_name_and_unit(name)[0] for name in every)
+    names = {n: bare if times[bare := _name_and_unit(n)[0]] == 1 else n for n in every}
+    units = {n: _name_and_unit(n)[1] or table.units.get(n, "") for n in table.columns}
+    return replace(
+        table,
+        columns={names[n]: values for n, values in table.columns.items()},
+        units={names[n]: unit for n, unit in units.items() if unit},
+        numbers={k: names[n] for k, n in table.numbers.items()},
+        faults={names[n]: fault for n, fault in table.faults.items()},
+    )
+
+
+def _name_and_unit(name: str) -> tuple[str, str]:
+    """Both parts of ``time [ms]`` or ``x (mm)``; the unit of another name is empty."""
+    whole = name.strip()
+    at = max(whole.rfind("["), whole.rfind("("))
+    bare, unit = whole[: max(at, 0)].rstrip(), whole[at + 1 : -1].strip()
+    return (bare, unit) if bare and unit and whole[-1] in "])" else (name, "")
+
+
+def choose(
+    tables: Sequence[Table],
+    mapping: Mapping[str, str],
+    known: Sequence[str],
+    needed: Sequence[Sequence[str]],
+) -> Table:
+    """The table of a file with the requested columns, or a table from columns of several.
+
+    A column of a table is also ``TABLE/COLUMN``; for the arguments see `rename`.
+    """
+    if len(tables) == 1:
+        return rename(tables[0], mapping, known, needed)
+    whole = []
+    for table in tables:
+        try:
+            whole.append(rename(table, mapping, known, needed))
+        except BadRecord:
+            continue
+    if len(whole) == 1:
+        return whole[0]
+    path = tables[0].path
+    if whole:
+        names = [t.group for t in whole]
+        raise BadRecord(
+            f"{path}: has {len(whole)} tables with these columns: {listed(names)}; choose "
+            f"one, such as --map {names[0]}/{_theirs('time', mapping)}=time"
+        )
+    found: dict[str, list[Table]] = {}
+    for table in tables:
+        for ours in known:
+            theirs = _theirs(ours, mapping)
+            if _column(table, theirs):
+                part = rename(table, {theirs: ours}, [ours], [])
+                found.setdefault(ours, []).append(part)
+    for ours, parts in found.items():
+        if ours != "time" and len(parts) > 1:
+            raise BadRecord(
+                f"{path}: has {_theirs(ours, mapping)!r} in {listed([t.group for t in parts])}; "
+                f"choose one, such as --map {parts[0].group}/{_theirs(ours, mapping)}={ours}"
+            )
+    lost = [t for t, ours in mapping.items() if ours in known and ours not in found]
+    if lost or any(not {*names} & found.keys() for names in needed):
+        there = listed([f"{t.group} ({listed(t.columns)})" for t in tables])
+        what = f"a column {lost[0]!r}" if lost else f"the columns {_asked(needed, mapping)}"
+        raise BadRecord(
+            f"{path}: none of its tables has {what}; there are {there}; assign them, "
+            f"such as --map TABLE/COLUMN={needed[-1][0]}"
+        )
+    first = {next(n for n in names if n in found) for names in needed}
+    times = {t.group: t for t in found.pop("time")}
+    called = {"time", *(_column(t, _theirs("time", mapping)) for t in tables)}
+    for table in tables:  # use the table's own time, if the mapped time is in another table
+        own = next((n for n in table.columns if n in called), "")
+        if table.group not in times and own:
+            times[table.group] = rename(table, {own: "time"}, ["time"], [])
+    return joined(path, {n: parts[0] for n, parts in found.items()}, times, first)
+
+
+def _theirs(ours: str, mapping: Mapping[str, str]) -> str:
+    return next((t for t, o in mapping.items() if o == ours), ours)
+
+
+def _asked(needed: Sequence[Sequence[str]], mapping: Mapping[str, str]) -> str:
+    return ", ".join(" or ".join(_theirs(n, mapping) for n in names) for names in needed)
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names for a message; only the first if there are many."""
+    every = list(names)
+    more = len(every) - _LISTED
+    shown = every if more <= 1 else [*every[:_LISTED], f"{more} more"]
+    return ", ".join(shown) or "none"
+
+
+def _column(table: Table, theirs: str) -> str:
+    """The table's name for the user's name of a column; empty if there is none."""
+    if table.group and theirs.startswith(f"{table.group}/"):
+        theirs = theirs[len(table.group) + 1 :]
+    if theirs in table.columns or theirs in table.faults:
+        return theirs
+    bare, unit = _name_and_unit(theirs)
+    if unit and table.units.get(bare) == unit and bare in table.columns:
+        return bare
+    return table.numbers.get(theirs, "")
+
+
+def rename(
+    table: Table,
+    mapping: Mapping[str, str],
+    known: Sequence[str],
+    needed: Sequence[Sequence[str]],
+) -> Table:
+    """Columns under our names, in the order of ours, of constant length.
+
+    `mapping` is ``theirs -> ours``, `known` has our names, and of each in `needed` at least one
+    name must be present.
+    """
+    path, columns = table.path, table.columns
+    there = listed(columns)
+    theirs_of: dict[str, str] = {}
+    for theirs, ours in mapping.items():
+        if ours not in known:
+            raise BadRecord(
+                f"--map {theirs}={ours}: there is no {ours!r} here; columns are {', '.join(known)}"
+            )
+        name = _column(table, theirs)
+        if not name:
+            raise BadRecord(
+                f"{path}: --map {theirs}={ours}: there is no column {theirs!r}"
+                f"{nearest(theirs, columns)}; there are {there}"
+            )
+        theirs_of[ours] = name
+    for name in (*columns, *table.faults):
+        if name in known and name not in theirs_of.values():
+            theirs_of.setdefault(name, name)
+    for name in theirs_of.values():
+        if name in table.faults:
+            raise BadRecord(f"{path}{table.faults[name]}")
+    for name in known:
+        if name not in theirs_of and f"{name} #1" in columns:
+            raise BadRecord(
+                f"{path}: the column {name!r} occurs twice; choose one, such as --map '{name} #1="
+                f"{name}'"
+            )
+    for wanted, *others in needed:
+        if not {wanted, *others} & theirs_of.keys():
+            raise BadRecord(
+                f"{path}: has no column {' nor '.join(map(repr, (wanted, *others)))}"
+                f"{nearest(wanted, columns)}; there are "
+                f"{there}; use --map theirs={wanted}"
+            )
+    named = {n: columns[theirs_of[n]] for n in known if n in theirs_of}
+    lengths = {n: len(v) for n, v in named.items()}
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{n} {k}" for n, k in lengths.items())
+        raise BadRecord(
+            f"{path}: columns of different length ({said} samples): recorded at different "
+            "rates? Resample them to one rate first"
+        )
+    units = {n: table.units[t] for n, t in theirs_of.items() if t in table.units}
+    renamed = {n: t for n, t in theirs_of.items() if n != t}
+    return replace(table, columns=named, units=units, numbers={}, renamed=renamed)
+
+
+def in_si(
+    table: Table,
+    units: Mapping[str, str],
+    quantities: Mapping[str, Sequence[str]],
+    lead: float | None,
+) -> tuple[dict[str, Vector], dict[str, str], list[str]]:
+    """A table's columns in SI units of a linear motion, their quantities, and notes.
+
+    Positions, and times, that restart after a turn or the counter's range are made continuous.
+    Units by the user, `units`, go before those of the file. Without either a column with our name
+    is in SI units, and a column that was renamed needs one. `quantities` has those that are
+    possible for each of our columns, the usual one first; `lead` is that of the screw [m].
+    """
+    for name, text in units.items():
+        if name not in quantities:
+            raise BadRecord(f"--unit {name}={text}: columns are {', '.join(quantities)}")
+    signals, measured, notes = {}, {}, []
+    for name, values in table.columns.items():
+        may_be = quantities[name]
+        said = units.get(name, table.units.get(name, ""))
+        if name == "time":
+            values, said_of_it = unrounded(values)
+            notes += said_of_it
+        if said in NO_UNIT:
+            if name in table.renamed:
+                known = ", ".join(u for q in may_be for u in UNITS[q])
+                raise BadRecord(
+                    f"{table.path}: gives no unit of {table.renamed[name]!r}, which is {name} by "
+                    f"--map; use --unit {name}= with one of {known}, or with a number of them"
+                )
+            signals[name], measured[name] = values, may_be[0]
+            continue
+        if name not in units and quantity_of(said) not in may_be:
+            known = ", ".join(u for q in may_be for u in UNITS[q])
+            raise BadRecord(
+                f"{table.path}: the file says that {name} is in {said!r}; use --unit "
+                f"{name}= with one of {known}, or with a number of them, which is the size of one "
+                f"{said!r}"
+            )
+        conversion = Conversion(name, said, may_be, lead)
+        if name in _POSITIONS:
+            turn = conversion.quantity == "angle" and lead
+            values, said_of_it = unwrapped(name, values, turn / conversion.factor if turn else None)
+            notes += said_of_it
+        signals[name], measured[name] = conversion.factor * values, conversion.quantity
+    return signals, measured, notes

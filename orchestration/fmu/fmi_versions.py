@@ -1,0 +1,332 @@
+"""The functions of FMI 2.0 and 3.0, for co-simulation and model exchange, with common names."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ...fmus.process_end import end_cleanly
+from ...fmus.reading import WHOLE, UnpackedFmu
+from .fmi_status import DISCARD, Refused
+
+Vector = npt.NDArray[np.float64]
+
+# fmi2DoStep, and the functions of saved states in both versions
+STEP = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int
+)
+STATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+_LOGGED: dict[int, str] = {}
+END = "requested the end of the simulation at t = {:g} s"
+
+
+def last_words(log: int) -> str:
+    """The last error that the instance with this number logged."""
+    return _LOGGED.get(log, "")
+
+
+def forget(log: int) -> None:
+    _LOGGED.pop(log, None)
+
+
+def _heard(log: int, status: int, text: bytes | None) -> None:
+    if status > DISCARD and text:
+        _LOGGED[log] = text.decode("utf-8", "replace").strip()
+
+
+class Ports:
+    """Variables of one type, to be set or read in one call.
+
+    Parameters
+    ----------
+    names : sequence of str
+    type : str
+        One of FMI's.
+    function : str
+        Name of the call after its verb.
+    kind : dtype
+        Of its values.
+    references : sequence of int
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        type: str,
+        function: str,
+        kind: npt.DTypeLike,
+        references: Sequence[int],
+    ) -> None:
+        self.names, self.function = names, function
+        self._type = type
+        self._whole = type in WHOLE
+        self.references = (ctypes.c_uint * len(names))(*references)
+        self.values = np.zeros(len(names), dtype=kind)
+        pointer = ctypes.POINTER(np.ctypeslib.as_ctypes_type(self.values.dtype))
+        self.pointer = self.values.ctypes.data_as(pointer)
+        # the first number above the largest
+        self._low, self._end = 0.0, 2.0
+        if self._whole and type != "Boolean":
+            size = np.iinfo(self.values.dtype)
+            self._low, self._end = float(size.min), float(size.max) + 1.0
+
+    def put(self, values: Vector) -> None:
+        """Store checked values for the next call.
+
+        Raises
+        ------
+        Refused
+            If a value of an integer type is not a whole number, or out of the type's range.
+        """
+        if self._whole:
+            fit = (values == np.rint(values)) & (values >= self._low) & (values < self._end)
+            if not fit.all():
+                at = int(np.argmin(fit))
+                wanted = "0 or 1" if self._type == "Boolean" else "a whole number in its range"
+                raise Refused(
+                    f"{self.names[at]} is of type {self._type} and was given {values[at]:g}, "
+                    f"expected {wanted}"
+                )
+        self.values[:] = values
+
+
+class Fmi2:
+    """An instance of an FMI 2.0 FMU.
+
+    Parameters
+    ----------
+    fmu : UnpackedFmu
+    name : str
+    log : int
+        Number under which its last error is kept.
+
+    Attributes
+    ----------
+    component : c_void_p
+    library : CDLL
+    ended : str
+        When it requested the end of the simulation; empty if it did not.
+    integrator : Integrator or None
+        For model exchange, after initialization.
+    """
+
+    _VERSION = "fmi2"
+    _STATE = "FMUstate"
+    _TYPES: ClassVar[dict[str, tuple[str, npt.DTypeLike]]] = {
+        "Real": ("Real", np.float64),
+        "Integer": ("Integer", np.int32),
+        "Enumeration": ("Integer", np.int32),
+        "Boolean": ("Boolean", np.int32),
+    }
+
+    def __init__(self, fmu: UnpackedFmu, name: str, log: int) -> None:
+        self._description = fmu.description
+        self.ended = ""
+        self.integrator: Any = None
+        self._fmu = self._instantiated(fmu, name, log)
+        self.library = self._fmu.dll
+        end_cleanly(Path(self.library._name))
+        self.component = ctypes.c_void_p(self._fmu.component)
+        self.get_state, self.set_state, self.free_state = (
+            STATE((f"{self._VERSION}{verb}{self._STATE}", self.library))
+            for verb in ("Get", "Set", "Free")
+        )
+
+    def _instantiated(self, fmu: UnpackedFmu, name: str, log: int) -> Any:
+        from fmpy import calloc, fmi2, free
+
+        callbacks = fmi2.fmi2CallbackFunctions()
+        callbacks.logger = _logger()
+        callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
+        callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
+        callbacks.componentEnvironment = log
+        kind = fmi2.FMU2Model if self._description.exchanges else fmi2.FMU2Slave
+        instance = kind(**_told(fmu, name))
+        instance.instantiate(callbacks=callbacks, loggingOn=True)
+        return instance
+
+    def ports(self, names: Sequence[str], type: str, references: Sequence[int]) -> Ports:
+        function, kind = self._TYPES[type]
+        return Ports(names, type, function, kind, references)
+
+    def transfer(self, verb: str, ports: Ports) -> int:
+        """Set or get; the FMI status."""
+        call = getattr(self.library, f"{self._VERSION}{verb}{ports.function}")
+        arguments = [ports.references, len(ports.references), ports.pointer]
+        return int(call(self.component, *arguments, *self._tail(ports)))
+
+    def _tail(self, ports: Ports) -> list[int]:
+        return []
+
+    def text(self, reference: int) -> str:
+        (text,) = self._fmu.getString([reference])
+        return str(text.decode("utf-8", "replace"))
+
+    def set_text(self, reference: int, text: str) -> None:
+        self._fmu.setString([reference], [text])
+
+    def set_up(self, stop: float) -> None:
+        """Do the calls before start values are set."""
+        self._fmu.setupExperiment(startTime=0.0, stopTime=stop)
+
+    def enter(self, stop: float) -> None:
+        """Enter initialization mode."""
+        self._fmu.enterInitializationMode()
+
+    def leave(self) -> None:
+        """Leave initialization mode."""
+        self._fmu.exitInitializationMode()
+        if self._description.exchanges:
+            self.integrator = self._integrator()
+
+    def _integrator(self) -> Any:
+        from .model_exchange import Integrator
+
+        states, indicators = self._sizes()
+        return Integrator(self._fmu, states, indicators, bool(self._description.names("input")))
+
+    def _sizes(self) -> tuple[int, int]:
+        """Numbers of states and event indicators."""
+        return self._description.states, self._description.indicators
+
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """Data that are not in a saved state of the FMU."""
+        if self.integrator is None:
+            return (self.ended,)
+        return self.ended, self.integrator.time, self.integrator.next_event
+
+    @place.setter
+    def place(self, place: tuple[Any, ...]) -> None:
+        self.ended = place[0]
+        if self.integrator is not None:
+            _, self.integrator.time, self.integrator.next_event = place
+
+    @functools.cached_property
+    def do_step(self) -> Any:
+        """The FMU's own function, also for compiled code."""
+        return STEP(("fmi2DoStep", self.library))
+
+    def step(self, t: float, h: float) -> int:
+        """Move from t to t + h, if the simulation was not ended there; the FMI status.
+
+        Raises
+        ------
+        Refused
+        """
+        if self.ended:
+            raise Refused(self.ended, DISCARD)
+        if self.integrator is None:
+            return self._co_step(t, h)
+        self.integrator.step(t + h)
+        return self._end(self.integrator.time, t, h) if self.integrator.ends else 0
+
+    def _co_step(self, t: float, h: float) -> int:
+        status = int(self.do_step(self.component, t, h, 1))
+        if status == DISCARD and (reached := self.asked_end()) is not None:
+            return self._end(reached, t, h)
+        return status
+
+    def asked_end(self) -> float | None:
+        """After a discarded step, the end that the FMU requests; None if the step is too long."""
+        from fmpy import fmi2
+        from fmpy.fmi1 import FMICallException
+
+        with contextlib.suppress(FMICallException):  # not all answer this
+            if self._fmu.getBooleanStatus(fmi2.fmi2Terminated):
+                return float(self._fmu.getRealStatus(fmi2.fmi2LastSuccessfulTime))
+        return None
+
+    def _end(self, reached: float, t: float, h: float) -> int:
+        self.ended = END.format(reached)
+        if reached < t + h * (1 - 1e-9):
+            raise Refused(self.ended, DISCARD)
+        return 0
+
+    def terminate(self) -> None:
+        self._fmu.terminate()
+
+    def free(self) -> None:
+        self._fmu.freeInstance()
+
+
+class Fmi3(Fmi2):
+    """An instance of an FMI 3.0 FMU; of co-simulation without event mode and early return."""
+
+    _VERSION = "fmi3"
+    _STATE = "FMUState"
+    _TYPES: ClassVar[dict[str, tuple[str, npt.DTypeLike]]] = {
+        "Float64": ("Float64", np.float64),
+        "Float32": ("Float32", np.float32),
+        "Boolean": ("Boolean", np.bool_),
+        "Enumeration": ("Int64", np.int64),
+        **{
+            f"{sign}Int{bits}": (f"{sign}Int{bits}", np.dtype(f"{sign}Int{bits}".lower()))
+            for sign in ("", "U")
+            for bits in (8, 16, 32, 64)
+        },
+    }
+
+    def _instantiated(self, fmu: UnpackedFmu, name: str, log: int) -> Any:
+        from fmpy import fmi3
+
+        def heard(_: Any, status: int, __: bytes, text: bytes) -> None:
+            _heard(log, status, text)
+
+        kind = fmi3.FMU3Model if self._description.exchanges else fmi3.FMU3Slave
+        instance = kind(**_told(fmu, name))
+        instance.instantiate(loggingOn=True, logMessage=heard)
+        return instance
+
+    def _tail(self, ports: Ports) -> list[int]:
+        return [len(ports.references)]
+
+    def text(self, reference: int) -> str:
+        (text,) = self._fmu.getString([reference])
+        return str(text)
+
+    def set_up(self, stop: float) -> None:
+        pass
+
+    def enter(self, stop: float) -> None:
+        self._fmu.enterInitializationMode(startTime=0.0, stopTime=stop)
+
+    def _sizes(self) -> tuple[int, int]:
+        return self._fmu.getNumberOfContinuousStates(), self._fmu.getNumberOfEventIndicators()
+
+    def _co_step(self, t: float, h: float) -> int:
+        _, ends, early, reached = self._fmu.doStep(t, h)
+        if ends:
+            return self._end(reached, t, h)
+        if early:
+            raise Refused(
+                f"stopped at t = {reached:g} s although early return is not allowed", DISCARD
+            )
+        return 0
+
+
+def _told(fmu: UnpackedFmu, name: str) -> dict[str, str]:
+    return {
+        "guid": fmu.description.guid,
+        "unzipDirectory": str(fmu.folder),
+        "modelIdentifier": fmu.description.identifier,
+        "instanceName": name,
+    }
+
+
+@functools.cache
+def _logger() -> Any:
+    """The logger of FMUs of FMI 2.0: it keeps the last error of each instance."""
+    from fmpy import fmi2
+
+    def log(environment: int, _name: bytes, status: int, _category: bytes, text: bytes) -> None:
+        _heard(environment or 0, status, text)
+
+    return fmi2.fmi2CallbackLoggerTYPE(log)

@@ -1,0 +1,352 @@
+"""Components by their names for users, and their FMUs in a cache on disk.
+
+A part is a name of the catalogue, a function of a user's file (``mine.py:pi``), either of them
+with feed-forward (``nctf+feed_forward``), sampled (``nctf+sampled``) and with
+its instruments (``nctf+sampled+position_encoder``), or a component made in the program;
+all others are paths of FMUs. The name may end with the units of a drive, as in
+``pid+sampled+force``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+from ... import fmus, solver
+from ...controllers import ALONE, CONTROLLERS, FORMER
+from ...fmus.carried_runtime import carried_runtime
+from ...fmus.made_here import is_kept, keep
+from ...plant import NOMINAL, PLANTS
+from ...plant.instruments import INSTRUMENTS, UNLIMITED, PartName
+from ...solver import kernel_cache
+from ...solver.compilers import CompilerFailed, compiler_for, own_platform
+from ...solver.component_file import load_component, names_file
+from ...solver.kernel import Kernel
+from ...solver.nearest import did_you_mean
+from ...solver.stored import fingerprint, stored_kernel
+
+if TYPE_CHECKING:
+    from ...fmus.native.sources import NativeModel
+    from ...solver.component import Component
+
+NAMES = {**PLANTS, **CONTROLLERS, **INSTRUMENTS}
+# modules that make equations or files of components; by name, since they are imported when needed
+_EXPORT, _VARIATIONAL = "ballscrew.fmus.export", "ballscrew.fmus.variational"
+_NATIVE = "ballscrew.fmus.native.export"
+_CONNECT = "ballscrew.solver.connect"
+_MEASURED = "ballscrew.plant.instruments.measured_through"
+_SAMPLED = "ballscrew.plant.instruments.sample_and_hold"
+_INSTRUMENTS = "ballscrew.plant.instruments"
+_OF_MOTOR = {"A", "ohm", "H"}
+NATIVE, READABLE = "native", "readable"
+OWN_LIMIT = "u_max"  # parameters of a controller for the limit of the nominal amplifier, in volts
+_FORWARD = "ballscrew.controllers.feed_forward"
+
+
+class UnknownComponent(KeyError):
+    """An unknown name; the message lists the known ones."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+def has_equations(part: str) -> bool:
+    """Whether a part's name has equations; if not, it is the path of an FMU."""
+    name = PartName.of(part).bare
+    return name in NAMES | ALONE or names_file(name)
+
+
+def component(part: str | Component) -> Component:
+    """The component of a part; it is made if the part is a name of the catalogue.
+
+    Instruments of a sampled controller are sampled with it.
+
+    Raises
+    ------
+    UnknownComponent
+    BadComponentFile
+    ContractError
+        For instruments that do not fit the controller, or a controller that cannot be
+        sampled or have feed-forward.
+    """
+    if not isinstance(part, str):
+        return part
+    named = PartName.of(part)
+    if named.units:
+        return _in_units(component(named.plain), named.units)
+    if named.sampled or named.instruments:
+        law = component(str(PartName(named.bare, named.feed_forward)))
+        return put_into_practice(law, named.sampled, named.instruments)
+    if named.feed_forward:
+        from ...controllers.feed_forward import with_feed_forward
+
+        return with_feed_forward(component(named.bare))
+    if names_file(part):
+        return load_component(part)
+    module, _, function = _place_of(part).partition(":")
+    return cast("Component", getattr(importlib.import_module(module), function)())
+
+
+def in_units_of(part: str, plant: str) -> str:
+    """A built-in controller or instrument in the units of a built-in drive: ``pid+rotary+torque``.
+
+    Others, and those that already have units in their name, are not changed.
+    """
+    drive, named = PartName.of(plant), PartName.of(part)
+    if named.bare not in CONTROLLERS | INSTRUMENTS or named.units:
+        return part
+    turns = ("rotary",) * drive.bare.startswith(NOMINAL["rotary_drive"])
+    return str(replace(named, units=(*turns, *drive.units)))
+
+
+def _in_units(part: Component, units: Sequence[str]) -> Component:
+    """A part in the units of a drive; a part with values of a motor has no other command."""
+    from ...plant.instruments import UNITS
+    from ...solver.contract_error import ContractError
+
+    words: dict[str, str] = {}
+    for name in units:
+        words |= UNITS[name]
+    of_motor = [
+        p.name for p in part.all_parameters if _OF_MOTOR & {*re.findall("[A-Za-z]+", p.unit)}
+    ]
+    if of_motor and "V" in words:
+        raise ContractError(
+            f"{part.name} is made for the voltage of a motor, see its {of_motor[0]}, but the "
+            f"command of the drive is a {units[-1]}; expected a part without such values"
+        )
+    told = part.in_units(words)
+    if "V" in words and any(p.name == OWN_LIMIT for p in told.all_parameters):
+        told = told.with_defaults(
+            {OWN_LIMIT: UNLIMITED}, "none: the limit of the machine is not known"
+        )
+    return told
+
+
+def put_into_practice(
+    controller: Component, is_sampled: bool, instruments: Sequence[str]
+) -> Component:
+    """The controller, sampled if requested, with the instruments of these names.
+
+    Raises
+    ------
+    ContractError
+    """
+    from ...plant.instruments.measured_through import measured_through
+    from ...plant.instruments.sample_and_hold import sampled
+    from ...solver.contract_error import ContractError
+
+    if is_sampled:
+        if not {"measurement", "reference"} & {i.role for i in controller.inputs}:
+            raise ContractError(
+                f"{controller.name} cannot be sampled: none of its inputs has the role measurement "
+                "or reference, as those of a controller have"
+            )
+        controller = sampled(controller)
+    if not instruments:
+        return controller
+    parts = [component(name) for name in instruments]
+    if controller.sample_time:
+        period = controller.sample_time.default
+        parts = [
+            replace(i, sample_time=replace(i.sample_time, default=period)) if i.sample_time else i
+            for i in parts
+        ]
+    return measured_through(controller, parts)
+
+
+def name_of(part: str | Component) -> str:
+    """Name of a part in tables and files; raises as `component` does."""
+    if not isinstance(part, str):
+        return part.name
+    named = PartName.of(part)
+    own = component(named.bare).name if names_file(named.bare) else named.bare
+    return replace(named, bare=own).plain
+
+
+def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
+    """Key of a part's kernels on disk: a name, and the modules with its equations.
+
+    For a component that is not in the catalogue, the name contains a hash of its equations. Raises
+    as `component` does.
+    """
+    if isinstance(part, str):
+        named = PartName.of(part)
+        if named.units:
+            name, own = kept_as(named.plain)
+            return "_in_".join([name, *named.units]), (*own, _INSTRUMENTS)
+        if named.instruments:
+            base = str(replace(named, instruments=()))
+            kept = [kept_as(name) for name in (base, *named.instruments)]
+            modules = [module for _, own in kept for module in own]
+            return "_behind_".join(name for name, _ in kept), (*modules, _MEASURED)
+        if named.sampled:
+            name, own = kept_as(str(replace(named, sampled=False)))
+            return f"sampled_{name}", (*own, _SAMPLED)
+        if named.feed_forward:
+            name, own = kept_as(named.bare)
+            return f"feed_forward_{name}", (*own, _FORWARD)
+        if not names_file(part):
+            return part, (_place_of(part).partition(":")[0],)
+    made = component(part)
+    return f"{made.name}_{made.digest}", ()
+
+
+def _place_of(name: str) -> str:
+    """``module:function`` of a name of the catalogue."""
+    if name in FORMER:
+        raise UnknownComponent(f"no component {name!r}; use {FORMER[name]}")
+    if name not in NAMES | ALONE:
+        hint = did_you_mean(name, NAMES)
+        raise UnknownComponent(f"no component {name!r}{hint}; there are {', '.join(NAMES)}")
+    return (NAMES | ALONE)[name]
+
+
+def fmu_component(part: str | Component, plant: str = "", tangents: int = 0) -> Component:
+    """Content of a part's FMU: see `fmu_kernel`; raises as `fmu` does."""
+    if tangents:
+        from ...fmus.variational import variational
+
+        return variational(component(part), tangents)
+    if plant:
+        return loop(part, plant)
+    from ...fmus.feedback_law import with_law_ports
+
+    return with_law_ports(component(part))
+
+
+def fmu_kernel(part: str | Component, plant: str = "", tangents: int = 0) -> Kernel:
+    """The compiled component of a part, from disk if available.
+
+    Parameters
+    ----------
+    part : str or Component
+    plant : str
+        If given, the whole closed loop of this plant and the part, a controller; empty: no loop.
+    tangents : int
+        Number of tangents of the part, instead of the ports of the feedback law.
+    """
+    name, modules = kept_as(part)
+    made_by = _EXPORT
+    if tangents:
+        name, made_by = f"{name}_variational_{tangents}", _VARIATIONAL
+    elif plant:
+        of, others = kept_as(plant)
+        name, modules, made_by = f"loop_{of}_{name}", (*others, *modules), _CONNECT
+    return stored_kernel(
+        f"fmu_{name}", lambda: fmu_component(part, plant, tangents), *modules, made_by
+    )
+
+
+def fmu(part: str | Component, plant: str = "", tangents: int = 0) -> Path:
+    """Path of the FMU of `fmu_kernel` in the user's cache; exported if it does not exist yet.
+
+    Raises
+    ------
+    UnknownComponent, BadComponentFile, ContractError, UnsupportedComponent, BadUnit
+    """
+    return stored_fmu(fmu_kernel(part, plant, tangents))
+
+
+def stored_fmu(kernel: Kernel, everywhere: bool = False) -> Path:
+    """Path of a kernel's FMU, kept under a hash of its complete content.
+
+    It runs on this platform; if `everywhere`, on all platforms of `carried_runtime`.
+    """
+    package, _ = carried_runtime(everywhere)
+    content = kernel.to_json() + package + fingerprint(_EXPORT)
+    stem = kernel_cache.hashed_name(kernel.name, content)
+    path = kernel_cache.entry(kernel_cache.FMUS, f"{stem}.fmu")
+    if is_kept(path):
+        return path
+    from ...fmus.export import export_kernel
+
+    return keep(path, lambda: export_kernel(kernel, path, everywhere))
+
+
+def catalogued_model(part: str | Component, plant: str = "", tangents: int = 0) -> NativeModel:
+    """The kernel of `fmu_kernel` with its partial derivatives, for a native FMU."""
+    from ...fmus.native import partials
+    from ...fmus.native.sources import NativeModel
+
+    kernel = fmu_kernel(part, plant, tangents)
+    maker = Path(partials.__file__).read_text(encoding="utf-8")
+    stored = kernel_cache.hashed_name(f"partials_{kernel.name}", maker + kernel.to_json())
+
+    def make() -> Component:
+        return partials.partials(fmu_component(part, plant, tangents))
+
+    return NativeModel(kernel, stored_kernel(stored, make))
+
+
+@dataclass(frozen=True)
+class ReadyFmu:
+    """An FMU in the user's cache; `build` is `NATIVE` or `READABLE`."""
+
+    path: Path
+    build: str
+
+
+def ready_fmu(name: str, tangents: int = 0) -> ReadyFmu:
+    """As `fmu`, but a native FMU if there is a C compiler; for runs of this program."""
+    try:
+        return ReadyFmu(_native_fmu(name, tangents), NATIVE)
+    except CompilerFailed:
+        return ReadyFmu(fmu(name, tangents=tangents), READABLE)
+
+
+def _native_fmu(name: str, tangents: int) -> Path:
+    """Raises CompilerFailed also if there is no compiler."""
+    kernel = fmu_kernel(name, tangents=tangents)
+    content = kernel.to_json() + _way_of_making()
+    stem = kernel_cache.hashed_name(f"{kernel.name}_native", content)
+    path = kernel_cache.entry(kernel_cache.FMUS, f"{stem}.fmu")
+    if is_kept(path):
+        return path
+    from ...fmus.native.export import write_native
+
+    platform = own_platform()
+    if not platform or not compiler_for(platform):
+        raise CompilerFailed("there is no C compiler")
+    model = catalogued_model(name, tangents=tangents)
+    return keep(path, lambda: write_native(model, path, 2, [platform]))
+
+
+@cache
+def _way_of_making() -> str:
+    """Hash of everything except the equations that affects the FMU: Python and C sources."""
+    digest = hashlib.sha256(fingerprint(_NATIVE).encode())
+    for folder in (resources.files(fmus) / "native" / "c", resources.files(solver) / "c"):
+        for file in sorted(folder.iterdir(), key=lambda f: f.name):
+            if file.name.endswith((".c", ".h")):
+                digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
+
+
+def loop(controller: str | Component, plant: str = "plant") -> Component:
+    """The whole closed loop of a plant and a controller, as one component.
+
+    It is named after the controller, ``<name>_loop``, and its set-point starts at `START_VALUE`.
+
+    Raises
+    ------
+    UnknownComponent, BadComponentFile
+    ContractError
+        If the two cannot be connected.
+    """
+    from ...solver.connect import connect
+    from ...solver.set_point import START_VALUE
+
+    law = component(controller)
+    whole = connect(component(plant), law)
+    inputs = tuple(
+        replace(i, start=START_VALUE) if i.role == "reference" else i for i in whole.inputs
+    )
+    return replace(whole, name=f"{law.name}_loop", inputs=inputs)

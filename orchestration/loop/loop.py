@@ -1,0 +1,347 @@
+"""A closed loop to run: two parts and a set-point, or the elements of an .ssp; resolved once.
+
+`run`, `swap`, `lyapunov`, maps and the checks of studies are all done with a `Loop`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from ...plant import DESCRIBED
+from ...solver.kernel import CONTROLLER, PLANT
+from ...solver.set_point import START_VALUE
+from ..fmu.limits import (
+    TIME_LIMIT,
+    BadParameter,
+    as_number,
+    check_corrections,
+    check_length,
+    check_step,
+    check_time_limit,
+)
+from ..master.couplings import Coupling, coupling_named
+from ..master.reference_signal import Reference
+from .catalogue import in_units_of
+from .parameter_file import FMU, ParameterFile, list_used
+from .parts import Part, PartLike, readable, resolve_controller, resolve_plant
+from .reference_motions import read_set_point
+
+STOP = 20.0  # [s]
+
+ReferenceLike: TypeAlias = "float | str | Path | Reference"
+Values: TypeAlias = "Mapping[str, float]"
+SystemValues: TypeAlias = "Mapping[str, float | str]"
+
+
+@dataclass(frozen=True, kw_only=True)
+class HowCoupled:
+    """How the FMUs of a loop are coupled; see `Loop`."""
+
+    step: float | None = None
+    coupling: Coupling | None = None
+    corrections: int | None = None
+    adaptive: bool = False
+    isolate: bool | None = None
+    time_limit: float = TIME_LIMIT
+
+    def _resolve(self, **given: Any) -> None:
+        for name, value in given.items():
+            object.__setattr__(self, name, value)
+
+    def _resolve_coupling(self, stop: float | None) -> None:
+        """Check how it is coupled over a motion of this length [s]; None: not known yet."""
+        self._resolve(
+            coupling=coupling_named("coupling", self.coupling),
+            corrections=check_corrections("corrections", self.corrections),
+            time_limit=check_time_limit("time_limit", self.time_limit),
+        )
+        if self.step is not None:
+            self._resolve(step=check_step("step", self.step, stop))
+
+
+@dataclass(frozen=True)
+class Loop(HowCoupled):
+    """A plant and its controller around a set-point, and how they are coupled.
+
+    Parameters
+    ----------
+    controller, plant : str, path-like, Component or Part
+        A name of the catalogue, a file's function (``mine.py:pi``), the path of an FMU, or a
+        component. The controller ``none`` is for a plant without inputs.
+    reference : float, str, path-like or Reference
+        Set-point [m], or set-point over time: a motion such as
+        ``"move:distance=0.02,speed=0.1"``, the path of a table, or a `Reference`.
+    stop : float
+        Length of the motion [s].
+    plant_values, controller_values : mapping of str to float, optional
+        Parameters and initial states with other than nominal values, in SI units.
+    mapping : mapping of str to str, optional
+        Names of a third-party FMU's ports, ``theirs -> ours``.
+    told : ParameterFile, optional
+        Source of values; the written parameter file keeps their intervals and sources.
+    notes : tuple of str
+        Notes from before the run, added to those of the run.
+    sampled : float, optional
+        Sampling period of the controller [s]: it reads at its samples and holds its commands. A
+        controller with equations becomes ``pid+sampled``; an FMU is stepped only at its samples, by
+        one period each.
+    step : float, optional
+        Communication step [s]; default: halved until the run is trusted.
+    coupling : str or Coupling, optional
+        Default: the interface-Jacobian coupling if the parts have its ports, else the
+        best supported one.
+    corrections : int, optional
+        Corrections of each step by rollback, 0 or 1.
+    adaptive : bool
+        Whether the steps, up to `step`, are chosen by the residual.
+    isolate : bool, optional
+        Whether each FMU runs in its own process. Default: FMUs not written by this program.
+    time_limit : float
+        Time limit of one call of an FMU in its own process [s].
+
+    Attributes
+    ----------
+    controller, plant : Part
+    reference : Reference
+    coupling : Coupling or None
+
+    Raises
+    ------
+    BadPart, BadComponentFile, BadParameter, BadReference
+        If a part, a number or the set-point is invalid; the message says why.
+
+    Examples
+    --------
+    >>> from ballscrew import Loop
+    >>> loop = Loop("iol", reference=0.02, controller_values={"sigma0_hat": 6.5e4})
+    >>> loop.label, loop.controller.outputs[0]
+    ('iol', 'u')
+    """
+
+    controller: Part
+    plant: Part = field(default_factory=lambda: Part("plant"))
+    reference: Reference = field(default_factory=lambda: Reference.constant(START_VALUE))
+    stop: float = STOP
+    plant_values: Values = field(default_factory=dict)
+    controller_values: Values = field(default_factory=dict)
+    mapping: Mapping[str, str] = field(default_factory=dict)
+    told: ParameterFile | None = None
+    notes: tuple[str, ...] = ()
+    sampled: float | None = None
+
+    if TYPE_CHECKING:
+
+        def __init__(  # noqa: PLR0913
+            self,
+            controller: PartLike,
+            plant: PartLike = ...,
+            reference: ReferenceLike = ...,
+            stop: float = ...,
+            plant_values: Values | None = ...,
+            controller_values: Values | None = ...,
+            mapping: Mapping[str, str] | None = ...,
+            told: ParameterFile | None = ...,
+            notes: tuple[str, ...] = ...,
+            sampled: float | None = ...,
+            *,
+            step: float | None = ...,
+            coupling: str | Coupling | None = ...,
+            corrections: int | None = ...,
+            adaptive: bool = ...,
+            isolate: bool | None = ...,
+            time_limit: float = ...,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        plant = resolve_plant(self.plant)
+        self._resolve(
+            controller=Part(in_units_of(resolve_controller(self.controller).name, plant.name)),
+            plant=plant,
+            reference=as_reference(self.reference),
+            stop=check_length("stop", self.stop),
+            plant_values=_numbers("plant_values", self.plant_values),
+            controller_values=_numbers("controller_values", self.controller_values),
+            mapping=dict(self.mapping or {}),
+        )
+        if self.reference.measure:
+            theirs = {ours: n for n, ours in self.mapping.items()}.get("x", "x")
+            self.reference.check_measure(plant.unit_of(theirs.removeprefix("plant.")))
+        still = (n for n in self.reference.notes(self.stop) if n not in self.notes)
+        self._resolve(notes=(*self.notes, *still))
+        self._resolve_coupling(self.stop)
+        if self.sampled is not None:
+            self._resolve_sampled(check_length("sampled", self.sampled))
+
+    def _resolve_sampled(self, period: float) -> None:
+        from .in_practice import in_practice
+
+        if period > self.stop:
+            raise BadParameter(f"sampled is {period:g} s, expected at most stop, {self.stop:g} s")
+        self._resolve(sampled=period)
+        if self.controller.is_none:
+            raise BadParameter("sampled is for a loop with a controller, and there is none")
+        if self.controller.has_equations:
+            part, own, notes = in_practice(self.controller, period, noise=False)
+            values = {**self.controller_values, **own}
+            notes = *self.notes, *notes
+            self._resolve(controller=part, controller_values=values, notes=notes, sampled=None)
+
+    @property
+    def label(self) -> str:
+        """Its name: that of its controller, or of the plant that runs alone."""
+        return (self.plant if self.controller.is_none else self.controller).label
+
+    @property
+    def title(self) -> str:
+        """Both parts by name."""
+        alone = self.controller.is_none
+        return self.label if alone else f"{self.label} on {self.plant.label}"
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The values of both parts, by their names in the whole loop in one solver."""
+        values = {PLANT + name: value for name, value in self.plant_values.items()}
+        return values | {CONTROLLER + n: value for n, value in self.controller_values.items()}
+
+    @property
+    def set_point(self) -> float:
+        """The constant set-point [m]; raises `BadParameter` if it is not constant."""
+        if len(self.reference.values) > 1:
+            raise BadParameter("the set-point is not constant; expected a constant one")
+        return float(self.reference.values[0])
+
+    def check_values(self) -> None:
+        """Check that both parts have the given parameters, in range.
+
+        Raises
+        ------
+        BadParameter, FmuError
+        """
+        self.plant.check_values("plant", self.plant_values)
+        self.controller.check_values("controller", self.controller_values)
+
+    def parameters(self) -> ParameterFile:
+        """All parameters used, as a parameter file that the next command can read.
+
+        Values that are unchanged from `told` keep their interval and source.
+        """
+        told, source = self.told or ParameterFile(), "given to this run"
+        plant, values = self.plant, self.plant_values
+        known = plant.settable(values)
+        found = list_used(known, values, {**told.plant, **told.found}, source)
+        kind, law, own = FMU, "", set(known)
+        base, units = plant.named.plain, plant.named.units
+        command = told.command
+        if base in DESCRIBED:
+            (kind, law), command = DESCRIBED[base], "+".join(units)
+        elif self.told is not None and set(told.plant) <= own:
+            kind, law, own = told.kind, told.law, set(told.plant)
+            if kind != FMU:
+                own |= set(Part(told.plant_name).parameters)
+        described = list_used(
+            self.controller.settable(self.controller_values),
+            self.controller_values,
+            told.controllers.get(table_of(told, self.controller), {}),
+            source,
+        )
+        return replace(
+            told,
+            path=None,
+            kind=kind,
+            command=command,
+            law=law,
+            plant={n: v for n, v in found.items() if n in own},
+            found={n: v for n, v in found.items() if n not in own},
+            controllers={**told.controllers, self.controller.label: described},
+            tolerance={},
+            not_identified={},
+            diagnosis=None,
+        )
+
+
+@dataclass(frozen=True)
+class SystemLoop(HowCoupled):
+    """The closed loop that an .ssp describes.
+
+    Parameters
+    ----------
+    system : path-like
+        An .ssp file.
+    reference : float, str, path-like or Reference, optional
+        For the system's set-point. Default: its start value, held.
+    stop : float, optional
+        [s] Default: the file's own, else 20 s.
+    values : mapping of str to float
+        Parameters and start values as ``element.variable``; they replace those of the file. Text is
+        a String, the name of an Enumeration's item, or a number.
+    step, coupling, corrections, adaptive, isolate, time_limit
+        As in `Loop`. With ``jacobi`` and ``gauss-seidel`` connected feedback-law ports
+        are ordinary signals, as in other masters.
+    """
+
+    system: Path | str
+    reference: Reference | None = None
+    stop: float | None = None
+    values: SystemValues = field(default_factory=dict)
+
+    if TYPE_CHECKING:
+
+        def __init__(  # noqa: PLR0913
+            self,
+            system: Path | str,
+            reference: ReferenceLike | None = ...,
+            stop: float | None = ...,
+            values: SystemValues | None = ...,
+            *,
+            step: float | None = ...,
+            coupling: str | Coupling | None = ...,
+            corrections: int | None = ...,
+            adaptive: bool = ...,
+            isolate: bool | None = ...,
+            time_limit: float = ...,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        texts = {n: v for n, v in (self.values or {}).items() if isinstance(v, str)}
+        numbers = {n: v for n, v in (self.values or {}).items() if not isinstance(v, str)}
+        self._resolve(values=_numbers("values", numbers) | texts)
+        if self.reference is not None:
+            self._resolve(reference=as_reference(self.reference))
+        if self.stop is not None:
+            self._resolve(stop=check_length("stop", self.stop))
+        self._resolve_coupling(self.stop)
+
+    @property
+    def label(self) -> str:
+        """Its name in tables and pictures."""
+        return readable(Path(self.system).stem)
+
+    def parameters(self) -> None:
+        """None: the elements of an .ssp and their values are in the file."""
+
+
+def table_of(file: ParameterFile, controller: Part) -> str:
+    """Name of a controller's table in a parameter file: its own, else that of the bare controller.
+
+    So ``[controller.pid]`` is also used for ``pid+position_encoder`` if that has no table.
+    """
+    own = controller.label
+    return own if own in file.controllers else Part(controller.bare).label
+
+
+def as_reference(given: ReferenceLike) -> Reference:
+    """A set-point over time; a number is a constant one, text a motion or a file."""
+    if isinstance(given, Reference):
+        return given
+    if isinstance(given, str | Path):
+        return read_set_point(str(given))
+    return Reference.constant(as_number("reference", given))
+
+
+def _numbers(what: str, values: Values | None) -> dict[str, float]:
+    if not isinstance(values or {}, Mapping):
+        raise BadParameter(f"{what} is {values!r}, expected a mapping of names to numbers")
+    return {n: as_number(f"{what}[{n!r}]", v) for n, v in (values or {}).items()}

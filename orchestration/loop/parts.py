@@ -1,0 +1,308 @@
+"""A plant or a controller: its ports, parameters and capabilities."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from ...controllers import ALONE, CONTROLLERS, FORMER
+from ...fmus.interface import START, TOLERANCE, interface_of
+from ...fmus.reading import SETTABLE, Description, read_description
+from ...plant import PLANTS
+from ...plant.instruments import FEED_FORWARD, INSTRUMENTS, SAMPLED, PartName
+from ...solver.component_file import (
+    BadComponentFile,
+    load_component,
+    name_in_memory,
+    names_file,
+    read_component,
+    remember_component,
+)
+from ...solver.kernel import Kernel, ParameterInfo
+from ...solver.nearest import did_you_mean, nearest
+from ..fmu.limits import BadParameter, as_number
+from . import catalogue
+
+if TYPE_CHECKING:
+    from ...solver.component import Component
+    from ..fmu.fmu_instance import Value
+
+SUFFIX = ".fmu"
+
+
+class BadPart(ValueError):
+    """There is no such part; the message lists the available ones."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One side of a loop: equations, from which an FMU can be made, or an FMU of any origin.
+
+    Parts with the same name are equal. Data of a Python file are those at the time when it was
+    resolved, also in other processes.
+
+    Attributes
+    ----------
+    name : str
+        A name of the catalogue, a file's function (``mine.py:pi``), or the path of an FMU.
+    """
+
+    name: str
+
+    def __str__(self) -> str:
+        return self.name
+
+    @property
+    def named(self) -> PartName:
+        """The pieces of its name."""
+        return PartName.of(self.name)
+
+    @property
+    def bare(self) -> str:
+        """Its name without feed-forward, sampling, instruments and units."""
+        return self.named.bare
+
+    @property
+    def has_equations(self) -> bool:
+        """Whether its equations are known; if not, it is a file of an FMU."""
+        return catalogue.has_equations(self.name)
+
+    @property
+    def is_none(self) -> bool:
+        """Whether it is the controller ``none``, for a plant that runs alone."""
+        return self.name in ALONE
+
+    @property
+    def own_name(self) -> str:
+        """Its name on the command line."""
+        return catalogue.name_of(self.name) if self.has_equations else Path(self.name).stem
+
+    @property
+    def label(self) -> str:
+        """Its name in tables, pictures, options and parameter files."""
+        return readable(self.own_name)
+
+    def fmu(self) -> Path:
+        """Its FMU; if it has equations, in the user's cache."""
+        return catalogue.fmu(self.name) if self.has_equations else Path(self.name)
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """Its compiled equations, with the ports of the feedback law."""
+        return catalogue.fmu_kernel(self.name)
+
+    @property
+    def command_unit(self) -> str:
+        """Unit of the input `u` of a plant with equations; empty without one."""
+        return next((i.unit for i in self.kernel.inputs if i.name == "u"), "")
+
+    @cached_property
+    def description(self) -> Description:
+        """The description of an FMU; raises `FmuError` if it is of no kind that can run here."""
+        return read_description(self.name)  # its sources are compiled when it runs
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        if self.has_equations:
+            return tuple(i.name for i in self.kernel.inputs if i.role != "internal")
+        return tuple(self.description.names("input"))
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        if self.has_equations:
+            return tuple(o.name for o in self.kernel.outputs)
+        return tuple(self.description.names("output"))
+
+    @cached_property
+    def parameters(self) -> Mapping[str, ParameterInfo]:
+        """Parameters and initial states (``x_start``); the default is NaN if an FMU gives none."""
+        if self.has_equations:
+            return parameters_of(self.kernel)
+        file = Path(self.name).name
+        said = f"parameter of {file}", f"start value of {file}"
+        described = (v for v in self.description.variables if v.causality == "parameter")
+        starts = ((v, math.nan if v.start is None else v.start) for v in described)
+        return {
+            v.name: ParameterInfo(v.name, start, v.unit, *said, v.minimum, v.maximum)
+            for v, start in starts
+        }
+
+    def unit_of(self, output: str) -> str:
+        """Unit of an output; empty if it has none."""
+        if self.has_equations:
+            return next((o.unit for o in self.kernel.outputs if o.name == output), "")
+        return next((v.unit for v in self.description.variables if v.name == output), "")
+
+    def check_values(self, side: str, values: Mapping[str, float]) -> None:
+        """Make sure that it has these parameters, and that they are in range.
+
+        `side` is its name in messages; raises `BadParameter`, naming the nearest.
+        """
+        if not self.has_equations:  # free inputs are only known after the wiring
+            check_names(side, values, settable_of(self.description))
+            as_taken(side, self.description, values)
+            return
+        ranges = dict(interface_of(self.kernel).layout.ranges)
+        ranges.pop(TOLERANCE, None)  # a setting of the FMU's own solver
+        check_names(side, values, ranges)
+        for name, value in values.items():
+            low, high = ranges[name]
+            low, high = -math.inf if low is None else low, math.inf if high is None else high
+            _check_range(side, name, f"{value:g}", low <= value <= high, low, high)
+
+    def settable(self, values: Mapping[str, float]) -> dict[str, ParameterInfo]:
+        """Its parameters, and its inputs that are given a value."""
+        given = {
+            name: ParameterInfo(name, math.nan, "", "input", "", -math.inf, math.inf)
+            for name in self.inputs
+            if name in values
+        }
+        return {**self.parameters, **given}
+
+    def __getstate__(self) -> dict[str, Any]:
+        # another process may lack the file of a component, or find it edited
+        base = self.bare
+        return {"name": self.name, "made": load_component(base) if names_file(base) else None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        object.__setattr__(self, "name", state["name"])
+        if state["made"] is not None:
+            remember_component(self.bare, state["made"])
+
+
+PartLike: TypeAlias = "str | Path | Component | Part"
+
+
+def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool = True) -> Part:
+    """The part with this name. A Python file is run here.
+
+    Error messages begin with `role`: the part's role, or the option. `known` are names that are
+    allowed, `fmus` says whether FMUs are. Raises `BadPart` for what is no known name, function of a
+    file or FMU, and `BadComponentFile`.
+    """
+    if isinstance(given, Part):
+        return given
+    if not isinstance(given, str | Path):
+        from ...solver.component import Component
+
+        if not isinstance(given, Component):
+            raise BadPart(f"{role} is {given!r}, expected a name, a path or a Component")
+        return Part(name_in_memory(given))
+    name = str(given)
+    base = PartName.of(name).bare
+    if names_file(base):
+        try:
+            read_component(base)
+        except BadComponentFile as error:
+            raise BadComponentFile(f"{role}: {error}") from error
+        return Part(name)
+    if base in known or (fmus and (Path(name).suffix == SUFFIX or os.path.exists(name))):
+        return Part(name)
+    first, *rest = name.split("+")
+    if base in FORMER:
+        raise BadPart(f"{role} {name!r} is none of this version; use {FORMER[base]}")
+    if rest and first in known:
+        wrong = next((part for part in rest if part not in INSTRUMENTS), "")
+        if wrong == FEED_FORWARD:
+            raise BadPart(
+                f"{role} {name!r}: {FEED_FORWARD!r} must follow directly after {first!r}, once"
+            )
+        if wrong == SAMPLED:
+            raise BadPart(
+                f"{role} {name!r}: {SAMPLED!r} must appear once, after {first!r} and its "
+                "feed-forward"
+            )
+        raise BadPart(
+            f"{role} {name!r}: no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}, "
+            f"and before them {FEED_FORWARD} and {SAMPLED}"
+        )
+    files = "FILE.py:FUNCTION nor the path of an FMU" if fmus else "FILE.py:FUNCTION"
+    raise BadPart(
+        f"{role} {name!r} is neither one of {', '.join(known)} nor {files}"
+        f"{did_you_mean(name, known)}"
+    )
+
+
+def resolve_controller(given: PartLike, fmus: bool = True) -> Part:
+    """As `resolve`, for a controller; ``none`` is for a plant without inputs."""
+    return resolve("controller", given, CONTROLLERS | ALONE, fmus)
+
+
+def resolve_plant(given: PartLike, fmus: bool = True) -> Part:
+    """As `resolve`, for a plant."""
+    return resolve("plant", given, PLANTS, fmus)
+
+
+def check_names(side: str, names: Collection[str], known: Collection[str]) -> None:
+    """Make sure that every value has a variable; raises `BadParameter`, naming the nearest."""
+    for name in names:
+        if name not in known:
+            hint = nearest(name, known) or f"; it has {', '.join(known)}"
+            raise BadParameter(f"{side} has no parameter {name!r}{hint}")
+
+
+def settable_of(described: Description) -> list[str]:
+    """Names of an FMU's parameters and inputs."""
+    return [
+        *(v.name for v in described.variables if v.causality in SETTABLE),
+        *described.strings,
+        *described.aliases,
+    ]
+
+
+def as_taken(side: str, described: Description, given: Mapping[str, Value]) -> dict[str, Value]:
+    """Values as the variables of an FMU take them: numbers in their range, text for Strings.
+
+    Raises `BadParameter` if a variable does not allow its value.
+    """
+    names = {described.aliases.get(name, name): value for name, value in given.items()}
+    return {name: _as_taken(side, described, name, value) for name, value in names.items()}
+
+
+def _as_taken(side: str, described: Description, name: str, value: Value) -> Value:
+    if name in described.strings:
+        if not isinstance(value, str):
+            raise BadParameter(f"{side}.{name} is {value!r}, expected text: it is a String")
+        return value
+    variable = described.by_name[name]
+    items = variable.items
+    one_of = f", or one of {', '.join(items)}{nearest(str(value), items)}" if items else ""
+    try:
+        number = float(items[value]) if value in items else as_number(f"{side}.{name}", value)
+    except BadParameter as error:
+        raise BadParameter(f"{error}{one_of}") from None
+    if items and number not in items.values():
+        allowed = ", ".join(f"{n} ({v})" for n, v in items.items())
+        raise BadParameter(f"{side}.{name} is {number:g}, expected one of {allowed}")
+    low, high = variable.minimum, variable.maximum
+    shown = f"{number:g} {variable.unit}".rstrip()
+    _check_range(side, name, shown, low <= number <= high, low, high)
+    return number
+
+
+def _check_range(side: str, name: str, shown: str, fits: bool, low: float, high: float) -> None:
+    if not fits:
+        raise BadParameter(
+            f"{side}: parameter {name} = {shown} is out of its range [{low:g}, {high:g}]"
+        )
+
+
+def readable(name: str) -> str:
+    """A file's name as text, also if the locale does not have its characters."""
+    return os.fsencode(name).decode("utf-8", "replace")
+
+
+def parameters_of(kernel: Kernel) -> dict[str, ParameterInfo]:
+    """Parameters and initial states of a compiled component, by name."""
+    found = {p.name: p for p in kernel.parameters}
+    for s in (*kernel.states, *kernel.discrete):
+        name, meaning = s.name + START, f"initial {s.meaning}"
+        found[name] = ParameterInfo(
+            name, s.start, s.unit, meaning, "start value", -math.inf, math.inf
+        )
+    return found

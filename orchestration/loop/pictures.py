@@ -1,0 +1,368 @@
+"""Pictures of closed-loop runs: position, voltage, states, phase portrait, comparison.
+
+Colours are those of Okabe and Ito, which colour-blind readers can distinguish; lines also differ in
+dash.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...solver.files import write_atomically
+from .shown_units import labelled, shown_unit
+from .thinning import rows_over_plane, rows_over_time
+
+if TYPE_CHECKING:
+    from ..master.loop_run import LoopRun
+    from .closed_loop_result import ClosedLoopResult
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+MOST_POINTS = 20_000  # of a curve as lines in an SVG; beyond, it is an image inside
+SHADES = 256  # of the colours along a phase portrait
+DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (7, 2)), ":")
+STYLE: Any = {
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "font.size": 11,
+    "axes.titlesize": 12,
+    "axes.titleweight": "bold",
+    "lines.linewidth": 1.8,
+    "legend.frameon": False,
+    "svg.hashsalt": "ballscrew",
+    "figure.dpi": 110,
+}
+RESTING = 5e-3  # share of a signal's range within which it stays at rest
+# margins of a run's pictures, and the room between two rows [in]
+_LEFT, _RIGHT, _TOP, _BOTTOM, _BETWEEN = 0.95, 0.2, 0.4, 0.6, 0.2
+# name and unit of the signal: its label
+_CALLED = {
+    ("x", "m"): "position x",
+    ("x", "rad"): "angle x",
+    ("v", "m/s"): "velocity v",
+    ("v", "rad/s"): "angular velocity v",
+    ("z", "m"): "bristles z",
+    ("i", "A"): "current i",
+    ("friction", "N"): "friction",
+    ("friction", "N*m"): "friction",
+    ("u", "V"): "motor voltage u",
+    **{("u", unit): "command u" for unit in ("A", "N", "N*m")},
+}
+_USUAL = dict(reversed(_CALLED.keys()))  # units if an FMU gives none: the first of each
+_STATES = ("x", "v", "z", "i", "friction")
+_COLOUR = {"x": 0, "u": 1, "v": 2, "z": 3, "i": 4, "friction": 5}  # in all pictures of a run
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A signal in pictures: its label, the factor to the displayed unit, and that unit."""
+
+    called: str
+    factor: float
+    unit: str
+
+    @property
+    def label(self) -> str:
+        return labelled(self.called, self.unit)
+
+
+def shown_signal(runs: Sequence[LoopRun], name: str) -> Shown:
+    """Label and unit of a signal of several runs, with one unit for all."""
+    unit = runs[0].units.get(name, "") or _USUAL.get(name, "")
+    values = np.concatenate([signals_of(run)[name] for run in runs])
+    return Shown(_CALLED.get((name, unit), name), *shown_unit(values, unit))
+
+
+def signals_of(run: LoopRun) -> dict[str, Any]:
+    """Outputs and commands by name."""
+    return {**run.outputs, **run.commands}
+
+
+def states_of(run: LoopRun) -> list[str]:
+    """The outputs that pictures show: those of an axis, or all if it is no axis."""
+    return [n for n in _STATES if n in run.outputs] or list(run.outputs)
+
+
+def colour_of(run: LoopRun, name: str) -> int:
+    """Number of a signal's colour, the same in all pictures of a run."""
+    return _COLOUR.get(name, list(signals_of(run)).index(name)) % len(COLOURS)
+
+
+@contextmanager
+def drawing(what: str = "a picture") -> Iterator[None]:
+    """Let a picture that cannot be drawn, for example with 1e308 V, only print one line.
+
+    Raises OSError if a file cannot be written.
+    """
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:  # Matplotlib raises many kinds of errors for such numbers
+        why = " ".join(str(error).split()) or type(error).__name__
+        print(f"note: {what} could not be drawn: {why}", file=sys.stderr)
+
+
+@drawing()
+def write_figure(figure: Any, folder: Path, stem: str) -> None:
+    """Write a figure as PNG and, if ``BALLSCREW_SVG`` is set, as SVG."""
+    import matplotlib as mpl
+
+    for kind in ("png", "svg") if os.environ.get("BALLSCREW_SVG") else ("png",):
+        stream = io.BytesIO()
+        with mpl.rc_context(STYLE):
+            figure.savefig(stream, format=kind, metadata={"Date": None} if kind == "svg" else {})
+        write_atomically(folder / f"{stem}.{kind}", stream.getvalue())
+
+
+def in_words(figure: Any, words: Callable[[str], str]) -> Any:
+    """The figure with all its text converted by `words`."""
+    if words is str:  # nothing to do; ticks would be made before they are drawn
+        return figure
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        text.set_text(words(text.get_text()))
+    return figure
+
+
+@cache
+def _figure_class() -> Any:
+    from matplotlib.figure import Figure
+
+    class ShownFigure(Figure):
+        """A figure that a notebook shows without pyplot."""
+
+        def _repr_png_(self) -> bytes:
+            import matplotlib as mpl
+
+            stream = io.BytesIO()
+            with mpl.rc_context(STYLE):
+                self.savefig(stream, format="png")
+            return stream.getvalue()
+
+    return ShownFigure
+
+
+def empty_figure(size: tuple[float, float], layout: str | None = None) -> Any:
+    """A figure without axes, which is not registered anywhere."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure = _figure_class()(figsize=size, layout=layout)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def new_figure(
+    rows: int, columns: int, size: tuple[float, float], fixed_margins: bool = False
+) -> tuple[Any, Any]:
+    """A figure with its axes.
+
+    With `fixed_margins` they fit the labels of a run. Else Matplotlib measures all labels, which
+    takes longer than drawing them.
+    """
+    figure = empty_figure(size, layout=None if fixed_margins else "constrained")
+    axes = figure.subplots(rows, columns, squeeze=False)
+    if fixed_margins:
+        width, height = size
+        each = (height - _TOP - _BOTTOM - (rows - 1) * _BETWEEN) / rows
+        figure.subplots_adjust(
+            left=_LEFT / width,
+            right=1 - _RIGHT / width,
+            top=1 - _TOP / height,
+            bottom=_BOTTOM / height,
+            hspace=_BETWEEN / each,
+        )
+    return figure, axes
+
+
+def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
+    """Figures of the position, the voltage, the states and the phase plane, by name."""
+    import matplotlib as mpl
+
+    figures = {}
+
+    run = result.run
+    name = result.loop.label
+    badge = run.verdict.word
+    title = f"{name}, {run.coupling.value} coupling: {badge}"
+    if run.alone:
+        title = name
+    with mpl.rc_context(STYLE):
+        if "x" in run.outputs:
+            figure, ((axes,),) = new_figure(1, 1, (8, 4.2), fixed_margins=True)
+            _draw_course(axes, run, "x", "position")
+            if not run.alone:
+                _draw_set_point(axes, run, shown_signal([run], "x").factor, until_rest(run))
+            axes.set_title(title)
+            axes.legend(loc="best")
+            figures["position"] = figure
+        if "u" in run.commands:
+            figure, ((axes,),) = new_figure(1, 1, (8, 4.2), fixed_margins=True)
+            _draw_course(axes, run, "u", "voltage")
+            peak = int(np.argmax(np.abs(run.commands["u"])))
+            how = shown_signal([run], "u")
+            highest = how.factor * run.commands["u"][peak]
+            axes.annotate(
+                f"{highest:.1f} {how.unit} at {run.time[peak]:.3f} s",
+                (run.time[peak], highest),
+                xytext=(25, -6),
+                textcoords="offset points",
+                arrowprops={"arrowstyle": "-", "color": "#555555"},
+            )
+            axes.set_title(title)
+            figures["voltage"] = figure
+        shown = states_of(run)
+        figure, axes_grid = new_figure(len(shown), 1, (8, 2.0 * len(shown)), fixed_margins=True)
+        for k, n in enumerate(shown):
+            _draw_course(axes_grid[k][0], run, n, n)
+            if k < len(shown) - 1:
+                axes_grid[k][0].set_xlabel("")
+                axes_grid[k][0].tick_params(labelbottom=False)
+        axes_grid[0][0].set_title(title)
+        figure.align_ylabels()
+        figures["states"] = figure
+        if {"x", "v"} <= set(run.outputs) and len(run.time) > 2:
+            figure, ((axes,),) = new_figure(1, 1, (6.5, 5.2), fixed_margins=True)
+            _draw_phase(figure, axes, run)
+            axes.set_title(title)
+            figures["phase"] = figure
+    return figures
+
+
+def _draw_course(axes: Any, run: LoopRun, name: str, label: str) -> None:
+    how, values = shown_signal([run], name), signals_of(run)[name]
+    end = until_rest(run)
+    moving = run.time <= end
+    shown = rows_over_time(run.time[moving], values[moving])
+    style = {"color": COLOURS[colour_of(run, name)], "label": label}
+    axes.plot(run.time[shown], values[shown] * how.factor, **style)
+    axes.set_xlabel(_time_label(end, run.time[-1]))
+    axes.set_ylabel(how.label)
+    axes.margins(x=0.01)
+
+
+def _time_label(end: float, stop: float) -> str:
+    rest = f", at rest from here to {stop:g} s" if end < stop else ""
+    return f"time [s]{rest}"
+
+
+def until_rest(run: LoopRun) -> float:
+    """End of a picture of a run [s]: soon after all signals rest, or the end of the run."""
+    last = 0.0
+    for values in (*run.outputs.values(), *run.commands.values(), run.reference):
+        with np.errstate(over="ignore"):
+            away = np.flatnonzero(np.abs(values - values[-1]) > RESTING * np.ptp(values))
+        last = max(last, run.time[away[-1]] if len(away) else 0.0)
+    return float(1.25 * last if 0.0 < 1.5 * last < run.time[-1] else run.time[-1])
+
+
+def _draw_set_point(axes: Any, run: LoopRun, factor: float, end: float) -> None:
+    moving = run.time <= end
+    shown = rows_over_time(run.time[moving], run.reference[moving])
+    style: dict[str, Any] = {"color": "#555555", "lw": 1, "ls": ":", "label": "set-point"}
+    axes.plot(run.time[shown], run.reference[shown] * factor, **style)
+
+
+def _draw_phase(figure: Any, axes: Any, run: LoopRun) -> None:
+    from matplotlib.collections import LineCollection
+
+    position, velocity = shown_signal([run], "x"), shown_signal([run], "v")
+    error = run.outputs["x"] - (0.0 if run.alone else run.reference)
+    speed = run.outputs["v"] * velocity.factor
+    points = np.column_stack([error * position.factor, speed])
+    # colours span the motion, not the rest after it
+    span = np.maximum(np.ptp(points, axis=0), 1e-12)
+    moved = np.cumsum(np.hypot(*(np.diff(points, axis=0) / span).T))
+    motion_end = run.time[int(np.searchsorted(moved, 0.999 * moved[-1])) + 1]
+    shown = rows_over_plane(points)
+    begins = run.time[shown][:-1]
+    # one line for each section of one colour
+    shade = np.minimum(begins / motion_end * SHADES, SHADES - 1).astype(int)
+    ends = [*np.flatnonzero(np.diff(shade)) + 1, len(shade)]
+    strokes = list(zip([0, *ends[:-1]], ends, strict=True))
+    lines = LineCollection(
+        [points[shown[begin : end + 1]] for begin, end in strokes],
+        cmap="viridis",
+        linewidths=2.4,
+        capstyle="round",
+        joinstyle="round",
+        rasterized=len(shown) > MOST_POINTS,
+    )
+    lines.set_array(begins[[begin for begin, _ in strokes]])
+    lines.set_clim(0.0, motion_end)
+    axes.add_collection(lines)
+    axes.autoscale_view()
+    axes.plot(*points[0], "o", color=COLOURS[0], label="start")
+    axes.plot(*points[-1], "X", color=COLOURS[1], ms=9, label="end")
+    across = position.called if run.alone else "position less set-point"
+    axes.set_xlabel(labelled(across, position.unit))
+    axes.set_ylabel(velocity.label)
+    axes.legend(loc="best")
+    figure.colorbar(lines, ax=axes, label="time [s]", extend="max")
+
+
+def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
+    """A figure of several controllers on the same plant."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        figure, grid = new_figure(3, 1, (9, 9))
+        position, fine, voltage = (row[0] for row in grid)
+        runs = [result.run for result in results]
+        of_x, of_u = shown_signal(runs, "x"), shown_signal(runs, "u")
+        finer = 1e6 if (runs[0].units.get("x") or "m") == "m" else 1.0
+        least = "[µm], 1 nm at least" if finer > 1.0 else f"[{runs[0].units['x']}]"
+        for k, result in enumerate(results):
+            run = result.run
+            label = result.loop.label.replace("+", "\n+")  # long names leave no room for curves
+            if not result.trusted:
+                label += " (not converged)"
+            style = {"color": COLOURS[k % len(COLOURS)], "ls": DASHES[k % len(DASHES)]}
+            distance = finer * np.maximum(np.abs(run.outputs["x"] - run.reference), 1e-9)
+            for axes, values in (
+                (position, run.outputs["x"] * of_x.factor),
+                (fine, distance),
+                (voltage, run.commands["u"] * of_u.factor),
+            ):
+                shown = rows_over_time(run.time, values)
+                name = label if axes is position else "_nolegend_"
+                axes.plot(run.time[shown], values[shown], label=name, **style)
+            peak = int(np.argmax(np.abs(run.commands["u"])))
+            highest = of_u.factor * run.commands["u"][peak]
+            voltage.plot(
+                run.time[peak],
+                highest,
+                "o",
+                color=style["color"],
+                label=f"{highest:.1f} {of_u.unit} at {run.time[peak]:.3g} s",
+            )
+        end, stop = max(map(until_rest, runs)), max(run.time[-1] for run in runs)
+        _draw_set_point(position, runs[0], of_x.factor, end)
+        position.set_ylabel(of_x.label)
+        position.set_title("Controllers on the same plant")
+        fine.set_yscale("log")
+        fine.set_ylabel(f"distance to the set-point\n{least}")
+        voltage.set_ylabel(of_u.label)
+        voltage.set_xlabel(_time_label(end, stop))
+        for axes in (position, fine, voltage):
+            axes.set_xlim(-0.02 * end, end)  # changes at the start are separate from the frame
+        for axes, title in ((position, ""), (voltage, "peak")):  # next to the curves, never over
+            names = axes.get_legend_handles_labels()[1]
+            size = 8 if any("\n" in name for name in names) else None
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), title=title, fontsize=size)
+        figure.align_ylabels()
+    return figure

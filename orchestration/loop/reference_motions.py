@@ -1,0 +1,205 @@
+"""Set-points to follow, with their derivatives: steps, jerk-limited moves, sine, triangle.
+
+On the command line and in study files they are written ``KIND:NAME=VALUE,...``, as in
+``move:distance=0.08,speed=0.1,acceleration=1,jerk=50``.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import os
+from collections.abc import Callable
+
+import numpy as np
+
+from ...solver.nearest import did_you_mean
+from ...solver.set_point import START_VALUE
+from ..master.reference_signal import TERMS, BadReference, Matrix, Reference, Vector
+
+PIECES = 128  # of each period of a sine
+MOST_POINTS = 4_000_000
+
+
+def step(size: float = START_VALUE, at: float = 0.0) -> Reference:
+    """A step from 0 to `size` [m] at a time [s]."""
+    if not at > 0:
+        return Reference.constant(size)
+    return Reference.of_pieces([0.0, at], [[0.0], [size]])
+
+
+def move(
+    distance: float = START_VALUE,
+    speed: float = 0.1,
+    acceleration: float = 1.0,
+    jerk: float = 50.0,
+    start: float = 0.1,
+    dwell: float = 0.5,
+    back: float = 1.0,
+) -> Reference:
+    """A jerk-limited move over a distance with its sign [m], a dwell, and the way back.
+
+    The shortest move from rest to rest within limits of speed [m/s], acceleration [m/s^2] and jerk
+    [m/s^3], of at most seven phases of constant jerk. It rests for `start` before it and for
+    `dwell` at its ends [s], and comes back if `back` is 1. Raises `BadReference` if a limit is not
+    positive.
+    """
+    limits = {"speed": speed, "acceleration": acceleration, "jerk": jerk}
+    for name, limit in limits.items():
+        if not (math.isfinite(limit) and limit > 0):
+            raise BadReference(f"{name} of a move is {limit:g}, expected more than 0")
+    if back not in (0.0, 1.0):
+        raise BadReference(f"back of a move is {back:g}, expected 0 or 1")
+    ramp, flat, cruise = move_times(abs(distance), speed, acceleration, jerk)
+    peak = math.copysign(jerk, distance)
+    there = [(peak, ramp), (0.0, flat), (-peak, ramp), (0.0, cruise)]
+    there += [(-peak, ramp), (0.0, flat), (peak, ramp)]
+    again = [(-j, length) for j, length in there]
+    legs = [([(0.0, start)], 0.0), (there, distance), ([(0.0, dwell)], distance)]
+    legs += [(again, 0.0), ([(0.0, dwell)], 0.0)] if back else []
+    return _of_jerks(legs)
+
+
+def move_times(
+    distance: float, speed: float, acceleration: float, jerk: float
+) -> tuple[float, float, float]:
+    """Lengths of a move's jerk phases, of its phases of full acceleration, and of full speed [s].
+
+    L. Biagiotti and C. Melchiorri, Trajectory Planning for Automatic Machines and Robots (2008),
+    Section 3.4: a limit that the move cannot reach within the distance has no effect.
+    """
+    ramp = min(acceleration / jerk, math.sqrt(speed / jerk))
+    if 2 * jerk * ramp**3 >= distance:  # neither full acceleration nor full speed
+        return (distance / (2 * jerk)) ** (1 / 3), 0.0, 0.0
+    top = jerk * ramp  # the acceleration that is reached
+    flat = max(0.0, speed / top - ramp)
+    cruise = distance / speed - (2 * ramp + flat)
+    if cruise >= 0:
+        return ramp, flat, cruise
+    # full acceleration, but not full speed: distance = top (ramp + flat) (2 ramp + flat)
+    flat = -1.5 * ramp + math.sqrt(0.25 * ramp**2 + distance / top)
+    return ramp, max(0.0, flat), 0.0
+
+
+def _of_jerks(legs: list[tuple[list[tuple[float, float]], float]]) -> Reference:
+    """The motion from rest to rest over each leg: phases of constant jerk [m/s^3] and their lengths
+    [s], and the end position [m], which is given since round-off would leave a small speed.
+    """
+    times, curve, now, state = [], [], 0.0, (0.0, 0.0, 0.0)
+    for phases, end in legs:
+        for jerk, length in phases:
+            if not length > 0:
+                continue
+            x, v, a = state
+            times.append(now)
+            curve.append([x, v, a / 2, jerk / 6])
+            now += length
+            state = (
+                x + v * length + a * length**2 / 2 + jerk * length**3 / 6,
+                v + a * length + jerk * length**2 / 2,
+                a + jerk * length,
+            )
+        state = end, 0.0, 0.0
+    return Reference.of_pieces([*times, now], [*curve, [*state, 0.0]])
+
+
+def sine(
+    amplitude: float = 1e-3, frequency: float = 1.0, duration: float = 20.0, start: float = 0.0
+) -> Reference:
+    """``amplitude (1 - cos(2 pi frequency t)) / 2`` from a time on: from rest, without a jump.
+
+    The amplitude is from end to end [m]; frequency in Hz, duration and start in s.
+    """
+    _positive("sine", frequency=frequency, duration=duration)
+    count = math.ceil(duration * frequency * PIECES - 1e-9)
+    _check_count(count)
+    times = np.append(np.arange(count) / (PIECES * frequency), duration)
+    phase = 2 * math.pi * np.append(np.arange(count) % PIECES / PIECES, duration * frequency % 1.0)
+    powers = np.arange(TERMS)
+    sizes = (2 * math.pi * frequency) ** powers / np.array([math.factorial(p) for p in powers])
+    curve = -0.5 * amplitude * sizes * np.cos(phase[:, None] + powers * math.pi / 2)
+    curve[:, 0] += 0.5 * amplitude
+    return _after(start, times, curve)
+
+
+def triangle(
+    amplitude: float = 1e-3, period: float = 1.0, duration: float = 20.0, start: float = 0.0
+) -> Reference:
+    """Forwards and backwards at constant speed between 0 and `amplitude` [m]; `period` in s.
+
+    Its velocity jumps at the turning points; the acceleration there is not fed forward.
+    """
+    _positive("triangle", period=period, duration=duration)
+    count = math.ceil(2 * duration / period - 1e-9)
+    _check_count(count)
+    turns = np.arange(count + 1)
+    rest = amplitude * (turns % 2)
+    speed = 2 * amplitude / period * np.where(turns % 2 == 0, 1.0, -1.0)
+    return _after(start, turns * period / 2, np.column_stack([rest, speed]))
+
+
+def _after(start: float, times: Vector, curve: Matrix) -> Reference:
+    if not start > 0:
+        return Reference.of_pieces(times, curve)
+    rest = np.zeros((1, curve.shape[1]))
+    return Reference.of_pieces(np.append(0.0, start + times), np.vstack([rest, curve]))
+
+
+def _check_count(count: int) -> None:
+    if count > MOST_POINTS:
+        raise BadReference(f"a set-point of {count} points, expected at most {MOST_POINTS}")
+
+
+def _positive(kind: str, **values: float) -> None:
+    for name, value in values.items():
+        if not (math.isfinite(value) and value > 0):
+            raise BadReference(f"{name} of a {kind} is {value:g}, expected more than 0")
+
+
+KINDS: dict[str, Callable[..., Reference]] = {
+    "step": step,
+    "move": move,
+    "sine": sine,
+    "triangle": triangle,
+}
+
+
+def read_motion(text: str) -> Reference | None:
+    """A set-point from ``KIND:NAME=VALUE,...``; None if the text names no kind.
+
+    Raises `BadReference` if a name is not one of the kind's, or a value is no finite number.
+    """
+    kind, colon, rest = text.partition(":")
+    if kind not in KINDS or not (colon or text in KINDS):
+        return None
+    known = list(inspect.signature(KINDS[kind]).parameters)
+    values: dict[str, float] = {}
+    for part in filter(None, rest.split(",")):
+        name, _, number = (piece.strip() for piece in part.partition("="))
+        if name not in known:
+            raise BadReference(f"{text!r}: {kind} has no {name!r}; it has {', '.join(known)}")
+        try:
+            values[name] = float(number)
+        except ValueError:
+            raise BadReference(f"{text!r}: {name} is {number!r}, expected a number") from None
+        if not math.isfinite(values[name]):
+            raise BadReference(f"{text!r}: {name} is {number}, expected a finite number")
+    try:
+        with np.errstate(all="ignore"):
+            motion = KINDS[kind](**values)
+    except (OverflowError, ZeroDivisionError):
+        motion = Reference.constant(math.nan)
+    if not (np.isfinite(motion.times).all() and np.isfinite(motion.pieces(0)).all()):
+        raise BadReference(f"{text!r}: its times or places are beyond all numbers")
+    return motion
+
+
+def read_set_point(text: str) -> Reference:
+    """A set-point from the text of a motion or the path of a file; raises `BadReference`."""
+    kind, colon, _ = text.partition(":")
+    if colon and kind not in KINDS and not os.path.exists(text):
+        raise BadReference(
+            f"{text!r}: there is no such file and no motion {kind!r}; motions are "
+            f"{', '.join(KINDS)}{did_you_mean(kind, KINDS)}"
+        )
+    return read_motion(text) or Reference.read(text)

@@ -1,0 +1,294 @@
+"""The monolithic reference: plant and controller as one system of equations in one solver."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...solver.kernel import IntegrationError, Kernel, Model
+from ...solver.set_point import REFERENCES, set_point_orders
+from ...solver.stored import stored_kernel
+from ..fmu.memory import check_memory
+from ..master.compiled import FARTHEST
+from ..master.couplings import Coupling
+from ..master.loop_run import LoopRun
+from ..master.master import Progress, step_that_meets
+from ..master.reference_signal import ROUND_OFF, TERMS, Matrix, Reference
+from ..master.verdict import ACCURACY, Verdict
+
+if TYPE_CHECKING:
+    from ...solver.component import Component
+    from ...solver.core import System
+    from .loop import Loop
+
+Vector = npt.NDArray[np.float64]
+
+TIGHT, LOOSE = 1e-10, 1e-8
+BETWEEN, MOST_POINTS = 1e-3, 1e6  # [s] between two points where outputs are known, and their number
+STARTED = "t_step"  # the input with the time from which the terms count
+
+
+def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
+    """The compiled closed loop of two parts, with set-points as polynomials of time; kept on disk.
+
+    See `inputs_between`. Raises `UnknownComponent`, `BadComponentFile`, `ContractError`,
+    `UnsupportedComponent`.
+    """
+
+    def make() -> Component:
+        from ...solver.connect import connect
+        from .catalogue import component
+
+        return _with_curves(connect(component(plant), component(controller)))
+
+    return _stored_loop("loop", make, plant, controller)
+
+
+def _stored_loop(
+    kind: str, make: Callable[[], Component], plant: str | Component, controller: str | Component
+) -> Kernel:
+    from .catalogue import kept_as
+
+    (p, of_plant), (c, of_controller) = kept_as(plant), kept_as(controller)
+    return stored_kernel(f"{kind}_{p}_{c}", make, __name__, *of_plant, *of_controller)
+
+
+def held_loop_kernel(
+    plant: str | Component, controller: str | Component, averaged: bool = False
+) -> Kernel:
+    """As `loop_kernel`, with discrete states and delayed signals among the states.
+
+    See `with_held_states`, `with_delay_states`, and for `averaged` quantizers `dithered_average`;
+    `UnsupportedComponent` for a loop that has both.
+    """
+    kernel = loop_kernel(plant, controller)
+    averaged = averaged and kernel.quantized
+    if not (kernel.discrete or kernel.delays or averaged):
+        return kernel
+
+    def make() -> Component:
+        from ...solver.connect import connect
+        from ...solver.delay_states import with_delay_states
+        from ...solver.held_states import with_held_states
+        from ...solver.staircase import dithered_average
+        from .catalogue import component
+
+        loop = _with_curves(connect(component(plant), component(controller)))
+        if averaged:
+            loop = dithered_average(loop)
+        if loop.delays:
+            return with_delay_states(loop)
+        return with_held_states(loop) if loop.discrete else loop
+
+    return _stored_loop(f"{'averaged' if averaged else 'held'}_loop", make, plant, controller)
+
+
+def _with_curves(loop: Component) -> Component:
+    from ...solver.component import TIME, Input, symbol
+
+    since = TIME - symbol(STARTED)
+    curves, terms = {}, []
+    for i in (i for i in loop.inputs if i.role in REFERENCES):
+        rest: Any = 0
+        for power in reversed(range(1, TERMS)):
+            name = term_name(i.name, power)
+            terms.append(Input(name, f"{i.unit}/s^{power}", f"term {power} of {i.name}"))
+            rest = since * (symbol(name) + rest)
+        curves[symbol(i.name)] = symbol(i.name) + rest
+    started = Input(STARTED, "s", "time that the terms count from", role="internal")
+    return loop.substituted(curves, inputs=(*loop.inputs, *terms, started))
+
+
+def model_of(kernel: Kernel, loop: Loop, tolerance: float, system: System | None = None) -> Model:
+    """A loop's equations around its constant set-point; `system`, if given, is used again.
+
+    Raises KeyError for a parameter that does not exist.
+    """
+    model = Model(kernel, loop.values, tolerance, system)
+    for i in kernel.inputs:
+        if i.role == "reference":
+            model.set_input(i.name, loop.set_point)
+    return model
+
+
+def term_name(name: str, power: int) -> str:
+    """Name of an input's coefficient of this power of time."""
+    return f"{name}_t{power}" if power else name
+
+
+def reference_orders(kernel: Kernel) -> dict[str, int]:
+    """As `set_point_orders`, of a loop's inputs."""
+    return set_point_orders([i.name for i in kernel.inputs if i.role in REFERENCES])
+
+
+def inputs_between(
+    kernel: Kernel, reference: Reference, grid: Vector
+) -> tuple[Vector, Matrix, npt.NDArray[np.bool_]]:
+    """Inputs of a loop from each time to the next; solver steps end where they change.
+
+    Returns the times of the grid (m,) with the points of the set-point between them (k,), the
+    kernel's inputs from each of them on (k, n), and whether each is one of the grid (k,).
+    """
+    orders = reference_orders(kernel)
+    times, pieces = reference.between(grid, list(orders.values()))
+    columns = {i.name: k for k, i in enumerate(kernel.inputs)}
+    inputs = np.tile([i.start for i in kernel.inputs], (len(times), 1))
+    for name, piece in zip(orders, pieces, strict=True):
+        inputs[:, [columns[term_name(name, power)] for power in range(TERMS)]] = piece
+    inputs[:, columns[STARTED]] = times
+    return times, inputs, np.isin(times, grid)
+
+
+def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) -> LoopRun:
+    """Run the closed loop without FMUs, its outputs on a grid of this step [s].
+
+    The run is made twice, with a hundredfold difference in tolerance; the difference of the results
+    bounds the error of the looser run and determines the verdict on the tighter one. Raises
+    KeyError for a parameter that does not exist, `NotEnoughMemory` if the rows of all steps do not
+    fit.
+    """
+    kernel = loop_kernel(loop.plant.name, loop.controller.name)
+    reference, stop = loop.reference, loop.stop
+    points = stop / min(step, max(BETWEEN, stop / MOST_POINTS))
+    check_memory(
+        8.0 * (5 * len(kernel.outputs) + 6) * points,  # two courses, times, what is drawn
+        f"{stop / step:.3g} communication steps need",
+        "use a longer --step or a shorter --stop",
+    )
+    values = loop.values
+    tight = _simulate(kernel, values, TIGHT, reference, stop, step, progress)
+    loose = _simulate(kernel, values, LOOSE, reference, stop, step, None)
+    commands = [n for n in tight.outputs if n in ("u",)]
+    signals = [n for n in tight.outputs if n not in commands]
+    rows = np.flatnonzero(tight.is_point)
+    steps = np.diff(tight.time[rows])
+    run = LoopRun(
+        time=tight.time,
+        outputs={n: tight.outputs[n] for n in signals},
+        commands={n: tight.outputs[n] for n in commands},
+        reference=reference.on(tight.time, 0),
+        coupling=Coupling.MONOLITHIC,
+        coupling_reason="as asked",
+        corrected=False,
+        residual_max=dict.fromkeys(commands, 0.0),
+        effect_rate_max=dict.fromkeys(signals, 0.0),
+        macro_steps=len(rows) - 1,
+        step_range=(float(steps.min(initial=step)), float(steps.max(initial=0.0))),
+        verdict=_verdict(tight, loose, signals),
+        stopped=tight.stopped,
+        units={o.name: o.unit for o in kernel.outputs},
+        sampling_period=tight.period,
+    )
+    return replace(
+        run,
+        time=run.time[rows],
+        outputs={n: values[rows] for n, values in run.outputs.items()},
+        commands={n: values[rows] for n, values in run.commands.items()},
+        reference=run.reference[rows],
+        between=run,
+    )
+
+
+@dataclass(frozen=True)
+class _Course:
+    """Outputs until the solver stopped, which times are communication points; sampling period."""
+
+    time: Vector
+    is_point: npt.NDArray[np.bool_]
+    outputs: dict[str, Vector]
+    stopped: str
+    period: float
+
+
+def _simulate(
+    kernel: Kernel,
+    values: Mapping[str, float],
+    tolerance: float,
+    reference: Reference,
+    stop: float,
+    step: float,
+    progress: Progress | None,
+) -> _Course:
+    model = Model(kernel, values, tolerance)
+    period = model.sample_time
+    step = step_that_meets(period, step)
+    points = int(np.ceil(stop / step - ROUND_OFF))
+    grid = np.minimum(np.arange(points + 1) * step, stop)
+    parts = math.ceil(step / max(BETWEEN, stop / MOST_POINTS) - ROUND_OFF)
+    finer = (grid[:-1, None] + step / parts * np.arange(parts)).ravel()
+    finer = np.append(finer[finer < stop - ROUND_OFF * step], grid[-1])
+    times, _ = reference.between(finer, ())
+    outputs, stopped = follow(model, reference, times, FARTHEST, progress)
+    rows = len(next(iter(outputs.values())))
+    return _Course(times[:rows], np.isin(times, grid)[:rows], outputs, stopped, period)
+
+
+def follow(
+    model: Model,
+    reference: Reference,
+    grid: Vector,
+    farthest: float = math.inf,
+    progress: Progress | None = None,
+) -> tuple[dict[str, Vector], str]:
+    """Run a loop of `loop_kernel` from the model's present state over a grid of rising times [s].
+
+    Its samples are among them. Beyond `farthest` times an output's nominal value the loop diverges.
+    Returns the outputs on the grid, as far as the run went, and why it ended early, if it did.
+    """
+    period, declared = model.sample_time, model.kernel.outputs
+    times, at, on_grid = inputs_between(model.kernel, reference, grid)
+    turns = times / period if period > 0 else np.full(len(times), 0.5)
+    sampled = on_grid & (np.abs(turns - np.round(turns)) < ROUND_OFF)
+    size = max(1, len(times) // 100) if math.isfinite(farthest) else len(times)
+    pieces, stopped = [], ""
+    for first in range(0, len(times), size):
+        if progress:
+            progress(float(times[first]))
+        # each piece ends where the next begins, which samples there
+        rows = np.arange(first, min(first + size + 1, len(times)))
+        own = rows < first + size
+        given = at[np.maximum(rows - 1, 0)], at[rows]
+        try:
+            run = model.simulate(times[rows], given, sampled[rows] & own)
+        except IntegrationError as error:
+            run, stopped = error.so_far, str(error)
+        shown = (on_grid[rows] & own)[: len(run.time)]
+        table = np.column_stack([values[shown] for values in run.outputs.values()])
+        share = np.abs(table) / [o.nominal for o in declared]
+        left = ~(share <= farthest)
+        if left.any() and math.isfinite(farthest):
+            row = int(np.argmax(left.any(axis=1)))
+            name, table = declared[int(np.argmax(share[row]))].name, table[: row + 1]
+            when = f"t = {run.time[shown][row]:.6g} s"
+            stopped = f"the loop diverges: {name} exceeds its bound at {when}"
+        pieces.append(table)
+        if stopped:
+            break
+    courses = np.vstack(pieces).T
+    return {o.name: course for o, course in zip(declared, courses, strict=True)}, stopped
+
+
+def _verdict(tight: _Course, loose: _Course, names: list[str]) -> Verdict:
+    rows = min(len(tight.time), len(loose.time))
+    estimate, worst, share = {}, names[0], 0.0
+    for name in names:
+        values = tight.outputs[name][:rows]
+        difference = float(np.max(np.abs(values - loose.outputs[name][:rows])))
+        estimate[name] = difference
+        span = float(np.ptp(values)) or 1.0
+        if not difference / span <= share:
+            worst, share = name, difference / span
+    if tight.stopped or loose.stopped:
+        return Verdict(False, tight.stopped or loose.stopped, "check the parameters", estimate)
+    text = (
+        f"a hundred times the tolerance moves no output by more than {100 * share:.2g} % of its "
+        f"range ({worst}: {estimate[worst]:.2g})"
+    )
+    if share <= ACCURACY:
+        return Verdict(True, text, "", estimate)
+    return Verdict(False, text, "the motion depends on round-off; shorten the run", estimate)

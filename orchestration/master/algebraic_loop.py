@@ -1,0 +1,103 @@
+"""Distinguish an algebraic loop that the master cannot solve from a step that is too long.
+
+If a plant updates its outputs when its inputs are set, the master solves the loop at every
+communication point (`settle` in ``c/coupling.c``). If a plant with direct feedthrough updates its
+outputs only in a step, the master is always one step late, for any step size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ..fmu.fmu_instance import Instance, StepFailed
+from ..fmu.wiring import Wiring
+from .coupling import Answer, CoupledPair
+from .loop_run import LoopRun
+from .verdict import WORST_CONTRACTION
+
+Vector = npt.NDArray[np.float64]
+SHORT = 1e-4, 1e-5  # of a communication step: effects through states vanish with its length
+MOVED = 1e-3  # of a command's nominal value
+LASTS = 0.5  # share of the gain that has to remain at the shorter of the two
+_ADVICE = (
+    "let the plant update its outputs as soon as its inputs are set, as in model exchange, add "
+    "a filter or a delay to the loop, or combine the two FMUs into one"
+)
+
+
+def loop_gain(
+    opened: Callable[[], tuple[Instance, Instance]],
+    wiring: Wiring,
+    sizes: Vector,
+    reference: Vector,
+    step: float,
+) -> float:
+    """Change of the controller's output by a change of the commands without delay; 0 if it decays.
+
+    `opened` gives a plant and a controller, initialized together; `sizes` are changes of the
+    commands, `reference` the set-points at the start.
+    """
+
+    commands = [theirs for _, theirs in wiring.commands]
+
+    def answer(time: float, moved: Vector) -> Vector:
+        plant, controller = opened()
+        try:
+            signals = plant.reader([ours for ours, _ in wiring.signals])
+            given = controller.writer([*(n for _, n in wiring.signals), *wiring.references])
+            command = controller.reader([ours for ours, _ in wiring.commands])
+            plant.writer(commands)(command() + moved)
+            plant.step(0.0, time)
+            given(np.concatenate([signals(), reference]))
+            return command()
+        finally:
+            plant.close()
+            controller.close()
+
+    def gain(time: float) -> float:
+        before = answer(time, 0.0 * sizes)
+        rows = [answer(time, row) - before for row in np.diag(sizes)]
+        return float(np.linalg.norm(np.array(rows) / sizes[:, None], 2))
+
+    try:
+        longer, shorter = (gain(share * step) for share in SHORT)
+    except StepFailed:  # a part rejects such steps: the gain is not known
+        return 0.0
+    return shorter if shorter > LASTS * longer else 0.0
+
+
+def with_ring_named(
+    run: LoopRun,
+    loop: CoupledPair,
+    opened: Callable[[], tuple[Instance, Instance]],
+    wiring: Wiring,
+    reference: Vector,
+    step: float,
+) -> LoopRun:
+    """The run, after its end, with a verdict on an algebraic loop that remains for any step."""
+    plant, found = loop.plant, loop.unsolved
+    if found:
+        return _named(run, f"has no solution at {found} communication points")
+    follows = any(plant.follows_at_once(ours) for ours, _ in wiring.signals)
+    if run.verdict.trusted or not follows or loop.answer is not Answer.DIRECT:
+        return run
+    sizes = np.array([MOVED * plant.nominal(theirs) for _, theirs in wiring.commands])
+    gain = loop_gain(opened, wiring, sizes, reference, step)
+    # corrected steps must halve the residual; others converge as long as it does not grow
+    corrects = plant.can_save and loop.controller.can_save
+    if gain < (WORST_CONTRACTION if corrects else 1.0):
+        return run
+    return _named(run, f"has a loop gain of {gain:.3g}")
+
+
+def _named(run: LoopRun, found: str) -> LoopRun:
+    reason = (
+        "the plant's outputs and the controller's commands depend on each other without "
+        f"delay: this algebraic loop {found}, and a smaller step does not help"
+    )
+    verdict = replace(run.verdict, trusted=False, reason=reason, advice=_ADVICE, step_helps=False)
+    return replace(run, verdict=verdict)

@@ -1,0 +1,291 @@
+/* Corrected steps of a plant and a controller that carry tangents, see tangents_over_fmus.py.
+ *
+ * A law and its tangents are rows of m commands, m x n gains and m rates: row 0 the law, row k its
+ * k-th tangent. Signals and their tangents are rows of n. */
+#include "../../../solver/c/orthonormalize.h"
+
+/* An FMU with tangents.
+ *
+ * Inputs of a plant: laws with the signals they refer to, then their tangents; of a controller:
+ * signals, set-points, tangents of the signals. Outputs: of a plant signals, of a controller its law;
+ * then their tangents. */
+typedef struct {
+    Calls calls;
+    /* inputs: the states' tangents, count x states, and the number of the frame; outputs: these
+     * tangents, and the integral of the trace; without functions if `Asked` is used */
+    Calls frames;
+    int64_t states;
+} Side;
+
+/* Callbacks for a controller without own tangents. The tangents of its state are the last outputs
+ * of its frames. */
+typedef struct {
+    int (*law)(double t, double h, const double *signals, double *law);
+    int (*advance)(double t, double h, const double *signals);
+} Asked;
+
+typedef struct {
+    Side plant, controller;
+    Asked asked; /* null if the controller has tangents */
+    Calls shown; /* outputs: the recorded outputs of the plant */
+    int64_t m, n, count;
+    Vector reference;           /* set-points */
+    Vector start, end, middle;  /* rows x n */
+    Vector law, mended, ramped; /* rows x m (2 + n) */
+    Vector applied;             /* rows x m: commands at the end of the step */
+    /* orthonormal joint tangents, count x states, and the logarithms of their lengths before,
+     * without and with the correction */
+    Vector plain, plain_logs, frame, logs;
+} Joint;
+
+/* The record of the run, and the allowed errors of its steps. */
+typedef struct {
+    Vector times, outputs, growth, trace; /* row by row; row 0 is the last one before */
+    int64_t rows;
+    Vector bound;              /* outputs beyond which the loop diverges */
+    double accuracy, relative; /* largest change by all corrections: nats, share of the growth */
+    int64_t unmet;             /* number of shortest steps with a larger change */
+} Trail;
+
+static int read_rows(Calls *c, double *rows)
+{
+    TRY(take(c, c->taken.size));
+    copy(c->taken.at, rows, c->taken.size);
+    return 1;
+}
+
+/* Apply a law over a part of the step; it refers to the signals at the step's start. */
+static int step_with_law(Joint *j, double t, double h, const double *law)
+{
+    const int64_t m = j->m, n = j->n, width = m * (2 + n);
+    double *given = j->plant.calls.given.at;
+    for (int64_t row = 0; row <= j->count; row++) {
+        const double *const own = law + row * width, *const signals = j->start.at + row * n;
+        copy(own, given, m + m * n);
+        given += m + m * n;
+        for (int64_t k = 0; k < m; k++, given += n)
+            copy(signals, given, n);
+        copy(own + m + m * n, given, m);
+        given += m;
+    }
+    TRY(put(&j->plant.calls, j->plant.calls.given.size));
+    return move(&j->plant.calls, t, h);
+}
+
+/* Set the controller's signals and their tangents. */
+static int set_signals(Joint *j, const double *signals)
+{
+    Calls *const c = &j->controller.calls;
+    const int64_t n = j->n, width = j->reference.size;
+    copy(signals, c->given.at, n);
+    copy(j->reference.at, c->given.at + n, width);
+    copy(signals + n, c->given.at + n + width, j->count * n);
+    return put(c, c->given.size);
+}
+
+static int law_of(Joint *j, double t, double h, const double *signals, double *law)
+{
+    if (j->asked.law)
+        return j->asked.law(t, h, signals, law);
+    return set_signals(j, signals) && read_rows(&j->controller.calls, law);
+}
+
+static int advance_controller(Joint *j, double t, double h, const double *signals)
+{
+    if (j->asked.advance)
+        return j->asked.advance(t, h, signals);
+    return set_signals(j, signals) && move(&j->controller.calls, t, h);
+}
+
+/* Set one side's tangents to their columns of the joint rows, which begin at `first`. */
+static int set_tangents(Joint *j, Side *side, int64_t first)
+{
+    const int64_t own = side->states, all = j->plant.states + j->controller.states;
+    Calls *const c = &side->frames;
+    for (int64_t k = 0; k < j->count; k++)
+        copy(j->frame.at + k * all + first, c->given.at + k * own, own);
+    if (!c->set_real) {
+        copy(c->given.at, c->taken.at, j->count * own);
+        return 1;
+    }
+    if (own > 0)
+        c->given.at[j->count * own] += 1.0; /* a new frame */
+    return put(c, c->given.size);
+}
+
+static int take_tangents(Calls *c) { return !c->get_real || take(c, c->taken.size); }
+
+/* Both sides' tangents as joint rows, orthonormalized. */
+static int joint_frame(Joint *j, double *frame, double *logs)
+{
+    const int64_t p = j->plant.states, c = j->controller.states;
+    TRY(take_tangents(&j->plant.frames));
+    TRY(take_tangents(&j->controller.frames));
+    for (int64_t k = 0; k < j->count; k++) {
+        copy(j->plant.frames.taken.at + k * p, frame + k * (p + c), p);
+        copy(j->controller.frames.taken.at + k * c, frame + k * (p + c) + p, c);
+        logs[k] = 0.0;
+    }
+    orthonormalize(frame, (int)j->count, (int)(p + c), logs);
+    return 1;
+}
+
+/* Commands and their tangents as the plant has applied them at the end of the step. */
+static void find_applied(Joint *j, double h)
+{
+    const int64_t m = j->m, n = j->n, width = m * (2 + n);
+    for (int64_t row = 0; row <= j->count; row++) {
+        const double *const own = j->law.at + row * width;
+        for (int64_t k = 0; k < m; k++) {
+            double command = own[k] + own[m + m * n + k] * h;
+            for (int64_t i = 0; i < n; i++) {
+                const double change = j->end.at[row * n + i] - j->start.at[row * n + i];
+                command += j->law.at[m + k * n + i] * change;
+                if (row > 0)
+                    command += own[m + k * n + i] * (j->end.at[i] - j->start.at[i]);
+            }
+            j->applied.at[row * m + k] = command;
+        }
+    }
+}
+
+/* The law, corrected by a part of the error of its commands at the end of the step. */
+static void find_mended(Joint *j, double h)
+{
+    const int64_t m = j->m, rate = m + m * j->n, width = m * (2 + j->n);
+    copy(j->law.at, j->mended.at, (1 + j->count) * width);
+    for (int64_t row = 0; row <= j->count; row++) {
+        for (int64_t k = 0; k < m; k++) {
+            const double missed = j->ramped.at[row * width + k] - j->applied.at[row * m + k];
+            j->mended.at[row * width + rate + k] += RAMP_SHARE * missed / h;
+        }
+    }
+}
+
+static int restore_sides(Joint *j)
+{
+    const Calls *const frames = &j->controller.frames;
+    TRY(restore(&j->plant.calls, CORRECTION));
+    TRY(restore(&j->controller.calls, CORRECTION));
+    if (!frames->set_real)
+        copy(frames->given.at, frames->taken.at, j->count * j->controller.states);
+    return 1;
+}
+
+/* Do one corrected step of signals and tangents, similar to `step`, from the states saved by
+ * `begin_step`; find the frames without and with the correction. */
+static int joint_step(Joint *j, double t, double h)
+{
+    const int64_t m = j->m, rate = m + m * j->n, width = m * (2 + j->n), rows = 1 + j->count;
+    const int64_t signals = rows * j->n;
+    TRY(law_of(j, t, h, j->start.at, j->law.at));
+    TRY(step_with_law(j, t, h, j->law.at));
+    TRY(read_rows(&j->plant.calls, j->end.at));
+    for (int64_t k = 0; k < signals; k++)
+        j->middle.at[k] = 0.5 * (j->start.at[k] + j->end.at[k]);
+    TRY(advance_controller(j, t, h, j->middle.at));
+    TRY(joint_frame(j, j->plain.at, j->plain_logs.at));
+    TRY(law_of(j, t + h, h, j->end.at, j->ramped.at)); /* the true commands */
+    find_applied(j, h);
+    find_mended(j, h);
+    TRY(restore_sides(j));
+    TRY(step_with_law(j, t, 0.5 * h, j->mended.at));
+    TRY(read_rows(&j->plant.calls, j->middle.at));
+    copy(j->mended.at, j->ramped.at, rows * width);
+    for (int64_t row = 0; row < rows; row++) {
+        for (int64_t k = 0; k < m; k++)
+            j->ramped.at[row * width + k] += j->mended.at[row * width + rate + k] * 0.5 * h;
+    }
+    TRY(step_with_law(j, t + 0.5 * h, 0.5 * h, j->ramped.at));
+    TRY(read_rows(&j->plant.calls, j->end.at));
+    /* Simpson's mean for the controller's states; the first pass used the trapezoidal mean. Their
+     * difference shows the error of both for signals that move fast within the step. */
+    for (int64_t k = 0; k < signals; k++)
+        j->middle.at[k] = (j->start.at[k] + 4.0 * j->middle.at[k] + j->end.at[k]) / 6.0;
+    TRY(advance_controller(j, t, h, j->middle.at));
+    return joint_frame(j, j->frame.at, j->logs.at);
+}
+
+/* Set the tangents at the start of a step, read the plant's signals, and save the states. */
+static int begin_step(Joint *j)
+{
+    TRY(set_tangents(j, &j->plant, 0));
+    TRY(set_tangents(j, &j->controller, j->plant.states));
+    TRY(read_rows(&j->plant.calls, j->start.at));
+    return save(&j->plant.calls, CORRECTION) && save(&j->controller.calls, CORRECTION);
+}
+
+/* The larger number; NaN if one of them is NaN. */
+static double larger_or_nan(double a, double b) { return a > b || a != a ? a : b; }
+
+/* Change of the tangents by the correction of a step, as a share of the allowed change: some nats,
+ * or radians of a tangent's direction, plus a share of the growth of that tangent in this step, or
+ * of its mean growth if larger. These growths are large for the fast tangents only. */
+static double moved_share(const Joint *j, const Clock *clock, const Trail *trail)
+{
+    const int64_t width = j->plant.states + j->controller.states;
+    const double t = clock_now(clock), h = clock_step_to_come(clock), part = t > 0.0 ? h / t : 0.0;
+    const double allowed = trail->accuracy * larger(h / clock->stop, LEAST_SHARE);
+    const double *const growth = trail->growth.at + trail->rows * j->count;
+    double worst = -HUGE_VAL;
+    for (int64_t k = 0; k < j->count; k++) {
+        double moved = fabs(j->logs.at[k] - j->plain_logs.at[k]);
+        for (int64_t i = k * width; i < (k + 1) * width; i++)
+            moved = larger_or_nan(moved, fabs(j->frame.at[i] - j->plain.at[i]));
+        const double grown = larger_or_nan(fabs(j->logs.at[k]), fabs(growth[k]) * part);
+        worst = larger_or_nan(worst, moved / (allowed + trail->relative * grown));
+    }
+    return worst;
+}
+
+/* Do one step, halved until its correction is small, and record its row; 0 if a call failed. */
+static int joint_row(Joint *j, Clock *clock, Trail *trail)
+{
+    const int64_t count = j->count, outputs = j->shown.taken.size;
+    double share;
+    TRY(begin_step(j));
+    for (;;) {
+        TRY(joint_step(j, clock_now(clock), clock_step_to_come(clock)));
+        share = moved_share(j, clock, trail);
+        if (!(share > 1.0) || clock->stride <= 1)
+            break;
+        TRY(restore_sides(j));
+        clock_adapt(clock, share);
+    }
+    TRY(take(&j->shown, outputs));
+    trail->unmet += !(share <= 1.0) && trail->accuracy < HUGE_VAL;
+    clock_accept(clock);
+    clock_adapt(clock, share);
+    const int64_t row = ++trail->rows;
+    double *const growth = trail->growth.at + row * count;
+    trail->times.at[row] = clock_now(clock);
+    copy(j->shown.taken.at, trail->outputs.at + row * outputs, outputs);
+    for (int64_t k = 0; k < count; k++)
+        growth[k] = growth[k - count] + j->logs.at[k];
+    trail->trace.at[row] = 0.0;
+    for (int side = 0; side < 2; side++) {
+        const Side *const s = side == 0 ? &j->plant : &j->controller;
+        if (s->states > 0)
+            trail->trace.at[row] += s->frames.taken.at[count * s->states];
+    }
+    return 1;
+}
+
+/* Do up to `most` steps, recorded from row 1 on (row 0 is the last one before); return GOES_ON, or
+ * why the run ended. */
+API int joint_march(Joint *j, Clock *clock, Trail *trail, int64_t most)
+{
+    int why = GOES_ON;
+    trail->rows = 0;
+    while (why == GOES_ON && !clock_done(clock) && trail->rows < most) {
+        if (!joint_row(j, clock, trail))
+            why = STEP_FAILED;
+        release(&j->plant.calls, CORRECTION);
+        release(&j->controller.calls, CORRECTION);
+        for (int64_t k = 0; k < j->shown.taken.size && why == GOES_ON; k++) {
+            if (!(fabs(j->shown.taken.at[k]) <= trail->bound.at[k]))
+                why = DIVERGES;
+        }
+    }
+    return why;
+}

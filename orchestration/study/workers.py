@@ -1,0 +1,240 @@
+"""Workers for the chunks of a map: this process, processes of this machine, or Dask."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import socket
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from itertools import islice
+from queue import Empty, SimpleQueue
+from threading import Thread
+from typing import Any, Protocol
+
+from ..fmu.operating_system import pool
+
+AHEAD = 2  # tasks per worker that wait, so that memory stays bounded as maps grow
+SILENT = 50.0  # s without a heartbeat of any worker, so that the error comes within a minute
+NO_WORKER = 15.0  # s in which a first worker may come
+_NOISY = ("distributed", "tornado", "asyncio")
+_INSTALL = "install the same version of ballscrew there"
+CHECK = 2.0  # s between two checks of the workers
+
+
+class WorkersLost(RuntimeError):
+    """Tasks could not be computed anywhere; the message says why and what to do."""
+
+
+class Workers(Protocol):
+    """Computes many tasks, in the order in which they finish."""
+
+    def map(
+        self, function: Callable[..., Any], tasks: Iterator[tuple[str, tuple[Any, ...]]]
+    ) -> Iterator[tuple[str, Any]]:
+        """Yield the name and result of each task when it is finished.
+
+        Raises
+        ------
+        WorkersLost
+        """
+        ...
+
+
+class Processes:
+    """Processes of this machine; 1 means only this process."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+
+    def map(
+        self, function: Callable[..., Any], tasks: Iterator[tuple[str, tuple[Any, ...]]]
+    ) -> Iterator[tuple[str, Any]]:
+        if self.count == 1:
+            for name, arguments in tasks:
+                yield name, function(*arguments)
+            return
+        from concurrent.futures.process import BrokenProcessPool
+
+        with pool(self.count) as workers:
+            waiting: dict[Future[Any], str] = {}
+            try:
+                while True:
+                    for name, arguments in islice(tasks, self.count * AHEAD - len(waiting)):
+                        waiting[workers.submit(function, *arguments)] = name
+                    if not waiting:
+                        return
+                    done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+                    for future in done:
+                        yield waiting.pop(future), future.result()
+            except BrokenProcessPool as error:
+                raise WorkersLost(
+                    "a worker process ended unexpectedly; continue the map with --resume"
+                ) from error
+            except GeneratorExit:
+                workers.shutdown(wait=False, cancel_futures=True)
+                raise
+
+
+class Dask:
+    """Workers of a Dask scheduler; the tasks of a worker that died go to another one.
+
+    Parameters
+    ----------
+    address : str
+        Such as ``tcp://host:8786``.
+
+    Raises
+    ------
+    WorkersLost
+        If no scheduler answers there, or `distributed` is not installed.
+    """
+
+    def __init__(self, address: str, timeout: float = 10.0) -> None:
+        try:
+            from distributed import Client
+        except ImportError:
+            raise WorkersLost(
+                "--dask needs Dask's scheduler: pip install 'ballscrew[dask]'"
+            ) from None
+        for name in (*_NOISY, *logging.root.manager.loggerDict):  # an error is one line
+            if name.partition(".")[0] in _NOISY:
+                logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+        self.address = address
+        self._heard, self._seen, self._seen_any = time.monotonic(), dict[str, float](), False
+        try:
+            _listens(address, timeout)
+            # checked first: a client that fails is noisy and slow to end
+            if asyncio.run(_answer(address, timeout))["type"] != "Scheduler":
+                raise TypeError("it is a worker")
+            self.client = Client(address, timeout=timeout, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            why = str(error) or "silence"
+            raise WorkersLost(f"no Dask scheduler responds at {address}: {why}") from None
+        except Exception as error:  # another program's answer can cause any error
+            raise WorkersLost(
+                f"what responds at {address} is not a Dask scheduler: "
+                f"{type(error).__name__} {error}"
+            ) from None
+
+    def map(
+        self, function: Callable[..., Any], tasks: Iterator[tuple[str, tuple[Any, ...]]]
+    ) -> Iterator[tuple[str, Any]]:
+        found: SimpleQueue[Any] = SimpleQueue()
+        Thread(target=self._compute, args=(function, tasks, found), daemon=True).start()
+        self._heard = time.monotonic()
+        while True:
+            try:
+                result = found.get(timeout=CHECK)
+            except Empty:
+                self._check()
+                continue
+            if result is None:
+                return
+            if isinstance(result, BaseException):
+                raise self._told(result)
+            self._heard = time.monotonic()
+            yield result
+
+    def _compute(
+        self,
+        function: Callable[..., Any],
+        tasks: Iterator[tuple[str, tuple[Any, ...]]],
+        found: SimpleQueue[Any],
+    ) -> None:
+        """Put each name and result into a queue, then None; an error ends it."""
+        from distributed import as_completed
+
+        def submit(count: int) -> list[Any]:
+            return [
+                self.client.submit(_named, function, name, arguments, pure=False, retries=5)
+                for name, arguments in islice(tasks, count)
+            ]
+
+        try:
+            workers = len(self.client.scheduler_info()["workers"])
+            self._seen_any = workers > 0
+            tasks_in_hand = submit(max(1, workers) * AHEAD)
+            running = as_completed(tasks_in_hand, loop=self.client.loop, with_results=True)
+            for future, result in running:
+                if future.cancelled():
+                    raise CancelledError  # by a scheduler that ended
+                found.put(result)
+                future.release()
+                for new in submit(1):
+                    running.add(new)
+            found.put(None)
+        except BaseException as error:  # raised in the waiting thread
+            found.put(error)
+
+    def _check(self) -> None:
+        """Check the workers; raises `WorkersLost` if none was heard for too long.
+
+        Workers are also heard during long computations.
+        """
+        seen, why = {}, "does not answer"
+        with contextlib.suppress(OSError, TimeoutError):
+            told: Any = self.client.sync(_identity, self.address, callback_timeout=CHECK)
+            seen = {name: float(worker["last_seen"]) for name, worker in told["workers"].items()}
+            why = "has lost contact with its workers" if seen else "has no worker: start one"
+            self._seen_any = self._seen_any or bool(seen)
+            if self._seen_any and not seen:
+                why = f"has lost all workers: {_INSTALL}"
+        if any(self._seen.get(name) != last for name, last in seen.items()):
+            self._heard = time.monotonic()
+        self._seen = seen
+        patience = SILENT if self._seen_any else NO_WORKER
+        if time.monotonic() - self._heard > patience:
+            raise self._lost(f"{why} ({patience:.0f} s without a sign of life)")
+
+    def _told(self, error: BaseException) -> BaseException:
+        """The exception to raise for an error of a task."""
+        from distributed import KilledWorker
+        from distributed.comm.core import CommClosedError
+
+        if isinstance(error, ImportError) or "deserializ" in str(error):
+            why = error.__cause__ or error
+            return self._lost(f"cannot run the task: {_INSTALL} ({why})")
+        if isinstance(error, KilledWorker):
+            return self._lost(f"lost its workers repeatedly: {_INSTALL}")
+        if isinstance(error, CommClosedError | CancelledError):
+            return self._lost("is gone")
+        return error
+
+    def _lost(self, why: str) -> WorkersLost:
+        with contextlib.suppress(Exception):
+            self.client.close(timeout=1)
+        return WorkersLost(
+            f"the Dask scheduler at {self.address} {why}; finished work is kept, continue with "
+            "--resume"
+        )
+
+    def close(self) -> None:
+        self.client.close()
+
+
+def _listens(address: str, timeout: float) -> None:
+    """Make sure that a server listens: Dask would try for long; raises OSError, ValueError."""
+    from distributed.comm.addressing import get_address_host_port
+
+    host, port = get_address_host_port(address)
+    socket.create_connection((host, port), timeout).close()
+
+
+async def _identity(address: str) -> Any:
+    """Information from a Dask server; raises any exception caused by another program's answer."""
+    from distributed import rpc
+    from distributed.security import Security
+
+    async with rpc(address, connection_args=Security().get_connection_args("client")) as server:
+        return await server.identity()
+
+
+async def _answer(address: str, timeout: float) -> Any:
+    return await asyncio.wait_for(_identity(address), timeout)
+
+
+def _named(function: Callable[..., Any], name: str, arguments: tuple[Any, ...]) -> tuple[str, Any]:
+    return name, function(*arguments)

@@ -1,0 +1,68 @@
+"""Instruments, each a separate component and FMU.
+
+Those of the rig (Section 2.2 and Table 2.1) have their noise as an input, so that a seed outside
+determines it; if the thesis gives no value, the parameter's source says what was assumed. The
+instruments in `INSTRUMENTS` can be connected between any plant and controller: their input has the
+name of the plant's signal, their output that name with `solver.set_point.MEASURED` added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from dataclasses import dataclass, replace
+
+UNLIMITED = 1e6
+NOMINAL_VOLTAGE = 36.0  # of the axis' amplifier, Table 2.1 [V]
+
+INSTRUMENTS = {
+    "position_encoder": "ballscrew.plant.instruments.encoder:position_encoder",
+    "velocity_estimate": "ballscrew.plant.instruments.velocity_estimate:velocity_estimate",
+    "current_sensor": "ballscrew.plant.instruments.current_sensor:current_sensor",
+}
+"""The instruments that are exported by name. To add one, add a file and a line here."""
+SAMPLED = "sampled"
+"""Suffix of a controller's name: it reads at sample instants and holds its commands."""
+FEED_FORWARD = "feed_forward"
+"""Suffix of a controller's name: it uses the derivatives of the set-point."""
+UNITS = {
+    "rotary": {"m": "rad", "N": "N*m", "kg": "kg*m^2"},
+    "current": {"V": "A"},
+    "force": {"V": "N"},
+    "torque": {"V": "N*m"},
+}
+"""Suffix of the name of a drive or a controller: other names for the units of its equations."""
+
+
+@dataclass(frozen=True)
+class PartName:
+    """The pieces of a part's name ``law+feed_forward+sampled+instrument+...+rotary+torque``."""
+
+    bare: str  # a name of the catalogue, a file's function or a path
+    feed_forward: bool = False
+    sampled: bool = False
+    instruments: tuple[str, ...] = ()  # in the order of the signals
+    units: tuple[str, ...] = ()  # from `UNITS`
+
+    @classmethod
+    def of(cls, name: str) -> PartName:
+        """The pieces; what has no other meaning is the bare part, which is never empty."""
+        left = name.split("+")
+
+        def taken(known: Container[str], most: int) -> tuple[str, ...]:
+            last: list[str] = []
+            while len(left) > 1 and len(last) < most and left[-1] in known:
+                last.insert(0, left.pop())
+            return (*last,)
+
+        units, instruments = taken(UNITS, len(left)), taken(INSTRUMENTS, len(left))
+        sampled, forward = bool(taken((SAMPLED,), 1)), bool(taken((FEED_FORWARD,), 1))
+        return cls("+".join(left), forward, sampled, instruments, units)
+
+    @property
+    def plain(self) -> str:
+        """The name without units."""
+        return str(replace(self, units=()))
+
+    def __str__(self) -> str:
+        suffixes = [FEED_FORWARD] * self.feed_forward + [SAMPLED] * self.sampled
+        return "+".join([self.bare, *suffixes, *self.instruments, *self.units])

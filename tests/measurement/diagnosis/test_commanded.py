@@ -1,0 +1,96 @@
+"""A ball screw of which only the current is known: the same motion by the motor's force."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from axis_records import NOMINAL, TURN, friction_noise, moved, signals_of
+from diagnosed import nominal
+from worlds import layout as at
+
+from ballscrew.measurement.diagnosis.balance import Added
+from ballscrew.measurement.diagnosis.commanded import commanded, driven_by_current
+from ballscrew.measurement.diagnosis.compare import compare_records
+from ballscrew.measurement.diagnosis.corrected import corrected
+from ballscrew.measurement.diagnosis.diagnose import diagnose
+from ballscrew.measurement.diagnosis.modelled_record import lay_along
+from ballscrew.measurement.diagnosis.residuals import residual
+from ballscrew.measurement.records.bad_record import BadRecord
+from ballscrew.measurement.records.reading import check_record
+from ballscrew.measurement.records.record import CURRENT
+from ballscrew.orchestration.loop.parameter_reading import read_parameters
+
+pytestmark = pytest.mark.ci
+
+
+LOAD = 0.6
+
+
+def loaded(seed):
+    time = np.arange(16_000) * 1e-3
+    u = 3.0 * np.sin(2 * math.pi * 0.6 * time) + 1.5 * np.sin(2 * math.pi * 1.7 * time + 1)
+    return signals_of(moved({at.LOAD: LOAD}, u, friction_noise(seed, len(u))), u)
+
+
+@pytest.fixture(scope="module")
+def signals():
+    return loaded(seed=2)
+
+
+def without(signals, name):
+    return {n: s for n, s in signals.items() if n != name}
+
+
+def test_the_gain_is_the_motors_force_per_ampere_and_the_mass_all_that_moves():
+    screw = dataclasses.replace(nominal(), tolerance={**nominal().tolerance, "kt": 0.1, "Jm": 0.2})
+    drive = driven_by_current(screw)
+    assert (drive.kind, drive.law) == ("drive", "modified_lugre")
+    assert drive.values["gain"] == pytest.approx(37.4e-3 * TURN)
+    assert drive.values["m"] == pytest.approx(1.0 + 4.2e-7 * TURN**2)
+    assert drive.tolerance["gain"] == 0.1
+    rotor = 4.2e-7 * TURN**2
+    assert drive.tolerance["m"] == pytest.approx((0.03 + 0.2 * rotor) / (1.0 + rotor))
+    assert drive.values["sigma0"] == screw.values["sigma0"]
+    assert not {"R", "L", "kt", "ke", "Jm", "p"} & set(drive.values)
+
+
+def test_the_current_leaves_the_same_residual_as_the_voltage(signals):
+    """The load is what both balances miss: only what they take for the motor's force differs."""
+    left = []
+    for record in (check_record("both", signals), check_record("current", without(signals, "u"))):
+        (record,), model, _ = commanded([record], nominal())
+        course = lay_along(record, model)
+        found = residual([course], model, Added.nothing([course]))
+        left.append(float(np.mean(found.force[found.telling])))
+    # minus the force that opposes motion in +x
+    assert np.abs(left) == pytest.approx(LOAD, rel=0.05)
+    assert left[0] == pytest.approx(left[1], rel=0.05)
+
+
+def test_current_alone_is_diagnosed_and_compared_in_any_units(signals, tmp_path):
+    """Milliamperes and degrees, with the lead: what is left is the load, in newtons."""
+    lead = 1e-3
+    table = [1e3 * signals["time"], 1e3 * signals["i"], 360 * signals["x"] / lead]
+    path = tmp_path / "export.csv"
+    np.savetxt(path, np.column_stack(table), delimiter=",", header="time,i,x", comments="")
+    params = tmp_path / "screw.toml"
+    values = {n: v for n, v in NOMINAL.items() if n != "p"}
+    params.write_text("[plant]\n" + "\n".join(f"{n} = {v!r}" for n, v in values.items()))
+    units = {"time": "ms", "i": "mA", "x": "deg"}
+    found = diagnose([path], params, units=units, lead=lead)
+    assert found.prior.kind == "drive"
+    assert found.command == CURRENT
+    assert found.baseline_residual.force == pytest.approx(LOAD, rel=0.1)
+    assert "the current is the command of a drive" in found.notes[0]
+
+    written = corrected(found, None, read_parameters(params)).save(tmp_path)
+    file = read_parameters(written)
+    assert (file.kind, file.diagnosis.command) == ("drive", CURRENT)
+    assert "kt" not in file.plant
+    # another record, with the voltage beside: the current counts
+    other = check_record("other", loaded(seed=5))
+    models = compare_records([other], file).models
+    assert models["prior"]["all"].force.value == pytest.approx(LOAD, rel=0.1)
+    with pytest.raises(BadRecord, match="u is a voltage, but the model was diagnosed with a curr"):
+        compare_records([check_record("voltage", without(other.signals, "i"))], file)

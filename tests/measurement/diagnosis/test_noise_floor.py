@@ -1,0 +1,79 @@
+"""What noise alone leaves, and the one comparison with it that clears a model."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from axis_records import strong_record
+from diagnosed import nominal
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballscrew.measurement.diagnosis.balance import Added
+from ballscrew.measurement.diagnosis.diagnose import diagnose_records
+from ballscrew.measurement.diagnosis.modelled_record import lay_along
+from ballscrew.measurement.diagnosis.noise_floor import NoiseFloor
+from ballscrew.measurement.diagnosis.residuals import Residual, floor, residual, rms
+from ballscrew.measurement.records.reading import check_record
+
+pytestmark = pytest.mark.ci
+
+
+def left(force, between):
+    return Residual(force, between, np.ones(len(force), dtype=bool))
+
+
+@given(sizes=st.tuples(*[st.floats(1e-6, 1e6)] * 4))
+def test_at_most_twice_the_floor_in_newtons_is_noise_and_more_is_not(sizes):
+    force, between, of_force, of_between = sizes
+    noise = NoiseFloor(of_force, of_between, 0.0, False)
+    signal = np.array([1.0, -1.0, 1.0, -1.0])
+    told = noise.has(left(force * signal, between * signal))
+    assert told == (force <= 2.0 * of_force and between <= 2.0 * of_between)
+
+
+def test_reading_anew_changes_as_much_as_rounding_leaves_under_the_true_model():
+    count = 2e-6
+    record = strong_record({}, samples=4_000)
+    signals = record.signals | {"x": count * np.round(record.x / count)}
+    courses = [lay_along(check_record("counted", signals), nominal())]
+    found = residual(courses, nominal(), Added.nothing(courses))
+    law = np.mean(np.concatenate([c.force_variance for c in courses]))
+    known = math.hypot(floor(courses, nominal()).force_rms, math.sqrt(law))
+    assert 0.5 < found.force_rms / known < 2.0
+
+
+STEP = 1e-5  # m
+
+
+def test_a_jump_is_named_and_changes_nothing_else():
+    """Friction of half its size in the model, and ten micrometres at three seconds."""
+    record = strong_record({}, samples=6_000)
+    late = record.time > record.time[3_000]
+    x = record.x + STEP * late
+    jumped = check_record("made", record.signals | {"x": x})
+    model = nominal()
+    wrong = model.changed({"Fc": 2.0 * model.values["Fc"]})
+    as_it_is, found = (diagnose_records([r], wrong) for r in (record, jumped))
+    assert found.verdict == as_it_is.verdict != "none"
+    assert [c.name for c in found.causes] == [c.name for c in as_it_is.causes]
+    assert found.floor.force == pytest.approx(as_it_is.floor.force, rel=0.1)
+    (note,) = (n for n in found.notes if "x jumps by" in n)
+    assert f"at {record.time[3_001]:.6g} s (1 in all)" in note
+    assert not any("x jumps by" in n for n in as_it_is.notes)
+    size = float(note.partition("x jumps by ")[2].split()[0])
+    assert size == pytest.approx(10.0, abs=2.0)  # a count
+
+
+def test_voltage_and_current_that_contradict_each_other_are_not_cleared():
+    record = strong_record({}, with_current=True, samples=4_000)
+    courses = [lay_along(record, nominal())]
+    right = residual(courses, nominal(), Added.nothing(courses))
+    signals = record.signals | {"i": 2.0 * record.signals["i"]}
+    courses = [lay_along(check_record("twice", signals), nominal())]
+    twice = residual(courses, nominal(), Added.nothing(courses))
+    assert twice.by_current_rms > 20.0 * right.by_current_rms
+    force = nominal().per_ampere * rms(record.signals["i"])
+    assert twice.by_current_rms == pytest.approx(force, rel=0.1)

@@ -1,0 +1,285 @@
+"""Scores of suspects: against least squares done by hand, and on noise alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from axis_records import friction_noise, gap, moved, signals_of, strong_record
+from diagnosed import nominal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
+from scipy.stats import multivariate_t
+from slide_records import COULOMB, believed, slide_record
+from worlds import layout as at
+
+from ballscrew.measurement.diagnosis import scores
+from ballscrew.measurement.diagnosis.bands import Bands
+from ballscrew.measurement.diagnosis.causes.cause import Shape
+from ballscrew.measurement.diagnosis.scores import Catalogue, scored
+from ballscrew.measurement.diagnosis.study import (
+    COARSE,
+    FREEDOM,
+    Priors,
+    fitted,
+    study_of,
+    within_most,
+)
+from ballscrew.measurement.records.reading import check_record
+
+ROWS, COLUMNS, BLOCKS, BANDS = 100, 3, 5, 2
+EXACT = 1e-3
+
+
+def drawn(seed, amplitude, sizes):
+    """Columns of blocks and bands, the signal first, and how the bands are cut."""
+    random = np.random.default_rng(seed)
+    columns = random.standard_normal((BLOCKS, BANDS, ROWS, COLUMNS))
+    noise = random.standard_normal((BLOCKS, BANDS, ROWS)) * np.array(sizes)[None, :, None]
+    signal = columns @ amplitude + noise
+    data = np.concatenate([signal[..., None], columns], axis=3)
+    bands = Bands(
+        parts=[(0, 0, 0)] * BLOCKS,
+        weights=[np.ones((1, 1))] * BLOCKS,
+        used=np.ones(BANDS, dtype=bool),
+        counts=np.full((BLOCKS, BANDS), float(ROWS)),
+        steps=[1.0] * BLOCKS,
+        top=np.inf,
+    )
+    return data, bands
+
+
+def fit_of(data, bands, columns=COLUMNS, spread=1e6, most=np.inf):
+    chosen = data[..., : 1 + columns]
+    inner = np.einsum("qbri,qbrj->qbij", chosen, chosen)[:, :, None]
+    one = np.ones((1, columns))
+    return fitted(inner, bands, Priors(0.0 * one, spread**-2.0 * one, most * one), EXACT)
+
+
+def test_amplitudes_are_those_of_weighted_least_squares():
+    amplitude, sizes = np.array([1.0, -2.0, 0.5]), (0.1, 3.0)
+    data, bands = drawn(1, amplitude, sizes)
+    fit = fit_of(data, bands)
+    rows = np.concatenate([data[:, b].reshape(-1, 1 + COLUMNS) / sizes[b] for b in range(BANDS)])
+    expected = np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0]
+    assert fit.amplitude[0] == pytest.approx(expected, abs=2e-3)
+    covariance = np.linalg.inv(rows[:, 1:].T @ rows[:, 1:])
+    # a jackknife of five blocks is a rough measure of the standard error
+    assert np.all(fit.error[0] < 5 * np.sqrt(np.diag(covariance)))
+    assert np.all(np.abs(fit.amplitude[0] - amplitude) < 5 * np.sqrt(np.diag(covariance)))
+
+
+def test_scores_are_differences_of_students_densities():
+    """Without values to fit, and the variance of the rest, the density is SciPy's."""
+    data, bands = drawn(2, np.zeros(COLUMNS), (1.0, 3.0))
+    fit = fit_of(data, bands, columns=1, spread=1e-9)
+    # bands are right to a share only, and so many numbers tell as much as fewer do
+    told = round(ROWS / (1.0 + ROWS / COARSE))
+    signal = data[..., 0] * np.sqrt(told / ROWS)
+    for q in range(BLOCKS):
+        rest = np.delete(signal, q, axis=0)
+        total = 0.0
+        for b in range(BANDS):
+            variance = scatter(rest[:, b], told)
+            vector = np.zeros(told)
+            vector[0] = np.linalg.norm(signal[q, b])
+            density = multivariate_t(np.zeros(told), variance * np.eye(told), df=FREEDOM)
+            total += density.logpdf(vector) - density.logpdf(np.zeros(told))
+            total -= 0.5 * told * np.log(variance)
+        assert fit.held[0, q] == pytest.approx(total, abs=0.3)
+
+
+def scatter(blocks, told):
+    """The variance of most likelihood of blocks of Student's distribution, by iteration."""
+    squares = np.sum(blocks**2, axis=1)
+    variance = float(squares.mean() / told)
+    for _ in range(200):
+        weight = (FREEDOM + told) / (FREEDOM + squares / variance)
+        variance = float(np.sum(weight * squares) / (told * len(blocks)))
+    return variance
+
+
+@pytest.mark.ci
+def test_a_column_that_is_not_there_gains_nothing_on_average():
+    gains = []
+    for seed in range(100):
+        data, bands = drawn(seed, np.array([1.0, -2.0, 0.0]), (1.0, 1.0))
+        gains.append(float(fit_of(data, bands).held.sum() - fit_of(data, bands, 2).held.sum()))
+    assert np.mean(gains) < 0.0
+    assert np.quantile(gains, 0.95) < 5.0
+
+
+def test_a_prior_that_is_narrow_holds_a_value():
+    data, bands = drawn(3, np.array([1.0, -2.0, 0.5]), (1.0, 1.0))
+    held = fit_of(data, bands, spread=1e-4)
+    assert np.abs(held.amplitude[0]).max() < 0.01
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.01, 3.0), st.floats(0.0, 3.0))
+def test_values_within_their_tolerances_are_those_of_scipys_bounded_least_squares(
+    seed, most, alike
+):
+    """However alike columns are, and however many values are at their ends."""
+    random = np.random.default_rng(seed)
+    rows, count = 60, 12
+    columns = random.standard_normal((rows, 1 + count))
+    columns[:, 1:] += 10.0**alike * random.standard_normal((rows, 3)) @ random.random((3, count))
+    columns[:, 0] += columns[:, 1:] @ random.standard_normal(count)
+    ones = np.ones((1, count))
+    prior = Priors(0.0 * ones, 1e-12 * ones, most * ones)
+    found = within_most((columns.T @ columns)[None], prior).amplitude[0]
+    assert np.all(np.abs(found) <= most + 1e-12)
+    theirs = lsq_linear(columns[:, 1:], columns[:, 0], (-most, most), method="bvls").x
+    left = [float(np.sum((columns[:, 0] - columns[:, 1:] @ a) ** 2)) for a in (found, theirs)]
+    assert left[0] <= 1.0001 * left[1] + 1e-9 * float(np.sum(columns[:, 0] ** 2))
+
+
+def test_what_is_below_the_exactness_of_a_law_is_no_gain():
+    data, bands = drawn(4, 1e-5 * np.array([1.0, -2.0, 0.5]), (1e-6, 1e-6))
+    gain = fit_of(data, bands).held.sum() - fit_of(data, bands, spread=1e-12).held.sum()
+    assert abs(gain) < 0.1
+
+
+@pytest.fixture(scope="module")
+def looked():
+    """The catalogue of a slide with a ripple, and its suspects."""
+    catalogue = Catalogue(study_of([slide_record("torque_ripple")], believed()))
+    return catalogue, scored(catalogue)
+
+
+def test_the_effect_that_is_there_leads_with_its_size(looked):
+    catalogue, found = looked
+    first, *others = found.suspects
+    assert (first.name, first.form.shape.amplitudes) == (
+        "torque_ripple",
+        ("ripple_cos", "ripple_sin"),
+    )
+    assert first.amplitude == pytest.approx([12.0, 0.0], abs=0.05)
+    assert first.form.shape.values["ripples_per_metre"] == pytest.approx(50.0, rel=2e-3)
+    assert catalogue.force_of(first) == pytest.approx(12.0 / math.sqrt(2.0), rel=0.03)
+    assert (first.share, first.band_share) == pytest.approx((0.9989, 0.9996), abs=2e-4)
+    assert first.score == pytest.approx(first.by_block.sum() - first.cost + found.base.cost[0])
+    assert first.score == pytest.approx(1030.0, rel=0.01)
+    assert found.base.cost[0] == pytest.approx(0.288, abs=0.01)
+    assert first.cost < 0.02
+    assert first.doubt == 0.0  # its period is found, not tried
+    assert [s.score for s in others] == sorted((s.score for s in others), reverse=True)
+    # nothing else is needed beside it
+    assert others[0].score < 10.0
+    assert max(found.beside.values()) < 1.0
+
+
+def test_what_is_left_without_a_suspect_is_told_over_the_friction(looked):
+    """All of the ripple's force is in the bands' numbers, which are fewer than the windows."""
+    catalogue, found = looked
+    counts = catalogue.study.bands.counts[:, catalogue.study.bands.used].sum()
+    windows = len(catalogue.study.courses[0].resting)
+    size = 12.0 / math.sqrt(2.0) * math.sqrt(windows / counts)
+    assert found.unlike_noise[0] == pytest.approx(math.log(size / COULOMB), abs=0.08)
+    assert found.unlike_noise[1] == found.unlike_noise[0]  # no voltages
+    # of the largest block over the median, and the slow bands over the fastest one
+    assert found.unlike_noise[2:] == pytest.approx((0.204, 0.791), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("share", "excess", "cuts"),
+    [(0.25, 1.2, True), (0.25, 1.3, False), (0.15, 1.2, False)],
+)
+def test_a_limit_that_cuts_many_samples_by_little_only_cuts_noise(share, excess, cuts):
+    """More than a fifth of the samples, by less than a quarter of the limit."""
+    u = np.where(np.arange(1000) < 1000 * share, -excess * 5.0, 4.0)
+    courses = [SimpleNamespace(u=u)]
+    assert scores._cuts_noise(courses, {"voltage_limit": 5.0}) == cuts
+    assert not scores._cuts_noise(courses, {"stiffness": 5.0})
+
+
+def test_sizes_that_no_machine_has_are_no_suspects():
+    study = SimpleNamespace(prior_model=believed())
+
+    def can_be(name, size, sure=None, freed=()):
+        shape = Shape(("a",), values={}, sure=sure, freed=freed)
+        form = scores.Form(name, shape, np.array([1]), None)
+        return scores._can_be(study, form, np.array([size]))
+
+    # of known size: one, give or take a half, or ten spreads where they are less
+    assert [can_be("backlash", s, sure=0.2) for s in (1.49, 1.5, 0.51, 0.5)] == [True, False] * 2
+    assert [can_be("backlash", s, sure=0.01) for s in (1.098, 1.0995, 0.902)] == [True, False, True]
+    assert [can_be("scale_of_u", s) for s in (-0.99, -1.0)] == [True, False]
+    assert [can_be("parameter_error", s, freed=("Fc",)) for s in (-0.89, -0.9)] == [True, False]
+    assert [can_be("unmodelled_inertia", s, freed=("m",)) for s in (0.031, 0.03)] == [True, False]
+    together = (("kt", "ke"), ("Fc_pos", "Fc_neg"), ("Fc", "Fs"), ("Fc", "sigma2"))
+    assert [scores._goes_together(n) for n in together] == [True, True, True, False]
+
+
+@pytest.mark.ci
+def test_a_noisy_current_is_not_told_smaller_to_make_its_noise_smaller():
+    record = strong_record({}, with_current=True)
+    random = np.random.default_rng(0)
+    noise = 0.5 * float(np.std(record.signals["i"])) * random.standard_normal(len(record.x))
+    record = replace(record, signals={**record.signals, "i": record.signals["i"] + noise})
+    study = study_of([record], nominal())
+    catalogue = Catalogue(study)
+    fit = catalogue.without([])
+    at_gain = study.values.index("current_gain")
+    gain = study.courses[0].calibration["current_gain"] + fit.amplitude[0, at_gain]
+    assert abs(gain) < 0.02
+    found = {s.name: s.score for s in scored(catalogue).suspects}
+    assert found.get("scale_of_i", 0.0) < 5.0
+
+
+@pytest.mark.ci
+def test_a_speed_that_follows_within_an_interval_is_no_delay():
+    """A held command of rising frequency; the axis answers three times faster than its record."""
+    time = np.arange(8_000) * 1e-3
+    u = 12.0 * np.sin(2 * np.pi * (1.0 + 2.0 * time) * time)
+    light = {at.MOTOR_MASS: 0.0}
+    signals = signals_of(moved(light, u, np.zeros(len(u))), u)
+    record = check_record("chirp", {n: c for n, c in signals.items() if n != "i"})
+    study = study_of([record], nominal().changed({"Jm": 0.0}))
+    assert study.courses[0].calibration["fast_speed"] == pytest.approx(1.0, abs=0.3)
+    found = {s.name: s.score for s in scored(Catalogue(study)).suspects}
+    assert found.get("input_delay", 0.0) < 30.0
+
+
+@pytest.mark.ci
+def test_a_gap_is_found_between_the_points_of_the_grid():
+    study = study_of([strong_record(gap(1e-4))], nominal())
+    first = scored(Catalogue(study)).suspects[0]
+    assert first.name == "backlash"
+    assert first.form.shape.values["gap"] == pytest.approx(1e-4, rel=0.1)
+
+
+@pytest.mark.ci
+def test_a_limit_far_below_the_largest_command_is_found():
+    """A limit of 5 V for a command of 97 V was not in the grid."""
+    share = 0.05
+    largest = float(np.abs(strong_record({}).u).max())
+    study = study_of([strong_record({at.LIMIT: share * largest})], nominal())
+    found = {s.name: s for s in scored(Catalogue(study)).suspects}
+    limit = found["voltage_saturation"].form.shape.values["voltage_limit"]
+    assert limit == pytest.approx(share * largest, rel=0.05)
+
+
+@pytest.mark.ci
+def test_a_swing_is_found_where_the_record_rests_most_of_the_time():
+    """Sums over time had most of their power in the rests."""
+    time = np.arange(20_000) * 1e-3
+    u = 3.0 * np.sign(np.sin(2 * np.pi * 0.25 * time)) * (np.mod(time, 4.0) < 1.0)
+    u += 3.0 * np.sign(np.sin(2 * np.pi * 0.25 * time)) * (np.mod(time, 4.0) > 3.0)
+    log = moved({at.RIPPLE: 0.3, at.RIPPLE_PERIOD: 2e-3}, u, friction_noise(3, len(u)))
+    signals = signals_of(log, u)
+    del signals["i"]
+    study = study_of([check_record("made", signals)], nominal())
+    swings = [
+        value
+        for form in Catalogue(study).forms
+        if form.name == "torque_ripple"
+        for name, value in form.shape.values.items()
+        if name == "ripples_per_metre"
+    ]
+    assert min(abs(s - 500.0) for s in swings) < 2.0

@@ -1,0 +1,70 @@
+"""Which samples are at reversals, slow, fast, accelerating: of motions known by hand."""
+
+import numpy as np
+import pytest
+from diagnosed import nominal
+
+from ballscrew.measurement.diagnosis.modelled_record import lay_along
+from ballscrew.measurement.identification.motion_parts import PARTS, motion_parts
+from ballscrew.measurement.records.reading import check_record
+
+STEP = 1e-3
+
+
+def parts_of(v):
+    time = STEP * np.arange(len(v))
+    x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * STEP])
+    record = check_record("made", {"time": time, "u": 20.0 * v, "x": x})
+    return motion_parts(lay_along(record, nominal()))
+
+
+def strokes():
+    """Fast forwards, slow forwards, fast backwards, slow backwards, two seconds each."""
+    speeds = np.repeat([0.05, 0.01, -0.05, -0.01, 0.05], 2000)
+    return np.convolve(np.pad(speeds, 50, mode="edge"), np.ones(101) / 101, mode="valid")
+
+
+def test_each_moving_sample_is_once_in_each_view():
+    parts = parts_of(strokes())
+    assert list(parts) == list(PARTS)
+    moving = parts["forwards"] | parts["backwards"]
+    for view in (
+        ("reversals", "slow", "fast"),
+        ("accelerating", "steady"),
+        ("forwards", "backwards"),
+    ):
+        assert np.array_equal(sum(parts[name].astype(int) for name in view), moving)
+
+
+def test_parts_are_where_they_were_put():
+    v = strokes()
+    parts = parts_of(v)
+    middle = np.zeros(len(v), dtype=bool)
+    for start in range(0, len(v), 2000):
+        middle[start + 300 : start + 1700] = True
+    slow = np.abs(v) < 0.02
+    assert np.all(parts["slow"][middle & slow])
+    assert np.all(parts["fast"][middle & ~slow])
+    assert np.all(parts["steady"][middle])
+    assert np.all(parts["forwards"][middle & (v > 0)])
+    # the ramps take 0.1 s, and the motion turns round at 4 s and at 8 s
+    assert not np.any(parts["reversals"][middle])
+    for turn in (4000, 8000):
+        assert np.any(parts["reversals"][turn - 100 : turn + 100])
+    assert parts["accelerating"][[2000, 4000, 6000, 8000]].all()
+
+
+def test_a_fast_sine_is_not_all_reversal():
+    v = 0.05 * np.sin(2 * np.pi * 3.0 * STEP * np.arange(4000))
+    parts = parts_of(v)
+    share = parts["reversals"].mean()
+    assert share == pytest.approx(2 / np.pi * np.arcsin(0.2), rel=0.1)
+    assert [name for name, mask in parts.items() if not mask.any()] == ["rest"]
+
+
+def test_a_drive_that_rests_is_in_no_other_part():
+    v = strokes()
+    v[4000:5000] = 0.0
+    parts = parts_of(v)
+    assert parts.pop("rest")[4200:4800].all()
+    assert not any(mask[4200:4800].any() for mask in parts.values())

@@ -1,0 +1,76 @@
+"""Records of the virtual rig, closed loop and all: what was put in comes out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ballscrew.measurement.identification.identify import identify
+from ballscrew.measurement.records.reading import read_force_records
+from ballscrew.measurement.rig.bench import run_trial
+from ballscrew.measurement.rig.rig_trials import trials_named
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Constant velocities and slow sines in either direction, as ``ballscrew rig`` writes them."""
+    path = tmp_path_factory.mktemp("rig")
+    names = ["2.3.1", *(f"2.4/{k}" for k in (1, 3, 5, 7, 9, 11, 13, 15))]
+    for trial in (t for name in names for t in trials_named(name)):
+        run_trial(trial, "modified_lugre", {}, seed=1).save(path / trial.folder)
+    return path
+
+
+@pytest.mark.prove
+def test_the_rig_s_parameters_come_back_within_their_intervals(folder):
+    records = read_force_records([folder])
+    truth = records[0].about["parameters"]
+    assert records[0].mass == truth["plant.m"]
+    result = identify(records, "modified_lugre")
+    for name, i in result.parameters.items():
+        if name != "sigma1":
+            assert i.identified, name
+        low, high = i.low or 0.0, i.high or float("inf")
+        assert low <= truth[f"plant.{name}"] <= high, name
+    assert not result.parameters["sigma1"].identified
+    assert [d.split(":")[0] for d in result.warnings] == ["sigma1"]
+    assert not any("directions differ" in n for n in result.notes)
+
+
+@pytest.fixture(scope="module")
+def force_steps(tmp_path_factory):
+    """Table 2.8: presliding by the capacitance sensor, and its truth."""
+    path = tmp_path_factory.mktemp("steps")
+    made = [run_trial(t, "modified_lugre", {}, seed=2) for t in trials_named("2.8")]
+    for one in made:
+        one.save(path / one.trial.folder)
+    return path, made
+
+
+@pytest.mark.ci
+def test_fine_positions_follow_the_plates_and_not_the_instrument_s_polynomial(force_steps):
+    path, made = force_steps
+    ours, instrument = [], []
+    for one in made[:2]:  # to 0.5 N: over a small way, where the polynomial's slope is wrong
+        (record,) = read_force_records([path / one.trial.folder])
+        late = round(record.lags["x_fine"] / record.step)
+        true = one.truth["x"][: len(record.position) - late]
+        ours.append(np.polyfit(true, record.position[late:], 1)[0] - 1)
+        instrument.append(np.polyfit(true, one.record["x_fine"][late:], 1)[0] - 1)
+    assert abs(np.mean(ours)) < 0.01
+    assert abs(np.mean(instrument)) > 0.03
+
+
+@pytest.mark.ci
+def test_from_presliding_alone_nothing_is_claimed_of_sliding(force_steps):
+    path, made = force_steps
+    result = identify(read_force_records([path]), "modified_lugre")
+    truth = made[0].parameters
+    for name in ("Fc", "Vs", "sigma2"):
+        i = result.parameters[name]
+        assert (i.identified, i.low, i.high) == (False, None, None)
+        assert "hardly slides" in i.because
+        assert "would be enough" in i.would_do
+    stiffness = result.parameters["sigma0"]
+    assert stiffness.identified
+    assert stiffness.low <= truth["plant.sigma0"] <= stiffness.high

@@ -1,0 +1,80 @@
+"""An FMU as a digital controller: stepped at its samples alone, its commands held between."""
+
+import numpy as np
+import pytest
+from third_party_fmus import proportional
+
+import ballscrew
+from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
+from ballscrew.orchestration.fmu.sampled_fmu import sampled_every
+
+PERIOD = 2e-3
+MINE = """
+from ballscrew import Component, Input, Output, symbol
+
+LAW = 400.0 * (symbol("x_d") - symbol("x")) - 2.0 * symbol("v")
+
+
+def pd():
+    inputs = (
+        Input("x", "m", "position", role="measurement", nominal=0.1),
+        Input("v", "m/s", "velocity", role="measurement", nominal=0.1),
+        Input("x_d", "m", "set-point", role="reference", nominal=0.1),
+    )
+    law = Output("u", "V", "motor voltage", LAW)
+    return Component(name="pd", description="as equations", inputs=inputs, outputs=(law,))
+"""
+
+
+@pytest.mark.parametrize("step", [PERIOD / 3, pytest.param(None, marks=pytest.mark.ci)])
+def test_it_runs_as_the_same_law_sampled_in_equations(tmp_path, step):
+    (tmp_path / "mine.py").write_text(MINE)
+    given = {"stop": 0.3, "sampled": PERIOD, "step": step}
+    theirs = proportional(tmp_path, "Theirs")
+    fmu, equations = (ballscrew.run(part, **given) for part in (theirs, f"{tmp_path}/mine.py:pd"))
+    assert fmu.run.sampling_period == equations.run.sampling_period == PERIOD
+    assert fmu.trusted
+    ours = np.interp(fmu.run.time, equations.run.time, equations.run.outputs["x"])
+    np.testing.assert_allclose(fmu.run.outputs["x"], ours, rtol=0, atol=1e-6)
+    points = np.round(fmu.run.time / PERIOD, 6)
+    assert not np.diff(fmu.run.commands["u"])[points[1:] % 1 != 0].any()
+
+
+def test_it_is_stepped_once_in_each_period_whatever_the_steps_and_the_end_of_the_run(tmp_path):
+    counts = proportional(
+        tmp_path,
+        "Counts",
+        in_step="assert abs(step_size - 0.003) < 1e-12; "
+        "self.n = getattr(self, 'n', -1) + 1; "
+        "assert abs(current_time - 0.003 * self.n) < 1e-12",
+    )
+    for step in (3e-3, 7e-4):
+        result = ballscrew.run(counts, stop=0.05, step=step, sampled=3e-3)
+        assert not result.run.stopped
+        assert result.run.time[-1] == pytest.approx(0.05)
+    continuous = ballscrew.run(proportional(tmp_path, "Theirs"), stop=0.02, step=1e-3)
+    assert any("--sampled" in note for note in continuous.notes)
+    assert not any("--sampled" in note for note in result.notes)
+
+
+def test_a_restored_state_goes_on_as_the_saved_one(native):
+    part = sampled_every(FmuInstance(native("pid"), "controller"), PERIOD)
+    part.initialize({}, 1.0)
+    put, got = part.writer(["x", "v", "x_d"]), part.reader(["u"])
+
+    def moved(first):
+        seen = []
+        for k in range(first, first + 6):
+            put(np.array([0.01 * k, 0.1, 0.08]))
+            part.step(k * PERIOD / 3, PERIOD / 3)
+            seen.append(got()[0])
+        return seen
+
+    moved(0)
+    state = part.save()
+    once = moved(6)
+    part.restore(state)
+    assert moved(6) == once
+    assert len(set(once)) == 2
+    part.release(state)
+    part.close()

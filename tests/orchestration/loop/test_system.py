@@ -1,0 +1,158 @@
+"""Closed loops from .ssp files: ours, and third-party ones with more parts, units, start values."""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from third_party_fmus import feedthrough, proportional
+
+from ballscrew.cli import main
+from ballscrew.fmus.system_export import export_system
+from ballscrew.orchestration.loop.catalogue import fmu
+from ballscrew.orchestration.loop.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop.loop import Loop, SystemLoop
+from ballscrew.orchestration.master.couplings import Coupling
+from ballscrew.orchestration.master.reference_signal import Reference
+
+STEP = 1e-3  # where runs are compared with each other, none needs to choose its step
+
+
+@pytest.fixture(scope="module")
+def ours(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ssp")
+    return {
+        name: export_system(fmu("plant"), fmu(name), folder / f"{name}.ssp", name=name)
+        for name in ("iol", "nctf", "pid_sampled")
+    }
+
+
+def test_our_own_file_gives_the_same_run_as_the_parts_by_name(ours):
+    for name, path in ours.items():
+        by_file = run_closed_loop(SystemLoop(path, stop=0.2, step=STEP)).run
+        by_name = run_closed_loop(Loop(name, stop=0.2, step=STEP)).run
+        assert by_file.coupling is by_name.coupling
+        assert by_file.verdict.word == by_name.verdict.word
+        np.testing.assert_array_equal(by_file.time, by_name.time)
+        np.testing.assert_array_equal(by_file.reference, by_name.reference)
+        for column, course in by_name.outputs.items():
+            np.testing.assert_array_equal(by_file.outputs[column], course)
+
+
+def test_set_point_stop_time_and_parameters_come_from_the_file_unless_told(ours, tmp_path):
+    short = export_system(
+        fmu("plant"), fmu("nctf"), tmp_path / "short.ssp", name="s", setpoint=-0.03, stop=0.05
+    )
+    own = run_closed_loop(SystemLoop(short)).run
+    assert own.time[-1] == 0.05
+    assert set(own.reference) == {-0.03}
+    told = run_closed_loop(
+        SystemLoop(short, Reference.constant(0.02), stop=0.1, values={"plant.sigma0": 6e4})
+    ).run
+    same = run_closed_loop(
+        Loop("nctf", reference=Reference.constant(0.02), stop=0.1, plant_values={"sigma0": 6e4})
+    ).run
+    np.testing.assert_array_equal(told.outputs["z"], same.outputs["z"])
+
+
+SSD = """<?xml version="1.0"?>
+<ssd:SystemStructureDescription version="1.0" name="strange"
+    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"
+    xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues">
+  <ssd:System name="strange">
+    {inputs}
+    {values}
+    <ssd:Elements>{elements}</ssd:Elements>
+    <ssd:Connections>{connections}</ssd:Connections>
+  </ssd:System>
+  {tail}
+</ssd:SystemStructureDescription>
+"""
+
+
+def strange(path: Path, elements, connections, inputs="", values="", tail=""):
+    """An .ssp written by hand: FMU files by name, and connections such as "a.x -> b.y * 2"."""
+
+    def component(name):
+        return f'<ssd:Component name="{name}" source="resources/{name}.fmu"/>'
+
+    def connection(text):
+        ends, _, factor = text.partition(" * ")
+        (a, x), (b, y) = (end.rpartition(".")[::2] for end in ends.split(" -> "))
+        element = f'startElement="{a}" ' if a else ""
+        scaled = f'<ssc:LinearTransformation factor="{factor}"/>' if factor else ""
+        return (
+            f'<ssd:Connection {element}startConnector="{x}" endElement="{b}" endConnector="{y}">'
+            f"{scaled}</ssd:Connection>"
+        )
+
+    text = SSD.format(
+        inputs=inputs,
+        values=values,
+        elements="".join(map(component, elements)),
+        connections="".join(map(connection, connections)),
+        tail=tail,
+    )
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("SystemStructure.ssd", text)
+        for name, file in elements.items():
+            archive.write(file, f"resources/{name}.fmu")
+    return path
+
+
+LOOP = ["axis.x -> ctl.x", "axis.v -> ctl.v", "ctl.u -> axis.u"]
+INPUT = """<ssd:Connectors><ssd:Connector name="goal" kind="input"><ssc:Real/></ssd:Connector>
+</ssd:Connectors>"""
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("parts")
+    return {
+        "axis": fmu("plant"),
+        "ctl": proportional(folder, "Ctl"),
+        "amplifier": feedthrough(folder, "Amplifier"),
+    }
+
+
+@pytest.mark.ci
+def test_a_factor_on_a_connection_is_honoured(parts, tmp_path):
+    scaled = strange(
+        tmp_path / "scaled.ssp",
+        {k: parts[k] for k in ("axis", "ctl")},
+        [*LOOP[:2], "ctl.u -> axis.u * 0.5", ".goal -> ctl.x_d * 0.01"],
+        INPUT,
+    )
+    run = run_closed_loop(SystemLoop(scaled, Reference.constant(8.0), stop=0.05, step=1e-4)).run
+    plain = strange(
+        tmp_path / "plain.ssp",
+        {k: parts[k] for k in ("axis", "ctl", "amplifier")},
+        [*LOOP[:2], "ctl.u -> amplifier.a", "amplifier.b -> axis.u", ".goal -> ctl.x_d"],
+        INPUT,
+    )
+    study = SystemLoop(
+        plain,
+        Reference.constant(0.08),
+        stop=0.05,
+        step=1e-4,
+        values={"amplifier.gain": 0.5},
+        coupling=Coupling.GAUSS_SEIDEL,
+    )
+    np.testing.assert_allclose(
+        run.outputs["x"], run_closed_loop(study).run.outputs["x"], atol=1e-12
+    )
+
+
+def test_the_command_line_exports_and_runs_systems(tmp_path, capsys):
+    assert main(["export", "--ssp", "--only", "nctf", "--out", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.strip() == str(tmp_path / "nctf.ssp")
+    out = tmp_path / "out"
+    path = str(tmp_path / "nctf.ssp")
+    assert main(["run", "--system", path, "--stop", "0.1", "--out", str(out)]) == 0
+    assert (out / "trajectory.csv").read_text().startswith("time,x,v,z,i,u,")
+    assert '"controller": "nctf"' in (out / "metrics.json").read_text()
+    for more in (["--plant", "p.fmu"], ["--map", "a=b"], ["--coupling", "monolithic"]):
+        capsys.readouterr()
+        assert main(["run", "--system", path, *more, "--out", str(out)]) == 2
+        assert capsys.readouterr().err.count("\n") == 1

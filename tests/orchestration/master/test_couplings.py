@@ -1,0 +1,376 @@
+"""Couplings step by step: linear parts, whose own solutions are exact, joined by hand in NumPy."""
+
+import itertools
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from linear_loops import LawSlave, LinearSlave, law_inputs
+from scipy.linalg import expm
+
+from ballscrew.orchestration.fmu.fmu_instance import StepFailed
+from ballscrew.orchestration.master.couplings import Coupling
+from ballscrew.orchestration.master.loop_run import UNKNOWN, CouplingError
+from ballscrew.orchestration.master.master import run_loop
+from ballscrew.orchestration.master.reference_signal import Reference
+from ballscrew.orchestration.master.step_choice import choose_step
+
+A = np.array([[0.0, 1.0], [-4.0, -1.0]])
+B = np.array([[0.0], [3.0]])
+AC, BC = np.array([[-2.0]]), np.array([[0.7, -0.4, 1.1]])
+C, D = np.array([[1.3]]), np.array([[-2.0, -0.6, 2.5]])
+K = D[:, :2]
+START, OWN_START = np.array([0.3, -0.2]), np.array([0.1])
+STEP, STOP = 0.05, 1.02  # the last step is shorter
+JACOBI, GAUSS_SEIDEL, LAW = Coupling.JACOBI, Coupling.GAUSS_SEIDEL, Coupling.INTERFACE_JACOBIAN
+# rises, jumps between two communication points, and stays
+GOAL = Reference(np.array([0.0, 0.4, 0.63, 0.63, 2.0]), np.array([0.0, 1.0, 1.0, -0.5, -0.5]))
+STILL = Reference.constant(1.0)
+
+
+def parts(law=True, **how):
+    """A plant and a controller u = C z + D (y, x_d), z' = AC z + BC (y, x_d)."""
+    ports = law_inputs(2) if law else ["u"]
+    wide = np.hstack([B, np.zeros((2, len(ports) - 1))])
+    kind, names = LawSlave if law else LinearSlave, ["y0", "y1"]
+    none = np.zeros((2, len(ports)))
+    plant = kind("plant", A, wide, np.eye(2), none, ports, names, START)
+    plant.can_save = how.get("can_save", True)
+    controller = LinearSlave("controller", AC, BC, C, D, [*names, "x_d"], ["u"], OWN_START, **how)
+    return plant, controller
+
+
+def follow(a, b, h, x, given, ramp=0.0):
+    """The solution of x' = a x + b (given + ramp t) after a time."""
+    given = np.broadcast_to(given, b.shape[1])
+    ramps = np.broadcast_to(ramp, b.shape[1])
+    moved = solution(a.tobytes(), b.tobytes(), len(a), float(h))
+    return moved @ np.concatenate([x, given, ramps])
+
+
+@cache
+def solution(a, b, n, h):
+    a, b = np.frombuffer(a).reshape(n, n), np.frombuffer(b).reshape(n, -1)
+    m = b.shape[1]
+    whole = np.zeros((n + 2 * m, n + 2 * m))
+    whole[:n, :n], whole[:n, n : n + m], whole[n : n + m, n + m :] = a, b, np.eye(m)
+    return expm(whole * h)[:n]
+
+
+def command(y, z, goal):
+    return (C @ z + D @ [*y, goal])[0]
+
+
+class Pair:
+    """The two parts, moved by one coupling."""
+
+    def __init__(self, coupling, corrected, averaged):
+        self.law, self.late = coupling is LAW, coupling is JACOBI and not corrected
+        self.corrected, self.averaged = corrected, averaged
+        self.y, self.z = START, OWN_START
+        self.held = np.nan  # the late command
+        self.probed = None  # the length of the step that the law in force was found with
+        self.residual, self.effect, self.contraction = 0.0, np.zeros(2), np.nan
+
+    def both(self, h, before, after, applied, rate):
+        """Plant, then controller; the residual is the true command at the end minus the applied."""
+        y, z = self.y, self.z
+        if self.law:
+            end = follow(A + B @ K, B, h, y, applied - (K @ y)[0], rate)
+        else:
+            end = follow(A, B, h, y, applied)
+        seen = [*y, before] if self.late else [*end, after]
+        if self.averaged:
+            seen = [*(y + end) / 2, (before + after) / 2]
+        z = follow(AC, BC, h, z, seen)
+        given = applied + self.law * ((K @ (end - y))[0] + rate * h)
+        return end, z, command(end, z, after) - given
+
+    def step(self, h, before, after):
+        y, z = self.y, self.z
+        true = command(y, z, before)
+        applied, rate = self.held if self.late else true, 0.0
+        if self.law:
+            little = (self.probed or h) / 64
+            rate = (command(y, follow(AC, BC, little, z, [*y, before]), before) - true) / little
+            rate += (command(y, z, after) - true) / h
+        end, self.z, residual = self.both(h, before, after, applied, rate)
+        if self.corrected:
+            first, end_before = residual, end
+            self.z = z
+            if self.law:
+                share, rate = 2 / 3, rate + 2 / 3 * first / h
+            else:
+                share, applied = 1 / 2, applied + first / 2
+            end, self.z, residual = self.both(h, before, after, applied, rate)
+            self.effect = np.abs(end - end_before)
+            self.contraction = abs(residual - (1 - share) * first) / abs(share * first)
+        elif abs(true - applied) > abs(residual):
+            residual = true - applied
+        self.held, self.y, self.residual, self.probed = command(y, self.z, before), end, residual, h
+
+
+def by_hand(pair, times, goal, parts=1):
+    """What the pair does from time to time, in steps that end at jumps of the set-point, too."""
+    rows, commands = [START], [command(START, OWN_START, goal.at(0.0))]
+    pair.held = commands[0]
+    seen = {name: [] for name in ("y", "residual", "effect", "contraction")}
+    for start, end in itertools.pairwise(times):
+        inside = [start, *(j for j in goal.jumps((0,)) if start < j < end), end]
+        for begin, until in itertools.pairwise(inside):
+            for k in range(parts):
+                at = begin + (until - begin) / parts * np.array([[k], [k + 1]])
+                before, after = goal.on(at[0], 0)[0], goal.on(at[1], 0, before=True)[0]
+                if before != goal.on(at[0], 0, before=True)[0]:
+                    pair.probed = None
+                pair.step((until - begin) / parts, before, after)
+            seen["effect"].append(pair.effect / (until - begin))
+            for name in ("y", "residual", "contraction"):
+                seen[name].append(getattr(pair, name))
+        rows.append(pair.y)
+        commands.append(command(pair.y, pair.z, goal.at(end)))
+    seen = {name: np.array(values) for name, values in seen.items()}
+    return SimpleNamespace(rows=np.array(rows), commands=np.array(commands), **seen)
+
+
+def outputs(run):
+    return np.column_stack([run.outputs["y0"], run.outputs["y1"]])
+
+
+def contraction_of(run, corrected, lengths):
+    """The mean over the steps, weighted by the effect as a share of the range up to there."""
+    seen = np.vstack([START, run.y])
+    ranges = np.maximum.accumulate(seen) - np.minimum.accumulate(seen)
+    shares = corrected.effect * lengths[:, None] / np.maximum(ranges[1:], 0.01)
+    return np.average(corrected.contraction, weights=shares.max(axis=1))
+
+
+@pytest.mark.parametrize("corrections", [0, 1])
+@pytest.mark.parametrize("coupling", [JACOBI, GAUSS_SEIDEL, LAW])
+def test_a_run_is_its_recursion_and_its_estimate_that_of_its_co_run(coupling, corrections):
+    """Probed derivatives are differences, which are right to 1e-8 here; the rest is round-off."""
+    law = coupling is LAW
+    size = 1e-7 if law else 1e-11
+    how = {"coupling": coupling, "corrections": corrections, "look_again": False}
+    run = run_loop(*parts(law), GOAL, STOP, STEP, **how)
+    times = np.append(np.arange(21) * STEP, STOP)
+    lengths = np.diff(np.sort(np.append(times, 0.63)))
+    np.testing.assert_allclose(run.time, times, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(run.reference, GOAL.on(times, 0), rtol=0, atol=1e-15)
+    exact = by_hand(Pair(coupling, corrections, law or corrections), times, GOAL)
+    np.testing.assert_allclose(outputs(run), exact.rows, rtol=0, atol=size)
+    np.testing.assert_allclose(run.commands["u"], exact.commands, rtol=0, atol=10 * size)
+    other = by_hand(Pair(coupling, not corrections, not law), times, GOAL)
+    corrected = exact if corrections else other
+    residual, effect = np.abs(exact.residual).max(), corrected.effect.max(axis=0)
+    assert run.residual_max["u"] == pytest.approx(residual, abs=10 * size)
+    assert list(run.effect_rate_max.values()) == pytest.approx(effect, rel=1e-9, abs=100 * size)
+    contraction = contraction_of(exact, corrected, lengths)
+    assert run.verdict.contraction == pytest.approx(contraction, rel=1e-9 + 100 * size)
+    estimate = np.abs(exact.rows - other.rows).max(axis=0) / (1 - contraction)
+    found = list(run.verdict.error_estimate.values())
+    assert found == pytest.approx(estimate, rel=1e-9, abs=10 * size)
+
+
+def closed(goal, times):
+    """The exact outputs of the loop for a constant set-point."""
+    whole = np.block([[A + B @ K, B @ C], [BC[:, :2], AC]])
+    driven = np.concatenate([B[:, 0] * D[0, 2], BC[:, 2]])[:, None]
+    start = np.concatenate([START, OWN_START])
+    return np.array([follow(whole, driven, t, start, goal)[:2] for t in times])
+
+
+@pytest.mark.parametrize(
+    ("coupling", "corrections", "order"),
+    [(JACOBI, 0, 1), (GAUSS_SEIDEL, 0, 1), (GAUSS_SEIDEL, 1, 2), (LAW, 0, 2), (LAW, 1, 2)],
+)
+def test_the_error_falls_with_the_order_of_the_coupling_and_the_estimate_covers_it(
+    coupling, corrections, order
+):
+    steps, errors = np.array([0.04, 0.02, 0.01]), []
+    for step in steps:
+        how = {"coupling": coupling, "corrections": corrections}
+        run = run_loop(*parts(coupling is LAW), STILL, 1.0, step, **how)
+        errors.append(np.abs(outputs(run) - closed(1.0, run.time)).max(axis=0))
+        assert np.all(errors[-1] <= list(run.verdict.error_estimate.values()))
+    fitted = np.polyfit(np.log(steps), np.log(np.max(errors, axis=1)), 1)[0]
+    assert fitted == pytest.approx(order, abs=0.2)
+
+
+@pytest.mark.parametrize("coupling", [JACOBI, GAUSS_SEIDEL, LAW])
+def test_a_second_look_compares_with_corrected_runs_of_a_half_and_a_quarter_of_the_step(coupling):
+    law = coupling is LAW
+    run = run_loop(*parts(law), STILL, 1.0, STEP, coupling=coupling, corrections=int(law))
+    exact = by_hand(Pair(coupling, law, law), run.time, STILL).rows
+    half, quarter = (
+        by_hand(Pair(coupling, True, True), run.time, STILL, cut).rows for cut in (2, 4)
+    )
+    estimate = (np.abs(exact - quarter) + 2 * np.abs(half - quarter)).max(axis=0)
+    found = list(run.verdict.error_estimate.values())
+    assert "a half and a quarter of the step" in run.verdict.reason
+    assert found == pytest.approx(estimate, rel=1e-9, abs=1e-7 * law)
+    assert run.verdict.trusted == (np.max(estimate / np.ptp(exact, axis=0)) <= 0.01)
+
+
+@pytest.mark.parametrize("look_again", [False, True])
+@pytest.mark.parametrize(("coupling", "late"), [(JACOBI, GAUSS_SEIDEL), (GAUSS_SEIDEL, JACOBI)])
+def test_without_saved_states_shorter_steps_and_later_commands_judge(coupling, late, look_again):
+    run = run_loop(
+        *parts(False, can_save=False), STILL, 1.0, 0.01, coupling=coupling, look_again=look_again
+    )
+
+    def cut(into, how=coupling):
+        return by_hand(Pair(how, False, False), run.time, STILL, into).rows
+
+    exact, half, quarter = (cut(into) for into in (1, 2, 4))
+    np.testing.assert_allclose(outputs(run), exact, rtol=0, atol=1e-11)
+    span = np.ptp(exact, axis=0)
+    first, second = (np.abs(a - b) / span for a, b in ((exact, half), (half, quarter)))
+    contraction = second.max() / first.max()
+    estimate = first.max(axis=0) * span / (1 - contraction)
+    if look_again:
+        error = np.abs(exact - quarter) + 2 * np.abs(half - quarter)
+        estimate = np.maximum(error, 4 * np.abs(cut(4, late) - quarter)).max(axis=0)
+    assert run.verdict.contraction == pytest.approx(contraction, rel=1e-9)
+    assert list(run.verdict.error_estimate.values()) == pytest.approx(estimate, rel=1e-9)
+    assert run.effect_rate_max == {}
+
+
+@pytest.mark.parametrize("longest", [0.05, 1.0])  # the latter makes large steps that are rejected
+def test_adaptive_steps_are_halves_of_the_longest_within_their_share_of_the_allowed_error(longest):
+    stop = 2 * longest
+    goal = Reference(np.array([0.0, 0.31, 0.31, 10.0]) * stop, np.array([0.0, 0.1, -0.1, -0.1]))
+    how = {"coupling": GAUSS_SEIDEL, "corrections": 1, "adaptive": True}
+    run = run_loop(*parts(False), goal, stop, longest, **how)
+    halvings = -np.log2(np.diff(run.time) / longest)
+    whole = np.isclose(halvings, np.round(halvings))
+    assert whole.sum() >= len(whole) - 2  # those to and from the jump
+    exact = by_hand(Pair(GAUSS_SEIDEL, True, True), run.time, goal).rows
+    other = by_hand(Pair(GAUSS_SEIDEL, False, True), run.time, goal).rows
+    np.testing.assert_allclose(outputs(run), exact, rtol=0, atol=1e-11)
+    ranges = np.maximum.accumulate(exact) - np.minimum.accumulate(exact)  # of accepted steps
+    apart = np.abs(np.diff(exact - other, axis=0)) / np.maximum(ranges[1:], 0.01)
+    share = apart.max(axis=1) / (0.01 * np.maximum(np.diff(run.time) / stop, 1e-3))
+    assert share[halvings < halvings[whole].max() - 0.5].max() <= 1.0  # the shortest have no choice
+    assert len(np.unique(np.round(halvings[whole]))) >= 3
+
+
+@pytest.mark.parametrize("can_save", [True, False])
+@pytest.mark.parametrize("coupling", [JACOBI, GAUSS_SEIDEL])
+def test_a_controller_that_answers_in_its_step_has_seen_the_signals_of_its_start(
+    coupling, can_save
+):
+    sides = parts(False, can_save=can_save, answers_in_step=True)
+    run = run_loop(*sides, STILL, 1.0, STEP, coupling=coupling)
+    y, z, late, rows = START, OWN_START, (C @ OWN_START)[0], [START]
+    for _ in range(20):
+        true = command(y, z, 1.0)
+        z = follow(AC, BC, STEP, z, [*y, 1.0])
+        y = follow(A, B, STEP, y, late if coupling is JACOBI else true)
+        late = true
+        rows.append(y)
+    np.testing.assert_allclose(outputs(run), rows, rtol=0, atol=1e-11)
+    assert np.isfinite(list(run.verdict.error_estimate.values())).all()
+
+
+# loops of parts that both follow their inputs at once
+
+
+def at_once(through, gains, kind=LinearSlave, **how):
+    """x' = A x + B2 u, y = x + through u; u = gains (y, x_d)."""
+    names, commands = ["y0", "y1"][: len(through)], ["u", "w"][: len(gains)]
+    size, both = len(names), np.array([[1.0, 0.3], [0.0, 3.0]])
+    plant = LinearSlave(
+        *("plant", A[:size, :size] - np.eye(size), both[:size, : len(commands)], np.eye(size)),
+        *(through, commands, names, np.zeros(size)),
+        **how,
+    )
+    none = np.zeros((0, 0))
+    controller = kind(
+        *("controller", none, np.zeros((0, size + 1)), np.zeros((len(commands), 0))),
+        *(gains, [*names, "x_d"], commands, np.zeros(0)),
+    )
+    return plant, controller
+
+
+@pytest.mark.parametrize("can_save", [True, False])
+def test_every_row_of_a_loop_of_two_commands_solves_its_equations(can_save):
+    """The first pivot of its matrix is zero."""
+    through, gains = np.array([[0.2, 0.3], [0.4, -0.5]]), np.array([[1, 2, 3], [0.5, -1, 0.7]])
+    around = np.eye(2) - gains[:, :2] @ through
+    assert around[0, 0] == 0.0
+    plant, controller = at_once(through, gains, can_save=can_save)
+    run = run_loop(plant, controller, STILL, 1.0, STEP, coupling=GAUSS_SEIDEL)
+    x, rows, commands = np.zeros(2), [], []
+    for _ in range(21):
+        commands.append(np.linalg.solve(around, gains @ [*x, 1.0]))
+        rows.append(x + through @ commands[-1])
+        x = follow(plant.A, plant.B, STEP, x, commands[-1])
+    np.testing.assert_allclose(outputs(run), rows, rtol=1e-9, atol=1e-9)
+    found = np.column_stack([run.commands["u"], run.commands["w"]])
+    np.testing.assert_allclose(found, commands, rtol=1e-9, atol=1e-9)
+
+
+class Tanh(LinearSlave):
+    shape = staticmethod(np.tanh)
+
+    def reader(self, names):
+        read = super().reader(names)
+        return lambda: self.shape(read())
+
+
+class Relay(Tanh):
+    shape = staticmethod(np.sign)
+
+
+def test_a_loop_that_is_not_linear_is_solved_too_and_one_of_a_relay_is_named():
+    run = run_loop(*at_once(np.array([[0.3]]), np.array([[-4.0, 4.0]]), Tanh), STILL, 1.0, 0.01)
+    expected = np.tanh(4.0 * (1 - run.outputs["y0"]))
+    np.testing.assert_allclose(run.commands["u"], expected, atol=1e-9)
+    assert run.verdict.trusted
+    switching = at_once(np.array([[2.0]]), np.array([[-4.0, 4.0]]), Relay)
+    with pytest.raises(StepFailed, match=r"algebraic loop through controller\.u has no solution"):
+        run_loop(*switching, STILL, 1.0, 0.01)
+
+
+def test_a_plant_that_shows_only_in_its_step_what_it_does_at_once_is_named():
+    """With a gain of 2 the loop diverges from step to step, whatever the step."""
+
+    def run_at(step, look_again=True, gain=2.0):
+        gains = gain / 0.2 * np.array([[-1.0, 1.0]])
+        sides = at_once(np.array([[0.2]]), gains, answers_in_step=True)
+        return run_loop(*sides, STILL, 1.0, step, look_again=look_again)
+
+    run, choice = choose_step(run_at, 0.01)
+    assert "algebraic loop has a loop gain of 2" in run.verdict.reason
+    assert len(choice.tried) == 1
+    assert not run.verdict.trusted
+    assert "algebraic" not in run_at(1e-3, gain=0.2).verdict.reason
+
+
+# how a run ends
+
+
+def test_a_loop_that_diverges_stops_at_its_bound_and_one_that_cannot_go_on_says_when():
+    plant, controller = parts(False)
+    plant.A = np.array([[0.0, 1.0], [0.0, 40.0]])
+    run = run_loop(plant, controller, STILL, 5.0, STEP, coupling=GAUSS_SEIDEL)
+    bound = np.abs(outputs(run)[:-1]).max(), np.abs(outputs(run)[-1]).max()
+    assert bound[0] <= UNKNOWN < bound[1]
+    assert run.diverged
+    assert f"y1 exceeds its bound at t = {run.time[-1]:.6g} s" in run.stopped
+    plant, controller = parts(False)
+    move = plant.step
+
+    def fails(t, h):
+        if t > 0.49:
+            raise StepFailed("no further")
+        move(t, h)
+
+    plant.step = fails
+    run = run_loop(plant, controller, STILL, 1.0, STEP, coupling=GAUSS_SEIDEL)
+    assert run.stopped == "no further (in the step from t = 0.5 s)"
+    assert run.time[-1] == pytest.approx(0.5)
+    with pytest.raises(CouplingError, match="corrections need both FMUs to save"):
+        run_loop(*parts(False, can_save=False), STILL, 1.0, STEP, corrections=1)

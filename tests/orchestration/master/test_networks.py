@@ -1,0 +1,102 @@
+"""Systems of more than two FMUs against the whole of them in one solver of SciPy's."""
+
+import json
+from pathlib import Path
+
+import networks
+import numpy as np
+import pytest
+from networks_of_parts import (
+    CUT_IN_THREE,
+    LAW_WIRES,
+    PERIOD,
+    TWO_AXES,
+    axis,
+    friction,
+    motor,
+    position_controller,
+    screw,
+    two_axis_controller,
+    whole_axes,
+    whole_drive,
+    write_system,
+)
+from trusted_loops import WRONG
+
+from ballscrew.fmus.native.export import export_native
+from ballscrew.orchestration.loop.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop.loop import SystemLoop
+from ballscrew.orchestration.master.couplings import Coupling
+
+
+def off(found, truth):
+    """Largest difference as a share of the range."""
+    return np.abs(found - truth).max() / np.ptp(truth)
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """The drive's .ssp without and with its friction's law ports wired."""
+    folder = tmp_path_factory.mktemp("drive")
+    parts = {"motor": motor, "screw": screw, "friction": friction}
+    fmus = {n: export_native(made(), folder / f"{n}.fmu").path for n, made in parts.items()}
+    fmus["controller"] = export_native(position_controller(), folder / "controller.fmu").path
+    return {
+        wired: write_system(folder / f"{wired}.ssp", fmus, [*CUT_IN_THREE, *law])
+        for wired, law in {"plain": (), "law": LAW_WIRES}.items()
+    }
+
+
+@pytest.mark.parametrize("wired", ["law", pytest.param("plain", marks=pytest.mark.ci)])
+def test_a_plant_cut_in_motor_screw_and_friction_is_the_whole_plant(drive, wired):
+    result = run_closed_loop(SystemLoop(drive[wired], stop=0.3))
+    run = result.run
+    assert run.coupling is Coupling.INTERFACE_JACOBIAN  # the law acts within the screw
+    assert run.verdict.trusted
+    truth = whole_drive(run.time)
+    assert off(run.outputs["x"], truth[:, 0]) < 0.01
+    assert off(run.outputs["v"], truth[:, 1]) < 0.01
+
+
+@pytest.mark.ci
+def test_two_axes_on_one_digital_controller(tmp_path):
+    side = export_native(axis(), tmp_path / "axis.fmu").path
+    elements = {
+        "controller": export_native(two_axis_controller(), tmp_path / "controller.fmu").path,
+        "left": side,
+        "right": side,
+    }
+    path = write_system(tmp_path / "axes.ssp", elements, TWO_AXES)
+    run = run_closed_loop(SystemLoop(path, stop=1.0, values={"right.m": 2.5})).run
+    assert run.verdict.trusted
+    assert run.sampling_period == PERIOD
+    truth = whole_axes(run.time, (1.0, 2.5))
+    at_samples = np.isclose(run.time / PERIOD, np.round(run.time / PERIOD), atol=1e-6)
+    found = [run.outputs["x"], run.outputs["v"], run.others["right.x"], run.others["right.v"]]
+    for course, exact in zip(found, truth.T, strict=True):
+        assert off(course[at_samples], exact[at_samples]) < 0.01
+
+
+# random networks, see proofs/networks.py
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory):
+    return networks.blocks(tmp_path_factory.mktemp("blocks"))
+
+
+@pytest.fixture(scope="module")
+def stored():
+    text = (Path(__file__).resolve().parents[3] / "docs/proof/networks.json").read_text("utf-8")
+    return json.loads(text)
+
+
+@pytest.mark.ci
+def test_random_networks_made_again_end_as_stored_and_no_wrong_one_is_trusted(fmus, stored):
+    rows = [r for r in stored["outcomes"] if r["step"] > 2e-3][:8]
+    again = [networks.outcome(row["seed"], fmus) for row in rows]
+    assert [o.trusted for o in again] == [row["trusted"] for row in rows]
+    for found, row in zip(again, rows, strict=True):
+        assert found.error == pytest.approx(row["error"], rel=1e-3)
+    assert not any(o.trusted and o.error > WRONG for o in again)
+    assert any(o.error > WRONG for o in again)

@@ -1,0 +1,55 @@
+"""Reading a reference course, and refusing what is none."""
+
+import numpy as np
+import pytest
+import scipy.io
+
+from ballscrew.orchestration.master.reference_signal import BadReference, Reference
+
+pytestmark = pytest.mark.ci
+
+
+def test_linear_between_points_and_held_outside(tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text("x_d, time\n0.0,1\n0.1,2\n")
+    reference = Reference.read(path)
+    assert [reference.at(t) for t in (0.0, 1.0, 1.5, 9.0)] == pytest.approx([0, 0, 0.05, 0.1])
+
+
+def test_two_rows_at_one_time_are_a_jump(tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text("time,x_d\n0,0\n1,0.1\n1,0.3\n2,0.3\n")
+    reference, at = Reference.read(path), np.array([1.0])
+    assert reference.jumps((0,)).tolist() == [1.0]
+    assert [*reference.on(at, 0, before=True), *reference.on(at, 0)] == [0.1, 0.3]
+    assert [reference.at(t) for t in (0.5, 1.5)] == [0.05, 0.3]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty; expected a header row of names"),
+        ("time,y\n0,1\n", "has the columns time, y, expected"),
+        ("time,x_d\n0,0\n1,1\n0.5,2\n", "time does not increase after 1 s"),
+        ("time,x_d\n0,0\n1,1\n1,2\n1,3\n", "time does not increase after 1 s"),
+    ],
+)
+def test_bad_files_are_refused_with_the_place(tmp_path, text, message):
+    path = tmp_path / "r.csv"
+    path.write_text(text)
+    with pytest.raises(BadReference, match=message):
+        Reference.read(path)
+
+
+def test_set_points_are_read_as_records_are(tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text(
+        "Machine 7\ntime [ms];x_d [mm];v_d [mm/s];remark\n0,0;0,5;10;start\n500;1;-10\n"
+    )
+    reference = Reference.read(path)
+    assert reference.at(0.25) == pytest.approx(0.75e-3)
+    np.testing.assert_allclose(reference.velocity, [0.01, -0.01])
+    with pytest.raises(BadReference, match="has x_d as length, and the plant's position is in 'r"):
+        reference.check_measure("rad")
+    scipy.io.savemat(tmp_path / "r.mat", {"time": [0.0, 1.0], "x_d": [0.0, 0.1]})
+    assert Reference.read(tmp_path / "r.mat").at(0.5) == pytest.approx(0.05)

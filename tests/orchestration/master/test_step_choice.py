@@ -1,0 +1,236 @@
+"""Communication steps that choose themselves."""
+
+import itertools
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballscrew.cli import main
+from ballscrew.orchestration.fmu.fmu_instance import SHORTER
+from ballscrew.orchestration.master.couplings import Coupling
+from ballscrew.orchestration.master.loop_run import UNBOUNDED, LoopRun
+from ballscrew.orchestration.master.master import step_choice
+from ballscrew.orchestration.master.step_choice import choose_step, only_step
+from ballscrew.orchestration.master.verdict import Verdict
+
+
+def made_up(step: float, values: np.ndarray, trusted: bool, stopped: str = "") -> LoopRun:
+    time = np.linspace(0.0, 1.0, len(values))
+    return LoopRun(
+        time=time,
+        outputs={"x": values},
+        commands={},
+        reference=np.zeros(len(values)),
+        coupling=Coupling.JACOBI,
+        coupling_reason="",
+        corrected=False,
+        residual_max={},
+        effect_rate_max={},
+        macro_steps=len(values) - 1,
+        step_range=(step, step),
+        verdict=Verdict(trusted, "its own", UNBOUNDED),
+        stopped=stopped,
+    )
+
+
+def with_error(error):
+    """Runs of x = t whose error is a function of the step, without a verdict of their own."""
+
+    def run_at(step: float, _again: bool) -> LoopRun:
+        time = np.linspace(0.0, 1.0, 201)
+        return made_up(step, time + error(step) * np.sin(np.pi * time), False)
+
+    return run_at
+
+
+def test_a_run_that_is_trusted_at_once_is_taken() -> None:
+    run, choice = choose_step(lambda h, _again: made_up(h, np.arange(3.0), True))
+    assert run.verdict.trusted
+    assert choice.step == 1e-3
+    assert choice.tried == ((1e-3, "trusted"),)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_halvings_that_converge_are_trusted_and_bound_the_error(order: int) -> None:
+    def error(step: float) -> float:
+        return 0.2 * (step / 1e-3) ** order
+
+    run, choice = choose_step(with_error(error))
+    assert run.verdict.trusted
+    assert "halving the step" in run.verdict.reason
+    assert error(choice.step) <= run.verdict.error_estimate["x"] * (1 + 1e-9)
+    assert run.verdict.error_estimate["x"] <= 0.01 * 1.2
+
+
+@pytest.mark.parametrize(("ratio", "number"), [(0.69, 9), (0.71, 12)])
+def test_each_halving_must_move_less_than_seven_tenths_of_the_last(ratio, number) -> None:
+    """Then all to come is a geometric series, which is the estimate of the last run."""
+    moved = 0.05 * ratio ** np.arange(12)
+    errors = iter(np.cumsum([0.0, *moved]))
+    run, choice = choose_step(with_error(lambda _h: next(errors)))
+    assert len(choice.tried) == number
+    assert run.verdict.trusted == (ratio < 0.7)
+    assert choice.step == 1e-3 / 2 ** (number - 1)
+    if run.verdict.trusted:
+        to_come = ratio / (1 - ratio)
+        assert run.verdict.error_estimate["x"] == pytest.approx(to_come * moved[number - 2])
+        assert to_come * moved[number - 2] < 0.01 < to_come * moved[number - 3]
+    else:
+        assert choice.reason == "the last of 12 tried: 12 steps were tried"
+
+
+@pytest.mark.parametrize(("apart", "number"), [(0.12, 4), (0.11, 12)])
+def test_runs_that_do_not_come_closer_to_each_other_are_given_up(apart, number) -> None:
+    errors = itertools.cycle([0.0, apart])
+    run, choice = choose_step(with_error(lambda _h: next(errors)))
+    assert not run.verdict.trusted
+    assert len(choice.tried) == number
+    assert ("do not converge" in choice.reason) == (number == 4)
+    assert run.verdict.advice
+
+
+def test_differences_that_are_small_but_do_not_shrink_are_not_trusted() -> None:
+    jumps = iter([0.0, 0.3, -0.3] + [0.008, -0.008] * 10)
+    _, choice = choose_step(with_error(lambda _h: next(jumps)))
+    assert [word for _, word in choice.tried[:5]] == ["not converged"] * 5
+
+
+@pytest.mark.parametrize(("end", "number"), [(0.981, 2), (0.979, 12)])
+def test_runs_that_end_at_the_same_time_are_not_refined_on(end, number) -> None:
+    ends = itertools.chain([1.0], itertools.cycle([end, 1.0]))
+
+    def run_at(step: float, _again: bool) -> LoopRun:
+        run = made_up(step, np.arange(3.0), False, "the loop diverges: x exceeds its bound")
+        return replace(run, time=run.time * next(ends))
+
+    run, choice = choose_step(run_at)
+    assert not run.verdict.trusted
+    assert len(choice.tried) == number
+    assert ("at the same time: the loop diverges" in choice.reason) == (number == 2)
+
+
+@pytest.mark.parametrize(
+    ("advice", "helps", "stopped", "number"),
+    [
+        ("mend the FMU", True, "it failed", 1),
+        (SHORTER, True, "it failed", 12),
+        ("whatever the step", False, "", 1),
+    ],
+)
+def test_what_no_shorter_step_mends_is_not_tried_again(advice, helps, stopped, number) -> None:
+    verdict = Verdict(False, "its own", advice, {"x": 1.0}, step_helps=helps)
+    _, choice = choose_step(
+        lambda h, _: replace(made_up(h, np.arange(3.0), False, stopped), verdict=verdict)
+    )
+    assert len(choice.tried) == number
+    assert (advice in choice.reason) == (number == 1)
+
+
+def test_a_step_that_would_take_more_than_a_minute_in_all_is_only_named(monkeypatch) -> None:
+    """Of 5, 10 and 20 s; the next takes 40 s, and 35 s are gone."""
+    clock = [0.0]
+    monkeypatch.setattr(step_choice, "_clocks", lambda: np.full(2, clock[0]))
+
+    def run_at(step: float, _again: bool) -> LoopRun:
+        clock[0] += 5.0 * 1e-3 / step
+        return made_up(step, np.linspace(0.0, 1.0, 11) * (1 + 100 * step**0.2), False)
+
+    run, choice = choose_step(run_at)
+    assert len(choice.tried) == 3
+    assert "a step of 0.000125 s would take about 40 s of computing time" in run.verdict.advice
+    assert "--step 0.000125" in run.verdict.advice
+
+
+def test_fmus_of_one_step_only_are_told_to_be_made_with_a_shorter_one() -> None:
+    run, choice = only_step(made_up(1e-3, np.arange(3.0), False), 1e-3)
+    assert (choice.step, choice.tried) == (1e-3, ((1e-3, "not converged"),))
+    assert "its FMUs take steps of 0.001 s only" in run.verdict.advice
+    assert not run.verdict.step_helps
+    fine = made_up(1e-3, np.arange(3.0), True)
+    assert only_step(fine, 1e-3)[0] == fine
+
+
+def test_the_command_says_which_step_was_taken_and_why(native, tmp_path, capsys) -> None:
+    out = tmp_path / "out"
+    given = ["--set", "controller.sigma0_hat=66967.8", "--set", "controller.sigma1_hat=352"]
+    parts = ["--controller", str(native("iol")), "--plant", str(native("plant"))]
+    arguments = ["run", *parts, *given, "--stop", "1.5", "--out", str(out)]
+    assert main(arguments) == 0
+    assert "the first whose run is trusted" in capsys.readouterr().out
+    figures = json.loads((out / "metrics.json").read_text())
+    assert figures["steps_tried"][0] == [1e-3, "not converged"]
+    assert figures["steps_tried"][-1][1] == "trusted"
+    assert main([*arguments, "--step", "1e-3"]) == 1
+    assert json.loads((out / "metrics.json").read_text())["step_reason"] == "as asked"
+
+
+def test_halvings_of_what_jumps_are_looked_at_again() -> None:
+    asked = []
+
+    def run_at(step: float, again: bool) -> LoopRun:
+        asked.append((step, again))
+        values = np.linspace(0.0, 1.0, 11) * (1 + 0.2 * step / 1e-3) + (np.arange(11) > 5)
+        return made_up(step, values, False)
+
+    choose_step(run_at)
+    assert asked[0] == (1e-3, True)
+    assert any(again for _, again in asked[1:])
+
+
+def test_no_run_is_trusted_by_a_first_estimate_alone() -> None:
+    """What only the first estimate trusts, and the second look does not, is refined on."""
+    run, choice = choose_step(
+        lambda h, again: made_up(h, np.arange(3.0) * (1 + h), not again or h < 4e-4)
+    )
+    assert run.verdict.trusted
+    assert choice.tried == ((1e-3, "not converged"), (5e-4, "not converged"), (2.5e-4, "trusted"))
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_steps_are_tried_by_what_plays_and_the_first_that_is_near_enough_is_run(same) -> None:
+    asked, tried = [], []
+
+    def values(step: float) -> np.ndarray:
+        return np.linspace(0.0, 1.0, 11) * (1 + 1600.0 * step**2)
+
+    def run_at(step: float, again: bool) -> LoopRun:
+        asked.append((step, again))
+        return made_up(step, values(step) + (0.0 if same else 1e-9), False)
+
+    def try_at(step: float, again: bool) -> LoopRun:
+        tried.append(step)
+        return replace(made_up(step, values(step), False), played=True)
+
+    run, choice = choose_step(run_at, 4e-3, try_at)
+    # of errors of 2.56, 0.64, 0.16 %: the last halving moved it by 0.48 %, which bounds the last
+    assert tried == [2e-3, 1e-3]
+    assert choice.step == 2e-3
+    word = "trusted" if same else "not converged"
+    assert choice.tried == ((4e-3, "not converged"), (2e-3, word), (1e-3, "trusted"))
+    assert asked[:2] == [(4e-3, True), (2e-3, False)]
+    assert asked[2:] == ([] if same else [(2e-3, True)])
+    assert not run.played
+    assert run.verdict.trusted == same
+    if same:
+        error = np.abs(run.outputs["x"] - np.linspace(0.0, 1.0, 11)).max()
+        assert error <= run.verdict.error_estimate["x"]
+
+
+def test_runs_that_are_equal_to_the_last_digit_are_trusted() -> None:
+    run, choice = choose_step(with_error(lambda _h: 0.1))
+    assert (run.verdict.trusted, len(choice.tried)) == (True, 3)
+    assert run.verdict.error_estimate == {"x": 0.0}
+
+
+def test_of_steps_that_are_played_the_last_is_run_if_none_before_is_near_enough() -> None:
+    """It moved by 0.55 %, and all to come by 1.5 times as much, which is 1.4 % in all."""
+    moved = 0.0055 * 0.6 ** np.arange(-3.0, 1.0)
+    errors = dict(zip(4e-3 / 2.0 ** np.arange(5), np.cumsum([0.0, *moved]), strict=True))
+    run_at = with_error(errors.__getitem__)
+    run, choice = choose_step(
+        run_at, 4e-3, lambda step, again: replace(run_at(step, again), played=True)
+    )
+    assert (run.verdict.trusted, run.played, choice.step) == (True, False, 2.5e-4)
+    assert run.verdict.error_estimate["x"] == pytest.approx(1.5 * 0.0055)

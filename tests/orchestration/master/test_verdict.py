@@ -1,0 +1,201 @@
+"""The verdict against exact solutions: wrong results are never called trusted."""
+
+import json
+from pathlib import Path
+
+import linear_loops
+import nonlinear_loops
+import numpy as np
+import pytest
+from trusted_loops import RIGHT, WRONG, plain, summary
+
+from ballscrew.orchestration.loop.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.master.master import run_loop
+from ballscrew.orchestration.master.reference_signal import Reference
+from ballscrew.orchestration.master.verdict import Verdict, asks_again, second_verdict, verdict_of
+
+ROOT = Path(__file__).resolve().parents[3]
+OUTCOMES = {"linear": linear_loops.outcome, "nonlinear": nonlinear_loops.outcome}
+
+
+def test_wrong_results_of_random_stiff_loops_are_not_trusted_and_most_right_ones_are():
+    """Against matrix exponentials; a thousand of them: proofs/trusted_loops.py."""
+    outcomes = [linear_loops.outcome(seed) for seed in range(40)]
+    wrong = [o for o in outcomes if o.error > WRONG]
+    right = [o for o in outcomes if o.error <= RIGHT]
+    assert len(wrong) >= 12
+    assert [o for o in wrong if o.trusted] == []
+    assert len(right) >= 6
+    assert sum(o.trusted for o in right) >= 0.7 * len(right)
+
+
+@pytest.mark.parametrize("family", range(len(nonlinear_loops.FAMILIES)))
+def test_wrong_results_of_loops_that_stick_hit_switch_or_sample_are_not_trusted(family):
+    seeds = range(family, 5 * len(nonlinear_loops.FAMILIES), len(nonlinear_loops.FAMILIES))
+    found = summary([plain(nonlinear_loops.outcome(seed)) for seed in seeds])
+    assert found["wrong"] + found["right"] >= 3
+    assert found["wrong_called_trusted"] == []
+    assert found["right_called_trusted"] == found["right"]
+
+
+@pytest.mark.parametrize(("gap", "trusted"), [(0.55, True), (0.500_01, False), (0.499_99, False)])
+def test_a_jump_closer_to_a_communication_point_than_its_time_is_known_is_not_trusted(gap, trusted):
+    """A mass that nothing drives hits the stop at t = gap; the communication points are tenths."""
+    still = {"k": 0.0, "c": 0.0, "shake": 0.0}
+    plant, controller = (
+        nonlinear_loops.ModelInstance(
+            "plant",
+            nonlinear_loops._plant_kernel("stops", False, False),
+            {**still, "gap": gap, "v_start": 1.0},
+        ),
+        nonlinear_loops.ModelInstance(
+            "controller",
+            nonlinear_loops._controller_kernel("pid", False, False),
+            {"Kp": 0.0, "Kd": 0.0},
+        ),
+    )
+    run = run_loop(plant, controller, Reference.constant(0.0), 1.0, 0.1)
+    assert run.verdict.trusted == trusted
+    assert run.verdict.error_estimate["v"] == pytest.approx(0.0 if trusted else 1.5, abs=1e-9)
+
+
+@pytest.mark.ci
+def test_a_body_that_breaks_loose_at_the_start_itself_is_trusted(native):
+    """Its flag of sticking jumps right after the start, whose value is given."""
+    study = Loop("pid", str(native("plant_classical")), stop=0.05, step=1e-3)
+    run = run_closed_loop(study).run
+    assert run.outputs["stuck"][:3].tolist() == [1.0, 0.0, 0.0]
+    assert run.verdict.trusted
+    assert run.verdict.error_estimate["stuck"] == 0.0
+
+
+@pytest.mark.ci
+def test_a_relay_that_switches_late_in_the_run_and_its_first_co_run_does_not_deceive():
+    o = nonlinear_loops.outcome(30066)
+    assert o.error > WRONG
+    assert not o.trusted
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("kind", OUTCOMES)
+def test_a_sample_of_the_kept_proof_comes_out_the_same_again(kind):
+    stored = json.loads((ROOT / "docs" / "proof" / "trusted_loops.json").read_text())
+    for row in stored["outcomes"][kind][200:205]:
+        again = OUTCOMES[kind](row["seed"])
+        assert again.trusted == row["trusted"]
+        if row["error"] is not None:
+            assert again.error == pytest.approx(row["error"], rel=1e-3, abs=1e-9)
+
+
+# the numbers of a verdict: x goes from 0 to 1, v from 3 to 1, w stays at 5 and z at 0
+
+NAMES = ["x", "v", "w", "z"]
+RUN = np.column_stack(
+    [np.linspace(0, 1, 11), np.linspace(3, 1, 11), np.full(11, 5.0), np.zeros(11)]
+)
+
+
+def off(x=0.0, v=0.0, w=0.0, z=0.0, rows=slice(3, 5)):
+    """The run, with its outputs moved in some rows."""
+    other = RUN.copy()
+    other[rows] += [x, v, w, z]
+    return other
+
+
+@pytest.mark.parametrize(
+    ("moved", "contraction", "safety", "trusted", "worst"),
+    [
+        ({"x": 0.00499}, 0.0, 2.0, True, "x"),
+        ({"x": -0.00501}, 0.0, 2.0, False, "x"),
+        ({"x": 0.00999}, np.nan, 1.0, True, "x"),
+        ({"x": 0.01001}, np.nan, 1.0, False, "x"),
+        ({"x": 0.003, "v": 0.0101}, 0.0, 2.0, False, "v"),
+        ({"x": 0.003, "v": 0.0099}, 0.0, 2.0, True, "v"),
+        ({"x": 0.00249}, 0.5, 2.0, True, "x"),
+        ({"x": 0.00251}, 0.5, 2.0, False, "x"),
+        ({"x": 1e-9}, 0.501, 2.0, False, "leaves 50.1 % of it"),
+        ({"w": 2.4e-8}, 0.0, 2.0, True, "w"),  # of a millionth of its size
+        ({"w": 2.6e-8}, 0.0, 2.0, False, "w"),
+        ({"z": 0.0049}, 0.0, 2.0, True, "z"),  # of one
+        ({"z": 0.0051}, 0.0, 2.0, False, "z"),
+        ({"v": np.inf}, 0.0, 2.0, False, "v"),
+    ],
+)
+def test_a_hundredth_of_the_range_is_allowed_for_the_estimate(
+    moved, contraction, safety, trusted, worst
+):
+    found = verdict_of(NAMES, RUN, [off(**moved)], contraction, "shorter", safety)
+    assert found.trusted is trusted
+    assert worst in found.reason
+    assert found.advice == ("" if trusted else "shorter")
+    growth = 1.0 if np.isnan(contraction) else 1 / (1 - contraction)
+    expected = [abs(moved.get(n, 0.0)) * growth for n in NAMES]
+    assert list(found.error_estimate.values()) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_co_run_with_half_of_the_step_counts_two_and_a_half_times():
+    for half, expected in ((0.003, 0.0075), (0.001, 0.004)):
+        found = verdict_of(NAMES, RUN, [off(x=0.004), off(x=half)], 0.0, "", 1.0)
+        assert found.error_estimate["x"] == pytest.approx(expected)
+        assert "or the set-point within the steps" in found.reason
+    early = verdict_of(NAMES, RUN, [off(x=0.1, rows=slice(7, 8))[:6]], 2.0, "", failure="it ends")
+    assert (early.trusted, early.reason, early.error_estimate["x"]) == (False, "it ends", 0.0)
+    hopeless = verdict_of(NAMES, RUN, [off(x=1e-4)], 2.0, "")
+    assert hopeless.error_estimate["x"] == pytest.approx(0.1)  # never more than a thousand times
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("moved", "rows", "safety", "blind", "asked"),
+    [
+        (0.00049, slice(3, 5), 2.0, False, False),  # clear: a tenth of what is allowed
+        (0.00051, slice(3, 5), 2.0, False, True),
+        (0.00099, slice(3, 5), 1.0, False, False),
+        (0.00049, slice(3, 5), 2.0, True, True),
+        (0.099, slice(3, 5), 2.0, True, True),
+        (0.101, slice(3, 4), 2.0, True, True),  # one of eleven points: less than a tenth
+        (0.101, slice(3, 5), 2.0, True, False),  # hopeless
+        (np.nan, slice(3, 4), 2.0, True, False),
+    ],
+)
+def test_a_second_look_follows_where_the_first_leaves_it_open(moved, rows, safety, blind, asked):
+    other = off(x=moved, rows=rows)
+    first = verdict_of(NAMES, RUN, [other], 0.0, "", safety)
+    assert asks_again(first, RUN, other, safety, blind) is asked
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("half", "quarter", "late", "around", "estimate"),
+    [
+        (0.001, 0.002, None, 0.0, 0.002 + 2 * 0.001),
+        (-0.001, 0.002, None, 0.0, 0.002 + 2 * 0.003),
+        (0.002, 0.002, 0.0044, 0.0, 4 * 0.0024),
+        (0.002, 0.002, 0.0024, 0.001, 0.002 + 0.001),
+        (0.001, 0.002, None, 0.0061, 0.0101),
+    ],
+)
+def test_a_second_look_adds_what_halving_moves_and_what_a_jump_may_be(
+    half, quarter, late, around, estimate
+):
+    first = Verdict(False, "", "shorter", dict.fromkeys(NAMES, 0.0), 0.3)
+    delayed = None if late is None else off(x=late)
+    beside = off(x=around) - RUN
+    found = second_verdict(first, RUN, off(x=half), off(x=quarter), delayed, beside)
+    assert found.error_estimate == pytest.approx({"x": estimate, "v": 0.0, "w": 0.0, "z": 0.0})
+    assert found.trusted is (estimate <= 0.01 + 1e-12)
+    assert found.advice == ("" if found.trusted else "shorter")
+    assert (found.contraction, "x" in found.reason) == (0.3, True)
+
+
+@pytest.mark.parametrize(("late", "trusted"), [(1, True), (30, False)])
+def test_a_flag_is_judged_by_the_share_of_time_that_it_is_wrong(late, trusted):
+    """Where all else agrees: at the point where it changes it is wrong by all of its range."""
+    time = np.linspace(0.0, 1.0, 1001)
+    runs = [np.column_stack([time, time > t]) for t in (0.5, 0.5 + 1e-3 * late, 0.5)]
+    run, half, quarter = (r.astype(float) for r in runs)
+    first = Verdict(True, "", "", {"x": 0.0, "stuck": 0.0})
+    found = second_verdict(first, run, half, quarter, None, np.zeros(2))
+    assert found.trusted is trusted
+    assert found.error_estimate["stuck"] == pytest.approx(1e-3 * late, rel=1e-2)
