@@ -19,7 +19,7 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1901, 1624),
     "controllers": (1294, 1053),
     "fmus": (5265, 4702),
-    "orchestration": (13217, 11462),
+    "orchestration": (13148, 11464),
     "stability": (3113, 2506),
     "ballscrew": (4759, 3934),
     "gallery": (3571, 3184),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1871, 1733),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28205, 26917),
+    "tests": (28233, 26943),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -27,37 +27,23 @@ SWEEPS = 3  # enough for a ring that is not an algebraic loop
 
 @dataclass(frozen=True)
 class Feed:
-    """Source of a member's input.
+    """Source of a member's input."""
 
-    Attributes
-    ----------
-    source : str
-        A member's output as ``member.port``, or an input of the group.
-    """
-
-    source: str
+    source: str  # a member's output as ``member.port``, or an input of the group
     member: str
     port: str
 
 
 @dataclass(frozen=True)
 class Member:
-    """An initialized member: sources of its inputs, and places of its outputs.
-
-    Attributes
-    ----------
-    sources : ndarray of int
-        Place of each feed among the group's values.
-    outputs : slice
-        Places of the outputs among them.
-    """
+    """An initialized member."""
 
     instance: Instance
     feeds: Sequence[Feed]
     write: Writer
     read: Reader
-    sources: npt.NDArray[np.intp]
-    outputs: slice
+    sources: npt.NDArray[np.intp]  # place of each feed among the group's values
+    outputs: slice  # places of its outputs among them
 
 
 def initialize(

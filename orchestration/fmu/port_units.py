@@ -21,25 +21,14 @@ from .wiring import PLANT, POSITION, Wiring, WiringError, names_on
 
 @dataclass(frozen=True)
 class PortUnits:
-    """Conversions of the values between a plant and a controller.
+    """Conversions of the values between a plant and a controller."""
 
-    Attributes
-    ----------
-    scales : dict of str to Scale
-        By port of the controller: of inputs from the plant's unit, or SI for a set-point, to its
-        own; of outputs from its own to the plant's.
-    set_point : Scale
-        From the set-point's SI unit to the unit of the plant's position, for results.
-    one_sided : tuple of str
-        Ports of the controller whose unit only one side gives, with that unit.
-    commands : dict of str to str
-        Unit of each input of the plant that is driven: its own, else the controller's.
-    """
-
+    # by port of the controller: of inputs from the plant's unit, or SI for a set-point, to its own;
+    # of outputs from its own to the plant's
     scales: dict[str, Scale]
-    set_point: Scale
-    one_sided: tuple[str, ...]
-    commands: dict[str, str]
+    set_point: Scale  # from its SI unit to the unit of the plant's position, for results
+    one_sided: tuple[str, ...]  # ports whose unit only one side gives, with that unit
+    commands: dict[str, str]  # unit of each driven input of the plant: its own, else the other's
 
     @property
     def notes(self) -> tuple[str, ...]:

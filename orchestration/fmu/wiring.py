@@ -21,38 +21,21 @@ class WiringError(ValueError):
 
 @dataclass(frozen=True)
 class Wiring:
-    """The connections of a loop.
+    """The connections of a loop."""
 
-    Attributes
-    ----------
-    commands : tuple of (controller output, plant input)
-    signals : tuple of (plant output, controller input)
-    references : tuple of str
-        Controller inputs that take the set-point: the one called ``x_d``, else the only one that
-        nothing drives; with ``x_d`` also those that take its derivatives, ``v_d`` and ``a_d``.
-    orders : tuple of int
-        For each of `references`, the order of the set-point's time derivative.
-    accepts_law, reports_law : bool
-        Whether the plant has the law's inputs, the controller its outputs.
-    unconnected, of_plant : tuple of str
-        Inputs of the controller and of the plant that nothing drives: they stay at their start
-        values, or at values that they are given.
-    others : tuple of str
-        Further outputs of the controller that are recorded.
-    network : bool
-        Whether there are parts that feed each other within a side: their signals and all their
-        outputs are judged, too.
-    """
-
-    commands: tuple[tuple[str, str], ...]
-    signals: tuple[tuple[str, str], ...]
+    commands: tuple[tuple[str, str], ...]  # controller output, plant input
+    signals: tuple[tuple[str, str], ...]  # plant output, controller input
+    # inputs that take the set-point: the one called ``x_d``, else the only one that nothing drives;
+    # with ``x_d`` also those that take its derivatives, ``v_d`` and ``a_d``
     references: tuple[str, ...]
-    accepts_law: bool
-    reports_law: bool
+    accepts_law: bool  # whether the plant has the law's inputs
+    reports_law: bool  # whether the controller has its outputs
+    # inputs of the controller that nothing drives: they stay at their start or given values
     unconnected: tuple[str, ...] = ()
-    orders: tuple[int, ...] = ()
-    of_plant: tuple[str, ...] = ()
-    others: tuple[str, ...] = ()
+    orders: tuple[int, ...] = ()  # of the time derivative of each of `references`
+    of_plant: tuple[str, ...] = ()  # as `unconnected`
+    others: tuple[str, ...] = ()  # further outputs of the controller that are recorded
+    # whether parts feed each other within a side: their signals and outputs are judged, too
     network: bool = False
 
     def __post_init__(self) -> None:

@@ -19,7 +19,7 @@ from ..fmu.wiring import Wiring
 from ..master.loop_run import CouplingError, LoopRun
 from ..master.master import Progress, run_loop
 from ..master.reference_signal import Reference
-from ..master.step_choice import StepChoice, choose_step, only_step
+from ..master.step_choice import MOST, MOST_OF_ISOLATED, StepChoice, choose_step, only_step
 from .loop import HowCoupled
 from .machine import AMPLIFIER, LIMIT
 from .metrics import coarse_notes
@@ -107,7 +107,10 @@ class Joined:
                 run, choice = only_step(run_at(own, True), own)
             else:
                 try_at = partial(run_at, tries=True) if self.may_try else None
-                run, choice = choose_step(run_at, first, try_at)
+                # a call of an FMU in its own process takes much longer
+                slow = any(isinstance(f, IsolatedInstance) for f in self.fmus.values())
+                most = MOST_OF_ISOLATED if slow else MOST
+                run, choice = choose_step(run_at, first, try_at, most)
         step = choice.step if choice else how.step or own or first
         return run, choice, (*self.notes, *states, *self._notes_on(run, step))
 

@@ -12,27 +12,18 @@ from enum import Enum
 
 
 class Coupling(Enum):
-    """A coupling by its name.
-
-    Attributes
-    ----------
-    late : bool
-        Whether the commands arrive one step late.
-    law : bool
-        Whether the plant applies the feedback law inside its own solver.
-    own : str
-        ``module:function`` for a further change of the law in each step; empty if there is none.
-        The function gets the law, a `coupling.FeedbackLaw`, and the step [s], and changes the law's
-        arrays to those that the plant applies. It must keep no state, because steps are repeated.
-    """
+    """A coupling by its name."""
 
     JACOBI = "jacobi", True
     GAUSS_SEIDEL = "gauss-seidel"
     INTERFACE_JACOBIAN = "interface-jacobian", False, True
     MONOLITHIC = "monolithic"
 
-    late: bool
-    law: bool
+    late: bool  # whether the commands arrive one step late
+    law: bool  # whether the plant applies the feedback law inside its own solver
+    # ``module:function`` that changes the law in each step; empty if there is none. It gets the
+    # law, a `coupling.FeedbackLaw`, and the step [s], and changes the law's arrays to those that
+    # the plant applies. It must keep no state, because steps are repeated.
     own: str
 
     def __new__(cls, name: str, late: bool = False, law: bool = False, own: str = "") -> Coupling:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
@@ -125,12 +125,12 @@ def run_loop(  # noqa: PLR0913
     nominal = np.array([plant.nominal(name) for name in plant.outputs])
     course = RunLog(reference, wiring.orders, main.loop.outputs, nominal, len(commands))
     try:
-        time = Clock(stop, step, adaptive, breaks)
-        why = march_on(main, co_runs, time, course, start, progress)
+        clock = Clock(stop, step, adaptive, breaks)
+        why = march_on(main, co_runs, clock, course, start, progress)
     finally:
         for co_run in co_runs:
             co_run.close()
-    ended = _Ended(main, co_runs, course, time, why, not missing)
+    ended = _Ended(main, co_runs, course, clock, why, not missing)
     first = replace(_concluded(ended, names, commands, chosen, reason), played=played)
     if wiring.is_empty and first.verdict.trusted:
         own = (
@@ -318,7 +318,7 @@ def march_on(
     first, second = [*(p.address for p in co_runs), nobody.address, nobody.address][:2]
     why, most = GOES_ON, 1
     while why == GOES_ON and not clock.done:
-        began = perf_counter()
+        began = time.perf_counter()
         why = library().master_march(
             main.address, first, second, clock.address, course.address, most
         )
@@ -328,7 +328,7 @@ def march_on(
         for pair in pairs:
             pair.collect()
         # short chunks: interruptions and progress are handled between two of them
-        slow = perf_counter() - began > LONGEST_WAIT
+        slow = time.perf_counter() - began > LONGEST_WAIT
         most = max(1, most // 2) if slow else min(2 * most, CHUNK)
         if progress:
             progress(clock.now)

@@ -4,7 +4,8 @@ If an output jumps, for example a velocity at an impact, its value is wrong at a
 point between the true jump and the jump in the run, even if these are very close; and other runs
 may jump on the same side. The possible distance in time between the jumps of two runs is measured:
 the difference of the runs just before the jump, divided by the speed of the outputs there. If a
-jump is closer than that to a communication point, the output at this point is not known.
+jump is closer than that to a communication point, the output at this point is not known; except if
+it is exactly there, as the tick of a clock: then it is on the same side of the point in all runs.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ Vector = npt.NDArray[np.float64]
 March = Callable[[RecordedLoop, list[RecordedLoop], Clock, RunLog, Vector], object]
 
 PARTS = 4096  # of a step: the resolution of times close to a jump
+TICKS = 256  # of such a part: a jump closer than one tick to a point is exactly there
+BEFORE = 4  # ticks before a point, in which a controller answers, also if it is a step late
 MISTIMED = 3.0  # safety factor on the measured distance in time of two runs' jumps
 CLOSEST, FARTHEST = 2, PARTS // 8  # parts; beyond an eighth of a step, the time is not known
 SLOWEST = 0.1  # of the fastest output's speed: slower outputs do not show the time of a jump
@@ -117,7 +120,8 @@ def _marched(
         clock = Clock(setting.stop, step, False, setting.breaks)
         setting.march(loop, [*others], clock, log, setting.start)
     finally:
-        _close(loop, *others)
+        for each in (loop, *others):
+            each.close()
     tables = [np.concatenate(pair.outputs) for pair in (loop, *others)]
     rows = np.searchsorted(np.concatenate(log.times), times - 1e-6 * setting.step)
     if min(map(len, tables)) <= rows[-1]:
@@ -131,35 +135,30 @@ def around_jumps(setting: Setting, run: Vector, distance: Vector) -> Vector:
     `run` (k, n) has the outputs at these points, `distance` (k, n) their largest error.
     """
     around = np.zeros_like(run)
-    found = np.flatnonzero(jumps(run)).tolist()
-    if not found:
+    parts = {k: _parts(k, run, distance) for k in np.flatnonzero(jumps(run)).tolist()}
+    if not parts:
         return around
-    last = round(setting.stop / setting.step * PARTS)
-    rows = {}
-    for k in found:
-        start, end = k * PARTS, min((k + 1) * PARTS, last)
-        rows[k] = [
-            start,
-            *(start + o for o in _offsets(_parts(k, run, distance), end - start)),
-            end,
-        ]
-    loop = setting.opened(1)
-    try:
-        seen = _seen_within(setting, loop, len(run), last, rows)
-    finally:
-        _close(loop)
-    for k, looked_at in rows.items():
-        if k not in seen:
-            beside = np.abs(run[k + 1] - run[k])[None]
-        else:
-            moved = np.abs(np.diff(seen[k], axis=0))
-            if len(looked_at) == NEAR:
-                beside = np.array([moved[0] - STEADY * moved[1], moved[-1] - STEADY * moved[-2]])
-            else:
-                beside = np.where(moved.max(0) > SHARP * moved.sum(0), moved.max(0), 0.0)[None]
-        around[k : k + 2] = np.maximum(around[k : k + 2], beside)
+    seen = _seen_within(setting, len(run), parts)
+    beside = {k: _beside(run[k : k + 2], seen.get(k)) for k in parts}
+    jumped = {k: 0 for k in seen if (beside[k] > 0.0).any()}
+    for k, outputs in (_seen_within(setting, len(run), jumped) if jumped else {}).items():
+        exact = np.abs(np.diff(outputs, axis=0))[[BEFORE, -1]]
+        exact = exact if len(beside[k]) == 2 else exact.max(axis=0)
+        beside[k] = np.where(exact > SHARP * beside[k], 0.0, beside[k])
+    for k, size in beside.items():
+        around[k : k + 2] = np.maximum(around[k : k + 2], size)
     around[0] = 0.0  # the start is given, so a jump right after it is on the right side
     return around
+
+
+def _beside(ends: Vector, seen: Vector | None) -> Vector:
+    """What jumps next to the start and the end of a step, from its outputs there and within it."""
+    if seen is None:
+        return np.asarray(np.abs(ends[1] - ends[0])[None])
+    moved = np.abs(np.diff(seen, axis=0))
+    if len(seen) == NEAR:
+        return np.array([moved[0] - STEADY * moved[1], moved[-1] - STEADY * moved[-2]])
+    return np.asarray(np.where(moved.max(0) > SHARP * moved.sum(0), moved.max(0), 0.0)[None])
 
 
 def _parts(k: int, run: Vector, distance: Vector) -> int:
@@ -175,36 +174,46 @@ def _parts(k: int, run: Vector, distance: Vector) -> int:
     return int(np.clip(np.ceil(MISTIMED * late * PARTS), CLOSEST, PARTS))
 
 
-def _offsets(parts: int, length: int) -> list[int]:
-    """Points to check within a step: close to its ends, or evenly if `parts` is too large."""
-    if parts <= length * FARTHEST // PARTS:
-        return [parts, 2 * parts, length - 2 * parts, length - parts]
-    return [length * k // EVENLY for k in range(1, EVENLY)]
+def _points(start: int, end: int, parts: int) -> list[int]:
+    """Points to check from the start to the end of a step [ticks].
+
+    They are close to its ends, or even if `parts` is too large. If it is 0, they are a tick after
+    the start, and so many ticks before both that a controller answers before them to what was
+    earlier: only what happens in the last tick jumps in the last tick.
+    """
+    length, near = end - start, parts * TICKS
+    if not parts:
+        before = [[max(at - k, 0) for k in range(BEFORE, -1, -1)] for at in (start, end)]
+        return [*before[0], start + 1, *before[1]]
+    if parts > length * FARTHEST // (PARTS * TICKS):
+        inside = [length * k // EVENLY for k in range(1, EVENLY)]
+    else:
+        inside = [near, 2 * near, length - 2 * near, length - near]
+    return [start, *(start + offset for offset in inside), end]
 
 
-def _seen_within(
-    setting: Setting, loop: RecordedLoop, points: int, last: int, rows: dict[int, list[int]]
-) -> dict[int, Vector]:
-    """Outputs at the given rows of each step; empty if the loop fails."""
-    clock = Clock(setting.stop, setting.step / PARTS, False, setting.breaks)
-    log, nobody = setting.log(loop), struct(PAIR)
-    addresses = [record.address for record in (loop, nobody, nobody, clock, log)]
-    all_rows = [min(k * PARTS, last) for k in range(points)]
-    all_rows = sorted({*all_rows, *(row for within in rows.values() for row in within)})
-    for ticks, alike in groupby(np.diff(all_rows).tolist()):
-        left = len(list(alike))
-        while left:
-            clock.next_ticks(ticks)
-            why = library().master_march(*addresses, min(left, CHUNK))
-            loop.collect()
-            if why != GOES_ON:
-                return {}
-            left -= loop.record.rows
+def _seen_within(setting: Setting, points: int, parts: dict[int, int]) -> dict[int, Vector]:
+    """Outputs within steps, by their numbers, at the points of `_points`; empty if it fails."""
+    whole = PARTS * TICKS
+    last = round(setting.stop / setting.step * whole)
+    ends = [min(k * whole, last) for k in range(points + 1)]
+    rows = {k: _points(ends[k], ends[k + 1], size) for k, size in parts.items()}
+    all_rows = sorted({*ends[:points], *(row for within in rows.values() for row in within)})
+    clock = Clock(setting.stop, setting.step / whole, False, setting.breaks)
+    loop, nobody = setting.opened(1), struct(PAIR)
+    try:
+        log = setting.log(loop)
+        addresses = [record.address for record in (loop, nobody, nobody, clock, log)]
+        for ticks, alike in groupby(np.diff(all_rows).tolist()):
+            left = len(list(alike))
+            while left:
+                clock.next_ticks(ticks)
+                why = library().master_march(*addresses, min(left, CHUNK))
+                loop.collect()
+                if why != GOES_ON:
+                    return {}
+                left -= loop.record.rows
+    finally:
+        loop.close()
     table = np.concatenate(loop.outputs)[:, : len(setting.nominal)]
     return {k: table[np.searchsorted(all_rows, within)] for k, within in rows.items()}
-
-
-def _close(*loops: RecordedLoop) -> None:
-    for loop in loops:
-        loop.loop.plant.close()
-        loop.loop.controller.close()

@@ -13,10 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from time import monotonic, process_time
 
 import numpy as np
-import numpy.typing as npt
 
 from ..fmu.fmu_instance import SHORTER
 from ..fmu.limits import FIRST_STEP
@@ -24,23 +22,15 @@ from .loop_run import UNBOUNDED, LoopRun
 from .second_look import jumps
 from .verdict import ACCURACY, Verdict, scales
 
-LONGEST = 60.0  # s, limit of the computing time of all runs, as far as it can be foreseen
+# Communication steps of a run. Numbers, not seconds: so no result depends on the computer.
+MOST, MOST_OF_ISOLATED = 400_000, 40_000
 CONVERGES = 0.7  # largest ratio of two successive differences
 LEVELS = 12
 
 
 @dataclass(frozen=True)
 class StepChoice:
-    """The chosen step, and the reason.
-
-    Attributes
-    ----------
-    step : float
-        [s]
-    reason : str
-    tried : tuple of tuple (float, str)
-        Every tried step [s], and its verdict.
-    """
+    """The chosen step [s], the reason, and every tried step with its verdict."""
 
     step: float
     reason: str
@@ -51,16 +41,16 @@ def choose_step(
     run_at: Callable[[float, bool], LoopRun],
     first: float = FIRST_STEP,
     try_at: Callable[[float, bool], LoopRun] | None = None,
+    most: int = MOST,
 ) -> tuple[LoopRun, StepChoice]:
     """Run with decreasing steps, from `first` [s] on, until a run can be trusted.
 
     `run_at` runs with a step; its bool: whether an unclear verdict is checked by finer runs.
     `try_at` is for steps that are only tried: `run_at` repeats the chosen run if it was `played`.
+    No run has more than `most` steps, except the first.
     Returns the last run, or the first one that is close enough to it, with the verdict of all.
     """
-    began = _clocks()
     step, moved_before = first, np.inf
-    of_first = np.zeros(2)
     runs: list[LoopRun] = []
     words: list[str] = []
 
@@ -71,14 +61,11 @@ def choose_step(
         return run, StepChoice(steps[number], reason, tuple(zip(steps, words, strict=True)))
 
     while True:
-        start = _clocks()
         at = try_at if try_at and runs else run_at
         before = runs[-1] if runs else None
         moved, bound = np.inf, None
         # a run is trusted only after a second look if its first verdict is not clear
         run = at(step, before is None)
-        clock = int(run.played)
-        took = _clocks() - start
         if before is not None:
             apart = _differences(before, run)
             moved, worst = max((share, name) for name, (_, share) in apart.items())
@@ -100,27 +87,17 @@ def choose_step(
             why = "the first step that was tried" if before is None else f"of {len(runs)} tried"
             return chosen(number, run, f"{why}, the first whose run is trusted")
         ended = _no_further(run, before, moved, moved_before, len(runs))
-        foreseen = 2.0 * took[clock]
-        if before is None:
-            of_first = took
-        elif run.played:  # then the FMUs have to run it, too
-            foreseen += 2.0 * of_first[clock] * first / step
-        late = (_clocks() - began)[clock] + foreseen > LONGEST
-        if not ended and before is not None and late:  # the first time may include a second look
+        to_come = 2 * run.macro_steps
+        if not ended and to_come > most:
             ended = (
-                f"a step of {step / 2:g} s would take about {foreseen:.0f} s of computing "
-                f"time; use it with --step {step / 2:g}"
+                f"a step of {step / 2:g} s makes {to_come} steps, and at most {most} are tried; "
+                f"use it with --step {step / 2:g}"
             )
         if ended:
             run = replace(run, verdict=replace(run.verdict, advice=ended))
             return chosen(len(runs) - 1, run, f"the last of {len(runs)} tried: {ended}")
         moved_before = moved
         step /= 2.0
-
-
-def _clocks() -> npt.NDArray[np.float64]:
-    """Wall-clock time, which includes FMUs in other processes, and this process's CPU time [s]."""
-    return np.array([monotonic(), process_time()])
 
 
 def _done(tried: LoopRun, run_at: Callable[[float, bool], LoopRun], step: float) -> LoopRun:

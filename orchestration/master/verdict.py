@@ -44,29 +44,14 @@ For a coupling of first order, this is a quarter more than the true error."""
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict on a run.
-
-    Attributes
-    ----------
-    trusted : bool
-    reason : str
-        One sentence with the deciding number.
-    advice : str
-        Advice; empty if trusted.
-    error_estimate : dict of str to float
-        Per plant output, in its unit: largest estimated error over the run.
-    contraction : float
-        Measured contraction of the correction; not finite if nothing had to be corrected.
-    step_helps : bool
-        Whether a shorter step may give a trusted run.
-    """
+    """Verdict on a run."""
 
     trusted: bool
-    reason: str
-    advice: str
-    error_estimate: dict[str, float] = field(default_factory=dict)
-    contraction: float = float("nan")
-    step_helps: bool = True
+    reason: str  # one sentence with the deciding number
+    advice: str  # empty if trusted
+    error_estimate: dict[str, float] = field(default_factory=dict)  # largest, by plant output
+    contraction: float = float("nan")  # of the correction; not finite if nothing was corrected
+    step_helps: bool = True  # whether a shorter step may give a trusted run
 
     @property
     def word(self) -> str:

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 
 from ballscrew.cli import main
 from ballscrew.orchestration.fmu.fmu_instance import SHORTER
+from ballscrew.orchestration.loop.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.loop_run import UNBOUNDED, LoopRun
-from ballscrew.orchestration.master.master import step_choice
 from ballscrew.orchestration.master.step_choice import choose_step, only_step
 from ballscrew.orchestration.master.verdict import Verdict
 
@@ -128,19 +130,33 @@ def test_what_no_shorter_step_mends_is_not_tried_again(advice, helps, stopped, n
     assert (advice in choice.reason) == (number == 1)
 
 
-def test_a_step_that_would_take_more_than_a_minute_in_all_is_only_named(monkeypatch) -> None:
-    """Of 5, 10 and 20 s; the next takes 40 s, and 35 s are gone."""
-    clock = [0.0]
-    monkeypatch.setattr(step_choice, "_clocks", lambda: np.full(2, clock[0]))
+def test_a_step_that_makes_too_many_steps_is_only_named() -> None:
+    """A run of 120 000 steps, then one of 240 000."""
 
     def run_at(step: float, _again: bool) -> LoopRun:
-        clock[0] += 5.0 * 1e-3 / step
-        return made_up(step, np.linspace(0.0, 1.0, 11) * (1 + 100 * step**0.2), False)
+        run = made_up(step, np.linspace(0.0, 1.0, 11) * (1 + 100 * step**0.2), False)
+        return replace(run, macro_steps=round(120.0 / step))
 
     run, choice = choose_step(run_at)
-    assert len(choice.tried) == 3
-    assert "a step of 0.000125 s would take about 40 s of computing time" in run.verdict.advice
-    assert "--step 0.000125" in run.verdict.advice
+    assert len(choice.tried) == 2
+    assert "a step of 0.00025 s makes 480000 steps, and at most 400000" in run.verdict.advice
+    assert "--step 0.00025" in run.verdict.advice
+
+
+def test_no_number_depends_on_the_time_that_computing_takes(native, monkeypatch) -> None:
+    """On a computer without load, and on one that seems to need 100 s for everything."""
+    loop = Loop(str(native("pid_dob")), str(native("plant")), stop=0.2)
+    ticks = itertools.count()
+    found = []
+    for clock in (lambda: 0.0, lambda: 100.0 * next(ticks)):
+        for name in ("monotonic", "process_time", "perf_counter", "time"):
+            monkeypatch.setattr(time, name, clock)
+        result = run_closed_loop(loop)
+        found.append((repr(result.run.verdict), result.step_choice.tried, result.run.outputs["x"]))
+    monkeypatch.undo()
+    assert len(found[0][1]) > 1
+    assert found[0][:2] == found[1][:2]
+    np.testing.assert_array_equal(found[0][2], found[1][2])
 
 
 def test_fmus_of_one_step_only_are_told_to_be_made_with_a_shorter_one() -> None:

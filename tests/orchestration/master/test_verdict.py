@@ -7,6 +7,7 @@ import linear_loops
 import nonlinear_loops
 import numpy as np
 import pytest
+import small_fmus
 from trusted_loops import RIGHT, WRONG, plain, summary
 
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
@@ -58,6 +59,21 @@ def test_a_jump_closer_to_a_communication_point_than_its_time_is_known_is_not_tr
     run = run_loop(plant, controller, Reference.constant(0.0), 1.0, 0.1)
     assert run.verdict.trusted == trusted
     assert run.verdict.error_estimate["v"] == pytest.approx(0.0 if trusted else 1.5, abs=1e-9)
+
+
+@pytest.mark.parametrize(("early", "trusted"), [(1e-12, True), (1e-7, False)])
+def test_what_ticks_exactly_at_a_communication_point_is_known_there(tmp_path, early, trusted):
+    """A counter with a period of 50 steps; 1e-7 s before the point, it may belong after it."""
+    step = f"{small_fmus.PLANT_STEP} S[2] = floor((t + h + {early}) / 0.05);"
+    counts = {"more": [("n", "output", None, "")], "more_out": "$n$ = S[2];", "step": step}
+    plant, controller = str(tmp_path / "plant.fmu"), str(tmp_path / "controller.fmu")
+    small_fmus.plant(plant, **counts)
+    ports = [*((name, "input", 0, "") for name in ("x", "v", "x_d")), ("u", "output", None, "")]
+    small_fmus.build(controller, "pd", ports, out="$u$ = 20 * ($x_d$ - $x$) - 2 * $v$;")
+    run = run_closed_loop(Loop(controller, plant, stop=0.5, step=1e-3, isolate=False)).run
+    assert run.outputs["n"][[49, 50, -1]].tolist() == [0.0, 1.0, 10.0]
+    assert run.verdict.trusted == trusted
+    assert run.verdict.error_estimate["n"] == (0.0 if trusted else 1.0)
 
 
 @pytest.mark.ci
