@@ -117,7 +117,7 @@ def out_folder(text: str) -> Path:
 def guard(action: Any) -> Any:
     """Run, and turn errors that the user can correct into one line."""
     from .fmus.reading import FmuError
-    from .fmus.system_reading import BadSystem
+    from .fmus.system_xml import BadSystem
     from .fmus.units import BadUnit
     from .orchestration.fmu.fmu_instance import StepFailed
     from .orchestration.fmu.memory import NotEnoughMemory

@@ -90,10 +90,7 @@ def export_kernel(kernel: Kernel, path: Path | str, everywhere: bool = False) ->
         tapes=tapes,
     )
     script = hashed_name(f"slave_{kernel.name}", slave)
-    with (
-        naming(Path(tempfile.gettempdir())),
-        temporary_folder("export") as folder,
-    ):
+    with naming(Path(tempfile.gettempdir())), temporary_folder("export") as folder:
         sources = Path(folder) / "sources"
         sources.mkdir()
         for name, text in {script: slave, **texts}.items():
@@ -128,11 +125,7 @@ def _build(script: Path, others: list[Path], target: Path) -> Path:
     level = logging.getLogger("pythonfmu").level
     try:
         logging.getLogger("pythonfmu").setLevel(logging.ERROR)
-        built = builder.FmuBuilder.build_FMU(
-            script,
-            dest=target,
-            project_files=others,
-        )
+        built = builder.FmuBuilder.build_FMU(script, dest=target, project_files=others)
     finally:
         logging.getLogger("pythonfmu").setLevel(level)
         sys.path[:] = paths

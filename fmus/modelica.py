@@ -238,12 +238,7 @@ def _print(expression: Any) -> str:
 
 
 def _declared(
-    kind: str,
-    name: str,
-    unit: str,
-    told: dict[str, str],
-    meaning: str,
-    value: float | None = None,
+    kind: str, name: str, unit: str, told: dict[str, str], meaning: str, value: float | None = None
 ) -> str:
     inside = ([f'unit="{_unit(unit)}"'] if unit else []) + [f"{n}={v}" for n, v in told.items()]
     text = f"  {kind} {name}" + (f"({', '.join(inside)})" if inside else "")

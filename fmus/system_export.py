@@ -23,6 +23,7 @@ from .archive import pack, xml_text
 from .description import TOOL
 from .ports import gain_port, rate_port, reference_port
 from .reading import NumberVariable, read_description
+from .system_xml import FMU_TYPE
 from .units import BASE_UNITS
 
 PLANT, CONTROLLER = "plant", "controller"
@@ -61,6 +62,9 @@ class _Side:
 
     def names(self, causality: str) -> list[str]:
         return [n for n, v in self.variables.items() if v.causality == causality]
+
+    def listed(self, causality: str) -> str:
+        return ", ".join(self.names(causality)) or "none"
 
 
 def export_system(
@@ -179,8 +183,7 @@ def _signals(
             if n not in signals:
                 raise CannotConnect(
                     f"nothing is connected to the input {n!r} of {side.path}: {plant.path} has "
-                    "the outputs "
-                    f"{', '.join(plant.names('output')) or 'none'}"
+                    f"the outputs {plant.listed('output')}"
                 )
             connections.append((signals[n], (side.name, n)))
         for n in side.names("output"):
@@ -218,35 +221,27 @@ def _connections(
     if not measured:
         raise CannotConnect(
             f"{controller.path.name}: its inputs do not fit the outputs of {plant.path.name}: its "
-            "inputs are "
-            f"{', '.join(controller.names('input')) or 'none'}, the plant's outputs are "
-            f"{', '.join(plant.names('output')) or 'none'}"
+            f"inputs are {controller.listed('input')}, the plant's outputs are "
+            f"{plant.listed('output')}"
         )
     for side in instruments:
         if all(source[0] != side.name for source, _ in connections):
             raise CannotConnect(
-                f"nothing is connected to the outputs {', '.join(side.names('output')) or 'none'} "
-                "of "
-                f"{side.path}; {controller.path} has the inputs "
-                f"{', '.join(controller.names('input'))}"
+                f"nothing is connected to the outputs {side.listed('output')} of {side.path}; "
+                f"{controller.path} has the inputs {controller.listed('input')}"
             )
     law = {p for pair in pairs for p in pair} | {rate_port(n) for n in plant.names("input")}
     for name in plant.names("input"):
         if name not in law and name not in commands:
             raise CannotConnect(
                 f"nothing is connected to the input {name!r} of {plant.path.name}: "
-                f"{controller.path.name} "
-                f"has the outputs {', '.join(controller.names('output')) or 'none'}"
+                f"{controller.path.name} has the outputs {controller.listed('output')}"
             )
     return connections + [((CONTROLLER, n), (PLANT, n)) for n in commands]
 
 
 def _structure(
-    name: str,
-    version: str,
-    sides: Sequence[_Side],
-    connections: list[_Connection],
-    stop: float,
+    name: str, version: str, sides: Sequence[_Side], connections: list[_Connection], stop: float
 ) -> bytes:
     root = _root("ssd:SystemStructureDescription", version, name, "ssd", "ssc", "oms")
     # No connectors of the system itself: libcosim and ecos reject a connection without an
@@ -257,14 +252,8 @@ def _structure(
         _write_component(elements, side)
     listed = ET.SubElement(system, "ssd:Connections")
     for (source, output), (target, given) in connections:
-        ET.SubElement(
-            listed,
-            "ssd:Connection",
-            startElement=source,
-            startConnector=output,
-            endElement=target,
-            endConnector=given,
-        )
+        start = {"startElement": source, "startConnector": output}
+        ET.SubElement(listed, "ssd:Connection", start, endElement=target, endConnector=given)
     _write_master(system)
     _write_units(root, "ssd:Units", _all_units(sides))
     ET.SubElement(root, "ssd:DefaultExperiment", startTime="0.0", stopTime=repr(float(stop)))
@@ -277,24 +266,13 @@ def _write_master(system: ET.Element) -> None:
     annotation = ET.SubElement(annotations, "ssc:Annotation", type="org.openmodelica")
     inner = ET.SubElement(annotation, "oms:Annotations")
     information = ET.SubElement(inner, "oms:SimulationInformation")
-    ET.SubElement(
-        information,
-        "oms:FixedStepMaster",
-        description="oms-ma",
-        stepSize=repr(MASTER_STEP),
-        relativeTolerance=repr(DEFAULT_TOLERANCE),
-    )
+    accuracy = {"stepSize": repr(MASTER_STEP), "relativeTolerance": repr(DEFAULT_TOLERANCE)}
+    ET.SubElement(information, "oms:FixedStepMaster", {"description": "oms-ma", **accuracy})
 
 
 def _write_component(parent: ET.Element, side: _Side) -> None:
-    component = ET.SubElement(
-        parent,
-        "ssd:Component",
-        name=side.name,
-        type="application/x-fmu-sharedlibrary",
-        source=f"resources/{side.name}.fmu",
-        implementation="CoSimulation",
-    )
+    about = {"name": side.name, "type": FMU_TYPE, "source": f"resources/{side.name}.fmu"}
+    component = ET.SubElement(parent, "ssd:Component", about, implementation="CoSimulation")
     connectors = ET.SubElement(component, "ssd:Connectors")
     for kind in ("input", "output", "parameter"):
         for name in side.names(kind):

@@ -11,6 +11,7 @@ from xml.etree import ElementTree as ET
 from .archive import BadArchive, check_lines
 from .reading import Description, FmuError, describe
 from .system_xml import (
+    FMU_TYPE,
     SSC,
     SSD,
     BadSystem,
@@ -24,7 +25,6 @@ from .units import Unit
 
 DEEPEST = 2  # levels of systems within the system
 
-_FMU = "application/x-fmu-sharedlibrary"
 _SIGNALS = ("Real", "Integer", "Boolean", "Enumeration", "")
 
 
@@ -150,9 +150,9 @@ class Network:
 
     def _add_fmu(self, node: ET.Element, path: str) -> None:
         where = f"element {path!r}"
-        kind = node.get("type") or _FMU
-        if kind != _FMU:
-            raise BadSystem(f"{where} is of type {kind}; only FMUs ({_FMU}) are supported")
+        kind = node.get("type") or FMU_TYPE
+        if kind != FMU_TYPE:
+            raise BadSystem(f"{where} is of type {kind}; only FMUs ({FMU_TYPE}) are supported")
         fmu = self.file(node.get("source"), where)
         if fmu not in self._described:
             try:

@@ -17,6 +17,7 @@ SSC, SSD, SSM, SSV = (
     for part in ("Common", "Description", "ParameterMapping", "ParameterValues")
 )
 VERSIONS = ("1.0", "2.0")
+FMU_TYPE = "application/x-fmu-sharedlibrary"
 
 
 class BadSystem(ValueError):

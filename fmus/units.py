@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import re
+import warnings
+from collections import Counter
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
@@ -31,7 +34,7 @@ TYPES = {
     "Velocity": ("Velocity", "m/s", "mm/s"),
 }
 """Quantity, unit and display unit of each declared type."""
-_TOKEN = re.compile(r"\s*([A-Za-z]+|\d+|[*/^()]|-)")
+_ALLOWED = re.compile(r"[A-Za-z0-9*/^() -]{0,100}")
 
 
 class BadUnit(ValueError):
@@ -117,13 +120,35 @@ def base_exponents(unit: str) -> dict[str, int]:
     BadUnit
         If the string does not parse or names an unknown unit.
     """
-    tokens = _TOKEN.findall(unit)
-    if "".join(tokens) != unit.replace(" ", ""):
+    if not _ALLOWED.fullmatch(unit):
         raise BadUnit(f"unit {unit!r} has characters that are not allowed in a unit")
-    result = _product(unit, tokens)
-    if tokens:
-        raise BadUnit(f"unit {unit!r} has a syntax error at {tokens[0]!r}")
-    return {base: power for base, power in result.items() if power}
+    try:  # the syntax is that of Python, but for the sign of powers
+        with warnings.catch_warnings(action="ignore"):
+            tree = ast.parse(unit.strip().replace("^", "**"), mode="eval")
+    except (SyntaxError, RecursionError, MemoryError) as error:
+        raise BadUnit(f"unit {unit!r} has a syntax error; expected a product as N*s/m^2") from error
+    return {base: power for base, power in _powers(unit, tree.body).items() if power}
+
+
+def _powers(unit: str, node: ast.expr) -> Counter[str]:
+    match node:
+        case ast.Constant(value=1):
+            return Counter()
+        case ast.Name(id=name) if name in _SI:
+            return Counter(_SI[name])
+        case ast.Name(id=name):
+            raise BadUnit(f"unit {unit!r}: {name!r} is not known; known are {', '.join(_SI)}")
+        case ast.BinOp(left=base, op=ast.Pow(), right=exponent):
+            text = ast.unparse(exponent)
+            if not re.fullmatch(r"-?\d{1,3}", text):
+                raise BadUnit(f"unit {unit!r} has the exponent {text}, expected an integer")
+            return Counter({n: p * int(text) for n, p in _powers(unit, base).items()})
+        case ast.BinOp(left=left, op=ast.Mult() | ast.Div() as sign, right=right):
+            found = _powers(unit, left)
+            join = found.update if isinstance(sign, ast.Mult) else found.subtract
+            join(_powers(unit, right))
+            return found
+    raise BadUnit(f"unit {unit!r} is no product of units and whole powers, such as N*s/m^2")
 
 
 def type_of(unit: str, nominal: float) -> str:
@@ -141,38 +166,3 @@ def write_units(parent: ET.Element, names: set[str]) -> None:
         ET.SubElement(unit, "BaseUnit", powers)
         for shown, factor in DISPLAYED.get(name, {}).items():
             ET.SubElement(unit, "DisplayUnit", name=shown, factor=repr(factor))
-
-
-def _product(unit: str, tokens: list[str]) -> dict[str, int]:
-    result: dict[str, int] = {}
-    sign = 1
-    while True:
-        for base, power in _factor(unit, tokens).items():
-            result[base] = result.get(base, 0) + sign * power
-        if not tokens or tokens[0] not in "*/":
-            return result
-        sign = 1 if tokens.pop(0) == "*" else -1
-
-
-def _factor(unit: str, tokens: list[str]) -> dict[str, int]:
-    if not tokens:
-        raise BadUnit(f"unit {unit!r} ends too early")
-    head = tokens.pop(0)
-    if head == "(":
-        inner = _product(unit, tokens)
-        if not tokens or tokens.pop(0) != ")":
-            raise BadUnit(f"unit {unit!r} lacks a closing bracket")
-    elif head in _SI:
-        inner = dict(_SI[head])
-    else:
-        raise BadUnit(f"unit {unit!r}: {head!r} is not known; known are {', '.join(_SI)}")
-    if tokens and tokens[0] == "^":
-        tokens.pop(0)
-        sign = -1 if tokens and tokens[0] == "-" else 1
-        if sign < 0:
-            tokens.pop(0)
-        if not tokens or not tokens[0].isdigit():
-            raise BadUnit(f"unit {unit!r} has an exponent that is no integer")
-        power = sign * int(tokens.pop(0))
-        return {base: p * power for base, p in inner.items()}
-    return inner

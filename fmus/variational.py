@@ -91,11 +91,8 @@ def variational(component: Component, tangents: int) -> Component:
         meaning = "integral over time of the trace of the Jacobian by the states"
         new_states.append(State(TRACE, "1", meaning, trace))
         new_outputs.append(Output(TRACE, "1", meaning, symbol(TRACE)))
-        set_inputs.append(
-            Input(
-                FRAME, "1", "a new value sets the tangents from the ..._set inputs", role=FRAME_ROLE
-            )
-        )
+        meaning = "a new value sets the tangents from the ..._set inputs"
+        set_inputs.append(Input(FRAME, "1", meaning, role=FRAME_ROLE))
     return Component(
         name=f"{component.name}_variational",
         description=f"{component.description}; with {tangents} tangents",
@@ -109,11 +106,8 @@ def variational(component: Component, tangents: int) -> Component:
 def _check(component: Component, tangents: int) -> None:
     if tangents < 1:
         raise ValueError(f"{tangents} tangents, expected at least 1")
-    for what, parts in (
-        ("modes", component.modes),
-        ("delays", component.delays),
-        ("discrete states", component.discrete),
-    ):
+    instants = {"modes": component.modes, "delays": component.delays}
+    for what, parts in (instants | {"discrete states": component.discrete}).items():
         if parts:
             raise UnsupportedComponent(
                 f"{component.name} has {what}; only a component without events and samples can "
@@ -133,34 +127,22 @@ def _check_names(component: str, states: Sequence[str], outputs: Sequence[Output
 
 def _tangent_of(state: State, k: int, row: int, rate: sp.Matrix) -> State:
     """Tangent k of the state in this row."""
-    return State(
-        tangent_port(state.name, k),
-        state.unit,
-        f"tangent {k} of {state.meaning}",
-        rate[0],
-        start=1.0 if row == k - 1 else 0.0,
-        nominal=state.nominal,
-    )
+    about = tangent_port(state.name, k), state.unit, f"tangent {k} of {state.meaning}"
+    return State(*about, rate[0], start=float(row == k - 1), nominal=state.nominal)
 
 
 def _tangent_output(output: Output, k: int, value: sp.Matrix) -> Output:
-    return Output(
-        tangent_port(output.name, k),
-        output.unit,
-        f"tangent {k} of {output.meaning}",
-        value[0],
-        nominal=output.nominal,
-    )
+    about = tangent_port(output.name, k), output.unit, f"tangent {k} of {output.meaning}"
+    return Output(*about, value[0], nominal=output.nominal)
 
 
 def _set_input(tangent: State) -> Input:
-    return Input(
+    about = (
         set_port(tangent.name),
         tangent.unit,
         f"value that {tangent.name} gets with a new {FRAME}",
-        nominal=tangent.nominal,
-        role=SET_ROLE,
     )
+    return Input(*about, nominal=tangent.nominal, role=SET_ROLE)
 
 
 def _wired(port: Input) -> Input:

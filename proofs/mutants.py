@@ -85,7 +85,7 @@ PARTS = {
     "'allowed or counts or look or flag or closer'",
     "orchestration/master/step_choice.py": "orchestration/master/test_step_choice.py -k "
     "'not left_to and not which_step'",
-    "fmus/system_parameters.py": "fmus/test_system_reading.py",
+    "fmus/system_reading.py": "fmus/test_system_reading.py",
     "solver/codegen.py": "solver/test_codegen.py solver/test_events.py solver/test_delays.py",
     "solver/interconnect.py": "solver/test_interconnect.py solver/test_connect.py",
     "stability/lyapunov.py": "stability/test_lyapunov.py stability/test_amplitudes.py "

@@ -32,8 +32,7 @@ DEPENDS_ON = {
     ).split(),
     "networks": (
         "orchestration solver fmus/native fmus/feedback_law.py fmus/system_reading.py "
-        "fmus/system_network.py fmus/system_parameters.py proofs/networks.py "
-        "tests/support/networks_of_parts.py"
+        "fmus/system_network.py proofs/networks.py tests/support/networks_of_parts.py"
     ).split(),
     "fuzz": ("ballscrew", *LOOP, "proofs/mutations.py", "proofs/fuzz.py"),
     "identification": (

@@ -7,13 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from ...solver.compilers import (
-    PLATFORMS,
-    compile_library,
-    compiler_for,
-    own_platform,
-    platforms_of,
-)
+from ...solver.compilers import PLATFORMS, compile_library, compiler_for, own_platform, platforms_of
 from ...solver.component import Component
 from ...solver.files import write_atomically
 from ..accompanying import accompanying_files
@@ -46,11 +40,7 @@ class NativeFmu:
 
 
 def export_native(
-    component: Component,
-    path: Path | str,
-    *,
-    fmi: int = 2,
-    platforms: Sequence[str] | None = None,
+    component: Component, path: Path | str, *, fmi: int = 2, platforms: Sequence[str] | None = None
 ) -> NativeFmu:
     """Export a component as an FMU of compiled C, for co-simulation and model exchange.
 

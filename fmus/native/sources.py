@@ -100,6 +100,11 @@ def _equations(model: NativeModel) -> str:
     return "\n".join([head, *parts, system])
 
 
+_COUNTS = ("inputs", "discrete", "delays", "modes")  # of the layout
+_PLACES = (
+    *("parameters", "states", "outputs", "starts", "tolerance"),
+    *("info", "time", "samples", "sample_time"),
+)
 _MODEL = """\
 /* What {model} consists of, generated; offsets are into the array of all its numbers. */
 #ifndef MODEL_H
@@ -141,29 +146,18 @@ def _tables(model: NativeModel, token: str) -> str:
     kernel, interface, layout = model.kernel, model.interface, model.interface.layout
     constants = {
         "N": len(kernel.states),
-        "INPUTS": layout.inputs,
-        "DISCRETE": layout.discrete,
-        "DELAYS": layout.delays,
-        "MODES": layout.modes,
         "EVENTS": kernel.events,
         "HELD_SIZE": layout.held,
         "OUTPUT_COUNT": len(kernel.outputs),
         "PARTIALS": len(model.entries),
-        "AT_PARAMETERS": layout.parameters,
-        "AT_STATES": layout.states,
-        "AT_OUTPUTS": layout.outputs,
-        "AT_STARTS": layout.starts,
-        "AT_TOLERANCE": layout.tolerance,
-        "AT_INFO": layout.info,
-        "AT_TIME": layout.time,
-        "AT_SAMPLES": layout.samples,
         "STEP_START": layout.step_start,
-        "AT_SAMPLE_TIME": layout.sample_time,
         "MEMORY": layout.size,
         "MESSAGE_REFERENCE": interface.message_reference,
         "REFERENCES": interface.time_reference + 1,
         "CAN_EXCHANGE": int(model.exchanges),
     }
+    constants |= {name.upper(): getattr(layout, name) for name in _COUNTS}
+    constants |= {f"AT_{name.upper()}": getattr(layout, name) for name in _PLACES}
     constants |= {f"FRAME_{key.upper()}": value for key, value in layout.frame.items()}
     return _MODEL.format(
         model=kernel.name,

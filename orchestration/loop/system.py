@@ -11,13 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ...fmus.ports import gain_port, law_ports, rate_port, reference_port
-from ...fmus.system_reading import (
-    BadSystem,
-    SystemConnection,
-    SystemPort,
-    SystemStructure,
-    read_system,
-)
+from ...fmus.system_network import SystemConnection, SystemPort
+from ...fmus.system_reading import SystemStructure, read_system
+from ...fmus.system_xml import BadSystem
 from ...fmus.units import Unit
 from ...solver.nearest import nearest
 from ...solver.set_point import set_point_orders

@@ -2,19 +2,13 @@
 
 import contextlib
 import json
-import os
-import subprocess
-import sys
-import tempfile
-import textwrap
 import threading
 from itertools import pairwise
-from pathlib import Path
 
 import fmpy
 import numpy as np
 import pytest
-from any_fmu import KINDS, NATIVE, Host, written
+from any_fmu import KINDS, NATIVE, Host, python, written
 from every_component import EVERY_COMPONENT
 from fmpy.validation import validate_fmu
 from thesis_axis import axis_under
@@ -26,7 +20,6 @@ from ballscrew.orchestration.master.master import run_loop
 from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.solver.kernel import Model
 
-SUPPORT = str(Path(__file__).resolve().parents[1] / "support")
 every_kind = pytest.mark.parametrize("kind", KINDS)
 few_kinds = pytest.mark.parametrize(
     "kind", ["readable", "native-2", pytest.param("native-3", marks=pytest.mark.ci)]
@@ -235,20 +228,6 @@ def test_a_state_restored_or_deserialized_and_a_reset_instance_go_on_bit_for_bit
     assert driven(host, name, 10).tolist() == begin
     host.fmu.terminate()
     host.close()
-
-
-def python(code, *arguments):
-    """Output of code in a process of its own, which ends without a crash."""
-    head = f"import sys; sys.path.insert(0, {SUPPORT!r})\n"
-    done = subprocess.run(
-        [sys.executable, "-c", head + textwrap.dedent(code), *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=os.environ,
-        cwd=tempfile.gettempdir(),
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 @pytest.mark.parametrize(

@@ -1,36 +1,15 @@
 """Readable FMUs in the processes of hosts, each of which runs its own code beside others."""
 
-import os
-import subprocess
-import sys
-import tempfile
-import textwrap
 import zipfile
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from any_fmu import python
 from fmu_host import opened
 
 from ballscrew.fmus.export import export
 from ballscrew.orchestration.loop.catalogue import component, fmu_kernel
 from ballscrew.solver.kernel import Model
-
-SUPPORT = str(Path(__file__).resolve().parents[1] / "support")
-
-
-def python(code, *arguments):
-    """Run code in a fresh process; its standard output, and no crash at its end."""
-    head = f"import sys; sys.path.insert(0, {SUPPORT!r})\n"
-    done = subprocess.run(
-        [sys.executable, "-c", head + textwrap.dedent(code), *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=os.environ,
-        cwd=tempfile.gettempdir(),  # the installed package, not this checkout
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 @pytest.mark.ci

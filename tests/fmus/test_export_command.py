@@ -16,8 +16,8 @@ from ballscrew.controllers import CONTROLLERS
 from ballscrew.exporting import Export
 from ballscrew.fmus import carried_runtime
 from ballscrew.fmus.native.export import NativeFmu
+from ballscrew.orchestration.loop import catalogue
 from ballscrew.orchestration.loop.catalogue import NAMES, NATIVE, READABLE, fmu, ready_fmu
-from ballscrew.orchestration.loop.loop import catalogue
 from ballscrew.solver import compilers
 from ballscrew.solver.tape import UnsupportedComponent
 from ballscrew.solver.translation import in_c

@@ -5,7 +5,8 @@ from fuzz import DESCRIPTIONS, good_files, outcome
 from mutations import mutated
 
 from ballscrew.fmus.reading import FmuError, unpack
-from ballscrew.fmus.system_reading import BadSystem, read_system
+from ballscrew.fmus.system_reading import read_system
+from ballscrew.fmus.system_xml import BadSystem
 
 FILES = 300
 

@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 
 from ballscrew.cli import main
 from ballscrew.controllers import CONTROLLERS
-from ballscrew.orchestration.loop.loop import Loop, catalogue
+from ballscrew.orchestration.loop import catalogue
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.whole_loop import run_monolithic
 from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.solver.component import Component, Input, Output, symbol

@@ -14,7 +14,8 @@ from lxml import etree
 from ballscrew.cli import main
 from ballscrew.fmus.reading import FmuError
 from ballscrew.fmus.system_export import CannotConnect, export_system
-from ballscrew.orchestration.loop.loop import Loop, catalogue
+from ballscrew.orchestration.loop import catalogue
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.whole_loop import run_monolithic
 from ballscrew.orchestration.master.reference_signal import Reference
 

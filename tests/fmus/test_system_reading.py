@@ -8,12 +8,9 @@ from pathlib import Path
 import pytest
 
 from ballscrew.fmus.system_export import export_system
-from ballscrew.fmus.system_reading import (
-    BadSystem,
-    SystemConnection,
-    SystemPort,
-    read_system,
-)
+from ballscrew.fmus.system_network import SystemConnection, SystemPort
+from ballscrew.fmus.system_reading import read_system
+from ballscrew.fmus.system_xml import BadSystem
 
 STANDARD = "http://ssp-standard.org/SSP1/SystemStructure"
 SPACES = {

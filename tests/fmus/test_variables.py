@@ -14,8 +14,8 @@ from ballscrew.fmus.description import model_description
 from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.fmus.interface import interface_of
 from ballscrew.fmus.reading import unpack
+from ballscrew.orchestration.loop import catalogue
 from ballscrew.orchestration.loop.catalogue import catalogued_model, component, fmu_kernel, loop
-from ballscrew.orchestration.loop.loop import catalogue
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     TIME,

@@ -13,7 +13,7 @@ from prescribed_motion import prescribed_motion
 
 import ballscrew
 from ballscrew.fmus import made_here, source_fmu
-from ballscrew.orchestration.loop.loop import catalogue
+from ballscrew.orchestration.loop import catalogue
 from ballscrew.plant.lugre import lugre
 from ballscrew.solver import codegen, compiled_equations, compilers, kernel_cache, stored
 

@@ -9,8 +9,9 @@ from third_party_fmus import STATE_FEEDBACK_PORTS, proportional, state_feedback
 
 from ballscrew.controllers.linearization import measurements_of
 from ballscrew.fmus.native.export import write_native
+from ballscrew.orchestration.loop import catalogue
 from ballscrew.orchestration.loop.catalogue import catalogued_model
-from ballscrew.orchestration.loop.loop import Loop, catalogue
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.plant.axis import axis
 from ballscrew.solver.component import Component, Output, symbol
 from ballscrew.stability.attractor import Kind

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import subprocess
+import sys
+import tempfile
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,6 +28,19 @@ def written(component: Any, kind: str, folder: Path) -> Path:
     if kind == "readable":
         return Path(export(component, path))
     return export_native(component, path, fmi=int(kind[-1])).path
+
+
+def python(code: str, *arguments: Any) -> str:
+    """Output of code in a process of its own, which ends without a crash."""
+    head = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+    done = subprocess.run(
+        [sys.executable, "-c", head + textwrap.dedent(code), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=tempfile.gettempdir(),  # the installed package, not this checkout
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 class Host:

@@ -6,7 +6,7 @@ import pytest
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.orchestration.master.master import master
+from ballscrew.orchestration.master import master
 
 
 @pytest.mark.parametrize("controller", ["iol", "relay"])  # the latter has events
