@@ -47,8 +47,8 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 def _study(options: argparse.Namespace) -> int:
     count = read_worker_count(options)
     from .loop_results import SwapStudy
+    from .orchestration.study import BadPlan
     from .orchestration.study.plan import read_plan
-    from .orchestration.study.reading import BadPlan
     from .orchestration.study.study import discard_parts, do_study
     from .orchestration.study.workers import WorkersLost
 

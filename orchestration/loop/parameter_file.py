@@ -298,7 +298,7 @@ def known_name(where: str, given: Iterable[str], names: Iterable[str]) -> None:
     for name in given:
         if name not in names:
             hint = did_you_mean(name, names) or f"; there are {', '.join(names)}"
-            raise BadParameters(f"{where} there is no {name!r}{hint}")
+            raise BadParameters(f"{where} there is no {name!r}{hint}".lstrip())
 
 
 def _same(one: str, other: str) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache, partial
@@ -19,6 +18,7 @@ from ...fmus.reading import FmuError
 from ...solver.component_file import BadComponentFile
 from ...solver.contract_error import ContractError
 from ..fmu.limits import BadParameter
+from ..loop import toml_tables as toml
 from ..loop.catalogue import in_units_of
 from ..loop.file_values import for_plant
 from ..loop.machine import Machine, gain_ranges, model_values, own_ranges
@@ -27,9 +27,9 @@ from ..loop.parameter_reading import read_parameters
 from ..loop.parts import BadPart, Part
 from ..loop.reference_motions import read_motion
 from ..master.reference_signal import BadReference, Reference
+from . import BadPlan
 from .figures import NAMES
 from .loop import STEP
-from .reading import BadPlan, as_flag, as_list, as_numbers, as_range, as_table, check_names
 from .sensitivity import sobol_shares
 from .variation import Variation, read_variation
 
@@ -166,16 +166,11 @@ def _signal(text: str) -> Reference:
 
 def read_plan(path: Path | str) -> Plan:
     """Read a study file; raises `BadPlan`."""
+    path = Path(path)
     try:
-        table = tomllib.loads(Path(path).read_text("utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadPlan(f"{path}: cannot be read: {error}") from error
-    except (ValueError, RecursionError) as error:  # also for numbers with thousands of digits
-        raise BadPlan(f"{path}: is not a TOML file: {error}") from error
-    try:
-        machine = _machine(table, Path(path).parent)
-        return _plan(table, machine)
-    except (BadPlan, BadPart, BadComponentFile, FmuError) as error:
+        table = toml.read_toml(path)
+        return _plan(table, _machine(table, path.parent))
+    except (toml.BadTable, BadPlan, BadPart, BadComponentFile, FmuError) as error:
         raise BadPlan(f"{path}: {error}") from None
 
 
@@ -197,14 +192,14 @@ def _plan(table: dict[str, Any], machine: Mapping[str, float]) -> Plan:
         raise BadPlan(f"version is {version!r}, expected {VERSION}")
     controllers = _part(table, "controllers", dict)
     duties = _part(table, "duty", list)
-    variations = as_list("vary", table.pop("vary", []))
-    tuning = as_table("tuning", table.pop("tuning", {}))
-    limits = as_table("tuning.limits", tuning.pop("limits", {}))
-    sensitivity = as_table("sensitivity", table.pop("sensitivity", {}))
-    check_names("sensitivity", sensitivity, ("sobol",))
+    variations = toml.as_list("vary", table.pop("vary", []))
+    tuning = toml.as_table("tuning", table.pop("tuning", {}))
+    limits = toml.as_table("tuning.limits", tuning.pop("limits", {}))
+    sensitivity = toml.as_table("sensitivity", table.pop("sensitivity", {}))
+    toml.check_names("sensitivity", sensitivity, ("sobol",))
     elsewhere = {"entrants", "duties", "variations", "tuning", "sobol"}
     known = {f.name for f in fields(Plan)} - elsewhere
-    check_names("the study", table, known)
+    toml.check_names("the study", table, known)
     own = cache(partial(_own, dict(table), machine)) if machine else None
     plan = Plan(
         plant=str(table.pop("plant", "plant")),
@@ -212,11 +207,11 @@ def _plan(table: dict[str, Any], machine: Mapping[str, float]) -> Plan:
         duties=tuple(_duty(k, given, machine) for k, given in enumerate(duties)),
         variations=tuple(read_variation(given) for given in variations),
         tuning=_tuning(tuning, limits),
-        instruments=tuple(map(str, as_list("instruments", table.pop("instruments", [])))),
-        **as_numbers(
+        instruments=tuple(map(str, toml.as_list("instruments", table.pop("instruments", [])))),
+        **toml.as_numbers(
             "the study", table, {"plants": (2, MOST), "seed": (0, MOST_SEED), "delay": (0, MOST)}
         ),
-        **as_numbers("sensitivity", sensitivity, {"sobol": (2, MOST)}),
+        **toml.as_numbers("sensitivity", sensitivity, {"sobol": (2, MOST)}),
     )
     _check(plan)
     return plan
@@ -248,29 +243,31 @@ def _own(
 def _entrant(name: str, given: Any, machine: Own | None = None) -> Entrant:
     """A controller of the plan; for a `machine`, with the values that follow from it."""
     where = f"controllers.{name}"
-    given = as_table(where, given)
-    check_names(where, given, ("component", "values", "tune"))
+    given = toml.as_table(where, given)
+    toml.check_names(where, given, ("component", "values", "tune"))
     component = str(given.get("component", name))
-    values = as_numbers(f"{where}.values", as_table(f"{where}.values", given.get("values", {})), {})
+    values = toml.as_numbers(f"{where}.values", given.get("values", {}))
     known, own = machine(component) if machine else ({}, own_ranges(component))
     own = {n: r for n, r in own.items() if n not in values}
-    ranges = as_table(f"{where}.tune", given.get("tune", own))
+    ranges = toml.as_table(f"{where}.tune", given.get("tune", own))
     values = {**known, **values}
-    return Entrant(name, component, values, {n: as_range(where, n, r) for n, r in ranges.items()})
+    return Entrant(
+        name, component, values, {n: toml.as_range(where, n, r) for n, r in ranges.items()}
+    )
 
 
 def _duty(k: int, given: Any, machine: Mapping[str, float]) -> Duty:
-    given = as_table(f"duty {k + 1}", given)
-    check_names(f"duty {k + 1}", given, ("name", "reference", "stop", "tune", "plant"))
+    given = toml.as_table(f"duty {k + 1}", given)
+    toml.check_names(f"duty {k + 1}", given, ("name", "reference", "stop", "tune", "plant"))
     for name in ("name", "reference", "stop"):
         if name not in given:
             raise BadPlan(f"duty {k + 1} has no {name}")
-    stop = as_numbers(f"duty {given['name']}", {"stop": given["stop"]}, {})["stop"]
+    stop = toml.as_finite(f"duty {given['name']}: stop", given["stop"])
     if not stop > 0:
         raise BadPlan(f"duty {given['name']}: stop is {stop:g} s, expected more than 0")
     where = f"duty {given['name']}: plant"
-    plant = as_numbers(where, as_table(where, given.get("plant", {})), {})
-    tune = as_flag(f"duty {given['name']}: tune", given.get("tune", False))
+    plant = toml.as_numbers(where, given.get("plant", {}))
+    tune = toml.as_flag(f"duty {given['name']}: tune", given.get("tune", False))
     values = {**machine, **plant}
     duty = Duty(str(given["name"]), str(given["reference"]), stop, tune, values)
     try:
@@ -281,11 +278,11 @@ def _duty(k: int, given: Any, machine: Mapping[str, float]) -> Duty:
 
 
 def _tuning(given: dict[str, Any], limits: Mapping[str, Any]) -> Tuning:
-    check_names("tuning", given, ("budget", "plants", "seeds"))
-    check_names("tuning.limits", limits, NAMES)
+    toml.check_names("tuning", given, ("budget", "plants", "seeds"))
+    toml.check_names("tuning.limits", limits, NAMES)
     whole = {"budget": (1, MOST), "plants": (0, MOST), "seeds": (1, MOST)}
-    numbers = as_numbers("tuning", given, whole)
-    return Tuning(**numbers, limits=as_numbers("tuning.limits", dict(limits), {}))
+    numbers = toml.as_numbers("tuning", given, whole)
+    return Tuning(**numbers, limits=toml.as_numbers("tuning.limits", limits))
 
 
 def _check(plan: Plan) -> None:

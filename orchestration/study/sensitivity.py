@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from . import BadPlan
 from .comparison import LEVEL
-from .reading import BadPlan
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]

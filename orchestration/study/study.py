@@ -20,12 +20,12 @@ from ..loop.parts import SUFFIX, BadPart
 from ..loop.whole_loop import loop_kernel
 from ..master.loop_run import CouplingError
 from ..master.reference_signal import Reference
+from . import BadPlan
 from .figures import NAMES
 from .kept_parts import KeptParts
 from .loop import STEP, FmuLoop, StudyLoop
 from .over_fmus import COMPARED, SHARE, FmuCheck, check_over_fmus
 from .plan import Duty, Entrant, Plan
-from .reading import BadPlan
 from .result import JUDGED_BY, SMALLEST, Array, Run, Shown, StudyResult, concluded
 from .sensitivity import SobolIndex, sobol_indices
 from .tuning import Tuned

@@ -11,10 +11,10 @@ import numpy as np
 from ...solver.kernel import CONTROLLER, PLANT, ParameterInfo
 from ..loop.catalogue import OWN_LIMIT
 from ..loop.machine import LIMIT, limit_of
+from . import BadPlan
 from .figures import Figures, measured
 from .loop import AnyLoop, Course
 from .plan import Duty, Entrant, Plan
-from .reading import BadPlan
 from .tuning import Tuned, price, tune
 
 SEED = "_seed"  # end of the name of a noise's seed

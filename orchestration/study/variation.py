@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .reading import BadPlan, as_list, as_numbers, as_range, as_table, check_names, is_number
+from ..loop import toml_tables as toml
 
 Vector = npt.NDArray[np.float64]
 
@@ -73,42 +73,41 @@ class Variation:
 
 
 def read_variation(given: Any) -> Variation:
-    """A ``[[vary]]`` of a study file; raises `BadPlan`."""
-    given = as_table("vary", given)
-    check_names("vary", given, ("parameters", "coefficients", *DISTRIBUTIONS))
+    """A ``[[vary]]`` of a study file; raises `toml.BadTable`."""
+    given = toml.as_table("vary", given)
+    toml.check_names("vary", given, ("parameters", "coefficients", *DISTRIBUTIONS))
     kinds = [kind for kind in DISTRIBUTIONS if kind in given]
     if len(kinds) != 1:
         found = " and ".join(kinds) or "no distribution"
-        raise BadPlan(f"vary: has {found}, expected one of {', '.join(DISTRIBUTIONS)}")
+        raise toml.BadTable(f"vary: has {found}, expected one of {', '.join(DISTRIBUTIONS)}")
     kind = kinds[0]
     names = "coefficients" if kind == TEMPERATURE else "parameters"
     for other in {"coefficients", "parameters"} - {names}:
         if other in given:
-            raise BadPlan(f"vary: {kind} has {other}, expected {names} alone")
+            raise toml.BadTable(f"vary: {kind} has {other}, expected {names} alone")
     if names == "coefficients":
-        coefficients = as_table("vary.coefficients", given.get(names, {}))
-        numbers = as_numbers("vary.coefficients", coefficients, {})
+        numbers = toml.as_numbers("vary.coefficients", given.get(names, {}))
         if not numbers:
-            raise BadPlan(
+            raise toml.BadTable(
                 "vary: a temperature has no coefficients, such as {Fc = -0.01} per kelvin"
             )
-        return Variation(tuple(numbers), as_range("vary", kind, given[kind]), kind, numbers)
-    parameters = tuple(map(str, as_list("vary: parameters", given.get(names, []))))
+        return Variation(tuple(numbers), toml.as_range("vary", kind, given[kind]), kind, numbers)
+    parameters = tuple(map(str, toml.as_list("vary: parameters", given.get(names, []))))
     if not parameters or len(set(parameters)) < len(parameters):
-        raise BadPlan(f"vary: parameters is {list(parameters)!r}, expected a list of names")
+        raise toml.BadTable(f"vary: parameters is {list(parameters)!r}, expected a list of names")
     return Variation(parameters, _numbers(kind, ", ".join(parameters), given[kind]), kind)
 
 
 def _numbers(kind: str, of: str, given: Any) -> tuple[float, float]:
     """The two numbers of a distribution of factors."""
     if kind == UNIFORM:
-        return as_range("vary", of, given)
-    pair = as_list(f"vary: {kind} of {of}", given)
-    found = [float(v) for v in pair if is_number(v)]
+        return toml.as_range("vary", of, given)
+    pair = toml.as_list(f"vary: {kind} of {of}", given)
+    found = [float(v) for v in pair if toml.is_number(v)]
     positive = found if kind == LOGNORMAL else found[1:]
     if len(pair) != 2 or len(found) != 2 or not min(positive) > 0:
         more = "both" if kind == LOGNORMAL else "the second"
-        raise BadPlan(
+        raise toml.BadTable(
             f"vary: {kind} of {of} is {given!r}, expected {DISTRIBUTIONS[kind]}, finite numbers, "
             f"{more} more than 0"
         )

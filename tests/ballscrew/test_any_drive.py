@@ -229,7 +229,7 @@ def test_the_next_record_of_an_identified_machine_is_compared_and_diagnosed(iden
         ({"units": {}}, 'use units={"time": "..."} with one of s, ms, us, min, or with '),
         ({"lead": None}, "use lead=METRES, or give p (turns per metre) in params"),
         ({"mapping": {"t": "time"}}, "use mapping={"),
-        ({"params": "none.toml"}, "none.toml cannot be read"),
+        ({"params": "none.toml"}, "none.toml: cannot be read"),
     ],
 )
 def test_an_error_in_python_names_arguments_and_no_options(tmp_path, given, said):

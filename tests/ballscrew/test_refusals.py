@@ -149,7 +149,7 @@ MORE = [
     ("identify long.csv --law dahl", "no column 'force'"),
     ("identify folder --law dahl", "expected `plant.m` to be a finite"),
     ("diagnose loop", "symbolic links"),
-    ("diagnose record.csv --params none.toml", "none.toml cannot be read: No such file"),
+    ("diagnose record.csv --params none.toml", "none.toml: cannot be read: No such file"),
     ("diagnose record.csv --params deep.toml", "nested too deeply"),
     ("diagnose record.csv --params hexadecimal.toml", "m is a number beyond 1e308"),
     ("diagnose record.csv --params more_digits.toml", "is not a TOML file"),

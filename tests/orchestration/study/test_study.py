@@ -17,9 +17,9 @@ from ballscrew.loop_results import SwapStudy
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.reference_motions import read_motion
 from ballscrew.orchestration.loop.whole_loop import loop_kernel, run_monolithic
+from ballscrew.orchestration.study import BadPlan
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import read_plan
-from ballscrew.orchestration.study.reading import BadPlan
 from ballscrew.orchestration.study.study import PARTS, Work, do_study
 from ballscrew.orchestration.study.verdict import sentence
 from ballscrew.orchestration.study.workers import Processes
@@ -180,7 +180,7 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
     assert page.headline == SwapStudy.of(result).headline()
     assert page.pictures == 2
     (figures,) = (rows for title, rows in page.tables.items() if title.startswith("Figures: "))
-    assert "rms error [um]" in figures[0]
+    assert "rms error [mm]" in figures[0]
     assert told["verdict"] == sentence(result) == printed.splitlines()[0].partition(". ")[0]
     assert not (out / PARTS).exists()
 
