@@ -132,7 +132,7 @@ def _value(where: str, given: Any) -> Value:
 
 def _interval(where: str, given: Any, value: float) -> tuple[float, float]:
     """Its ends may be infinite."""
-    pair = given if isinstance(given, list) and len(given) == 2 else [None]
+    pair: list[Any] = given if isinstance(given, list) and len(given) == 2 else [None]
     numbers = all(isinstance(end, float) or toml.is_number(end) for end in pair)
     if not numbers or not pair[0] <= value <= pair[1]:
         raise toml.BadTable(
