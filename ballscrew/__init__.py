@@ -26,6 +26,7 @@ _PUBLIC = {
         ).split(),
         "ballscrew.solver.component",
     ),
+    "UserError": "ballscrew.solver.errors",
     "connect": "ballscrew.solver.connect",
     "interconnect": "ballscrew.solver.interconnect",
     "Coupling": "ballscrew.orchestration.master.couplings",
@@ -72,6 +73,7 @@ if TYPE_CHECKING:
     from .solver.component import State as State
     from .solver.component import symbol as symbol
     from .solver.connect import connect as connect
+    from .solver.errors import UserError as UserError
     from .solver.interconnect import interconnect as interconnect
 else:
 

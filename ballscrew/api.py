@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import sympy as sp
 
-    from .loop_results import Comparison, Exponents, RunResult, StabilityMap, SwapStudy, TunedGains
+    from .loop_results import Comparison, RunResult
     from .measured_results import DiagnosisResult, IdentifiedLaw, ModelComparison, RigRecord
     from .measurement.records.record import Record
     from .orchestration.loop.loop import Loop, ReferenceLike, SystemLoop
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .orchestration.master.couplings import Coupling
     from .orchestration.study.workers import Processes
     from .solver.component import Component, ForceTerm
+    from .study_results import Exponents, StabilityMap, SwapStudy, TunedGains
 
     Values = Mapping[str, float]
 
@@ -462,8 +463,8 @@ def lyapunov(  # noqa: PLR0913
     >>> result.exponents.shape
     (4,)
     """
-    from .loop_results import Exponents
     from .orchestration.loop.loop import Loop
+    from .study_results import Exponents
 
     if stop is None and not isinstance(loop, Loop):
         stop = 300.0
@@ -543,8 +544,8 @@ def stability_map(  # noqa: PLR0913
     >>> sum(found.summary.verdicts.values())
     4
     """
-    from .loop_results import StabilityMap
     from .stability.stability_map import make_map, plan_map
+    from .study_results import StabilityMap
 
     processes = _processes(workers)
     followed = _followed_loop(
@@ -614,9 +615,9 @@ def swap_study(
     >>> found.headline()
     'pid wins 1 of 1 duties. 2 controllers, 1 duties, 4 runs'
     """
-    from .loop_results import SwapStudy
     from .orchestration.study.plan import read_plan
     from .orchestration.study.study import discard_parts, do_study
+    from .study_results import SwapStudy
 
     plan = read_plan(study)
     for part in (plan.plant, *(e.component for e in plan.entrants)):
@@ -685,10 +686,10 @@ def tune(  # noqa: PLR0913
     >>> [m.state for m in result.margins]
     ['stuck', 'sliding']
     """
-    from .loop_results import TunedGains
     from .options import read_whole_number
     from .orchestration.fmu.limits import check_length
     from .orchestration.study.tune import tune_loop
+    from .study_results import TunedGains
 
     length = None if stop is None else check_length("stop", stop)
     count = read_whole_number("budget", budget, 2)

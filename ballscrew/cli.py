@@ -32,8 +32,9 @@ from . import (
     tune_command,
 )
 from .console import complain, complain_of_ourselves, forget_output
-from .options import BadRequest, Parser
+from .options import Parser
 from .printable import printing, unchanged
+from .solver.errors import UserError
 from .supervision import interrupted
 
 _EXAMPLES = """examples:
@@ -79,7 +80,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         code = int(options.action(options))
         print(end="", flush=True)
         return code
-    except BadRequest as error:
+    except UserError as error:
         return complain(str(error))
     except MemoryError:
         return complain("not enough memory; reduce the work, for example by a longer --step")

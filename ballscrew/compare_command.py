@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import Stages, text_of
-from .options import TRUSTED, BadRequest, out_folder
-from .params_option import bad_parameters
+from .options import TRUSTED, out_folder
 from .record_options import add_record_options, print_notes, read_record_options
 from .results_folder import prepare_folder, save_results
 
@@ -70,16 +69,12 @@ def _compare(options: argparse.Namespace) -> int:
         prepare_folder(options.out, [*options.data, options.params])
     from .measured_results import ModelComparison
     from .measurement.diagnosis.compare import compare
-    from .measurement.records.bad_record import BadRecord
     from .solver.files import finite_or_null
 
     progress = Stages()
     told = columns.mapping, columns.units, columns.lead
     try:
-        with bad_parameters():
-            result = ModelComparison.of(compare(options.data, options.params, *told, progress))
-    except BadRecord as error:
-        raise BadRequest(str(error)) from error
+        result = ModelComparison.of(compare(options.data, options.params, *told, progress))
     finally:
         progress.finish()
     if options.out is not None:

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import Stages
-from .options import NOT_TRUSTED, TRUSTED, BadRequest, check_name, out_folder
-from .params_option import add_params, bad_parameters, read_params
+from .options import NOT_TRUSTED, TRUSTED, check_name, out_folder
+from .params_option import add_params, read_params
 from .record_options import add_record_options, print_notes, read_record_options
 from .results_folder import prepare_folder, save_results
+from .solver.errors import ContractError, UserError
 
 if TYPE_CHECKING:
     from .measurement.diagnosis.diagnosis import Diagnosis, Level
@@ -105,13 +106,11 @@ def _diagnose(options: argparse.Namespace) -> int:
     from .measurement.diagnosis.diagnosis import ANSWERED
     from .measurement.diagnosis.drive import drive_of
     from .measurement.diagnosis.report_words import DOES_NOT_HOLD, does_not_hold
-    from .measurement.records.bad_record import BadRecord
     from .measurement.records.reading import read_drive_records
     from .orchestration.loop.parameter_file import ParameterFile
 
-    with bad_parameters():
-        told = (read_params(options) or ParameterFile()).with_lead(columns.lead)
-        model = drive_of(told, options.law)
+    told = (read_params(options) or ParameterFile()).with_lead(columns.lead)
+    model = drive_of(told, options.law)
     progress = Stages()
     try:
         progress("reading")
@@ -119,8 +118,6 @@ def _diagnose(options: argparse.Namespace) -> int:
             options.data, columns.mapping, columns.units, columns.lead_with(told)
         )
         result = diagnose_records(records, model, progress, options.take)
-    except BadRecord as error:
-        raise BadRequest(str(error)) from error
     finally:
         progress.finish()
     extension = _extended(result)
@@ -164,7 +161,7 @@ def _check_overwritten(options: argparse.Namespace) -> None:
     results = {os.path.realpath(options.out / name) for name in _FILES}
     for path in (*options.data, options.params):
         if path is not None and os.path.realpath(path) in results:
-            raise BadRequest(f"{path} would be overwritten by a result; choose another --out")
+            raise UserError(f"{path} would be overwritten by a result; choose another --out")
 
 
 class _Extension:
@@ -178,13 +175,11 @@ class _Extension:
 def _extended(result: Diagnosis) -> _Extension:
     if not result.causes:
         return _Extension(None)
-    from .measurement.diagnosis.with_causes import BadExtension, with_causes
-    from .plant.two_masses import OneBody
-    from .solver.component import ContractError
+    from .measurement.diagnosis.with_causes import with_causes
 
     try:
         return _Extension(with_causes(result.corrected, result.found()))
-    except (BadExtension, OneBody, ContractError) as error:
+    except ContractError as error:
         return _Extension(None, f"no extended plant is written: {error}")
 
 

@@ -11,19 +11,13 @@ from typing import TYPE_CHECKING, Any
 from .console import print_notes, tell_export
 from .controllers import CONTROLLERS
 from .exporting import Export
-from .options import (
-    BAD_REQUEST,
-    TRUSTED,
-    BadRequest,
-    out_folder,
-    read_part,
-    read_whole_number,
-)
-from .params_option import add_params, bad_parameters, read_params
+from .options import BAD_REQUEST, TRUSTED, out_folder, read_part, read_whole_number
+from .params_option import add_params, read_params
 from .plant import PLANTS
 from .plant.instruments import INSTRUMENTS
 from .results_folder import prepare_folder, write_or_refuse
 from .sides import check_labels
+from .solver.errors import ContractError, FmuError, UserError
 from .solver.files import temporary_folder
 
 if TYPE_CHECKING:
@@ -123,8 +117,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 def _around(told: ParameterFile | None, plant: str | None) -> str:
     from .orchestration.loop.file_values import plant_of
 
-    with bad_parameters():
-        return plant_of(told, plant)
+    return plant_of(told, plant)
 
 
 def export(options: argparse.Namespace) -> int:
@@ -133,9 +126,9 @@ def export(options: argparse.Namespace) -> int:
     if options.loop is not None:
         for other in ("only", "all", "ssp", "variational"):
             if getattr(options, other):
-                raise BadRequest(f"--loop and --{other}: expected one of them")
+                raise UserError(f"--loop and --{other}: expected one of them")
     if options.only and options.all:
-        raise BadRequest("--component and --all: expected one of them")
+        raise UserError("--component and --all: expected one of them")
     told = read_params(options)
     names = _names(options, told, known)
     option = "--component" if options.loop is None else "--loop"
@@ -144,15 +137,15 @@ def export(options: argparse.Namespace) -> int:
     check_labels(option, names)
     if options.plant is not None:
         if not whole:
-            raise BadRequest("--plant is for --loop and --ssp; for a plant alone use --component")
+            raise UserError("--plant is for --loop and --ssp; for a plant alone use --component")
         read_part("--plant", options.plant, PLANTS, fmus=False)
     if options.variational and options.ssp:
-        raise BadRequest("--variational and --ssp: expected one of them")
+        raise UserError("--variational and --ssp: expected one of them")
     if options.tangents is not None and not options.variational:
-        raise BadRequest("--tangents needs --variational")
+        raise UserError("--tangents needs --variational")
     for other in ("native", "ssp", "variational"):
         if options.modelica and getattr(options, other):
-            raise BadRequest(f"--modelica and --{other}: expected one of them")
+            raise UserError(f"--modelica and --{other}: expected one of them")
     tangents = read_whole_number("--tangents", options.tangents or "5", 1, 12)
     platforms = _read_native(options)
     prepare_folder(options.out)
@@ -164,12 +157,8 @@ def export(options: argparse.Namespace) -> int:
         int(options.fmi or 2),
         platforms,
     )
-    from .fmus.system_export import CannotConnect
-    from .fmus.units import BadUnit
     from .orchestration.loop.catalogue import name_of
     from .solver.compilers import CompilerFailed
-    from .solver.contract_error import ContractError
-    from .solver.tape import UnsupportedComponent
 
     kind = "_variational" if options.variational else "_loop" if options.loop else ""
     ending = ".ssp" if options.ssp else kind + (".mo" if options.modelica else ".fmu")
@@ -180,9 +169,9 @@ def export(options: argparse.Namespace) -> int:
             try:
                 write = partial(how.write, name, target, Path(folder))
                 made = write_or_refuse(write)
-            except (ContractError, UnsupportedComponent, BadUnit, CannotConnect) as error:
+            except (ContractError, FmuError) as error:
                 if options.only or options.loop:
-                    raise BadRequest(str(error)) from error
+                    raise
                 print(f"left out: {error}", file=sys.stderr)
                 continue
             except CompilerFailed as error:
@@ -199,14 +188,14 @@ def _read_native(options: argparse.Namespace) -> list[str] | None:
 
     for option in ("fmi", "platforms"):
         if getattr(options, option) is not None and not options.native:
-            raise BadRequest(f"--{option} needs --native")
+            raise UserError(f"--{option} needs --native")
     if options.fmi not in (None, "2", "3"):
-        raise BadRequest(f"--fmi is {options.fmi!r}, expected one of 2, 3")
+        raise UserError(f"--fmi is {options.fmi!r}, expected one of 2, 3")
     platforms = None if options.platforms is None else options.platforms.split(",")
     known = platforms_of(int(options.fmi or 2))
     for name in platforms or ():
         if name not in known:
-            raise BadRequest(
+            raise UserError(
                 f"--platforms: no platform {name!r}; there are {', '.join(known)} "
                 f"with --fmi {options.fmi or 2}"
             )
@@ -222,5 +211,4 @@ def _names(options: argparse.Namespace, told: ParameterFile | None, known: list[
     names = known if options.all else [name for name in DEFAULTS if name in known]
     if told is None or options.ssp:
         return names
-    with bad_parameters():
-        return [told.plant_name, *(name for name in names if name not in PLANTS)]
+    return [told.plant_name, *(name for name in names if name not in PLANTS)]

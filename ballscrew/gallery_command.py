@@ -10,8 +10,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from .options import TRUSTED, BadRequest, out_folder
+from .options import TRUSTED, out_folder
 from .results_folder import prepare_folder, save_results
+from .solver.errors import UserError
 from .solver.nearest import did_you_mean
 from .supervision import tell
 
@@ -45,13 +46,13 @@ def gallery(options: argparse.Namespace) -> int:
     systems: dict[str, str] = import_module(GALLERY).SYSTEMS
     if options.name is None:
         if options.out is not None:
-            raise BadRequest("--out is for one system; give its NAME as well")
+            raise UserError("--out is for one system; give its NAME as well")
         return _list(systems, options.json)
     if options.name not in systems:
         hint = did_you_mean(options.name, systems)
-        raise BadRequest(f"no system {options.name!r}; there are {', '.join(systems)}{hint}")
+        raise UserError(f"no system {options.name!r}; there are {', '.join(systems)}{hint}")
     if options.out is None:
-        raise BadRequest(f"--out is missing, expected a folder for what {options.name} gives")
+        raise UserError(f"--out is missing, expected a folder for what {options.name} gives")
     return _show(options.name, options.out, options.json)
 
 

@@ -10,19 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import text_of
-from .options import (
-    NOT_TRUSTED,
-    TRUSTED,
-    BadRequest,
-    check_name,
-    out_folder,
-    read_named,
-    read_number,
-)
-from .params_option import add_params, bad_parameters, read_params
+from .options import NOT_TRUSTED, TRUSTED, check_name, out_folder, read_named, read_number
+from .params_option import add_params, read_params
 from .plant import LAWS
 from .record_options import add_record_options, print_notes, read_record_options
 from .results_folder import prepare_folder, save_results
+from .solver.errors import UserError
 from .supervision import tell
 
 if TYPE_CHECKING:
@@ -110,7 +103,7 @@ def _identify(options: argparse.Namespace) -> int:
     if options.response:
         return _response(options)
     if options.law is None:
-        raise BadRequest("--law is missing; expected a law, or --response for a frequency response")
+        raise UserError("--law is missing; expected a law, or --response for a frequency response")
     check_name("--law", options.law, LAWS)
     columns = read_record_options(options)
     mass: float | bool = options.mass == "fit"
@@ -119,20 +112,13 @@ def _identify(options: argparse.Namespace) -> int:
     told = read_params(options)
     fixed = _fixed(options.fix, told)
     from .measured_results import IdentifiedLaw
-    from .measurement.identification.identify import CannotHold, identify_files
-    from .measurement.records.bad_record import BadRecord
+    from .measurement.identification.identify import identify_files
     from .orchestration.loop.turning_words import words_for
 
     prepare_folder(options.out, [*options.data, options.params])
     tell(f"fitting {options.law}")
     given = options.law, fixed, options.offset, told, mass
-    try:
-        with bad_parameters():
-            result = IdentifiedLaw.of(identify_files(options.data, *given, *columns))
-    except CannotHold as error:
-        raise BadRequest(f"--fix, --offset: {error}") from error
-    except BadRecord as error:
-        raise BadRequest(str(error)) from error
+    result = IdentifiedLaw.of(identify_files(options.data, *given, *columns))
     save_results(options.out, lambda folder: result.save(folder, command=options.command))
     words = words_for(result.notes)
     if options.json:
@@ -164,20 +150,16 @@ def _response(options: argparse.Namespace) -> int:
     refused = [f"--{n}" for n in ("law", "mass", "fix", "offset") if getattr(options, n)]
     if refused or len(options.data) != 1:
         got = ", ".join(refused) or f"{len(options.data)} files"
-        raise BadRequest(f"--response: got {got} with it; expected one record and no law")
+        raise UserError(f"--response: got {got} with it; expected one record and no law")
     columns = read_record_options(options)
     from .measurement.identification.identification_pictures import response_figure
     from .measurement.identification.response import frequency_response
-    from .measurement.records.bad_record import BadRecord
     from .measurement.records.reading import read_response_record
     from .orchestration.loop.pictures import drawing, write_figure
 
     lead = columns.lead_with(read_params(options))
-    try:
-        record = read_response_record(options.data[0], columns.mapping, columns.units, lead)
-        result = frequency_response(record)
-    except BadRecord as error:
-        raise BadRequest(str(error)) from error
+    record = read_response_record(options.data[0], columns.mapping, columns.units, lead)
+    result = frequency_response(record)
     prepare_folder(options.out, [*options.data, options.params])
 
     def save(folder: Path) -> None:
@@ -202,9 +184,9 @@ def _fixed(texts: Sequence[str], told: ParameterFile | None) -> dict[str, float]
     fixed = {name: read_number(f"--fix {name}", text) for name, text in given.items()}
     for name in (t for t in texts if "=" not in t):
         if name in fixed:
-            raise BadRequest(f"--fix {name} is given twice; expected once")
+            raise UserError(f"--fix {name} is given twice; expected once")
         if told is None or name not in told.plant:
-            raise BadRequest(
+            raise UserError(
                 f"--fix {name}: it has no value; use --fix {name}=VALUE, or give {name} in --params"
             )
         fixed[name] = told.plant[name].value

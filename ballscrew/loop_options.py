@@ -12,8 +12,6 @@ from .console import print_notes
 from .controllers import ALONE, CONTROLLERS
 from .options import (
     PART,
-    BadRequest,
-    guard,
     out_folder,
     read_length,
     read_named,
@@ -23,9 +21,10 @@ from .options import (
 )
 from .orchestration.fmu.limits import FIRST_STEP, TIME_LIMIT, check_corrections, check_time_limit
 from .orchestration.master.couplings import Coupling
-from .params_option import add_params, bad_parameters, read_params
+from .params_option import add_params, read_params
 from .plant import PLANTS
 from .sides import check_labels, labels_of, mappings, meant, split_side
+from .solver.errors import UserError
 
 if TYPE_CHECKING:
     from .orchestration.loop.loop import Loop, SystemLoop
@@ -174,25 +173,21 @@ def read_loops(
     from .orchestration.loop.file_values import file_values
     from .orchestration.loop.loop import Loop
 
-    with bad_parameters():
-        asked = told, options.plant, names, given
-        described, values, values_of, notes = guard(lambda: file_values(*asked))
+    asked = told, options.plant, names, given
+    described, values, values_of, notes = file_values(*asked)
     print_notes(notes)
-    loops: list[Loop] = guard(
-        lambda: [
-            Loop(
-                controller,
-                plant or described,
-                plant_values=values | given,
-                controller_values=values_of[name] | given_to[name],
-                mapping=ports_of[name],
-                told=told,
-                **how,
-            )
-            for name, controller in zip(names, parts, strict=True)
-        ]
-    )
-    return loops
+    return [
+        Loop(
+            controller,
+            plant or described,
+            plant_values=values | given,
+            controller_values=values_of[name] | given_to[name],
+            mapping=ports_of[name],
+            told=told,
+            **how,
+        )
+        for name, controller in zip(names, parts, strict=True)
+    ]
 
 
 def read_closed_loops(
@@ -219,13 +214,13 @@ def read_practice_loops(
 
     period = None if options.sampled is None else read_length("--sampled", options.sampled)
     parts = [read_part(option, controller, CONTROLLERS) for controller in asked]
-    put = [guard(lambda p=p: in_practice(p, period, noise)) for p in parts]
+    put = [in_practice(p, period, noise) for p in parts]
     loops = read_closed_loops(options, [part.name for part, _, _ in put], option)
     for _, values, _ in put:
         for parameter in values:
             _refuse_another(options, parameter)
     return [
-        guard(lambda loop=loop, notes=notes: replace(loop, notes=notes, sampled=period))
+        replace(loop, notes=notes, sampled=period)
         for loop, (_, _, notes) in zip(loops, put, strict=True)
     ]
 
@@ -234,7 +229,7 @@ def _refuse_another(options: argparse.Namespace, parameter: str) -> None:
     """Reject a sampling period by ``--set`` together with ``--sampled``."""
     for text in options.set:
         if text.partition("=")[0].strip().endswith(f".{parameter}"):
-            raise BadRequest(f"--sampled {options.sampled} and --set {text}: expected one of them")
+            raise UserError(f"--sampled {options.sampled} and --set {text}: expected one of them")
 
 
 def read_followed_loop(
@@ -251,20 +246,20 @@ def read_followed_loop(
 
     Raises
     ------
-    BadRequest
+    UserError
     """
     over_fmus = options.via == "fmu"
     for option in () if over_fmus else ("step", "map"):
         if getattr(options, option):
-            raise BadRequest(
+            raise UserError(
                 f"--{option} is for --via fmu; without it no FMU is run, and one solver chooses "
                 "its steps"
             )
     if over_fmus and options.tolerance is not None:
-        raise BadRequest("--tolerance is for --via model; FMUs have solvers of their own")
+        raise UserError("--tolerance is for --via model; FMUs have solvers of their own")
     for option in () if over_fmus else ("controller", "plant"):
         if Path(getattr(options, option) or "").suffix == ".fmu":
-            raise BadRequest(
+            raise UserError(
                 f"--{option} {getattr(options, option)}: an FMU has no equations; lyapunov runs it "
                 "with --via fmu"
             )
@@ -272,30 +267,30 @@ def read_followed_loop(
     step = read_step("--step", options.step or FIRST_STEP, stop) if over_fmus else None
     number = read_number("--tolerance", options.tolerance or tolerance)
     if not finest <= number <= coarsest:
-        raise BadRequest(f"--tolerance is {options.tolerance}, expected {finest:g} to {coarsest:g}")
+        raise UserError(f"--tolerance is {options.tolerance}, expected {finest:g} to {coarsest:g}")
     how: dict[str, Any] = {"stop": stop, "step": step}
     if options.setpoint is not None:
         how["reference"] = read_number("--setpoint", options.setpoint)
     (loop,) = read_loops(options, [options.controller], fmus=over_fmus, **how)
-    guard(loop.check_values)
+    loop.check_values()
     return loop, number
 
 
 def read_system_loop(options: argparse.Namespace) -> SystemLoop:
     for name in ("plant", "map", "params", "limit_voltage", "limit_current", "sampled"):
         if getattr(options, name):
-            raise BadRequest(
+            raise UserError(
                 f"--{name.replace('_', '-')} cannot be used with --system, whose file "
                 "defines the connections; use --set ELEMENT.VARIABLE=VALUE"
             )
     stop = None if options.stop is None else read_length("--stop", options.stop)
     how = read_coupling_options(options, stop)
     if how["coupling"] and how["coupling"].value == "monolithic":
-        raise BadRequest("--coupling monolithic needs equations, and an .ssp does not give them")
+        raise UserError("--coupling monolithic needs equations, and an .ssp does not give them")
     values = {}
     for name, value in read_named("--set", options.set, "ELEMENT.VARIABLE=VALUE").items():
         if "." not in name:
-            raise BadRequest(f"--set {name}={value}: expected ELEMENT.VARIABLE=VALUE")
+            raise UserError(f"--set {name}={value}: expected ELEMENT.VARIABLE=VALUE")
         values[name] = value  # the FMU tells which values are valid
     from .orchestration.loop.loop import SystemLoop
 
@@ -312,18 +307,18 @@ def read_coupling_options(options: argparse.Namespace, stop: float | None) -> di
 
     how: dict[str, Any] = {"step": step, "adaptive": options.adaptive, "isolate": options.isolate}
     if options.reference:
-        how["reference"] = guard(lambda: as_reference(options.reference))
+        how["reference"] = as_reference(options.reference)
     elif options.setpoint is not None:
         how["reference"] = read_number("--setpoint", options.setpoint)
-    coupling = guard(lambda: coupling_named("--coupling", options.coupling))
-    corrections = guard(lambda: check_corrections("--corrections", options.corrections))
+    coupling = coupling_named("--coupling", options.coupling)
+    corrections = check_corrections("--corrections", options.corrections)
     limit = options.time_limit
     for option, given in (("isolate", options.isolate), ("time-limit", limit is not None)):
         if given and coupling and coupling.value == "monolithic":
-            raise BadRequest(f"--{option} is for FMUs, and --coupling monolithic uses none")
+            raise UserError(f"--{option} is for FMUs, and --coupling monolithic uses none")
     if limit is not None and options.isolate is False:
-        raise BadRequest("--time-limit is for FMUs in their own process; see --no-isolate")
-    time_limit = guard(lambda: check_time_limit("--time-limit", limit or TIME_LIMIT))
+        raise UserError("--time-limit is for FMUs in their own process; see --no-isolate")
+    time_limit = check_time_limit("--time-limit", limit or TIME_LIMIT)
     return how | {"coupling": coupling, "corrections": corrections, "time_limit": time_limit}
 
 
@@ -340,7 +335,7 @@ def read_settings(
         if not side or not parameter:
             *sides, last = ("plant", "controller", *labels_of(controllers))
             forms = ", ".join(f"{side}.NAME=VALUE" for side in sides)
-            raise BadRequest(f"--set {name}={texts[name]}: expected {forms} or {last}.NAME=VALUE")
+            raise UserError(f"--set {name}={texts[name]}: expected {forms} or {last}.NAME=VALUE")
         number = read_number(f"--set {name}", texts[name])
         if side == "plant":
             plant[parameter] = number
@@ -354,9 +349,9 @@ def read_settings(
         if limit is not None:
             number = read_number("--" + option.replace("_", "-"), limit)
             if number <= 0:
-                raise BadRequest(f"--{option.replace('_', '-')} is {limit}, expected more than 0")
+                raise UserError(f"--{option.replace('_', '-')} is {limit}, expected more than 0")
             if parameter in plant:
-                raise BadRequest(
+                raise UserError(
                     f"--set plant.{parameter} and --{option.replace('_', '-')}: expected one of "
                     "them"
                 )

@@ -9,9 +9,10 @@ from typing import Any
 
 from .console import Bar, print_notes
 from .loop_options import add_followed_loop_options, read_followed_loop
-from .options import TRUSTED, BadRequest, guard
+from .options import TRUSTED
 from .orchestration.fmu.limits import TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS
 from .results_folder import prepare_folder
+from .solver.errors import UserError
 from .supervision import tell, tell_kept
 from .worker_options import add_worker_options, open_workers, read_worker_count
 
@@ -66,31 +67,26 @@ def _map(options: argparse.Namespace) -> int:
     usual = TOLERANCE_OF_MAPS if options.exponents else TOLERANCE_OF_MOTIONS
     loop, tolerance = read_followed_loop(options, usual, finest=1e-12, coarsest=1e-4)
     count = read_worker_count(options)
-    from .orchestration.fmu.memory import NotEnoughMemory
-    from .orchestration.study.workers import WorkersLost
-    from .stability.map_plan import BadMap
     from .stability.stability_map import make_map, plan_map
 
     try:
         axes = options.x, options.y
-        plan = guard(lambda: plan_map(loop, *axes, options.exponents, tolerance))
+        plan = plan_map(loop, *axes, options.exponents, tolerance)
         if options.setpoint is not None and "setpoint" in (plan.x.side, plan.y.side):
-            raise BadRequest("--setpoint, and an axis of set-points: expected one of them")
+            raise UserError("--setpoint, and an axis of set-points: expected one of them")
         prepare_folder(options.out, [options.params])
         workers = open_workers(options, count)
         progress = _MapProgress()
 
         again = options.resume
-        summary = guard(lambda: make_map(plan, options.out, workers, again, progress))
+        summary = make_map(plan, options.out, workers, again, progress)
         progress.finish()
-        from .loop_results import StabilityMap
+        from .study_results import StabilityMap
 
         notes = StabilityMap(summary, options.out).add_report(options.command)
-    except (BadMap, NotEnoughMemory, WorkersLost) as error:
-        raise BadRequest(str(error)) from error
     except OSError as error:
         where = f" {error.filename}" if error.filename else ""
-        raise BadRequest(
+        raise UserError(
             f"cannot write{where}: {error.strerror or error}; finished work is kept, "
             "continue with --resume"
         ) from error

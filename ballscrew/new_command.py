@@ -10,8 +10,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from .options import TRUSTED, BadRequest, out_folder
+from .options import TRUSTED, out_folder
 from .results_folder import write_or_refuse
+from .solver.errors import UserError
 
 _SIDES = ("plant", "controller")  # reserved words of --set and --map
 
@@ -43,9 +44,9 @@ def new(options: argparse.Namespace) -> int:
     _check_name(name)
     for target in targets:
         if target.exists() or target.is_symlink():
-            raise BadRequest(f"{target} exists already; choose another NAME or --out")
+            raise UserError(f"{target} exists already; choose another NAME or --out")
     if find_spec(name) is not None:
-        raise BadRequest(
+        raise UserError(
             f"NAME is {name!r}, which is a module of this Python that the file would hide; choose "
             "another"
         )
@@ -70,9 +71,9 @@ def _check_name(name: str) -> None:
     from .orchestration.loop.catalogue import NAMES
 
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or keyword.iskeyword(name):
-        raise BadRequest(f"NAME is {name!r}, expected an identifier, such as my_controller")
+        raise UserError(f"NAME is {name!r}, expected an identifier, such as my_controller")
     if name in NAMES or name in _SIDES:
-        raise BadRequest(f"NAME is {name!r}, which is already the name of a part; choose another")
+        raise UserError(f"NAME is {name!r}, which is already the name of a part; choose another")
 
 
 def _fill(template: str, name: str) -> str:

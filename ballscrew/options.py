@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from .orchestration.fmu.limits import BadParameter, as_number, check_length, check_step
+from .orchestration.fmu.limits import as_number, check_length, check_step
+from .solver.errors import (
+    UserError,
+)
 from .solver.nearest import did_you_mean
 
 if TYPE_CHECKING:
@@ -26,38 +29,27 @@ OWN = (
 PART = f"a name, a controller's as NAME+INSTRUMENT+..., {OWN}"
 
 
-class BadRequest(ValueError):
-    """The command line is invalid; the message is one line for the user."""
-
-
 class Parser(argparse.ArgumentParser):
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self._negative_number_matcher = NEGATIVE_NUMBER
 
     def error(self, message: str) -> NoReturn:
-        raise BadRequest(f"{message}; see {self.prog} --help")
-
-
-def _asked(check: Callable[..., float], *given: Any) -> float:
-    try:
-        return check(*given)
-    except BadParameter as error:
-        raise BadRequest(str(error)) from error
+        raise UserError(f"{message}; see {self.prog} --help")
 
 
 def read_number(option: str, text: str | float) -> float:
-    return _asked(as_number, option, text)
+    return as_number(option, text)
 
 
 def read_length(option: str, text: str | float) -> float:
     """Length of a motion [s]."""
-    return _asked(check_length, option, text)
+    return check_length(option, text)
 
 
 def read_step(option: str, text: str | float, stop: float | None) -> float:
     """A communication step [s] of a motion of this length; None is a length not known yet."""
-    return _asked(check_step, option, text, stop)
+    return check_step(option, text, stop)
 
 
 def read_part(option: str, name: str, known: Collection[str], fmus: bool = True) -> Part:
@@ -67,21 +59,20 @@ def read_part(option: str, name: str, known: Collection[str], fmus: bool = True)
     """
     from .orchestration.loop.parts import resolve
 
-    part: Part = guard(lambda: resolve(option, name, known, fmus))
-    return part
+    return resolve(option, name, known, fmus)
 
 
 def check_name(option: str, name: str, known: Iterable[str]) -> None:
     """Reject a name that is not among the `known` ones."""
     if name not in known:
         near = did_you_mean(name, known)
-        raise BadRequest(f"{option} {name!r} is none of {', '.join(known)}{near}")
+        raise UserError(f"{option} {name!r} is none of {', '.join(known)}{near}")
 
 
 def read_pair(option: str, text: str, form: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not equals or not name.strip() or not value.strip():
-        raise BadRequest(f"{option} {text!r} is not of the form {form}")
+        raise UserError(f"{option} {text!r} is not of the form {form}")
     return name.strip(), value.strip()
 
 
@@ -92,7 +83,7 @@ def read_named(option: str, texts: Sequence[str], form: str) -> dict[str, str]:
     for name in named:
         values = [value for other, value in pairs if other == name]
         if len(values) > 1:
-            raise BadRequest(f"{option} {name} is given as {' and as '.join(values)}; expected one")
+            raise UserError(f"{option} {name} is given as {' and as '.join(values)}; expected one")
     return named
 
 
@@ -103,7 +94,7 @@ def read_whole_number(option: str, text: str | int, least: int, most: int | None
         value = least - 1
     if value < least or (most is not None and value > most):
         range_ = f"from {least} on" if most is None else f"from {least} to {most}"
-        raise BadRequest(f"{option} is {text!r}, expected a whole number {range_}")
+        raise UserError(f"{option} is {text!r}, expected a whole number {range_}")
     return value
 
 
@@ -112,42 +103,3 @@ def out_folder(text: str) -> Path:
     if not text.strip():
         raise argparse.ArgumentTypeError("is empty; expected a folder ('.' is the current one)")
     return Path(text)
-
-
-def guard(action: Any) -> Any:
-    """Run, and turn errors that the user can correct into one line."""
-    from .fmus.reading import FmuError
-    from .fmus.system_xml import BadSystem
-    from .fmus.units import BadUnit
-    from .orchestration.fmu.fmu_instance import StepFailed
-    from .orchestration.fmu.memory import NotEnoughMemory
-    from .orchestration.fmu.wiring import WiringError
-    from .orchestration.loop.catalogue import UnknownComponent
-    from .orchestration.loop.parts import BadPart
-    from .orchestration.master.couplings import UnknownCoupling
-    from .orchestration.master.loop_run import CouplingError
-    from .orchestration.master.reference_signal import BadReference
-    from .solver.component_file import BadComponentFile
-    from .solver.contract_error import ContractError
-    from .solver.tape import UnsupportedComponent
-
-    try:
-        return action()
-    except (
-        FmuError,
-        BadSystem,
-        WiringError,
-        CouplingError,
-        NotEnoughMemory,
-        BadParameter,
-        BadPart,
-        BadReference,
-        UnknownCoupling,
-        UnknownComponent,
-        StepFailed,
-        BadComponentFile,
-        ContractError,
-        UnsupportedComponent,
-        BadUnit,
-    ) as error:
-        raise BadRequest(str(error)) from error

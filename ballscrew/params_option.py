@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import os
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import print_notes
-from .options import BadRequest, guard
+from .solver.errors import UserError
 
 if TYPE_CHECKING:
     from .orchestration.loop.parameter_file import ParameterFile, Values
@@ -25,23 +23,12 @@ def add_params(
     add("--params", type=Path, metavar="FILE.toml", help=f"parameter file: {what}")
 
 
-@contextlib.contextmanager
-def bad_parameters() -> Iterator[None]:
-    """Turn an error in a parameter file into one line for the user."""
-    from .orchestration.loop.parameter_file import BadParameters
-
-    try:
-        yield
-    except BadParameters as error:
-        raise BadRequest(str(error)) from error
-
-
 def read_params(options: argparse.Namespace) -> ParameterFile | None:
     """The file of ``--params``, if there is one; the names of parameters are not checked yet.
 
     Raises
     ------
-    BadRequest
+    UserError
         Also if the results would overwrite the file.
     """
     if options.params is None:
@@ -51,9 +38,8 @@ def read_params(options: argparse.Namespace) -> ParameterFile | None:
 
     written = options.out and os.path.realpath(options.out / FILE_NAME)
     if written == os.path.realpath(options.params):
-        raise BadRequest(f"{options.params} would be overwritten by a result; choose another --out")
-    with bad_parameters():
-        return read_parameters(options.params)
+        raise UserError(f"{options.params} would be overwritten by a result; choose another --out")
+    return read_parameters(options.params)
 
 
 def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
@@ -61,7 +47,7 @@ def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
 
     Raises
     ------
-    BadRequest
+    UserError
         If the file has values for both as one part.
     """
     from .orchestration.loop.parts import Part
@@ -69,7 +55,7 @@ def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
 
     named = PartName.of(name)
     if told and named.instruments and Part(name).label in told.controllers:
-        raise BadRequest(
+        raise UserError(
             f"{told.path}: [controller.{Part(name).label}] is for one part, but in an .ssp its "
             "instruments are separate parts; export without --params, and run with --set "
             "ELEMENT.VARIABLE=VALUE"
@@ -94,7 +80,7 @@ def kernel_with_values(
 
     Raises
     ------
-    BadRequest
+    UserError
     """
     if told is None:
         return kernel
@@ -116,12 +102,11 @@ def kernel_with_values(
     of_plant = {**told.plant, **told.found}
     of_controller = told.controllers.get(table_of(told, Part(name)), {})
     moves = plant or (name if _is_plant(name) else "")
-    with bad_parameters():
-        if moves:
-            add(PLANT if plant else "", guard(lambda: for_plant(told, moves)), of_plant)
-            print_notes(aside(told, {n.removeprefix(PLANT) for n in values}, moves))
-        if plant or not moves:
-            add(CONTROLLER if plant else "", for_controller(told, name), of_controller)
+    if moves:
+        add(PLANT if plant else "", for_plant(told, moves), of_plant)
+        print_notes(aside(told, {n.removeprefix(PLANT) for n in values}, moves))
+    if plant or not moves:
+        add(CONTROLLER if plant else "", for_controller(told, name), of_controller)
     return with_start_values(kernel, values, sources)
 
 

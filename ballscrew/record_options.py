@@ -8,7 +8,8 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from .options import BadRequest, read_named, read_number
+from .options import read_named, read_number
+from .solver.errors import UserError
 
 if TYPE_CHECKING:
     from .orchestration.loop.parameter_file import ParameterFile
@@ -58,14 +59,14 @@ def read_record_options(options: argparse.Namespace) -> RecordOptions:
 
     Raises
     ------
-    BadRequest
+    UserError
     """
 
     mapping = read_named("--map", options.map, "THEIRS=OURS")
     units = read_named("--unit", options.unit, "OURS=UNIT")
     lead = None if options.lead is None else read_number("--lead", options.lead)
     if lead is not None and not 0 < lead < math.inf:
-        raise BadRequest(f"--lead is {options.lead}, expected a number of metres above 0")
+        raise UserError(f"--lead is {options.lead}, expected a number of metres above 0")
     return RecordOptions(mapping, units, lead)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from .console import print_notes
-from .options import BadRequest
+from .solver.errors import UserError
 from .supervision import tell, tell_folder
 
 T = TypeVar("T")
@@ -20,7 +20,7 @@ def write_or_refuse(action: Callable[[], T]) -> T:
         return action()
     except OSError as error:
         where = f" {error.filename}" if error.filename else ""
-        raise BadRequest(f"cannot write{where}: {error.strerror or error}") from error
+        raise UserError(f"cannot write{where}: {error.strerror or error}") from error
 
 
 def save_results(folder: Path, save: Callable[[Path], None]) -> None:
@@ -37,7 +37,7 @@ def prepare_folder(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
     An input must not be a result in this folder that the new results would overwrite.
     """
     if os.path.exists(folder) and not os.path.isdir(folder):  # False for names that are too long
-        raise BadRequest(f"--out {folder} is a file, expected a folder")
+        raise UserError(f"--out {folder} is a file, expected a folder")
     try:
         new = [place for place in (folder, *folder.parents) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
@@ -45,9 +45,9 @@ def prepare_folder(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
         for place in new:  # it is made again with the results: a refused request leaves nothing
             place.rmdir()
     except OSError as error:
-        raise BadRequest(f"--out {folder} cannot be made: {error.strerror}") from error
+        raise UserError(f"--out {folder} cannot be made: {error.strerror}") from error
     if not writable:
-        raise BadRequest(f"--out {folder} cannot be written")
+        raise UserError(f"--out {folder} cannot be written")
     tell_folder(folder)
     from .orchestration.loop.run_folder import settle, written_files
 
@@ -58,7 +58,7 @@ def prepare_folder(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
     for path in filter(None, inputs):
         own = Path(os.path.realpath(path))
         if own in results or any(own in result.parents for result in results):
-            raise BadRequest(
+            raise UserError(
                 f"{path} is a result in --out {folder}, and a new run replaces the "
                 "previous one; choose another folder"
             )

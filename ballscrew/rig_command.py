@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import Progress, print_notes
-from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder, read_named, read_number
+from .options import NOT_TRUSTED, TRUSTED, out_folder, read_named, read_number
 from .params_option import add_params, read_params
 from .plant import DEFAULT_LAW
 from .results_folder import prepare_folder, save_results
+from .solver.errors import BadParameter, UserError
 
 if TYPE_CHECKING:
     from .measurement.rig.machine import Machine
@@ -81,10 +81,10 @@ def _rig(options: argparse.Namespace) -> int:
         for name in ("trials", "seed", "out"):
             if getattr(options, name):
                 given = "a TRIAL" if name == "trials" else f"--{name}"
-                raise BadRequest(f"--list and {given}: expected one of them")
+                raise UserError(f"--list and {given}: expected one of them")
     elif not options.trials or options.out is None:
         missing = "a TRIAL" if not options.trials else "--out DIR"
-        raise BadRequest(f"{missing} is missing; ballscrew rig --list prints all trials")
+        raise UserError(f"{missing} is missing; ballscrew rig --list prints all trials")
     seed = _seed(options.seed or "0")
     values = _values(options.set)
     told = read_params(options)
@@ -92,14 +92,12 @@ def _rig(options: argparse.Namespace) -> int:
     from .measurement.rig.machine import machine_of
     from .measurement.rig.setup import set_up
 
-    with _bad_rig():
-        machine = machine_of(law, values, told)
+    machine = machine_of(law, values, told)
     if options.list:
         return _list(machine, values, told)
     trials = _trials(options.trials, machine)
-    with _bad_rig():  # before the first of many is run
-        for trial in trials:
-            set_up(trial, machine, values, told=told)
+    for trial in trials:
+        set_up(trial, machine, values, told=told)
     prepare_folder(options.out, [options.params])
     from .measured_results import RigRecord
     from .measurement.rig.bench import run_trial
@@ -129,10 +127,9 @@ def _rig(options: argparse.Namespace) -> int:
         progress.finish()
 
     try:
-        with _bad_rig():
-            save_results(options.out, record)
+        save_results(options.out, record)
     except IntegrationError as error:
-        raise BadRequest(f"{error}; a parameter is invalid") from error
+        raise UserError(f"{error}; a parameter is invalid") from error
     for trial in trials:
         folder = options.out / trial.folder if len(trials) > 1 else options.out
         print(f"{trial.line()}: {folder}")
@@ -141,23 +138,8 @@ def _rig(options: argparse.Namespace) -> int:
     return NOT_TRUSTED if any(notes.values()) else TRUSTED
 
 
-@contextlib.contextmanager
-def _bad_rig() -> Iterator[None]:
-    """Turn an invalid rig into one line for the user."""
-    from .measurement.rig.parameters import BadRig
-    from .orchestration.loop.parameter_file import BadParameters
-    from .plant.law import UnknownLaw
-    from .solver.tape import UnsupportedComponent
-
-    try:
-        yield
-    except (BadRig, BadParameters, UnknownLaw, UnsupportedComponent) as error:
-        raise BadRequest(str(error)) from error
-
-
 def _list(machine: Machine, values: dict[str, float], told: ParameterFile | None) -> int:
     """Print the machine's trials; for trials that do not apply to it, print the reason."""
-    from .measurement.rig.parameters import BadRig
     from .measurement.rig.setup import set_up
 
     for trial in machine.trials.values():
@@ -165,18 +147,15 @@ def _list(machine: Machine, values: dict[str, float], told: ParameterFile | None
             if not machine.is_axis:  # all of them are made for this
                 set_up(trial, machine, values, told=told)
             print(trial.line())
-        except BadRig as error:
+        except BadParameter as error:
             print(f"{trial.name:<16}refused: {error}")
     return TRUSTED
 
 
 def _trials(names: list[str], machine: Machine) -> list[Trial]:
-    from .measurement.rig.rig_trials import UnknownTrial, trials_named
+    from .measurement.rig.rig_trials import trials_named
 
-    try:
-        found = [trial for name in names for trial in trials_named(name, machine.trials)]
-    except UnknownTrial as error:
-        raise BadRequest(str(error)) from error
+    found = [trial for name in names for trial in trials_named(name, machine.trials)]
     return list({trial.name: trial for trial in found}.values())
 
 
@@ -185,7 +164,7 @@ def _values(texts: list[str]) -> dict[str, float]:
     values = {}
     for name, value in read_named("--set", texts, "PART.NAME=VALUE").items():
         if "." not in name:
-            raise BadRequest(
+            raise UserError(
                 f"--set {name}={value}: expected PART.NAME=VALUE, as in plant.sigma0=6e4"
             )
         values[name] = read_number(f"--set {name}", value)
@@ -195,7 +174,7 @@ def _values(texts: list[str]) -> dict[str, float]:
 def _seed(text: str) -> int:
 
     if not text.isascii() or not text.isdigit() or len(text) > MOST_DIGITS:
-        raise BadRequest(
+        raise UserError(
             f"--seed is {text!r}, expected a whole number from 0 up of at most {MOST_DIGITS} digits"
         )
     return int(text)

@@ -11,7 +11,7 @@ from typing import Any
 from .console import Progress, print_figures, print_notes
 from .controllers import CONTROLLERS
 from .loop_options import add_closed_loop_options, read_practice_loops, read_system_loop
-from .options import NOT_TRUSTED, OWN, TRUSTED, guard
+from .options import NOT_TRUSTED, OWN, TRUSTED
 from .results_folder import prepare_folder, save_results
 
 _EXAMPLES = """examples:
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
     from .solver.files import finite_or_null
 
     progress = Progress(loop.stop)
-    result = guard(lambda: api.run(loop, progress=progress))
+    result = api.run(loop, progress=progress)
     progress.finish()
     save_results(options.out, lambda folder: result.save(folder, command=options.command))
     figures = result.figures()

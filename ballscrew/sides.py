@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from .options import BadRequest, guard, read_named
+from .options import read_named
+from .solver.errors import UserError
 
 
 def mappings(options: argparse.Namespace, controllers: Sequence[str]) -> dict[str, dict[str, str]]:
@@ -20,11 +21,11 @@ def mappings(options: argparse.Namespace, controllers: Sequence[str]) -> dict[st
                 found[name][theirs] = ours
             continue
         if side != "plant" and port in texts and len(controllers) == 1:
-            raise BadRequest(f"--map {theirs} and --map {port}: expected one of them")
+            raise UserError(f"--map {theirs} and --map {port}: expected one of them")
         for name in controllers if side == "plant" else meant(side, controllers):
             own = f"plant.{port}" if side == "plant" else f"controller.{port}"
             if own in found[name]:
-                raise BadRequest(f"--map {theirs} and --map {own}: expected one of them")
+                raise UserError(f"--map {theirs} and --map {own}: expected one of them")
             found[name][own] = ours
     return found
 
@@ -39,8 +40,8 @@ def _owners(port: str, plant: str, controllers: Sequence[str]) -> Sequence[str]:
         part = Part(name)
         return port in part.inputs or port in part.outputs
 
-    owners = [name for name in controllers if guard(lambda n=name: has(n))]
-    return controllers if not owners or guard(lambda: has(plant)) else owners
+    owners = [name for name in controllers if has(name)]
+    return controllers if not owners or has(plant) else owners
 
 
 def check_labels(option: str, parts: Sequence[str]) -> None:
@@ -50,10 +51,10 @@ def check_labels(option: str, parts: Sequence[str]) -> None:
     seen: dict[str, str] = {}
     for part in parts:
         if parts.count(part) > 1:
-            raise BadRequest(f"{option} has {part} twice; expected each once")
+            raise UserError(f"{option} has {part} twice; expected each once")
         label = Part(part).own_name
         if label in seen:
-            raise BadRequest(
+            raise UserError(
                 f"{option}: {seen[label]} and {part} are both called {label}; rename one of them"
             )
         seen[label] = part

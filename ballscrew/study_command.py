@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .console import Bar, text_of
-from .options import NOT_TRUSTED, TRUSTED, BadRequest, out_folder
+from .options import NOT_TRUSTED, TRUSTED, out_folder
 from .results_folder import prepare_folder, save_results
 from .supervision import tell, tell_kept
 from .worker_options import add_worker_options, open_workers, read_worker_count
 
 if TYPE_CHECKING:
-    from .loop_results import SwapStudy
+    from .study_results import SwapStudy
 
 _EXAMPLES = """examples:
   ballscrew study STUDY.toml --out out/study
@@ -46,21 +46,16 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 def _study(options: argparse.Namespace) -> int:
     count = read_worker_count(options)
-    from .loop_results import SwapStudy
-    from .orchestration.study import BadPlan
     from .orchestration.study.plan import read_plan
     from .orchestration.study.study import discard_parts, do_study
-    from .orchestration.study.workers import WorkersLost
+    from .study_results import SwapStudy
 
-    try:
-        plan = read_plan(options.study)
-        prepare_folder(options.out, [options.study])
-        workers = open_workers(options, count)
-        progress = _StudyProgress()
-        result = SwapStudy.of(do_study(plan, options.out, workers, options.resume, progress))
-        progress.finish()
-    except (BadPlan, WorkersLost) as error:
-        raise BadRequest(str(error)) from error
+    plan = read_plan(options.study)
+    prepare_folder(options.out, [options.study])
+    workers = open_workers(options, count)
+    progress = _StudyProgress()
+    result = SwapStudy.of(do_study(plan, options.out, workers, options.resume, progress))
+    progress.finish()
     save_results(options.out, lambda folder: result.save(folder, command=options.command))
     discard_parts(options.out)
     if options.json:

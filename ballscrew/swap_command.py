@@ -9,7 +9,7 @@ from typing import Any
 
 from .console import Progress, comparison_table, complain
 from .loop_options import add_closed_loop_options, read_practice_loops
-from .options import BAD_REQUEST, NOT_TRUSTED, PART, TRUSTED, guard
+from .options import BAD_REQUEST, NOT_TRUSTED, PART, TRUSTED
 from .plant.instruments import INSTRUMENTS
 from .results_folder import prepare_folder, save_results
 
@@ -48,7 +48,7 @@ def swap_controllers(options: argparse.Namespace) -> int:
     from .solver.files import finite_or_null
 
     progress = Progress(loops[0].stop)
-    result = guard(lambda: api.swap(loops, progress=lambda name, t: progress(t, name)))
+    result = api.swap(loops, progress=lambda name, t: progress(t, name))
     progress.finish()
     save_results(options.out, lambda folder: result.save(folder, command=options.command))
     if options.json:

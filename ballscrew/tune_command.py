@@ -15,8 +15,6 @@ from .options import (
     NOT_TRUSTED,
     PART,
     TRUSTED,
-    BadRequest,
-    guard,
     out_folder,
     read_length,
     read_number,
@@ -24,10 +22,11 @@ from .options import (
 )
 from .params_option import add_params
 from .results_folder import prepare_folder, save_results
+from .solver.errors import UserError
 from .supervision import tell
 
 if TYPE_CHECKING:
-    from .loop_results import TunedGains
+    from .study_results import TunedGains
 
 _EXAMPLES = """examples:
   ballscrew tune --controller p_pi --out out/tuned
@@ -105,7 +104,7 @@ def _tune(options: argparse.Namespace) -> int:
         how["limit"] = read_number("--limit", options.limit)
     if options.stop is not None:
         if options.reference is None:
-            raise BadRequest("--stop is the length of --reference; give --reference as well")
+            raise UserError("--stop is the length of --reference; give --reference as well")
         how["stop"] = read_length("--stop", options.stop)
     (loop,) = read_loops(options, [options.controller])
     prepare_folder(options.out, [options.params, options.reference])
@@ -114,7 +113,7 @@ def _tune(options: argparse.Namespace) -> int:
 
     progress = _Progress()
     try:
-        result = guard(lambda: api.tune(loop, progress=progress, **how))
+        result = api.tune(loop, progress=progress, **how)
     finally:
         progress.finish()
     save_results(options.out, lambda folder: result.save(folder, command=options.command))

@@ -25,14 +25,14 @@ def add_worker_options(parser: argparse.ArgumentParser) -> None:
 
 
 def read_worker_count(options: argparse.Namespace) -> int:
-    """Number of processes; raises `BadRequest` for an invalid number."""
+    """Number of processes; raises `UserError` for an invalid number."""
     if options.workers is None:
         return os.cpu_count() or 1
     return read_whole_number("--workers", options.workers, 1, MOST_WORKERS)
 
 
 def open_workers(options: argparse.Namespace, count: int) -> Workers:
-    """Dask if requested, else this number of processes; raises `WorkersLost`."""
+    """Dask if requested, else this number of processes; raises `UserError`."""
     from .orchestration.study.workers import Dask, Processes
 
     return Dask(options.dask) if options.dask else Processes(count)

@@ -35,7 +35,7 @@ import sympy as sp
 
 from ..plant.axis import axis
 from ..solver.component import Component, Input, Parameter, symbol
-from ..solver.contract_error import ContractError
+from ..solver.errors import ContractError
 from .limited import limit
 from .rigid_axis import rigid_axis
 

@@ -19,6 +19,8 @@ from typing import IO
 from xml.etree import ElementTree as ET
 from xml.parsers import expat
 
+from ..solver.errors import FmuError
+
 LARGEST = 2 * 1024**3  # largest size of an unpacked archive in bytes
 LARGEST_OF_ALL = 8 * 1024**3  # the same, for all archives of one system together
 MOST = 100_000  # files in it
@@ -26,38 +28,30 @@ LARGEST_XML = 256 * 1024**2  # bytes; their tree is about ten times as large
 _FIXED_TIME = (1980, 1, 1, 0, 0, 0)
 
 
-class BadArchive(ValueError):
-    """The file cannot be unpacked; the message says why, without the file's name."""
-
-
-class BadXml(ValueError):
-    """The file is not XML that can be read here; the message says why."""
-
-
 def open_archive(path: Path) -> zipfile.ZipFile:
     """Open a zip file for reading.
 
     Raises
     ------
-    BadArchive
+    FmuError
         If the file is missing, is no zip file, names files outside its folder, or would unpack to
         more than two gibibytes.
     """
     try:
         if not path.is_file():
-            raise BadArchive("is a folder" if path.is_dir() else "no such file")
+            raise FmuError("is a folder" if path.is_dir() else "no such file")
         archive = zipfile.ZipFile(path)
     except OSError as error:
-        raise BadArchive(f"cannot be read: {error.strerror or error}") from error
+        raise FmuError(f"cannot be read: {error.strerror or error}") from error
     except ValueError as error:  # a name with a null character; BadZipFile is no ValueError
-        if isinstance(error, BadArchive):
+        if isinstance(error, FmuError):
             raise
-        raise BadArchive(f"cannot be read: {error}") from error
+        raise FmuError(f"cannot be read: {error}") from error
     except Exception as error:  # zipfile raises many kinds of errors for damaged files
-        raise BadArchive("is not a zip file") from error
+        raise FmuError("is not a zip file") from error
     try:
         _check_entries(archive.infolist())
-    except BadArchive:
+    except FmuError:
         archive.close()
         raise
     return archive
@@ -65,14 +59,14 @@ def open_archive(path: Path) -> zipfile.ZipFile:
 
 def _check_entries(entries: list[zipfile.ZipInfo]) -> None:
     if not entries:
-        raise BadArchive("is an empty zip file")
+        raise FmuError("is an empty zip file")
     for name in (entry.filename for entry in entries):
         parts = PurePosixPath(name.replace("\\", "/"))
         if parts.is_absolute() or ".." in parts.parts or ":" in name:
-            raise BadArchive(f"holds {name!r}, which is outside its folder; nothing was unpacked")
+            raise FmuError(f"holds {name!r}, which is outside its folder; nothing was unpacked")
     size = sum(entry.file_size for entry in entries)
     if size > LARGEST or len(entries) > MOST:
-        raise BadArchive(
+        raise FmuError(
             f"would unpack to {size / 1024**3:.1f} GiB in {len(entries)} files, expected at "
             f"most {LARGEST / 1024**3:.0f} GiB in {MOST}"
         )
@@ -83,7 +77,7 @@ def unpack_archive(path: Path) -> Path:
 
     Raises
     ------
-    BadArchive
+    FmuError
         See `open_archive`; also if it is damaged or cannot be written.
     """
     with open_archive(path) as archive:
@@ -94,12 +88,12 @@ def unpack_archive(path: Path) -> Path:
         except OSError as error:
             shutil.rmtree(folder, ignore_errors=True)
             where = f" into {folder.parent}" if error.errno == errno.ENOSPC else ""
-            raise BadArchive(f"cannot be unpacked{where}: {error.strerror or error}") from error
+            raise FmuError(f"cannot be unpacked{where}: {error.strerror or error}") from error
         except BaseException as error:
             shutil.rmtree(folder, ignore_errors=True)
             if not isinstance(error, Exception):
                 raise
-            raise BadArchive(f"is damaged: {error or type(error).__name__}") from error
+            raise FmuError(f"is damaged: {error or type(error).__name__}") from error
     return folder
 
 
@@ -127,16 +121,16 @@ def first_element(stream: IO[bytes], size: int, name: str) -> dict[str, str]:
 
     Raises
     ------
-    BadXml
+    FmuError
         If it is too large for a tree, declares a document type, or the text before the first
         element is not XML.
     """
     if size > LARGEST_XML:
-        raise BadXml(f"{name} has {size / 1024**2:.0f} MiB, expected at most {LARGEST_XML >> 20}")
+        raise FmuError(f"{name} has {size / 1024**2:.0f} MiB, expected at most {LARGEST_XML >> 20}")
     found: list[dict[str, str]] = []
 
     def refuse(*_: object) -> None:
-        raise BadXml(f"{name} declares a document type, which FMUs and systems have no use for")
+        raise FmuError(f"{name} declares a document type, which FMUs and systems have no use for")
 
     parser = expat.ParserCreate()
     parser.StartDoctypeDeclHandler = refuse
@@ -146,28 +140,28 @@ def first_element(stream: IO[bytes], size: int, name: str) -> dict[str, str]:
             piece = stream.read(1 << 16)
             parser.Parse(piece, not piece)
     except (expat.ExpatError, LookupError, ValueError) as error:
-        if isinstance(error, BadXml):
+        if isinstance(error, FmuError):
             raise
         if not found:  # later errors are reported by the parser of the whole file
-            raise BadXml(f"{name} is no XML: {error}") from error
+            raise FmuError(f"{name} is no XML: {error}") from error
     return found[0]
 
 
 def check_lines(names: Iterable[str]) -> None:
-    """Refuse names of more than one line, which the schemas do not allow; raises `BadXml`."""
+    """Refuse names of more than one line, which the schemas do not allow; raises `FmuError`."""
     for name in names:
         if name.splitlines() not in ([], [name]):
-            raise BadXml(f"the name {name!r} has a line break")
+            raise FmuError(f"the name {name!r} has a line break")
 
 
 def number(text: str | None, what: str) -> float:
-    """A finite number; raises `BadXml`."""
+    """A finite number; raises `FmuError`."""
     try:
         value = float(text or "")
     except ValueError:
         value = math.nan
     if not math.isfinite(value) or "_" in str(text):
-        raise BadXml(f"{what} is {text!r}, expected a finite number")
+        raise FmuError(f"{what} is {text!r}, expected a finite number")
     return value
 
 

@@ -12,7 +12,10 @@ from ..solver.compilers import FLAGS, PLATFORMS, compile_in, cross_compiler, own
 from ..solver.core import LIBRARY
 from ..solver.files import temporary_folder
 
-RUNTIME = ("solver/core.py", "solver/tape.py", "fmus/runtime.py", "fmus/process_end.py")
+RUNTIME = (
+    *("solver/errors.py", "solver/core.py", "solver/tape.py"),
+    *("fmus/runtime.py", "fmus/process_end.py"),
+)
 """The files that an FMU contains, as a separate package whose name ends in its hash;
 with the compiled core for each available platform."""
 _TOP = Path(__file__).resolve().parents[1]

@@ -59,7 +59,7 @@ def export(component: Component, path: Path | str) -> Path:
 
     Raises
     ------
-    UnsupportedComponent
+    ContractError
         If this version cannot solve the component.
     CompilerFailed
         If the package ziglang fails, which compiles the core for other platforms.

@@ -17,7 +17,7 @@ from sympy.logic.boolalg import BooleanFunction
 from sympy.printing.str import StrPrinter
 
 from ..solver.component import TIME, Component, symbol
-from ..solver.contract_error import ContractError
+from ..solver.errors import ContractError
 from .interface import START
 
 _WIDTH = 100  # of a line

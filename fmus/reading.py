@@ -14,17 +14,10 @@ from pathlib import Path
 from typing import IO, Any
 from xml.etree import ElementTree as ET
 
-from .archive import (
-    BadArchive,
-    BadXml,
-    check_lines,
-    first_element,
-    number,
-    open_archive,
-    unpack_archive,
-)
+from ..solver.errors import FmuError
+from .archive import check_lines, first_element, number, open_archive, unpack_archive
 from .source_fmu import NotCompiled, compile_sources
-from .units import BASE_UNITS, BadUnit, Unit
+from .units import BASE_UNITS, Unit
 
 REAL = ("Real", "Float64", "Float32")
 WHOLE = (
@@ -37,10 +30,6 @@ WHOLE = (
 SETTABLE = ("parameter", "input")
 _DESCRIPTION = "modelDescription.xml"
 _READ = (_DESCRIPTION, "sources/buildDescription.xml")  # by fmpy
-
-
-class FmuError(ValueError):
-    """The file is not an FMU that can run here; the message says what is wrong with it."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +136,7 @@ def unpack(path: Path | str) -> UnpackedFmu:
     except BaseException as error:
         if folder:
             shutil.rmtree(folder, ignore_errors=True)
-        if isinstance(error, BadArchive | FmuError):
+        if isinstance(error, FmuError | FmuError):
             raise FmuError(f"{path}: {error}") from error
         raise
     return UnpackedFmu(path, description, folder)
@@ -157,7 +146,7 @@ def read_description(path: Path | str) -> Description:
     """What an FMU says about itself; it need not run here. Raises `FmuError`."""
     try:
         return describe(Path(path))[0]
-    except (BadArchive, FmuError) as error:
+    except FmuError as error:
         raise FmuError(f"{path}: {error}") from error
 
 
@@ -166,7 +155,7 @@ def describe(path: Path) -> tuple[Description, list[Any]]:
 
     Raises
     ------
-    BadArchive, FmuError
+    FmuError, FmuError
         Without the file's name.
     """
     from fmpy import read_model_description
@@ -184,8 +173,6 @@ def describe(path: Path) -> tuple[Description, list[Any]]:
                 description = _described(read, _attributes_of(text))
         except FmuError:
             raise
-        except (BadUnit, BadXml) as error:
-            raise FmuError(str(error)) from error
         except (AttributeError, IndexError, KeyError, TypeError) as error:
             raise FmuError(f"{_DESCRIPTION} is incomplete ({error})") from error
         except Exception as error:  # the parser raises many kinds

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from ..solver.errors import FmuError
 from ..solver.files import write_atomically
 from ..solver.kernel import DEFAULT_TOLERANCE
 from ..solver.set_point import DERIVATIVES, MEASURED, START_VALUE
@@ -43,10 +44,6 @@ _NAMESPACES = {
 _Port = tuple[str, str]  # element, connector
 _Connection = tuple[_Port, _Port]  # from, to
 _Units = dict[str, dict[str, str]]  # attributes of each unit's BaseUnit
-
-
-class CannotConnect(ValueError):
-    """The FMUs do not form a closed loop; the message says what is missing."""
 
 
 @dataclass(frozen=True)
@@ -110,20 +107,20 @@ def export_system(
     ------
     FmuError
         If a file is no FMU.
-    CannotConnect
+    FmuError
         If the parts cannot be connected, or a name or a number is invalid.
     OSError
         If the file cannot be written.
     """
     path = Path(path)
     if not name:
-        raise CannotConnect("the system has no name")
+        raise FmuError("the system has no name")
     if not math.isfinite(setpoint):
-        raise CannotConnect(f"the set-point is {setpoint}, expected a finite number")
+        raise FmuError(f"the set-point is {setpoint}, expected a finite number")
     if not (math.isfinite(stop) and stop > 0):
-        raise CannotConnect(f"the stop time is {stop} s, expected a positive number")
+        raise FmuError(f"the stop time is {stop} s, expected a positive number")
     if clash := {PLANT, CONTROLLER} & set(instruments or {}):
-        raise CannotConnect(f"an instrument is called {clash.pop()!r}, expected another name")
+        raise FmuError(f"an instrument is called {clash.pop()!r}, expected another name")
     between = [_side(n, fmu) for n, fmu in (instruments or {}).items()]
     first, last = _side(PLANT, plant), _side(CONTROLLER, controller)
     sides = (first, *between, last)
@@ -181,14 +178,14 @@ def _signals(
     for side in instruments:
         for n in side.names("input"):
             if n not in signals:
-                raise CannotConnect(
+                raise FmuError(
                     f"nothing is connected to the input {n!r} of {side.path}: {plant.path} has "
                     f"the outputs {plant.listed('output')}"
                 )
             connections.append((signals[n], (side.name, n)))
         for n in side.names("output"):
             if not n.endswith(MEASURED):
-                raise CannotConnect(
+                raise FmuError(
                     f"{side.path}: its output {n!r} does not say what it measures; expected the "
                     f"name of a signal and {MEASURED!r}"
                 )
@@ -219,21 +216,21 @@ def _connections(
     }
     commands = [n for n in shared if n not in alone]
     if not measured:
-        raise CannotConnect(
+        raise FmuError(
             f"{controller.path.name}: its inputs do not fit the outputs of {plant.path.name}: its "
             f"inputs are {controller.listed('input')}, the plant's outputs are "
             f"{plant.listed('output')}"
         )
     for side in instruments:
         if all(source[0] != side.name for source, _ in connections):
-            raise CannotConnect(
+            raise FmuError(
                 f"nothing is connected to the outputs {side.listed('output')} of {side.path}; "
                 f"{controller.path} has the inputs {controller.listed('input')}"
             )
     law = {p for pair in pairs for p in pair} | {rate_port(n) for n in plant.names("input")}
     for name in plant.names("input"):
         if name not in law and name not in commands:
-            raise CannotConnect(
+            raise FmuError(
                 f"nothing is connected to the input {name!r} of {plant.path.name}: "
                 f"{controller.path.name} has the outputs {controller.listed('output')}"
             )
@@ -309,7 +306,7 @@ def _all_units(sides: Sequence[_Side]) -> _Units:
     for side in sides:
         for name, base in side.units.items():
             if units.setdefault(name, base) != base:
-                raise CannotConnect(
+                raise FmuError(
                     f"unit {name!r} means {units[name]} in {of[name]} and {base} in {side.path}"
                 )
             of.setdefault(name, side.path)

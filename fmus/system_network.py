@@ -8,19 +8,10 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree as ET
 
-from .archive import BadArchive, check_lines
-from .reading import Description, FmuError, describe
-from .system_xml import (
-    FMU_TYPE,
-    SSC,
-    SSD,
-    BadSystem,
-    Scaled,
-    Scaling,
-    near_or_all,
-    plain_type,
-    scaling_of,
-)
+from ..solver.errors import FmuError
+from .archive import check_lines
+from .reading import Description, describe
+from .system_xml import FMU_TYPE, SSC, SSD, Scaled, Scaling, near_or_all, plain_type, scaling_of
 from .units import Unit
 
 DEEPEST = 2  # levels of systems within the system
@@ -119,7 +110,7 @@ class Network:
     def add_system(self, node: ET.Element, path: str = "", level: int = 0) -> Element:
         """Add a system, its elements and their connections; return it."""
         if level > DEEPEST:
-            raise BadSystem(
+            raise FmuError(
                 f"system {path!r} lies {level} levels deep, expected at most {DEEPEST}; move its "
                 "elements up"
             )
@@ -131,16 +122,16 @@ class Network:
             name = child.get("name", "")
             below = _joined(path, name)
             if not name:
-                raise BadSystem(f"a {kind} of {system} has no name")
+                raise FmuError(f"a {kind} of {system} has no name")
             check_lines([name])
             if below in self.elements:
-                raise BadSystem(f"two elements are called {below!r}")
+                raise FmuError(f"two elements are called {below!r}")
             if child.tag == SSD + "System":
                 self.add_system(child, below, level + 1)
             elif child.tag == SSD + "Component":
                 self._add_fmu(child, below)
             else:
-                raise BadSystem(
+                raise FmuError(
                     f"element {below!r} is a {kind}; only components and systems are supported"
                 )
         for k, connection in enumerate(node.iterfind(f"{SSD}Connections/{SSD}Connection"), 1):
@@ -152,13 +143,13 @@ class Network:
         where = f"element {path!r}"
         kind = node.get("type") or FMU_TYPE
         if kind != FMU_TYPE:
-            raise BadSystem(f"{where} is of type {kind}; only FMUs ({FMU_TYPE}) are supported")
+            raise FmuError(f"{where} is of type {kind}; only FMUs ({FMU_TYPE}) are supported")
         fmu = self.file(node.get("source"), where)
         if fmu not in self._described:
             try:
                 self._described[fmu], _ = describe(fmu)
-            except (BadArchive, FmuError) as error:
-                raise BadSystem(f"{where}: {fmu.name}: {error}") from error
+            except FmuError as error:
+                raise FmuError(f"{where}: {fmu.name}: {error}") from error
         read = self._described[fmu]
         variables = {
             v.name: Connector(v.causality, plain_type(v.type), read.unit(v.name))
@@ -180,10 +171,10 @@ class Network:
             name, kind, unit = entry.get("name", ""), "", None
             port = SystemPort(path, name)
             if name in connectors:
-                raise BadSystem(f"there are two connectors {port}")
+                raise FmuError(f"there are two connectors {port}")
             for child in entry:
                 if child.tag == SSC + "Dimension":
-                    raise BadSystem(f"{port} is an array; only scalars are supported")
+                    raise FmuError(f"{port} is an array; only scalars are supported")
                 if child.tag.startswith(SSC):
                     kind = plain_type(child.tag.removeprefix(SSC))
                     unit = unit_in(child, self.units)
@@ -193,29 +184,29 @@ class Network:
     def file(self, source: str | None, where: str) -> Path:
         """The file in the archive that a URI names."""
         if not source:
-            raise BadSystem(f"{where} has no source")
+            raise FmuError(f"{where} has no source")
         try:
             uri = urlsplit(source)
         except ValueError as error:
-            raise BadSystem(f"{where} has the source {source!r}, which is no URI") from error
+            raise FmuError(f"{where} has the source {source!r}, which is no URI") from error
         name = posixpath.normpath(unquote(uri.path).replace("\\", "/"))
         inside = not (uri.scheme or uri.netloc or name.startswith(("/", "..")) or "\0" in name)
         if not inside or name == ".":
-            raise BadSystem(f"{where} has the source {source!r}, expected a file in the archive")
+            raise FmuError(f"{where} has the source {source!r}, expected a file in the archive")
         file = self.folder / name
         if not file.is_file():
             files = (p for p in self.folder.rglob("*") if p.is_file())
             hint = near_or_all(name, (p.relative_to(self.folder).as_posix() for p in files))
-            raise BadSystem(f"{where} has the source {source!r}, which is not in the archive{hint}")
+            raise FmuError(f"{where} has the source {source!r}, which is not in the archive{hint}")
         return file
 
     def _connect(self, system: Element, node: ET.Element, where: str) -> None:
         first, second = (self._end(system, node, end, where) for end in ("start", "end"))
         if node.get("startIndices") or node.get("endIndices"):
-            raise BadSystem(f"{where} is between parts of arrays; only scalars are supported")
+            raise FmuError(f"{where} is between parts of arrays; only scalars are supported")
         gives = self._gives(system, first, where)
         if gives == self._gives(system, second, where):
-            raise BadSystem(
+            raise FmuError(
                 f"{where} joins {first} and {second}, which "
                 f"{'both give' if gives else 'both take'} a value"
             )
@@ -224,26 +215,24 @@ class Network:
         source, target = (first, second) if gives else (second, first)
         edge = Edge(source, scaling_of(node, where), f"{where}, {source} to {target}")
         if target in self.edges:
-            raise BadSystem(
-                f"{target} is driven twice, by {self.edges[target].source} and {source}"
-            )
+            raise FmuError(f"{target} is driven twice, by {self.edges[target].source} and {source}")
         self.edges[target] = edge
 
     def _end(self, system: Element, node: ET.Element, end: str, where: str) -> SystemPort:
         name, connector = node.get(f"{end}Element"), node.get(f"{end}Connector")
         if not connector:
-            raise BadSystem(f"{where} lacks a connector's name")
+            raise FmuError(f"{where} lacks a connector's name")
         element = self.elements.get(_joined(system.path, name)) if name else system
         if element is None:
             inside = (p for p in self.elements if p.startswith(_joined(system.path, "")))
             children = [p.removeprefix(_joined(system.path, "")) for p in inside]
-            raise BadSystem(
+            raise FmuError(
                 f"{where} names the element {name!r}, which does not exist"
                 f"{near_or_all(str(name), children)}"
             )
         port = element.port(connector)
         if port is None:
-            raise BadSystem(
+            raise FmuError(
                 f"{where} names the connector {connector!r} of {element}, which does not exist or "
                 f"is no number{near_or_all(connector, element.variables)}"
             )
@@ -274,9 +263,9 @@ class Network:
             ("type", said.type or variable.type, variable.type),
         ):
             if ours != theirs:
-                raise BadSystem(f"{port} is of {what} {ours}, but in {fmu} it is {theirs}")
+                raise FmuError(f"{port} is of {what} {ours}, but in {fmu} it is {theirs}")
         if said.unit and variable.unit and not said.unit.same_as(variable.unit):
-            raise BadSystem(
+            raise FmuError(
                 f"{port} is in {said.unit.name!r}, but in {fmu} it is in {variable.unit.name!r}, "
                 "which is a different unit"
             )
@@ -289,7 +278,7 @@ class Network:
         """Whether a port is a source of a connection inside a system."""
         kind = self.connector(port).kind
         if kind not in ("input", "output", "parameter", "calculatedParameter"):
-            raise BadSystem(
+            raise FmuError(
                 f"{where} joins {port} of kind {kind or 'nothing'}; expected an input, output or "
                 "parameter"
             )
@@ -301,7 +290,7 @@ class Network:
             port, passed = target, set()
             while port in self.edges and not self.in_fmu(port):
                 if port in passed:
-                    raise BadSystem(f"the connections through {port} form a ring without an FMU")
+                    raise FmuError(f"the connections through {port} form a ring without an FMU")
                 passed.add(port)
                 port = self.edges[port].source
 
@@ -322,7 +311,7 @@ class Network:
                 name = unit.name if unit else ""
                 outputs.append(SystemOutput(target.connector, name, connection))
             else:
-                raise BadSystem(
+                raise FmuError(
                     f"the system's output {target} is its input {connection.source}; they cannot "
                     "be connected directly"
                 )
@@ -339,13 +328,13 @@ class Network:
             return None
         where = self.edges[target].where
         if not {c.kind for c in ends} <= {"input", "output"}:
-            raise BadSystem(
+            raise FmuError(
                 f"{where}: {source} is of kind {ends[0].kind} and {target} of kind {ends[1].kind}; "
                 "only outputs and inputs can be connected while a system runs"
             )
         for end, connector in zip((source, target), ends, strict=True):
             if connector.type not in _SIGNALS:
-                raise BadSystem(
+                raise FmuError(
                     f"{where}: {end} is of type {connector.type}; only numbers and truth values "
                     "are signals here"
                 )

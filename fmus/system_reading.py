@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from .archive import LARGEST_OF_ALL, BadArchive, BadXml, number, unpack_archive, unpacked_size
+from ..solver.errors import FmuError
+from .archive import LARGEST_OF_ALL, number, unpack_archive, unpacked_size
 from .system_network import Element, Network, SystemConnection, SystemOutput, SystemPort, unit_in
 from .system_xml import (
     SSD,
     SSM,
     SSV,
-    BadSystem,
     Scaled,
     Scaling,
     check_root,
@@ -29,7 +29,7 @@ from .system_xml import (
     truth,
     units_of,
 )
-from .units import BadUnit, Unit
+from .units import Unit
 
 DESCRIPTION = "SystemStructure.ssd"
 _SET = "application/x-ssp-parameter-set"
@@ -106,7 +106,7 @@ def read_system(path: Path | str) -> SystemStructure:
 
     Raises
     ------
-    BadSystem
+    FmuError
         If the file is missing, is no .ssp, contains a path outside its folder, is inconsistent,
         or needs something that is not supported; the message says which.
     """
@@ -118,19 +118,19 @@ def read_system(path: Path | str) -> SystemStructure:
     except BaseException as error:
         if folder:
             shutil.rmtree(folder, ignore_errors=True)
-        if not isinstance(error, BadArchive | BadSystem | BadUnit | BadXml):
+        if not isinstance(error, FmuError | FmuError | FmuError | FmuError):
             raise
         # names in the file may hold line breaks
-        raise BadSystem(f"{path}: {' '.join(str(error).split())}") from error
+        raise FmuError(f"{path}: {' '.join(str(error).split())}") from error
 
 
 def _read(path: Path, folder: Path) -> SystemStructure:
     if not (folder / DESCRIPTION).is_file():
-        raise BadSystem(f"holds no {DESCRIPTION}, so it is not an .ssp")
+        raise FmuError(f"holds no {DESCRIPTION}, so it is not an .ssp")
     root = parse(folder / DESCRIPTION, SSD + "SystemStructureDescription")
     system = root.find(SSD + "System")
     if system is None:
-        raise BadSystem(f"{DESCRIPTION} holds no System")
+        raise FmuError(f"{DESCRIPTION} holds no System")
     start, stop = _experiment(root.find(SSD + "DefaultExperiment"))
     network = Network(folder, units_of(root.find(SSD + "Units")))
     top = network.add_system(system)
@@ -143,10 +143,10 @@ def _read(path: Path, folder: Path) -> SystemStructure:
         if element.fmu
     )
     if not elements:
-        raise BadSystem(f"{DESCRIPTION} holds no component")
+        raise FmuError(f"{DESCRIPTION} holds no component")
     size = sum(unpacked_size(e.fmu) for e in elements)  # each element has a folder of its own
     if size > LARGEST_OF_ALL:
-        raise BadSystem(
+        raise FmuError(
             f"its FMUs would unpack to {size / 1024**3:.1f} GiB, expected at most "
             f"{LARGEST_OF_ALL / 1024**3:.0f} GiB"
         )
@@ -183,7 +183,7 @@ def _experiment(node: ET.Element | None) -> tuple[float, float | None]:
         return start, None
     stop = number(node.get("stopTime"), "the stop time")
     if stop <= start:
-        raise BadSystem(f"the stop time {stop:g} s is not after the start time {start:g} s")
+        raise FmuError(f"the stop time {stop:g} s is not after the start time {start:g} s")
     return start, stop
 
 
@@ -232,7 +232,7 @@ class Bindings:
         ]
         for name, count in Counter(p.name for p in parameters).most_common(1):
             if count > 1:
-                raise BadSystem(f"{source}: has two values for parameter {name!r}")
+                raise FmuError(f"{source}: has two values for parameter {name!r}")
         mapping = node.find(SSD + "ParameterMapping")
         entries: list[ET.Element] = []
         if mapping is not None:
@@ -258,15 +258,15 @@ class Bindings:
     ) -> tuple[ET.Element, str]:
         """A parameter set or mapping, from its own file or inline, and its name in messages."""
         if node.get("type", kind) != kind:
-            raise BadSystem(f"{where} is of type {node.get('type')}, expected {kind}")
+            raise FmuError(f"{where} is of type {node.get('type')}, expected {kind}")
         if node.get("sourceBase", "SSD") != "SSD":
-            raise BadSystem(f"{where} is inside an FMU (sourceBase), which is not supported")
+            raise FmuError(f"{where} is inside an FMU (sourceBase), which is not supported")
         if node.get("source") is not None:
             file = self._network.file(node.get("source"), where)
             return parse(file, tag), file.name
         inner = next(iter(holder), None) if holder is not None else None
         if inner is None:
-            raise BadSystem(f"{where} has neither a source nor a {tag.rpartition('}')[2]} in it")
+            raise FmuError(f"{where} has neither a source nor a {tag.rpartition('}')[2]} in it")
         check_root(inner, tag, f"{where}: its content")
         return inner, where
 
@@ -280,11 +280,11 @@ class Bindings:
             return
         where = f"{source}: parameter {parameter.name!r} for {port}"
         if parameter.value is None:
-            raise BadSystem(
+            raise FmuError(
                 f"{where} is a {parameter.type}; only numbers, truth values and texts can be set"
             )
         if isinstance(parameter.value, str) and not self._network.in_fmu(port):
-            raise BadSystem(
+            raise FmuError(
                 f"{where} is a {parameter.type}, which a connector of a system does not pass on; "
                 "name the FMU's own parameter"
             )
@@ -312,14 +312,14 @@ class Bindings:
         elif wanted == parameter.type and exact:
             value = parameter.value
         else:
-            raise BadSystem(
+            raise FmuError(
                 f"{where} is a {parameter.type}{'' if exact else ', scaled'}, but {port} is a "
                 f"{wanted}"
             )
         if self._network.in_fmu(port):
             self.values[port.element][port.connector] = value
         elif connector.kind not in ("input", "parameter"):
-            raise BadSystem(f"{where} sets a system's {connector.kind}, which its FMUs compute")
+            raise FmuError(f"{where} sets a system's {connector.kind}, which its FMUs compute")
         elif not port.element and not isinstance(value, str):
             self.starts[port.connector] = value
 
@@ -334,7 +334,7 @@ def _parameter(node: ET.Element, prefix: str, units: dict[str, Unit], source: st
             value = number(text, what)
             if kind == "Integer":
                 if not value.is_integer():
-                    raise BadSystem(f"{what} is {text!r}, expected an integer")
+                    raise FmuError(f"{what} is {text!r}, expected an integer")
                 value = int(value)
         elif kind == "Boolean":
             value = truth(text, what)
@@ -343,4 +343,4 @@ def _parameter(node: ET.Element, prefix: str, units: dict[str, Unit], source: st
         elif kind != "Binary":
             continue
         return _Parameter(name, kind, value, unit_in(child, units) if kind == "Real" else None)
-    raise BadSystem(f"{what} has no value")
+    raise FmuError(f"{what} has no value")

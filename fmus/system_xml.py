@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from ..solver.errors import FmuError
 from ..solver.nearest import nearest
-from .archive import BadXml, first_element, number
+from .archive import first_element, number
 from .units import Unit, conversion
 
 # Versions 1.0 and 2.0 have the same namespaces.
@@ -18,10 +19,6 @@ SSC, SSD, SSM, SSV = (
 )
 VERSIONS = ("1.0", "2.0")
 FMU_TYPE = "application/x-fmu-sharedlibrary"
-
-
-class BadSystem(ValueError):
-    """The file is not a system that can run here; the message says what is wrong with it."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ class Scaled:
     def through(self, scaling: Scaling, unit: Unit | None, where: str) -> Scaled:
         """The value after the next link, in `unit`, or in the previous unit if that is None.
 
-        Raises `BadUnit` if the units cannot be converted.
+        Raises `FmuError` if the units cannot be converted.
         """
         factor, offset, before = self.factor, self.offset, self.unit
         after = unit or (before if scaling.converts else None)
@@ -59,7 +56,7 @@ def parse(file: Path, tag: str) -> ET.Element:
 
     Raises
     ------
-    BadSystem, BadXml
+    FmuError, FmuError
         If it cannot be read, is not XML, declares a document type, or has another root element.
     """
     try:
@@ -67,30 +64,30 @@ def parse(file: Path, tag: str) -> ET.Element:
             first_element(stream, file.stat().st_size, file.name)
         root = ET.fromstring(file.read_bytes())
     except OSError as error:
-        raise BadSystem(f"{file.name} cannot be read: {error.strerror or error}") from error
-    except BadXml:
+        raise FmuError(f"{file.name} cannot be read: {error.strerror or error}") from error
+    except FmuError:
         raise
     except (ET.ParseError, LookupError, ValueError) as error:
-        raise BadSystem(f"{file.name} is no XML: {error}") from error
+        raise FmuError(f"{file.name} is no XML: {error}") from error
     check_root(root, tag, file.name)
     return root
 
 
 def check_root(root: ET.Element, tag: str, where: str) -> None:
-    """Check an element's name and the version that it gives; raises `BadSystem`."""
+    """Check an element's name and the version that it gives; raises `FmuError`."""
     if root.tag != tag:
-        raise BadSystem(f"{where} is a {root.tag}, expected {tag}")
+        raise FmuError(f"{where} is a {root.tag}, expected {tag}")
     version = root.get("version", "").strip()
     if version not in VERSIONS:
-        raise BadSystem(
+        raise FmuError(
             f"{where} is SSP version {version or 'nothing'}, expected {' or '.join(VERSIONS)}"
         )
 
 
 def truth(text: str | None, what: str) -> bool:
-    """An XML Boolean; raises `BadSystem`."""
+    """An XML Boolean; raises `FmuError`."""
     if text not in ("true", "false", "1", "0"):
-        raise BadSystem(f"{what} is {text!r}, expected true or false")
+        raise FmuError(f"{what} is {text!r}, expected true or false")
     return text in ("true", "1")
 
 
@@ -105,7 +102,7 @@ def units_of(node: ET.Element | None) -> dict[str, Unit]:
 
 
 def scaling_of(node: ET.Element, where: str) -> Scaling:
-    """The linear transformation of a connection or of a mapping entry; raises `BadSystem`."""
+    """The linear transformation of a connection or of a mapping entry; raises `FmuError`."""
     converts = not truth(
         node.get("suppressUnitConversion", "false"), f"{where}: suppressUnitConversion"
     )
@@ -117,7 +114,7 @@ def scaling_of(node: ET.Element, where: str) -> Scaling:
             offset = number(child.get("offset", "0"), f"{where}: the offset")
             return Scaling(factor, offset, converts)
         if name.endswith("Transformation"):
-            raise BadSystem(f"{where} has a {name}; only a LinearTransformation is supported")
+            raise FmuError(f"{where} has a {name}; only a LinearTransformation is supported")
     return Scaling(1.0, 0.0, converts)
 
 

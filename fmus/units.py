@@ -9,6 +9,7 @@ from collections import Counter
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
+from ..solver.errors import FmuError
 from .archive import number
 
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
@@ -37,10 +38,6 @@ TYPES = {
 _ALLOWED = re.compile(r"[A-Za-z0-9*/^() -]{0,100}")
 
 
-class BadUnit(ValueError):
-    """A unit that cannot be read or converted; the message quotes it."""
-
-
 @dataclass(frozen=True)
 class Unit:
     """A unit: base value = factor * value + offset; `exponents` is None if it is not defined.
@@ -56,13 +53,13 @@ class Unit:
 
     @classmethod
     def defined(cls, name: str, base: dict[str, str]) -> Unit:
-        """A unit from the attributes of its BaseUnit; raises `BadXml`, `BadUnit`."""
+        """A unit from the attributes of its BaseUnit; raises `FmuError`, `FmuError`."""
         what = f"unit {name!r}"
         exponents = (number(base.get(n, "0"), f"the exponent of {n} of {what}") for n in BASE_UNITS)
         powers = tuple(round(e) for e in exponents)
         factor = number(base.get("factor", "1"), f"the factor of {what}")
         if factor == 0:
-            raise BadUnit(f"the factor of {what} is 0")
+            raise FmuError(f"the factor of {what} is 0")
         return cls(name, powers, factor, number(base.get("offset", "0"), f"the offset of {what}"))
 
     @classmethod
@@ -71,7 +68,7 @@ class Unit:
         powers = re.sub(r"(?<=[A-Za-z])(-?\d)", r"^\1", name).replace(".", "*")
         try:
             exponents = base_exponents(powers)
-        except BadUnit:
+        except FmuError:
             return cls(name, None)
         return cls(name, tuple(exponents.get(base, 0) for base in BASE_UNITS))
 
@@ -92,19 +89,19 @@ def conversion(before: Unit, after: Unit, where: str) -> tuple[float, float]:
 
     Raises
     ------
-    BadUnit
+    FmuError
         If they are of different quantities, or one of them is not defined.
     """
     for unit in (before, after):
         if unit.exponents is None and before.name != after.name:
-            raise BadUnit(
+            raise FmuError(
                 f"{where}: the unit {unit.name!r} is not defined, so {before.name!r} cannot be "
                 f"converted to {after.name!r}"
             )
     if before.exponents is None or after.exponents is None:
         return 1.0, 0.0
     if before.exponents != after.exponents:
-        raise BadUnit(
+        raise FmuError(
             f"{where}: {before.name!r} cannot be converted to {after.name!r}: they are units "
             "of different quantities"
         )
@@ -117,16 +114,18 @@ def base_exponents(unit: str) -> dict[str, int]:
 
     Raises
     ------
-    BadUnit
+    FmuError
         If the string does not parse or names an unknown unit.
     """
     if not _ALLOWED.fullmatch(unit):
-        raise BadUnit(f"unit {unit!r} has characters that are not allowed in a unit")
+        raise FmuError(f"unit {unit!r} has characters that are not allowed in a unit")
     try:  # the syntax is that of Python, but for the sign of powers
         with warnings.catch_warnings(action="ignore"):
             tree = ast.parse(unit.strip().replace("^", "**"), mode="eval")
     except (SyntaxError, RecursionError, MemoryError) as error:
-        raise BadUnit(f"unit {unit!r} has a syntax error; expected a product as N*s/m^2") from error
+        raise FmuError(
+            f"unit {unit!r} has a syntax error; expected a product as N*s/m^2"
+        ) from error
     return {base: power for base, power in _powers(unit, tree.body).items() if power}
 
 
@@ -137,18 +136,18 @@ def _powers(unit: str, node: ast.expr) -> Counter[str]:
         case ast.Name(id=name) if name in _SI:
             return Counter(_SI[name])
         case ast.Name(id=name):
-            raise BadUnit(f"unit {unit!r}: {name!r} is not known; known are {', '.join(_SI)}")
+            raise FmuError(f"unit {unit!r}: {name!r} is not known; known are {', '.join(_SI)}")
         case ast.BinOp(left=base, op=ast.Pow(), right=exponent):
             text = ast.unparse(exponent)
             if not re.fullmatch(r"-?\d{1,3}", text):
-                raise BadUnit(f"unit {unit!r} has the exponent {text}, expected an integer")
+                raise FmuError(f"unit {unit!r} has the exponent {text}, expected an integer")
             return Counter({n: p * int(text) for n, p in _powers(unit, base).items()})
         case ast.BinOp(left=left, op=ast.Mult() | ast.Div() as sign, right=right):
             found = _powers(unit, left)
             join = found.update if isinstance(sign, ast.Mult) else found.subtract
             join(_powers(unit, right))
             return found
-    raise BadUnit(f"unit {unit!r} is no product of units and whole powers, such as N*s/m^2")
+    raise FmuError(f"unit {unit!r} is no product of units and whole powers, such as N*s/m^2")
 
 
 def type_of(unit: str, nominal: float) -> str:

@@ -21,8 +21,8 @@ from dataclasses import replace
 import sympy as sp
 
 from ..solver.component import Component, Input, Output, State, symbol
+from ..solver.errors import ContractError
 from ..solver.functions import slopes
-from ..solver.tape import UnsupportedComponent
 from .feedback_law import with_law_ports
 from .ports import FRAME, FRAME_ROLE, SET_ROLE, TRACE, set_port, tangent_port
 
@@ -47,7 +47,7 @@ def variational(component: Component, tangents: int) -> Component:
 
     Raises
     ------
-    UnsupportedComponent
+    ContractError
         If it has modes, delays or discrete states.
     ValueError
         If `tangents` is less than 1.
@@ -109,7 +109,7 @@ def _check(component: Component, tangents: int) -> None:
     instants = {"modes": component.modes, "delays": component.delays}
     for what, parts in (instants | {"discrete states": component.discrete}).items():
         if parts:
-            raise UnsupportedComponent(
+            raise ContractError(
                 f"{component.name} has {what}; only a component without events and samples can "
                 "be exported with tangents. Export it without tangents, or use no FMUs (--via "
                 "model)"
@@ -119,7 +119,7 @@ def _check(component: Component, tangents: int) -> None:
 def _check_names(component: str, states: Sequence[str], outputs: Sequence[Output]) -> None:
     hidden = [n for n in states if any(o.name == n and o.value != symbol(n) for o in outputs)]
     if hidden:
-        raise UnsupportedComponent(
+        raise ContractError(
             f"{component} has a state and another output, both named {hidden[0]!r}: their "
             "tangents would also have the same name"
         )

@@ -12,7 +12,8 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ..solver.component import Component, ContractError, Event, ForceTerm, Mode, Output, symbol
+from ..solver.component import Component, Event, ForceTerm, Mode, Output, symbol
+from ..solver.errors import ContractError
 from .law import Claims
 from .lugre import PARAMETERS, stribeck
 

@@ -19,6 +19,7 @@ from typing import cast
 import sympy as sp
 
 from ..solver.component import Component, ForceTerm, in_units
+from ..solver.errors import UnknownName
 from . import LAWS, TURNING
 
 Law = Callable[[sp.Expr], ForceTerm]
@@ -47,15 +48,8 @@ class Claims:
     breaks_away_sooner_when_loaded_faster: bool = False
 
 
-class UnknownLaw(KeyError):
-    """An unknown friction law; the message lists the known ones."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
-
-
 def law(name: str) -> Law:
-    """The friction law of this name; raises `UnknownLaw`."""
+    """The friction law of this name; raises `UnknownName`."""
     module, function = _place(name)
     return cast("Law", getattr(importlib.import_module(module), function))
 
@@ -80,11 +74,11 @@ def with_each_law(
 
 
 def claims(name: str) -> Claims:
-    """Claimed properties of the friction law of this name; raises `UnknownLaw`."""
+    """Claimed properties of the friction law of this name; raises `UnknownName`."""
     return cast("Claims", importlib.import_module(_place(name)[0]).CLAIMS)
 
 
 def _place(name: str) -> list[str]:
     if name not in LAWS:
-        raise UnknownLaw(f"no friction law {name!r}; there are {', '.join(LAWS)}")
+        raise UnknownName(f"no friction law {name!r}; there are {', '.join(LAWS)}")
     return LAWS[name].split(":")

@@ -12,16 +12,8 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ..solver.component import (
-    Component,
-    ContractError,
-    ForceBalance,
-    ForceTerm,
-    Output,
-    Parameter,
-    State,
-    symbol,
-)
+from ..solver.component import Component, ForceBalance, ForceTerm, Output, Parameter, State, symbol
+from ..solver.errors import ContractError
 
 ENCODER_SIDE = ("motor", "drive", "offset", "torque_ripple")
 """Forces on the encoder's side; all others act on the block."""
@@ -43,17 +35,13 @@ SPRING_DAMPING = sp.Rational(1, 10)  # share of critical
 _CONTACT_DAMPING = sp.Integer(1)  # the same
 
 
-class OneBody(ValueError):
-    """The plant has no second body; the message says what is missing."""
-
-
 def with_spring(plant: Component) -> Component:
     """The plant with a spring between encoder and block; damping one tenth of critical.
 
     The plant has one force balance, of `v`, and no sticking modes yet; or comes from `with_gap`,
     whose sides then have the stiffness of the spring. The block's position and velocity are states
-    `xb` [m] and `vb` [m/s]; sticking refers to these. Raises `OneBody` if the encoder's side has no
-    inertia.
+    `xb` [m] and `vb` [m/s]; sticking refers to these. Raises `ContractError` if the encoder's side
+    has no inertia.
     """
     return _joined(plant, spring=True, gap=_has(plant, GAP))
 
@@ -145,7 +133,7 @@ def _parted(plant: Component) -> Component:
         )
     (whole,) = plant.balances
     if _has(plant, LOAD_STIFFNESS):
-        raise OneBody("the mass is behind a spring already, and friction before it")
+        raise ContractError("the mass is behind a spring already, and friction before it")
     plant, block = _shares(plant)
     moved = {symbol("x"): symbol("xb"), symbol("v"): symbol("vb")}
     near = tuple(t for t in whole.terms if t.name in ENCODER_SIDE)
@@ -175,7 +163,7 @@ def _shares(plant: Component) -> tuple[Component, sp.Expr]:
     if rotor is None:
         return plant, block_of(plant)
     if rotor.default < _LEAST_ROTOR:
-        raise OneBody(
+        raise ContractError(
             f"Jm is {rotor.default:g} kg*m^2: a spring or a gap before the block needs a "
             "rotor with inertia on the other side; give its inertia, Table 2.1 has 4.2e-7 kg*m^2"
         )

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import os
 
+from ballscrew.solver.errors import BadRecord
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; workers run in parallel
 
 import argparse
@@ -36,7 +38,6 @@ from worlds import HELD_BACK, WORLDS, Unusable  # noqa: E402
 from worlds_trials import VISIBLE, Trial, drawn, plan_trials, right_names, share  # noqa: E402
 
 from ballscrew.measurement.diagnosis import bands, modelled_record, scores, study  # noqa: E402
-from ballscrew.measurement.records.bad_record import BadRecord  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
 from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count  # noqa: E402
 

@@ -17,6 +17,8 @@ from __future__ import annotations
 
 import os
 
+from ballscrew.solver.errors import BadRecord
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; workers run in parallel
 
 import argparse
@@ -53,7 +55,6 @@ from worlds_trials import (  # noqa: E402
 from ballscrew.measurement.diagnosis.scores import OUTSIDE, Catalogue, scored  # noqa: E402
 from ballscrew.measurement.diagnosis.sets import NOTHING, STATISTICS, probabilities, statistics  # noqa: E402
 from ballscrew.measurement.diagnosis.study import study_of  # noqa: E402
-from ballscrew.measurement.records.bad_record import BadRecord  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
 from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count  # noqa: E402
 

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import os
 
+from ballscrew.solver.errors import BadParameters, BadRecord
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy; workers run in parallel
 
 import argparse
@@ -32,8 +34,6 @@ from worlds_trials import VISIBLE, Trial, plan_trials, right_names, share
 
 from ballscrew.measurement.diagnosis.diagnose import diagnose
 from ballscrew.measurement.diagnosis.diagnosis import Diagnosis
-from ballscrew.measurement.records.bad_record import BadRecord
-from ballscrew.orchestration.loop.parameter_file import BadParameters
 from ballscrew.solver.files import write_json
 from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count
 

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import os
 
+from ballscrew.solver.errors import BadRecord
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import json
@@ -33,7 +35,6 @@ from ballscrew.measurement.identification.fit_result import Fit
 from ballscrew.measurement.identification.fitted_law import OFFSET
 from ballscrew.measurement.identification.identification import Identification
 from ballscrew.measurement.identification.identify import identify
-from ballscrew.measurement.records.bad_record import BadRecord
 from ballscrew.measurement.records.reading import read_force_records
 from ballscrew.measurement.records.record import Record
 from ballscrew.orchestration.loop.pictures import COLOURS, STYLE, new_figure, write_figure

@@ -14,10 +14,11 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from .component import TIME, Component, Event, Mode, Output, symbol
 from .core import CHANGES_MODE, EITHER, RESETS
+from .errors import ContractError
 from .functions import slopes, symbols_in
 from .kernel import InputInfo, Kernel, OutputInfo, ParameterInfo, StateInfo
 from .kernel_cache import hashed_name
-from .tape import UnsupportedComponent, record_tape
+from .tape import record_tape
 
 _HEAD = '''"""The equations of {name}, generated."""
 
@@ -222,7 +223,7 @@ def generate(component: Component) -> Kernel:
 
     Raises
     ------
-    UnsupportedComponent
+    ContractError
         If a delay's duration is not constant.
     """
     _check_durations(component)
@@ -327,7 +328,7 @@ def _check_durations(component: Component) -> None:
     for delay in component.delays:
         moving = sorted(s.name for s in symbols_in(sp.sympify(delay.duration)) - constant)
         if moving:
-            raise UnsupportedComponent(
+            raise ContractError(
                 f"{component.name}: the duration of delay {delay.name!r} depends on {moving[0]!r}; "
                 "this version solves constant delays"
             )

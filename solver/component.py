@@ -20,7 +20,7 @@ from typing import Any
 
 import sympy as sp
 
-from .contract_error import ContractError as ContractError
+from .errors import ContractError
 from .functions import FUNCTIONS, symbols_in, unsupported_function
 from .set_point import SET_POINT, set_point_orders
 

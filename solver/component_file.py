@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, NoReturn
 
-from .contract_error import ContractError
+from .errors import ContractError
 from .nearest import nearest
 
 if TYPE_CHECKING:
@@ -27,10 +27,6 @@ if TYPE_CHECKING:
 
 _LOADED: dict[str, Component] = {}
 _LOCK = threading.RLock()  # the path and the modules belong to the whole process
-
-
-class BadComponentFile(ValueError):
-    """A Python file does not return a component; the message is one line for the user."""
 
 
 def names_file(part: str) -> bool:
@@ -48,7 +44,7 @@ def read_component(part: str) -> Component:
 
     Raises
     ------
-    BadComponentFile
+    ContractError
         With the name of the file, and the line if there is one.
     """
     path, function = _split(part)
@@ -65,7 +61,7 @@ def load_component(part: str) -> Component:
 
     Raises
     ------
-    BadComponentFile
+    ContractError
     """
     return _LOADED[part] if part in _LOADED else read_component(part)
 
@@ -99,9 +95,9 @@ def _run(path: Path, function: str) -> Component:
         source = path.read_bytes()
         folder = Path(os.path.realpath(path)).parent
     except FileNotFoundError:
-        raise BadComponentFile(f"there is no file {path}") from None
+        raise ContractError(f"there is no file {path}") from None
     except OSError as error:
-        raise BadComponentFile(f"{path} cannot be read: {error.strerror}") from None
+        raise ContractError(f"{path} cannot be read: {error.strerror}") from None
     module = ModuleType(f"component_file_{path.stem}")
     module.__file__ = str(folder / path.name)
     # output of the file is not a result of the command
@@ -120,7 +116,7 @@ def _run(path: Path, function: str) -> Component:
     if not isinstance(made, Component):
         text = " ".join(repr(made).split())
         shown = text if len(text) <= 60 else f"{text[:57]}..."
-        raise BadComponentFile(
+        raise ContractError(
             f"{path}: {function}() returned {shown}, which is a {type(made).__name__}; expected a "
             "Component"
         )
@@ -138,22 +134,22 @@ def _function(path: Path, module: ModuleType, name: str) -> Callable[[], object]
     ]
     has = f"it has {', '.join(own)}" if own else "it has none"
     if not name:
-        raise BadComponentFile(
+        raise ContractError(
             f"{path}: give the function that makes the component, such as {path}:FUNCTION; {has}"
         )
     if not hasattr(module, name):
         hint = nearest(name, own) or f"; {has}"
-        raise BadComponentFile(f"{path} has no function {name!r}{hint}")
+        raise ContractError(f"{path} has no function {name!r}{hint}")
     made: object = getattr(module, name)
     if not callable(made):
         of = "is a Component" if isinstance(made, Component) else f"is {made!r}"
-        raise BadComponentFile(
+        raise ContractError(
             f"{path}: {name} {of}; expected a function without arguments that returns a Component"
         )
     try:
         inspect.signature(made).bind()
     except TypeError as error:
-        raise BadComponentFile(
+        raise ContractError(
             f"{path}: {name} is called without arguments: {error}; give it a default"
         ) from None
     except ValueError:
@@ -177,7 +173,7 @@ def _refuse(path: Path, folder: Path, error: BaseException, what: str) -> NoRetu
             shown[file] = path.parent / Path(file).name
     where, line = next(((f, n) for f, n in reversed(frames) if f in shown), (str(path), None))
     at = f", line {line}" if line else ""
-    raise BadComponentFile(f"{shown[where]}{at}: {text}") from error
+    raise ContractError(f"{shown[where]}{at}: {text}") from error
 
 
 @contextlib.contextmanager

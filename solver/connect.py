@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from .component import Component, ContractError, symbol
+from .component import Component, symbol
+from .errors import ContractError
 from .interconnect import interconnect
 from .kernel import CONTROLLER, PLANT
 from .set_point import REFERENCES, set_point_orders

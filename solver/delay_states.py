@@ -15,7 +15,7 @@ import numpy as np
 import sympy as sp
 
 from .component import Component, State, symbol
-from .tape import UnsupportedComponent
+from .errors import ContractError
 
 NODES = 16
 
@@ -33,11 +33,11 @@ def with_delay_states(component: Component, nodes: int = NODES) -> Component:
 
     Raises
     ------
-    UnsupportedComponent
+    ContractError
         For discrete states, whose jumps a polynomial cannot represent.
     """
     if component.delays and component.discrete:
-        raise UnsupportedComponent(
+        raise ContractError(
             f"{component.name} has delays and is sampled; tangents of both together are not "
             "computed"
         )

@@ -9,16 +9,8 @@ from typing import Any
 
 import sympy as sp
 
-from .component import (
-    Component,
-    ContractError,
-    DiscreteState,
-    Event,
-    Input,
-    Mode,
-    Parameter,
-    symbol,
-)
+from .component import Component, DiscreteState, Event, Input, Mode, Parameter, symbol
+from .errors import ContractError
 from .functions import symbols_in
 
 Values = dict[str, sp.Expr]

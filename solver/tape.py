@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .core import FUNCTIONS
+from .errors import ContractError
 
 # by number, as in ``c/tape.h`` and ``c/tape.c``
 _OPERATIONS = (
@@ -69,10 +70,6 @@ _READS = {"SELECT": "abc", "STORE": "c", "JUMP_UNLESS": "c", "RETURN": "c", "CAL
 _READS |= {"LOAD": "", "JUMP": "", "NEGATE": "a", "NOT": "a"}
 
 
-class UnsupportedComponent(NotImplementedError):
-    """The component uses a part of the contract that this version does not solve."""
-
-
 @dataclass(frozen=True)
 class Tape:
     """One function.
@@ -106,7 +103,7 @@ def record_tape(
 
     Raises
     ------
-    UnsupportedComponent
+    ContractError
     """
     written = functions(source)
     tapes = [record(written[name], states) if name in written else _NO_TAPE for name in FUNCTIONS]
@@ -130,7 +127,7 @@ def record_edited(
 
     Raises
     ------
-    SyntaxError, UnsupportedComponent
+    SyntaxError, ContractError
     """
     head = states, held, events, delays, _ = np.frombuffer(exported, np.int32, 5).tolist()
     sizes = {"x": states, "dx": states, "u": held, "g": events, "e": 4 * delays, **sizes}
@@ -138,7 +135,7 @@ def record_edited(
     tapes = {"jac": Tape(np.array([(_NUMBER["DIFFERENCES"], 0, 0, 0, 0)], _OPERATION), nominal)}
     for name in ("rhs", "out", "sample", "indicate", "kind", "react", "delayed"):
         if name not in written and (delays or name != "delayed"):
-            raise UnsupportedComponent(f"the function {name!r} is missing; it is needed")
+            raise ContractError(f"the function {name!r} is missing; it is needed")
         if name in written:
             tapes[name] = record(written[name], states, sizes)
     return _packed(head, [tapes.get(name, _NO_TAPE) for name in FUNCTIONS])
@@ -314,8 +311,8 @@ class _Recorder:
         raise _unknown(e)
 
 
-def _unknown(node: ast.stmt | ast.expr) -> UnsupportedComponent:
-    return UnsupportedComponent(
+def _unknown(node: ast.stmt | ast.expr) -> ContractError:
+    return ContractError(
         f"line {node.lineno} has {ast.unparse(node).splitlines()[0]!r}; expected elements of the "
         "given vectors, names assigned before and not within an if, numbers, arithmetic, "
         "comparisons, 'a if c else b', abs, min, max and functions of math"
@@ -336,7 +333,7 @@ def record(function: ast.FunctionDef, width: int, sizes: Mapping[str, int] | Non
 
     Raises
     ------
-    UnsupportedComponent
+    ContractError
     """
     given = {argument.arg for argument in function.args.args}
     own = None if sizes is None else {n: size for n, size in sizes.items() if n in given}
@@ -391,5 +388,5 @@ def _registers(recorder: _Recorder) -> dict[int, int]:
             if line.to not in last:
                 free.append(places[line.to])
     if most > MOST_REGISTERS:
-        raise UnsupportedComponent(f"{most} numbers at once, at most {MOST_REGISTERS}")
+        raise ContractError(f"{most} numbers at once, at most {MOST_REGISTERS}")
     return places

@@ -11,7 +11,7 @@ import math
 import re
 from collections import Counter
 
-from .tape import UnsupportedComponent
+from .errors import ContractError
 
 _GIVEN = "const System *self, double t, const double *x, const double *u, const double *p"
 _HEADS = {
@@ -67,7 +67,7 @@ def in_c(function: ast.FunctionDef, width: int, name: str = "") -> str:
 
     Raises
     ------
-    UnsupportedComponent
+    ContractError
         If it contains something for which C has no function.
     """
     head = _HEADS[function.name]
@@ -177,8 +177,8 @@ def _call(e: ast.Call, arguments: list[str]) -> str:
     raise _untranslated(e)
 
 
-def _untranslated(node: ast.AST) -> UnsupportedComponent:
-    return UnsupportedComponent(
+def _untranslated(node: ast.AST) -> ContractError:
+    return ContractError(
         f"{ast.unparse(node)!r} in its equations has no counterpart in C; export it without "
         "--native"
     )

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from ..fmus.ports import tangent_states
-from ..fmus.reading import FmuError
 from ..orchestration.fmu.fmu_instance import FmuInstance
 from ..orchestration.fmu.isolated import IsolatedInstance, open_fmu
 from ..orchestration.fmu.state_trial import check_state
@@ -15,6 +14,7 @@ from ..orchestration.fmu.wiring import PLANT, names_on, with_aliases
 from ..orchestration.loop.catalogue import ready_fmu
 from ..orchestration.loop.loop import Loop
 from ..orchestration.loop.parts import Part
+from ..solver.errors import FmuError
 from .fmu_with_tangents import ordinary
 from .tangents_over_fmus import TangentRun, follow_over_fmus
 
@@ -82,7 +82,7 @@ def opened_parts(loop: Loop) -> Iterator[FmuParts]:
 
     Raises
     ------
-    FmuError, UnsupportedComponent
+    FmuError, ContractError
         Also for a controller that is sampled by its master: it has no tangents here.
     """
     if loop.sampled:

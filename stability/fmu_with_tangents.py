@@ -26,10 +26,6 @@ from ..orchestration.master.structs import Struct
 Matrix = npt.NDArray[np.float64]
 
 
-class TangentsImpossible(ValueError):
-    """Tangents of the loop cannot be computed with these FMUs; the message says why."""
-
-
 @dataclass(frozen=True)
 class _Ports:
     """A FMU instance's ordinary ports, for wiring."""

@@ -9,16 +9,7 @@ from ..orchestration.loop.loop import Loop
 from ..orchestration.loop.whole_loop import held_loop_kernel, loop_kernel, model_of
 from ..solver.delay_states import NODES
 from ..solver.kernel import CONTROLLER, PLANT, Kernel
-from ..solver.tape import UnsupportedComponent
-from .lyapunov import (
-    FIRST,
-    LAST,
-    LyapunovRun,
-    Maker,
-    NoExponents,
-    Watching,
-    lyapunov,
-)
+from .lyapunov import FIRST, LAST, LyapunovRun, Maker, Watching, lyapunov
 
 
 def loop_maker(loop: Loop, averaged: bool = False) -> Maker:
@@ -58,13 +49,10 @@ def loop_lyapunov(
 
     Raises
     ------
-    NoExponents, KeyError, ValueError
+    UserError, KeyError, ValueError
     """
     parts = loop.plant.name, loop.controller.name
-    try:
-        kernel = held_loop_kernel(*parts)
-    except UnsupportedComponent as error:
-        raise NoExponents(str(error)) from error
+    kernel = held_loop_kernel(*parts)
     kernel.compile()  # takes half a second, less than two tolerances and the long-term motion
     make = loop_maker(loop)
     average = loop_maker(loop, averaged=True) if kernel.quantized else None

@@ -51,10 +51,6 @@ FIRST = ("x", "v")  # states of the axis that come first in the frame, as in the
 LAST = ("i",)
 
 
-class NoExponents(ValueError):
-    """Exponents of this system are not defined or not computed here; the message says why."""
-
-
 def bars(estimates: Vector, others: Vector, least: float = LEAST) -> Vector:
     """Half of 95 % intervals of estimates from those of a second run; zero for minus infinity.
 

@@ -10,12 +10,11 @@ import numpy as np
 
 from ..orchestration.loop.loop import Loop
 from ..orchestration.loop.whole_loop import held_loop_kernel
+from ..solver.errors import UserError
 from ..solver.spectrum import Spectrum
-from ..solver.tape import UnsupportedComponent
 from .fmu_parts import opened_parts
-from .fmu_with_tangents import TangentsImpossible
 from .loop_lyapunov import loop_lyapunov
-from .lyapunov import SAMPLES, LyapunovRun, NoExponents, Watching
+from .lyapunov import SAMPLES, LyapunovRun, Watching
 from .signal_motion import signal_motion
 from .tangents_over_fmus import ACCURACY, TangentRun
 
@@ -40,45 +39,40 @@ def loop_lyapunov_over_fmus(
 
     Raises
     ------
-    NoExponents
+    UserError
         If this is not possible for the loop.
-    FmuError, WiringError, StepFailed
+    FmuError, CouplingError, StepFailed
         If a file is not an FMU that can run here, or the parts do not fit or reject their values.
     """
     stop, step, known = loop.stop, loop.step, None
     assert step is not None
     if loop.plant.has_equations and loop.controller.has_equations:
         if held_loop_kernel(loop.plant.name, loop.controller.name).sample_time:
-            raise NoExponents(
+            raise UserError(
                 f"{loop.controller.own_name} is sampled, and FMUs of sampled parts "
                 "have no tangents; use the equations, --via model"
             )
         known = loop_lyapunov(loop, watching=Watching(progress))
-    try:
-        with opened_parts(loop) as parts:
-            if progress:
-                progress(f"the FMUs over {stop:g} s")
-            run = parts.follow(loop, step, ACCURACY)
-            method = f"{parts.said()}, {run.method}; {run.accuracy}"
-            if known:
-                return replace(
-                    known, spectrum=_spectrum(run), tighter=known.spectrum, method=method
-                )
-            if progress:
-                progress(f"the FMUs over {stop:g} s, again with finer steps")
-            return LyapunovRun(
-                list(run.states),
-                _spectrum(run),
-                _spectrum(parts.follow(loop, 0.5 * step, FINER * ACCURACY)),
-                signal_motion(run, parts.nominal(loop.mapping), run.growth[:, 0]),
-                math.nan,
-                loop.title,
-                f"{method}; finite-time only: without equations the motion is not known beyond "
-                f"{stop:g} s",
-                loop=loop,
-            )
-    except (TangentsImpossible, UnsupportedComponent) as error:
-        raise NoExponents(str(error)) from error
+    with opened_parts(loop) as parts:
+        if progress:
+            progress(f"the FMUs over {stop:g} s")
+        run = parts.follow(loop, step, ACCURACY)
+        method = f"{parts.said()}, {run.method}; {run.accuracy}"
+        if known:
+            return replace(known, spectrum=_spectrum(run), tighter=known.spectrum, method=method)
+        if progress:
+            progress(f"the FMUs over {stop:g} s, again with finer steps")
+        return LyapunovRun(
+            list(run.states),
+            _spectrum(run),
+            _spectrum(parts.follow(loop, 0.5 * step, FINER * ACCURACY)),
+            signal_motion(run, parts.nominal(loop.mapping), run.growth[:, 0]),
+            math.nan,
+            loop.title,
+            f"{method}; finite-time only: without equations the motion is not known beyond "
+            f"{stop:g} s",
+            loop=loop,
+        )
 
 
 def _spectrum(run: TangentRun) -> Spectrum:

@@ -18,6 +18,7 @@ from ..orchestration.loop.catalogue import kept_as
 from ..orchestration.loop.loop import Loop
 from ..orchestration.loop.whole_loop import held_loop_kernel
 from ..orchestration.master.reference_signal import Reference
+from ..solver.errors import UserError
 from ..solver.kernel import PLANT, Kernel, ParameterInfo
 from ..solver.nearest import nearest
 
@@ -25,10 +26,6 @@ Vector = npt.NDArray[np.float64]
 PER_CELL = 1000  # bytes of a cell while the map is merged and drawn, measured
 MOST_BYTES = 10**30  # counts on the command line can have any number of digits
 SETPOINT, DESIGN = "setpoint", "design"
-
-
-class BadMap(ValueError):
-    """An invalid map; the message says what was got and what was expected."""
 
 
 @lru_cache(maxsize=8)
@@ -97,8 +94,8 @@ class MapPlan:
 
         Raises
         ------
-        BadMap
-        NotEnoughMemory
+        UserError
+        UserError
             If the tables and pictures of these cells do not fit into memory.
         """
         loop = self.loop
@@ -108,25 +105,25 @@ class MapPlan:
             "use fewer points, or several maps",
         )
         if self.exponents and kernel_of(self).quantized:
-            raise BadMap(
+            raise UserError(
                 f"{loop.controller.label} or {loop.plant.label} quantizes a signal, "
                 "and a quantizer has no tangents; map it without --exponents, or use "
                 "lyapunov for single loops"
             )
         if (self.x.side, self.x.parameter) == (self.y.side, self.y.parameter):
-            raise BadMap(f"--x and --y are both {self.x.parameter}; expected two parameters")
+            raise UserError(f"--x and --y are both {self.x.parameter}; expected two parameters")
         if PLANT + "x" not in [s.name for s in kernel_of(self).states]:
-            raise BadMap(f"{loop.plant.label} has no state x; a map evaluates the motion of x")
+            raise UserError(f"{loop.plant.label} has no state x; a map evaluates the motion of x")
         given = {"plant": loop.plant_values, "controller": loop.controller_values}
         for axis in (self.x, self.y):
             if axis.parameter in given.get(axis.side, {}):
-                raise BadMap(
+                raise UserError(
                     f"{axis.name} is given as a value and as an axis; expected one of them"
                 )
             about = _about(axis, loop)
             low, high = (about.minimum, about.maximum) if about else (-math.inf, math.inf)
             if axis.low < low or axis.high > high:
-                raise BadMap(
+                raise UserError(
                     f"{axis.name} runs from {axis.low:g} to {axis.high:g}, expected values within "
                     f"[{low:g}, {high:g}]"
                 )
@@ -192,22 +189,24 @@ def read_axis(text: str, loop: Loop) -> Axis:
 
     Raises
     ------
-    BadMap
+    UserError
     """
     name, equals, numbers = text.partition("=")
     parts = numbers.split(":")
     if not equals or not name or len(parts) != 3:
-        raise BadMap(f"{text!r} is not of the form NAME=LOW:HIGH:COUNT")
+        raise UserError(f"{text!r} is not of the form NAME=LOW:HIGH:COUNT")
     try:
         low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
     except ValueError:
-        raise BadMap(f"{text!r}: expected two numbers and a whole number after the =") from None
+        raise UserError(f"{text!r}: expected two numbers and a whole number after the =") from None
     if not (math.isfinite(low) and math.isfinite(high)):
-        raise BadMap(f"{text!r}: the bounds must be finite")
+        raise UserError(f"{text!r}: the bounds must be finite")
     if not low < high:
-        raise BadMap(f"{text!r}: the bounds are {low:g} and {high:g}, expected the lower one first")
+        raise UserError(
+            f"{text!r}: the bounds are {low:g} and {high:g}, expected the lower one first"
+        )
     if count < 2:
-        raise BadMap(f"{text!r}: {count} points, expected 2 or more")
+        raise UserError(f"{text!r}: {count} points, expected 2 or more")
     side, parameter = _owner(name, loop)
     return Axis(name, side, parameter, low, high, count)
 
@@ -220,20 +219,20 @@ def _owner(name: str, loop: Loop) -> tuple[str, str]:
     side, dot, own = name.partition(".")
     if dot and side == DESIGN:
         if loop.controller.name != "nctf":
-            raise BadMap(f"{name!r}: only nctf is designed for a plant, but this is {theirs_is}")
+            raise UserError(f"{name!r}: only nctf is designed for a plant, but this is {theirs_is}")
         if own in ours:
             return DESIGN, own
     elif dot and side in ("plant", "controller"):
         if own in (ours if side == "plant" else theirs):
             return side, own
     elif name in theirs and name in ours:
-        raise BadMap(f"both sides have {name!r}: use controller.{name} or plant.{name}")
+        raise UserError(f"both sides have {name!r}: use controller.{name} or plant.{name}")
     elif name in theirs:
         return "controller", name
     elif name in ours:
         return "plant", name
     hint = nearest(own if dot else name, [*theirs, *ours])
-    raise BadMap(
+    raise UserError(
         f"neither {theirs_is} nor {ours_is} has {name!r}{hint}; {theirs_is} has "
         f"{', '.join(theirs) or 'none'}; {ours_is} has {', '.join(ours)}"
     )

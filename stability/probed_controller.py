@@ -16,7 +16,8 @@ from ..orchestration.master.compiled import ASKED_ADVANCE, ASKED_LAW, USES
 from ..orchestration.master.coupling import Answer, ControllerSide
 from ..orchestration.master.fmi_calls import Bound
 from ..orchestration.master.structs import Struct
-from .fmu_with_tangents import TangentsImpossible, rows_at
+from ..solver.errors import FmuError
+from .fmu_with_tangents import rows_at
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -48,13 +49,13 @@ class ProbedController:
         self.side = ControllerSide(self.instance, self.wiring, signals, reference)
         name = self.instance.name
         if self.side.answer is not Answer.DIRECT:
-            raise TangentsImpossible(
+            raise FmuError(
                 f"{name} answers {self.side.answer.value}; tangents need a controller with "
                 "direct feedthrough: compute its output when it is read, or give its "
                 "equations as FILE.py:FUNCTION"
             )
         if self.side.m != 1:
-            raise TangentsImpossible(f"{name} has {self.side.m} commands; expected one for probing")
+            raise FmuError(f"{name} has {self.side.m} commands; expected one for probing")
         responses, fading = self._response(t, h, signals, reference)
         if np.any(responses):
             self.states = [f"{name}: the part of its state in {self.wiring.commands[0][0]}"]

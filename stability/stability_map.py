@@ -21,18 +21,13 @@ from ..orchestration.fmu.limits import TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS
 from ..orchestration.loop.loop import Loop, table_of
 from ..orchestration.loop.run_folder import write_run
 from ..orchestration.study.kept_parts import KeptParts
+from ..solver.errors import UserError
 from ..solver.files import write_json
 from ..solver.tables import table_path
 from .attractor import Kind
 from .cell import run_chunk
 from .map_pictures import save_map_picture
-from .map_plan import (
-    Axis,
-    BadMap,
-    MapPlan,
-    kernel_of,
-    read_axis,
-)
+from .map_plan import Axis, MapPlan, kernel_of, read_axis
 from .store import (
     PARTS,
     TABLE,
@@ -62,12 +57,12 @@ def plan_map(
 
     Raises
     ------
-    BadMap
+    UserError
         If an axis is invalid, or exponents of these parts cannot be computed.
-    BadParameter, NotEnoughMemory
+    BadParameter, UserError
     """
     if loop.step is not None:
-        raise BadMap("a map solves equations; give a loop without a communication step")
+        raise UserError("a map solves equations; give a loop without a communication step")
     tolerance = tolerance or (TOLERANCE_OF_MAPS if exponents else TOLERANCE_OF_MOTIONS)
     axes = read_axis(x, loop), read_axis(y, loop)
     loop = _without_told(loop, axes)
@@ -105,7 +100,7 @@ def make_map(
 
     Raises
     ------
-    BadMap
+    UserError
         If the folder holds another map, or the same one and `resume` is not set.
     OSError
         If the results cannot be written.

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from ..orchestration.study.kept_parts import KeptParts
+from ..solver.errors import UserError
 from ..solver.tables import write_table
 from .attractor import Kind
 from .budget import BUDGET
-from .map_plan import BadMap, MapPlan
+from .map_plan import MapPlan
 
 Columns = dict[str, list[Any]]
 CHUNK, LEAST_CHUNKS = 96, 8  # cells in a chunk; chunks of a small map, so that all workers have one
@@ -83,7 +84,7 @@ SUMMARY = (
 def claim_folder(plan: MapPlan, folder: Path, parts: KeptParts, resume: bool) -> MapSummary | None:
     """Use the folder for this map; return its summary if it is already finished."""
     if not (folder / "map.json").is_file():
-        parts.claim("map", resume, BadMap)
+        parts.claim("map", resume, UserError)
         return None
     try:
         found = json.loads((folder / "map.json").read_text(encoding="utf-8"))
@@ -91,14 +92,14 @@ def claim_folder(plan: MapPlan, folder: Path, parts: KeptParts, resume: bool) ->
     except (ValueError, TypeError, KeyError):
         same = False
     if not same:
-        raise BadMap(f"{folder} contains another map; choose another folder, or remove it")
+        raise UserError(f"{folder} contains another map; choose another folder, or remove it")
     if not resume:
-        raise BadMap(f"{folder} already contains this map; add --resume to continue it")
+        raise UserError(f"{folder} already contains this map; add --resume to continue it")
     try:
         figures = (found[name] for name in SUMMARY)
         return replace(MapSummary(plan, *figures), undecided=found.get("undecided", {}))
     except KeyError as error:
-        raise BadMap(f"{folder / 'map.json'} lacks {error}; remove the folder") from None
+        raise UserError(f"{folder / 'map.json'} lacks {error}; remove the folder") from None
 
 
 def chunks_of(cells: int, head: str, groups: Sequence[Sequence[int]]) -> dict[str, Sequence[int]]:
@@ -116,7 +117,7 @@ def load(parts: KeptParts, name: str) -> Columns:
     """The columns of a finished chunk."""
     columns: Columns | None = parts.read(name)
     if columns is None:
-        raise BadMap(f"{parts.folder / name} is missing: another command has finished this map")
+        raise UserError(f"{parts.folder / name} is missing: another command has finished this map")
     return columns
 
 

@@ -43,7 +43,8 @@ from ..orchestration.master.compiled import (
 from ..orchestration.master.fmi_calls import Bound, failure_of
 from ..orchestration.master.loop_run import bounds
 from ..orchestration.master.structs import struct
-from .fmu_with_tangents import Side, TangentsImpossible, ordinary
+from ..solver.errors import FmuError
+from .fmu_with_tangents import Side, ordinary
 from .probed_controller import RELATIVE, ProbedController
 
 Vector = npt.NDArray[np.float64]
@@ -145,7 +146,7 @@ def follow_over_fmus(  # noqa: PLR0913
 
     Raises
     ------
-    TangentsImpossible, WiringError
+    FmuError, CouplingError
         If the parts cannot be coupled in this way.
     StepFailed
         If a part rejects its parameters or initial values.
@@ -190,7 +191,7 @@ def follow_over_fmus(  # noqa: PLR0913
 def _check_saving(*instances: Instance) -> None:
     for instance in instances:
         if not instance.can_save:
-            raise TangentsImpossible(
+            raise FmuError(
                 f"{instance.name} cannot save and restore its state, which tangents need "
                 "here; export it with this capability (pythonfmu build --handle-state)"
             )
@@ -199,7 +200,7 @@ def _check_saving(*instances: Instance) -> None:
 def _check_plant(p: Side, wiring: Wiring, *values: Mapping[str, float]) -> None:
     wiring.check_given(*values)
     if not p.states or not wiring.accepts_law:
-        raise TangentsImpossible(
+        raise FmuError(
             f"{p.instance.name} has no tangent ports; export it with tangents "
             "(export --variational)"
         )
@@ -208,7 +209,7 @@ def _check_plant(p: Side, wiring: Wiring, *values: Mapping[str, float]) -> None:
 def _check_tangents(sides: Sequence[Side], count: int) -> None:
     for side in sides:
         if side.states and side.tangents < count:
-            raise TangentsImpossible(
+            raise FmuError(
                 f"{side.instance.name} carries {side.tangents} tangents, but {count} are "
                 f"needed; export it with {count} (export --variational --tangents {count})"
             )

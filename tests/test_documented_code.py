@@ -18,7 +18,8 @@ from ballscrew import cli
 from ballscrew.fmus.export import export
 from ballscrew.plant.modified_lugre import modified_lugre
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import ContractError, symbol
+from ballscrew.solver.component import symbol
+from ballscrew.solver.errors import ContractError
 from ballscrew.solver.kernel import Model
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -15,8 +15,8 @@ import scipy.io
 
 from ballscrew.cli import main
 from ballscrew.measurement.records import formats
-from ballscrew.measurement.records.bad_record import BadRecord
 from ballscrew.measurement.records.columns import MOST
+from ballscrew.solver.errors import BadRecord
 
 T = np.arange(50) / 100
 

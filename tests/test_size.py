@@ -15,20 +15,20 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (6653, 5843),
-    "plant": (1901, 1624),
+    "solver": (6660, 5845),
+    "plant": (1883, 1608),
     "controllers": (1294, 1053),
-    "fmus": (5147, 4605),
-    "orchestration": (13128, 11439),
-    "stability": (3113, 2506),
-    "ballscrew": (4759, 3934),
+    "fmus": (5124, 4588),
+    "orchestration": (13113, 11435),
+    "stability": (3090, 2486),
+    "ballscrew": (4650, 3828),
     "gallery": (3571, 3184),
-    "measurement": (15230, 12581),
-    "proofs": (12918, 11551),
+    "measurement": (15207, 12565),
+    "proofs": (12917, 11550),
     "benchmarks": (1871, 1733),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28214, 26925),
+    "tests": (28218, 26929),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

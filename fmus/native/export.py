@@ -60,7 +60,7 @@ def export_native(
     ------
     ValueError
         If this version of FMI has no such platform.
-    UnsupportedComponent
+    ContractError
         If this version cannot solve the component, or C has no function for its equations.
     CompilerFailed
         If a compiler was found but fails.

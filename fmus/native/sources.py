@@ -54,7 +54,7 @@ def native_model(component: Component) -> NativeModel:
 
     Raises
     ------
-    UnsupportedComponent
+    ContractError
         If this version cannot solve it.
     """
     return NativeModel(generate(component), generate(partials(component)))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..records.bad_record import BadRecord
+from ...solver.errors import BadRecord
 from .causes import CAUSES
 from .explained import Explained, built
 from .held_out import HeldOut, laps_of, left_on_blocks

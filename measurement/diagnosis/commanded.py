@@ -9,7 +9,7 @@ import numpy as np
 
 from ...plant.direct_drive import bare_direct_drive
 from ...plant.law import law
-from ..records.bad_record import BadRecord
+from ...solver.errors import BadRecord
 from ..records.record import CURRENT, FORCE, TORQUE, VOLTAGE, Record
 from .drive import Drive
 

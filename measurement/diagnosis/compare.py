@@ -9,17 +9,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ...orchestration.loop.parameter_file import (
-    TURNS,
-    BadParameters,
-    Diagnosed,
-    ParameterFile,
-    Value,
-)
+from ...orchestration.loop.parameter_file import TURNS, Diagnosed, ParameterFile, Value
 from ...orchestration.loop.parameter_reading import read_parameters
 from ...plant.law import claims
+from ...solver.errors import BadParameters, BadRecord
 from ..identification.motion_parts import PARTS, REST, motion_parts
-from ..records.bad_record import BadRecord
 from ..records.examine import check_identifiable
 from ..records.reading import read_drive_records
 from ..records.record import CURRENT, TORQUE, Record

@@ -17,13 +17,7 @@ import numpy.typing as npt
 import sympy as sp
 
 from ...fmus.interface import START
-from ...orchestration.loop.parameter_file import (
-    BALL_SCREW,
-    DRIVE,
-    BadParameters,
-    ParameterFile,
-    Value,
-)
+from ...orchestration.loop.parameter_file import BALL_SCREW, DRIVE, ParameterFile, Value
 from ...plant import DEFAULT_LAW
 from ...plant.ball_screw import bare_ball_screw
 from ...plant.direct_drive import bare_direct_drive
@@ -33,6 +27,7 @@ from ...plant.law import claims
 from ...plant.law import law as friction_law
 from ...plant.two_masses import block_of
 from ...solver.component import Component, symbol
+from ...solver.errors import BadParameters
 from ..identification.fitted_law import BRISTLES, LAWS
 from ..identification.law_along_record import LawValues, mean_friction_along
 

@@ -16,14 +16,14 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ...plant.two_masses import OneBody
 from ...solver.codegen import generate
-from ...solver.component import Component, ContractError
+from ...solver.component import Component
+from ...solver.errors import ContractError
 from ...solver.kernel import IntegrationError, Kernel, Model
 from .blocks import ends_of_seconds
 from .drive import Drive
 from .modelled_record import ModelledRecord
-from .with_causes import BadExtension, with_causes
+from .with_causes import with_causes
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -60,7 +60,7 @@ class Predictor:
     def _plant(self) -> Component:
         try:
             return with_causes(self._drive, list(self._causes.items()))
-        except (BadExtension, OneBody, ContractError) as error:
+        except ContractError as error:
             raise NotPredicted(str(error)) from error
 
     @cached_property

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..records.bad_record import BadRecord
+from ...solver.errors import BadRecord
 from .balance import Added, leftovers
 from .bands import moving
 from .drive import Drive

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..records.bad_record import BadRecord
+from ...solver.errors import BadRecord
 from ..records.record import Record
 from .balance import EXACT, Added, calibrated, leftovers, recalibrated, sensitivities
 from .bands import Bands, cut, products

@@ -13,6 +13,7 @@ from ...plant.direct_drive import with_command_limit
 from ...plant.instruments.amplifier import with_amplifier
 from ...plant.rotary_drive import turned
 from ...solver.component import Component, symbol
+from ...solver.errors import ContractError
 from ..identification.fitted_law import LAWS
 from .causes import CAUSES
 from .causes.presliding_hysteresis import NAME as BRISTLES
@@ -28,10 +29,6 @@ _Number = TypeVar("_Number")
 # the body; then sticking; last, causes between the command and the force.
 PARTING = ("compliance", "backlash")
 _BEFORE_THE_FORCE = ("resistance_drift", "voltage_saturation", "input_delay")
-
-
-class BadExtension(ValueError):
-    """Causes that cannot be built into this plant; the message says which and why."""
 
 
 def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) -> Component:
@@ -51,9 +48,9 @@ def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) 
 
     Raises
     ------
-    BadExtension
+    ContractError
         If a cause is unknown or not possible in this plant.
-    OneBody
+    ContractError
         If a ball screw without a rotor is to get a spring or a gap.
     ContractError
         If the plant has no parameter of this name, or a value is outside its range.
@@ -61,10 +58,10 @@ def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) 
     own = {name: last_record(numbers) for name, numbers in found}
     for name in own:
         if name not in CAUSES:
-            raise BadExtension(f"no cause {name!r}; there are {', '.join(CAUSES)}")
+            raise ContractError(f"no cause {name!r}; there are {', '.join(CAUSES)}")
         because = CAUSES[name].beyond((), drive)
         if because:
-            raise BadExtension(f"{name}: {because}")
+            raise ContractError(f"{name}: {because}")
     values = {n: v for numbers in own.values() for n, v in numbers.items()}
     drive = with_law_of(drive, own)
     if BRISTLES in own:

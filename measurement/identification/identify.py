@@ -14,6 +14,7 @@ from scipy.stats import chi2
 from ...orchestration.loop.parameter_file import BALL_SCREW, DRIVE, TURNS, ParameterFile, Value
 from ...plant.ball_screw import PARAMETERS as AXIS
 from ...plant.instruments.amplifier import PARAMETERS as AMPLIFIER
+from ...solver.errors import BadParameter
 from ...solver.nearest import nearest
 from ..records.reading import read_force_records
 from ..records.record import FORCE, TORQUE, Record
@@ -36,16 +37,8 @@ _SMALL = 0.02  # residual, as a share of friction, below which nothing is report
 _LEAST_DIFFERENCE = 1e-3  # probability of such a difference if both directions were the same
 
 
-class UnknownLaw(ValueError):
-    """There is no law of this name to identify."""
-
-
-class CannotHold(ValueError):
-    """A parameter cannot be fixed at a value; the message says why and which ones can."""
-
-
 def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> None:
-    """Raise CannotHold if a parameter cannot be fixed, or an offset cannot be fitted.
+    """Raise BadParameter if a parameter cannot be fixed, or an offset cannot be fitted.
 
     Parameters
     ----------
@@ -58,7 +51,7 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
 
     Raises
     ------
-    CannotHold
+    BadParameter
     """
     described = LAWS[law]
     names = described.names
@@ -66,25 +59,25 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
     for name, value in fixed.items():
         if name in together:
             others = ", ".join(n for n in together if n != name)
-            raise CannotHold(
+            raise BadParameter(
                 f"{name} of {law} is fitted together with {others} and cannot be fixed alone"
             )
         if name != OFFSET and name not in names:
-            raise CannotHold(
+            raise BadParameter(
                 f"{law} has no parameter {name!r}{nearest(name, [*names, OFFSET])}; it has "
                 f"{', '.join(names)}, and there is {OFFSET}"
             )
         if not math.isfinite(value) or (name != OFFSET and value <= 0):
-            raise CannotHold(
+            raise BadParameter(
                 f"{name} is {value:g}, expected a {'finite number' if name == OFFSET else 'number'}"
                 + ("" if name == OFFSET else " above 0; a small value removes its effect")
             )
     if offset and OFFSET in fixed:
-        raise CannotHold(
+        raise BadParameter(
             f"{OFFSET} is held at {fixed[OFFSET]:g} N and fitted; expected one of them"
         )
     if offset and described.directional:
-        raise CannotHold(
+        raise BadParameter(
             f"{law} has separate friction for each direction, which cannot be distinguished "
             f"from a constant force; fix {OFFSET} at a value"
         )
@@ -129,11 +122,11 @@ def identify(
     The result's parameter file keeps the known values of the drive, which are `told`. Default: the
     rig's axis for records of the rig; otherwise a drive with their mass, by its force or torque.
     Parameters in `fixed` are not fitted [SI]. The `offset` is a constant force, of a load or a
-    load cell's zero; with `mass` one mass is fitted in place of the records'. Raises `UnknownLaw`,
-    `CannotHold`, and ValueError without records.
+    load cell's zero; with `mass` one mass is fitted in place of the records'. Raises
+    `BadParameter`, and ValueError without records.
     """
     if law not in LAWS:
-        raise UnknownLaw(f"no law {law!r} to identify; there are {', '.join(LAWS)}")
+        raise BadParameter(f"no law {law!r} to identify; there are {', '.join(LAWS)}")
     if not records:
         raise ValueError("no records given; expected one or more")
     fixed = dict(fixed or {})

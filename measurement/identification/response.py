@@ -16,8 +16,8 @@ from scipy.optimize import least_squares
 from scipy.signal import coherence, csd, find_peaks, welch
 from scipy.stats import t as student
 
+from ...solver.errors import BadRecord
 from ...solver.files import write_json
-from ..records.bad_record import BadRecord
 from ..records.record import Record
 from ..records.units import UNITS
 from .intervals import CONFIDENCE, Interval, is_narrow

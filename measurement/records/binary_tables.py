@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .bad_record import BadRecord
+from ...solver.errors import BadRecord
 from .columns import Column, Table, check_size, columns_of, table_of
 from .csv_table import read_lines
 

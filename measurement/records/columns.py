@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .bad_record import BadRecord
+from ...solver.errors import BadRecord
 
 Vector = npt.NDArray[np.float64]
 Array = npt.NDArray[Any]

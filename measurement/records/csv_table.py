@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from .bad_record import BadRecord
+from ...solver.errors import BadRecord
 from .columns import Column, Table, Vector, check_size, table_of
 from .stamps import is_stamp, seconds
 from .units import NO_UNIT, quantity_of

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import welch
 
-from .bad_record import BadRecord
+from ...solver.errors import BadRecord
 from .record import Record
 from .resolution import held_samples
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ...solver.errors import BadRecord
 from . import binary_tables as binary
-from .bad_record import BadRecord
 from .columns import MOST, Table, check_size
 from .csv_table import read_text
 from .mat_tables import read_mat, read_mat73

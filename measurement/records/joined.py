@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .bad_record import BadRecord
+from ...solver.errors import BadRecord
 from .columns import Table, Vector
 from .units import UNITS, spell
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .bad_record import BadRecord
+from ...solver.errors import BadRecord
 from .binary_tables import is_within
 from .columns import MOST, Array, Column, Table, check_size, columns_of, table_of
 

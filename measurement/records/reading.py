@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from .bad_record import BadRecord
+from ...solver.errors import BadRecord
 from .record import CURRENT, FORCE, TORQUE, VOLTAGE, Record
 from .rig_trial import described, read_about
 from .sampling import HOLES, even_out, pieces_between_gaps, recounted

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
-from .bad_record import BadRecord
+from ...solver.errors import BadRecord
 from .record import Record
 
 Vector = npt.NDArray[np.float64]

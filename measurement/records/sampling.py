@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from .bad_record import BadRecord
+from ...solver.errors import BadRecord
 from .resolution import resolution_of
 
 Vector = npt.NDArray[np.float64]

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ...solver.errors import BadRecord
 from ...solver.nearest import nearest
-from .bad_record import BadRecord
 from .columns import Table, Vector
 from .formats import tables_in
 from .joined import joined

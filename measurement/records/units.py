@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Sequence
 
-from .bad_record import BadRecord
+from ...solver.errors import BadRecord
 
 UNITS = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},

@@ -12,12 +12,13 @@ import numpy.typing as npt
 
 from ...plant.instruments.acquisition import SAMPLE_TIME, filter_lag
 from ...solver.core import DONE, NOT_FINITE, at
+from ...solver.errors import BadParameter
 from ...solver.kernel import MAX_STEPS, IntegrationError, Model, describe_failure
 from .calibration import POINTS
 from .compiled_rig import plant_kernel, program_kernel
 from .machine import Machine, machine_of
 from .noise import Noise
-from .parameters import TRIAL, BadRig
+from .parameters import TRIAL
 from .record import TrialRecord
 from .rig_trials import VELOCITY, Trial, trials_named
 from .rig_wiring import COMMAND, PLANT, REFERENCE
@@ -69,7 +70,7 @@ def run_trial(
 
     Raises
     ------
-    UnknownTrial, UnknownLaw, BadRig, BadParameters
+    BadParameter, UnknownName, BadParameter, BadParameters
         For invalid names and values.
     IntegrationError
         If the motion cannot be computed.
@@ -84,13 +85,13 @@ def one_trial(trial: Trial | str, machine: Machine) -> Trial:
 
     Raises
     ------
-    UnknownTrial, BadRig
+    BadParameter, BadParameter
     """
     if isinstance(trial, Trial):
         return trial
     found = trials_named(trial, machine.trials)
     if len(found) > 1:
-        raise BadRig(f"{trial!r} is a table of {len(found)} trials; run them one by one")
+        raise BadParameter(f"{trial!r} is a table of {len(found)} trials; run them one by one")
     return found[0]
 
 

@@ -20,12 +20,12 @@ def plant_kernel(law: str, kind: str = "ball_screw") -> Kernel:
 
     Raises
     ------
-    UnknownLaw
+    UnknownName
     """
     from ...plant import law as laws
 
     if law not in LAWS:
-        raise laws.UnknownLaw(f"no friction law {law!r}; there are {', '.join(LAWS)}")
+        raise laws.UnknownName(f"no friction law {law!r}; there are {', '.join(LAWS)}")
 
     name = f"rig_plant_{law}" if kind == "ball_screw" else f"rig_{kind}_{law}"
 

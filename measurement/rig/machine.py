@@ -12,15 +12,16 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from ...orchestration.loop.parameter_file import BALL_SCREW, COMMANDS, ROTARY, BadParameters
+from ...orchestration.loop.parameter_file import BALL_SCREW, COMMANDS, ROTARY
 from ...plant import NOMINAL, TURNING
 from ...plant.instruments import UNITS, UNLIMITED
 from ...plant.instruments.acquisition import SAMPLE_TIME
 from ...plant.law import claims
 from ...solver.component import Parameter, in_units, symbol, unit_in
+from ...solver.errors import BadParameter, BadParameters
 from .compiled_rig import plant_kernel
 from .noise import Noise
-from .parameters import TRIAL, BadRig, check, given_values
+from .parameters import TRIAL, check, given_values
 from .regulators import Gains, static_force_gains, velocity_gains
 from .rig_trials import (
     BREAK_AWAY,
@@ -200,19 +201,19 @@ class Machine:
 
         Raises
         ------
-        BadRig
+        BadParameter
         """
         if self.is_axis:
             return
         force = self.unit("N")
         if trial.control == VELOCITY and math.isnan(self.sizes["speed"]):
             if self.limit < math.inf and self.viscous > 0:
-                raise BadRig(
+                raise BadParameter(
                     f"{trial.name}: the drive gives {self.limit:.3g} {force} at the limit of its "
                     f"command, and its friction is {self.sizes['force']:.3g} {force}: too small "
                     "for sliding; use a larger plant.voltage_limit"
                 )
-            raise BadRig(
+            raise BadParameter(
                 f"{trial.name} needs a velocity, and without viscous friction this "
                 f"drive has no default; give trial.speed, in {self.unit('m/s')}, as --set "
                 "trial.speed=0.1"
@@ -227,13 +228,13 @@ class Machine:
         else:
             needed += abs(self.values["offset"])
         if needed > self.limit:
-            raise BadRig(
+            raise BadParameter(
                 f"{trial.name} ({trial.asked}) takes {needed:.3g} {force}, but the drive gives "
                 f"{self.limit:.3g} {force} at the limit of its command; use a larger "
                 "plant.voltage_limit, or smaller trial.speed or trial.force"
             )
         if trial.duration < _OVER_TRAVEL * (1 - 1e-9):
-            raise BadRig(
+            raise BadParameter(
                 f"{trial.name} ({trial.asked}) ends after {trial.duration:.2g} s on the travel of "
                 f"{self.sizes['travel']:.3g} {self.unit('m')}; use a larger trial.travel "
                 "or a smaller trial.speed"
@@ -244,7 +245,7 @@ class Machine:
     def _check_presliding(self, trial: Trial, values: Mapping[str, float]) -> None:
         stiffness = claims(self.law).stiffness
         if stiffness is None:
-            raise BadRig(
+            raise BadParameter(
                 f"{trial.name} is for presliding, which the law {self.law} does not have; "
                 "use another law, such as --law lugre"
             )
@@ -252,7 +253,7 @@ class Machine:
         counts = way * values["encoder.counts"] * values["encoder.p"]
         if counts < _LEAST_COUNTS:
             least = math.ceil(values["encoder.counts"] * _LEAST_COUNTS / counts)
-            raise BadRig(
+            raise BadParameter(
                 f"{trial.name} covers {way:.2g} {self.unit('m')}, {counts:.2g} counts of "
                 f"the encoder: too small to be measured; use encoder.counts of {least} or more"
             )
@@ -271,7 +272,7 @@ def machine_of(
 
     Raises
     ------
-    UnknownLaw, BadRig, BadParameters
+    UnknownName, BadParameter, BadParameters
     """
     kind, command = (told.kind, told.command) if told else (BALL_SCREW, "")
     if kind not in NOMINAL:
@@ -285,7 +286,7 @@ def machine_of(
     for name in given.keys() & known.keys():
         check(name, given[name], known, law)
     if given.get(f"{PLANT}.gain") == 0.0:
-        raise BadRig("plant.gain is 0: a command does not move this drive; expected another number")
+        raise BadParameter("plant.gain is 0, so that no command moves this drive; expected another")
     values: dict[str, dict[str, float]] = {PLANT: {}, TRIAL: {}}
     for name, p in known.items():
         part, _, own = name.partition(".")

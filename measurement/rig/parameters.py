@@ -6,14 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from ...orchestration.loop.parameter_file import (
-    BadParameters,
-    ParameterFile,
-    Value,
-    check_values,
-    list_used,
-)
+from ...orchestration.loop.parameter_file import ParameterFile, Value, check_values, list_used
 from ...orchestration.loop.parts import Part
+from ...solver.errors import BadParameter, BadParameters
 from ...solver.kernel import ParameterInfo
 from ...solver.nearest import did_you_mean
 from .rig_wiring import PLANT, WIRINGS
@@ -22,10 +17,6 @@ TRIAL = "trial"
 """Prefix of the names of sizes of trials; names of parts have the part's name as prefix."""
 
 DRAWN = ("encoder.phase", "capacitance_sensor.separation")  # random in each trial, by its seed
-
-
-class BadRig(ValueError):
-    """An unknown parameter of the rig, or a value out of range; the message says which."""
 
 
 def given_values(
@@ -114,11 +105,11 @@ def used_by_trial(
 
 
 def check(name: str, value: float, known: Mapping[str, ParameterInfo], law: str) -> None:
-    """Raise BadRig for an unknown parameter, or a value out of range.
+    """Raise BadParameter for an unknown parameter, or a value out of range.
 
     Raises
     ------
-    BadRig
+    BadParameter
     """
     if name not in known:
         hint = did_you_mean(name, known)
@@ -126,9 +117,9 @@ def check(name: str, value: float, known: Mapping[str, ParameterInfo], law: str)
         theirs = [k for k in known if k.startswith(f"{owner}.")] or list(
             dict.fromkeys(k.partition(".")[0] + ".*" for k in known if "." in k)
         )
-        raise BadRig(f"the rig with {law} has no {name!r}; it has {', '.join(theirs)}{hint}")
+        raise BadParameter(f"the rig with {law} has no {name!r}; it has {', '.join(theirs)}{hint}")
     p = known[name]
     if not (math.isfinite(value) and p.minimum <= value <= p.maximum):
-        raise BadRig(
+        raise BadParameter(
             f"{name} is {value:g} {p.unit}, expected a value within [{p.minimum:g}, {p.maximum:g}]"
         )

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from ...plant.instruments.acquisition import SAMPLE_TIME
 from ...solver.component import unit_in
+from ...solver.errors import BadParameter
 from ...solver.nearest import did_you_mean
 
 Vector = npt.NDArray[np.float64]
@@ -29,10 +30,6 @@ RAMP_TO = 3.5
 
 FASTEST, BREAK_AWAY = 8e-3, 2.35
 """Largest velocity of the thesis' trials [m/s], and static friction of its axis [N], Table 3.1."""
-
-
-class UnknownTrial(ValueError):
-    """An unknown trial; the message lists the available ones."""
 
 
 @dataclass(frozen=True)
@@ -329,7 +326,7 @@ def trials_named(name: str, trials: Mapping[str, Trial] = TRIALS) -> list[Trial]
 
     Raises
     ------
-    UnknownTrial
+    BadParameter
     """
     plain = name.strip().removeprefix("table-")
     if plain in TABLES:
@@ -339,9 +336,9 @@ def trials_named(name: str, trials: Mapping[str, Trial] = TRIALS) -> list[Trial]
         return [trials[f"{table}/{int(number)}"]]
     if table in TABLES:
         count = sum(t.table == table for t in TRIALS.values())
-        raise UnknownTrial(f"no trial {name!r}: {table} has trials 1 to {count}")
+        raise BadParameter(f"no trial {name!r}: {table} has trials 1 to {count}")
     known = TRIALS if "/" in plain else TABLES
     hint = did_you_mean(plain, known)
-    raise UnknownTrial(
+    raise BadParameter(
         f"no trial {name!r}; there are {', '.join(TABLES)}, or one trial as in 2.4/7{hint}"
     )

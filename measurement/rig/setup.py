@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ...solver.component import in_units
+from ...solver.errors import BadParameter
 from .calibration import POINTS, Calibration, calibrate
 from .compiled_rig import program_kernel
 from .machine import SIZED, Machine
 from .noise import Draw, Noise, draw
-from .parameters import BadRig, check, given_values, used_by_trial
+from .parameters import check, given_values, used_by_trial
 from .rig_trials import FORCE, Trial
 from .rig_wiring import PLANT, REFERENCE, WIRINGS, Wiring, wirings
 
@@ -80,7 +81,7 @@ def set_up(
 
     Raises
     ------
-    UnknownLaw, BadRig, BadParameters
+    UnknownName, BadParameter, BadParameters
     """
     law, noise = machine.law, noise or machine.noise
     plates = machine.is_axis and trial.control == FORCE
@@ -146,7 +147,7 @@ def _calibrate(values: Mapping[str, float], drawn: Draw) -> Calibration:
     found = _capacitance(values, POINTS + drawn.micrometer) + drawn.calibration
     largest = values["capacitance_sensor.range"]
     if not (found.max() <= largest and np.ptp(found) > 1e-3 * largest):
-        raise BadRig(
+        raise BadParameter(
             f"the plates have {found.min():.3g} to {found.max():.3g} F in the calibration, which "
             f"the converter's {largest:.3g} F cannot resolve; change capacitance_sensor.area or "
             "capacitance_sensor.separation"

@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...fmus.ports import law_ports
-from ...fmus.reading import SETTABLE, Description, FmuError, NumberVariable, UnpackedFmu, unpack
+from ...fmus.reading import SETTABLE, Description, NumberVariable, UnpackedFmu, unpack
+from ...solver.errors import FmuError, UserError
 from .fmi_status import DISCARD, ERROR, FATAL, OK, Refused
 from .fmi_versions import END, Fmi2, Fmi3, Ports, forget, last_words
 
@@ -41,7 +42,7 @@ AS_PRINTED = 1e-6  # of a start value: what a tool that prints few digits may ch
 SHORTER = "it needs shorter steps: use a smaller --step"
 
 
-class StepFailed(RuntimeError):
+class StepFailed(UserError, RuntimeError):
     """An FMU instance could not do a step; the message comes from the FMU, if it gave one.
 
     Attributes

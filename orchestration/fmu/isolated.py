@@ -24,7 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...fmus.made_here import is_ours
-from ...fmus.reading import FmuError, UnpackedFmu
+from ...fmus.reading import UnpackedFmu
+from ...solver.errors import FmuError
 from . import isolated_host
 from .fmu_instance import (
     SHORTER,

@@ -20,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from ...fmus.reading import Description, FmuError, UnpackedFmu
+from ...fmus.reading import Description, UnpackedFmu
+from ...solver.errors import FmuError
 from .fmu_instance import SHORTER, FmuInstance, StepFailed
 
 OK, FAILED, REFUSED, DISCARDED = range(4)

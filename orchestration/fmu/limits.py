@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ...solver.errors import BadParameter
+
 SHORTEST = 1e-9  # motion [s]: a shorter one has no steps
 MOST_STEPS = 1e9  # a run with more would not end in reasonable time
 FIRST_STEP = 1e-3  # first step that is tried; step of exponents and maps over FMUs [s]
 TIME_LIMIT = 60.0  # for any one call of an FMU in its own process [s]
 TOLERANCE = 1e-11  # of exponents; maps of many loops use a coarser one
 TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS = 1e-8, 1e-6  # with exponents, and by the motion alone
-
-
-class BadParameter(ValueError):
-    """A parameter does not exist or has an invalid value."""
 
 
 def as_number(what: str, given: Any) -> float:

@@ -6,20 +6,17 @@ import mmap
 from collections.abc import Iterator
 from pathlib import Path
 
+from ...solver.errors import UserError
 from .operating_system import address_space, free_memory
 
 _CGROUPS = Path("/sys/fs/cgroup")
-
-
-class NotEnoughMemory(ValueError):
-    """A request needs more memory than available; the message says how much, and what to do."""
 
 
 def check_memory(needed: float, what: str, remedy: str) -> None:
     """Reject a request that would need so many bytes: what it is and the remedy become one line."""
     room = available_memory()
     if room is not None and needed > room:
-        raise NotEnoughMemory(
+        raise UserError(
             f"{what}, about {_shown(needed)} of memory, but only {_shown(room)} is available; "
             f"{remedy}"
         )

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 from ...fmus.ports import gain_port, rate_port, tangent_port, tangent_states
 from ...fmus.reading import Description
-from ...fmus.units import BadUnit, Unit, conversion
+from ...fmus.units import Unit, conversion
+from ...solver.errors import CouplingError, FmuError
 from .converted import AS_IS, Scale, converted
 from .fmu_instance import FmuInstance
 from .isolated import IsolatedInstance
-from .wiring import PLANT, POSITION, Wiring, WiringError, names_on
+from .wiring import PLANT, POSITION, Wiring, names_on
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def port_units(
 
     Raises
     ------
-    WiringError
+    CouplingError
         If the units of two ports that are joined cannot be converted.
     """
     p, c = plant.description, controller.description
@@ -87,8 +88,8 @@ def _between(given: Unit | None, taken: Unit | None, where: str) -> Scale:
         return AS_IS
     try:
         return conversion(given, taken, where)
-    except BadUnit as error:
-        raise WiringError(str(error)) from error
+    except FmuError as error:
+        raise CouplingError(str(error)) from error
 
 
 def _one_sided(port: str, *units: Unit | None) -> list[str]:
@@ -123,7 +124,7 @@ def _add_set_points(
         known = [m.exponents for m in measured if m is not None and m.exponents is not None]
         if order == 0 and len(known) == len(measured) and known and unit.exponents not in known:
             names = ", ".join(m.name for m in measured if m is not None)
-            raise WiringError(
+            raise CouplingError(
                 f"{controller.name}.{name} has the set-point in {unit.name!r}, but no signal that "
                 f"{controller.name} measures is of this quantity: it measures values in {names}"
             )
@@ -171,7 +172,7 @@ def convert(
 
     Raises
     ------
-    WiringError
+    CouplingError
         If the units of two ports that are joined cannot be converted.
     """
     units = port_units(plant, controller, wiring, mapping)

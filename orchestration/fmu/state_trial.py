@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...fmus.made_here import is_ours
-from ...fmus.reading import FmuError
+from ...solver.errors import FmuError
 from .fmu_instance import FmuInstance, Reader, StepFailed, Value
 from .isolated import IsolatedInstance
 

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from ...fmus.ports import gain_port, law_ports, rate_port, reference_port
+from ...solver.errors import CouplingError
 from ...solver.nearest import nearest
 from ...solver.set_point import DERIVATIVES, SET_POINT, set_point_orders
 from .fmu_instance import AnyFmu, Instance
@@ -13,10 +14,6 @@ from .fmu_instance import AnyFmu, Instance
 PLANT, CONTROLLER = "plant", "controller"
 POSITION = "x"  # the output that a set-point is compared with
 COLUMNS = ("time", SET_POINT)  # of the results, in addition to the plant's
-
-
-class WiringError(ValueError):
-    """Ports do not match; the message names them and similar names."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,7 @@ class Wiring:
 
         Raises
         ------
-        WiringError
+        CouplingError
         """
         of_plant = {port for _, port in self.commands}
         of_controller = {*(port for _, port in self.signals), *self.references}
@@ -63,7 +60,7 @@ class Wiring:
             (CONTROLLER, of_controller, controller_values),
         ):
             for name in sorted(driven.intersection(given)):
-                raise WiringError(
+                raise CouplingError(
                     f"{side}.{name} is an input that is connected in the loop; expected a "
                     "parameter or an input that is not connected"
                 )
@@ -98,7 +95,7 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
 
     Raises
     ------
-    WiringError
+    CouplingError
         If every command of the plant or every measurement of the controller stays unmatched, a
         name of the mapping is no port, two ports would have one name, or the set-point is not
         given.
@@ -124,14 +121,14 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     driven = {theirs for _, theirs in commands}
     missing = [n for n in needed.values() if n not in driven]
     if missing and not commands:
-        raise WiringError(
+        raise CouplingError(
             f"nothing is connected to the input {missing[0]!r} of {plant.name}: {controller.name} "
             "has the "
             f"outputs {', '.join(controller.outputs) or 'none'}"
             f"{nearest(missing[0], controller.outputs)}; use --map theirs=ours"
         )
     if not signals and (controller.inputs or controller.outputs):
-        raise WiringError(
+        raise CouplingError(
             f"{controller.name} has no input that fits an output of {plant.name}: its inputs are "
             f"{', '.join(controller.inputs) or 'none'}, the plant's outputs are "
             f"{', '.join(plant.outputs)}; use --map theirs=ours"
@@ -140,7 +137,7 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     free = {on_controller[n]: n for n in controller.inputs if n not in connected}
     taken = set_point_orders([*free])
     if free and not taken:
-        raise WiringError(
+        raise CouplingError(
             f"{controller.name} has the inputs {', '.join(free.values())} that are not connected "
             f"to {plant.name}; give the set-point, such as --map {min(free.values())}={SET_POINT}"
         )
@@ -204,11 +201,11 @@ def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, 
             continue
         if side not in ports:
             everything = {*ports[PLANT], *ports[CONTROLLER]}
-            raise WiringError(
+            raise CouplingError(
                 f"--map: neither side has a port {theirs!r}{nearest(theirs, everything)}"
             )
         if own not in ports[side]:
-            raise WiringError(f"--map: {side} has no port {own!r}{nearest(own, ports[side])}")
+            raise CouplingError(f"--map: {side} has no port {own!r}{nearest(own, ports[side])}")
     for side, group, taken in (
         (PLANT, ports[PLANT], COLUMNS),
         (CONTROLLER, controller.inputs, ()),
@@ -221,7 +218,7 @@ def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, 
             others = [n for n, name in called.items() if name == ours and n != theirs]
             if others or ours in taken:
                 whose = f"{side}'s port {others[0]!r}" if others else "a column of the results"
-                raise WiringError(
+                raise CouplingError(
                     f"--map {theirs}={ours} has the same name as {whose}; map "
                     "one of them to an unused name"
                 )

@@ -28,6 +28,7 @@ from ...plant.instruments import INSTRUMENTS, UNLIMITED, PartName
 from ...solver import kernel_cache
 from ...solver.compilers import CompilerFailed, compiler_for, own_platform
 from ...solver.component_file import load_component, names_file
+from ...solver.errors import ContractError, UnknownName
 from ...solver.kernel import Kernel
 from ...solver.nearest import did_you_mean
 from ...solver.stored import fingerprint, stored_kernel
@@ -46,15 +47,10 @@ _SAMPLED = "ballscrew.plant.instruments.sample_and_hold"
 _INSTRUMENTS = "ballscrew.plant.instruments"
 _OF_MOTOR = {"A", "ohm", "H"}
 NATIVE, READABLE = "native", "readable"
+LIMIT = "voltage_limit"  # the plant's parameter, for any unit of its command
+AMPLIFIER = "current_limit"  # a plant that has it is driven by volts, through an amplifier
 OWN_LIMIT = "u_max"  # parameters of a controller for the limit of the nominal amplifier, in volts
 _FORWARD = "ballscrew.controllers.feed_forward"
-
-
-class UnknownComponent(KeyError):
-    """An unknown name; the message lists the known ones."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 def has_equations(part: str) -> bool:
@@ -70,8 +66,8 @@ def component(part: str | Component) -> Component:
 
     Raises
     ------
-    UnknownComponent
-    BadComponentFile
+    UnknownName
+    ContractError
     ContractError
         For instruments that do not fit the controller, or a controller that cannot be
         sampled or have feed-forward.
@@ -109,7 +105,6 @@ def in_units_of(part: str, plant: str) -> str:
 def _in_units(part: Component, units: Sequence[str]) -> Component:
     """A part in the units of a drive; a part with values of a motor has no other command."""
     from ...plant.instruments import UNITS
-    from ...solver.contract_error import ContractError
 
     words: dict[str, str] = {}
     for name in units:
@@ -141,7 +136,6 @@ def put_into_practice(
     """
     from ...plant.instruments.measured_through import measured_through
     from ...plant.instruments.sample_and_hold import sampled
-    from ...solver.contract_error import ContractError
 
     if is_sampled:
         if not {"measurement", "reference"} & {i.role for i in controller.inputs}:
@@ -202,10 +196,10 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
 def _place_of(name: str) -> str:
     """``module:function`` of a name of the catalogue."""
     if name in FORMER:
-        raise UnknownComponent(f"no component {name!r}; use {FORMER[name]}")
+        raise UnknownName(f"no component {name!r}; use {FORMER[name]}")
     if name not in NAMES | ALONE:
         hint = did_you_mean(name, NAMES)
-        raise UnknownComponent(f"no component {name!r}{hint}; there are {', '.join(NAMES)}")
+        raise UnknownName(f"no component {name!r}{hint}; there are {', '.join(NAMES)}")
     return (NAMES | ALONE)[name]
 
 
@@ -250,7 +244,7 @@ def fmu(part: str | Component, plant: str = "", tangents: int = 0) -> Path:
 
     Raises
     ------
-    UnknownComponent, BadComponentFile, ContractError, UnsupportedComponent, BadUnit
+    UnknownName, ContractError, ContractError, ContractError, FmuError
     """
     return stored_fmu(fmu_kernel(part, plant, tangents))
 
@@ -337,7 +331,7 @@ def loop(controller: str | Component, plant: str = "plant") -> Component:
 
     Raises
     ------
-    UnknownComponent, BadComponentFile
+    UnknownName, ContractError
     ContractError
         If the two cannot be connected.
     """

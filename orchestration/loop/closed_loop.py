@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 
 from ...fmus.ports import reference_port
+from ...solver.errors import CouplingError
 from ...solver.set_point import SET_POINT
 from ..fmu.isolated import open_fmu
 from ..fmu.limits import FIRST_STEP
@@ -16,7 +17,7 @@ from ..fmu.sampled_fmu import sampled_every
 from ..fmu.sampling import answers_in_steps
 from ..fmu.wiring import CONTROLLER, PLANT, Wiring, names_on, wire, with_aliases
 from ..master.couplings import Coupling
-from ..master.loop_run import CouplingError, LoopRun
+from ..master.loop_run import LoopRun
 from ..master.master import Progress
 from .catalogue import NAMES
 from .closed_loop_result import ClosedLoopResult
@@ -34,7 +35,7 @@ def run_closed_loop(loop: Loop | SystemLoop, progress: Progress | None = None) -
 
     Raises
     ------
-    FmuError, BadSystem, WiringError, CouplingError, BadParameter
+    FmuError, FmuError, CouplingError, CouplingError, BadParameter
         If the loop cannot be run; the message says why.
     StepFailed
         If a part rejects its initial values.
@@ -59,7 +60,7 @@ def run_closed_loop(loop: Loop | SystemLoop, progress: Progress | None = None) -
 def joined_pair(loop: Loop) -> Iterator[Joined]:
     """Both FMUs of a loop, joined; closed at the end.
 
-    Raises `FmuError`, `WiringError`, `BadParameter` if they cannot be joined.
+    Raises `FmuError`, `CouplingError`, `BadParameter` if they cannot be joined.
     """
     with closing(_opened(loop, PLANT)) as plant, closing(_opened(loop, CONTROLLER)) as own:
         sampled = {CONTROLLER: loop.sampled} if loop.sampled else {}

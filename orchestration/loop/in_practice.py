@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ...plant.instruments import INSTRUMENTS
-from ...solver.contract_error import ContractError
+from ...solver.errors import ContractError
 from ...solver.set_point import MEASURED
 from ..fmu.fmu_instance import SAMPLE_TIME
 from .catalogue import component
@@ -72,7 +72,7 @@ def in_practice(
 
     Returns the part, its sampling period by the parameter's name, and notes. An FMU is not changed:
     the run steps it at its samples, see `Loop.sampled`. Raises `ContractError` for an FMU with
-    `noise` or a controller for which this is not possible, `UnknownComponent`, `BadComponentFile`.
+    `noise` or a controller for which this is not possible, `UnknownName`, `ContractError`.
     """
     if sampled is None and not noise:
         return controller, {}, ()

@@ -11,17 +11,18 @@ import numpy as np
 
 from ...fmus.reading import Description
 from ...plant.instruments import NOMINAL_VOLTAGE, UNLIMITED
+from ...solver.errors import CouplingError
 from ..fmu.fmu_instance import FmuInstance, Instance, Value
 from ..fmu.isolated import IsolatedInstance
 from ..fmu.limits import FIRST_STEP
 from ..fmu.state_trial import check_state
 from ..fmu.wiring import Wiring
-from ..master.loop_run import CouplingError, LoopRun
+from ..master.loop_run import LoopRun
 from ..master.master import Progress, run_loop
 from ..master.reference_signal import Reference
 from ..master.step_choice import MOST, MOST_OF_ISOLATED, StepChoice, choose_step, only_step
+from .catalogue import AMPLIFIER, LIMIT
 from .loop import HowCoupled
-from .machine import AMPLIFIER, LIMIT
 from .metrics import coarse_notes
 
 Fmu = FmuInstance | IsolatedInstance

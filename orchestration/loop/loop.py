@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ...plant import DESCRIBED
+from ...solver.errors import BadParameter
 from ...solver.kernel import CONTROLLER, PLANT
 from ...solver.set_point import START_VALUE
 from ..fmu.limits import (
     TIME_LIMIT,
-    BadParameter,
     as_number,
     check_corrections,
     check_length,
@@ -110,7 +110,7 @@ class Loop(HowCoupled):
 
     Raises
     ------
-    BadPart, BadComponentFile, BadParameter, BadReference
+    BadParameter, ContractError, BadParameter, BadParameter
         If a part, a number or the set-point is invalid; the message says why.
 
     Examples

@@ -18,11 +18,10 @@ import numpy as np
 from ...controllers import CONTROLLERS, tunable
 from ...fmus.interface import TOLERANCE
 from ...fmus.units import base_exponents
-from ...plant.ball_screw import PARAMETERS as MOTOR
 from ...plant.instruments import NOMINAL_VOLTAGE, UNLIMITED, PartName
+from ...solver.errors import BadParameter
 from ...solver.kernel import Model
-from ..fmu.limits import BadParameter
-from .catalogue import OWN_LIMIT
+from .catalogue import AMPLIFIER, LIMIT, OWN_LIMIT
 from .linear_loop import Linear, Vector, linear_kernel, linearized
 from .parts import Part, resolve_controller
 
@@ -38,8 +37,6 @@ WEIGHTS = {1: 2.0, -1: 0.25}  # of their derivative and integral parts: well dam
 LEAST = 1e-3  # of the high end of a range that begins at zero
 MODEL_AT = 100.0  # rad/s, at which inertia and damping are found
 SLOWEST_LAG = 10.0  # s, of a machine without damping
-LIMIT = "voltage_limit"  # the plant's parameter, for any unit of its command
-AMPLIFIER = "current_limit"  # a plant that has it is driven by volts, through an amplifier
 STICTION = 100.0  # times the inverse of its sharpness: there a smooth sign is 1
 
 
@@ -193,7 +190,7 @@ def limit_of(known: Container[str], values: Mapping[str, float], asked: float | 
 def own_ranges(controller: str) -> dict[str, tuple[float, float]]:
     """Ranges of a controller's gains: those of its law, else of its parameters with two limits.
 
-    Raises `BadPart`, `BadComponentFile`, `FmuError`.
+    Raises `BadParameter`, `ContractError`, `FmuError`.
     """
     if PartName.of(controller).bare in CONTROLLERS:
         return tunable(controller)
@@ -258,7 +255,9 @@ def model_values(controller: Part, machine: Machine) -> dict[str, float]:
     known, own = controller.parameters, machine.plant.parameters
     if controller.bare not in CONTROLLERS:
         return {OWN_LIMIT: machine.limit} if OWN_LIMIT in known else {}
-    motor = [p.name for p in MOTOR if p.name in known and p.name not in own]
+    from ...plant.ball_screw import PARAMETERS  # here, since it needs SymPy
+
+    motor = [p.name for p in PARAMETERS if p.name in known and p.name not in own]
     if motor:
         raise BadParameter(
             f"{controller.label} is designed for an axis with a motor, but {machine.plant.label} "

@@ -15,6 +15,7 @@ from ...fmus.interface import START, TOLERANCE
 from ...fmus.units import base_exponents
 from ...plant import DEFAULT_LAW, NOMINAL, TURNING, plant_of
 from ...plant.instruments import UNLIMITED
+from ...solver.errors import BadParameters
 from ...solver.files import write_atomically
 from ...solver.nearest import did_you_mean
 
@@ -34,10 +35,6 @@ COMMANDS_OF = {DRIVE: (*COMMANDS, "torque"), ROTARY: ("voltage", "current", "tor
 """Kinds of command of a drive, by its kind; others have a fixed one."""
 TURNS = "rotating body: here N means N*m, m means rad, and kg means kg*m^2"
 """Note for the use of `ParameterFile.sliding`."""
-
-
-class BadParameters(ValueError):
-    """The parameter file is invalid; the message says where, why and what to do."""
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...plant import LAWS
+from ...solver.errors import BadParameters
 from . import toml_tables as toml
 from .parameter_file import (
     BALL_SCREW,
@@ -15,7 +16,6 @@ from .parameter_file import (
     DRIVE,
     FORMAT,
     KINDS,
-    BadParameters,
     Diagnosed,
     ParameterFile,
     Value,

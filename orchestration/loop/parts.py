@@ -16,16 +16,16 @@ from ...fmus.reading import SETTABLE, Description, read_description
 from ...plant import PLANTS
 from ...plant.instruments import FEED_FORWARD, INSTRUMENTS, SAMPLED, PartName
 from ...solver.component_file import (
-    BadComponentFile,
     load_component,
     name_in_memory,
     names_file,
     read_component,
     remember_component,
 )
+from ...solver.errors import BadParameter, ContractError
 from ...solver.kernel import Kernel, ParameterInfo
 from ...solver.nearest import did_you_mean, nearest
-from ..fmu.limits import BadParameter, as_number
+from ..fmu.limits import as_number
 from . import catalogue
 
 if TYPE_CHECKING:
@@ -33,10 +33,6 @@ if TYPE_CHECKING:
     from ..fmu.fmu_instance import Value
 
 SUFFIX = ".fmu"
-
-
-class BadPart(ValueError):
-    """There is no such part; the message lists the available ones."""
 
 
 @dataclass(frozen=True)
@@ -182,8 +178,8 @@ def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool 
     """The part with this name. A Python file is run here.
 
     Error messages begin with `role`: the part's role, or the option. `known` are names that are
-    allowed, `fmus` says whether FMUs are. Raises `BadPart` for what is no known name, function of a
-    file or FMU, and `BadComponentFile`.
+    allowed, `fmus` says whether FMUs are. Raises `BadParameter` for what is no known name, function
+    of a file or FMU, and `ContractError`.
     """
     if isinstance(given, Part):
         return given
@@ -191,38 +187,38 @@ def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool 
         from ...solver.component import Component
 
         if not isinstance(given, Component):
-            raise BadPart(f"{role} is {given!r}, expected a name, a path or a Component")
+            raise BadParameter(f"{role} is {given!r}, expected a name, a path or a Component")
         return Part(name_in_memory(given))
     name = str(given)
     base = PartName.of(name).bare
     if names_file(base):
         try:
             read_component(base)
-        except BadComponentFile as error:
-            raise BadComponentFile(f"{role}: {error}") from error
+        except ContractError as error:
+            raise ContractError(f"{role}: {error}") from error
         return Part(name)
     if base in known or (fmus and (Path(name).suffix == SUFFIX or os.path.exists(name))):
         return Part(name)
     first, *rest = name.split("+")
     if base in FORMER:
-        raise BadPart(f"{role} {name!r} is none of this version; use {FORMER[base]}")
+        raise BadParameter(f"{role} {name!r} is none of this version; use {FORMER[base]}")
     if rest and first in known:
         wrong = next((part for part in rest if part not in INSTRUMENTS), "")
         if wrong == FEED_FORWARD:
-            raise BadPart(
+            raise BadParameter(
                 f"{role} {name!r}: {FEED_FORWARD!r} must follow directly after {first!r}, once"
             )
         if wrong == SAMPLED:
-            raise BadPart(
+            raise BadParameter(
                 f"{role} {name!r}: {SAMPLED!r} must appear once, after {first!r} and its "
                 "feed-forward"
             )
-        raise BadPart(
+        raise BadParameter(
             f"{role} {name!r}: no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}, "
             f"and before them {FEED_FORWARD} and {SAMPLED}"
         )
     files = "FILE.py:FUNCTION nor the path of an FMU" if fmus else "FILE.py:FUNCTION"
-    raise BadPart(
+    raise BadParameter(
         f"{role} {name!r} is neither one of {', '.join(known)} nor {files}"
         f"{did_you_mean(name, known)}"
     )

@@ -13,9 +13,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ...solver.errors import BadParameter
 from ...solver.nearest import did_you_mean
 from ...solver.set_point import START_VALUE
-from ..master.reference_signal import TERMS, BadReference, Matrix, Reference, Vector
+from ..master.reference_signal import TERMS, Matrix, Reference, Vector
 
 PIECES = 128  # of each period of a sine
 MOST_POINTS = 4_000_000
@@ -41,15 +42,15 @@ def move(
 
     The shortest move from rest to rest within limits of speed [m/s], acceleration [m/s^2] and jerk
     [m/s^3], of at most seven phases of constant jerk. It rests for `start` before it and for
-    `dwell` at its ends [s], and comes back if `back` is 1. Raises `BadReference` if a limit is not
+    `dwell` at its ends [s], and comes back if `back` is 1. Raises `BadParameter` if a limit is not
     positive.
     """
     limits = {"speed": speed, "acceleration": acceleration, "jerk": jerk}
     for name, limit in limits.items():
         if not (math.isfinite(limit) and limit > 0):
-            raise BadReference(f"{name} of a move is {limit:g}, expected more than 0")
+            raise BadParameter(f"{name} of a move is {limit:g}, expected more than 0")
     if back not in (0.0, 1.0):
-        raise BadReference(f"back of a move is {back:g}, expected 0 or 1")
+        raise BadParameter(f"back of a move is {back:g}, expected 0 or 1")
     ramp, flat, cruise = move_times(abs(distance), speed, acceleration, jerk)
     peak = math.copysign(jerk, distance)
     there = [(peak, ramp), (0.0, flat), (-peak, ramp), (0.0, cruise)]
@@ -147,13 +148,13 @@ def _after(start: float, times: Vector, curve: Matrix) -> Reference:
 
 def _check_count(count: int) -> None:
     if count > MOST_POINTS:
-        raise BadReference(f"a set-point of {count} points, expected at most {MOST_POINTS}")
+        raise BadParameter(f"a set-point of {count} points, expected at most {MOST_POINTS}")
 
 
 def _positive(kind: str, **values: float) -> None:
     for name, value in values.items():
         if not (math.isfinite(value) and value > 0):
-            raise BadReference(f"{name} of a {kind} is {value:g}, expected more than 0")
+            raise BadParameter(f"{name} of a {kind} is {value:g}, expected more than 0")
 
 
 KINDS: dict[str, Callable[..., Reference]] = {
@@ -167,7 +168,7 @@ KINDS: dict[str, Callable[..., Reference]] = {
 def read_motion(text: str) -> Reference | None:
     """A set-point from ``KIND:NAME=VALUE,...``; None if the text names no kind.
 
-    Raises `BadReference` if a name is not one of the kind's, or a value is no finite number.
+    Raises `BadParameter` if a name is not one of the kind's, or a value is no finite number.
     """
     kind, colon, rest = text.partition(":")
     if kind not in KINDS or not (colon or text in KINDS):
@@ -177,28 +178,28 @@ def read_motion(text: str) -> Reference | None:
     for part in filter(None, rest.split(",")):
         name, _, number = (piece.strip() for piece in part.partition("="))
         if name not in known:
-            raise BadReference(f"{text!r}: {kind} has no {name!r}; it has {', '.join(known)}")
+            raise BadParameter(f"{text!r}: {kind} has no {name!r}; it has {', '.join(known)}")
         try:
             values[name] = float(number)
         except ValueError:
-            raise BadReference(f"{text!r}: {name} is {number!r}, expected a number") from None
+            raise BadParameter(f"{text!r}: {name} is {number!r}, expected a number") from None
         if not math.isfinite(values[name]):
-            raise BadReference(f"{text!r}: {name} is {number}, expected a finite number")
+            raise BadParameter(f"{text!r}: {name} is {number}, expected a finite number")
     try:
         with np.errstate(all="ignore"):
             motion = KINDS[kind](**values)
     except (OverflowError, ZeroDivisionError):
         motion = Reference.constant(math.nan)
     if not (np.isfinite(motion.times).all() and np.isfinite(motion.pieces(0)).all()):
-        raise BadReference(f"{text!r}: its times or places are beyond all numbers")
+        raise BadParameter(f"{text!r}: its times or places are beyond all numbers")
     return motion
 
 
 def read_set_point(text: str) -> Reference:
-    """A set-point from the text of a motion or the path of a file; raises `BadReference`."""
+    """A set-point from the text of a motion or the path of a file; raises `BadParameter`."""
     kind, colon, _ = text.partition(":")
     if colon and kind not in KINDS and not os.path.exists(text):
-        raise BadReference(
+        raise BadParameter(
             f"{text!r}: there is no such file and no motion {kind!r}; motions are "
             f"{', '.join(KINDS)}{did_you_mean(kind, KINDS)}"
         )

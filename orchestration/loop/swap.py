@@ -9,11 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ...fmus.reading import FmuError
+from ...solver.errors import CouplingError, FmuError
 from ...solver.files import write_atomically, write_json
 from ..fmu.fmu_instance import StepFailed
-from ..fmu.wiring import WiringError
-from ..master.loop_run import CouplingError
 from .closed_loop import run_closed_loop
 from .closed_loop_result import ClosedLoopResult
 from .loop import Loop
@@ -94,7 +92,7 @@ def swap(loops: Sequence[Loop], progress: Callable[[str, float], None] | None = 
         told = None if progress is None else (lambda t, name=loop.label: progress(name, t))
         try:
             results.append(run_closed_loop(loop, told))
-        except (FmuError, WiringError, CouplingError, StepFailed) as error:
+        except (FmuError, CouplingError, StepFailed) as error:
             failures.append((loop.label, str(error)))
             errors.append(error)
     if not results and errors:

@@ -13,23 +13,23 @@ import numpy.typing as npt
 from ...fmus.ports import gain_port, law_ports, rate_port, reference_port
 from ...fmus.system_network import SystemConnection, SystemPort
 from ...fmus.system_reading import SystemStructure, read_system
-from ...fmus.system_xml import BadSystem
 from ...fmus.units import Unit
+from ...solver.errors import BadParameter, FmuError
 from ...solver.nearest import nearest
 from ...solver.set_point import set_point_orders
 from ..fmu.converted import AS_IS, Scale, converted
 from ..fmu.fmu_instance import SAMPLE_TIME, Instance, Value
 from ..fmu.group import Feed, Group
 from ..fmu.isolated import open_fmu
-from ..fmu.limits import BadParameter, check_step
+from ..fmu.limits import check_step
 from ..fmu.port_units import from_si, scale_of_results
 from ..fmu.wiring import CONTROLLER, POSITION, Wiring, plain_outputs
 from ..master.couplings import Coupling
 from ..master.loop_run import LoopRun
 from ..master.reference_signal import Reference
+from .catalogue import LIMIT
 from .joined import Fmu, Joined
 from .loop import STOP, SystemLoop
-from .machine import LIMIT
 from .parts import as_taken, check_names, settable_of
 
 Vector = npt.NDArray[np.float64]
@@ -45,13 +45,13 @@ def joined_system(asked: SystemLoop) -> Iterator[Joined]:
     The plant is the element with feedback-law inputs, else the one called ``plant``, else the one
     whose outputs do not follow its inputs at once and that is not sampled, else the first.
 
-    Raises `BadSystem`, `FmuError`, `BadParameter` if the file or the request is invalid.
+    Raises `FmuError`, `FmuError`, `BadParameter` if the file or the request is invalid.
     """
     system = read_system(asked.system)
     with contextlib.ExitStack() as opened:
         opened.callback(system.remove)
         if system.start != 0.0:
-            raise BadSystem(f"{system.path}: starts at t = {system.start:g} s, expected 0")
+            raise FmuError(f"{system.path}: starts at t = {system.start:g} s, expected 0")
         stop = asked.stop or system.stop or STOP
         if asked.step is not None:
             check_step("step", asked.step, stop)
@@ -120,7 +120,7 @@ def _free_inputs(
 ) -> dict[SystemPort, float]:
     """Inputs that nothing drives and that are given no value, with their start values.
 
-    Raises BadSystem if nothing measures the plant and an element gets nothing from others.
+    Raises FmuError if nothing measures the plant and an element gets nothing from others.
     """
     driven = {c.target for c in (*system.connections, *(c for c, _ in cut.goal))}
     driven |= {c.target for i in system.inputs for c in i.drives}
@@ -134,7 +134,7 @@ def _free_inputs(
     fed = {cut.plant_name, *(c.target.element for c in system.connections)}
     blind = [port for port in found if port.element not in fed]
     if blind and not cut.wiring.signals:
-        raise BadSystem(
+        raise FmuError(
             f"{system.path}: nothing is connected to the input {blind[0]}, and no element has an "
             f"output of {cut.plant_name!r} as its input; expected a closed loop"
         )
@@ -225,18 +225,18 @@ class _Cut:
 
 def _cut(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Cut:
     if len(fmus) < 2:
-        raise BadSystem(f"{system.path}: has one element; a closed loop has two or more")
+        raise FmuError(f"{system.path}: has one element; a closed loop has two or more")
     plant = _plant(fmus)
     rest = [n for n in fmus if n != plant]
     goal = _goal_of(system, fmus, rest)
     if asked.reference and not goal:
-        raise BadSystem(f"{system.path}: has no input for a set-point; set start values instead")
+        raise FmuError(f"{system.path}: has no input for a set-point; set start values instead")
     inside = [c for c in system.connections if plant not in (c.source.element, c.target.element)]
     measured = [c for c in system.connections if c.source.element == plant != c.target.element]
     commands = [c for c in system.connections if c.target.element == plant != c.source.element]
     own = [c for c in system.connections if plant == c.source.element == c.target.element]
     if not commands:
-        raise BadSystem(f"{system.path}: nothing drives {plant!r}, so it is used as the plant")
+        raise FmuError(f"{system.path}: nothing drives {plant!r}, so it is used as the plant")
 
     goals = [c for c, _ in goal]
     plain = len(rest) == 1 and not inside and _plain([*measured, *goals], once=True)

@@ -36,8 +36,8 @@ STARTED = "t_step"  # the input with the time from which the terms count
 def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
     """The compiled closed loop of two parts, with set-points as polynomials of time; kept on disk.
 
-    See `inputs_between`. Raises `UnknownComponent`, `BadComponentFile`, `ContractError`,
-    `UnsupportedComponent`.
+    See `inputs_between`. Raises `UnknownName`, `ContractError`, `ContractError`,
+    `ContractError`.
     """
 
     def make() -> Component:
@@ -64,7 +64,7 @@ def held_loop_kernel(
     """As `loop_kernel`, with discrete states and delayed signals among the states.
 
     See `with_held_states`, `with_delay_states`, and for `averaged` quantizers `dithered_average`;
-    `UnsupportedComponent` for a loop that has both.
+    `ContractError` for a loop that has both.
     """
     kernel = loop_kernel(plant, controller)
     averaged = averaged and kernel.quantized
@@ -149,7 +149,7 @@ def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) ->
 
     The run is made twice, with a hundredfold difference in tolerance; the difference of the results
     bounds the error of the looser run and determines the verdict on the tighter one. Raises
-    KeyError for a parameter that does not exist, `NotEnoughMemory` if the rows of all steps do not
+    KeyError for a parameter that does not exist, `UserError` if the rows of all steps do not
     fit.
     """
     kernel = loop_kernel(loop.plant.name, loop.controller.name)

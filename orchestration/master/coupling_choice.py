@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...solver.errors import CouplingError
 from ..fmu.fmu_instance import Instance
 from ..fmu.wiring import Wiring
 from .coupling import Answer, CoupledPair, Vector
 from .couplings import Coupling
-from .loop_run import CouplingError
 from .verdict import ACCURACY, scales
 
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from enum import Enum
 
+from ...solver.errors import CouplingError
+
 
 class Coupling(Enum):
     """A coupling by its name."""
@@ -36,10 +38,6 @@ class Coupling(Enum):
 SECOND_NAMES = {"tangent": Coupling.INTERFACE_JACOBIAN.value}
 
 
-class UnknownCoupling(ValueError):
-    """There is no such coupling; the message lists the available ones."""
-
-
 def coupling_named(what: str, given: str | Coupling | None) -> Coupling | None:
     """The coupling of this name, or of its second name; None: to be chosen."""
     if given is None or isinstance(given, Coupling):
@@ -47,5 +45,5 @@ def coupling_named(what: str, given: str | Coupling | None) -> Coupling | None:
     names = [coupling.value for coupling in Coupling]
     name = SECOND_NAMES.get(given, given)
     if name not in names:
-        raise UnknownCoupling(f"{what} is {given!r}, expected one of {', '.join(names)}")
+        raise CouplingError(f"{what} is {given!r}, expected one of {', '.join(names)}")
     return Coupling(name)

@@ -27,10 +27,6 @@ UNKNOWN = 1e12  # like FARTHEST, for outputs without a known nominal value
 UNBOUNDED = StepFailed("").advice
 
 
-class CouplingError(ValueError):
-    """The requested coupling is impossible with these parts; the message says why."""
-
-
 @dataclass(frozen=True)
 class LoopRun:
     """A coupled run."""

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.errors import CouplingError
 from ..fmu.fmu_instance import Instance, Value
 from ..fmu.group import Group, initialize
 from ..fmu.wiring import CONTROLLER, PLANT, Wiring, names_on, wire
@@ -29,7 +30,7 @@ from .compiled import (
 from .coupling import Answer, CoupledPair
 from .coupling_choice import choose_coupling, late_start, tangent_reason
 from .couplings import Coupling
-from .loop_run import CHUNK, UNBOUNDED, CouplingError, LoopRun, RecordedLoop, RunLog, check_room
+from .loop_run import CHUNK, UNBOUNDED, LoopRun, RecordedLoop, RunLog, check_room
 from .played import can_be_played, reopened_to_judge
 from .reference_signal import Reference
 from .second_look import Setting, with_second_look
@@ -95,11 +96,11 @@ def run_loop(  # noqa: PLR0913
 
     Raises
     ------
-    CouplingError, WiringError
+    CouplingError, CouplingError
         If the parts cannot be coupled in this way.
     StepFailed
         If a part rejects its parameters or initial values.
-    NotEnoughMemory
+    UserError
         If the rows of all steps do not fit.
     """
     wiring = wiring or wire(plant, controller, mapping)

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ...measurement.records.bad_record import BadRecord
 from ...measurement.records.table import listed, read_tables
 from ...measurement.records.units import NO_UNIT, UNITS, spell
+from ...solver.errors import BadParameter, BadRecord
 from ...solver.set_point import DERIVATIVES, SET_POINT
 
 Vector = npt.NDArray[np.float64]
@@ -35,10 +35,6 @@ _MEASURES = dict(
         strict=True,
     )
 )
-
-
-class BadReference(ValueError):
-    """The reference file cannot be used; the message says where and why."""
 
 
 @dataclass(frozen=True)
@@ -80,37 +76,37 @@ class Reference:
 
         Raises
         ------
-        BadReference
+        BadParameter
             If the file is missing or is not such a table.
         """
         try:
             tables = read_tables(Path(path))
         except BadRecord as error:
-            raise BadReference(str(error)) from error
+            raise BadParameter(str(error)) from error
         wanted = {"time", SET_POINT}
         fitting = [t for t in tables if wanted <= t.columns.keys() | t.faults.keys()]
         if len(fitting) != 1:
             there = "; ".join(listed(t.columns) for t in fitting or tables)
             many = f"{len(fitting)} tables with " if fitting else ""
-            raise BadReference(
+            raise BadParameter(
                 f"{path}: has {many}the columns {there}, expected one table with time and x_d"
             )
         columns, units = fitting[0].columns, fitting[0].units
         for name in (n for n in ("time", *_COLUMNS) if n in fitting[0].faults):
-            raise BadReference(f"{path}{fitting[0].faults[name]}")
+            raise BadParameter(f"{path}{fitting[0].faults[name]}")
         names = ["time", *(n for n in _COLUMNS if n in columns)]
         lengths = {len(columns[n]) for n in names}
         if len(lengths) > 1:
-            raise BadReference(f"{path}: has columns of different length, expected one")
+            raise BadParameter(f"{path}: has columns of different length, expected one")
         table = np.column_stack([columns[n] * _size(path, n, units.get(n, "")) for n in names])
         if not np.isfinite(table).all():
-            raise BadReference(f"{path}: contains values that are not finite")
+            raise BadParameter(f"{path}: contains values that are not finite")
         rises = np.diff(table[:, 0])
         wrong = rises < 0
         wrong[1:] |= (rises[1:] == 0) & (rises[:-1] == 0)  # two rows at one time are a jump
         if wrong.any():
             k = int(np.argmax(wrong))
-            raise BadReference(f"{path}: time does not increase after {table[k, 0]:g} s")
+            raise BadParameter(f"{path}: time does not increase after {table[k, 0]:g} s")
         given = dict(zip(names, table.T, strict=True))
         found = cls(given["time"], *(given.get(name) for name in _COLUMNS))  # type: ignore[arg-type]
         return replace(found, measure=_measure(units.get(SET_POINT, "")))
@@ -120,11 +116,11 @@ class Reference:
 
         Raises
         ------
-        BadReference
+        BadParameter
         """
         expected = _measure(unit)
         if self.measure and expected and self.measure != expected:
-            raise BadReference(
+            raise BadParameter(
                 f"the set-point's file has x_d as {self.measure}, and the plant's position is in "
                 f"{unit!r}; give x_d as {expected}"
             )
@@ -295,7 +291,7 @@ def _size(path: Path | str, name: str, unit: str) -> float:
         return 1.0
     known = {u: f for quantity in _MEASURES[name] for u, f in UNITS[quantity].items()}
     if spell(unit) not in known:
-        raise BadReference(f"{path}: {name} is in {unit!r}, expected one of {', '.join(known)}")
+        raise BadParameter(f"{path}: {name} is in {unit!r}, expected one of {', '.join(known)}")
     return known[spell(unit)]
 
 

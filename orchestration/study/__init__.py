@@ -4,7 +4,3 @@
 `loop.py` runs it, `figures.py` measures a run, `tuning.py` tunes, `comparison.py` compares,
 `sensitivity.py` finds what matters.
 """
-
-
-class BadPlan(ValueError):
-    """An invalid study; the message says what was got and what was expected."""

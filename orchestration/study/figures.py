@@ -10,7 +10,7 @@ import numpy as np
 
 from ...plant.instruments import UNLIMITED
 from ...solver.kernel import PLANT
-from ..loop.machine import LIMIT
+from ..loop.catalogue import LIMIT
 from ..loop.metrics import BAND, Vector, overshoot, settled_from
 from ..master.reference_signal import Reference
 from .loop import AnyLoop, Course

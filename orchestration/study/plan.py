@@ -14,20 +14,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ...controllers import tunable
-from ...fmus.reading import FmuError
-from ...solver.component_file import BadComponentFile
-from ...solver.contract_error import ContractError
-from ..fmu.limits import BadParameter
+from ...solver.errors import BadParameter, BadParameters, ContractError, FmuError, UserError
 from ..loop import toml_tables as toml
 from ..loop.catalogue import in_units_of
 from ..loop.file_values import for_plant
 from ..loop.machine import Machine, gain_ranges, model_values, own_ranges
-from ..loop.parameter_file import BadParameters
 from ..loop.parameter_reading import read_parameters
-from ..loop.parts import BadPart, Part
+from ..loop.parts import Part
 from ..loop.reference_motions import read_motion
-from ..master.reference_signal import BadReference, Reference
-from . import BadPlan
+from ..master.reference_signal import Reference
 from .figures import NAMES
 from .loop import STEP
 from .sensitivity import sobol_shares
@@ -56,7 +51,7 @@ class Duty:
         return b"" if read_motion(self.reference) else Path(self.reference).read_bytes()
 
     def signal(self) -> Reference:
-        """The set-point over time; raises `BadReference`."""
+        """The set-point over time; raises `BadParameter`."""
         return _signal(self.reference)
 
 
@@ -151,7 +146,7 @@ class Plan:
         return np.vstack([*rows, self.draws("tune"), self.draws("judge"), *sobol])
 
     def sobol_draws(self) -> npt.NDArray[np.float64]:
-        """The plants of the Sobol indices, see `sobol_shares`; raises `BadPlan` without SALib."""
+        """The plants of the Sobol indices, see `sobol_shares`; raises `UserError` without SALib."""
         return self.drawn(sobol_shares(self.sobol, len(self.variations), self.seed))
 
     def to_json(self) -> str:
@@ -165,13 +160,13 @@ def _signal(text: str) -> Reference:
 
 
 def read_plan(path: Path | str) -> Plan:
-    """Read a study file; raises `BadPlan`."""
+    """Read a study file; raises `UserError`."""
     path = Path(path)
     try:
         table = toml.read_toml(path)
         return _plan(table, _machine(table, path.parent))
-    except (toml.BadTable, BadPlan, BadPart, BadComponentFile, FmuError) as error:
-        raise BadPlan(f"{path}: {error}") from None
+    except (toml.BadTable, UserError, BadParameter, ContractError, FmuError) as error:
+        raise UserError(f"{path}: {error}") from None
 
 
 def _machine(table: dict[str, Any], folder: Path) -> dict[str, float]:
@@ -183,13 +178,13 @@ def _machine(table: dict[str, Any], folder: Path) -> dict[str, float]:
         plant = str(table.setdefault("plant", told.plant_name))
         return for_plant(told, plant)
     except BadParameters as error:
-        raise BadPlan(f"params: {error}") from error
+        raise UserError(f"params: {error}") from error
 
 
 def _plan(table: dict[str, Any], machine: Mapping[str, float]) -> Plan:
     version = table.pop("version", None)
     if version != VERSION:
-        raise BadPlan(f"version is {version!r}, expected {VERSION}")
+        raise UserError(f"version is {version!r}, expected {VERSION}")
     controllers = _part(table, "controllers", dict)
     duties = _part(table, "duty", list)
     variations = toml.as_list("vary", table.pop("vary", []))
@@ -221,7 +216,7 @@ def _part(table: dict[str, Any], name: str, kind: type) -> Any:
     found = table.pop(name, None)
     if not isinstance(found, kind) or not found:
         form = "[controllers.NAME]" if kind is dict else f"[[{name}]]"
-        raise BadPlan(f"has no {form}, expected one or more")
+        raise UserError(f"has no {form}, expected one or more")
     return found
 
 
@@ -237,7 +232,7 @@ def _own(
         ranges, start = gain_ranges(controller, machine)
         return {**model_values(controller, machine), **start}, ranges
     except (BadParameter, ContractError) as error:
-        raise BadPlan(str(error).replace("--limit", "command_limit")) from error
+        raise UserError(str(error).replace("--limit", "command_limit")) from error
 
 
 def _entrant(name: str, given: Any, machine: Own | None = None) -> Entrant:
@@ -261,10 +256,10 @@ def _duty(k: int, given: Any, machine: Mapping[str, float]) -> Duty:
     toml.check_names(f"duty {k + 1}", given, ("name", "reference", "stop", "tune", "plant"))
     for name in ("name", "reference", "stop"):
         if name not in given:
-            raise BadPlan(f"duty {k + 1} has no {name}")
+            raise UserError(f"duty {k + 1} has no {name}")
     stop = toml.as_finite(f"duty {given['name']}: stop", given["stop"])
     if not stop > 0:
-        raise BadPlan(f"duty {given['name']}: stop is {stop:g} s, expected more than 0")
+        raise UserError(f"duty {given['name']}: stop is {stop:g} s, expected more than 0")
     where = f"duty {given['name']}: plant"
     plant = toml.as_numbers(where, given.get("plant", {}))
     tune = toml.as_flag(f"duty {given['name']}: tune", given.get("tune", False))
@@ -272,8 +267,8 @@ def _duty(k: int, given: Any, machine: Mapping[str, float]) -> Duty:
     duty = Duty(str(given["name"]), str(given["reference"]), stop, tune, values)
     try:
         duty.signal()
-    except BadReference as error:
-        raise BadPlan(f"duty {duty.name}: {error}") from error
+    except BadParameter as error:
+        raise UserError(f"duty {duty.name}: {error}") from error
     return duty
 
 
@@ -288,43 +283,45 @@ def _tuning(given: dict[str, Any], limits: Mapping[str, Any]) -> Tuning:
 def _check(plan: Plan) -> None:
     for kind, duties in (("tune on", plan.tuning_duties), ("judge by", plan.judged_duties)):
         if not duties:
-            raise BadPlan(
+            raise UserError(
                 f"has no duty to {kind}; set `tune = true` for some of them and not for others"
             )
     seen = {d.reference for d in plan.tuning_duties}
     for duty in plan.judged_duties:
         if duty.reference in seen:
-            raise BadPlan(
+            raise UserError(
                 f"duty {duty.name} is for testing but has the motion of a tuning duty; "
                 "use another motion"
             )
     if not plan.period and (plan.instruments or plan.delay):
-        raise BadPlan("instruments and a delay need a sampling period, but period is 0")
+        raise UserError("instruments and a delay need a sampling period, but period is 0")
     for duty in plan.tuning_duties:
         if not duty.signal().values.any():
-            raise BadPlan(f"duty {duty.name} has no motion and cannot be used for tuning")
+            raise UserError(f"duty {duty.name} has no motion and cannot be used for tuning")
     if plan.sobol & (plan.sobol - 1):
-        raise BadPlan(f"sensitivity: sobol is {plan.sobol}, expected a power of two")
+        raise UserError(f"sensitivity: sobol is {plan.sobol}, expected a power of two")
     if plan.sobol and not plan.variations:
-        raise BadPlan("sensitivity: nothing is varied; add a [[vary]], or leave out sobol")
+        raise UserError("sensitivity: nothing is varied; add a [[vary]], or leave out sobol")
     judged = len(plan.entrants) * plan.tuning.seeds * len(plan.judged_duties) * plan.plants
     tuned = plan.tuning.seeds * 2 * plan.tuning.budget * (plan.tuning.plants + 1)
     runs = judged + len(plan.entrants) * len(plan.tuning_duties) * tuned
     if runs > MOST_RUNS:
-        raise BadPlan(f"needs {runs:.3g} runs, expected at most {MOST_RUNS:g}; use smaller numbers")
+        raise UserError(
+            f"needs {runs:.3g} runs, expected at most {MOST_RUNS:g}; use smaller numbers"
+        )
     for duty in plan.duties:
         samples = duty.stop / (plan.period or STEP)
         if samples > MOST_SAMPLES:
-            raise BadPlan(
+            raise UserError(
                 f"duty {duty.name} has {samples:.3g} samples, expected at most {MOST_SAMPLES:g}; "
                 "use a shorter stop or a longer period"
             )
     names = [d.name for d in plan.duties]
     if len(set(names)) < len(names):
-        raise BadPlan("two duties have the same name")
+        raise UserError("two duties have the same name")
     columns = [v.name for v in plan.variations]
     if len(set(columns)) < len(columns):
-        raise BadPlan("two [[vary]] vary the same parameters; remove one")
+        raise UserError("two [[vary]] vary the same parameters; remove one")
     for name, value, least in (
         ("period", plan.period, 0.0),
         ("command_limit", math.inf if plan.command_limit is None else plan.command_limit, 1e-9),
@@ -332,4 +329,4 @@ def _check(plan: Plan) -> None:
         ("tolerance", plan.tolerance, 1e-12),
     ):
         if value < least:
-            raise BadPlan(f"{name} is {value:g}, expected {least:g} or more")
+            raise UserError(f"{name} is {value:g}, expected {least:g} or more")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import BadPlan
+from ...solver.errors import UserError
 from .comparison import LEVEL
 
 Vector = npt.NDArray[np.float64]
@@ -69,12 +69,12 @@ def sobol_shares(count: int, inputs: int, seed: int) -> Matrix:
     """Points of the unit cube, shape (count (inputs + 2), inputs), in SALib's order.
 
     A scrambled sequence after Sobol in the scheme of A. Saltelli et al., Computer Physics
-    Communications 181, 259 (2010). Raises `BadPlan` if SALib is not installed.
+    Communications 181, 259 (2010). Raises `UserError` if SALib is not installed.
     """
     try:
         from SALib.sample import sobol
     except ImportError:
-        raise BadPlan("sensitivity: sobol needs SALib: pip install 'ballscrew[sobol]'") from None
+        raise UserError("sensitivity: sobol needs SALib: pip install 'ballscrew[sobol]'") from None
     points = sobol.sample(_problem(inputs), count, calc_second_order=False, seed=seed)
     return np.asarray(points, dtype=np.float64)
 

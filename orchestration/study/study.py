@@ -12,15 +12,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...fmus.reading import FmuError
-from ..fmu.limits import BadParameter
-from ..fmu.wiring import WiringError
+from ...solver.errors import (
+    BadParameter,
+    ContractError,
+    CouplingError,
+    FmuError,
+    UnknownName,
+    UserError,
+)
 from ..loop.loop import Loop
-from ..loop.parts import SUFFIX, BadPart
+from ..loop.parts import SUFFIX
 from ..loop.whole_loop import loop_kernel
-from ..master.loop_run import CouplingError
 from ..master.reference_signal import Reference
-from . import BadPlan
 from .figures import NAMES
 from .kept_parts import KeptParts
 from .loop import STEP, FmuLoop, StudyLoop
@@ -57,16 +60,16 @@ def do_study(
     """Do a study, or finish one.
 
     Finished parts are kept in ``study.parts`` in the folder until the caller removes it. `progress`
-    gets the stage, the number of finished tasks, and that of all. Raises `BadPlan` if a part or a
+    gets the stage, the number of finished tasks, and that of all. Raises `UserError` if a part or a
     parameter does not exist, or the folder holds another study.
     """
     if sys.flags.optimize > 1:
-        raise BadPlan(
+        raise UserError(
             "the package cma, which is used for tuning, needs docstrings; remove "
             "-OO, or set PYTHONOPTIMIZE to less than 2"
         )
     work = Work.of(plan, folder / PARTS, workers, progress)
-    work.parts.claim("study", resume, BadPlan)
+    work.parts.claim("study", resume, UserError)
     tunings = work.tunings()
     figures = work.figures(tunings)
     checks = work.checks(tunings, figures)
@@ -283,7 +286,7 @@ def _checked(*task: Any) -> dict[str, Any]:
 def composed(plan: Plan, entrant: Entrant) -> Component:
     """The entrant's controller in the form for the study: digital, with the instruments.
 
-    Raises `UnknownComponent`, `BadComponentFile`, `ContractError`.
+    Raises `UnknownName`, `ContractError`, `ContractError`.
     """
     from ...plant.instruments import INSTRUMENTS
     from ...plant.instruments.measured_through import measured_through
@@ -303,7 +306,7 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
         controller = sampled(controller, period, plan.delay)
     unknown = [name for name in plan.instruments if name not in INSTRUMENTS]
     if unknown:
-        raise BadPlan(f"no instrument {unknown[0]!r}; there are {', '.join(INSTRUMENTS)}")
+        raise UserError(f"no instrument {unknown[0]!r}; there are {', '.join(INSTRUMENTS)}")
     if not plan.instruments:
         return controller
     instruments = [component(in_units_of(n, plan.plant)) for n in plan.instruments]
@@ -311,16 +314,14 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
 
 
 def _contender(plan: Plan, entrant: Entrant) -> Contender:
-    from ...solver.component_file import BadComponentFile
-    from ...solver.contract_error import ContractError
-    from ..loop.catalogue import UnknownComponent, component
+    from ..loop.catalogue import component
 
     if Path(entrant.component).suffix == SUFFIX:
         return _with_fmu(plan, entrant)
     try:
         kernel = loop_kernel(component(plan.plant), composed(plan, entrant))
-    except (UnknownComponent, BadComponentFile, ContractError) as error:
-        raise BadPlan(f"controllers.{entrant.name} on {plan.plant}: {error}") from error
+    except (UnknownName, ContractError) as error:
+        raise UserError(f"controllers.{entrant.name} on {plan.plant}: {error}") from error
     found = Contender(plan, entrant, StudyLoop(kernel))
     found.check()
     kernel.compile()
@@ -331,12 +332,12 @@ def _with_fmu(plan: Plan, entrant: Entrant) -> Contender:
     """A loop with an FMU as controller: at the sampling period of the study, or continuous."""
     where = f"controllers.{entrant.name}"
     if plan.instruments or plan.delay:
-        raise BadPlan(f"{where}: instruments and a delay are for equations, this is an FMU")
+        raise UserError(f"{where}: instruments and a delay are for equations, this is an FMU")
     try:
         loop = FmuLoop(Loop(entrant.component, plan.plant, sampled=plan.period or None))
         found = Contender(plan, entrant, loop)
         found.check()
         loop.run({}, Reference.constant(0.0), 2.0 * (plan.period or STEP))
-    except (BadPart, BadParameter, CouplingError, FmuError, WiringError) as error:
-        raise BadPlan(f"{where}: {error}") from error
+    except (BadParameter, CouplingError, FmuError) as error:
+        raise UserError(f"{where}: {error}") from error
     return found

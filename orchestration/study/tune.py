@@ -19,9 +19,9 @@ import numpy as np
 
 from ...controllers import CONTROLLERS, tunable
 from ...fmus.units import base_exponents
+from ...solver.errors import BadParameter
 from ...solver.files import finite_or_null, write_atomically
 from ...solver.kernel import CONTROLLER, PLANT, Kernel, Model
-from ..fmu.limits import BadParameter
 from ..loop.catalogue import component
 from ..loop.linear_loop import (
     Linear,
@@ -211,7 +211,7 @@ def tune_loop(
     `progress` gets the number of finished candidates and that of all.
 
     Raises `BadParameter` if the controller has no ranges for its gains, or the machine has no
-    limit; `WiringError`, `CouplingError`, `FmuError`, `ContractError` if the parts do not fit.
+    limit; `CouplingError`, `CouplingError`, `FmuError`, `ContractError` if the parts do not fit.
     """
     _check(loop)
     machine = Machine.of(loop.plant, loop.plant_values, limit)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...solver.errors import UserError
 from ...solver.kernel import CONTROLLER, PLANT, ParameterInfo
-from ..loop.catalogue import OWN_LIMIT
-from ..loop.machine import LIMIT, limit_of
-from . import BadPlan
+from ..loop.catalogue import LIMIT, OWN_LIMIT
+from ..loop.machine import limit_of
 from .figures import Figures, measured
 from .loop import AnyLoop, Course
 from .plan import Duty, Entrant, Plan
@@ -81,7 +81,7 @@ class Contender:
         return tune(cost, published, entrant.tune, plan.tuning.budget, random)
 
     def check(self) -> None:
-        """Check that what is set or tuned exists and is in its range; raises `BadPlan`."""
+        """Check that what is set or tuned exists and is in its range; raises `UserError`."""
         where = f"controllers.{self.entrant.name}"
         asked = [(n, (value,)) for n, value in self.entrant.values.items()]
         for name, ends in [*asked, *self.entrant.tune.items()]:
@@ -91,11 +91,11 @@ class Contender:
     def check_plants(self) -> None:
         """Make sure that all plants are possible: of each duty, as drawn, at the ends of ranges.
 
-        Raises `BadPlan`.
+        Raises `UserError`.
         """
         plan = self.plan
         if plan.command_limit is not None and LIMIT not in self._known(PLANT):
-            raise BadPlan(
+            raise UserError(
                 f"command_limit is {plan.command_limit:g}, and {plan.plant} has no parameter "
                 f"{LIMIT} for it; remove command_limit, or wrap the plant with "
                 "plant.direct_drive.with_command_limit"
@@ -119,10 +119,10 @@ class Contender:
     def _check(self, where: str, side: str, name: str, value: float | None = None) -> None:
         known = self._known(side)
         if name not in known:
-            raise BadPlan(f"{where}: no parameter {name!r}; there are {', '.join(sorted(known))}")
+            raise UserError(f"{where}: no parameter {name!r}; there are {', '.join(sorted(known))}")
         p = known[name]
         if value is not None and not p.minimum <= value <= p.maximum:
-            raise BadPlan(
+            raise UserError(
                 f"{where}: {name} would be {value:g}, expected within [{p.minimum:g}, "
                 f"{p.maximum:g}]"
             )

@@ -14,6 +14,7 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any, Protocol
 
+from ...solver.errors import UserError
 from ..fmu.operating_system import pool
 
 AHEAD = 2  # tasks per worker that wait, so that memory stays bounded as maps grow
@@ -22,10 +23,6 @@ NO_WORKER = 15.0  # s in which a first worker may come
 _NOISY = ("distributed", "tornado", "asyncio")
 _INSTALL = "install the same version of ballscrew there"
 CHECK = 2.0  # s between two checks of the workers
-
-
-class WorkersLost(RuntimeError):
-    """Tasks could not be computed anywhere; the message says why and what to do."""
 
 
 class Workers(Protocol):
@@ -38,7 +35,7 @@ class Workers(Protocol):
 
         Raises
         ------
-        WorkersLost
+        UserError
         """
         ...
 
@@ -70,7 +67,7 @@ class Processes:
                     for future in done:
                         yield waiting.pop(future), future.result()
             except BrokenProcessPool as error:
-                raise WorkersLost(
+                raise UserError(
                     "a worker process ended unexpectedly; continue the map with --resume"
                 ) from error
             except GeneratorExit:
@@ -88,7 +85,7 @@ class Dask:
 
     Raises
     ------
-    WorkersLost
+    UserError
         If no scheduler answers there, or `distributed` is not installed.
     """
 
@@ -96,7 +93,7 @@ class Dask:
         try:
             from distributed import Client
         except ImportError:
-            raise WorkersLost(
+            raise UserError(
                 "--dask needs Dask's scheduler: pip install 'ballscrew[dask]'"
             ) from None
         for name in (*_NOISY, *logging.root.manager.loggerDict):  # an error is one line
@@ -112,9 +109,9 @@ class Dask:
             self.client = Client(address, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             why = str(error) or "silence"
-            raise WorkersLost(f"no Dask scheduler responds at {address}: {why}") from None
+            raise UserError(f"no Dask scheduler responds at {address}: {why}") from None
         except Exception as error:  # another program's answer can cause any error
-            raise WorkersLost(
+            raise UserError(
                 f"what responds at {address} is not a Dask scheduler: "
                 f"{type(error).__name__} {error}"
             ) from None
@@ -170,7 +167,7 @@ class Dask:
             found.put(error)
 
     def _check(self) -> None:
-        """Check the workers; raises `WorkersLost` if none was heard for too long.
+        """Check the workers; raises `UserError` if none was heard for too long.
 
         Workers are also heard during long computations.
         """
@@ -203,10 +200,10 @@ class Dask:
             return self._lost("is gone")
         return error
 
-    def _lost(self, why: str) -> WorkersLost:
+    def _lost(self, why: str) -> UserError:
         with contextlib.suppress(Exception):
             self.client.close(timeout=1)
-        return WorkersLost(
+        return UserError(
             f"the Dask scheduler at {self.address} {why}; finished work is kept, continue with "
             "--resume"
         )

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ...solver.component import Component, ContractError
+from ...solver.component import Component
+from ...solver.errors import ContractError
 from ...solver.interconnect import interconnect
 from ...solver.set_point import MEASURED
 

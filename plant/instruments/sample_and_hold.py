@@ -7,15 +7,8 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ...solver.component import (
-    Component,
-    ContractError,
-    DiscreteState,
-    Mode,
-    Output,
-    Parameter,
-    symbol,
-)
+from ...solver.component import Component, DiscreteState, Mode, Output, Parameter, symbol
+from ...solver.errors import ContractError
 
 PERIOD = Parameter("sample_time", 1e-3, "s", "sampling period", "a common servo rate", minimum=1e-6)
 

@@ -62,7 +62,7 @@ def observe(law: str, parameters: Mapping[str, float] | None = None) -> Observat
 
     Raises
     ------
-    UnknownLaw, BadRig
+    UnknownName, BadParameter
         For invalid names and values.
     IntegrationError
         If a motion cannot be computed.

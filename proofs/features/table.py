@@ -9,7 +9,7 @@ from typing import Any
 from ballscrew.measurement.rig.compiled_rig import plant_kernel
 from ballscrew.orchestration.fmu.operating_system import pool
 from ballscrew.plant import LAWS
-from ballscrew.plant.law import UnknownLaw
+from ballscrew.solver.errors import UnknownName
 
 from .criteria import CRITERIA, FEATURES, Cell, decide_features
 from .experiments import observe
@@ -120,12 +120,12 @@ def feature_table(
 
     Raises
     ------
-    UnknownLaw, IntegrationError
+    UnknownName, IntegrationError
     """
     names = list(dict.fromkeys(laws or LAWS))
     unknown = [name for name in names if name not in LAWS]
     if unknown:
-        raise UnknownLaw(f"no friction law {unknown[0]!r}; there are {', '.join(LAWS)}")
+        raise UnknownName(f"no friction law {unknown[0]!r}; there are {', '.join(LAWS)}")
     found: list[Observations] = []
 
     def collect(seen: Iterable[Observations]) -> None:

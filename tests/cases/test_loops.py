@@ -8,8 +8,8 @@ from fmpy import simulate_fmu
 
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop, SystemLoop
-from ballscrew.orchestration.master.loop_run import CouplingError
 from ballscrew.orchestration.master.reference_signal import Reference
+from ballscrew.solver.errors import CouplingError
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.signal_motion import signal_motion
 

@@ -9,8 +9,8 @@ import pytest
 from cases import case
 
 from ballscrew import read_drive_records, read_force_records
-from ballscrew.measurement.records.bad_record import BadRecord
 from ballscrew.measurement.records.sampling import recounted
+from ballscrew.solver.errors import BadRecord
 
 SI = {"time": "s", "x": "m", "u": "V"}
 BY_NUMBER = {"1": "time", "2": "x", "4": "u"}

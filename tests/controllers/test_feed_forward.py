@@ -9,7 +9,7 @@ from ballscrew.controllers import CONTROLLERS, tunable
 from ballscrew.controllers.feed_forward import with_feed_forward
 from ballscrew.orchestration.loop.catalogue import component
 from ballscrew.solver.component import TIME, State, symbol
-from ballscrew.solver.contract_error import ContractError
+from ballscrew.solver.errors import ContractError
 
 COULOMB, SLOW = 1.284, 0.01  # N, m/s
 NO_FORWARD = {"relay"}

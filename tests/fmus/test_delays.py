@@ -18,8 +18,8 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
+from ballscrew.solver.errors import ContractError
 from ballscrew.solver.kernel import Model
-from ballscrew.solver.tape import UnsupportedComponent
 
 U, X, HEARD, SEEN, TAU = map(symbol, ("u", "x", "heard", "seen", "tau"))
 
@@ -159,5 +159,5 @@ def test_a_feedback_law_knows_how_fast_a_delayed_signal_moves():
 
 
 def test_tangents_over_fmus_are_refused_in_one_line():
-    with pytest.raises(UnsupportedComponent, match=r"^late_loop has delays; only a component"):
+    with pytest.raises(ContractError, match=r"^late_loop has delays; only a component"):
         variational(LOOP, 2)

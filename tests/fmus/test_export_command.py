@@ -19,7 +19,7 @@ from ballscrew.fmus.native.export import NativeFmu
 from ballscrew.orchestration.loop import catalogue
 from ballscrew.orchestration.loop.catalogue import NAMES, NATIVE, READABLE, fmu, ready_fmu
 from ballscrew.solver import compilers
-from ballscrew.solver.tape import UnsupportedComponent
+from ballscrew.solver.errors import ContractError
 from ballscrew.solver.translation import in_c
 
 
@@ -156,7 +156,7 @@ def test_an_output_that_cannot_be_written_is_one_line(native, tmp_path, capsys, 
 def test_an_equation_that_c_has_no_function_for_is_named():
     text = "def out(t, x, u, p, y):\n    y[0] = u[0] // 2.0"
     function = ast.parse(text).body[0]
-    with pytest.raises(UnsupportedComponent, match=r"'u\[0\] // 2.0' in its equations has no"):
+    with pytest.raises(ContractError, match=r"'u\[0\] // 2.0' in its equations has no"):
         in_c(function, 1)
 
 

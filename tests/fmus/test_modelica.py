@@ -13,7 +13,7 @@ from diagnosed import run, whole
 from ballscrew.fmus.modelica import modelica
 from ballscrew.orchestration.loop.catalogue import NAMES, component, fmu_kernel
 from ballscrew.solver.component import Component, Output, Parameter, State, symbol
-from ballscrew.solver.contract_error import ContractError
+from ballscrew.solver.errors import ContractError
 from ballscrew.solver.kernel import Model
 
 FUNCTIONS = {n: getattr(math, n) for n in ("exp", "sin", "cos", "tan", "atan", "tanh", "sqrt")}

@@ -10,7 +10,7 @@ import pytest
 from ballscrew.fmus.system_export import export_system
 from ballscrew.fmus.system_network import SystemConnection, SystemPort
 from ballscrew.fmus.system_reading import read_system
-from ballscrew.fmus.system_xml import BadSystem
+from ballscrew.solver.errors import FmuError
 
 STANDARD = "http://ssp-standard.org/SSP1/SystemStructure"
 SPACES = {
@@ -331,7 +331,7 @@ def test_the_start_of_a_system_s_input_reaches_the_ports_that_it_drives(read):
 def refusal(tmp_path, system, files=None, **options):
     """The message, which is one line, names the file, and leaves nothing behind."""
     path = packed(tmp_path / "system.ssp", system, files, **options)
-    with pytest.raises(BadSystem) as caught:
+    with pytest.raises(FmuError) as caught:
         read_system(path)
     text = str(caught.value)
     assert text.startswith(f"{path}: ")
@@ -344,10 +344,10 @@ BOMB = """<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;
 
 
 def test_a_file_that_is_missing_or_no_zip_is_refused(tmp_path):
-    with pytest.raises(BadSystem, match=r"gone\.ssp: no such file"):
+    with pytest.raises(FmuError, match=r"gone\.ssp: no such file"):
         read_system(tmp_path / "gone.ssp")
     (tmp_path / "text.ssp").write_text("no zip")
-    with pytest.raises(BadSystem, match=r"text\.ssp: .*not a zip file"):
+    with pytest.raises(FmuError, match=r"text\.ssp: .*not a zip file"):
         read_system(tmp_path / "text.ssp")
 
 

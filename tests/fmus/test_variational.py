@@ -10,7 +10,7 @@ from ballscrew.fmus.variational import variational
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
 from ballscrew.orchestration.loop.catalogue import component
 from ballscrew.solver.component import Component, Input, Output, Parameter, State, symbol
-from ballscrew.solver.tape import UnsupportedComponent
+from ballscrew.solver.errors import ContractError
 
 A, B, X, V, U = map(symbol, ("a", "b", "x", "v", "u"))
 
@@ -113,5 +113,5 @@ def test_a_controller_reports_the_tangents_of_its_law(tmp_path):
     ("name", "what"), [("plant_classical", "modes"), ("pid_sampled", "discrete")]
 )
 def test_what_cannot_have_tangents_is_refused_with_the_reason(name, what):
-    with pytest.raises(UnsupportedComponent, match=what):
+    with pytest.raises(ContractError, match=what):
         variational(component(name), 2)

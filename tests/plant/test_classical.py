@@ -8,7 +8,6 @@ from ballscrew.plant.classical import classical, with_sticking
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     Component,
-    ContractError,
     ForceBalance,
     ForceTerm,
     Input,
@@ -17,6 +16,7 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
+from ballscrew.solver.errors import ContractError
 from ballscrew.solver.kernel import Model
 
 FC, FS, VS, SIGMA2 = 1.284, 2.35, 1.13975e-3, 173.0

@@ -12,12 +12,8 @@ import pytest
 
 from ballscrew.controllers.pid import pid
 from ballscrew.solver.component import Component, DiscreteState, Mode, Parameter, symbol
-from ballscrew.solver.component_file import (
-    BadComponentFile,
-    load_component,
-    names_file,
-    read_component,
-)
+from ballscrew.solver.component_file import load_component, names_file, read_component
+from ballscrew.solver.errors import ContractError
 
 GAIN = """
 from ballscrew.solver.component import Component, Input, Output, symbol
@@ -137,7 +133,7 @@ def test_a_file_that_gives_no_component_is_refused_with_its_line(
     with Path("helper.py").open("a", encoding="utf-8") as stream:
         stream.write("def broken(): return [][1]\n")
     Path("broken.py").write_text("\nx = = 1\n", encoding="utf-8")
-    with pytest.raises(BadComponentFile) as refused:
+    with pytest.raises(ContractError) as refused:
         read_component(f"mine.py:{function}")
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)

@@ -13,7 +13,6 @@ from ballscrew.fmus.native.export import export_native
 from ballscrew.solver.compilers import compiler_for, own_platform
 from ballscrew.solver.component import (
     Component,
-    ContractError,
     DiscreteState,
     Event,
     Input,
@@ -23,6 +22,7 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
+from ballscrew.solver.errors import ContractError
 from ballscrew.solver.functions import FUNCTIONS, slopes, unsupported_function
 
 a, b, k = symbol("a"), symbol("b"), symbol("k")

@@ -16,7 +16,6 @@ import ballscrew
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     Component,
-    ContractError,
     Delay,
     DiscreteState,
     Event,
@@ -29,6 +28,7 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
+from ballscrew.solver.errors import ContractError
 from ballscrew.solver.interconnect import interconnect
 from ballscrew.solver.kernel import Model
 

@@ -16,10 +16,11 @@ from waiting import wait_for
 from ballscrew.orchestration.fmu.limits import TOLERANCE_OF_MOTIONS
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.study.workers import Processes
+from ballscrew.solver.errors import UserError
 from ballscrew.stability import budget, stability_map, store
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.cell import model_at, run_cell, stuck_growth
-from ballscrew.stability.map_plan import BadMap, MapPlan, read_axis
+from ballscrew.stability.map_plan import MapPlan, read_axis
 from ballscrew.stability.stability_map import make_map
 
 SIGMA0, SIGMA1 = 66967.231, 344.56
@@ -238,10 +239,10 @@ def test_a_killed_map_is_resumed_with_nothing_lost_and_the_same_table(whole, tmp
         return original(study, cells, tolerance)
 
     monkeypatch.setattr(stability_map, "run_chunk", counted)
-    with pytest.raises(BadMap, match="--resume"):
+    with pytest.raises(UserError, match="--resume"):
         make_map(gamma(), tmp_path, Processes(1))
     for resume in (False, True):  # nothing but the parts says whose they are
-        with pytest.raises(BadMap, match="another map"):
+        with pytest.raises(UserError, match="another map"):
             make_map(gamma(stop=21.0), tmp_path, Processes(1), resume=resume)
     make_map(gamma(), tmp_path, Processes(1), resume=True)
     plain = [cells for cells in ran if len(cells) == 2][: 10 - len(kept)]
@@ -281,7 +282,7 @@ def test_a_dask_worker_killed_in_the_middle_changes_nothing(whole, tmp_path, mon
     ],
 )
 def test_axes_that_make_no_sense_say_why(text, words):
-    with pytest.raises(BadMap, match=words):
+    with pytest.raises(UserError, match=words):
         read_axis(text, Loop("iol"))
 
 

@@ -16,10 +16,10 @@ from ballscrew.measurement.diagnosis.corrected import corrected
 from ballscrew.measurement.diagnosis.diagnose import diagnose
 from ballscrew.measurement.diagnosis.modelled_record import lay_along
 from ballscrew.measurement.diagnosis.residuals import residual
-from ballscrew.measurement.records.bad_record import BadRecord
 from ballscrew.measurement.records.reading import check_record
 from ballscrew.measurement.records.record import CURRENT
 from ballscrew.orchestration.loop.parameter_reading import read_parameters
+from ballscrew.solver.errors import BadRecord
 
 pytestmark = pytest.mark.ci
 

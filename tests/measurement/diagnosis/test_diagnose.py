@@ -30,8 +30,8 @@ from ballscrew.measurement.diagnosis.compare import compare
 from ballscrew.measurement.diagnosis.diagnose import diagnose, diagnose_records
 from ballscrew.measurement.diagnosis.report_words import verdict_sentence
 from ballscrew.measurement.diagnosis.scores import OUTSIDE
-from ballscrew.measurement.records.bad_record import BadRecord
 from ballscrew.measurement.records.reading import check_record
+from ballscrew.solver.errors import BadRecord
 
 EMPS = Path(__file__).parents[3] / "docs" / "emps.toml"
 in_a_world = pytest.mark.xdist_group("worlds")  # whose simulators are compiled once

@@ -9,8 +9,9 @@ import pytest
 from synthetic.records import record_of, sine_velocity
 
 from ballscrew.measurement.identification.fit import fit_along
-from ballscrew.measurement.identification.identify import CannotHold, check_held, identify
+from ballscrew.measurement.identification.identify import check_held, identify
 from ballscrew.orchestration.loop.parameter_file import ParameterFile, Value
+from ballscrew.solver.errors import BadParameter
 
 DAHL = {"sigma": 87750.0, "Fc": 2.0, "alpha": 1.0}
 LOAD = 0.6
@@ -87,6 +88,6 @@ def test_what_is_held_stays_and_the_rest_is_told_better():
     ],
 )
 def test_what_cannot_be_held_or_told_is_refused_in_one_line(law, fixed, offset, words):
-    with pytest.raises(CannotHold, match=words) as refused:
+    with pytest.raises(BadParameter, match=words) as refused:
         check_held(law, fixed, offset)
     assert "\n" not in str(refused.value)

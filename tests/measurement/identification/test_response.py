@@ -9,8 +9,8 @@ import pytest
 
 from ballscrew.cli import main
 from ballscrew.measurement.identification.response import frequency_response
-from ballscrew.measurement.records.bad_record import BadRecord
 from ballscrew.measurement.records.record import Record
+from ballscrew.solver.errors import BadRecord
 
 M1, M2 = 2.0, 3.0
 

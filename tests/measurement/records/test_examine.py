@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import butter, firwin, sosfiltfilt
 
-from ballscrew.measurement.records.bad_record import BadRecord
 from ballscrew.measurement.records.examine import check_identifiable, examine
 from ballscrew.measurement.records.record import Record
+from ballscrew.solver.errors import BadRecord
 
 STEP = 1e-3
 TIME = np.arange(0.0, 20.0, STEP)

@@ -12,8 +12,8 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from ballscrew.measurement.records.bad_record import BadRecord
 from ballscrew.measurement.records.reading import read_drive_records
+from ballscrew.solver.errors import BadRecord
 
 TIME = np.arange(0.0, 2.0, 1e-3)
 X, U = 0.1 * np.sin(3 * TIME), 3 * np.sin(5 * TIME)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import scipy.io
 
-from ballscrew.measurement.records.bad_record import BadRecord
 from ballscrew.measurement.records.reading import (
     check_record,
     read_drive_records,
     read_force_records,
 )
+from ballscrew.solver.errors import BadRecord
 
 TIME = np.arange(0.0, 2.0, 1e-3)
 MOTION = {"time": TIME, "u": 3 * np.sin(5 * TIME), "x": 0.1 * np.sin(3 * TIME)}

@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from ballscrew.measurement.records.bad_record import BadRecord
 from ballscrew.measurement.records.reading import read_drive_records, read_force_records
+from ballscrew.solver.errors import BadRecord
 
 ABOUT = {"parameters": {"plant.m": 1.5}, "lags": {"x": 0.0, "force": 0.002}}
 

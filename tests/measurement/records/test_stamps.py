@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ballscrew.measurement.records.bad_record import BadRecord
 from ballscrew.measurement.records.table import read_tables, rename
+from ballscrew.solver.errors import BadRecord
 
 X = ["1.5", "2.5", "4.0", "8.0"]
 

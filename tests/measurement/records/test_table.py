@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballscrew.measurement.records.bad_record import BadRecord
 from ballscrew.measurement.records.columns import Table
 from ballscrew.measurement.records.table import choose, in_si, read_tables, rename
+from ballscrew.solver.errors import BadRecord
 
 ROWS = np.array([[0.0, -1.5, 0.25], [0.001, 2.25, 0.5], [0.002, 3e-4, -0.75], [0.003, 7.0, 1.0]])
 # As a motor controller exports a recording: lines about itself, then names, then units.

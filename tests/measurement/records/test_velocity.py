@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from ballscrew.measurement.records.bad_record import BadRecord
 from ballscrew.measurement.records.examine import examine
 from ballscrew.measurement.records.reading import (
     check_record,
     read_drive_records,
     read_force_records,
 )
+from ballscrew.solver.errors import BadRecord
 
 LEAD = 0.002
 TIME = np.arange(0.0, 4.0, 1e-3)

@@ -16,7 +16,7 @@ import ballscrew
 from ballscrew.measurement.rig.bench import run_trial
 from ballscrew.measurement.rig.machine import machine_of
 from ballscrew.measurement.rig.noise import Noise
-from ballscrew.measurement.rig.parameters import BadRig
+from ballscrew.solver.errors import BadParameter
 
 LINEAR = """
 kind = "drive"
@@ -184,7 +184,7 @@ def test_the_largest_velocity_is_one_that_the_machine_can_do(files, limit, trave
 )
 def test_a_trial_that_means_nothing_for_a_machine_is_refused(files, name, trial, given, said):
     file = told(files / f"{name}.toml")
-    with pytest.raises(BadRig, match=said):
+    with pytest.raises(BadParameter, match=said):
         run_trial(trial, file.law, given, told=file)
 
 

@@ -6,11 +6,11 @@ import pytest
 from cases import cart_position, maker
 
 from ballscrew.cli import main
-from ballscrew.fmus.reading import FmuError
 from ballscrew.orchestration.fmu.isolated import IsolatedInstance
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.master.reference_signal import Reference
+from ballscrew.solver.errors import FmuError
 
 MISSING = "ModuleNotFoundError: No module named 'zmq'"
 

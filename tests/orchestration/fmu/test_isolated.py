@@ -16,13 +16,13 @@ from third_party_fmus import proportional
 from ballscrew.cli import main
 from ballscrew.fmus.made_here import is_ours
 from ballscrew.fmus.native.export import write_native
-from ballscrew.fmus.reading import FmuError
 from ballscrew.orchestration.fmu import isolated, isolated_host
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.fmu.isolated import IsolatedInstance
 from ballscrew.orchestration.loop.catalogue import catalogued_model, fmu
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.solver.errors import FmuError
 
 SEGFAULT = "import ctypes; ctypes.string_at(0)"
 

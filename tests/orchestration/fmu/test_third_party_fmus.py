@@ -8,11 +8,11 @@ import pytest
 from diagnosed import run as command
 from pythonfmu.builder import FmuBuilder
 
-from ballscrew.orchestration.fmu.wiring import WiringError
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.parameter_reading import read_parameters
 from ballscrew.orchestration.master.couplings import Coupling
+from ballscrew.solver.errors import CouplingError
 
 HAND = """
 from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
@@ -159,7 +159,7 @@ def test_a_set_point_by_another_name_is_taken_and_said(folder):
 @pytest.mark.ci
 def test_two_candidates_for_the_set_point_are_refused(folder):
     path = built(folder, "Two", HAND.replace("x_d", "goal").format(name="Two"))
-    with pytest.raises(WiringError, match="give the set-point, such as --map goal=x_d"):
+    with pytest.raises(CouplingError, match="give the set-point, such as --map goal=x_d"):
         run_closed_loop(Loop(str(path), mapping={"pos": "x"}, stop=0.01, step=1e-3))
     mapping = {"pos": "x", "goal": "x_d"}
     result = run_closed_loop(Loop(str(path), mapping=mapping, stop=0.01, step=1e-3))

@@ -7,11 +7,11 @@ import pytest
 from heavy_drive import HEAVY
 
 from ballscrew.controllers.p_pi import cascade
-from ballscrew.orchestration.fmu.limits import BadParameter
 from ballscrew.orchestration.loop.machine import Machine, gain_ranges, model_values
 from ballscrew.orchestration.loop.parts import Part
 from ballscrew.orchestration.loop.reference_motions import read_motion
 from ballscrew.plant import LAWS, plant_of
+from ballscrew.solver.errors import BadParameter
 
 
 def heavy(**other):

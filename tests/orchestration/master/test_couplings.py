@@ -11,10 +11,11 @@ from scipy.linalg import expm
 
 from ballscrew.orchestration.fmu.fmu_instance import StepFailed
 from ballscrew.orchestration.master.couplings import Coupling
-from ballscrew.orchestration.master.loop_run import UNKNOWN, CouplingError
+from ballscrew.orchestration.master.loop_run import UNKNOWN
 from ballscrew.orchestration.master.master import run_loop
 from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.orchestration.master.step_choice import choose_step
+from ballscrew.solver.errors import CouplingError
 
 A = np.array([[0.0, 1.0], [-4.0, -1.0]])
 B = np.array([[0.0], [3.0]])

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import scipy.io
 
-from ballscrew.orchestration.master.reference_signal import BadReference, Reference
+from ballscrew.orchestration.master.reference_signal import Reference
+from ballscrew.solver.errors import BadParameter
 
 pytestmark = pytest.mark.ci
 
@@ -37,7 +38,7 @@ def test_two_rows_at_one_time_are_a_jump(tmp_path):
 def test_bad_files_are_refused_with_the_place(tmp_path, text, message):
     path = tmp_path / "r.csv"
     path.write_text(text)
-    with pytest.raises(BadReference, match=message):
+    with pytest.raises(BadParameter, match=message):
         Reference.read(path)
 
 
@@ -49,7 +50,7 @@ def test_set_points_are_read_as_records_are(tmp_path):
     reference = Reference.read(path)
     assert reference.at(0.25) == pytest.approx(0.75e-3)
     np.testing.assert_allclose(reference.velocity, [0.01, -0.01])
-    with pytest.raises(BadReference, match="has x_d as length, and the plant's position is in 'r"):
+    with pytest.raises(BadParameter, match="has x_d as length, and the plant's position is in 'r"):
         reference.check_measure("rad")
     scipy.io.savemat(tmp_path / "r.mat", {"time": [0.0, 1.0], "x_d": [0.0, 0.1]})
     assert Reference.read(tmp_path / "r.mat").at(0.5) == pytest.approx(0.05)

@@ -7,10 +7,10 @@ import pytest
 
 from ballscrew.cli import main
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
-from ballscrew.orchestration.study import BadPlan
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import read_plan
 from ballscrew.orchestration.study.values import Contender
+from ballscrew.solver.errors import UserError
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 GOOD = """version = 1
@@ -147,7 +147,7 @@ def test_a_study_of_a_machine_has_the_plant_and_the_values_of_its_file(tmp_path)
     assert plan.plant == "drive_lugre+force"
     assert [d.plant["m"] for d in plan.duties] == [40.0, 50.0]
     assert all(d.plant["Fs"] == 80.0 for d in plan.duties)  # as the file has no break-away force
-    with pytest.raises(BadPlan, match=r"study.toml: params: .*none.toml"):
+    with pytest.raises(UserError, match=r"study.toml: params: .*none.toml"):
         plan_of(tmp_path, 'params = "none.toml"\n' + GOOD)
 
 
@@ -173,8 +173,8 @@ def test_controllers_of_a_machine_begin_with_what_it_is_and_are_tuned_where_it_n
     assert four.tune["Kp"] == pytest.approx((4 * low, 4 * high), rel=0.02)
     assert low < one.values["Kp"] < high
     without = 'params = "machine.toml"\n' + GOOD.replace("tune = {Kp = [10.0, 3000.0]}", "")
-    with pytest.raises(BadPlan, match="has no limit of its command; give command_limit"):
+    with pytest.raises(UserError, match="has no limit of its command; give command_limit"):
         plan_of(tmp_path, without)
     volts = GOOD.replace("[controllers.pid]", "[controllers.lqi]\n[controllers.pid]")
-    with pytest.raises(BadPlan, match="lqi is made for the voltage of a motor"):
+    with pytest.raises(UserError, match="lqi is made for the voltage of a motor"):
         plan_of(tmp_path, 'params = "machine.toml"\ncommand_limit = 500.0\n' + volts)

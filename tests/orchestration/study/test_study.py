@@ -13,16 +13,16 @@ from pages import Page
 from waiting import wait_for
 
 from ballscrew.cli import main
-from ballscrew.loop_results import SwapStudy
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.reference_motions import read_motion
 from ballscrew.orchestration.loop.whole_loop import loop_kernel, run_monolithic
-from ballscrew.orchestration.study import BadPlan
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import read_plan
 from ballscrew.orchestration.study.study import PARTS, Work, do_study
 from ballscrew.orchestration.study.verdict import sentence
 from ballscrew.orchestration.study.workers import Processes
+from ballscrew.solver.errors import UserError
+from ballscrew.study_results import SwapStudy
 
 STUDY = """version = 1
 plants = 3
@@ -109,9 +109,9 @@ def test_a_study_over_dask_gives_the_same_numbers(plan, result, tmp_path):
 
 @pytest.mark.ci
 def test_a_folder_of_another_study_is_left_alone(plan, folder, result):
-    with pytest.raises(BadPlan, match="add --resume to continue"):
+    with pytest.raises(UserError, match="add --resume to continue"):
         do_study(plan, folder, Processes(1))
-    with pytest.raises(BadPlan, match="contains another study"):
+    with pytest.raises(UserError, match="contains another study"):
         do_study(replace(plan, seed=2), folder, Processes(1), resume=True)
 
 
@@ -125,7 +125,7 @@ def test_a_table_of_the_set_point_that_changed_makes_another_study(plan, folder,
         parts = Work.of(now, out / PARTS, Processes(1)).parts
         list(parts.results({"a.json": (1,)}, abs, Processes(1)))
         table.write_text("time,x_d\n0,0\n0.4,0.02\n")
-        with pytest.raises(BadPlan, match="contains another study"):
+        with pytest.raises(UserError, match="contains another study"):
             do_study(now, out, Processes(1), resume=True)
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from ballscrew.loop_results import SwapStudy
 from ballscrew.orchestration.study.figures import NAMES
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Tuning
 from ballscrew.orchestration.study.result import concluded
@@ -12,6 +11,7 @@ from ballscrew.orchestration.study.verdict import (
     sentence,
     weaknesses,
 )
+from ballscrew.study_results import SwapStudy
 
 GAINS = {"Kp": (1.0, 2.0)}
 PLANTS, SEEDS = 8, 2

@@ -11,7 +11,7 @@ from dask_cluster import cluster
 from waiting import wait_for
 
 from ballscrew.orchestration.study import workers as workers_module
-from ballscrew.orchestration.study.workers import WorkersLost
+from ballscrew.solver.errors import UserError
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Dask's, as it ends
 
@@ -31,7 +31,7 @@ def test_workers_that_are_frozen_are_told(tmp_path, monkeypatch):
                     process.send_signal(signal.SIGSTOP)
                 frozen.append(time.monotonic())
 
-        with pytest.raises(WorkersLost, match=r"has lost contact with its workers.*--resume"):
+        with pytest.raises(UserError, match=r"has lost contact with its workers.*--resume"):
             work()
         assert time.monotonic() - frozen[-1] < 20
 

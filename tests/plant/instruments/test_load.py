@@ -11,7 +11,6 @@ from ballscrew.plant.instruments.load import with_load
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     Component,
-    ContractError,
     ForceBalance,
     ForceTerm,
     Output,
@@ -19,6 +18,7 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
+from ballscrew.solver.errors import ContractError
 from ballscrew.solver.kernel import Model
 
 MASS, DRIVE = 2.0, 1.0

@@ -14,7 +14,7 @@ from ballscrew.plant.instruments.encoder import encoder, position_encoder
 from ballscrew.plant.instruments.measured_through import measured_through
 from ballscrew.plant.instruments.velocity_estimate import velocity_estimate
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import ContractError
+from ballscrew.solver.errors import ContractError
 from ballscrew.solver.kernel import Model
 
 PERIOD = 1e-3

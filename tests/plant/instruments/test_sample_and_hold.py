@@ -10,7 +10,7 @@ from ballscrew.controllers.relay import relay
 from ballscrew.orchestration.loop.catalogue import component
 from ballscrew.plant.instruments.sample_and_hold import sampled
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import ContractError
+from ballscrew.solver.errors import ContractError
 from ballscrew.solver.kernel import Model
 
 
