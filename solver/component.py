@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -213,24 +213,8 @@ class Mode:
 
     def changed(self, replacements: Mapping[sp.Expr, sp.Expr]) -> Mode:
         """A copy in which symbols, or other expressions, are replaced in every equation."""
-        table = dict(replacements)
-
-        def swap(equations: Mapping[str, sp.Expr]) -> dict[str, sp.Expr]:
-            return {n: sp.sympify(e).xreplace(table) for n, e in equations.items()}
-
-        return replace(
-            self,
-            derivatives=swap(self.derivatives),
-            outputs=swap(self.outputs),
-            events=tuple(
-                replace(
-                    event,
-                    indicator=sp.sympify(event.indicator).xreplace(table),
-                    reset=swap(event.reset),
-                )
-                for event in self.events
-            ),
-        )
+        copy: Mode = _mapped(self, _replaced(replacements))
+        return copy
 
 
 @dataclass(frozen=True)
@@ -263,16 +247,37 @@ class Delay:
         return f"{self.name}_rate_"
 
 
+def _mapped(thing: Any, change: Callable[[Any], Any]) -> Any:
+    """A copy of a part of the contract, or of several, with each part in it changed, inner first.
+
+    What `change` gets is a part, such as a `Mode`, an expression, or another value of a field.
+    """
+    if isinstance(thing, tuple):
+        return tuple(_mapped(part, change) for part in thing)
+    if isinstance(thing, Mapping):
+        return {key: _mapped(value, change) for key, value in thing.items()}
+    if is_dataclass(thing) and not isinstance(thing, type):
+        thing = replace(
+            thing, **{f.name: _mapped(getattr(thing, f.name), change) for f in fields(thing)}
+        )
+    return change(thing)
+
+
+def _replaced(replacements: Mapping[sp.Expr, sp.Expr]) -> Callable[[Any], Any]:
+    """The change that replaces symbols, or other expressions, in expressions."""
+    table = dict(replacements)
+    return lambda thing: thing.xreplace(table) if isinstance(thing, sp.Basic) else thing
+
+
 def in_units(thing: Any, words: Mapping[str, str]) -> Any:
     """A part of the contract, or several, with unit names replaced, see `unit_in`."""
-    if isinstance(thing, tuple):
-        return tuple(in_units(part, words) for part in thing)
-    if not is_dataclass(thing) or isinstance(thing, type):
-        return thing
-    parts = {f.name: in_units(getattr(thing, f.name), words) for f in fields(thing)}
-    if "unit" in parts:
-        parts["unit"] = unit_in(parts["unit"], words)
-    return replace(thing, **parts)
+
+    def change(part: Any) -> Any:
+        if is_dataclass(part) and not isinstance(part, type) and hasattr(part, "unit"):
+            return replace(part, unit=unit_in(part.unit, words))
+        return part
+
+    return _mapped(thing, change)
 
 
 def _spelled(thing: object) -> str:
@@ -408,23 +413,13 @@ class Component:
             if name not in known:
                 raise ContractError(f"{self.name}: no parameter {name!r}; it has {sorted(known)}")
 
-        def given(parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
-            return tuple(
-                replace(p, default=float(values[p.name]), source=source) if p.name in values else p
-                for p in parameters
-            )
+        def change(part: Any) -> Any:
+            if isinstance(part, Parameter) and part.name in values:
+                return replace(part, default=float(values[part.name]), source=source)
+            return part
 
-        balances = tuple(
-            replace(b, terms=tuple(replace(t, parameters=given(t.parameters)) for t in b.terms))
-            for b in self.balances
-        )
-        time = self.sample_time
-        return replace(
-            self,
-            parameters=given(self.parameters),
-            balances=balances,
-            sample_time=given((time,))[0] if time else None,
-        )
+        copy: Component = _mapped(self, change)
+        return copy
 
     def substituted(
         self, replacements: Mapping[sp.Symbol, sp.Expr], **changes: object
@@ -443,76 +438,31 @@ class Component:
         Inputs and outputs keep their names, since components are connected by them.
         """
 
-        def rename(parts: tuple[Any, ...]) -> tuple[Any, ...]:
-            return tuple(replace(part, name=prefix + part.name) for part in parts)
+        named = *self.all_parameters, *self.all_states, *self.discrete, *self.delays
+        swap = _replaced({symbol(s.name): symbol(prefix + s.name) for s in named})
 
-        own: list[Any] = [
-            *self.all_parameters,
-            *self.all_states,
-            *self.discrete,
-            *self.delays,
-        ]
-        fields = self.equations_with({symbol(s.name): symbol(prefix + s.name) for s in own})
-        fields["states"] = rename(fields["states"])
-        fields["discrete"] = rename(fields["discrete"])
-        fields["parameters"] = rename(self.parameters)
-        fields["modes"] = tuple(
-            replace(
-                mode,
-                derivatives={prefix + n: e for n, e in mode.derivatives.items()},
-                signs={prefix + n: sign for n, sign in mode.signs.items()},
-                events=tuple(
-                    replace(event, reset={prefix + n: e for n, e in event.reset.items()})
-                    for event in mode.events
-                ),
-            )
-            for mode in fields["modes"]
-        )
-        fields["delays"] = rename(fields["delays"])
-        fields["balances"] = tuple(
-            replace(
-                b,
-                state=prefix + b.state,
-                terms=tuple(
-                    replace(t, states=rename(t.states), parameters=rename(t.parameters))
-                    for t in b.terms
-                ),
-            )
-            for b in fields["balances"]
-        )
-        if self.sample_time:
-            fields["sample_time"] = replace(self.sample_time, name=prefix + self.sample_time.name)
-        return replace(self, **fields)
+        def keyed(table: Mapping[str, Any]) -> dict[str, Any]:
+            return {prefix + name: value for name, value in table.items()}
+
+        def change(part: Any) -> Any:
+            if isinstance(part, Parameter | State | DiscreteState | Delay):
+                return replace(part, name=prefix + part.name)
+            if isinstance(part, Mode):
+                return replace(part, derivatives=keyed(part.derivatives), signs=keyed(part.signs))
+            if isinstance(part, Event):
+                return replace(part, reset=keyed(part.reset))
+            if isinstance(part, ForceBalance):
+                return replace(part, state=prefix + part.state)
+            return swap(part)
+
+        own = {f.name: _mapped(getattr(self, f.name), change) for f in fields(self)}
+        return replace(self, **own)
 
     def equations_with(self, replacements: Mapping[sp.Symbol, sp.Expr]) -> dict[str, Any]:
         """The fields that hold equations, with symbols replaced, for making another component."""
-        table = dict(replacements)
-
-        def swap(expression: sp.Expr | None) -> sp.Expr | None:
-            return None if expression is None else sp.sympify(expression).xreplace(table)
-
-        def swap_term(term: ForceTerm) -> ForceTerm:
-            return replace(
-                term,
-                force=swap(term.force),
-                states=tuple(replace(s, derivative=swap(s.derivative)) for s in term.states),
-                outputs=tuple(replace(o, value=swap(o.value)) for o in term.outputs),
-            )
-
-        return {
-            "states": tuple(replace(s, derivative=swap(s.derivative)) for s in self.states),
-            "outputs": tuple(replace(o, value=swap(o.value)) for o in self.outputs),
-            "discrete": tuple(replace(d, update=swap(d.update)) for d in self.discrete),
-            "modes": tuple(mode.changed(table) for mode in self.modes),
-            "delays": tuple(
-                replace(d, expression=swap(d.expression), duration=swap(d.duration))
-                for d in self.delays
-            ),
-            "balances": tuple(
-                replace(b, inertia=swap(b.inertia), terms=tuple(swap_term(t) for t in b.terms))
-                for b in self.balances
-            ),
-        }
+        swap = _replaced(replacements)
+        names = "states outputs discrete modes delays balances".split()
+        return {name: _mapped(getattr(self, name), swap) for name in names}
 
     def _check(self) -> None:
         kinds = {
