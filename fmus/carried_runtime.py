@@ -8,7 +8,14 @@ from functools import cache
 from pathlib import Path
 
 from ..solver import kernel_cache
-from ..solver.compilers import FLAGS, PLATFORMS, compile_in, cross_compiler, own_platform
+from ..solver.compilers import (
+    FLAGS,
+    PLATFORMS,
+    CompilerFailed,
+    compile_in,
+    cross_compiler,
+    own_platform,
+)
 from ..solver.core import LIBRARY
 from ..solver.files import temporary_folder
 
@@ -30,10 +37,6 @@ def carried_runtime(everywhere: bool = False) -> tuple[str, dict[str, bytes]]:
     everywhere : bool
         With the core for each platform on which an FMU of pythonfmu runs: from this package, or
         compiled by ziglang. Otherwise with the cores of this package.
-
-    Raises
-    ------
-    CompilerFailed
     """
     held = platforms_with_core()[0] if everywhere else ()
     return _package(tuple(n for n in held if n not in _in_package()))
@@ -44,7 +47,7 @@ def _package(others: tuple[str, ...]) -> tuple[str, dict[str, bytes]]:
     files = {name: (_TOP / name).read_bytes() for name in RUNTIME}
     files |= {f"solver/c/{p.name}": p.read_bytes() for p in sorted(_C.glob("libcore*"))}
     for name in others:
-        files[f"solver/c/libcore-{name}{PLATFORMS[name].suffix}"] = _cross_compiled(name)
+        files[f"solver/c/libcore-{name}{PLATFORMS[name].suffix}"] = _cross_compiled(name) or b""
     digest = hashlib.sha256(
         b"\0".join(part for f in files.items() for part in (f[0].encode(), f[1]))
     )
@@ -54,7 +57,7 @@ def _package(others: tuple[str, ...]) -> tuple[str, dict[str, bytes]]:
 
 def platforms_with_core() -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The platforms for which `carried_runtime` has the core everywhere, and those it lacks."""
-    held = [n for n in _readable() if n in _in_package() or cross_compiler(n)]
+    held = [n for n in _readable() if n in _in_package() or _cross_compiled(n)]
     return tuple(held), tuple(n for n in _readable() if n not in held)
 
 
@@ -71,8 +74,10 @@ def _in_package() -> list[str]:
     ]
 
 
-def _cross_compiled(name: str) -> bytes:
-    """The core for another platform, compiled once for the same sources."""
+def _cross_compiled(name: str) -> bytes | None:
+    """The core for another platform, compiled once for the same sources; None if that fails."""
+    if not (compiler := cross_compiler(name)):
+        return None
     digest = hashlib.sha256(repr((name, PLATFORMS[name], FLAGS)).encode())
     for source in sorted(_C.glob("*.[ch]")):
         digest.update(source.read_bytes())
@@ -81,7 +86,10 @@ def _cross_compiled(name: str) -> bytes:
     if library is None:
         with temporary_folder("compile") as folder:
             arguments = [*FLAGS, str(_C / "core.c")]
-            library = compile_in(Path(folder), name, arguments, "libcore", cross_compiler(name))
+            try:
+                library = compile_in(Path(folder), name, arguments, "libcore", compiler)
+            except CompilerFailed:  # such as for a user without a home folder
+                return None
         with contextlib.suppress(OSError):
             kernel_cache.write(made, library)
     return library

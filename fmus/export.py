@@ -61,8 +61,6 @@ def export(component: Component, path: Path | str) -> Path:
     ------
     ContractError
         If this version cannot solve the component.
-    CompilerFailed
-        If the package ziglang fails, which compiles the core for other platforms.
     OSError
         If the file cannot be written.
     """

@@ -1,3 +1,3 @@
-from .writable_cache import ready
+from .kernel_cache import ready
 
 ready()

@@ -225,7 +225,7 @@ class System:
     tapes : bytes
         See `tape.record_tape`.
     equations : str, optional
-        File of the same equations compiled, see ``compiled_equations.py``.
+        File of the same equations compiled, see ``translation.py``.
 
     Raises
     ------

@@ -135,7 +135,7 @@ class Kernel:
 
     def compile(self) -> None:
         """Compile the equations with a C compiler, if there is one; the numbers do not change."""
-        from .compiled_equations import compile_equations
+        from .translation import compile_equations
 
         if compile_equations(self.module, self.source, len(self.states)):
             vars(self).pop("_compiled", None)

@@ -1,7 +1,8 @@
 """A per-user cache folder.
 
 Code is loaded from it, so it is used only if nobody except its user and root can write to it.
-Each entry has a digest: a damaged entry counts as missing and is made again.
+Each entry has a digest: a damaged entry counts as missing and is made again. If no other folder can
+be written, everything, also of Matplotlib, goes to a private one that is removed at the end.
 """
 
 from __future__ import annotations
@@ -169,7 +170,7 @@ def compiled_path(module: str) -> Path:
 def _way_of_compiling() -> str:
     """Hash of everything that affects compiled equations; other versions are not used."""
     here = Path(__file__).parent
-    names = ("c/system.h", "translation.py", "compiled_equations.py", "compilers.py")
+    names = ("c/system.h", "translation.py", "compilers.py")
     return hashlib.sha256(b"\0".join((here / n).read_bytes() for n in names)).hexdigest()[:8]
 
 
@@ -198,3 +199,37 @@ def _private_folder() -> Path:
 def _remove(place: Path, owner: int) -> None:
     if os.getpid() == owner:
         shutil.rmtree(place, ignore_errors=True)
+
+
+@cache
+def ready() -> None:
+    """Give matplotlib a writable folder; to be called before matplotlib is used.
+
+    It is set in the environment, so that child processes share it. The size of SymPy's cache
+    is also set there: deriving a component needs more than the usual thousand results.
+    """
+    os.environ.setdefault("SYMPY_CACHE_SIZE", "20000")
+    if not os.environ.get("MPLCONFIGDIR") and not _matplotlib_has_folders():
+        _name("MPLCONFIGDIR", folder() / "matplotlib")
+    if fault := usual_folder()[1]:
+        _name("BALLSCREW_CACHE", folder())
+        print(
+            f"note: {fault}; equations are derived again every "
+            "time; set BALLSCREW_CACHE to a folder that only you can write",
+            file=sys.stderr,
+        )
+
+
+def _name(variable: str, folder: Path) -> None:
+    os.environ[variable] = str(folder)
+
+
+def _matplotlib_has_folders() -> bool:
+    try:
+        home = Path.home()
+    except RuntimeError:
+        return False
+    return all(
+        can_be_written(Path(os.environ.get(variable) or home / usual) / "matplotlib")
+        for variable, usual in (("XDG_CONFIG_HOME", ".config"), ("XDG_CACHE_HOME", ".cache"))
+    )

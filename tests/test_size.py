@@ -15,10 +15,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (6606, 5787),
+    "solver": (6592, 5779),
     "plant": (1883, 1608),
     "controllers": (1294, 1053),
-    "fmus": (5124, 4588),
+    "fmus": (5131, 4600),
     "orchestration": (13113, 11435),
     "stability": (3090, 2486),
     "ballscrew": (4650, 3828),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1871, 1733),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28218, 26929),
+    "tests": (28198, 26909),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

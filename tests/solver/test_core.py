@@ -14,10 +14,10 @@ import ballscrew
 from ballscrew.orchestration.loop.catalogue import fmu_kernel
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver import core
-from ballscrew.solver.compiled_equations import compile_equations
 from ballscrew.solver.compilers import compiler_for, own_platform
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_tangents
+from ballscrew.solver.translation import compile_equations
 
 
 def kernel_of(name):

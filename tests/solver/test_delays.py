@@ -179,18 +179,6 @@ def test_a_delayed_signal_makes_an_event_happen():
     assert model.info[core.EVENTS] in (4, 5)
 
 
-def test_a_history_that_is_put_back_goes_on_as_before():
-    model = model_of(scalar(WRIGHT, start=0.8), 1e-7)
-    model.advance(0.0, 2.3)
-    kept = model.x.copy(), model.info.copy(), model.system.history.copy()
-    model.advance(2.3, 4.0)
-    end = model.x.copy()
-    model.x[:], model.info[:] = kept[:2]
-    model.system.remember(kept[2])
-    model.advance(2.3, 4.0)
-    assert np.array_equal(model.x, end)
-
-
 def test_a_run_that_begins_again_has_forgotten():
     model = model_of(scalar(-LATE))
     model.advance(0.0, 3.0)

@@ -196,18 +196,6 @@ def test_modes_that_lead_to_each_other_at_once_are_refused_with_the_time():
         model.advance(0.0, 2.0)
 
 
-def test_new_values_of_a_reset_are_computed_from_the_old_ones():
-    swap = Event("swap", TIME - 1, direction=1, reset={"x": v, "v": x}, next_mode="after")
-    states = (
-        State("x", "1", "one", sp.Integer(0), start=1.0),
-        State("v", "1", "two", sp.Integer(0), start=2.0),
-    )
-    modes = (Mode("before", events=(swap,)), Mode("after"))
-    model = Model(generate(component("swapping", states, modes)))
-    model.advance(0.0, 2.0)
-    assert model.x.tolist() == [2.0, 1.0]
-
-
 def test_a_state_that_a_mode_holds_is_held_to_the_last_bit():
     """Whatever the others do: held states take no part in the elimination's round-off."""
     rate = Parameter("rate", 1e7, "1/s", "of the other states", "example value")

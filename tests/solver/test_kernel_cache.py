@@ -15,7 +15,7 @@ import ballscrew
 from ballscrew.fmus import made_here, source_fmu
 from ballscrew.orchestration.loop import catalogue
 from ballscrew.plant.lugre import lugre
-from ballscrew.solver import codegen, compiled_equations, compilers, kernel_cache, stored
+from ballscrew.solver import codegen, compilers, kernel_cache, stored, translation
 
 NOBODY = 65534
 FOLDERS = {
@@ -55,7 +55,7 @@ def get(kernel, tmp_path_factory):
         return (folder / "binaries" / "model").read_bytes()
 
     def equations():
-        assert compiled_equations.compile_equations(kernel.module, kernel.source, 1)
+        assert translation.compile_equations(kernel.module, kernel.source, 1)
         return kernel_cache.compiled_path(kernel.module).read_bytes()
 
     def fmu():
