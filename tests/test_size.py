@@ -19,7 +19,7 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1883, 1608),
     "controllers": (1294, 1053),
     "fmus": (5131, 4600),
-    "orchestration": (13113, 11435),
+    "orchestration": (13099, 11432),
     "stability": (3090, 2486),
     "ballscrew": (4650, 3828),
     "gallery": (3571, 3184),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1871, 1733),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28198, 26909),
+    "tests": (28203, 26914),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from ...fmus.process_end import end_cleanly
 from ...fmus.reading import WHOLE, UnpackedFmu
-from .fmi_status import DISCARD, Refused
 
 Vector = npt.NDArray[np.float64]
 
@@ -24,7 +23,16 @@ STEP = ctypes.CFUNCTYPE(
 )
 STATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
 _LOGGED: dict[int, str] = {}
+OK, DISCARD, ERROR, FATAL = 1, 2, 3, 4  # of a call; a warning counts as OK
 END = "requested the end of the simulation at t = {:g} s"
+
+
+class Refused(RuntimeError):
+    """An FMU rejected a call, with a status of FMI."""
+
+    def __init__(self, message: str, status: int = ERROR) -> None:
+        super().__init__(message)
+        self.status = status
 
 
 def last_words(log: int) -> str:

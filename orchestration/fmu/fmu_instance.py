@@ -18,8 +18,19 @@ import numpy.typing as npt
 from ...fmus.ports import law_ports
 from ...fmus.reading import SETTABLE, Description, NumberVariable, UnpackedFmu, unpack
 from ...solver.errors import FmuError, UserError
-from .fmi_status import DISCARD, ERROR, FATAL, OK, Refused
-from .fmi_versions import END, Fmi2, Fmi3, Ports, forget, last_words
+from .fmi_versions import (
+    DISCARD,
+    END,
+    ERROR,
+    FATAL,
+    OK,
+    Fmi2,
+    Fmi3,
+    Ports,
+    Refused,
+    forget,
+    last_words,
+)
 
 Vector = npt.NDArray[np.float64]
 
@@ -59,12 +70,8 @@ class StepFailed(UserError, RuntimeError):
         )
 
 
-class Writer(Protocol):
-    def __call__(self, values: Vector) -> None: ...
-
-
-class Reader(Protocol):
-    def __call__(self) -> Vector: ...
+Writer: TypeAlias = Callable[[Vector], None]
+Reader: TypeAlias = Callable[[], Vector]
 
 
 class Instance(Protocol):

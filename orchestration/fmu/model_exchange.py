@@ -12,7 +12,7 @@ from fmpy.sundials.cvode import CV_ROOT_RETURN, CVode
 from fmpy.sundials.libraries import sundials_core, sundials_cvode
 from fmpy.sundials.sundials_context import SUNContext_PushErrHandler
 
-from .fmi_status import DISCARD, ERROR, Refused
+from .fmi_versions import DISCARD, ERROR, Refused
 
 TOLERANCE = 1e-10  # relative; the absolute one is this share of each state's nominal value
 _MOST_STEPS = 100_000  # of CVODE in one communication step

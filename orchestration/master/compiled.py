@@ -1,4 +1,4 @@
-"""The master's compiled part: its records and its functions, see ``c/``."""
+"""The master's compiled part: its records and its functions; ``c/`` says what each field is."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...solver.core import SUFFIX, at
-from .fmi_calls import CALLS, CallFailed
+from .fmi_calls import CALLS, GROUP, MEMBER, CallFailed
 from .structs import VECTOR, Struct
 
 Vector = npt.NDArray[np.float64]
@@ -26,60 +26,50 @@ OWN_STEP = ct.CFUNCTYPE(ct.c_int, ct.c_double)
 
 CONTROLLER = np.dtype(
     [
-        # inputs: n signals, references; outputs: m commands, then gains and rates if it reports a
-        # law, and others that are only recorded
         ("calls", CALLS),
         ("m", np.int64),
         ("n", np.int64),
         ("others", np.int64),
-        ("group", np.int64),  # whether it gets the present signals before others are read
+        ("group", np.int64),
         ("answer", np.int64),
         ("reports", np.int64),
         ("saves", np.int64),
-        ("varies", np.int64),  # whether its steps may be of any length
-        ("nominal", VECTOR),  # of the signals
-        ("real", VECTOR),  # whether each signal and reference is Real
-        ("ahead", VECTOR),  # commands after a step that cannot be taken back
-        ("is_ahead", np.int64),  # whether it has done such a step
-        ("moved", VECTOR),  # room for n signals
-        ("answered", VECTOR),  # room for m commands
+        ("varies", np.int64),
+        ("nominal", VECTOR),
+        ("real", VECTOR),
+        ("ahead", VECTOR),
+        ("is_ahead", np.int64),
+        ("moved", VECTOR),
+        ("answered", VECTOR),
     ]
 )
 """A controller as a function: commands for given signals."""
 
 LOOP = np.dtype(
     [
-        # inputs: m commands, then gains, references, rates if it takes a law; outputs: all
         ("plant", CALLS),
         ("takes_law", np.int64),
-        ("follows", np.int64),  # whether outputs may follow inputs without a step
-        ("unsolved", np.int64),  # communication points at which an algebraic loop had no solution
-        ("signals", VECTOR),  # which outputs the controller measures
+        ("follows", np.int64),
+        ("unsolved", np.int64),
+        ("signals", VECTOR),
         ("controller", CONTROLLER),
         ("delayed", np.int64),
         ("tangent", np.int64),
-        ("own", np.intp),  # address of an `OWN_STEP`; 0 if there is none
+        ("own", np.intp),
         ("corrected", np.int64),
         ("averaged", np.int64),
-        # passed from step to step: outputs, last commands, and the law at the end of the last
-        # step, with which the next step begins
         ("outputs", VECTOR),
         ("late", VECTOR),
         ("following", VECTOR),
         ("has_following", np.int64),
-        ("following_step", float),  # step that the law was found with, if it matters [s]
-        # the same, saved to return to
+        ("following_step", float),
         ("kept_outputs", VECTOR),
         ("kept_late", VECTOR),
         ("kept_following", VECTOR),
         ("kept_has_following", np.int64),
-        # results of the last step: final coupling residual; change of each output by the
-        # correction; contraction: small if correcting converges fast, 1 or more if the step is too
-        # long for it, NaN if nothing was corrected
         ("residual", VECTOR),
         ("effect", VECTOR),
         ("contraction", float),
-        # room for one step
         ("start", VECTOR),
         ("end", VECTOR),
         ("mean", VECTOR),
@@ -90,8 +80,8 @@ LOOP = np.dtype(
         ("reached", VECTOR),
         ("command", VECTOR),
         ("first", VECTOR),
-        ("ring", VECTOR),  # m (m + 2): for an algebraic loop
-        ("commands", VECTOR),  # nominal values of the plant's commands
+        ("ring", VECTOR),
+        ("commands", VECTOR),
     ]
 )
 """A plant and a controller that move together; made by `coupling.CoupledPair`."""
@@ -100,14 +90,10 @@ LOOP = np.dtype(
 PAIR = np.dtype(
     [
         ("loop", LOOP),
-        (
-            "parts",
-            np.int64,
-        ),  # of each step of a reference co-run; 0 if there is no co-run
-        # outputs of the plant and others of the controller at the end of each step, row by row
+        ("parts", np.int64),
         ("recorded", VECTOR),
         ("rows", np.int64),
-        ("failed", float),  # time of the step in which a reference co-run failed [s], else NaN
+        ("failed", float),
     ]
 )
 """A loop and its record."""
@@ -116,20 +102,17 @@ COURSE = np.dtype(
     [
         ("times", VECTOR),
         ("references", VECTOR),
-        ("commands", VECTOR),  # row by row
-        ("bounds", VECTOR),  # of each output, beyond which the loop diverges
-        ("nominal", VECTOR),  # of each output, and its range so far
+        ("commands", VECTOR),
+        ("bounds", VECTOR),
+        ("nominal", VECTOR),
         ("low", VECTOR),
         ("high", VECTOR),
-        ("residual", VECTOR),  # largest of each command
-        ("effect_rate", VECTOR),  # its largest effect on each output, per second
-        ("accuracy", float),  # allowed error at the end, as a share of an output's range
-        ("contraction", float),  # sums of contraction by weight and of weight
+        ("residual", VECTOR),
+        ("effect_rate", VECTOR),
+        ("accuracy", float),
+        ("contraction", float),
         ("contraction_weight", float),
-        ("apart", VECTOR),  # difference of run and reference co-run after the last step
-        # the reference's points; a constant before them and polynomials in the time since each of
-        # them: for the recorded set-point, then for each input; room for the inputs' set-points at
-        # two times
+        ("apart", VECTOR),
         ("goal_times", VECTOR),
         ("goal_pieces", VECTOR),
         ("before", VECTOR),
@@ -141,19 +124,19 @@ COURSE = np.dtype(
 
 CLOCK = np.dtype(
     [
-        ("tick", float),  # unit of time [s]
-        ("stop", float),  # end [s]
-        ("last", np.int64),  # ticks of the run
-        ("longest", np.int64),  # ticks of the longest step
+        ("tick", float),
+        ("stop", float),
+        ("last", np.int64),
+        ("longest", np.int64),
         ("adaptive", np.int64),
-        ("count", np.int64),  # elapsed ticks
-        ("stride", np.int64),  # ticks of the next step
-        ("shortest_used", float),  # [s]
-        ("longest_used", float),  # [s]
-        ("close", float),  # times that are closer to each other count as equal [s]
-        ("breaks", VECTOR),  # further times at which a step has to end, rising [s]
-        ("passed", np.int64),  # number of breaks that are passed
-        ("broken", np.int64),  # whether the present time is the last of them
+        ("count", np.int64),
+        ("stride", np.int64),
+        ("shortest_used", float),
+        ("longest_used", float),
+        ("close", float),
+        ("breaks", VECTOR),
+        ("passed", np.int64),
+        ("broken", np.int64),
     ]
 )
 """The time of a run."""
@@ -169,10 +152,9 @@ JOINT = np.dtype(
     [
         ("plant", SIDE),
         ("controller", SIDE),
-        # addresses of callbacks for a controller without tangents
         ("law_asked", np.intp),
         ("advance_asked", np.intp),
-        ("shown", CALLS),  # outputs: the recorded outputs of the plant
+        ("shown", CALLS),
         ("m", np.int64),
         ("n", np.int64),
         ("count", np.int64),
@@ -189,16 +171,15 @@ JOINT = np.dtype(
 
 TRAIL = np.dtype(
     [
-        # row by row; row 0 is the last one before
         ("times", VECTOR),
         ("outputs", VECTOR),
         ("growth", VECTOR),
         ("trace", VECTOR),
         ("rows", np.int64),
-        ("bound", VECTOR),  # outputs beyond which the loop diverges
-        ("accuracy", float),  # largest change by all corrections: nats, and share of the growth
+        ("bound", VECTOR),
+        ("accuracy", float),
         ("relative", float),
-        ("unmet", np.int64),  # number of shortest steps with a larger change
+        ("unmet", np.int64),
     ]
 )
 """The record of the run, and the allowed errors of its steps."""
@@ -216,6 +197,7 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "master_probe_gains": (_At, _Number, _Number, _At, _At, _At),
     "master_law_at": (_At, _Number, _Number, _At, _At, _Whole, _At),
     "master_advance": (_At, _Number, _Number, _At, _At),
+    "master_sizes": (_At,),
     "joint_march": (_At, _At, _At, ct.c_int64),
     "played_set_real": (_At, _At, ct.c_size_t, _At),
     "played_get_real": (_At, _At, ct.c_size_t, _At),
@@ -231,6 +213,11 @@ def library() -> Any:
         function = getattr(loaded, name)
         function.argtypes = types
         function.restype = _Number if name in _NUMBERS else _Whole
+    kinds = CALLS, MEMBER, GROUP, CONTROLLER, LOOP, PAIR, COURSE, CLOCK, SIDE, JOINT, TRAIL
+    sizes = np.zeros(len(kinds), dtype=np.int64)
+    loaded.master_sizes(sizes.ctypes.data)
+    if sizes.tolist() != [kind.itemsize for kind in kinds]:
+        raise ImportError("libmaster has other records than this version of ballscrew: build it")
     return loaded
 
 

@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..fmu.fmi_status import OK
-from ..fmu.fmi_versions import STATE, STEP
+from ..fmu.fmi_versions import OK, STATE, STEP
 from ..fmu.fmu_instance import ENTRY_POINTS, FmuInstance, Instance
 from ..fmu.group import Group
 from .structs import VECTOR, Struct, Vector, struct
@@ -56,11 +55,7 @@ CALLS = np.dtype(
 MEMBER = np.dtype([("calls", CALLS), ("sources", VECTOR), ("first", np.int64)])
 GROUP = np.dtype(
     [
-        ("members", VECTOR),
-        ("there", VECTOR),
-        ("back", VECTOR),
-        ("values", VECTOR),
-        ("flags", VECTOR),
+        *((name, VECTOR) for name in ("members", "there", "back", "values", "flags")),
         ("lags", np.int64),
     ]
 )

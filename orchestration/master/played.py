@@ -18,8 +18,7 @@ import numpy as np
 from ...fmus.carried_runtime import carried_runtime
 from ...fmus.made_here import is_ours
 from ...fmus.reading import UnpackedFmu
-from ..fmu.fmi_status import OK
-from ..fmu.fmi_versions import STATE, STEP, Fmi2, Ports
+from ..fmu.fmi_versions import OK, STATE, STEP, Fmi2, Ports
 from ..fmu.fmu_instance import FmuInstance, Instance
 from .compiled import library
 from .structs import VECTOR, struct

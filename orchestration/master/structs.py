@@ -18,13 +18,7 @@ VECTOR = np.dtype([("address", np.intp), ("size", np.intp)])
 
 
 class Struct:
-    """A record, or a part of one, with the arrays that its vectors point to.
-
-    Attributes
-    ----------
-    record : np.record
-        For compiled code; its numbers can be read and set.
-    """
+    """A record for compiled code, or a part of one, with the arrays that its vectors point to."""
 
     def __init__(self, whole: Any, kept: list[Any]) -> None:
         self._whole, self._kept = whole, kept

@@ -273,6 +273,16 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
     return why;
 }
 
+/* The sizes of the records, which `compiled.py` declares, too. */
+API void master_sizes(int64_t *sizes)
+{
+    const int64_t own[] = {
+        sizeof(Calls),  sizeof(Member), sizeof(Group), sizeof(Controller), sizeof(Loop), sizeof(Pair),
+        sizeof(Course), sizeof(Clock),  sizeof(Side),  sizeof(Joint),      sizeof(Trail),
+    };
+    memcpy(sizes, own, sizeof own);
+}
+
 /* -- single calls ------------------------------------------------------------------------------ */
 
 API int master_read_outputs(Calls *plant, double *outputs)

@@ -10,6 +10,7 @@ from linear_loops import LawSlave, LinearSlave, law_inputs
 from scipy.linalg import expm
 
 from ballscrew.orchestration.fmu.fmu_instance import StepFailed
+from ballscrew.orchestration.master import compiled
 from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.loop_run import UNKNOWN
 from ballscrew.orchestration.master.master import run_loop
@@ -375,3 +376,9 @@ def test_a_loop_that_diverges_stops_at_its_bound_and_one_that_cannot_go_on_says_
     assert run.time[-1] == pytest.approx(0.5)
     with pytest.raises(CouplingError, match="corrections need both FMUs to save"):
         run_loop(*parts(False, can_save=False), STILL, 1.0, STEP, corrections=1)
+
+
+def test_a_library_whose_records_differ_from_those_declared_here_is_not_used(monkeypatch):
+    monkeypatch.setattr(compiled, "CLOCK", np.dtype([("tick", float)]))
+    with pytest.raises(ImportError, match="libmaster has other records"):
+        compiled.library.__wrapped__()
