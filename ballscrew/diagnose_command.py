@@ -97,8 +97,12 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 def _diagnose(options: argparse.Namespace) -> int:
     columns = read_record_options(options)
-    _check_law(options.law)
-    _check_cause(options.take)
+    from .measurement.diagnosis.causes import CAUSES
+    from .plant import LAWS
+
+    for option, name, known in (("--law", options.law, LAWS), ("--take", options.take, CAUSES)):
+        if name is not None:
+            check_name(option, name, known)
     _check_overwritten(options)
     prepare_folder(options.out, [*options.data, options.params])
     from .measurement.diagnosis.corrected import corrected
@@ -139,20 +143,6 @@ def _diagnose(options: argparse.Namespace) -> int:
         notes.append(DOES_NOT_HOLD)
     print_notes(notes, options.json)
     return TRUSTED if result.verdict in ANSWERED else NOT_TRUSTED
-
-
-def _check_law(law: str | None) -> None:
-    from .plant import LAWS
-
-    if law is not None:
-        check_name("--law", law, LAWS)
-
-
-def _check_cause(name: str | None) -> None:
-    from .measurement.diagnosis.causes import CAUSES
-
-    if name is not None:
-        check_name("--take", name, CAUSES)
 
 
 def _check_overwritten(options: argparse.Namespace) -> None:

@@ -6,6 +6,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from ...plant import LAWS
+from ...solver.errors import UnknownName
 from ...solver.kernel import Kernel
 from ...solver.stored import stored_kernel
 from .rig_wiring import program, wirings
@@ -25,7 +26,7 @@ def plant_kernel(law: str, kind: str = "ball_screw") -> Kernel:
     from ...plant import law as laws
 
     if law not in LAWS:
-        raise laws.UnknownName(f"no friction law {law!r}; there are {', '.join(LAWS)}")
+        raise UnknownName(f"no friction law {law!r}; there are {', '.join(LAWS)}")
 
     name = f"rig_plant_{law}" if kind == "ball_screw" else f"rig_{kind}_{law}"
 
