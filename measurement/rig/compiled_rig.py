@@ -23,14 +23,13 @@ def plant_kernel(law: str, kind: str = "ball_screw") -> Kernel:
     ------
     UnknownName
     """
-    from ...plant import law as laws
-
     if law not in LAWS:
         raise UnknownName(f"no friction law {law!r}; there are {', '.join(LAWS)}")
 
     name = f"rig_plant_{law}" if kind == "ball_screw" else f"rig_{kind}_{law}"
 
     def make() -> Component:
+        from ...plant import law as laws
         from .plant import rig_plant
 
         return rig_plant(laws.law(law), name, kind)
