@@ -92,7 +92,7 @@ class Interface:
     @property
     def first_indicator(self) -> int:
         """Value reference of the first event indicator; the others follow."""
-        return 1 + max(self.message_reference, self.variables[-1].reference)
+        return 1 + max([self.message_reference, *(v.reference for v in self.variables[-1:])])
 
     @property
     def time_reference(self) -> int:
