@@ -52,14 +52,14 @@ class IdentifiedLaw(Result, Identification):
             (
                 name,
                 f"{i.value:.6g}",
-                i.unit,
                 between(i),
+                i.unit,
                 "held" if name in self.fixed else "" if i.identified else "not identified",
             )
             for name, i in self.parameters.items()
         ]
         sides = [
-            (side, name, f"{i.value:.5g}", i.unit, between(i))
+            (side, name, f"{i.value:.5g}", between(i), i.unit)
             for side, table in self.per_direction.items()
             for name, i in table.items()
         ]
@@ -70,7 +70,7 @@ class IdentifiedLaw(Result, Identification):
         if self.time_shift:
             shift = self.time_shift.times(1e3)
             force.append(("later than the motion by", f"{shift.value:.3g} ms ({between(shift)})"))
-        columns = ("parameter", "value", "unit", "95 % interval")
+        columns = ("parameter", "value", "95 % interval", "unit")
         return [
             Table(f"Parameters of {self.law}", (*columns, ""), rows),
             *([Table("In each direction", ("direction", *columns), sides)] if sides else []),
