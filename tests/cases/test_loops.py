@@ -134,15 +134,6 @@ def test_a_set_point_of_another_quantity_is_refused_and_one_of_another_time_is_t
     assert (tmp_path / "out").exists() == (unit == "")
 
 
-def test_a_step_that_was_asked_for_and_is_discarded_is_told_in_words(tmp_path, command):
-    folder = case("step_discarded", tmp_path)
-    code, *texts = command(folder, f"{RUN} cart_d.fmu {GOAL} --out out --step 1e-3")
-    assert code == 1
-    assert "rejects the step" in "".join(texts)
-    assert "smaller --step" in "".join(texts)
-    assert "FMI status" not in "".join(texts)
-
-
 def test_a_plant_with_one_length_of_step_gets_it(tmp_path, command):
     folder = case("plant_with_fixed_step", tmp_path)
     code, *texts = command(folder, f"{RUN} cart_fx.fmu {GOAL} --out out")

@@ -10,7 +10,7 @@ import pytest
 
 from ballscrew.solver.spectrum import Spectrum
 from ballscrew.stability.attractor import Attractor, Kind
-from ballscrew.stability.lyapunov import LyapunovRun, Watching, agree
+from ballscrew.stability.lyapunov import LyapunovRun, agree
 
 BIT = math.log(2.0)
 RUN = Spectrum(
@@ -66,18 +66,3 @@ def test_the_error_of_limits_is_the_larger_of_their_own_and_of_three_times_the_d
     assert agree(first, replace(second, limit_error=None)).limit_error is None
     found = agree(first, chaos[1])
     assert found.kind is Kind.UNDECIDED
-
-
-def test_progress_is_told_twice_a_second_once_there_is_growth(monkeypatch):
-    told = []
-    watch = Watching(told.append)
-    clock = iter([1.0, 1.4, 1.6, 1.9, 2.2, 3.0])
-    monkeypatch.setattr("time.monotonic", lambda: next(clock))
-    growth = BIT * np.array([1.0, 8.0, 2.0, 4.0])
-    for reached, known in [(2.0, growth), (3.0, growth), (0.0, growth), (4.0, None), (4.0, growth)]:
-        assert not watch(reached, known)
-    assert told == [
-        ": t = 2 s, first exponents 4, 2, 1 bits/s",
-        ": t = 4 s, first exponents 2, 1, 0.5 bits/s",
-    ]
-    assert Watching(budget=0.0)(1.0, growth)

@@ -17,7 +17,7 @@ from ballscrew.orchestration.fmu.limits import TOLERANCE_OF_MOTIONS
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.study.workers import Processes
 from ballscrew.solver.errors import UserError
-from ballscrew.stability import budget, stability_map, store
+from ballscrew.stability import stability_map, store
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.cell import model_at, run_cell, stuck_growth
 from ballscrew.stability.map_plan import MapPlan, read_axis
@@ -112,23 +112,6 @@ def test_a_sampled_loop_is_followed_on_until_it_rests():
     y = read_axis("plant.v_start=-0.1:0.1:2", Loop("pid_sampled"))
     study = MapPlan(Loop("pid_sampled", stop=5.0), x, y, tolerance=1e-6)
     assert run_cell(study, -0.2, 0.1, 1e-6).verdict is Kind.LINE
-
-
-@pytest.mark.prove
-def test_an_undecided_cell_says_why_when_its_budget_is_used_up(tmp_path, monkeypatch):
-    monkeypatch.setattr(budget, "FOLLOWED", 1.0)
-    monkeypatch.setattr(budget, "CREPT", 1.0)
-    x = read_axis("plant.x_start=-0.2:0.2:3", Loop("nctf"))
-    y = read_axis("plant.v_start=-0.1:0.1:2", Loop("nctf"))
-    study = MapPlan(Loop("nctf", stop=2.0), x, y, tolerance=1e-6)
-    summary = make_map(study, tmp_path, Processes(1))
-    reasons = [r for r in pq.read_table(tmp_path / "map.parquet")["reason"].to_pylist() if r]
-    why, evidence = reasons[0].split(": ", 1)
-    assert "budget is used up" in why
-    assert "until t = 10.5 s" in evidence
-    assert summary.undecided == {why: len(reasons)}
-    assert summary.verdicts[Kind.UNDECIDED] == len(reasons)
-    assert summary.figures()["undecided"] == summary.undecided
 
 
 @pytest.mark.ci

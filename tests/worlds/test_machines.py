@@ -55,8 +55,6 @@ def test_a_world_draws_a_faultless_case_in_which_nothing_is_seen(drawn, world):
         assert np.all(np.diff(record["time"]) > 0)
 
 
-
-
 def test_all_records_of_a_case_are_written_and_the_same_ones_for_the_same_seed(drawn, tmp_path):
     files = []
     for name, case in (("a", drawn("one_way")), ("b", draw_case("one_way", (), SEED))):
