@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1871, 1733),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28094, 26806),
+    "tests": (28085, 26797),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

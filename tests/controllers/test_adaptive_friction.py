@@ -6,7 +6,6 @@ import pytest
 import sympy as sp
 from scipy.integrate import cumulative_simpson
 
-from ballscrew.controllers import tunable
 from ballscrew.controllers.adaptive_friction import adaptive_friction
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver.component import symbol
@@ -14,10 +13,6 @@ from ballscrew.solver.kernel import Model
 
 DEFAULT = {p.name: p.default for p in adaptive_friction().parameters}
 COULOMB = 1.7  # N
-
-
-def test_its_defaults_are_those_that_are_stated():
-    assert (DEFAULT["rate"], DEFAULT["slow"]) == (50.0, pytest.approx(1.284 / 173.0, rel=1e-12))
 
 
 def estimate(run):
@@ -46,11 +41,3 @@ def test_on_the_plant_s_friction_it_learns_the_coulomb_part():
     model.set_input("x_d", 0.08)
     run = model.simulate([0.0, 1.0])
     assert estimate(run)[-1] == pytest.approx(1.284, rel=0.05)
-
-
-def test_it_may_learn_nothing_and_is_tuned_over_decades():
-    known = {p.name: p for p in adaptive_friction().parameters}
-    assert known["rate"].minimum == 0.0
-    assert [s.nominal for s in adaptive_friction().states] == [0.1, 1.0]  # V, N
-    assert tunable("adaptive_friction")["rate"] == (1.0, 1e3)
-    assert tunable("adaptive_friction")["slow"] == (5e-4, 0.05)
