@@ -433,13 +433,10 @@ class Component:
         return told
 
     def prefixed(self, prefix: str) -> Component:
-        """A copy whose parameters, states and discrete states are named ``prefix + name``.
-
-        Inputs and outputs keep their names, since components are connected by them.
-        """
-
-        named = *self.all_parameters, *self.all_states, *self.discrete, *self.delays
-        swap = _replaced({symbol(s.name): symbol(prefix + s.name) for s in named})
+        """A copy with ``prefix + name`` for all but inputs and outputs, which connect it."""
+        named = self.all_parameters, self.all_states, self.discrete, self.delays
+        names = [each.name for group in named for each in group]
+        swap = _replaced({symbol(name): symbol(prefix + name) for name in names})
 
         def keyed(table: Mapping[str, Any]) -> dict[str, Any]:
             return {prefix + name: value for name, value in table.items()}

@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (6592, 5779),
+    "solver": (6591, 5780),
     "plant": (1883, 1608),
     "controllers": (1294, 1053),
     "fmus": (5131, 4600),
