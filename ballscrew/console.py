@@ -205,16 +205,16 @@ def comparison_table(rows: list[dict[str, Any]], units: Mapping[str, str]) -> st
                 for key, (_, form) in columns.items()
             ]
         )
-    widths = [max(len(line[k]) for line in cells) for k in range(len(columns))]
-    return "\n".join(
-        "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip()
-        for line in cells
-    )
+    return side_by_side(cells)
 
 
 def text_of(table: Table) -> str:
     """A table for a terminal, its columns side by side."""
-    rows = [table.columns, *table.rows] if any(table.columns) else table.rows
+    return side_by_side([table.columns, *table.rows] if any(table.columns) else table.rows)
+
+
+def side_by_side(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of cells as lines, each column as wide as its longest cell."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(
         "  ".join(cell.ljust(wide) for cell, wide in zip(row, widths, strict=True)).rstrip()

@@ -85,7 +85,6 @@ class Result:
         folder.mkdir(parents=True, exist_ok=True)
         self.write(folder)
         if pictures:
-            figures = {}
             with drawing():
                 figures = self._figures()
                 for stem, figure in figures.items():

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...orchestration.loop.pictures import COLOURS, DASHES, STYLE, drawing, new_figure, write_figure
+from ...orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
 from .fitted_law import OFFSET, claim_of
 from .identifiability import FORWARDS
 from .identification import SIDES
@@ -18,13 +17,6 @@ if TYPE_CHECKING:
 
 _MOST_POINTS = 6000
 _CURVE = 60  # points of a curve
-
-
-@drawing()
-def save_pictures(result: Identification, folder: Path) -> None:
-    """Write ``friction_map`` and ``residuals`` into `folder`."""
-    for stem, figure in identification_figures(result).items():
-        write_figure(figure, folder, stem)
 
 
 def identification_figures(result: Identification) -> dict[str, Any]:

@@ -88,11 +88,8 @@ class Joined:
         }
         own = 0.0 if how.step else own_step(stepped)
         first = min(FIRST_STEP, self.stop)
-        states = [
-            note
-            for name, fmu in self.fmus.items()
-            for note in check_state(fmu, self.values[name], self.stop, how.step or own or first)
-        ]
+        step = how.step or own or first
+        states = self._check_states(step)
         with contextlib.ExitStack() as opened:
             unused = [self]
 
@@ -103,7 +100,7 @@ class Joined:
 
             choice = None
             if how.step is not None or how.adaptive:
-                run = run_at(how.step or own or first, True)
+                run = run_at(step, True)
             elif own:
                 run, choice = only_step(run_at(own, True), own)
             else:
@@ -112,7 +109,7 @@ class Joined:
                 slow = any(isinstance(f, IsolatedInstance) for f in self.fmus.values())
                 most = MOST_OF_ISOLATED if slow else MOST
                 run, choice = choose_step(run_at, first, try_at, most)
-        step = choice.step if choice else how.step or own or first
+        step = choice.step if choice else step
         return run, choice, (*self.notes, *states, *self._notes_on(run, step))
 
     def _check_states(self, step: float) -> tuple[str, ...]:

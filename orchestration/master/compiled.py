@@ -18,7 +18,6 @@ Vector = npt.NDArray[np.float64]
 
 DIRECT, STEPPED, SAMPLED = range(3)
 USES = 3  # uses of saved states
-RAMP_SHARE = 2 / 3  # of the residual, which a ramp corrects
 FARTHEST = 1e4  # times an output's nominal value: beyond it, a loop diverges
 GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED = range(6)
 
