@@ -155,7 +155,7 @@ def describe(path: Path) -> tuple[Description, list[Any]]:
 
     Raises
     ------
-    FmuError, FmuError
+    FmuError
         Without the file's name.
     """
     from fmpy import read_model_description

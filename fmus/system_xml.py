@@ -56,7 +56,7 @@ def parse(file: Path, tag: str) -> ET.Element:
 
     Raises
     ------
-    FmuError, FmuError
+    FmuError
         If it cannot be read, is not XML, declares a document type, or has another root element.
     """
     try:

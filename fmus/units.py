@@ -53,7 +53,7 @@ class Unit:
 
     @classmethod
     def defined(cls, name: str, base: dict[str, str]) -> Unit:
-        """A unit from the attributes of its BaseUnit; raises `FmuError`, `FmuError`."""
+        """A unit from the attributes of its BaseUnit; raises `FmuError`."""
         what = f"unit {name!r}"
         exponents = (number(base.get(n, "0"), f"the exponent of {n} of {what}") for n in BASE_UNITS)
         powers = tuple(round(e) for e in exponents)

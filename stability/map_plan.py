@@ -95,8 +95,7 @@ class MapPlan:
         Raises
         ------
         UserError
-        UserError
-            If the tables and pictures of these cells do not fit into memory.
+            If an axis is invalid, or tables and pictures of the cells do not fit into memory.
         """
         loop = self.loop
         check_memory(

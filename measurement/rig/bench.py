@@ -85,7 +85,7 @@ def one_trial(trial: Trial | str, machine: Machine) -> Trial:
 
     Raises
     ------
-    BadParameter, BadParameter
+    BadParameter
     """
     if isinstance(trial, Trial):
         return trial

@@ -68,9 +68,8 @@ def component(part: str | Component) -> Component:
     ------
     UnknownName
     ContractError
-    ContractError
-        For instruments that do not fit the controller, or a controller that cannot be
-        sampled or have feed-forward.
+        For a user's file that cannot be used, instruments that do not fit the controller, or a
+        controller that cannot be sampled or have feed-forward.
     """
     if not isinstance(part, str):
         return part
@@ -244,7 +243,7 @@ def fmu(part: str | Component, plant: str = "", tangents: int = 0) -> Path:
 
     Raises
     ------
-    UnknownName, ContractError, ContractError, ContractError, FmuError
+    UnknownName, ContractError, FmuError
     """
     return stored_fmu(fmu_kernel(part, plant, tangents))
 
@@ -331,9 +330,9 @@ def loop(controller: str | Component, plant: str = "plant") -> Component:
 
     Raises
     ------
-    UnknownName, ContractError
+    UnknownName
     ContractError
-        If the two cannot be connected.
+        If a part is invalid, or the two cannot be connected.
     """
     from ...solver.connect import connect
     from ...solver.set_point import START_VALUE

@@ -35,7 +35,7 @@ def run_closed_loop(loop: Loop | SystemLoop, progress: Progress | None = None) -
 
     Raises
     ------
-    FmuError, FmuError, CouplingError, CouplingError, BadParameter
+    FmuError, CouplingError, BadParameter
         If the loop cannot be run; the message says why.
     StepFailed
         If a part rejects its initial values.

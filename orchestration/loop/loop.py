@@ -110,7 +110,7 @@ class Loop(HowCoupled):
 
     Raises
     ------
-    BadParameter, ContractError, BadParameter, BadParameter
+    BadParameter, ContractError
         If a part, a number or the set-point is invalid; the message says why.
 
     Examples

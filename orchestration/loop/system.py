@@ -45,7 +45,7 @@ def joined_system(asked: SystemLoop) -> Iterator[Joined]:
     The plant is the element with feedback-law inputs, else the one called ``plant``, else the one
     whose outputs do not follow its inputs at once and that is not sampled, else the first.
 
-    Raises `FmuError`, `FmuError`, `BadParameter` if the file or the request is invalid.
+    Raises `FmuError`, `BadParameter` if the file or the request is invalid.
     """
     system = read_system(asked.system)
     with contextlib.ExitStack() as opened:

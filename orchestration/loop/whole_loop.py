@@ -36,8 +36,7 @@ STARTED = "t_step"  # the input with the time from which the terms count
 def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
     """The compiled closed loop of two parts, with set-points as polynomials of time; kept on disk.
 
-    See `inputs_between`. Raises `UnknownName`, `ContractError`, `ContractError`,
-    `ContractError`.
+    See `inputs_between`. Raises `UnknownName`, `ContractError`.
     """
 
     def make() -> Component:

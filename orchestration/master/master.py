@@ -96,7 +96,7 @@ def run_loop(  # noqa: PLR0913
 
     Raises
     ------
-    CouplingError, CouplingError
+    CouplingError
         If the parts cannot be coupled in this way.
     StepFailed
         If a part rejects its parameters or initial values.

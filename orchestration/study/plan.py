@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...controllers import tunable
-from ...solver.errors import BadParameter, BadParameters, ContractError, FmuError, UserError
+from ...solver.errors import BadParameter, BadParameters, ContractError, UserError
 from ..loop import toml_tables as toml
 from ..loop.catalogue import in_units_of
 from ..loop.file_values import for_plant
@@ -165,7 +165,7 @@ def read_plan(path: Path | str) -> Plan:
     try:
         table = toml.read_toml(path)
         return _plan(table, _machine(table, path.parent))
-    except (toml.BadTable, UserError, BadParameter, ContractError, FmuError) as error:
+    except (toml.BadTable, UserError) as error:
         raise UserError(f"{path}: {error}") from None
 
 

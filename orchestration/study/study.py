@@ -286,7 +286,7 @@ def _checked(*task: Any) -> dict[str, Any]:
 def composed(plan: Plan, entrant: Entrant) -> Component:
     """The entrant's controller in the form for the study: digital, with the instruments.
 
-    Raises `UnknownName`, `ContractError`, `ContractError`.
+    Raises `UnknownName`, `ContractError`.
     """
     from ...plant.instruments import INSTRUMENTS
     from ...plant.instruments.measured_through import measured_through

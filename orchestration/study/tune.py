@@ -211,7 +211,7 @@ def tune_loop(
     `progress` gets the number of finished candidates and that of all.
 
     Raises `BadParameter` if the controller has no ranges for its gains, or the machine has no
-    limit; `CouplingError`, `CouplingError`, `FmuError`, `ContractError` if the parts do not fit.
+    limit; `CouplingError`, `FmuError`, `ContractError` if the parts do not fit.
     """
     _check(loop)
     machine = Machine.of(loop.plant, loop.plant_values, limit)

@@ -191,7 +191,7 @@ def test_of_several_records_the_last_ones_phase_is_taken():
     ],
 )
 def test_what_cannot_be_built_in_is_one_line(kind, found, said):
-    with pytest.raises((ContractError, ContractError), match=said) as caught:
+    with pytest.raises(ContractError, match=said) as caught:
         with_causes(prior_model(kind), [found])
     assert "\n" not in str(caught.value)
 
