@@ -223,7 +223,7 @@ def export(
 
     from .exporting import SYSTEM, Export
     from .options import read_whole_number
-    from .orchestration.loop.file_values import plant_of
+    from .orchestration.loop.loop import plant_of
     from .orchestration.loop.parts import resolve, resolve_plant
     from .solver.files import temporary_folder
 
@@ -302,8 +302,7 @@ def run(  # noqa: PLR0913
     """
     from .loop_results import RunResult
     from .orchestration.loop.closed_loop import run_closed_loop
-    from .orchestration.loop.file_values import with_file
-    from .orchestration.loop.loop import Loop
+    from .orchestration.loop.loop import Loop, with_file
 
     found = _loop(
         loop,
@@ -380,8 +379,8 @@ def swap(  # noqa: PLR0913
     {'Kp': 300.0}
     """
     from .loop_results import Comparison
-    from .orchestration.loop.in_practice import in_practice
-    from .orchestration.loop.swap import swap as swapped
+    from .orchestration.loop.closed_loop import swap as swapped
+    from .orchestration.loop.parts import in_practice
 
     if sampled is not None and not sampled > 0:
         raise ValueError(f"sampled is {sampled:g} s, expected more than 0")
@@ -839,7 +838,7 @@ def read_parameters(path: Path | str) -> ParameterFile:
     BadParameters
         In one line: what is wrong in the file, and where.
     """
-    from .orchestration.loop.parameter_reading import read_parameters as read
+    from .orchestration.loop.parameter_file import read_parameters as read
 
     return read(path)
 

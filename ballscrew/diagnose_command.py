@@ -135,7 +135,7 @@ def _diagnose(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(result.to_dict()))
     else:
-        from .orchestration.loop.turning_words import words_for
+        from .orchestration.loop.shown_units import words_for
 
         print(words_for(result.notes)(_diagnosis_table(result, extension, options.out)))
     notes = [*result.notes, *([extension.because] if extension.because else [])]

@@ -115,7 +115,7 @@ def add_parser(commands: Any, parser_class: type[argparse.ArgumentParser]) -> No
 
 
 def _around(told: ParameterFile | None, plant: str | None) -> str:
-    from .orchestration.loop.file_values import plant_of
+    from .orchestration.loop.loop import plant_of
 
     return plant_of(told, plant)
 

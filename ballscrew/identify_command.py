@@ -113,7 +113,7 @@ def _identify(options: argparse.Namespace) -> int:
     fixed = _fixed(options.fix, told)
     from .measured_results import IdentifiedLaw
     from .measurement.identification.identify import identify_files
-    from .orchestration.loop.turning_words import words_for
+    from .orchestration.loop.shown_units import words_for
 
     prepare_folder(options.out, [*options.data, options.params])
     tell(f"fitting {options.law}")

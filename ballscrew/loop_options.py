@@ -170,8 +170,7 @@ def read_loops(
     given, given_to = read_settings(options, names)
     ports_of = mappings(options, names)
     told = read_params(options)
-    from .orchestration.loop.file_values import file_values
-    from .orchestration.loop.loop import Loop
+    from .orchestration.loop.loop import Loop, file_values
 
     asked = told, options.plant, names, given
     described, values, values_of, notes = file_values(*asked)
@@ -210,7 +209,7 @@ def read_practice_loops(
     """As `read_closed_loops`, sampled and with instruments where the options say so."""
     if options.sampled is None and not noise:
         return read_closed_loops(options, asked, option)
-    from .orchestration.loop.in_practice import in_practice
+    from .orchestration.loop.parts import in_practice
 
     period = None if options.sampled is None else read_length("--sampled", options.sampled)
     parts = [read_part(option, controller, CONTROLLERS) for controller in asked]

@@ -6,10 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from .orchestration.loop.closed_loop_result import ClosedLoopResult
+from .orchestration.loop.closed_loop import COLUMNS, ClosedLoopResult, SwapResult
 from .orchestration.loop.metrics import units_of_figures
 from .orchestration.loop.page import Table
-from .orchestration.loop.swap import COLUMNS, SwapResult
 from .result import Result, figures_table, table_of, told, values_of
 
 if TYPE_CHECKING:

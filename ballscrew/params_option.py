@@ -33,8 +33,7 @@ def read_params(options: argparse.Namespace) -> ParameterFile | None:
     """
     if options.params is None:
         return None
-    from .orchestration.loop.parameter_file import FILE_NAME
-    from .orchestration.loop.parameter_reading import read_parameters
+    from .orchestration.loop.parameter_file import FILE_NAME, read_parameters
 
     written = options.out and os.path.realpath(options.out / FILE_NAME)
     if written == os.path.realpath(options.params):
@@ -85,8 +84,7 @@ def kernel_with_values(
     if told is None:
         return kernel
     from .fmus.interface import with_start_values
-    from .orchestration.loop.file_values import aside, for_controller, for_plant
-    from .orchestration.loop.loop import table_of
+    from .orchestration.loop.loop import aside, for_controller, for_plant, table_of
     from .orchestration.loop.parts import Part
     from .solver.kernel import CONTROLLER, PLANT
 

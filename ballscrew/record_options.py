@@ -73,7 +73,7 @@ def read_record_options(options: argparse.Namespace) -> RecordOptions:
 def print_notes(notes: Sequence[str], as_json: bool) -> None:
     """Notes for the user; the notes on names for a rotating body are only for readers of JSON."""
     from .orchestration.loop.parameter_file import TURNS
-    from .orchestration.loop.turning_words import words_for
+    from .orchestration.loop.shown_units import words_for
 
     words = words_for(notes)
     for note in notes:

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 from .orchestration.loop.loop import Loop, SystemLoop
 from .orchestration.loop.page import REPORT, Table, page
 from .orchestration.loop.pictures import drawing, in_words, write_figure
-from .orchestration.loop.shown_units import quantity
-from .orchestration.loop.turning_words import page_in_turning_units, words_for
+from .orchestration.loop.shown_units import page_in_turning_units, quantity, words_for
 from .solver.files import write_atomically
 
 if TYPE_CHECKING:

@@ -101,7 +101,7 @@ def _rig(options: argparse.Namespace) -> int:
     prepare_folder(options.out, [options.params])
     from .measured_results import RigRecord
     from .measurement.rig.bench import run_trial
-    from .orchestration.loop.file_values import aside
+    from .orchestration.loop.loop import aside
     from .solver.kernel import IntegrationError
 
     progress = Progress(sum(t.duration for t in trials))

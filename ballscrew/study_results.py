@@ -213,7 +213,7 @@ class SwapStudy(Result, StudyResult):
 
     def headline(self) -> str:
         """The best controller, then limitations, then the size of the study."""
-        from .orchestration.study.verdict import sentence
+        from .orchestration.study.result import sentence
 
         entrants, duties = len(self.plan.entrants), len(self.plan.judged_duties)
         runs = self.figures["rms_error"].size
@@ -222,7 +222,7 @@ class SwapStudy(Result, StudyResult):
         return ". ".join(part[0].upper() + part[1:] if k else part for k, part in enumerate(parts))
 
     def doubts(self) -> Iterable[str]:
-        from .orchestration.study.verdict import weaknesses
+        from .orchestration.study.result import weaknesses
 
         return weaknesses(self)
 
@@ -233,7 +233,7 @@ class SwapStudy(Result, StudyResult):
 
     def write(self, folder: Path) -> None:
         """Write ``study.json`` and the table of runs."""
-        from .orchestration.study.verdict import sentence
+        from .orchestration.study.result import sentence
 
         first = {"verdict": sentence(self), "weaknesses": list(self.doubts())}
         write_json(folder / "study.json", finite_or_null(first | self.to_dict()))
@@ -261,7 +261,7 @@ class TunedGains(Result, TunedController):
         return {g.name: g.value for g in self.gains}
 
     def pictures(self) -> dict[str, Any]:
-        from .orchestration.study.tune_pictures import bode_figure, motions_figure
+        from .orchestration.study.pictures import bode_figure, motions_figure
 
         pictures = {"motions": motions_figure(self)}
         return {**pictures, "bode": bode_figure(self)} if self.margins else pictures

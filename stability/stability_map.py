@@ -20,7 +20,7 @@ import numpy.typing as npt
 from ..orchestration.fmu.limits import TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS
 from ..orchestration.loop.loop import Loop, table_of
 from ..orchestration.loop.run_folder import write_run
-from ..orchestration.study.kept_parts import KeptParts
+from ..orchestration.study.workers import KeptParts
 from ..solver.errors import UserError
 from ..solver.files import write_json
 from ..solver.tables import table_path

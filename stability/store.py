@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ..orchestration.study.kept_parts import KeptParts
+from ..orchestration.study.workers import KeptParts
 from ..solver.errors import UserError
 from ..solver.tables import write_table
 from .attractor import Kind

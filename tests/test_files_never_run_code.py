@@ -217,7 +217,7 @@ def test_a_record_in_hdf5_reads_no_other_file(way, tmp_path):
 @pytest.mark.ci
 def test_parts_of_long_work_are_numbers(tmp_path):
     """What --resume goes on with is JSON: a pickle in its place is no part of it."""
-    from ballscrew.orchestration.study.kept_parts import KeptParts
+    from ballscrew.orchestration.study.workers import KeptParts
 
     mark = str(tmp_path / "mark")
     parts = KeptParts(tmp_path / "parts", "digest")

@@ -19,16 +19,16 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1883, 1608),
     "controllers": (1294, 1053),
     "fmus": (5131, 4600),
-    "orchestration": (13093, 11428),
+    "orchestration": (12971, 11324),
     "stability": (3089, 2486),
-    "ballscrew": (4640, 3817),
+    "ballscrew": (4634, 3811),
     "gallery": (3571, 3184),
-    "measurement": (15202, 12561),
+    "measurement": (15206, 12565),
     "proofs": (12917, 11550),
     "benchmarks": (1871, 1733),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28085, 26797),
+    "tests": (28081, 26793),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -9,8 +9,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ...orchestration.loop.parameter_file import TURNS, Diagnosed, ParameterFile, Value
-from ...orchestration.loop.parameter_reading import read_parameters
+from ...orchestration.loop.parameter_file import (
+    TURNS,
+    Diagnosed,
+    ParameterFile,
+    Value,
+    read_parameters,
+)
 from ...plant.law import claims
 from ...solver.errors import BadParameters, BadRecord
 from ..identification.motion_parts import PARTS, REST, motion_parts

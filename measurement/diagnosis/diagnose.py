@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ...orchestration.loop.parameter_file import TURNS, ParameterFile
-from ...orchestration.loop.parameter_reading import read_parameters
+from ...orchestration.loop.parameter_file import TURNS, ParameterFile, read_parameters
 from ..records.examine import check_identifiable
 from ..records.reading import read_drive_records
 from ..records.record import Record

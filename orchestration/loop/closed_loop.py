@@ -1,15 +1,22 @@
-"""Run a closed loop: a pair of parts, or the elements of an .ssp."""
+"""Run closed loops: a pair of parts, the elements of an .ssp, or several controllers on a plant."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import csv
+import io
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 from ...fmus.ports import reference_port
-from ...solver.errors import CouplingError
+from ...solver.errors import CouplingError, FmuError
+from ...solver.files import write_atomically, write_json
 from ...solver.set_point import SET_POINT
+from ..fmu.fmu_instance import StepFailed
 from ..fmu.isolated import open_fmu
 from ..fmu.limits import FIRST_STEP
 from ..fmu.port_units import PortUnits, convert
@@ -19,10 +26,12 @@ from ..fmu.wiring import CONTROLLER, PLANT, Wiring, names_on, wire, with_aliases
 from ..master.couplings import Coupling
 from ..master.loop_run import LoopRun
 from ..master.master import Progress
+from ..master.step_choice import StepChoice
 from .catalogue import NAMES
-from .closed_loop_result import ClosedLoopResult
 from .joined import Fmu, Joined, amplifier_notes, limited, own_step
 from .loop import Loop, SystemLoop
+from .metrics import metrics
+from .parameter_file import ParameterFile
 from .parts import Part, as_taken, check_names, settable_of
 from .system import joined_system
 from .whole_loop import run_monolithic
@@ -174,3 +183,162 @@ def _run_monolithic(loop: Loop, progress: Progress | None) -> LoopRun:
         )
     loop.check_values()
     return run_monolithic(loop, loop.step or min(FIRST_STEP, loop.stop), progress)
+
+
+ROWS = 10_000  # of a table that are text in memory at a time
+FIRST_COLUMNS = ("x", "v", "z", "i", "u")
+
+
+@dataclass(frozen=True)
+class ClosedLoopResult:
+    """A run with its loop; `save` writes it as plain files."""
+
+    loop: Loop | SystemLoop
+    run: LoopRun
+    notes: tuple[str, ...] = ()  # notes for the user, in addition to the verdict
+    # how the communication step was chosen, if it was not given
+    step_choice: StepChoice | None = None
+
+    @property
+    def trusted(self) -> bool:
+        return self.run.verdict.trusted
+
+    def figures(self) -> dict[str, Any]:
+        """Content of ``metrics.json``."""
+        run, verdict = self.run, self.run.verdict
+        figures: dict[str, Any] = {"controller": self.loop.label}
+        if {"x"} <= set(run.outputs) and {"u"} <= set(run.commands):
+            figures |= metrics(run).to_dict()
+        return figures | {
+            "coupling_residual_max": max(run.residual_max.values(), default=0.0),
+            "coupling_residual_effect_per_second": run.effect_rate_max,
+            "error_estimate": verdict.error_estimate,
+            "contraction": verdict.contraction,
+            "macro_steps": run.macro_steps,
+            "step_range": list(run.step_range),
+            "step_reason": self.step_choice.reason if self.step_choice else "as asked",
+            "steps_tried": [list(t) for t in self.step_choice.tried] if self.step_choice else [],
+            "coupling": run.coupling.value,
+            "coupling_reason": run.coupling_reason,
+            "corrected": run.corrected,
+            "sampling_period": run.sampling_period or None,
+            "verdict": verdict.word,
+            "verdict_reason": verdict.reason,
+            "advice": verdict.advice,
+            "stopped": run.stopped,
+            "notes": list(self.notes),
+            "end_time": float(run.time[-1]),
+        }
+
+    def trajectory_csv(self) -> Iterator[bytes]:
+        """The table of ``trajectory.csv``, numbers with all their digits, piece by piece."""
+        run = self.run
+        columns = {**run.outputs, **run.commands}
+        names = [n for n in FIRST_COLUMNS if n in columns]
+        names += [n for n in columns if n not in names]
+        table = [run.time, *(columns[n] for n in names)]
+        if not run.alone:
+            names, table = [*names, "x_d"], [*table, run.reference]
+        names, table = [*names, *run.others], [*table, *run.others.values()]
+        yield _csv_rows([["time", *names]])
+        for first in range(0, len(run.time), ROWS):
+            piece = [column[first : first + ROWS].tolist() for column in table]
+            yield _csv_rows(map(repr, row) for row in zip(*piece, strict=True))
+
+    def save(self, folder: Path | str) -> None:
+        """Write trajectory.csv, metrics.json and parameters.toml."""
+        folder = Path(folder)
+        write_atomically(folder / "trajectory.csv", self.trajectory_csv())
+        parameters = self.loop.parameters()
+        if parameters is not None:
+            parameters.save(folder)
+        write_json(folder / "metrics.json", self.figures())
+
+
+def _csv_rows(rows: Iterable[Iterable[str]]) -> bytes:
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(rows)
+    return stream.getvalue().encode()
+
+
+COLUMNS = (
+    "controller",
+    "peak_voltage",
+    "peak_voltage_time",
+    "settling_time_2pct",
+    "overshoot",
+    "steady_state_error",
+    "iae",
+    "rms_error",
+    "largest_error",
+    "coupling_residual_max",
+    "macro_steps",
+    "sampling_period",
+    "coupling",
+    "verdict",
+)
+
+
+@dataclass(frozen=True)
+class SwapResult:
+    """Results of several controllers in the requested order."""
+
+    results: tuple[ClosedLoopResult, ...]
+    failures: tuple[tuple[str, str], ...] = ()  # controllers that could not be run at all, and why
+
+    @property
+    def trusted(self) -> bool:
+        return not self.failures and all(result.trusted for result in self.results)
+
+    def parameters(self) -> ParameterFile:
+        """Parameters of the plant and of all controllers."""
+        files = [p for r in self.results if (p := r.loop.parameters()) is not None]
+        controllers = {name: values for file in files for name, values in file.controllers.items()}
+        return replace(files[0], controllers=controllers)
+
+    @property
+    def trajectories(self) -> list[str]:
+        """A file's name for each result, by its label; numbered if labels are equal."""
+        labels = [result.loop.label for result in self.results]
+        before = [labels[:k].count(label) for k, label in enumerate(labels)]
+        return [
+            os.fsdecode(f"trajectory_{label}{f'_{n + 1}' if n else ''}.csv".encode())
+            for label, n in zip(labels, before, strict=True)
+        ]
+
+    def comparison_csv(self) -> str:
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for result in self.results:
+            figures = result.figures()
+            writer.writerow(["" if figures[c] is None else figures[c] for c in COLUMNS])
+        return stream.getvalue()
+
+    def save(self, folder: Path | str) -> None:
+        """Write comparison.csv, comparison.json, trajectories and parameters.toml."""
+        folder = Path(folder)
+        self.parameters().save(folder)
+        for name, result in zip(self.trajectories, self.results, strict=True):
+            write_atomically(folder / name, result.trajectory_csv())
+        write_atomically(folder / "comparison.csv", self.comparison_csv().encode())
+        write_json(folder / "comparison.json", [result.figures() for result in self.results])
+
+
+def swap(loops: Sequence[Loop], progress: Callable[[str, float], None] | None = None) -> SwapResult:
+    """Run loops that differ in their controllers, one after the other.
+
+    Errors are those of `run_closed_loop`, if no controller can be run; else failures are part of
+    the result. `progress` gets a loop's label and the time that it has reached [s].
+    """
+    results, failures, errors = [], [], []
+    for loop in loops:
+        told = None if progress is None else (lambda t, name=loop.label: progress(name, t))
+        try:
+            results.append(run_closed_loop(loop, told))
+        except (FmuError, CouplingError, StepFailed) as error:
+            failures.append((loop.label, str(error)))
+            errors.append(error)
+    if not results and errors:
+        raise errors[0]
+    return SwapResult(tuple(results), tuple(failures))

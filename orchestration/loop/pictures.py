@@ -13,18 +13,19 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ...solver.files import write_atomically
 from .shown_units import labelled, shown_unit
-from .thinning import rows_over_plane, rows_over_time
 
 if TYPE_CHECKING:
     from ..master.loop_run import LoopRun
-    from .closed_loop_result import ClosedLoopResult
+    from .closed_loop import ClosedLoopResult
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MOST_POINTS = 20_000  # of a curve as lines in an SVG; beyond, it is an image inside
@@ -366,3 +367,49 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), title=title, fontsize=size)
         figure.align_ylabels()
     return figure
+
+
+Vector = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
+
+COLUMNS = 2000  # of a picture: more than twice as many as it has pixels across
+
+
+def rows_over_time(time: Vector, values: Vector, columns: int = COLUMNS) -> Rows:
+    """Rows of a curve (n,) to draw, in order: the first, last, smallest and largest of each column.
+
+    At most four for each column, and all if there are not more.
+    """
+    if len(time) <= 4 * columns:
+        return np.arange(len(time))
+    edges = np.linspace(time[0], time[-1], columns + 1)[1:-1]
+    begins = np.unique([0, *np.searchsorted(time, edges), len(time)])
+    kept = [
+        row
+        for begin, end in pairwise(begins)
+        for row in (
+            begin,
+            begin + int(np.argmin(values[begin:end])),
+            begin + int(np.argmax(values[begin:end])),
+            end - 1,
+        )
+    ]
+    return np.unique(kept)
+
+
+def rows_over_plane(points: npt.NDArray[np.float64], cells: int = COLUMNS) -> Rows:
+    """Rows of a curve (n, 2) to draw: where it enters and leaves cells, and its extremes.
+
+    They are in order; omitted rows are within a cell of the returned ones.
+    """
+    if len(points) <= 2:
+        return np.arange(len(points))
+    low = points.min(axis=0)
+    span = np.maximum(points.max(axis=0) - low, np.finfo(float).tiny)
+    cell = ((points - low) / span * cells).astype(np.int64)
+    moved = np.any(cell[1:] != cell[:-1], axis=1)
+    kept = np.zeros(len(points), dtype=bool)
+    kept[1:] |= moved
+    kept[:-1] |= moved
+    kept[[0, -1, *points.argmin(axis=0), *points.argmax(axis=0)]] = True
+    return np.flatnonzero(kept)

@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ..loop.page import Table
-from .comparison import ALIKE
 from .figures import UNITS
 from .lengths import length, scale
-from .result import JUDGED_BY, MEASURED
-from .verdict import cannot_tell
+from .result import JUDGED_BY, MEASURED, cannot_tell
+from .statistics import ALIKE
 
 if TYPE_CHECKING:
     from .result import StudyResult

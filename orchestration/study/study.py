@@ -25,15 +25,12 @@ from ..loop.parts import SUFFIX
 from ..loop.whole_loop import loop_kernel
 from ..master.reference_signal import Reference
 from .figures import NAMES
-from .kept_parts import KeptParts
-from .loop import STEP, FmuLoop, StudyLoop
-from .over_fmus import COMPARED, SHARE, FmuCheck, check_over_fmus
+from .loop import COMPARED, SHARE, STEP, FmuCheck, FmuLoop, StudyLoop, check_over_fmus
 from .plan import Duty, Entrant, Plan
 from .result import JUDGED_BY, SMALLEST, Array, Run, Shown, StudyResult, concluded
-from .sensitivity import SobolIndex, sobol_indices
-from .tuning import Tuned
-from .values import Contender
-from .workers import Processes
+from .statistics import SobolIndex, sobol_indices
+from .tuning import Contender, Tuned
+from .workers import KeptParts, Processes
 
 if TYPE_CHECKING:
     from ...solver.component import Component

@@ -88,12 +88,12 @@ def test_map_writes_what_it_promises_and_refuses_to_overwrite(tmp_path, capsys):
 
 @pytest.mark.ci
 def test_a_full_disk_keeps_what_is_done_and_says_how_to_go_on(tmp_path, capsys, monkeypatch):
-    from ballscrew.orchestration.study import kept_parts
+    from ballscrew.orchestration.study import workers
 
     def full(path, data):
         raise OSError(28, "No space left on device", str(path))
 
-    monkeypatch.setattr(kept_parts, "write_atomically", full)
+    monkeypatch.setattr(workers, "write_atomically", full)
     arguments = ["map", "--controller", "iol", *X, *Y, "--stop", "1", "--workers", "1"]
     assert main([*arguments, "--out", str(tmp_path)]) == 2
     heard = capsys.readouterr().err

@@ -14,8 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ballscrew.fmus.system_reading import read_system
-from ballscrew.orchestration.loop.parameter_file import ParameterFile, Value
-from ballscrew.orchestration.loop.parameter_reading import read_parameters
+from ballscrew.orchestration.loop.parameter_file import ParameterFile, Value, read_parameters
 
 TRIAL = "2.4/1"
 

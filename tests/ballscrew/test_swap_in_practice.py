@@ -11,8 +11,7 @@ import pytest
 import ballscrew
 from ballscrew.cli import main
 from ballscrew.orchestration.loop.catalogue import component
-from ballscrew.orchestration.loop.in_practice import in_practice, practice_of
-from ballscrew.orchestration.loop.parts import Part
+from ballscrew.orchestration.loop.parts import Part, in_practice, practice_of
 
 GAIN, RESOLUTION = 300.0, 1e-5
 MINE = f"""

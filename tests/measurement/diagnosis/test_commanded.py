@@ -18,7 +18,7 @@ from ballscrew.measurement.diagnosis.modelled_record import lay_along
 from ballscrew.measurement.diagnosis.residuals import residual
 from ballscrew.measurement.records.reading import check_record
 from ballscrew.measurement.records.record import CURRENT
-from ballscrew.orchestration.loop.parameter_reading import read_parameters
+from ballscrew.orchestration.loop.parameter_file import read_parameters
 from ballscrew.solver.errors import BadRecord
 
 pytestmark = pytest.mark.ci

@@ -11,7 +11,7 @@ from diagnosed import run
 from pages import Page
 from slide_records import write_slide
 
-from ballscrew.orchestration.loop.parameter_reading import read_parameters
+from ballscrew.orchestration.loop.parameter_file import read_parameters
 from ballscrew.orchestration.loop.run_folder import write_run
 
 pytestmark = pytest.mark.xdist_group("diagnosis")  # one diagnosis is made once

@@ -8,8 +8,7 @@ from diagnosed import whole
 from ballscrew.measurement.diagnosis.corrected import corrected
 from ballscrew.measurement.diagnosis.drive import drive_of
 from ballscrew.measurement.diagnosis.with_causes import with_causes
-from ballscrew.orchestration.loop.parameter_file import ParameterFile
-from ballscrew.orchestration.loop.parameter_reading import read_parameters
+from ballscrew.orchestration.loop.parameter_file import ParameterFile, read_parameters
 from ballscrew.plant import plant_of
 from ballscrew.solver.errors import BadParameters
 

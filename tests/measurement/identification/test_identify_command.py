@@ -10,7 +10,7 @@ from synthetic.records import record_of, sine_velocity
 
 from ballscrew.cli import main
 from ballscrew.measurement.diagnosis.drive import drive_of
-from ballscrew.orchestration.loop.parameter_reading import read_parameters
+from ballscrew.orchestration.loop.parameter_file import read_parameters
 
 DAHL = {"sigma": 87750.0, "Fc": 2.0, "alpha": 1.0}
 

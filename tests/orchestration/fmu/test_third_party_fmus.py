@@ -10,7 +10,7 @@ from pythonfmu.builder import FmuBuilder
 
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.orchestration.loop.parameter_reading import read_parameters
+from ballscrew.orchestration.loop.parameter_file import read_parameters
 from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.solver.errors import CouplingError
 

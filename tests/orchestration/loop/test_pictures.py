@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballscrew.orchestration.loop.thinning import rows_over_plane, rows_over_time
+from ballscrew.orchestration.loop.pictures import rows_over_plane, rows_over_time
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(500, 3000), st.integers(2, 50))

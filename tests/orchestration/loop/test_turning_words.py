@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballscrew.orchestration.loop.turning_words import in_turning_units
+from ballscrew.orchestration.loop.shown_units import in_turning_units
 
 pytestmark = pytest.mark.ci
 

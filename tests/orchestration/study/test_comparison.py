@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.study.comparison import compare, mean_over_plants
+from ballscrew.orchestration.study.statistics import compare, mean_over_plants
 
 pytestmark = pytest.mark.ci
 

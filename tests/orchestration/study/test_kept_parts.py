@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from ballscrew.orchestration.study.kept_parts import KeptParts
+from ballscrew.orchestration.study.workers import KeptParts
 
 pytestmark = pytest.mark.ci
 

@@ -9,8 +9,7 @@ import pytest
 from ballscrew.orchestration.loop.catalogue import fmu
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.orchestration.study.figures import figures_of
-from ballscrew.orchestration.study.loop import StudyLoop
-from ballscrew.orchestration.study.over_fmus import check_over_fmus
+from ballscrew.orchestration.study.loop import StudyLoop, check_over_fmus
 from ballscrew.orchestration.study.plan import Duty
 
 pytestmark = pytest.mark.ci
@@ -91,6 +90,6 @@ def test_a_count_that_few_tolerances_see_is_no_difference(monkeypatch, apart, fl
             run=SimpleNamespace(time=time, outputs={"x": np.full(5, apart)}, verdict=verdict)
         )
 
-    monkeypatch.setattr("ballscrew.orchestration.study.over_fmus.run_closed_loop", over_fmus)
+    monkeypatch.setattr("ballscrew.orchestration.study.loop.run_closed_loop", over_fmus)
     table = {"rms_error": 0.0, "peak_error": 0.0, "failed": 0.0}
     assert check_over_fmus(loop, ("plant", "pid"), {}, DUTY, 1e-6, table).agrees is agrees

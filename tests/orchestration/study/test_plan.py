@@ -9,7 +9,7 @@ from ballscrew.cli import main
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import read_plan
-from ballscrew.orchestration.study.values import Contender
+from ballscrew.orchestration.study.tuning import Contender
 from ballscrew.solver.errors import UserError
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"

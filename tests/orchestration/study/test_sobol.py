@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.orchestration.study.sensitivity import sensitivity, sobol_indices, sobol_shares
+from ballscrew.orchestration.study.statistics import sensitivity, sobol_indices, sobol_shares
 
 STUDY = """version = 1
 plants = 2

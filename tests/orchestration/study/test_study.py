@@ -18,8 +18,8 @@ from ballscrew.orchestration.loop.reference_motions import read_motion
 from ballscrew.orchestration.loop.whole_loop import loop_kernel, run_monolithic
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import read_plan
+from ballscrew.orchestration.study.result import sentence
 from ballscrew.orchestration.study.study import PARTS, Work, do_study
-from ballscrew.orchestration.study.verdict import sentence
 from ballscrew.orchestration.study.workers import Processes
 from ballscrew.solver.errors import UserError
 from ballscrew.study_results import SwapStudy

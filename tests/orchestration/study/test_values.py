@@ -10,7 +10,7 @@ from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Variation
 from ballscrew.orchestration.study.study import contenders_of
-from ballscrew.orchestration.study.values import Contender
+from ballscrew.orchestration.study.tuning import Contender
 
 LOAD, LOAD_TIME = -5.0, 0.1
 HOLD = Duty("hold", "step:size=0", 0.6, plant={"load_force": LOAD, "load_time": LOAD_TIME})

@@ -4,13 +4,13 @@ import numpy as np
 
 from ballscrew.orchestration.study.figures import NAMES
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Tuning
-from ballscrew.orchestration.study.result import concluded
-from ballscrew.orchestration.study.tuning import Tuned
-from ballscrew.orchestration.study.verdict import (
+from ballscrew.orchestration.study.result import (
+    concluded,
     failed_tunings,
     sentence,
     weaknesses,
 )
+from ballscrew.orchestration.study.tuning import Tuned
 from ballscrew.study_results import SwapStudy
 
 GAINS = {"Kp": (1.0, 2.0)}
