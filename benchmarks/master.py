@@ -14,24 +14,20 @@ import tempfile
 from pathlib import Path
 from time import perf_counter
 
-import numpy as np
 from other_masters import TimedChain, TimedLoop, link, side_by_side
 
 from ballscrew.fmus.export import export
 from ballscrew.fmus.native.export import export_native
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
-from ballscrew.orchestration.fmu.group import Feed, Group, initialize
+from ballscrew.orchestration.fmu.group import Feed, Group
 from ballscrew.orchestration.fmu.isolated import open_fmu
-from ballscrew.orchestration.fmu.wiring import Wiring, wire
+from ballscrew.orchestration.fmu.wiring import Wiring
 from ballscrew.orchestration.loop.catalogue import fmu
-from ballscrew.orchestration.master.clock import Clock
-from ballscrew.orchestration.master.compiled import PAIR
-from ballscrew.orchestration.master.coupling import CoupledPair
 from ballscrew.orchestration.master.couplings import Coupling
-from ballscrew.orchestration.master.loop_run import RecordedLoop, RunLog
-from ballscrew.orchestration.master.master import march_on, run_loop
+from ballscrew.orchestration.master.march import Clock, Record, march_on
+from ballscrew.orchestration.master.master import run_loop
 from ballscrew.orchestration.master.reference_signal import Reference
-from ballscrew.orchestration.master.structs import struct
+from ballscrew.orchestration.master.sides import Sides
 from ballscrew.solver.component import Component, Input, Output, State, symbol
 
 COLUMNS = {
@@ -83,18 +79,11 @@ def step_cost(
     goal = Reference.constant(0.08)
     for _ in range(3):
         p, c = (open_fmu(path, path.stem, isolate) for path in (plant, controller))
-        start = np.array([0.08])
-        wiring = wire(p, c)
-        initialize(p, c, wiring, ({}, {}), seconds, start)
-        whole = struct(PAIR)
-        part = whole.part("loop")
-        loop = CoupledPair(p, c, wiring, Coupling.INTERFACE_JACOBIAN, corrected, True, start, part)
-        main = RecordedLoop(whole, loop, 1)
-        nominal = np.array([p.nominal(name) for name in p.outputs])
-        course = RunLog(goal, (0,), loop.outputs, nominal, 1)
-        time = Clock(seconds, h, False)
+        sides = Sides(p, c, goal, seconds, Coupling.INTERFACE_JACOBIAN, int(corrected))
+        main = sides.main(played=False)
+        record = Record(main, goal, (0,))
         began = perf_counter()
-        stop = march_on(main, [], time, course, start)
+        stop = march_on([main], Clock(seconds, h), record)
         best = min(best, (perf_counter() - began) / (seconds / h))
         assert not stop.reason
         p.close()
@@ -108,7 +97,7 @@ def judged_cost(plant: Path, controller: Path, h: float, seconds: float) -> floa
     for _ in range(3):
         began = perf_counter()
         p, c = (open_fmu(path, path.stem, False) for path in (plant, controller))
-        run_loop(p, c, Reference.constant(0.08), seconds, h)
+        run_loop(Sides(p, c, Reference.constant(0.08), seconds), h)
         best = min(best, (perf_counter() - began) / (seconds / h))
         p.close()
         c.close()
@@ -138,32 +127,20 @@ def _opened(chain: TimedChain) -> tuple[FmuInstance, Group, Wiring]:
 
 def chain_cost(chain: TimedChain, judged: bool = False) -> float:
     """Microseconds per step of a chain, best of three; `judged`: with the co-run of the verdict."""
-    best, none = math.inf, np.zeros(0)
-    values = {"push": 100.0}
+    best, still = math.inf, Reference.constant(0.0)
+    values = {"push": 100.0}, {}
     for _ in range(3):
         began = perf_counter()
         plant, group, wiring = _opened(chain)
+        scheme = Coupling.GAUSS_SEIDEL
+        sides = Sides(plant, group, still, chain.stop, scheme, values=values, wiring=wiring)
         if judged:
-            run_loop(
-                plant,
-                group,
-                Reference.constant(0.0),
-                chain.stop,
-                chain.step,
-                wiring=wiring,
-                plant_values=values,
-            )
+            run_loop(sides, chain.step)
         else:
-            initialize(plant, group, wiring, (values, {}), chain.stop, none)
-            whole = struct(PAIR)
-            part = whole.part("loop")
-            scheme = Coupling.GAUSS_SEIDEL
-            loop = CoupledPair(plant, group, wiring, scheme, False, False, none, part)
-            main = RecordedLoop(whole, loop, 1)
-            course = RunLog(Reference.constant(0.0), (), loop.outputs, np.ones(1), 1)
-            time = Clock(chain.stop, chain.step, False)
+            main = sides.main(played=False)
+            record = Record(main, still, ())
             began = perf_counter()
-            stop = march_on(main, [], time, course, none)
+            stop = march_on([main], Clock(chain.stop, chain.step), record)
             assert not stop.reason
         best = min(best, (perf_counter() - began) / (chain.stop / chain.step))
         plant.close()

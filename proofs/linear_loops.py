@@ -18,6 +18,7 @@ from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.loop_run import LoopRun
 from ballscrew.orchestration.master.master import run_loop
 from ballscrew.orchestration.master.reference_signal import Reference
+from ballscrew.orchestration.master.sides import Sides
 
 
 @dataclass
@@ -259,14 +260,9 @@ def outcome(seed: int) -> Outcome:
     """Run one case and compare with the exact solution."""
     case = random_case(seed)
     with np.errstate(all="ignore"):
-        run: LoopRun = run_loop(
-            case.plant,
-            case.controller,
-            Reference.constant(0.0),
-            case.stop,
-            case.step,
-            coupling=case.coupling,
-        )
+        still = Reference.constant(0.0)
+        sides = Sides(case.plant, case.controller, still, case.stop, case.coupling)
+        run: LoopRun = run_loop(sides, case.step)
         exact = case.exact(run.time)
         table = np.column_stack(list(run.outputs.values()))
         difference = np.abs(table - exact).max(axis=0)

@@ -23,6 +23,7 @@ from ballscrew.orchestration.fmu.fmu_instance import StepFailed
 from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.master import run_loop
 from ballscrew.orchestration.master.reference_signal import Reference
+from ballscrew.orchestration.master.sides import Sides
 from ballscrew.plant.classical import classical, with_sticking
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
@@ -524,14 +525,9 @@ def outcome(seed: int) -> Outcome:
     """Run one case and compare with the two references."""
     case = random_case(seed)
     with np.errstate(all="ignore"):
-        run = run_loop(
-            case.plant,
-            case.controller,
-            Reference.constant(case.goal),
-            case.stop,
-            case.step,
-            coupling=case.coupling,
-        )
+        goal = Reference.constant(case.goal)
+        sides = Sides(case.plant, case.controller, goal, case.stop, case.coupling)
+        run = run_loop(sides, case.step)
         table = np.column_stack([run.outputs[n] for n in OUTPUTS])
         try:
             exact, other = (case.exact(run.time, tolerance) for tolerance in (TRUER, TRUE))

@@ -19,9 +19,8 @@ from ..fmus.ports import (
     tangent_states,
 )
 from ..orchestration.fmu.fmu_instance import Instance
-from ..orchestration.master.compiled import USES
+from ..orchestration.master.compiled import USES, Struct
 from ..orchestration.master.fmi_calls import Bound
-from ..orchestration.master.structs import Struct
 
 Matrix = npt.NDArray[np.float64]
 

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import ctypes as ct
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..orchestration.fmu.fmu_instance import Instance, StepFailed
 from ..orchestration.fmu.wiring import Wiring
-from ..orchestration.master.compiled import ASKED_ADVANCE, ASKED_LAW, USES
+from ..orchestration.master.compiled import ASKED_ADVANCE, ASKED_LAW, USES, Guarded, Struct
 from ..orchestration.master.coupling import Answer, ControllerSide
 from ..orchestration.master.fmi_calls import Bound
-from ..orchestration.master.structs import Struct
 from ..solver.errors import FmuError
 from .fmu_with_tangents import rows_at
 
@@ -40,7 +36,7 @@ class ProbedController:
         self.wiring = wiring
         self.states: list[str] = []
         self.remarks: list[str] = []
-        self.error: BaseException | None = None
+        self._guarded = Guarded(1, 0)
         self._added = np.zeros(0)  # contribution to the command, along each tangent
         self._driven, self._fades = np.zeros(0), 0.0  # per second, as last measured
 
@@ -76,24 +72,15 @@ class ProbedController:
         side.set(states=states)
         bound = Bound(self.instance, [], [], USES, side.part("calls"))
         side.part("frames").set(given=np.zeros(count * states), taken=frame)
-        self._functions = (
-            ASKED_LAW(self._guarded(self._law)),
-            ASKED_ADVANCE(self._guarded(self._advance)),
-        )
-        law, advance = (ct.cast(f, ct.c_void_p).value or 0 for f in self._functions)
-        whole.set(law_asked=law, advance_asked=advance)
+        law = self._guarded.address(ASKED_LAW, self._law)
+        advance = self._guarded.address(ASKED_ADVANCE, self._advance)
+        whole.part("asked").set(law=law, advance=advance)
         return (bound,)
 
-    def _guarded(self, method: Callable[..., None]) -> Callable[..., int]:
-        def call(*arguments: Any) -> int:
-            try:
-                method(*arguments)
-            except BaseException as error:  # also interruptions: raised after the compiled code
-                self.error = error
-                return 0
-            return 1
-
-        return call
+    @property
+    def error(self) -> BaseException | None:
+        """Of the last failed callback."""
+        return self._guarded.error
 
     def _signals_at(self, address: int) -> Matrix:
         return rows_at(address, 1 + self.count, self.side.n).copy()

@@ -30,19 +30,16 @@ from ..orchestration.fmu.group import initialize
 from ..orchestration.fmu.isolated import IsolatedInstance
 from ..orchestration.fmu.port_units import convert
 from ..orchestration.fmu.wiring import PLANT, Wiring, names_on, wire
-from ..orchestration.master.clock import Clock
 from ..orchestration.master.compiled import (
     DIVERGES,
     GOES_ON,
-    JOINT,
     STEP_FAILED,
-    TRAIL,
     USES,
-    library,
+    call,
+    struct,
 )
 from ..orchestration.master.fmi_calls import Bound, failure_of
-from ..orchestration.master.loop_run import bounds
-from ..orchestration.master.structs import struct
+from ..orchestration.master.march import Clock, bounds
 from ..solver.errors import FmuError
 from .fmu_with_tangents import Side, ordinary
 from .probed_controller import RELATIVE, ProbedController
@@ -273,7 +270,7 @@ class _Joint:
         count: int,
         reference: Vector,
     ) -> None:
-        self._whole = struct(JOINT)
+        self._whole = struct("Joint")
         self._plant, self._controller, self._count = p, c, count
         signals = [s for s, _ in wiring.signals]
         law = [*(theirs for _, theirs in wiring.commands), *wiring.plant_law()]
@@ -291,7 +288,7 @@ class _Joint:
         states = len(p.states) + len(c.states)
         self._whole.set(m=m, n=n, count=count, reference=reference, applied=np.zeros(rows * m))
         self._whole.set(**{name: np.zeros(rows * n) for name in ("start", "end", "middle")})
-        laws = ("law", "corrected", "ramped")
+        laws = ("law", "mended", "ramped")
         self._whole.set(**{name: np.zeros(rows * m * (2 + n)) for name in laws})
         self._whole.set(frame=np.eye(count, states), plain=np.zeros((count, states)))
         self._whole.set(plain_logs=np.zeros(count), logs=np.zeros(count))
@@ -306,13 +303,13 @@ class _Joint:
         rooms = [np.zeros((CHUNK + 1, k)) for k in (1, len(names), count, 1)]
         rooms[1][0] = plant.reader(names)()
         bound = bounds(np.array([plant.nominal(n) for n in names]), rooms[1][0])
-        trail = struct(TRAIL)
+        trail = struct("Trail")
         fields = ("times", "outputs", "growth", "trace")
         trail.set(bound=bound, accuracy=accuracy, relative=RELATIVE)
         trail.set(**dict(zip(fields, rooms, strict=True)))
         kept, why = [[room[:1].copy()] for room in rooms], GOES_ON
         while why == GOES_ON and not clock.done:
-            why = library().joint_march(self._whole.address, clock.address, trail.address, CHUNK)
+            why = call("joint_march", self._whole, clock.whole, trail, CHUNK)
             last = int(trail.record.rows)
             for rows, room in zip(kept, rooms, strict=True):
                 rows.append(room[1 : last + 1].copy())

@@ -84,6 +84,10 @@ class Wiring:
         return [*(gain_port(c, s) for c in commands for s in signals), *map(rate_port, commands)]
 
 
+UNWIRED = Wiring((), (), (), accepts_law=False, reports_law=False)
+"""Stands for connections that are still to be found, by `wire`."""
+
+
 def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | None = None) -> Wiring:
     """Match the ports of a plant and a controller.
 

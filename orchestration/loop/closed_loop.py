@@ -25,7 +25,7 @@ from ..fmu.sampling import answers_in_steps
 from ..fmu.wiring import CONTROLLER, PLANT, Wiring, names_on, wire, with_aliases
 from ..master.couplings import Coupling
 from ..master.loop_run import LoopRun
-from ..master.master import Progress
+from ..master.march import Progress
 from ..master.step_choice import StepChoice
 from .catalogue import NAMES
 from .joined import Fmu, Joined, amplifier_notes, limited, own_step

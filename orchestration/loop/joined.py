@@ -18,8 +18,10 @@ from ..fmu.limits import FIRST_STEP
 from ..fmu.state_trial import check_state
 from ..fmu.wiring import Wiring
 from ..master.loop_run import LoopRun
-from ..master.master import Progress, run_loop
+from ..master.march import Progress
+from ..master.master import run_loop
 from ..master.reference_signal import Reference
+from ..master.sides import Sides
 from ..master.step_choice import MOST, MOST_OF_ISOLATED, StepChoice, choose_step, only_step
 from .catalogue import AMPLIFIER, LIMIT
 from .loop import HowCoupled
@@ -58,22 +60,18 @@ class Joined:
     ) -> LoopRun:
         """Run both sides once; for another run they are `reopened`."""
         self._check_states(step)
-        run = run_loop(
+        sides = Sides(
             *self.sides,
             self.reference,
             self.stop,
-            step,
-            coupling=how.coupling,
-            corrections=how.corrections,
-            adaptive=how.adaptive,
-            plant_values=self.side_values[0],
-            controller_values=self.side_values[1],
-            mapping=self.names,
-            wiring=self.wiring,
-            progress=progress,
-            look_again=look_again,
-            tries=tries,
+            how.coupling,
+            how.corrections,
+            how.adaptive,
+            self.side_values,
+            self.names,
+            self.wiring,
         )
+        run = run_loop(sides, step, progress=progress, look_again=look_again, tries=tries)
         return limited(self.finish(run), self.values[self.main])
 
     def run(

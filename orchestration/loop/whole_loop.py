@@ -17,8 +17,9 @@ from ..fmu.memory import check_memory
 from ..master.compiled import FARTHEST
 from ..master.couplings import Coupling
 from ..master.loop_run import LoopRun
-from ..master.master import Progress, step_that_meets
+from ..master.march import Progress
 from ..master.reference_signal import ROUND_OFF, TERMS, Matrix, Reference
+from ..master.sides import step_that_meets
 from ..master.verdict import ACCURACY, Verdict
 
 if TYPE_CHECKING:

@@ -7,16 +7,15 @@ outputs only in a step, the master is always one step late, for any step size.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from ..fmu.fmu_instance import Instance, StepFailed
-from ..fmu.wiring import Wiring
+from ..fmu.fmu_instance import StepFailed
 from .coupling import Answer, CoupledPair
 from .loop_run import LoopRun
+from .sides import Sides
 from .verdict import WORST_CONTRACTION
 
 Vector = npt.NDArray[np.float64]
@@ -29,30 +28,24 @@ _ADVICE = (
 )
 
 
-def loop_gain(
-    opened: Callable[[], tuple[Instance, Instance]],
-    wiring: Wiring,
-    sizes: Vector,
-    reference: Vector,
-    step: float,
-) -> float:
+def loop_gain(sides: Sides, step: float) -> float:
     """Change of the controller's output by a change of the commands without delay; 0 if it decays.
 
-    `opened` gives a plant and a controller, initialized together; `sizes` are changes of the
-    commands, `reference` the set-points at the start.
+    Both are opened again for each change, and moved by very short parts of the step [s].
     """
-
+    wiring = sides.wiring
     commands = [theirs for _, theirs in wiring.commands]
+    sizes = np.array([MOVED * sides.plant.nominal(n) for n in commands])
 
     def answer(time: float, moved: Vector) -> Vector:
-        plant, controller = opened()
+        plant, controller = sides.opened()
         try:
             signals = plant.reader([ours for ours, _ in wiring.signals])
             given = controller.writer([*(n for _, n in wiring.signals), *wiring.references])
             command = controller.reader([ours for ours, _ in wiring.commands])
             plant.writer(commands)(command() + moved)
             plant.step(0.0, time)
-            given(np.concatenate([signals(), reference]))
+            given(np.concatenate([signals(), sides.start]))
             return command()
         finally:
             plant.close()
@@ -70,25 +63,16 @@ def loop_gain(
     return shorter if shorter > LASTS * longer else 0.0
 
 
-def with_ring_named(
-    run: LoopRun,
-    loop: CoupledPair,
-    opened: Callable[[], tuple[Instance, Instance]],
-    wiring: Wiring,
-    reference: Vector,
-    step: float,
-) -> LoopRun:
+def with_ring_named(run: LoopRun, loop: CoupledPair, sides: Sides, step: float) -> LoopRun:
     """The run, after its end, with a verdict on an algebraic loop that remains for any step."""
-    plant, found = loop.plant, loop.unsolved
-    if found:
-        return _named(run, f"has no solution at {found} communication points")
-    follows = any(plant.follows_at_once(ours) for ours, _ in wiring.signals)
+    if loop.unsolved:
+        return _named(run, f"has no solution at {loop.unsolved} communication points")
+    follows = any(sides.plant.follows_at_once(ours) for ours, _ in sides.wiring.signals)
     if run.verdict.trusted or not follows or loop.answer is not Answer.DIRECT:
         return run
-    sizes = np.array([MOVED * plant.nominal(theirs) for _, theirs in wiring.commands])
-    gain = loop_gain(opened, wiring, sizes, reference, step)
+    gain = loop_gain(sides, step)
     # corrected steps must halve the residual; others converge as long as it does not grow
-    corrects = plant.can_save and loop.controller.can_save
+    corrects = loop.plant.can_save and loop.controller.can_save
     if gain < (WORST_CONTRACTION if corrects else 1.0):
         return run
     return _named(run, f"has a loop gain of {gain:.3g}")

@@ -18,39 +18,37 @@ change of the plant's outputs by the correction is the residual's effect.
 
 from __future__ import annotations
 
-import ctypes
 import importlib
+import math
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..fmu.fmu_instance import Instance
+from ..fmu.fmu_instance import Instance, StepFailed
 from ..fmu.wiring import Wiring
-from . import compiled
-from .compiled import ask
+from .compiled import OWN_STEP, USES, Guarded, Struct, ask, struct
 from .couplings import Coupling
 from .fmi_calls import Bound, failure_of, raise_failures
-from .structs import Struct, struct
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 
+CHUNK = 4096  # most steps between two checks of the elapsed time
+
 
 class Answer(Enum):
-    """When a controller's output responds to its inputs."""
+    """When a controller's output responds to its inputs; in the order of ``c/coupling.c``."""
 
     DIRECT = "as soon as inputs are set"
     STEPPED = "in its step"
     SAMPLED = "at its sample instants"
 
-
-_ANSWERS = {
-    Answer.DIRECT: compiled.DIRECT,
-    Answer.STEPPED: compiled.STEPPED,
-    Answer.SAMPLED: compiled.SAMPLED,
-}
+    @property
+    def number(self) -> int:
+        return [*Answer].index(self)
 
 
 @dataclass(frozen=True)
@@ -67,35 +65,12 @@ def law_of(numbers: Vector, m: int, n: int) -> FeedbackLaw:
     return FeedbackLaw(numbers[:m], numbers[m : m * (1 + n)].reshape(m, n), numbers[m * (1 + n) :])
 
 
-class OwnStep:
-    """A coupling's function that changes the law applied by the plant; compiled code calls it."""
-
-    def __init__(self, place: str, law: FeedbackLaw) -> None:
-        self.address = 0
-        self.error: BaseException | None = None
-        if not place:
-            return
-        module, _, function = place.partition(":")
-        change = getattr(importlib.import_module(module), function)
-
-        def call(h: float) -> int:
-            try:
-                change(law, h)
-            except BaseException as error:  # also interruptions: raised after the compiled code
-                self.error = error
-                return 0
-            return 1
-
-        self._called = compiled.OWN_STEP(call)
-        self.address = ctypes.cast(self._called, ctypes.c_void_p).value or 0
-
-
 class ControllerSide:
     """A controller as a function: commands for given signals.
 
     The instance is initialized; with `signals` and `reference` at the start its feedthrough is
-    tested. `side` is a struct of the kind `compiled.CONTROLLER` to fill. It has `m` commands, `n`
-    signals, and the way of its `answer`.
+    tested. `side` is a record `Controller` to fill. It has `m` commands, `n` signals, and the way
+    of its `answer`.
     """
 
     def __init__(
@@ -106,20 +81,19 @@ class ControllerSide:
         reference: Vector,
         side: Struct | None = None,
     ) -> None:
-        self._side = side or struct(compiled.CONTROLLER)
+        self._side = side or struct("Controller")
         self.m, self.n = len(wiring.commands), len(wiring.signals)
         inputs = [*(s for _, s in wiring.signals), *wiring.references]
         law = wiring.controller_law() if wiring.reports_law else []
         outputs = [*(c for c, _ in wiring.commands), *law, *wiring.others]
-        calls = self._side.part("calls")
-        self.bound = Bound(instance, inputs, outputs, compiled.USES, calls)
+        self.bound = Bound(instance, inputs, outputs, USES, self._side.part("calls"))
         self.answer = Answer.SAMPLED if instance.sample_time > 0 else Answer.DIRECT
         self._side.set(
             m=self.m,
             n=self.n,
             others=len(wiring.others),
             group=wiring.network,
-            answer=_ANSWERS[self.answer],
+            answer=self.answer.number,
             reports=wiring.reports_law,
             saves=instance.can_save,
             varies=getattr(instance, "steps_vary", True),
@@ -131,32 +105,33 @@ class ControllerSide:
         )
         if self.answer is Answer.DIRECT and not self._follows(signals, reference):
             self.answer = Answer.STEPPED
-            self._side.set(answer=compiled.STEPPED)
+            self._side.set(answer=self.answer.number)
 
     def _follows(self, signals: Vector, reference: Vector) -> bool:
         """Whether the output has direct feedthrough."""
         law = self._empty_law()
-        with raise_failures(self.bound):
-            ask("command_at", self._side, signals, reference, law[: self.m])
-            ask("probe_gains", self._side, 0.0, 0.0, signals, reference, law)
-            ask("set_inputs", self._side, signals, reference)
+        self._ask("command_at", signals, reference, law[: self.m])
+        self._ask("probe_gains", 0.0, 0.0, signals, reference, law)
+        self._ask("set_inputs", signals, reference)
         return bool(law[self.m :].any())
 
     def _empty_law(self) -> Vector:
         return np.zeros(self.m * (2 + self.n))
 
+    def _ask(self, function: str, *arguments: Vector | float) -> None:
+        with raise_failures(self.bound):
+            ask(function, self._side, *arguments)
+
     def last_command(self) -> Vector:
         """The present commands, without new inputs."""
         commands = np.empty(self.m)
-        with raise_failures(self.bound):
-            ask("read_commands", self._side, commands)
+        self._ask("read_commands", commands)
         return commands
 
     def command_at(self, signals: Vector, reference: Vector) -> Vector:
         """Set the inputs and read the commands."""
         commands = np.empty(self.m)
-        with raise_failures(self.bound):
-            ask("command_at", self._side, signals, reference, commands)
+        self._ask("command_at", signals, reference, commands)
         return commands
 
     def law_at(
@@ -164,23 +139,45 @@ class ControllerSide:
     ) -> FeedbackLaw:
         """The commands, and with `probe` their derivatives, at the given signals."""
         law = self._empty_law()
-        with raise_failures(self.bound):
-            ask("law_at", self._side, t, h, signals, reference, probe, law)
+        self._ask("law_at", t, h, signals, reference, probe, law)
         return law_of(law, self.m, self.n)
 
     def advance(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
         """Move the controller from t to t + h with these signals held."""
-        with raise_failures(self.bound):
-            ask("advance", self._side, t, h, signals, reference)
+        self._ask("advance", t, h, signals, reference)
 
 
 class CoupledPair:
-    """A plant and a controller that move together.
+    """A plant and a controller that move together, and what their steps have recorded.
 
-    Both are initialized; `reference` has the set-points at the start, `given` the commands there,
-    before the controller moves. If `corrected`, every step is corrected once, which needs both
-    sides to save their states. If `averaged`, the controller's own states use the mean of the
-    signals over the step (second order), else the value at one end, as in a simple master.
+    Parameters
+    ----------
+    plant, controller : Instance
+        Both initialized.
+    wiring : Wiring
+    coupling : Coupling
+    corrected : bool
+        Whether every step is corrected once, which needs both sides to save their states.
+    averaged : bool
+        Whether the controller's own states use the mean of the signals over the step (second
+        order), else the value at one end, as in a simple master.
+    reference : ndarray
+        The set-points at the start.
+    parts : int
+        Of each step, as a reference co-run.
+
+    Attributes
+    ----------
+    whole : Struct
+        The record `Pair`.
+    outputs : ndarray
+        The plant's, at present.
+    given : ndarray
+        The commands before the controller has moved.
+    rows : list of ndarray
+        The plant's outputs, then the controller's others, at communication points.
+    failure : str
+        Why a reference co-run ended early; empty if it did not.
     """
 
     def __init__(
@@ -192,27 +189,28 @@ class CoupledPair:
         corrected: bool,
         averaged: bool,
         reference: Vector,
-        whole: Struct,
+        parts: int = 1,
     ) -> None:
-        self.plant, self.controller = plant, controller
+        self.plant, self.controller, self.wiring = plant, controller, wiring
         self.corrected, self.averaged = corrected, averaged
-        self._whole, self.wiring, self.other_names = whole, wiring, wiring.others
+        self.other_names, self.failure = wiring.others, ""
+        self.whole = struct("Pair")
+        self._loop = self.whole.part("loop")
         law = wiring.plant_law() if wiring.accepts_law else []
         names = [*(theirs for _, theirs in wiring.commands), *law]
-        calls = self._whole.part("plant")
-        self._bound = Bound(plant, names, plant.outputs, compiled.USES, calls)
-        outputs = np.empty(len(plant.outputs))
+        calls = self._loop.part("plant")
+        self._bound = Bound(plant, names, plant.outputs, USES, calls)
+        self.outputs = np.empty(len(plant.outputs))
         with raise_failures(self._bound):
-            ask("read_outputs", calls, outputs)
+            ask("read_outputs", calls, self.outputs)
         at = [list(plant.outputs).index(s) for s, _ in wiring.signals]
         self._side = ControllerSide(
-            controller, wiring, outputs[at], reference, self._whole.part("controller")
+            controller, wiring, self.outputs[at], reference, self._loop.part("controller")
         )
         self.answer = self._side.answer
         self.given = self._side.last_command()
         m, n = self._side.m, self._side.n
-        self.outputs = outputs.copy()
-        self._whole.set(
+        self._loop.set(
             takes_law=wiring.accepts_law,
             follows=any(map(plant.follows_at_once, plant.outputs)) and m > 0,
             commands=np.array([plant.nominal(theirs) for _, theirs in wiring.commands]),
@@ -226,39 +224,83 @@ class CoupledPair:
             late=self.given.copy(),
             contraction=np.nan,
         )
-        self._whole.set(
-            **{name: np.zeros(m) for name in ("kept_late", "residual", "command", "first")}
-        )
-        self._whole.set(**{name: np.zeros(n) for name in ("start", "end", "mean")})
-        laws = ("following", "kept_following", "law", "stepped")
-        self._whole.set(**{name: np.zeros(m * (2 + n)) for name in laws})
         applied = np.zeros(m * (2 + n))
-        self._own = OwnStep(coupling.own, law_of(applied, m, n))
-        self._whole.set(applied=applied, own=self._own.address)
-        rooms = ("kept_outputs", "effect", "reached")
-        self._whole.set(**{name: np.zeros(len(outputs)) for name in rooms})
-        self._whole.set(goal=np.zeros(len(reference)))
+        self._guarded = Guarded(1, 0)
+        self._loop.set(applied=applied, own=self._own_step(coupling, law_of(applied, m, n)))
+        for size, rooms in (
+            (m, "kept_late residual command first"),
+            (n, "start end mean"),
+            (m * (2 + n), "following kept_following law stepped"),
+            (len(self.outputs), "kept_outputs effect reached"),
+            (len(reference), "goal"),
+        ):
+            self._loop.set(**{name: np.zeros(size) for name in rooms.split()})
+        self._room = np.empty((CHUNK, len(self.outputs) + len(self.other_names)))
+        self.whole.set(parts=parts, recorded=self._room, failed=math.nan)
+        self.rows = [np.concatenate([self.outputs, self._others()])[None]]
 
-    def others(self) -> Vector:
+    def _own_step(self, coupling: Coupling, law: FeedbackLaw) -> int:
+        """Address of the coupling's function that changes the applied law; 0 if it has none."""
+        if not coupling.own:
+            return 0
+        module, _, function = coupling.own.partition(":")
+        change = getattr(importlib.import_module(module), function)
+        return self._guarded.address(OWN_STEP, lambda h: change(law, h))
+
+    def _others(self) -> Vector:
         """Present values of the controller's outputs that are not commands."""
         return self.controller.reader(self.other_names)() if self.other_names else np.empty(0)
 
     @property
+    def record(self) -> Any:
+        """The record `Pair`, as compiled code sees it."""
+        return self.whole.record
+
+    @property
     def unsolved(self) -> int:
         """Communication points at which an algebraic loop found no solution."""
-        return int(self._whole.record.unsolved)
+        return int(self._loop.record.unsolved)
+
+    @property
+    def safety(self) -> float:
+        """Factor on the first estimate: 1 if the run is better than its co-run, else 2."""
+        return 1.0 if self.corrected and self.averaged else 2.0
+
+    def begin(self) -> None:
+        """Read the controller's other outputs at the start again."""
+        self.rows[0][0, len(self.outputs) :] = self._others()
 
     def begin_with_first_command(self) -> None:
         """Use the controller's output in the first step instead of a start value."""
-        self._whole.set(late=np.full(self._side.m, np.nan))
+        self._loop.set(late=np.full(self._side.m, np.nan))
 
     def command(self, t: float, h: float, reference: Vector) -> Vector:
         """The controller's true command at the present signals."""
         commands = np.zeros(self._side.m)
         with raise_failures(self._bound, self._side.bound):
-            ask("command", self._whole, t, h, reference, False, commands)
+            ask("command_now", self._loop, t, h, reference, False, commands)
         return commands
 
-    def failure(self) -> BaseException | None:
+    def collect(self) -> None:
+        """Keep what the last chunk recorded."""
+        self.rows.append(self._room[: self.record.rows].copy())
+        if not math.isnan(self.record.failed) and not self.failure:
+            t = self.record.failed
+            self.failure = f"the reference co-run loop failed at t = {t:.6g} s: {self.error()}"
+
+    def failed(self) -> BaseException | None:
         """Error of the last failed call."""
-        return self._own.error or failure_of(self._bound, self._side.bound)
+        return self._guarded.error or failure_of(self._bound, self._side.bound)
+
+    def error(self) -> StepFailed:
+        """Return the loop's StepFailed; raise any other error, such as an interruption."""
+        error = self.failed()
+        assert error is not None
+        if not isinstance(error, StepFailed):
+            raise error
+        return error
+
+    def close(self) -> None:
+        """Close both instances."""
+        self.plant.close()
+        self.controller.close()

@@ -12,7 +12,7 @@ import contextlib
 import ctypes
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,46 +20,12 @@ import numpy as np
 from ..fmu.fmi_versions import OK, STATE, STEP
 from ..fmu.fmu_instance import ENTRY_POINTS, FmuInstance, Instance
 from ..fmu.group import Group
-from .structs import VECTOR, Struct, Vector, struct
+from .compiled import CallFailed, Guarded, Struct, Vector, address_of, library, struct
 
 PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # kinds of failed calls
-_FAILED_IN_PYTHON = 3  # fmi2Error
-_ADDRESSES = ctypes.CFUNCTYPE(  # signature of fmi2SetReal, with pointers as plain addresses
+VALUES = ctypes.CFUNCTYPE(  # signature of fmi2SetReal, with pointers as plain addresses
     ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p
 )
-
-
-class CallFailed(Exception):
-    """An FMU instance rejected a call; its record has the call and the reason."""
-
-
-CALLS = np.dtype(
-    [
-        # addresses of the instance and of its functions
-        *((name, np.intp) for name in ENTRY_POINTS),
-        # value references and values of inputs and outputs
-        ("inputs", VECTOR),
-        ("given", VECTOR),
-        ("outputs", VECTOR),
-        ("taken", VECTOR),
-        ("stop", float),  # no step may end after it [s]
-        # addresses of saved states, one for each use; zero if none is saved
-        ("states", VECTOR),
-        # FMI status and kind of the call that failed
-        ("status", np.int64),
-        ("failed", np.int64),
-    ]
-)
-"""An FMU instance, see ``c/calls.h``: its functions, their inputs and their outputs."""
-
-MEMBER = np.dtype([("calls", CALLS), ("sources", VECTOR), ("first", np.int64)])
-GROUP = np.dtype(
-    [
-        *((name, VECTOR) for name in ("members", "there", "back", "values", "flags")),
-        ("lags", np.int64),
-    ]
-)
-"""A group of FMUs and a member of it, see ``c/group.c``."""
 
 
 class Bound:
@@ -74,7 +40,7 @@ class Bound:
     uses : int
         Number of states that are saved at the same time.
     calls : Struct
-        The struct to fill, of the kind `CALLS`.
+        The record `Calls` to fill.
     """
 
     def __init__(
@@ -149,23 +115,19 @@ class _GroupCalls:
     """The functions of a group of FMUs that compiled code calls directly."""
 
     def __init__(self, group: Group) -> None:
-        from .compiled import library  # its records contain those of this module
-
-        self._library = library()
-        self._struct = struct(GROUP)
+        self._struct = struct("Group")
         self._bound: list[Bound] = []
         addresses: dict[int, int] = {}
         for part in group.parts:
-            whole = struct(MEMBER)
+            whole = struct("Member")
             ports = [f.port for f in part.feeds]
             calls = whole.part("calls")
             self._bound.append(Bound(part.instance, ports, part.instance.outputs, 0, calls))
             whole.set(sources=part.sources.astype(np.int64), first=part.outputs.start)
             addresses[id(part)] = whole.address
+        orders = {"members": group.parts, "there": group.there, "back": group.back}
         self._struct.set(
-            members=np.array([addresses[id(p)] for p in group.parts], dtype=np.int64),
-            there=np.array([addresses[id(p)] for p in group.there], dtype=np.int64),
-            back=np.array([addresses[id(p)] for p in group.back], dtype=np.int64),
+            **{n: np.array([addresses[id(p)] for p in ps], np.int64) for n, ps in orders.items()},
             values=group.values,
             flags=group.flags,
             lags=group.lags,
@@ -177,9 +139,8 @@ class _GroupCalls:
 
     def entry_points(self) -> tuple[int, ...]:
         """Addresses of the group and of its functions."""
-        functions = (getattr(self._library, f"group_{name}") for name in ENTRY_POINTS[1:])
-        addresses = (ctypes.cast(f, ctypes.c_void_p).value or 0 for f in functions)
-        return (self._struct.address, *addresses)
+        functions = (getattr(library(), f"group_{name}") for name in ENTRY_POINTS[1:])
+        return (self._struct.address, *map(address_of, functions))
 
 
 class _PythonCalls:
@@ -197,38 +158,30 @@ class _PythonCalls:
         taken: Vector,
     ) -> None:
         self._given, self._taken = given, taken
-        self.error: BaseException | None = None
+        self._guarded = Guarded(0, 3)  # fmi2OK, fmi2Error
         self._instance = instance
         self._states: dict[int, Any] = {}
         self._count = 0
-
-        def guarded(method: Callable[..., None]) -> Callable[..., int]:
-            def call(*arguments: Any) -> int:
-                try:
-                    method(*arguments)
-                except BaseException as error:  # also interruptions: raised after the compiled code
-                    self.error = error
-                    return _FAILED_IN_PYTHON
-                return 0
-
-            return call
-
-        self._functions = [
-            _ADDRESSES(guarded(self._set)),
-            _ADDRESSES(guarded(self._get)),
-            STEP(guarded(lambda _, t, h, __: instance.step(t, h))),
-            STATE(guarded(self._save)),
-            STATE(guarded(lambda _, state: instance.restore(self._states[state]))),
-            STATE(guarded(self._release)),
-        ]
         # one for each requested number of signals
         self._writer = functools.cache(lambda count: instance.writer(inputs[:count]))
         self._reader = functools.cache(lambda count: instance.reader(outputs[:count]))
 
+    @property
+    def error(self) -> BaseException | None:
+        return self._guarded.error
+
     def entry_points(self) -> tuple[int, ...]:
         """No component, and the functions' addresses."""
-        addresses = (ctypes.cast(f, ctypes.c_void_p).value or 0 for f in self._functions)
-        return (0, *addresses)
+        address = self._guarded.address
+        return (
+            0,
+            address(VALUES, self._set),
+            address(VALUES, self._get),
+            address(STEP, lambda _, t, h, __: self._instance.step(t, h)),
+            address(STATE, self._save),
+            address(STATE, lambda _, state: self._instance.restore(self._states[state])),
+            address(STATE, self._release),
+        )
 
     def _set(self, _: Any, __: Any, count: int, ___: Any) -> None:
         self._writer(count)(self._given[:count].copy())

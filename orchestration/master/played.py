@@ -20,29 +20,10 @@ from ...fmus.made_here import is_ours
 from ...fmus.reading import UnpackedFmu
 from ..fmu.fmi_versions import OK, STATE, STEP, Fmi2, Ports
 from ..fmu.fmu_instance import FmuInstance, Instance
-from .compiled import library
-from .structs import VECTOR, struct
+from .compiled import address_of, library, struct
+from .fmi_calls import VALUES
 
 _PLACES = ["parameters", "states", "tolerance", "time", "samples", "step_start", "sample_time"]
-PLAYED = np.dtype(
-    [
-        ("memory", VECTOR),
-        ("nominal", VECTOR),
-        ("atol", VECTOR),
-        ("update", VECTOR),  # room for discrete states
-        ("places", VECTOR),  # place of each value reference in the memory
-        # addresses of the core's functions, and of their arguments
-        *((name, np.intp) for name in ("step", "output", "sample", "instance", "system")),
-        # places in the memory; negative if there is none
-        *((name, np.int64) for name in ("discrete", *_PLACES)),
-        ("is_new", np.int64),  # whether the outputs in the memory are up to date
-        # the error, for the slave's message: a value that is not finite, or a failed step
-        ("before", VECTOR),  # the memory before the last step
-        *((name, np.int64) for name in ("bad_value", "bad_step", "reference")),
-        *((name, float) for name in ("value", "t", "h")),
-    ]
-)
-"""A slave that compiled code plays, see ``c/played.c``."""
 
 
 def reopened_to_judge(instance: Instance) -> Instance:
@@ -81,7 +62,7 @@ class Played(Fmi2):
         self.do_step, self.get_state, self.set_state, self.free_state = states
         slave, at = self._slave, self._slave.layout
         system, given = slave._system, slave._instance
-        self._struct = struct(PLAYED)
+        self._struct = struct("Played")
         self._struct.set(
             memory=slave.memory,
             nominal=slave._nominal,
@@ -89,8 +70,8 @@ class Played(Fmi2):
             update=slave._update,
             before=np.zeros(at["size"]),
             places=np.array(at["places"], dtype=np.int64),
-            step=ctypes.cast(given._step, ctypes.c_void_p).value,
-            output=ctypes.cast(given._output, ctypes.c_void_p).value,
+            step=address_of(given._step),
+            output=address_of(given._output),
             sample=system._system.sample,
             instance=given.address,
             system=system.address,
@@ -138,7 +119,12 @@ class Played(Fmi2):
 @cache
 def _functions() -> tuple[Any, ...]:
     """The library in the form of an FMU's, and its functions for a step and for states."""
-    own = library()
-    shapes = {"do_step": STEP, "get_state": STATE, "set_state": STATE, "free_state": STATE}
-    named = SimpleNamespace(fmi2SetReal=own.played_set_real, fmi2GetReal=own.played_get_real)
-    return named, *(kind((f"played_{name}", own)) for name, kind in shapes.items())
+
+    def named(name: str, kind: Any) -> Any:
+        return kind((f"played_{name}", library()))
+
+    library_of = SimpleNamespace(
+        fmi2SetReal=named("set_real", VALUES), fmi2GetReal=named("get_real", VALUES)
+    )
+    states = (named(name, STATE) for name in ("get_state", "set_state", "free_state"))
+    return library_of, named("do_step", STEP), *states

@@ -10,22 +10,21 @@ it is exactly there, as the tick of a clock: then it is on the same side of the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
 
-from .clock import Clock
-from .compiled import GOES_ON, PAIR, library
-from .loop_run import CHUNK, LoopRun, RecordedLoop, RunLog
-from .reference_signal import Reference
-from .structs import struct
+from .compiled import GOES_ON
+from .coupling import CHUNK, CoupledPair
+from .loop_run import LoopRun
+from .march import Clock, Progress, Record, march, march_on
+from .sides import Sides
 from .verdict import ACCURACY, asks_again, scales, second_verdict
 
 Vector = npt.NDArray[np.float64]
-March = Callable[[RecordedLoop, list[RecordedLoop], Clock, RunLog, Vector], object]
 
 PARTS = 4096  # of a step: the resolution of times close to a jump
 TICKS = 256  # of such a part: a jump closer than one tick to a point is exactly there
@@ -42,43 +41,33 @@ BENT = 0.5  # share of a change: a larger difference from the adjacent changes m
 
 @dataclass(frozen=True)
 class Setting:
-    """How the loop of a run is opened again."""
+    """A run whose loop is opened again."""
 
-    opened: Callable[[int], RecordedLoop]  # corrected if possible; each step in so many parts
-    march: March
-    reference: Reference
-    orders: tuple[int, ...]  # as in `Wiring`
+    sides: Sides
+    step: float  # [s]
     breaks: Vector  # further times at which steps end [s]
-    start: Vector  # set-points at the start
-    nominal: Vector  # of the plant's outputs
-    commands: int  # their number
-    stop: float  # [s]
-    step: float
+    progress: Progress | None
 
-    def log(self, loop: RecordedLoop) -> RunLog:
-        """A log that keeps no commands."""
-        outputs = loop.loop.outputs
-        return RunLog(self.reference, self.orders, outputs, self.nominal, self.commands, False)
+    def record(self, pair: CoupledPair) -> Record:
+        """A record without commands."""
+        return Record(pair, self.sides.reference, self.sides.wiring.orders, False)
 
 
 def with_second_look(
-    first: LoopRun,
-    outputs: Vector,
-    others: list[Vector],
-    safety: float,
-    setting: Setting,
-    opened_late: Callable[[], RecordedLoop] | None,
+    first: LoopRun, main: CoupledPair, co_runs: Sequence[CoupledPair], setting: Setting
 ) -> LoopRun:
-    """Return the run, with the verdict of a second look if the first one is not clear."""
-    n = len(setting.nominal)  # further columns: sampled outputs of controllers jump on time
+    """Return the run of `main`, with the verdict of a second look if the first is not clear."""
+    n = len(main.outputs)  # further columns: sampled outputs of controllers jump on time
+    judged = len(first.verdict.error_estimate)  # columns after these are only recorded
+    outputs, *others = (np.concatenate(pair.rows)[:, :judged] for pair in (main, *co_runs))
     blind = len(others) > 1 or bool(jumps(outputs[:, :n]).any())
-    if not asks_again(first.verdict, outputs, others[0], safety, blind):
+    if not asks_again(first.verdict, outputs, others[0], main.safety, blind):
         return first
-    found = (others[0], others[1]) if len(others) > 1 else finer(setting, first.time)
+    found = others if len(others) > 1 else finer(setting, first.time)
     if found is None:
         return first
-    judged = outputs.shape[1]  # further columns are only recorded
     half, quarter = (table[:, :judged] for table in found)
+    opened_late = setting.sides.late(main)
     late = delayed(setting, first.time, opened_late()) if opened_late else None
     late = None if late is None else late[:, :judged]
     apart = np.abs(outputs - quarter) + np.abs(half - quarter)
@@ -99,31 +88,29 @@ def jumps(run: Vector) -> npt.NDArray[np.bool_]:
     return np.asarray(((size > ACCURACY) & (beside > BENT * size)).any(axis=1))
 
 
-def finer(setting: Setting, times: Vector) -> tuple[Vector, Vector] | None:
+def finer(setting: Setting, times: Vector) -> list[Vector] | None:
     """Outputs at the run's times with a half and a quarter of its step; None if these runs fail."""
-    half, quarter = setting.opened(1), setting.opened(2)
-    tables = _marched(setting, times, setting.step / 2, half, quarter)
-    return None if tables is None else (tables[0], tables[1])
+    return _marched(setting, times, setting.step / 2, *map(setting.sides.best, (1, 2)))
 
 
-def delayed(setting: Setting, times: Vector, loop: RecordedLoop) -> Vector | None:
+def delayed(setting: Setting, times: Vector, pair: CoupledPair) -> Vector | None:
     """Outputs of a loop at the run's times, with a quarter of its step; None if the loop fails."""
-    tables = _marched(setting, times, setting.step / 4, loop)
+    tables = _marched(setting, times, setting.step / 4, pair)
     return None if tables is None else tables[0]
 
 
 def _marched(
-    setting: Setting, times: Vector, step: float, loop: RecordedLoop, *others: RecordedLoop
+    setting: Setting, times: Vector, step: float, *pairs: CoupledPair
 ) -> list[Vector] | None:
     try:
-        log = setting.log(loop)
-        clock = Clock(setting.stop, step, False, setting.breaks)
-        setting.march(loop, [*others], clock, log, setting.start)
+        record = setting.record(pairs[0])
+        clock = Clock(setting.sides.stop, step, False, setting.breaks)
+        march_on(pairs, clock, record, setting.progress)
     finally:
-        for each in (loop, *others):
-            each.close()
-    tables = [np.concatenate(pair.outputs) for pair in (loop, *others)]
-    rows = np.searchsorted(np.concatenate(log.times), times - 1e-6 * setting.step)
+        for pair in pairs:
+            pair.close()
+    tables = [np.concatenate(pair.rows) for pair in pairs]
+    rows = np.searchsorted(np.concatenate(record.times), times - 1e-6 * setting.step)
     if min(map(len, tables)) <= rows[-1]:
         return None
     return [table[rows] for table in tables]
@@ -195,25 +182,22 @@ def _points(start: int, end: int, parts: int) -> list[int]:
 def _seen_within(setting: Setting, points: int, parts: dict[int, int]) -> dict[int, Vector]:
     """Outputs within steps, by their numbers, at the points of `_points`; empty if it fails."""
     whole = PARTS * TICKS
-    last = round(setting.stop / setting.step * whole)
+    last = round(setting.sides.stop / setting.step * whole)
     ends = [min(k * whole, last) for k in range(points + 1)]
     rows = {k: _points(ends[k], ends[k + 1], size) for k, size in parts.items()}
     all_rows = sorted({*ends[:points], *(row for within in rows.values() for row in within)})
-    clock = Clock(setting.stop, setting.step / whole, False, setting.breaks)
-    loop, nobody = setting.opened(1), struct(PAIR)
+    clock = Clock(setting.sides.stop, setting.step / whole, False, setting.breaks)
+    pair = setting.sides.best(1)
     try:
-        log = setting.log(loop)
-        addresses = [record.address for record in (loop, nobody, nobody, clock, log)]
+        record = setting.record(pair)
         for ticks, alike in groupby(np.diff(all_rows).tolist()):
             left = len(list(alike))
             while left:
                 clock.next_ticks(ticks)
-                why = library().master_march(*addresses, min(left, CHUNK))
-                loop.collect()
-                if why != GOES_ON:
+                if march([pair], clock, record, min(left, CHUNK)) != GOES_ON:
                     return {}
-                left -= loop.record.rows
+                left -= pair.record.rows
     finally:
-        loop.close()
-    table = np.concatenate(loop.outputs)[:, : len(setting.nominal)]
+        pair.close()
+    table = np.concatenate(pair.rows)[:, : len(pair.outputs)]
     return {k: table[np.searchsorted(all_rows, within)] for k, within in rows.items()}

@@ -18,7 +18,8 @@ import numpy as np
 
 from ..fmu.fmu_instance import SHORTER
 from ..fmu.limits import FIRST_STEP
-from .loop_run import UNBOUNDED, LoopRun
+from .loop_run import LoopRun
+from .march import UNBOUNDED
 from .second_look import jumps
 from .verdict import ACCURACY, Verdict, scales
 

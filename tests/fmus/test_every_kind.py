@@ -18,6 +18,7 @@ from ballscrew.orchestration.fmu.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.loop.catalogue import catalogued_model, fmu, fmu_kernel
 from ballscrew.orchestration.master.master import run_loop
 from ballscrew.orchestration.master.reference_signal import Reference
+from ballscrew.orchestration.master.sides import Sides
 from ballscrew.solver.kernel import Model
 
 every_kind = pytest.mark.parametrize("kind", KINDS)
@@ -128,7 +129,7 @@ def test_the_axis_alone_moves_as_the_equations_of_the_thesis_do_in_scipy(made, k
 
 def course(plant, controller, stop):
     parts = FmuInstance(plant, "plant"), FmuInstance(controller, "controller")
-    run = run_loop(*parts, Reference.constant(0.08), stop, 1e-3)
+    run = run_loop(Sides(*parts, Reference.constant(0.08), stop), 1e-3)
     for part in parts:
         part.close()
     return run.outputs | run.commands

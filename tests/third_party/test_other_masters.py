@@ -16,6 +16,7 @@ from ballscrew.orchestration.loop.whole_loop import run_monolithic
 from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.master import run_loop
 from ballscrew.orchestration.master.reference_signal import Reference
+from ballscrew.orchestration.master.sides import Sides
 
 pytestmark = pytest.mark.ci
 GOAL = Reference.constant(0.08)
@@ -31,8 +32,7 @@ def our_master(fmus):
     def course(coupling):
         if coupling not in kept:
             parts = FmuInstance(fmus["plant"], "plant"), FmuInstance(fmus["nctf"], "controller")
-            options = {"coupling": coupling, "corrections": 0}
-            run = run_loop(*parts, GOAL, NCTF_STOP, 1e-4, **options)
+            run = run_loop(Sides(*parts, GOAL, NCTF_STOP, coupling, 0), 1e-4)
             for part in parts:
                 part.close()
             kept[coupling] = table(run)

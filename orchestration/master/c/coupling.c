@@ -66,7 +66,7 @@ typedef struct {
     Vector commands; /* nominal values of the plant's commands */
 } Loop;
 
-static int set_inputs(Controller *c, const double *signals, const double *reference)
+API int master_set_inputs(Controller *c, const double *signals, const double *reference)
 {
     copy(signals, c->calls.given.at, c->n);
     copy(reference, c->calls.given.at + c->n, c->calls.given.size - c->n);
@@ -74,33 +74,33 @@ static int set_inputs(Controller *c, const double *signals, const double *refere
 }
 
 /* The present commands. */
-static int read_commands(Controller *c, double *commands)
+API int master_read_commands(Controller *c, double *commands)
 {
     TRY(take(&c->calls, c->m));
     copy(c->calls.taken.at, commands, c->m);
     return 1;
 }
 
-static int command_at(Controller *c, const double *signals, const double *reference,
-                      double *commands)
+API int master_command_at(Controller *c, const double *signals, const double *reference,
+                          double *commands)
 {
-    return set_inputs(c, signals, reference) && read_commands(c, commands);
+    return master_set_inputs(c, signals, reference) && master_read_commands(c, commands);
 }
 
 /* The commands at these signals, at once or after a step from the state saved for probing. */
 static int answer_at(Controller *c, double t, double h, const double *signals,
                      const double *reference, double *commands)
 {
-    TRY(set_inputs(c, signals, reference));
+    TRY(master_set_inputs(c, signals, reference));
     if (c->answer != DIRECT && !at_end(&c->calls, t))
         TRY(move(&c->calls, t, h));
-    TRY(read_commands(c, commands));
+    TRY(master_read_commands(c, commands));
     return c->answer == DIRECT || restore(&c->calls, PROBE);
 }
 
 /* Derivatives of the commands by the signals, by differences from the law's commands. */
-static int probe_gains(Controller *c, double t, double h, const double *signals,
-                       const double *reference, double *law)
+API int master_probe_gains(Controller *c, double t, double h, const double *signals,
+                           const double *reference, double *law)
 {
     const int64_t m = c->m, n = c->n;
     double *const moved = c->moved.at, *const commands = c->answered.at;
@@ -122,9 +122,9 @@ static int stepped_law(Controller *c, double t, double h, const double *signals,
 {
     if (!c->saves) {
         if (!c->is_ahead) {
-            TRY(set_inputs(c, signals, reference));
+            TRY(master_set_inputs(c, signals, reference));
             TRY(move(&c->calls, t, h));
-            TRY(read_commands(c, c->ahead.at));
+            TRY(master_read_commands(c, c->ahead.at));
             c->is_ahead = 1;
         }
         copy(c->ahead.at, law, c->m);
@@ -133,7 +133,7 @@ static int stepped_law(Controller *c, double t, double h, const double *signals,
     TRY(save(&c->calls, PROBE));
     TRY(answer_at(c, t, h, signals, reference, law));
     if (probe && c->answer == STEPPED)
-        TRY(probe_gains(c, t, h, signals, reference, law));
+        TRY(master_probe_gains(c, t, h, signals, reference, law));
     release(&c->calls, PROBE);
     return 1;
 }
@@ -147,9 +147,9 @@ static int probe_rates(Controller *c, double t, double h, const double *signals,
     if (!c->varies || at_end(&c->calls, t))
         return 1;
     TRY(save(&c->calls, PROBE));
-    TRY(set_inputs(c, signals, reference));
+    TRY(master_set_inputs(c, signals, reference));
     TRY(move(&c->calls, t, h / PROBE_PARTS));
-    TRY(command_at(c, signals, reference, rate));
+    TRY(master_command_at(c, signals, reference, rate));
     for (int64_t k = 0; k < c->m; k++)
         rate[k] = (rate[k] - law[k]) * PROBE_PARTS / h;
     TRY(restore(&c->calls, PROBE));
@@ -161,12 +161,12 @@ static int probe_rates(Controller *c, double t, double h, const double *signals,
  *
  * The controller's state is not changed, with one exception: a controller that answers in its step
  * and cannot save its state has moved to t + h; `advance` takes this into account. */
-static int law_at(Controller *c, double t, double h, const double *signals,
-                  const double *reference, int probe, double *law)
+API int master_law_at(Controller *c, double t, double h, const double *signals,
+                      const double *reference, int probe, double *law)
 {
     const int64_t m = c->m, size = m * (2 + c->n);
     if (c->answer == DIRECT && c->reports && probe) {
-        TRY(set_inputs(c, signals, reference));
+        TRY(master_set_inputs(c, signals, reference));
         TRY(take(&c->calls, size));
         copy(c->calls.taken.at, law, size);
         return 1;
@@ -174,27 +174,27 @@ static int law_at(Controller *c, double t, double h, const double *signals,
     memset(law + m, 0, (size_t)(size - m) * sizeof *law);
     if (c->answer != DIRECT)
         return stepped_law(c, t, h, signals, reference, probe, law);
-    TRY(command_at(c, signals, reference, law));
+    TRY(master_command_at(c, signals, reference, law));
     if (!probe)
         return 1;
-    TRY(probe_gains(c, t, h, signals, reference, law));
+    TRY(master_probe_gains(c, t, h, signals, reference, law));
     if (c->saves)
         TRY(probe_rates(c, t, h, signals, reference, law));
-    return set_inputs(c, signals, reference);
+    return master_set_inputs(c, signals, reference);
 }
 
 /* Move the controller from t to t + h with these signals held. */
-static int advance(Controller *c, double t, double h, const double *signals,
-                   const double *reference)
+API int master_advance(Controller *c, double t, double h, const double *signals,
+                       const double *reference)
 {
     if (c->is_ahead) {
         c->is_ahead = 0;
         return 1;
     }
-    return set_inputs(c, signals, reference) && move(&c->calls, t, h);
+    return master_set_inputs(c, signals, reference) && move(&c->calls, t, h);
 }
 
-static int read_outputs(Calls *plant, double *outputs)
+API int master_read_outputs(Calls *plant, double *outputs)
 {
     TRY(take(plant, plant->taken.size));
     copy(plant->taken.at, outputs, plant->taken.size);
@@ -228,7 +228,7 @@ static int step_plant(Loop *l, double t, double h, const double *law, const doub
 {
     TRY(give_law(l, law, signals));
     TRY(move(&l->plant, t, h));
-    return read_outputs(&l->plant, outputs);
+    return master_read_outputs(&l->plant, outputs);
 }
 
 /* Solve A x = b of m equations by elimination; both are overwritten, b by x. */
@@ -261,9 +261,9 @@ static int miss(Loop *l, const double *reference, const double *law, double *out
                 double *missed)
 {
     TRY(give_law(l, law, signals));
-    TRY(read_outputs(&l->plant, outputs));
+    TRY(master_read_outputs(&l->plant, outputs));
     signals_of(l, outputs, signals);
-    TRY(command_at(&l->controller, signals, reference, missed));
+    TRY(master_command_at(&l->controller, signals, reference, missed));
     for (int64_t k = 0; k < l->controller.m; k++)
         missed[k] -= law[k];
     return 1;
@@ -313,7 +313,7 @@ static int settle(Loop *l, double t, double h, const double *reference, double *
     if (!l->follows)
         return 1;
     TRY(give_law(l, law, signals));
-    TRY(read_outputs(&l->plant, outputs));
+    TRY(master_read_outputs(&l->plant, outputs));
     int changed = 0;
     for (int64_t k = 0; k < l->signals.size; k++) {
         const double now = outputs[l->signals.at[k]];
@@ -322,7 +322,7 @@ static int settle(Loop *l, double t, double h, const double *reference, double *
     if (!changed || c->answer != DIRECT)
         return 1;
     TRY(solve_ring(l, reference, law, outputs, signals));
-    return law_at(c, t, h, signals, reference, (int)l->tangent, law);
+    return master_law_at(c, t, h, signals, reference, (int)l->tangent, law);
 }
 
 /* Whether the law of the next step is known from the end of the last step. */
@@ -333,18 +333,18 @@ static int is_known(const Loop *l, double h)
 
 /* The controller's true commands at the present signals. With `last`, no step beyond t is tried: a
  * controller that answers in its step then gives the command at the end of its last step. */
-static int command_now(Loop *l, double t, double h, const double *reference, int last,
-                       double *commands)
+API int master_command_now(Loop *l, double t, double h, const double *reference, int last,
+                           double *commands)
 {
     Controller *const c = &l->controller;
     if (last && c->answer != DIRECT)
-        return read_commands(c, commands);
+        return master_read_commands(c, commands);
     if (is_known(l, h)) {
         copy(l->following.at, commands, c->m);
         return 1;
     }
     signals_of(l, l->outputs.at, l->start.at);
-    TRY(law_at(c, t, h, l->start.at, reference, 0, l->law.at));
+    TRY(master_law_at(c, t, h, l->start.at, reference, 0, l->law.at));
     copy(l->law.at, commands, c->m);
     return 1;
 }
@@ -356,11 +356,11 @@ static int settle_row(Loop *l, double t, double h, const double *reference, int 
     Controller *const c = &l->controller;
     if (!l->follows || c->answer == DIRECT)
         return 1;
-    TRY(command_now(l, t, h, reference, last, l->command.at));
+    TRY(master_command_now(l, t, h, reference, last, l->command.at));
     memset(l->law.at, 0, (size_t)l->law.size * sizeof *l->law.at);
     copy(l->command.at, l->law.at, c->m);
     TRY(give_law(l, l->law.at, l->start.at));
-    return read_outputs(&l->plant, l->outputs.at);
+    return master_read_outputs(&l->plant, l->outputs.at);
 }
 
 /* The law at the start of a step; its rates include the change of the set-points. */
@@ -372,7 +372,7 @@ static int law_of_step(Loop *l, double t, double h, const double *before, const 
     if (is_known(l, h))
         copy(l->following.at, law, l->law.size);
     else
-        TRY(law_at(c, t, h, l->start.at, before, tangent, law));
+        TRY(master_law_at(c, t, h, l->start.at, before, tangent, law));
     if (!tangent || c->answer != DIRECT)
         return 1;
     int moves = 0;
@@ -380,7 +380,7 @@ static int law_of_step(Loop *l, double t, double h, const double *before, const 
         moves = moves || after[k] != before[k];
     if (moves) {
         double *const moved = l->command.at, *const rate = law + c->m * (1 + c->n);
-        TRY(command_at(c, l->start.at, after, moved));
+        TRY(master_command_at(c, l->start.at, after, moved));
         for (int64_t k = 0; k < c->m; k++)
             rate[k] += (moved[k] - law[k]) / h;
     }
@@ -411,11 +411,11 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
     TRY(step_plant(l, t, h, l->applied.at, l->start.at, l->reached.at));
     signals_of(l, l->reached.at, end);
     if (c->answer != DIRECT) {
-        TRY(advance(c, t, h, l->start.at, before));
-        TRY(read_commands(c, l->late.at));
+        TRY(master_advance(c, t, h, l->start.at, before));
+        TRY(master_read_commands(c, l->late.at));
         copy(l->late.at, l->command.at, c->m);
         if (c->answer == STEPPED && c->saves) {
-            TRY(law_at(c, t + h, h, end, after, 0, l->stepped.at));
+            TRY(master_law_at(c, t + h, h, end, after, 0, l->stepped.at));
             copy(l->stepped.at, l->command.at, c->m);
             if (!l->tangent) { /* the next step begins with it, so that it is not probed again */
                 copy(l->stepped.at, l->following.at, l->following.size);
@@ -430,13 +430,13 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
             l->mean.at[k] = c->real.at[k] ? 0.5 * (l->start.at[k] + end[k]) : end[k];
         for (int64_t k = 0; k < l->goal.size; k++)
             l->goal.at[k] = c->real.at[c->n + k] ? 0.5 * (before[k] + after[k]) : after[k];
-        TRY(advance(c, t, h, l->mean.at, l->goal.at));
+        TRY(master_advance(c, t, h, l->mean.at, l->goal.at));
     } else {
-        TRY(advance(c, t, h, is_late ? l->start.at : end, is_late ? before : after));
+        TRY(master_advance(c, t, h, is_late ? l->start.at : end, is_late ? before : after));
     }
     if (is_late) /* the next command has not seen the end of this step, however it is averaged */
-        TRY(command_at(c, l->start.at, before, l->late.at));
-    TRY(law_at(c, t + h, h, end, after, (int)l->tangent, l->following.at));
+        TRY(master_command_at(c, l->start.at, before, l->late.at));
+    TRY(master_law_at(c, t + h, h, end, after, (int)l->tangent, l->following.at));
     TRY(settle(l, t + h, h, after, l->following.at, l->reached.at, end));
     l->has_following = 1;
     copy(l->following.at, l->command.at, c->m);

@@ -82,7 +82,7 @@ static int record_outputs(Pair *pair, const double *reference)
     if (c->others) {
         if (c->group) {
             signals_of(&pair->loop, row, pair->loop.start.at);
-            TRY(set_inputs(c, pair->loop.start.at, reference));
+            TRY(master_set_inputs(c, pair->loop.start.at, reference));
         }
         TRY(take(&c->calls, all));
         copy(c->calls.taken.at + all - c->others, row + n, c->others);
@@ -241,7 +241,8 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
         begin_step_at(loop, course, end, close);
         /* if no commands are kept, a step of another length may follow */
         if (course->commands.size && !clock->broken &&
-            !command_now(loop, end, following, course->before.at, clock_done(clock), commands)) {
+            !master_command_now(loop, end, following, course->before.at, clock_done(clock),
+                                commands)) {
             release_both(loop, CORRECTION);
             release_both(loop, PROBE);
             why = COMMAND_FAILED;
@@ -273,59 +274,6 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
     return why;
 }
 
-/* The sizes of the records, which `compiled.py` declares, too. */
-API void master_sizes(int64_t *sizes)
-{
-    const int64_t own[] = {
-        sizeof(Calls),  sizeof(Member), sizeof(Group), sizeof(Controller), sizeof(Loop), sizeof(Pair),
-        sizeof(Course), sizeof(Clock),  sizeof(Side),  sizeof(Joint),      sizeof(Trail),
-    };
-    memcpy(sizes, own, sizeof own);
-}
-
-/* -- single calls ------------------------------------------------------------------------------ */
-
-API int master_read_outputs(Calls *plant, double *outputs)
-{
-    return read_outputs(plant, outputs);
-}
-
-API int master_command(Loop *loop, double t, double h, const double *reference, int last,
-                       double *commands)
-{
-    return command_now(loop, t, h, reference, last, commands);
-}
-
-API int master_set_inputs(Controller *c, const double *signals, const double *reference)
-{
-    return set_inputs(c, signals, reference);
-}
-
-API int master_read_commands(Controller *c, double *commands)
-{
-    return read_commands(c, commands);
-}
-
-API int master_command_at(Controller *c, const double *signals, const double *reference,
-                          double *commands)
-{
-    return command_at(c, signals, reference, commands);
-}
-
-API int master_probe_gains(Controller *c, double t, double h, const double *signals,
-                           const double *reference, double *law)
-{
-    return probe_gains(c, t, h, signals, reference, law);
-}
-
-API int master_law_at(Controller *c, double t, double h, const double *signals,
-                      const double *reference, int probe, double *law)
-{
-    return law_at(c, t, h, signals, reference, probe, law);
-}
-
-API int master_advance(Controller *c, double t, double h, const double *signals,
-                       const double *reference)
-{
-    return advance(c, t, h, signals, reference);
-}
+/* The size of the records, which `compiled.py` reads from these sources. */
+API const int64_t master_size = sizeof(Pair) + sizeof(Course) + sizeof(Clock) + sizeof(Joint) +
+                                sizeof(Trail) + sizeof(Played) + sizeof(Group) + sizeof(Member);

@@ -12,9 +12,10 @@ from scipy.linalg import expm
 from ballscrew.orchestration.fmu.fmu_instance import StepFailed
 from ballscrew.orchestration.master import compiled
 from ballscrew.orchestration.master.couplings import Coupling
-from ballscrew.orchestration.master.loop_run import UNKNOWN
+from ballscrew.orchestration.master.march import UNKNOWN
 from ballscrew.orchestration.master.master import run_loop
 from ballscrew.orchestration.master.reference_signal import Reference
+from ballscrew.orchestration.master.sides import Sides
 from ballscrew.orchestration.master.step_choice import choose_step
 from ballscrew.solver.errors import CouplingError
 
@@ -154,8 +155,7 @@ def test_a_run_is_its_recursion_and_its_estimate_that_of_its_co_run(coupling, co
     """Probed derivatives are differences, which are right to 1e-8 here; the rest is round-off."""
     law = coupling is LAW
     size = 1e-7 if law else 1e-11
-    how = {"coupling": coupling, "corrections": corrections, "look_again": False}
-    run = run_loop(*parts(law), GOAL, STOP, STEP, **how)
+    run = run_loop(Sides(*parts(law), GOAL, STOP, coupling, corrections), STEP, look_again=False)
     times = np.append(np.arange(21) * STEP, STOP)
     lengths = np.diff(np.sort(np.append(times, 0.63)))
     np.testing.assert_allclose(run.time, times, rtol=0, atol=1e-15)
@@ -192,8 +192,8 @@ def test_the_error_falls_with_the_order_of_the_coupling_and_the_estimate_covers_
 ):
     steps, errors = np.array([0.04, 0.02, 0.01]), []
     for step in steps:
-        how = {"coupling": coupling, "corrections": corrections}
-        run = run_loop(*parts(coupling is LAW), STILL, 1.0, step, **how)
+        sides = Sides(*parts(coupling is LAW), STILL, 1.0, coupling, corrections)
+        run = run_loop(sides, step)
         errors.append(np.abs(outputs(run) - closed(1.0, run.time)).max(axis=0))
         assert np.all(errors[-1] <= list(run.verdict.error_estimate.values()))
     fitted = np.polyfit(np.log(steps), np.log(np.max(errors, axis=1)), 1)[0]
@@ -203,7 +203,7 @@ def test_the_error_falls_with_the_order_of_the_coupling_and_the_estimate_covers_
 @pytest.mark.parametrize("coupling", [JACOBI, GAUSS_SEIDEL, LAW])
 def test_a_second_look_compares_with_corrected_runs_of_a_half_and_a_quarter_of_the_step(coupling):
     law = coupling is LAW
-    run = run_loop(*parts(law), STILL, 1.0, STEP, coupling=coupling, corrections=int(law))
+    run = run_loop(Sides(*parts(law), STILL, 1.0, coupling, int(law)), STEP)
     exact = by_hand(Pair(coupling, law, law), run.time, STILL).rows
     half, quarter = (
         by_hand(Pair(coupling, True, True), run.time, STILL, cut).rows for cut in (2, 4)
@@ -218,9 +218,8 @@ def test_a_second_look_compares_with_corrected_runs_of_a_half_and_a_quarter_of_t
 @pytest.mark.parametrize("look_again", [False, True])
 @pytest.mark.parametrize(("coupling", "late"), [(JACOBI, GAUSS_SEIDEL), (GAUSS_SEIDEL, JACOBI)])
 def test_without_saved_states_shorter_steps_and_later_commands_judge(coupling, late, look_again):
-    run = run_loop(
-        *parts(False, can_save=False), STILL, 1.0, 0.01, coupling=coupling, look_again=look_again
-    )
+    sides = Sides(*parts(False, can_save=False), STILL, 1.0, coupling)
+    run = run_loop(sides, 0.01, look_again=look_again)
 
     def cut(into, how=coupling):
         return by_hand(Pair(how, False, False), run.time, STILL, into).rows
@@ -243,8 +242,7 @@ def test_without_saved_states_shorter_steps_and_later_commands_judge(coupling, l
 def test_adaptive_steps_are_halves_of_the_longest_within_their_share_of_the_allowed_error(longest):
     stop = 2 * longest
     goal = Reference(np.array([0.0, 0.31, 0.31, 10.0]) * stop, np.array([0.0, 0.1, -0.1, -0.1]))
-    how = {"coupling": GAUSS_SEIDEL, "corrections": 1, "adaptive": True}
-    run = run_loop(*parts(False), goal, stop, longest, **how)
+    run = run_loop(Sides(*parts(False), goal, stop, GAUSS_SEIDEL, 1, adaptive=True), longest)
     halvings = -np.log2(np.diff(run.time) / longest)
     whole = np.isclose(halvings, np.round(halvings))
     assert whole.sum() >= len(whole) - 2  # those to and from the jump
@@ -264,7 +262,7 @@ def test_a_controller_that_answers_in_its_step_has_seen_the_signals_of_its_start
     coupling, can_save
 ):
     sides = parts(False, can_save=can_save, answers_in_step=True)
-    run = run_loop(*sides, STILL, 1.0, STEP, coupling=coupling)
+    run = run_loop(Sides(*sides, STILL, 1.0, coupling), STEP)
     y, z, late, rows = START, OWN_START, (C @ OWN_START)[0], [START]
     for _ in range(20):
         true = command(y, z, 1.0)
@@ -303,7 +301,7 @@ def test_every_row_of_a_loop_of_two_commands_solves_its_equations(can_save):
     around = np.eye(2) - gains[:, :2] @ through
     assert around[0, 0] == 0.0
     plant, controller = at_once(through, gains, can_save=can_save)
-    run = run_loop(plant, controller, STILL, 1.0, STEP, coupling=GAUSS_SEIDEL)
+    run = run_loop(Sides(plant, controller, STILL, 1.0, GAUSS_SEIDEL), STEP)
     x, rows, commands = np.zeros(2), [], []
     for _ in range(21):
         commands.append(np.linalg.solve(around, gains @ [*x, 1.0]))
@@ -327,13 +325,14 @@ class Relay(Tanh):
 
 
 def test_a_loop_that_is_not_linear_is_solved_too_and_one_of_a_relay_is_named():
-    run = run_loop(*at_once(np.array([[0.3]]), np.array([[-4.0, 4.0]]), Tanh), STILL, 1.0, 0.01)
+    smooth = at_once(np.array([[0.3]]), np.array([[-4.0, 4.0]]), Tanh)
+    run = run_loop(Sides(*smooth, STILL, 1.0), 0.01)
     expected = np.tanh(4.0 * (1 - run.outputs["y0"]))
     np.testing.assert_allclose(run.commands["u"], expected, atol=1e-9)
     assert run.verdict.trusted
     switching = at_once(np.array([[2.0]]), np.array([[-4.0, 4.0]]), Relay)
     with pytest.raises(StepFailed, match=r"algebraic loop through controller\.u has no solution"):
-        run_loop(*switching, STILL, 1.0, 0.01)
+        run_loop(Sides(*switching, STILL, 1.0), 0.01)
 
 
 def test_a_plant_that_shows_only_in_its_step_what_it_does_at_once_is_named():
@@ -342,7 +341,7 @@ def test_a_plant_that_shows_only_in_its_step_what_it_does_at_once_is_named():
     def run_at(step, look_again=True, gain=2.0):
         gains = gain / 0.2 * np.array([[-1.0, 1.0]])
         sides = at_once(np.array([[0.2]]), gains, answers_in_step=True)
-        return run_loop(*sides, STILL, 1.0, step, look_again=look_again)
+        return run_loop(Sides(*sides, STILL, 1.0), step, look_again=look_again)
 
     run, choice = choose_step(run_at, 0.01)
     assert "algebraic loop has a loop gain of 2" in run.verdict.reason
@@ -357,7 +356,7 @@ def test_a_plant_that_shows_only_in_its_step_what_it_does_at_once_is_named():
 def test_a_loop_that_diverges_stops_at_its_bound_and_one_that_cannot_go_on_says_when():
     plant, controller = parts(False)
     plant.A = np.array([[0.0, 1.0], [0.0, 40.0]])
-    run = run_loop(plant, controller, STILL, 5.0, STEP, coupling=GAUSS_SEIDEL)
+    run = run_loop(Sides(plant, controller, STILL, 5.0, GAUSS_SEIDEL), STEP)
     bound = np.abs(outputs(run)[:-1]).max(), np.abs(outputs(run)[-1]).max()
     assert bound[0] <= UNKNOWN < bound[1]
     assert run.diverged
@@ -371,14 +370,14 @@ def test_a_loop_that_diverges_stops_at_its_bound_and_one_that_cannot_go_on_says_
         move(t, h)
 
     plant.step = fails
-    run = run_loop(plant, controller, STILL, 1.0, STEP, coupling=GAUSS_SEIDEL)
+    run = run_loop(Sides(plant, controller, STILL, 1.0, GAUSS_SEIDEL), STEP)
     assert run.stopped == "no further (in the step from t = 0.5 s)"
     assert run.time[-1] == pytest.approx(0.5)
     with pytest.raises(CouplingError, match="corrections need both FMUs to save"):
-        run_loop(*parts(False, can_save=False), STILL, 1.0, STEP, corrections=1)
+        Sides(*parts(False, can_save=False), STILL, 1.0, corrections=1)
 
 
 def test_a_library_whose_records_differ_from_those_declared_here_is_not_used(monkeypatch):
-    monkeypatch.setattr(compiled, "CLOCK", np.dtype([("tick", float)]))
+    monkeypatch.setitem(compiled.records(), "Clock", np.dtype([("tick", float)]))
     with pytest.raises(ImportError, match="libmaster has other records"):
         compiled.library.__wrapped__()

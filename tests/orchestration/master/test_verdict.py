@@ -14,6 +14,7 @@ from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.master.master import run_loop
 from ballscrew.orchestration.master.reference_signal import Reference
+from ballscrew.orchestration.master.sides import Sides
 from ballscrew.orchestration.master.verdict import Verdict, asks_again, second_verdict, verdict_of
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -56,7 +57,7 @@ def test_a_jump_closer_to_a_communication_point_than_its_time_is_known_is_not_tr
             {"Kp": 0.0, "Kd": 0.0},
         ),
     )
-    run = run_loop(plant, controller, Reference.constant(0.0), 1.0, 0.1)
+    run = run_loop(Sides(plant, controller, Reference.constant(0.0), 1.0), 0.1)
     assert run.verdict.trusted == trusted
     assert run.verdict.error_estimate["v"] == pytest.approx(0.0 if trusted else 1.5, abs=1e-9)
 
