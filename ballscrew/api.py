@@ -481,8 +481,7 @@ def lyapunov(  # noqa: PLR0913
         from .stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
 
         return Exponents.of(loop_lyapunov_over_fmus(followed, progress))
-    from .stability.loop_lyapunov import loop_lyapunov
-    from .stability.lyapunov import Watching
+    from .stability.lyapunov import Watching, loop_lyapunov
 
     return Exponents.of(loop_lyapunov(followed, tolerance, Watching(progress, budget)))
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .console import Stages, print_notes
 from .loop_options import add_followed_loop_options, read_followed_loop
@@ -14,6 +15,9 @@ from .options import NOT_TRUSTED, TRUSTED, read_number
 from .orchestration.fmu.limits import TOLERANCE
 from .results_folder import prepare_folder, save_results
 from .solver.errors import UserError
+
+if TYPE_CHECKING:
+    from .study_results import Exponents
 
 _EXAMPLES = """examples:
   ballscrew lyapunov --controller nctf --stop 300 --out out/nctf
@@ -76,7 +80,7 @@ def _lyapunov(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(finite_or_null(figures)))
     else:
-        _show(figures, options.out)
+        _show(result, figures, options.out)
     if figures["time_s"] < loop.stop and figures["diverges_at_s"] is None:
         print_notes(
             [f"the exponents are computed up to t = {figures['time_s']:g} s, not {loop.stop:g} s"]
@@ -86,14 +90,18 @@ def _lyapunov(options: argparse.Namespace) -> int:
     return TRUSTED if result.decided else NOT_TRUSTED
 
 
-def _show(figures: dict[str, Any], folder: Path) -> None:
-    limits = figures["asymptotic_bits_per_s"]
+def _show(result: Exponents, figures: dict[str, Any], folder: Path) -> None:
+    limits = result.motion.limit
     errors = figures["asymptotic_error_bits_per_s"]
     print(f"{figures['label']}, {figures['time_s']:g} s: {figures['verdict']}")
-    print("  exponent [bits/s]   limit [bits/s] (95 %)")
-    for k, value in enumerate(figures["exponents_bits_per_s"]):
-        limit = f"{limits[k]:16.6g} +- {errors[k]:.2g}" if limits else f"{'unknown':>16}"
-        print(f"  {value:17.6g}   {limit}")
+    print("  exponent [bits/s]   limit [bits/s] +- bound of its error")
+    for k, value in enumerate(result.exponents):
+        limit = f"{'unknown':>16}" if limits is None else f"{result.shown(limits[k]):>16}"
+        if limits is not None and math.isfinite(limits[k]):
+            limit += f" +- {errors[k]:.2g}"
+        print(f"  {result.shown(value):>17}   {limit}")
+    if result.note:
+        print(f"  {result.note}")
     if figures["sum_rule_error"] is not None:
         print(f"  sum rule: off by {figures['sum_rule_error']:.2g} of the sum")
     print(f"  {figures['evidence']}")

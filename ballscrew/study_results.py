@@ -19,8 +19,8 @@ from .solver.files import finite_or_null, write_json
 from .solver.tables import read_table, table_path, write_table
 from .stability.attractor import Kind
 from .stability.lyapunov import LyapunovRun
-from .stability.stability_map import AGAIN
-from .stability.store import TABLE, MapSummary
+from .stability.map_plan import TABLE
+from .stability.stability_map import AGAIN, MapSummary
 
 if TYPE_CHECKING:
     import numpy as np
@@ -51,7 +51,7 @@ class Exponents(Result, LyapunovRun):
         return self.motion.kind.value
 
     def pictures(self) -> dict[str, Any]:
-        from .stability.exponent_pictures import convergence_figure
+        from .stability.pictures import convergence_figure
 
         return {"lyapunov": convergence_figure(self)}
 
@@ -68,24 +68,27 @@ class Exponents(Result, LyapunovRun):
             yield "The error of the exponents is not known."
 
     def tables(self) -> list[Table]:
-        from .stability.exponent_pictures import moved_by
+        from .stability.pictures import moved_by
 
         figures = self.figures()
-        values, errors, limits, limit_errors = (figures.pop(f"{n}_bits_per_s") for n in _LISTS)
+        _, errors, _, limit_errors = (figures.pop(f"{n}_bits_per_s") for n in _LISTS)
+        limits = [] if self.motion.limit is None else self.motion.limit
         rows = [
             (
                 f"{k + 1}",
-                f"{value:.6g}",
+                self.shown(value),
                 "not known" if math.isnan(errors[k]) else f"{errors[k]:.3g}",
-                *(f"{x[k]:.6g}" if x and k < len(x) else "-" for x in (limits, limit_errors)),
+                self.shown(limits[k]) if k < len(limits) else "-",
+                f"{limit_errors[k]:.6g}" if limit_errors and k < len(limit_errors) else "-",
             )
-            for k, value in enumerate(values)
+            for k, value in enumerate(self.exponents)
         ]
-        from_ = f"+- (95 %, from {moved_by(self)})"
-        columns = ("exponent", "bits/s", from_, "limit", "+- (95 %)")
+        from_ = f"+- (bound, from {moved_by(self)})"
+        columns = ("exponent", "bits/s", from_, "limit", "+- (bound)")
         used = [] if self.loop is None else values_of(self.loop, self.loop.step is not None)
         others = figures_table("lyapunov.json", figures, {})
-        return [Table("Exponents", columns, rows), others, *used]
+        title = f"Exponents ({self.note})" if self.note else "Exponents"
+        return [Table(title, columns, rows), others, *used]
 
     def to_pandas(self) -> Any:
         """A row for each exponent: finite-time value, its error and the limit [bits/s]."""
@@ -137,7 +140,7 @@ class StabilityMap(Result):
         return self.trusted and not self._undecided
 
     def pictures(self) -> dict[str, Any]:
-        from .stability.map_pictures import map_figure
+        from .stability.pictures import map_figure
 
         return {"map": map_figure(self.summary.plan, self.folder)}
 

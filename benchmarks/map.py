@@ -20,8 +20,7 @@ from time import process_time
 
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.kernel import IntegrationError
-from ballscrew.stability.cell import model_at, run_cell
-from ballscrew.stability.map_plan import kernel_of
+from ballscrew.stability.map_plan import kernel_of, model_at, run_cell
 from ballscrew.stability.stability_map import plan_map
 
 X, Y = "sigma0_hat=66965.89:66969.24:34", "sigma1_hat=339.56:367.56:24"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -67,6 +69,16 @@ class Equilibrium:
         return float(rest.real.max(initial=-np.inf)) if len(rest) else 0.0
 
 
+@contextmanager
+def unchanged(model: Model) -> Iterator[None]:
+    """The model's state, held values and counters are the same again at the end."""
+    kept = model.x.copy(), model.u.copy(), model.info.copy()
+    try:
+        yield
+    finally:
+        model.x[:], model.u[:], model.info[:] = kept
+
+
 def sample_after(model: Model, time: float) -> float:
     """The first sample instant that is not before this time; without samples, the time itself."""
     period = model.sample_time
@@ -76,19 +88,8 @@ def sample_after(model: Model, time: float) -> float:
 def equilibrium_near(model: Model, time: float) -> Equilibrium | None:
     """The equilibrium nearest to the model's present state; None if Newton's method finds none.
 
-    If equilibria form a line, it is the one that the shortest steps lead to.
-
-    Parameters
-    ----------
-    model : Model
-        Not changed.
-    time : float
-        [s], for equations that contain it.
-
-    Raises
-    ------
-    ValueError
-        For discrete states or delayed signals that are none of the states.
+    If equilibria form a line, it is the one that the shortest steps lead to. The model is not
+    changed; ValueError for discrete states or delayed signals that are none of the states.
     """
     check_all_are_states(model)
     # Over nominal magnitudes, so that a state's size does not depend on its unit.
@@ -155,16 +156,8 @@ def stands(model: Model, time: float, span: float, state: Vector, within: float)
 
     The equations are evaluated at many instants: the solver takes long steps at rest, and may step
     over the moment when a swinging force moves a sticking body. The instants are not on a grid,
-    because a grid may have the same phase in each period.
-
-    Parameters
-    ----------
-    model : Model
-        Not changed; its mode and its held values are those of the equilibrium.
-    time, span : float
-        [s]
-    within : float
-        How far the equilibrium may move [nominal magnitudes].
+    because a grid may have the same phase in each period. Mode and held values are the model's; the
+    equilibrium may move by `within` nominal magnitudes.
     """
     if not _time_moves(model):
         return True
@@ -188,13 +181,6 @@ def is_driven(model: Model, time: float, span: float) -> bool:
     """Whether time alone changes rates or indicators, in the present state and mode.
 
     Equations contain the time if a set-point can move, even if it does not.
-
-    Parameters
-    ----------
-    model : Model
-        Not changed.
-    time, span : float
-        Start and length of the time that is tested [s].
     """
     if not _time_moves(model):
         return False
@@ -232,14 +218,13 @@ def _drift(a: Matrix, change: Vector, slowest: float, period: float) -> float:
     """The rest of a change, per second, after all decaying parts have decayed."""
     if slowest > 0.0:
         return 0.0
-    if slowest == 0.0:  # nothing decays: for example a block on a belt, or a clock
-        left = change / period if period else change
-    elif period:
+    left = change
+    if slowest < 0.0 and period:
         times = max(len(a), math.ceil(FALLEN / (-slowest * period)))
-        left = np.linalg.matrix_power(a + np.eye(len(a)), times) @ change / period
-    else:
+        left = np.linalg.matrix_power(a + np.eye(len(a)), times) @ change
+    elif slowest < 0.0:  # else nothing decays: for example a block on a belt, or a clock
         left = expm(a * (FALLEN / -slowest)) @ change
-    return float(np.abs(left).max(initial=0.0))
+    return float(np.abs(left).max(initial=0.0) / (period or 1.0))
 
 
 def _rates_between_samples(
@@ -252,12 +237,10 @@ def _rates_between_samples(
     rates = np.zeros(len(factors), complex)
     rates[~small] = np.log(factors[~small] + 0j) / period
     if small.any():
-        kept = model.x.copy(), model.u.copy(), model.info.copy()
-        start = sample_after(model, time)
-        model.x[:] = point
-        grid = start + period * np.array([0.0, FOLLOWED, 2.0 * FOLLOWED])
-        run = follow_tangents(model, grid)
-        model.x[:], model.u[:], model.info[:] = kept
+        grid = sample_after(model, time) + period * np.array([0.0, FOLLOWED, 2.0 * FOLLOWED])
+        with unchanged(model):
+            model.x[:] = point
+            run = follow_tangents(model, grid)
         with np.errstate(invalid="ignore"):
             late = (run.growth[-1] - run.growth[-2]) / (FOLLOWED * period)
         late = -np.sort(-np.where(np.isnan(late), -np.inf, late))
@@ -275,28 +258,23 @@ def _rates(model: Model, time: float, point: Vector) -> tuple[Vector, Matrix]:
 def _sample_map(model: Model, time: float, point: Vector) -> tuple[Vector, Matrix]:
     """Change of the states from one sample to the next and its slopes, over nominal magnitudes."""
     nominal = model.kernel.nominal
-    n = len(nominal)
-    period = model.sample_time
+    n, held = len(nominal), model.u.copy()
     start = sample_after(model, time)
-    kept = model.x.copy(), model.u.copy(), model.info.copy()
-    columns = []
-    for axis in np.eye(n):
-        model.x[:], model.u[:] = point, kept[1]
-        run = follow_tangents(model, np.array([start, start + period]), 1, axis[None, :])
-        if run.failure:
-            break
-        columns.append(run.frame[0] * np.exp(run.growth[-1, 0]))
-    change = (model.x - point) / nominal
-    model.x[:], model.u[:], model.info[:] = kept
-    if len(columns) < n:
-        return np.full(n, np.nan), np.full((n, n), np.nan)
-    return change, np.column_stack(columns) * nominal[None, :] / nominal[:, None] - np.eye(n)
+    grid = np.array([start, start + model.sample_time])
+    columns = np.empty((n, n))
+    with unchanged(model):
+        for k, axis in enumerate(np.eye(n)):
+            model.x[:], model.u[:] = point, held
+            run = follow_tangents(model, grid, 1, axis[None, :])
+            if run.failure:
+                return np.full(n, np.nan), np.full((n, n), np.nan)
+            columns[:, k] = run.frame[0] * np.exp(run.growth[-1, 0])
+        change = (model.x - point) / nominal
+    return change, columns * nominal[None, :] / nominal[:, None] - np.eye(n)
 
 
 def _shortest_solution(a: Matrix, b: Vector) -> Vector:
-    """Least squares; directions that are dependent, or nearly, are not moved.
-
-    A friction law's deflection that hardly moves any more must not be moved along the line of
-    equilibria only to make its last small rate zero.
-    """
+    """Least squares; directions that are dependent, or nearly, are not moved."""
+    # a friction law's deflection that hardly moves any more must not be moved along the line of
+    # equilibria only to make its last small rate zero
     return np.asarray(np.linalg.lstsq(a, b, rcond=1e-11)[0])

@@ -1,4 +1,4 @@
-"""Lyapunov exponents of a closed loop, with a verdict and its evidence."""
+"""Lyapunov exponents of a model or a closed loop, with a verdict and its evidence."""
 
 from __future__ import annotations
 
@@ -9,29 +9,26 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..orchestration.fmu.limits import TOLERANCE
+from ..orchestration.loop.loop import Loop
+from ..orchestration.loop.whole_loop import held_loop_kernel, loop_kernel, model_of
 from ..solver.core import REACHED
+from ..solver.delay_states import NODES
 from ..solver.files import write_atomically, write_json
-from ..solver.kernel import Model
+from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.spectrum import Spectrum, follow_returns, follow_tangents
-from .attractor import CLOSED, RESOLVED, Attractor, Kind, classify_attractor
-from .budget import becomes
+from .attractor import Attractor, Kind, agree, bars, ended
+from .classify import RESOLVED, classify_attractor
 from .equilibria import sample_after
-
-if TYPE_CHECKING:
-    from ..orchestration.loop.loop import Loop
 
 Vector = npt.NDArray[np.float64]
 Maker = Callable[[float], Model]
-
-
 """Makes the same model, at its start, with a relative tolerance."""
-
 
 TIGHTER = 0.1
 JUDGED = 100.0  # times the tolerance are sufficient for the long-term motion
@@ -40,26 +37,14 @@ SAMPLES = 400
 TOLD = 0.5  # seconds between two reports of the progress
 BRIEF, PARTS = 20_000, 50  # samples of a motion without exponents; checks of the time
 MORE_TIME = "more time for computing (--budget), a shorter --stop, or a coarser --tolerance"
-WIDER, LEAST = 3.0, 1e-5  # times a change, and share of an exponent, in half of a 95 % interval
-SAME = 1e-2  # relative difference up to which periods and amplitudes are the same
 ONE_SOLVER = "one solver"
 AVERAGED = (
     "one solver; exponents of the quantizers' average with dither, verdict of the exact quantizers"
 )
-_BITS = 1.0 / math.log(2.0)
+BITS = 1.0 / math.log(2.0)  # per nat
+DIGITS = 52  # bits of a number: less is left of a direction that vanishes within a sample
 FIRST = ("x", "v")  # states of the axis that come first in the frame, as in the thesis
 LAST = ("i",)
-
-
-def bars(estimates: Vector, others: Vector, least: float = LEAST) -> Vector:
-    """Half of 95 % intervals of estimates from those of a second run; zero for minus infinity.
-
-    A tenth of the tolerance does not always lower an error to a tenth: of 420 finite-time exponents
-    of iol, nctf and pid 38 % are within the plain change of those at 1e-13, all within these bars.
-    """
-    with np.errstate(invalid="ignore"):
-        found = np.maximum(WIDER * np.abs(estimates - others), least * np.abs(others))
-    return np.where(np.isfinite(found), found, 0.0)
 
 
 @dataclass(frozen=True)
@@ -74,7 +59,7 @@ class LyapunovRun:
         Motion and tangents at the given tolerance.
     tighter : Spectrum or None
         The same at a tenth of it; None if the computing time was not sufficient.
-    motion : Motion
+    motion : Attractor
         The long-term motion.
     tolerance : float
     label : str
@@ -82,6 +67,8 @@ class LyapunovRun:
         Method for the tangents.
     loop : Loop, optional
         The loop of this motion.
+    sample_time : float
+        Of a sampled loop [s], else 0.
     """
 
     names: list[str]
@@ -92,15 +79,19 @@ class LyapunovRun:
     label: str = ""
     method: str = ONE_SOLVER
     loop: Loop | None = None
+    sample_time: float = 0.0
 
     @property
     def exponents(self) -> Vector:
-        """Finite-time exponents at the last time reached, largest first [nats/s]."""
+        """Finite-time exponents at the last time reached, largest first [nats/s].
+
+        Minus infinity for a direction that vanishes at once: within a sample, or at an event.
+        """
         return np.sort(self.spectrum.exponents)[::-1]
 
     @property
     def error(self) -> Vector:
-        """Half of a 95 % interval for each of them [nats/s]; NaN: not known.
+        """A bound of the error of each of them [nats/s], see `bars`; NaN: not known.
 
         Three times the change at a tenth of the tolerance, and at least 1e-5 of the exponent.
         """
@@ -112,51 +103,67 @@ class LyapunovRun:
     def decided(self) -> bool:
         return self.motion.kind is not Kind.UNDECIDED
 
+    @property
+    def lowest(self) -> float | None:
+        """Exponents that are minus infinity are below this one [nats/s]; None without samples."""
+        return -DIGITS / (BITS * self.sample_time) if self.sample_time else None
+
+    def shown(self, nats: float) -> str:
+        """An exponent or a limit in bits/s; below a number if it is minus infinity, see `note`."""
+        if nats != -np.inf:
+            return f"{nats * BITS:.6g}"
+        return "at once" if self.lowest is None else f"below {self.lowest * BITS:.3g}"
+
+    @property
+    def note(self) -> str:
+        """What minus infinity means here; empty if no exponent or limit is minus infinity."""
+        limits = [] if self.motion.limit is None else self.motion.limit
+        if not np.isneginf([*self.exponents, *limits]).any():
+            return ""
+        where = "within one sample" if self.sample_time else "at an event, such as sticking"
+        return f"{self.shown(-np.inf)}: a direction that is contracted {where}"
+
     def sum_rule_error(self) -> float | None:
         """Difference of the exponents' sum and the mean trace, relative to the larger of both.
 
         None if not all exponents were computed, one is minus infinity, or the trace is not known.
         """
         growth, trace = self.spectrum.growth[-1], float(self.spectrum.trace[-1])
-        if (
-            len(self.spectrum.time) < 2
-            or len(growth) < len(self.names)
-            or not np.isfinite([*growth, trace]).all()
-        ):
+        all_known = np.isfinite([*growth, trace]).all() and len(growth) == len(self.names)
+        if len(self.spectrum.time) < 2 or not all_known:
             return None
         total = float(growth.sum())
         largest = max(abs(total), abs(trace))
         return abs(total - trace) / largest if largest > 0.0 else 0.0
 
     def figures(self) -> dict[str, Any]:
-        """Content of ``lyapunov.json``."""
+        """Content of ``lyapunov.json``, where minus infinity becomes null."""
         run, motion = self.spectrum, self.motion
         span = float(run.time[-1] - run.time[0])
-        exponents = self.exponents
-        limit = motion.limit
+        rest = motion.equilibrium
+
+        def bits(values: Vector | None) -> list[float] | None:
+            return None if values is None else (values * BITS).tolist()
+
         return {
             "label": self.label,
             "states": self.names,
             "time_s": float(run.time[-1]),
-            "exponents_bits_per_s": (exponents * _BITS).tolist(),
-            "exponents_nats_per_s": exponents.tolist(),
-            "exponents_error_bits_per_s": (self.error * _BITS).tolist(),
-            "asymptotic_bits_per_s": None if limit is None else (limit * _BITS).tolist(),
-            "asymptotic_error_bits_per_s": None
-            if motion.limit_error is None
-            else (motion.limit_error * _BITS).tolist(),
-            "mean_trace_bits_per_s": float(run.trace[-1]) / span * _BITS if span > 0 else None,
+            "exponents_bits_per_s": bits(self.exponents),
+            "exponents_nats_per_s": self.exponents.tolist(),
+            "exponents_error_bits_per_s": bits(self.error),
+            "contracted_at_once": int(np.isneginf(self.exponents).sum()),
+            "contracted_below_bits_per_s": self.lowest and self.lowest * BITS,
+            "asymptotic_bits_per_s": bits(motion.limit),
+            "asymptotic_error_bits_per_s": bits(motion.limit_error),
+            "mean_trace_bits_per_s": float(run.trace[-1]) / span * BITS if span > 0 else None,
             "sum_rule_error": self.sum_rule_error(),
-            "lambda1_times_t_bits": float(run.growth[-1].max()) * _BITS,
+            "lambda1_times_t_bits": float(run.growth[-1].max()) * BITS,
             "verdict": motion.kind.value,
             "evidence": motion.evidence,
             "would_decide": motion.would_decide,
-            "neutral_directions": None
-            if motion.equilibrium is None
-            else motion.equilibrium.neutral,
-            "rest": None
-            if motion.equilibrium is None
-            else dict(zip(self.names, motion.equilibrium.state.tolist(), strict=True)),
+            "neutral_directions": rest and rest.neutral,
+            "rest": rest and dict(zip(self.names, rest.state.tolist(), strict=True)),
             "period_s": motion.period,
             "amplitude": motion.amplitude,
             "return_error": motion.return_error,
@@ -173,7 +180,7 @@ class LyapunovRun:
         header = ["time", *(f"lambda{k + 1}_bits_per_s" for k in range(count)), "trace_bits_per_s"]
         stream.write(",".join(header) + "\n")
         for t, rates, trace in zip(*self.running(), strict=True):
-            row = [t, *rates * _BITS, trace * _BITS]
+            row = [t, *rates * BITS, trace * BITS]
             stream.write(",".join(f"{value:.12g}" for value in row) + "\n")
         return stream.getvalue()
 
@@ -191,15 +198,7 @@ class LyapunovRun:
 
 
 class Watching:
-    """Reports the progress of a computation, and ends it when its time is used up.
-
-    Parameters
-    ----------
-    progress : function of a text, optional
-        Called with the current step of the work.
-    budget : float, optional
-        Processor time [s]; no limit if left out.
-    """
+    """Reports the progress of a computation, and ends it when its processor time is used up [s]."""
 
     def __init__(
         self, progress: Callable[[str], None] | None = None, budget: float | None = None
@@ -220,7 +219,7 @@ class Watching:
         now = time.monotonic()
         if self.progress and growth is not None and reached > 0.0 and now >= self.told + TOLD:
             self.told = now
-            so_far = np.sort(growth / reached * _BITS)[:-4:-1]
+            so_far = np.sort(growth / reached * BITS)[:-4:-1]
             values = ", ".join(f"{value:.4g}" for value in so_far)
             self.progress(f"{self.doing}: t = {reached:.4g} s, first exponents {values} bits/s")
         return self.over
@@ -285,7 +284,7 @@ def lyapunov(
             run = follow_tangents(model, grid, len(frame), frame)
         runs.append(run)
         if run.failure:
-            motions.append(_ended(run, model))
+            motions.append(ended(run.failure, run.diverged, float(model.info[REACHED])))
             continue
         onward = make(min(tolerance * JUDGED * share, COARSEST))
         if average:
@@ -301,7 +300,7 @@ def lyapunov(
         )
         if watch.over:
             break
-    motion = _by_motion(make, stop, runs[0], watch) if watch.over else agree(motions[0], motions[1])
+    motion = _by_motion(make, stop, runs[0], watch) if watch.over else agree(*motions)
     return LyapunovRun(
         [s.name for s in model.kernel.states],
         runs[0],
@@ -310,6 +309,7 @@ def lyapunov(
         tolerance,
         label,
         AVERAGED if average else ONE_SOLVER,
+        sample_time=model.sample_time,
     )
 
 
@@ -324,56 +324,67 @@ def _by_motion(make: Maker, stop: float, run: Spectrum, watch: Watching) -> Attr
         model = make(COARSEST * share)
         more.says(model, "the long-term motion, without exponents")
         # sampled motions are slow to compute: a part of the run is sufficient, as in a map
-        brief = min(stop, BRIEF * model.sample_time) if model.sample_time else stop
-        for now, then in pairwise(np.linspace(0.0, brief, PARTS + 1).tolist()):
+        length = min(stop, BRIEF * model.sample_time) if model.sample_time else stop
+        for now, then in pairwise(np.linspace(0.0, length, PARTS + 1).tolist()):
             passes = follow_returns(model, now, then, 0, np.inf, 0)
             if passes.failure:
                 break
         if passes.diverged:
-            motions.append(Attractor(Kind.DIVERGES, passes.failure, since=passes.end))
+            motions.append(ended(passes.failure, True, passes.end))
         elif passes.failure or more.over:
             return Attractor(Kind.UNDECIDED, spent, MORE_TIME)
         else:
-            motions.append(becomes(model, sample_after(model, brief), brief))
-    motion = agree(motions[0], motions[1])
+            start = sample_after(model, length)
+            motions.append(classify_attractor(model, start, length, exponents=False, brief=True))
+    motion = agree(*motions)
     would = MORE_TIME if motion.kind is Kind.UNDECIDED else motion.would_decide
     text = f"{spent}; from the motion alone: {motion.evidence}"
     return replace(motion, evidence=text, would_decide=would)
 
 
-def _ended(run: Spectrum, model: Model) -> Attractor:
-    """The verdict on a motion that could not be followed to its end."""
-    if run.diverged:
-        return Attractor(Kind.DIVERGES, run.failure, since=float(model.info[REACHED]))
-    return Attractor(Kind.UNDECIDED, run.failure, "a solver that can continue beyond this point")
+def loop_maker(loop: Loop, averaged: bool = False) -> Maker:
+    """A `Maker` of a closed loop around its constant set-point.
+
+    With `averaged`, quantizers are replaced by their mean over all positions of their steps.
+    KeyError for a parameter that does not exist.
+    """
+    kernel = held_loop_kernel(loop.plant.name, loop.controller.name, averaged)
+    return lambda tolerance: model_of(kernel, loop, tolerance)
 
 
-def agree(first: Attractor, second: Attractor) -> Attractor:
-    """The second verdict, at a tenth of the tolerance, if the first one agrees; else undecided."""
-    same = first.kind is second.kind
-    text = f"{first.kind.value} ({first.evidence}) against {second.kind.value}"
-    if same and first.period and second.period:
-        shorter, longer = sorted((first.period, second.period))
-        periods = longer / shorter  # a cycle also closes after several periods
-        swings = [
-            abs(second.amplitude[n] - a) / max(a, abs(second.amplitude[n]))
-            for n, a in first.amplitude.items()
-            if a > 0.0
-        ]
-        whole = abs(periods - round(periods)) <= SAME * periods
-        allowed = SAME if round(periods) == 1 else CLOSED  # subharmonics begin small
-        same = whole and max(swings, default=0.0) <= allowed
-        text = f"periods of {first.period:.6g} and {second.period:.6g} s, or their amplitudes"
-        second = replace(second, period=shorter) if same and round(periods) > 1 else second
-    if not same:
-        return Attractor(
-            Kind.UNDECIDED,
-            f"a tenth of the tolerance changes the verdict: {text}",
-            "tighter ones, until two in succession agree",
-        )
-    if first.limit is None or second.limit is None or second.limit_error is None:
-        return second
-    error = np.maximum(second.limit_error, bars(first.limit, second.limit, 0.0))
-    if second.kind is Kind.CHAOS:  # two orbits of one attractor have random differences
-        error = second.limit_error
-    return Attractor(**{**vars(second), "limit_error": error})
+def loop_order(kernel: Kernel) -> list[int]:
+    """The thesis' order of states: x, v, the friction law's, the current, the controller's."""
+    names = [s.name for s in kernel.states]
+
+    def place(k: int) -> tuple[int, int]:
+        name = names[k]
+        if name.startswith(CONTROLLER):
+            return 3, k
+        own = name.removeprefix(PLANT)
+        if own in FIRST:
+            return 0, FIRST.index(own)
+        return (2 if own in LAST else 1), k
+
+    return sorted(range(len(names)), key=place)
+
+
+def loop_lyapunov(
+    loop: Loop, tolerance: float = TOLERANCE, watching: Watching | None = None
+) -> LyapunovRun:
+    """Exponents of a closed loop; `tolerance` and `watching` as in `lyapunov`.
+
+    Raises
+    ------
+    UserError, KeyError, ValueError
+    """
+    parts = loop.plant.name, loop.controller.name
+    kernel = held_loop_kernel(*parts)
+    kernel.compile()  # takes half a second, less than two tolerances and the long-term motion
+    make = loop_maker(loop)
+    average = loop_maker(loop, averaged=True) if kernel.quantized else None
+    order = loop_order(kernel)
+    run = lyapunov(make, loop.stop, tolerance, None, order, loop.title, watching, average)
+    if loop_kernel(*parts).delays:
+        text = f"{run.method}; {NODES} nodes along each delay, whose own exponents are last"
+        run = replace(run, method=text)
+    return replace(run, loop=loop)

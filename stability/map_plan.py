@@ -1,11 +1,12 @@
-"""Plan of a map: two axes of parameters, and the loop."""
+"""Plan of a map: a loop and two axes of its parameters; and one cell of it."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, astuple, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -16,16 +17,31 @@ from ..orchestration.fmu.limits import TOLERANCE_OF_MAPS
 from ..orchestration.fmu.memory import check_memory
 from ..orchestration.loop.catalogue import kept_as
 from ..orchestration.loop.loop import Loop
-from ..orchestration.loop.whole_loop import held_loop_kernel
+from ..orchestration.loop.whole_loop import held_loop_kernel, model_of
 from ..orchestration.master.reference_signal import Reference
+from ..solver.core import System
 from ..solver.errors import UserError
-from ..solver.kernel import PLANT, Kernel, ParameterInfo
+from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model, ParameterInfo
 from ..solver.nearest import nearest
+from ..solver.spectrum import follow_returns, follow_tangents
+from .attractor import EXPONENTS, LONGER_RUN, OTHER_SOLVER, Kind
+from .classify import classify_attractor
+from .lyapunov import BITS
 
 Vector = npt.NDArray[np.float64]
+Columns = dict[str, list[Any]]
 PER_CELL = 1000  # bytes of a cell while the map is merged and drawn, measured
 MOST_BYTES = 10**30  # counts on the command line can have any number of digits
+TABLE = "map"
 SETPOINT, DESIGN = "setpoint", "design"
+LAST = 0.1  # share of the run over which the oscillation is measured
+REASONS = {  # of undecided cells, by what would decide
+    LONGER_RUN: "no rest and no periodic returns until the budget is used up",
+    EXPONENTS: "returns that are not periodic",
+    OTHER_SOLVER: "the solver cannot continue",
+}
+NO_DESIGN = "no controller can be designed for this plant"
+COLUMNS = "verdict", "final_error", "lambda1_bits_per_s", "oscillation_amplitude", "reason"
 
 
 @lru_cache(maxsize=8)
@@ -36,18 +52,10 @@ def _linear(low: float, high: float, count: int) -> Vector:
 
 @dataclass(frozen=True)
 class Axis:
-    """One side of a map.
+    """One side of a map, with `count` points, both ends included.
 
-    Parameters
-    ----------
-    name : str
-        As the user gave it; the name of the column.
-    side : {"plant", "controller", "setpoint", "design"}
-        Side of the parameter. ``design``: the plant for which the NCTF controller is designed.
-    parameter : str
-    low, high : float
-    count : int
-        Points, both ends included.
+    `name` is as the user gave it, and the name of the column. `side` is "plant", "controller",
+    "setpoint", or "design": the plant for which the NCTF controller is designed.
     """
 
     name: str
@@ -66,17 +74,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class MapPlan:
-    """All data of a map.
-
-    Attributes
-    ----------
-    loop : Loop
-        Its values that are no axis are the same in all cells.
-    exponents : bool
-        Whether to compute the largest exponent of each cell.
-    tolerance : float
-        Of the solver of the equations.
-    """
+    """All data of a map: values of the loop that are no axis are the same in all cells."""
 
     loop: Loop
     x: Axis
@@ -248,16 +246,10 @@ def kernel_of(plan: MapPlan) -> Kernel:
     return _kernel(*names, *map(kept_as, names))
 
 
-def axis_unit(plan: MapPlan, name: str) -> str:
+def axis_unit(plan: MapPlan, axis: Axis) -> str:
     """The unit of an axis, for its label."""
-    axis = plan.x if name == plan.x.name else plan.y
     about = _about(axis, plan.loop)
     return about.unit if about else "m"
-
-
-def position_unit(plan: MapPlan) -> str:
-    """The unit of the position x, whose motion a map judges."""
-    return next(s.unit for s in kernel_of(plan).states if s.name == PLANT + "x")
 
 
 def _about(axis: Axis, loop: Loop) -> ParameterInfo | None:
@@ -266,3 +258,111 @@ def _about(axis: Axis, loop: Loop) -> ParameterInfo | None:
         return None
     part = loop.controller if axis.side == "controller" else loop.plant
     return part.parameters[axis.parameter]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Long-term motion of one loop.
+
+    Attributes
+    ----------
+    verdict : Kind
+    final_error : float
+        Set-point minus position at the end of the run [m].
+    lambda1 : float
+        Largest finite-time exponent [bits/s]; NaN if not requested.
+    oscillation : float
+        Half the range of the position over the last tenth of the run [m].
+    reason : str
+        Why it is undecided: one of a few reasons, a colon, and the evidence.
+    """
+
+    verdict: Kind
+    final_error: float = math.nan
+    lambda1: float = math.nan
+    oscillation: float = math.nan
+    reason: str = ""
+
+
+def model_at(
+    plan: MapPlan, x: float, y: float, tolerance: float, system: System | None = None
+) -> Model:
+    return model_of(kernel_of(plan), plan.loop_at(x, y), tolerance, system)
+
+
+def run_cell(
+    plan: MapPlan, x: float, y: float, tolerance: float, system: System | None = None
+) -> Cell:
+    """Run one loop of a map, with the equations of a previous cell if given."""
+    try:
+        model = model_at(plan, x, y, tolerance, system)
+    except ValueError as none:
+        return Cell(Kind.UNDECIDED, reason=f"{NO_DESIGN}: {none}")
+    references = (k for k, i in enumerate(model.kernel.inputs) if i.role == "reference")
+    goal = next((float(model.u[k]) for k in references), 0.0)
+    position = [s.name for s in model.kernel.states].index(PLANT + "x")
+    stop, begin = plan.loop.stop, (1.0 - LAST) * plan.loop.stop
+    growth = math.nan
+    if plan.exponents:
+        run = follow_tangents(model, np.array([0.0, begin]), count=1)
+        lost, away, at = run.failure, run.diverged, begin
+        frame, growth = run.frame, float(run.growth[-1, 0])
+    else:
+        passes = follow_returns(model, 0.0, begin, 0, np.inf, 0)
+        lost, away, at = passes.failure, passes.diverged, passes.end
+    if not lost:
+        start = model.x.copy(), model.u.copy()
+        passes = follow_returns(model, begin, stop, position, np.inf, 1)
+        lost, away, at = passes.failure, passes.diverged, passes.end
+        if plan.exponents and not lost:
+            end = model.x.copy(), model.u.copy()
+            model.x[:], model.u[:] = start
+            tail = follow_tangents(model, np.array([begin, stop]), count=1, frame=frame)
+            growth += float(tail.growth[-1, 0])
+            model.x[:], model.u[:] = end
+    if lost:
+        kind = Kind.DIVERGES if away else Kind.UNDECIDED
+        reason = "" if away else f"{REASONS[OTHER_SOLVER]}: {lost}"
+        return Cell(kind, lambda1=growth / at * BITS, reason=reason)
+    error = goal - float(model.x[position])
+    swing = 0.5 * float(passes.high[position] - passes.low[position])
+    motion = classify_attractor(model, stop, stop, exponents=False, brief=True)
+    reason = ""
+    if motion.kind is Kind.UNDECIDED:
+        would = f"needed for a decision: {motion.would_decide}"
+        reason = f"{REASONS.get(motion.would_decide, would)}: {motion.evidence}"
+    return Cell(motion.kind, error, growth / stop * BITS, swing, reason)
+
+
+def run_chunk(plan: MapPlan, cells: Sequence[int], share: float) -> Columns:
+    """Run some cells at this share of the tolerance; return their columns of the map's table."""
+    system = kernel_of(plan).system()
+    rows = []
+    for cell in cells:
+        x, y = plan.point(cell)
+        found = astuple(run_cell(plan, x, y, share * plan.tolerance, system))
+        row = (cell, x, y, str(found[0]), *found[1:])
+        rows.append([None if isinstance(v, float) and math.isnan(v) else v for v in row])
+    names = ("cell", plan.x.name, plan.y.name, *COLUMNS)
+    return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
+
+
+def stuck_growth(plan: MapPlan, x: float, y: float) -> float:
+    """Fastest growth of the loop while stuck: bristles at rest move with the block [1/s].
+
+    The friction law's smooth sign is set to one: its argument is made large while the velocity goes
+    to zero. The zero eigenvalue, for deflection without motion, is left out; the sign of the
+    largest real part is the criterion of Routh and Hurwitz.
+    """
+    model = model_at(plan, x, y, plan.tolerance)
+    names = [p.name for p in model.kernel.parameters]
+    for sharpness in (PLANT + "Kv", CONTROLLER + "Kv"):
+        if sharpness in names:
+            model.p[names.index(sharpness)] = 1e16
+    state = np.zeros(len(model.x))
+    states = [s.name for s in model.kernel.states]
+    state[states.index(PLANT + "v")] = 1e-10
+    state[states.index(PLANT + "x")] = plan.loop.set_point
+    nominal = model.kernel.nominal
+    values = np.linalg.eigvals(model.jacobian(0.0, state) * nominal[None, :] / nominal[:, None])
+    return float(np.delete(values, np.argmin(np.abs(values))).real.max())

@@ -7,12 +7,13 @@ are computed again at a tenth of the tolerance; a cell whose verdict changes is 
 
 from __future__ import annotations
 
+import json
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,31 +24,68 @@ from ..orchestration.loop.run_folder import write_run
 from ..orchestration.study.workers import KeptParts
 from ..solver.errors import UserError
 from ..solver.files import write_json
-from ..solver.tables import table_path
-from .attractor import Kind
-from .cell import run_chunk
-from .map_pictures import save_map_picture
-from .map_plan import Axis, MapPlan, kernel_of, read_axis
-from .store import (
-    PARTS,
-    TABLE,
-    VERDICT_CODE,
-    MapSummary,
-    chunks_of,
-    claim_folder,
-    load,
-    merge_chunks,
-    verdict_codes,
-)
+from ..solver.tables import table_path, write_table
+from .attractor import AGAIN as CHANGED
+from .attractor import Kind, agreed
+from .classify import BUDGET
+from .map_plan import TABLE, Axis, Columns, MapPlan, kernel_of, read_axis, run_chunk
+from .pictures import save_map_picture
 
 if TYPE_CHECKING:
     from ..orchestration.study.workers import Workers
-
 
 Progress = Callable[[int, int], None]
 TIGHTER = 0.1  # share of the tolerance at which they are
 AGAIN = "a tenth of the tolerance"
 CHECKED = 0.05  # share of the cells away from borders that is computed again
+CHUNK, LEAST_CHUNKS = 96, 8  # cells in a chunk; chunks of a small map, so that all workers have one
+PARTS = "map.parts"  # folder of the finished chunks of an unfinished map
+KINDS = list(Kind)
+
+
+@dataclass(frozen=True)
+class MapSummary:
+    """Summary of a finished map: content of ``map.json``.
+
+    Attributes
+    ----------
+    verdicts : dict of str to int
+        Cells of each verdict.
+    checked, disagreed : int
+        Cells that were computed again at a tenth of the tolerance, and those of them whose verdict
+        changed.
+    random_checked, random_disagreed : int
+        Those of them that were drawn away from borders.
+    undecided : dict of str to int
+        Cells that are undecided, by the reason.
+    notes : tuple of str
+        Additional notes for the user on the files; not in ``map.json``.
+    """
+
+    plan: MapPlan
+    verdicts: dict[str, int]
+    checked: int
+    disagreed: int
+    random_checked: int
+    random_disagreed: int
+    undecided: dict[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def figures(self) -> dict[str, Any]:
+        rate = self.random_disagreed / self.random_checked if self.random_checked else None
+        return {
+            "fingerprint": self.plan.fingerprint(),
+            "study": self.plan.described(),
+            "cells": self.plan.cells,
+            "verdicts": self.verdicts,
+            "undecided": self.undecided,
+            "budget": BUDGET,
+            "checked_tighter": self.checked,
+            "disagreed": self.disagreed,
+            "checked_at_random": self.random_checked,
+            "disagreed_at_random": self.random_disagreed,
+            "disagreement_rate_at_random": rate,
+        }
 
 
 def plan_map(
@@ -59,7 +97,6 @@ def plan_map(
     ------
     UserError
         If an axis is invalid, or exponents of these parts cannot be computed.
-    BadParameter, UserError
     """
     if loop.step is not None:
         raise UserError("a map solves equations; give a loop without a communication step")
@@ -106,7 +143,7 @@ def make_map(
         If the results cannot be written.
     """
     parts = KeptParts(folder / PARTS, plan.fingerprint())
-    finished = claim_folder(plan, folder, parts, resume)
+    finished = _claim(plan, folder, parts, resume)
     kernel_of(plan).compile()  # takes half a second, little for thousands of runs
     if finished is not None:
         parts.discard()
@@ -125,6 +162,28 @@ def make_map(
     return replace(finished, notes=tuple(notes))
 
 
+def _claim(plan: MapPlan, folder: Path, parts: KeptParts, resume: bool) -> MapSummary | None:
+    """Use the folder for this map; return its summary if it is already finished."""
+    if not (folder / "map.json").is_file():
+        parts.claim("map", resume, UserError)
+        return None
+    try:
+        found = json.loads((folder / "map.json").read_text(encoding="utf-8"))
+        same = found["fingerprint"] == parts.digest
+    except (ValueError, TypeError, KeyError):
+        same = False
+    if not same:
+        raise UserError(f"{folder} contains another map; choose another folder, or remove it")
+    if not resume:
+        raise UserError(f"{folder} already contains this map; add --resume to continue it")
+    again, drawn = ("checked_tighter", "disagreed"), ("checked_at_random", "disagreed_at_random")
+    try:
+        figures = [found[name] for name in ("verdicts", *again, *drawn, "undecided")]
+    except KeyError as error:
+        raise UserError(f"{folder / 'map.json'} lacks {error}; remove the folder") from None
+    return MapSummary(plan, *figures)
+
+
 def border_cells(verdicts: npt.NDArray[np.int8]) -> npt.NDArray[np.int64]:
     """Flat indices of the cells that have a neighbour of another verdict."""
     edge = np.zeros(verdicts.shape, dtype=bool)
@@ -140,47 +199,68 @@ def _complete(
     plan: MapPlan, parts: KeptParts, workers: Workers, progress: Progress | None
 ) -> MapSummary:
     """Compute what is missing, then make one table of all, among the parts."""
-    plain = chunks_of(plan.cells, "c", [range(plan.cells)])
+    plain = _chunks("c0", range(plan.cells), plan)
     _compute(plan, parts, plain, 1.0, workers, progress)
     codes: list[int] = []
     reasons: dict[int, str] = {}
-    for name in plain:
-        columns = load(parts, name)
-        codes += verdict_codes(columns["verdict"])
+    for columns in _columns(parts, plain):
+        codes += [KINDS.index(Kind(v)) for v in columns["verdict"]]
         reasons |= {c: r for c, r in zip(columns["cell"], columns["reason"], strict=True) if r}
     verdicts = np.array(codes, dtype=np.int8)
     border = border_cells(verdicts.reshape(plan.y.count, plan.x.count))
     random = np.random.default_rng(plan.seed)
     away = np.setdiff1d(np.arange(plan.cells), border)
-    some = np.sort(random.choice(away, math.ceil(CHECKED * len(away)), replace=False))
-    again = chunks_of(plan.cells, "t", [border.tolist(), some.tolist()])
+    some = np.sort(random.choice(away, math.ceil(CHECKED * len(away)), replace=False)).tolist()
+    again = _chunks("t0", border.tolist(), plan) | _chunks("t1", some, plan)
     _compute(plan, parts, again, TIGHTER, workers, progress)
-    kinds = list(Kind)
-    checked: dict[int, Kind] = {}
-    for name in again:
-        columns = load(parts, name)
-        checked |= dict(zip(columns["cell"], map(Kind, columns["verdict"]), strict=True))
+    checked: set[int] = set()
     changed: dict[int, str] = {}
-    for cell, finer_kind in checked.items():
-        kind = kinds[verdicts[cell]]
-        if {kind, finer_kind} == {Kind.CREEPING, Kind.LINE}:  # a creep may come to rest later
-            verdicts[cell] = VERDICT_CODE[Kind.CREEPING]
-        elif kind is not finer_kind:
-            verdicts[cell] = VERDICT_CODE[Kind.UNDECIDED]
-            changed[cell] = f"{AGAIN} changes the verdict: {kind}, then {finer_kind}"
-    reasons |= changed
-    by_chance = set(some.tolist())
-    merge_chunks(parts, list(plain), [kinds[k].value for k in verdicts], checked, changed)
+    for columns in _columns(parts, again):
+        for cell, verdict in zip(columns["cell"], columns["verdict"], strict=True):
+            kind, finer = KINDS[verdicts[cell]], Kind(verdict)
+            both = agreed(kind, finer)
+            if both is None:
+                changed[cell] = f"{CHANGED}: {kind}, then {finer}"
+            verdicts[cell] = KINDS.index(both or Kind.UNDECIDED)
+            checked.add(cell)
+
+    def pieces() -> Iterator[Columns]:
+        for columns in _columns(parts, plain):
+            cells, why = columns.pop("cell"), columns["reason"]
+            columns["verdict"] = [KINDS[verdicts[cell]].value for cell in cells]
+            columns["reason"] = [changed.get(c, r) for c, r in zip(cells, why, strict=True)]
+            columns["checked"] = [cell in checked for cell in cells]
+            yield columns
+
+    write_table(parts.folder, TABLE, pieces())
     found, counts = np.unique(verdicts, return_counts=True)
     return MapSummary(
         plan,
-        {kinds[k].value: int(n) for k, n in zip(found, counts, strict=True)},
+        {KINDS[k].value: int(n) for k, n in zip(found, counts, strict=True)},
         len(checked),
         len(changed),
-        len(by_chance),
-        len(changed.keys() & by_chance),
-        dict(Counter(reason.partition(":")[0] for reason in reasons.values())),
+        len(some),
+        len(changed.keys() & set(some)),
+        dict(Counter(reason.partition(":")[0] for reason in (reasons | changed).values())),
     )
+
+
+def _chunks(head: str, cells: Sequence[int], plan: MapPlan) -> dict[str, Sequence[int]]:
+    """Names of chunks and the cells in them, in order."""
+    width = len(str(plan.cells))
+    size = min(CHUNK, max(2, plan.cells // LEAST_CHUNKS))
+    starts = range(0, len(cells), size)
+    return {f"{head}-{start:0{width}d}.json": cells[start : start + size] for start in starts}
+
+
+def _columns(parts: KeptParts, names: Mapping[str, Any]) -> Iterator[Columns]:
+    """The columns of finished chunks, with one chunk in memory at a time."""
+    for name in names:
+        columns: Columns | None = parts.read(name)
+        if columns is None:
+            place = parts.folder / name
+            raise UserError(f"{place} is missing: another command has finished this map")
+        yield columns
 
 
 def _compute(

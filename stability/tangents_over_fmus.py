@@ -19,13 +19,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from ..fmus.ports import tangent_port
-from ..orchestration.fmu.fmu_instance import FmuInstance, Instance, StepFailed
+from ..orchestration.fmu.fmu_instance import FmuInstance, StepFailed
 from ..orchestration.fmu.group import initialize
 from ..orchestration.fmu.isolated import IsolatedInstance
 from ..orchestration.fmu.port_units import convert
@@ -41,8 +41,7 @@ from ..orchestration.master.compiled import (
 from ..orchestration.master.fmi_calls import Bound, failure_of
 from ..orchestration.master.march import Clock, bounds
 from ..solver.errors import FmuError
-from .fmu_with_tangents import Side, ordinary
-from .probed_controller import RELATIVE, ProbedController
+from .tangent_sides import RELATIVE, ProbedController, Side, ordinary
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -68,33 +67,30 @@ class TangentRun:
         Logarithms of the lengths of the orthonormalized tangents since the start [nats].
     trace : ndarray, shape (m,)
         Integral of the trace of the loop's Jacobian [nats]; NaN if an FMU does not give it.
-    states : tuple of str
-        Names of the states that the tangents have, in the order of the first frame.
-    method : str
-        "tangent ports" or "probed by differences".
-    accuracy : str
-        Known facts on the error, in a sentence.
     stopped : str
         Why the run ended early; empty if it did not.
     diverged : bool
         Whether it ended because an output diverged.
     unmet : int
         Number of steps of the shortest length whose correction still changed more than allowed.
-    scale : tuple of two floats
-        As `LoopRun.scale`.
+    states : tuple of str
+        Names of the states that the tangents have, in the order of the first frame.
+    method : str
+        "tangent ports" or "probed by differences".
+    accuracy : str
+        Known facts on the error, in a sentence.
     """
 
     time: Vector
     outputs: dict[str, Vector]
     growth: Matrix
     trace: Vector
-    states: tuple[str, ...]
-    method: str
-    accuracy: str
     stopped: str
     diverged: bool
     unmet: int
-    scale: tuple[float, float]
+    states: tuple[str, ...] = ()
+    method: str = ""
+    accuracy: str = ""
 
     @property
     def exponents(self) -> Vector:
@@ -148,15 +144,24 @@ def follow_over_fmus(  # noqa: PLR0913
     StepFailed
         If a part rejects its parameters or initial values.
     """
-    _check_saving(plant, controller)
+    for instance in (plant, controller):
+        if not instance.can_save:
+            raise FmuError(
+                f"{instance.name} cannot save and restore its state, which tangents need "
+                "here; export it with this capability (pythonfmu build --handle-state)"
+            )
     wiring = wire(ordinary(plant), ordinary(controller), mapping)
     controller, units = convert(plant, controller, wiring, mapping)
     refs = np.array([0.0 if order else reference for order in wiring.orders])
+    wiring.check_given(plant_values or {}, controller_values or {})
     p = Side(plant)
+    if not p.states or not wiring.accepts_law:
+        raise FmuError(
+            f"{plant.name} has no tangent ports; export it with tangents (export --variational)"
+        )
     reports = {tangent_port(ours, 1) for ours, _ in wiring.commands}
     ports = reports <= set(controller.outputs)
     c = Side(controller) if ports else ProbedController(controller, wiring)
-    _check_plant(p, wiring, plant_values or {}, controller_values or {})
     own = _FINE if isinstance(c, Side) and c.states else {}
     values = _FINE | dict(plant_values or {}), own | dict(controller_values or {})
     initialize(plant, controller, wiring, values, stop, refs)
@@ -165,98 +170,52 @@ def follow_over_fmus(  # noqa: PLR0913
         c.look(0.0, min(step, stop), at, refs)
     states = len(p.states) + len(c.states)
     count = min(count or states, states)
-    _check_tangents([p, c] if isinstance(c, Side) else [p], count)
-    joint = _Joint(p, c, wiring, count, refs)
-    names = list(ordinary(plant).outputs)
-    ours = names_on(PLANT, [*names, *plant.inputs], mapping or {})
-    trail = joint.march(names, Clock(stop, step, adaptive=True), accuracy)
-    return TangentRun(
-        trail.times,
-        {ours[n]: trail.outputs[:, j] for j, n in enumerate(names)},
-        trail.growth,
-        trail.trace,
-        (*p.states, *c.states),
-        "tangent ports" if ports else "probed by differences",
-        "; ".join([_stated(c, accuracy) + _unmet(trail), *units.notes]),
-        trail.stopped,
-        trail.diverged,
-        trail.unmet,
-        units.set_point,
-    )
-
-
-def _check_saving(*instances: Instance) -> None:
-    for instance in instances:
-        if not instance.can_save:
-            raise FmuError(
-                f"{instance.name} cannot save and restore its state, which tangents need "
-                "here; export it with this capability (pythonfmu build --handle-state)"
-            )
-
-
-def _check_plant(p: Side, wiring: Wiring, *values: Mapping[str, float]) -> None:
-    wiring.check_given(*values)
-    if not p.states or not wiring.accepts_law:
-        raise FmuError(
-            f"{p.instance.name} has no tangent ports; export it with tangents "
-            "(export --variational)"
-        )
-
-
-def _check_tangents(sides: Sequence[Side], count: int) -> None:
-    for side in sides:
+    for side in [p, c] if isinstance(c, Side) else [p]:
         if side.states and side.tangents < count:
             raise FmuError(
                 f"{side.instance.name} carries {side.tangents} tangents, but {count} are "
                 f"needed; export it with {count} (export --variational --tangents {count})"
             )
+    names = list(ordinary(plant).outputs)
+    joint = _Joint(p, c, wiring, count, refs)
+    run = joint.march(names, Clock(stop, step, adaptive=True), accuracy)
+    ours = names_on(PLANT, [*names, *plant.inputs], mapping or {})
+    said = _stated(c, accuracy)
+    if run.unmet:
+        said += (
+            f"; {run.unmet} of {len(run.time) - 1} steps had the shortest length and still "
+            "changed more: the exponents may have larger errors there"
+        )
+    return replace(
+        run,
+        outputs={ours[n]: course for n, course in run.outputs.items()},
+        states=(*p.states, *c.states),
+        method="tangent ports" if ports else "probed by differences",
+        accuracy="; ".join([said, *units.notes]),
+    )
 
 
 def _stated(c: Side | ProbedController, accuracy: float) -> str:
     """Text on the error of the tangents."""
     if isinstance(c, Side):
-        how = (
-            f"chosen so that a correction changes the growth of each tangent by at most about "
-            f"{accuracy:g} nats and {RELATIVE:g} of it"
-            if accuracy < math.inf
-            else "all of the requested length, without a check of the accuracy"
-        )
+        how = "all of the requested length, without a check of the accuracy"
+        if accuracy < math.inf:
+            how = (
+                f"chosen so that a correction changes the growth of each tangent by at most about "
+                f"{accuracy:g} nats and {RELATIVE:g} of it"
+            )
         return f"tangents exact for the coupled scheme; steps were {how}"
     lost = [
         "the change of the gains along a tangent is only in the correction of each step, and "
         "numbers from differences have about half the digits: expect errors of a few thousandths, "
-        "and "
-        "less than one thousandth for tangents with ports"
+        "and less than one thousandth for tangents with ports"
     ]
     if c.states:
         lost.append(
-            "a state of the controller is represented by its contribution to the command, "
-            "in the command's unit, so that finite-time exponents differ by a constant divided by "
-            "the time"
+            "a state of the controller is represented by its contribution to the command, in the "
+            "command's unit, so that finite-time exponents differ by a constant divided by the time"
         )
     return "; ".join([*lost, *c.remarks])
-
-
-@dataclass(frozen=True)
-class _Trail:
-    """The record of `_Joint.march`, and why it ended early."""
-
-    times: Vector
-    outputs: Matrix
-    growth: Matrix
-    trace: Vector
-    stopped: str
-    diverged: bool
-    unmet: int
-
-
-def _unmet(trail: _Trail) -> str:
-    if not trail.unmet:
-        return ""
-    return (
-        f"; {trail.unmet} of {len(trail.times) - 1} steps had the shortest length and still "
-        "changed more: the exponents may have larger errors there"
-    )
 
 
 class _Joint:
@@ -293,7 +252,7 @@ class _Joint:
         self._whole.set(frame=np.eye(count, states), plain=np.zeros((count, states)))
         self._whole.set(plain_logs=np.zeros(count), logs=np.zeros(count))
 
-    def march(self, names: Sequence[str], clock: Clock, accuracy: float) -> _Trail:
+    def march(self, names: Sequence[str], clock: Clock, accuracy: float) -> TangentRun:
         """Run to the clock's end, and record these outputs of the plant.
 
         The run ends if one of them leaves its `bounds`. A joint tangent is a row of the frame.
@@ -326,5 +285,6 @@ class _Joint:
             beyond = np.nan_to_num(np.abs(outputs[-1]) / bound, nan=np.inf)
             name = names[int(np.argmax(beyond))]
             stopped = f"the loop diverges: {name} exceeds its bound at t = {clock.now:.6g} s"
-        unmet = int(trail.record.unmet)
-        return _Trail(times[:, 0], outputs, growth, trace[:, 0], stopped, why == DIVERGES, unmet)
+        courses = dict(zip(names, outputs.T, strict=True))
+        unmet, diverged = int(trail.record.unmet), why == DIVERGES
+        return TangentRun(times[:, 0], courses, growth, trace[:, 0], stopped, diverged, unmet)

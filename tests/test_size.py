@@ -20,15 +20,15 @@ MOST = {  # folder: lines, lines without docstrings
     "controllers": (1294, 1053),
     "fmus": (5131, 4600),
     "orchestration": (12631, 10989),
-    "stability": (3073, 2469),
-    "ballscrew": (4634, 3811),
+    "stability": (2784, 2282),
+    "ballscrew": (4643, 3820),
     "gallery": (3571, 3184),
     "measurement": (15206, 12565),
-    "proofs": (12909, 11542),
-    "benchmarks": (1848, 1710),
+    "proofs": (12907, 11540),
+    "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28082, 26794),
+    "tests": (28124, 26835),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

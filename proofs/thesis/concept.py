@@ -7,8 +7,7 @@ import numpy as np
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.solver.spectrum import follow_tangents
-from ballscrew.stability.loop_lyapunov import loop_maker, loop_order
-from ballscrew.stability.lyapunov import lyapunov
+from ballscrew.stability.lyapunov import loop_maker, loop_order, lyapunov
 from thesis.claim import Claim, numbers
 from thesis.loops import Figures, spectrum_figures
 from thesis.printed import BITS, NOMINAL, SETPOINT, SIGMA0, STOP

@@ -14,8 +14,7 @@ from ballscrew.orchestration.loop.whole_loop import run_monolithic
 from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.solver.kernel import IntegrationError
 from ballscrew.solver.spectrum import follow_returns, follow_tangents
-from ballscrew.stability.loop_lyapunov import loop_maker, loop_order
-from ballscrew.stability.lyapunov import LyapunovRun
+from ballscrew.stability.lyapunov import LyapunovRun, loop_maker, loop_order
 from thesis.printed import BITS, SETPOINT, STOP
 
 Figures = dict[str, Any]

@@ -15,7 +15,7 @@ from ballscrew.plant.axis import axis
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.solver.stored import stored_kernel
-from ballscrew.stability.loop_lyapunov import loop_maker
+from ballscrew.stability.lyapunov import loop_maker
 from thesis.claim import Claim, number
 from thesis.loops import Figures, loop_run
 from thesis.printed import (

@@ -24,7 +24,7 @@ from ballscrew.solver.files import write_atomically
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.solver.stored import stored_kernel
-from ballscrew.stability.loop_lyapunov import loop_maker, loop_order
+from ballscrew.stability.lyapunov import loop_maker, loop_order
 from thesis.loops import end_of, hats
 from thesis.model import parameters
 from thesis.printed import (

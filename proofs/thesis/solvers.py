@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.stability.loop_lyapunov import loop_maker
+from ballscrew.stability.lyapunov import loop_maker
 from thesis.loops import SEEN, SWING, End, Figures, Vector, end_of, hats
 from thesis.model import parameters
 from thesis.printed import RUNAWAY, SETPOINT, SIGMA0, STOP, SYSTEM_1, SYSTEM_2, VARIANTS

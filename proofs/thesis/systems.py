@@ -8,7 +8,7 @@ import numpy as np
 
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.spectrum import follow_tangents
-from ballscrew.stability.loop_lyapunov import loop_lyapunov, loop_maker, loop_order
+from ballscrew.stability.lyapunov import loop_lyapunov, loop_maker, loop_order
 from thesis.claim import Claim, number, numbers
 from thesis.loops import Figures, growth, hats, spectrum_figures
 from thesis.printed import (

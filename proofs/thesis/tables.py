@@ -9,7 +9,7 @@ from ballscrew.controllers.nctf import STOPPED_SPEED, design
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.metrics import metrics
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
-from ballscrew.stability.loop_lyapunov import loop_lyapunov
+from ballscrew.stability.lyapunov import loop_lyapunov
 from thesis.claim import Claim, number, numbers
 from thesis.loops import Figures, Vector, growth, loop_run, spectrum_figures
 from thesis.printed import (

@@ -39,13 +39,34 @@ def test_lyapunov_writes_what_it_promises(tmp_path, capsys):
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("loop", ["pid --plant plant_classical --stop 20", "pid_sampled --stop 1"])
-def test_directions_that_vanish_are_minus_infinity_and_warn_of_nothing(tmp_path, capsys, loop):
-    words = ["lyapunov", "--controller", *loop.split(), "--out", str(tmp_path)]
-    assert main(words) in (0, 1)
+@pytest.mark.parametrize(
+    ("loop", "words", "below"),
+    [
+        (
+            "pid --plant plant_classical --stop 20",
+            "at once: a direction that is contracted at",
+            None,
+        ),
+        # a number has 52 bits, so less is left than 2^-52 after a sample of 1 ms
+        ("pid_sampled --stop 1", "below -5.2e+04: a direction that is contracted within", -5.2e4),
+    ],
+)
+def test_directions_that_vanish_have_words_and_strict_json(tmp_path, capsys, loop, words, below):
+    command = ["lyapunov", "--controller", *loop.split(), "--out", str(tmp_path)]
+    assert main(command) in (0, 1)
     printed, said = capsys.readouterr()
-    assert "-inf" in printed
+    assert words in printed
+    assert "inf" not in printed + said
     assert "nan" not in printed + said
+
+    def refuse(name):
+        raise AssertionError(f"{name} is not JSON")
+
+    text = (tmp_path / "lyapunov.json").read_text(encoding="utf-8")
+    figures = json.loads(text, parse_constant=refuse)
+    assert figures["contracted_at_once"] == figures["exponents_bits_per_s"].count(None) > 0
+    assert figures["contracted_below_bits_per_s"] == (below and pytest.approx(below, rel=1e-9))
+    assert words in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.ci

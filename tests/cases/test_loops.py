@@ -11,7 +11,7 @@ from ballscrew.orchestration.loop.loop import Loop, SystemLoop
 from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.solver.errors import CouplingError
 from ballscrew.stability.attractor import Kind
-from ballscrew.stability.signal_motion import signal_motion
+from ballscrew.stability.lyapunov_over_fmus import signal_motion
 
 GOAL = "--setpoint 0.1 --stop 0.5"
 PAIR = "--controller pd.fmu --plant"

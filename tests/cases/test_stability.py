@@ -9,9 +9,8 @@ from scipy.integrate import solve_ivp
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.kernel import Model
 from ballscrew.stability.attractor import Kind
-from ballscrew.stability.cell import run_cell
-from ballscrew.stability.loop_lyapunov import loop_lyapunov, loop_maker
-from ballscrew.stability.map_plan import MapPlan, read_axis
+from ballscrew.stability.lyapunov import loop_lyapunov, loop_maker
+from ballscrew.stability.map_plan import MapPlan, read_axis, run_cell
 
 SLIP = {"m": 1.0592, "sigma2": 30.085, "Fc": 1.17, "Fs": 1.916, "Vs": 0.00039438}
 SLIP |= {"ke": 0.0010629, "sigma0": 43344.0, "sigma1": 146.87}

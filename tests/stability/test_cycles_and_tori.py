@@ -17,9 +17,9 @@ from known_systems import (
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.solver.spectrum import follow_returns
-from ballscrew.stability.attractor import Attractor, Kind, classify_attractor
-from ballscrew.stability.loop_lyapunov import loop_lyapunov, loop_maker
-from ballscrew.stability.lyapunov import agree
+from ballscrew.stability.attractor import Attractor, Kind, agree
+from ballscrew.stability.classify import classify_attractor
+from ballscrew.stability.lyapunov import loop_lyapunov, loop_maker
 
 pytestmark = pytest.mark.xdist_group("known_systems")  # each system is compiled once
 

@@ -23,8 +23,7 @@ from ballscrew.solver.delay_states import with_delay_states
 from ballscrew.solver.errors import UserError
 from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.stability.attractor import Kind
-from ballscrew.stability.loop_lyapunov import loop_lyapunov
-from ballscrew.stability.lyapunov import LyapunovRun, lyapunov
+from ballscrew.stability.lyapunov import LyapunovRun, loop_lyapunov, lyapunov
 
 X, LATE, GAIN = map(symbol, ("x", "late", "r"))
 

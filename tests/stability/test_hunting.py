@@ -19,8 +19,9 @@ from ballscrew.solver.component import (
     symbol,
 )
 from ballscrew.solver.kernel import Model
-from ballscrew.stability.attractor import Kind, classify_attractor
-from ballscrew.stability.loop_lyapunov import loop_maker
+from ballscrew.stability.attractor import Kind
+from ballscrew.stability.classify import classify_attractor
+from ballscrew.stability.lyapunov import loop_maker
 
 KP, KI, KD = 20.0, 40.0, 6.0
 FC, VS, SIGMA2 = 1.0, 0.05, 0.4

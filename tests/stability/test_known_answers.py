@@ -23,11 +23,14 @@ from known_systems import (
 from scipy.integrate import solve_ivp
 
 import ballscrew
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_returns
-from ballscrew.stability.attractor import Kind, classify_attractor
+from ballscrew.stability.attractor import Attractor, Kind, agree
+from ballscrew.stability.classify import classify_attractor
 from ballscrew.stability.equilibria import equilibrium_near
-from ballscrew.stability.lyapunov import Watching, lyapunov
+from ballscrew.stability.lyapunov import Watching, loop_lyapunov, lyapunov
+from ballscrew.stability.map_plan import MapPlan, read_axis, run_cell
 
 pytestmark = pytest.mark.xdist_group("known_systems")  # each system is compiled once
 
@@ -278,3 +281,32 @@ def test_round_off_in_the_cancelled_jacobian_of_a_linearizing_loop_is_in_the_lim
     off = np.abs(found.limit - [0.0, -5.0, -6.0, -7.0])
     assert np.all(off <= found.limit_error)
     assert found.limit_error.max() < 0.01
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("controller", ["iol", "nctf", "pid"])
+def test_finite_time_exponents_are_within_their_bounds_of_a_far_finer_run(controller):
+    found, finer = (
+        loop_lyapunov(Loop(controller, stop=2.0), tolerance) for tolerance in (1e-8, 1e-13)
+    )
+    assert np.all(np.abs(found.exponents - finer.exponents) <= found.error)
+    assert np.all(found.error < 1e-2 * np.maximum(1.0, np.abs(found.exponents)))
+
+
+def test_a_creep_at_one_tolerance_and_rest_at_the_other_is_a_creep_as_in_maps():
+    creep, rest = Attractor(Kind.CREEPING, "creeps"), Attractor(Kind.LINE, "rests")
+    assert agree(creep, rest) is creep
+    assert agree(rest, creep) is creep
+    assert agree(rest, Attractor(Kind.CYCLE, "")).kind is Kind.UNDECIDED
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("cell", [(66966.0, 355.76), (66967.331, 342.5), (66969.2, 350.0)])
+def test_a_cell_of_a_map_and_a_single_loop_have_one_verdict(cell):
+    """A creep that goes on, a cycle, and a loop that diverges."""
+    loop = Loop("iol", stop=20.0)
+    x = read_axis("sigma0_hat=66965.89:66969.24:2", loop)
+    y = read_axis("sigma1_hat=340:366:2", loop)
+    values = dict(zip(("sigma0_hat", "sigma1_hat"), cell, strict=True))
+    single = loop_lyapunov(Loop("iol", stop=20.0, controller_values=values)).motion
+    assert single.kind is run_cell(MapPlan(loop, x, y), *cell, 1e-6).verdict

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ballscrew.solver.spectrum import Spectrum
-from ballscrew.stability.attractor import Attractor, Kind
-from ballscrew.stability.lyapunov import LyapunovRun, agree
+from ballscrew.stability.attractor import Attractor, Kind, agree
+from ballscrew.stability.lyapunov import LyapunovRun
 
 BIT = math.log(2.0)
 RUN = Spectrum(

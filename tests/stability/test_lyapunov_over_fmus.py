@@ -16,7 +16,7 @@ from ballscrew.plant.axis import axis
 from ballscrew.solver.component import Component, Output, symbol
 from ballscrew.solver.errors import UserError
 from ballscrew.stability.attractor import Kind
-from ballscrew.stability.loop_lyapunov import loop_lyapunov
+from ballscrew.stability.lyapunov import loop_lyapunov
 from ballscrew.stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
 
 STOP, STEP = 0.3, 1e-3

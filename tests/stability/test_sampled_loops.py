@@ -20,8 +20,7 @@ from ballscrew.solver.component import (
 from ballscrew.solver.held_states import with_held_states
 from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.stability.attractor import Kind
-from ballscrew.stability.loop_lyapunov import loop_lyapunov
-from ballscrew.stability.lyapunov import LyapunovRun, lyapunov
+from ballscrew.stability.lyapunov import LyapunovRun, loop_lyapunov, lyapunov
 
 PERIOD = 0.05
 

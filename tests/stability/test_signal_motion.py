@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ballscrew.stability.attractor import Kind
-from ballscrew.stability.signal_motion import signal_motion
+from ballscrew.stability.lyapunov_over_fmus import signal_motion
 
 
 @dataclass

@@ -17,10 +17,9 @@ from ballscrew.orchestration.fmu.limits import TOLERANCE_OF_MOTIONS
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.study.workers import Processes
 from ballscrew.solver.errors import UserError
-from ballscrew.stability import stability_map, store
+from ballscrew.stability import stability_map
 from ballscrew.stability.attractor import Kind
-from ballscrew.stability.cell import model_at, run_cell, stuck_growth
-from ballscrew.stability.map_plan import MapPlan, read_axis
+from ballscrew.stability.map_plan import MapPlan, model_at, read_axis, run_cell, stuck_growth
 from ballscrew.stability.stability_map import make_map
 
 SIGMA0, SIGMA1 = 66967.231, 344.56
@@ -165,7 +164,7 @@ def test_the_stuck_regime_s_boundary_is_that_of_the_cubic():
 
 def test_the_exponent_of_a_cell_is_that_of_the_whole_run():
     from ballscrew.solver.spectrum import follow_tangents
-    from ballscrew.stability.loop_lyapunov import loop_maker
+    from ballscrew.stability.lyapunov import loop_maker
 
     values = {"sigma0_hat": 66966.0, "sigma1_hat": 350.0}
     study = gamma(exponents=True, stop=2.0)
@@ -193,11 +192,11 @@ KILLED = """
 import sys
 from pathlib import Path
 from ballscrew.orchestration.study.workers import Processes
-from ballscrew.stability import stability_map as m, store
+from ballscrew.stability import stability_map as m
 from ballscrew.orchestration.fmu.limits import TOLERANCE_OF_MOTIONS
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.stability.map_plan import read_axis
-store.CHUNK = 2
+m.CHUNK = 2
 x = read_axis("sigma0_hat=66965.89:66969.24:5", Loop("iol"))
 y = read_axis("sigma1_hat=340:366:4", Loop("iol"))
 m.make_map(m.MapPlan(Loop("iol"), x, y), Path(sys.argv[1]), Processes(1))
@@ -213,7 +212,7 @@ def test_a_killed_map_is_resumed_with_nothing_lost_and_the_same_table(whole, tmp
     process.wait()
     kept = {f.name: f.stat().st_mtime_ns for f in parts.glob("c0-*")}
     assert not (tmp_path / "map.parquet").exists()
-    monkeypatch.setattr(store, "CHUNK", 2)
+    monkeypatch.setattr(stability_map, "CHUNK", 2)
     ran = []
     original = stability_map.run_chunk
 
@@ -237,7 +236,7 @@ def test_a_killed_map_is_resumed_with_nothing_lost_and_the_same_table(whole, tmp
 @pytest.mark.filterwarnings("ignore")
 def test_a_dask_worker_killed_in_the_middle_changes_nothing(whole, tmp_path, monkeypatch):
     folder, _ = whole
-    monkeypatch.setattr(store, "CHUNK", 2)
+    monkeypatch.setattr(stability_map, "CHUNK", 2)
     seen = []
 
     with cluster(tmp_path) as (workers, processes):

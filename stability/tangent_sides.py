@@ -1,24 +1,77 @@
-"""A controller without tangents in a run with tangents: its Jacobians by differences."""
+"""One side of a run with tangents: an FMU with tangent ports, or a controller that is probed."""
 
 from __future__ import annotations
 
+import ctypes as ct
 import math
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 
+from ..fmus.ports import FRAME, TRACE, is_tangent_port, set_port, tangent_port, tangent_states
 from ..orchestration.fmu.fmu_instance import Instance, StepFailed
 from ..orchestration.fmu.wiring import Wiring
 from ..orchestration.master.compiled import ASKED_ADVANCE, ASKED_LAW, USES, Guarded, Struct
 from ..orchestration.master.coupling import Answer, ControllerSide
 from ..orchestration.master.fmi_calls import Bound
 from ..solver.errors import FmuError
-from .fmu_with_tangents import rows_at
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 SHIFT = 1e-4  # of a signal's nominal value, to measure how it moves a controller's state
 RELATIVE = 3e-4  # share of the growth that is allowed in addition to the accuracy
+
+
+def ordinary(instance: Instance) -> Instance:
+    """The name and the ordinary ports of an FMU instance, for wiring."""
+    states, _ = tangent_states(list(getattr(instance, "parameters", [])))
+
+    def names(ports: Sequence[str]) -> list[str]:
+        return [p for p in ports if not is_tangent_port(p, {*ports, *states})]
+
+    inputs, outputs = names(instance.inputs), names(instance.outputs)
+    return cast("Instance", SimpleNamespace(name=instance.name, inputs=inputs, outputs=outputs))
+
+
+class Side:
+    """One FMU with tangents: its states, and what is set and read."""
+
+    def __init__(self, instance: Instance) -> None:
+        self.instance = instance
+        parameters: list[str] = list(getattr(instance, "parameters", []))
+        self.states, self.tangents = tangent_states(parameters)
+
+    def bind(
+        self,
+        side: Struct,
+        inputs: Sequence[str],
+        moved: Sequence[str],
+        outputs: Sequence[str],
+        count: int,
+    ) -> tuple[Bound, Bound]:
+        """Fill its record; `moved` are its inputs that have tangents, which follow all inputs."""
+        own = [tangent_port(s, k + 1) for k in range(count) for s in self.states]
+        given, taken = (
+            [tangent_port(n, k + 1) for k in range(count) for n in names]
+            for names in (moved, outputs)
+        )
+        side.set(states=len(self.states))
+        frame = [*map(set_port, own), FRAME] if own else []
+        shown = [*own, TRACE] if own else []
+        calls, frames = side.part("calls"), side.part("frames")
+        return (
+            Bound(self.instance, [*inputs, *given], [*outputs, *taken], USES, calls),
+            Bound(self.instance, frame, shown, USES, frames),
+        )
+
+
+def rows_at(address: int, rows: int, columns: int) -> Matrix:
+    """The numbers at an address."""
+    numbers = (ct.c_double * (rows * columns)).from_address(address)
+    return np.ctypeslib.as_array(numbers).reshape(rows, columns)
 
 
 class ProbedController:
@@ -117,13 +170,10 @@ class ProbedController:
     def _response(
         self, t: float, h: float, signals: Vector, reference: Vector
     ) -> tuple[Vector, Vector]:
-        """Effect of moving each signal over a step on the command after it, and its decay.
+        """Effect of moving each signal over a step on the command after it, shape (n,).
 
-        Returns
-        -------
-        two ndarrays, shapes (n,) and (number of signals with an effect,)
-            In the unit of the command per unit of the signal; shares that are left after one more
-            step.
+        The second array has the shares that are left after one more step, of each signal with an
+        effect.
         """
         state = self.instance.save()
 
