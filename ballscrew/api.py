@@ -889,8 +889,7 @@ def identify(  # noqa: PLR0913
 
     Notes
     -----
-    Maximum likelihood by Fisher scoring, with errors from pieces of the records; estimates by the
-    formulas of the thesis are given next to it.
+    Maximum likelihood by Fisher scoring, with errors from pieces of the records.
     """
     from .measured_results import IdentifiedLaw
     from .measurement.identification.identify import identify_files

@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .console import text_of
+from .console import Stages, text_of
 from .options import NOT_TRUSTED, TRUSTED, check_name, out_folder, read_named, read_number
 from .params_option import add_params, read_params
 from .plant import LAWS
 from .record_options import add_record_options, print_notes, read_record_options
 from .results_folder import prepare_folder, save_results
 from .solver.errors import UserError
-from .supervision import tell
 
 if TYPE_CHECKING:
     from .orchestration.loop.parameter_file import ParameterFile
@@ -116,9 +115,12 @@ def _identify(options: argparse.Namespace) -> int:
     from .orchestration.loop.shown_units import words_for
 
     prepare_folder(options.out, [*options.data, options.params])
-    tell(f"fitting {options.law}")
+    progress = Stages()
     given = options.law, fixed, options.offset, told, mass
-    result = IdentifiedLaw.of(identify_files(options.data, *given, *columns))
+    try:
+        result = IdentifiedLaw.of(identify_files(options.data, *given, *columns, progress=progress))
+    finally:
+        progress.finish()
     save_results(options.out, lambda folder: result.save(folder, command=options.command))
     words = words_for(result.notes)
     if options.json:

@@ -31,7 +31,7 @@ class RecordOptions(NamedTuple):
     lead: float | None
 
     def lead_with(self, told: ParameterFile | None) -> float | None:
-        """The lead [m] by ``--lead`` or by `p` of the parameter file; None if neither says it."""
+        """The lead [m] by ``--lead``, else by the parameter file; None if neither says it."""
         return self.lead or (told.lead if told else None)
 
 
@@ -49,8 +49,8 @@ def add_record_options(add: Any) -> None:
     add(
         "--lead",
         metavar="METRES",
-        help="lead of the screw, travel per turn, for rad, deg, rev, rpm and N*m (default: p of "
-        "--params)",
+        help="lead of the screw, travel per turn, for rad, deg, rev, rpm and N*m (default: by "
+        "p, or the gain of a drive with command torque, of --params)",
     )
 
 

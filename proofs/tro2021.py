@@ -31,10 +31,10 @@ from provenance import provenance
 from scipy.stats import t as student
 
 from ballscrew.measurement.identification.fit import fit_along
-from ballscrew.measurement.identification.fit_result import Fit
 from ballscrew.measurement.identification.fitted_law import OFFSET
 from ballscrew.measurement.identification.identification import Identification
 from ballscrew.measurement.identification.identify import identify
+from ballscrew.measurement.identification.intervals import Fit
 from ballscrew.measurement.records.reading import read_force_records
 from ballscrew.measurement.records.record import Record
 from ballscrew.orchestration.loop.pictures import COLOURS, STYLE, new_figure, write_figure
@@ -107,7 +107,7 @@ def steady_points(records: Sequence[Record]) -> list[Point]:
 def curve(fit: Fit, coordinates: Vector, v: float) -> float:
     """Force of the fitted law at a constant velocity, Eq. 1.8, with its offset [N]."""
     values = dict(zip(fit.names, fit.law.values_at(coordinates), strict=True))
-    end = "" if fit.tied else "_pos" if v > 0 else "_neg"
+    end = "" if not fit.law.directional else "_pos" if v > 0 else "_neg"
     fc, fs, vs, viscous = (values[n + end] for n in ("Fc", "Fs", "Vs", "sigma2"))
     size = fc + (fs - fc) * math.exp(-((v / vs) ** 2)) + viscous * abs(v)
     return math.copysign(size, v) + values.get(OFFSET, 0.0)

@@ -19,16 +19,16 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1883, 1608),
     "controllers": (1294, 1053),
     "fmus": (5131, 4600),
-    "orchestration": (12631, 10989),
+    "orchestration": (12634, 10992),
     "stability": (2784, 2282),
-    "ballscrew": (4643, 3820),
+    "ballscrew": (4644, 3822),
     "gallery": (3571, 3184),
-    "measurement": (15206, 12565),
+    "measurement": (14035, 11751),
     "proofs": (12907, 11540),
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28124, 26835),
+    "tests": (28064, 26774),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

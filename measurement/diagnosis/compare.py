@@ -168,7 +168,7 @@ def _compared(
     x = np.concatenate([c.x for c in courses])
     ends = ends_of_seconds(courses)
     squares = Blocks(ends)
-    parts = [motion_parts(c) for c in courses]
+    parts = [motion_parts(c.step, c.v, c.mean_a, c.rests) for c in courses]
     masks = {ALL: np.ones(len(x), dtype=bool)}
     masks |= {name: np.concatenate([p[name] for p in parts]) for name in PARTS}
     counted = {n: m & first.counted for n, m in masks.items()}

@@ -7,30 +7,21 @@ sample or two, so a larger one is taken out step by step, with a new fit after e
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
 
 from ..records.record import Record
 from .fit import fit_along
-from .fit_result import Fit
-from .friction_estimation import FrictionEstimate, estimate_friction
-from .intervals import Interval
+from .intervals import Fit, Interval
 from .layout import StackedRecords, lay_out
 from .left_over import LeftOver, left_over
-
-MISFIT = 2.0  # residual over force noise above which the law is not trusted
-_KNOWN = 2.0  # a delay within this many prior standard deviations is not corrected
-_MOST = 8  # corrections, each by a sample or more
 
 
 @dataclass(frozen=True)
 class FittedRecords:
-    """Records with their motion, a law fitted to them, and what it leaves."""
+    """Records laid end to end, a law fitted to them, and what it leaves."""
 
     records: list[Record]
-    estimates: list[FrictionEstimate]
     course: StackedRecords
     fit: Fit
     left: LeftOver
@@ -38,7 +29,7 @@ class FittedRecords:
     @property
     def explained(self) -> bool:
         """Whether the law leaves not much more than noise."""
-        return self.left.force <= MISFIT * self.left.noise
+        return self.left.force <= 2.0 * self.left.noise
 
     @property
     def late(self) -> Interval:
@@ -48,39 +39,33 @@ class FittedRecords:
         return max((i.plus(p) for i, p in late), key=lambda i: abs(i.value))
 
 
-def fit_records(
+def fit_late_records(
     records: Sequence[Record],
     law: str,
     fixed: Mapping[str, float],
     beside: Collection[str],
-    guess: Mapping[str, float] | None = None,
-) -> FittedRecords:
-    """Fit a law to records as they are, see `fit_along`."""
-    estimates = [estimate_friction(r) for r in records]
-    course = lay_out(records, estimates)
-    fit = fit_along(records, law, course, guess=guess, fixed=fixed, beside=beside)
-    noise = float(np.median([e.force_noise for e in estimates]))
-    return FittedRecords(list(records), estimates, course, fit, left_over(course, fit, noise))
-
-
-def _beyond(late: Interval, known: float) -> bool:
-    """Whether all of the interval is beyond what was known of the delay [s]."""
-    reach = math.inf if late.high is None else late.high - late.value
-    return abs(late.value) > _KNOWN * known + reach
-
-
-def fit_late_records(
-    records: Sequence[Record], law: str, fixed: Mapping[str, float], beside: Collection[str]
+    progress: Callable[[str], None],
 ) -> FittedRecords:
     """Fit a law to records, and correct them by the delay of the force if it is certain.
 
     It is not if some lags are known, if it may be within what was known of it before, or if the law
     does not explain the force: such a law takes its own error for a delay.
     """
-    first = last = fit_records(records, law, fixed, beside)
+
+    def fitted(records: list[Record], guess: Mapping[str, float] | None) -> FittedRecords:
+        course = lay_out(records)
+        fit = fit_along(records, law, course, None, guess, fixed, beside, progress)
+        return FittedRecords(records, course, fit, left_over(course, fit))
+
+    def beyond(late: Interval) -> bool:
+        """Whether all of the interval is beyond twice what was known of the delay."""
+        reach = math.inf if late.high is None else late.high - late.value
+        return abs(late.value) > 2.0 * known + reach
+
     known = max(r.delay_std for r in records)
-    for _ in range(_MOST * (not any(r.lags for r in records))):
-        if not any(_beyond(i, known) for i in last.fit.late):
+    first = last = fitted(list(records), None)
+    for _ in range(8 * (not any(r.lags for r in records))):  # each by a sample or more
+        if not any(map(beyond, last.fit.late)):
             break
         moved = []
         for record, clock in zip(last.records, last.course.clock, strict=True):
@@ -88,7 +73,7 @@ def fit_late_records(
             total = record.lags.get("force", 0.0) + step.value
             spread = math.hypot(known, step.standard_error or 0.0)
             moved.append(replace(record, lags={"force": total}, delay_std=spread))
-        before, last = last, fit_records(moved, law, fixed, beside, last.fit.values)
+        before, last = last, fitted(moved, last.fit.values)
         if last.left.force > before.left.force:
             break
-    return last if _beyond(last.late, known) and last.explained else first
+    return last if beyond(last.late) and last.explained else first

@@ -26,9 +26,8 @@ information on the delays, and never smaller than `FLOOR`.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,25 +39,18 @@ from ...plant.maxwell_slip import ELEMENTS
 from ...plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ...solver.component import symbol
 from ..records.record import Record
-from .fit_errors import intervals_of, sum_up
-from .fit_result import Fit, fitted_names, without_direction
-from .fitted_law import LAWS, MASS, OFFSET, FittedLaw, claim_of
+from .fit_errors import sum_up
+from .fitted_law import LAWS, MASS, OFFSET, FittedLaw, claim_of, without_direction
+from .intervals import Fit
 from .law_along_record import KINDS
 from .layout import StackedRecords, lay_out
-from .likelihood import Problem
+from .likelihood import Climb, Problem
 from .motion_parts import least_squares, way_since_reversal
-from .optimizer import Climb
 
 Vector = npt.NDArray[np.float64]
 Start = dict[str, float]
 
 _FAST = 0.3  # share of the fast speed above which the curve is nearly straight
-_SLID = 3.0  # presliding distances after a reversal, until the friction is that of sliding
-_SLOWEST, _WIDTHS = 0.005, 15  # least Vs over the fast speed, and number of those tried
-_APART = math.log(4.0)  # distance between the Vs of two first guesses
-_STARTS = 3
-_ENOUGH = 50  # samples in sliding
-_UNTIL_COMPARED = 12  # iterations from each first guess; after five, the wrong one may be better
 
 
 def fit_along(
@@ -69,6 +61,7 @@ def fit_along(
     guess: Mapping[str, float] | None = None,
     fixed: Mapping[str, float] | None = None,
     beside: Collection[str] = (),
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Fit:
     """Fit the parameters of a law to the force of the records.
 
@@ -77,7 +70,7 @@ def fit_along(
     records : sequence of Record
     law : str
         One of `LAWS`.
-    course : Course, optional
+    course : StackedRecords, optional
         The stacked records, if already computed.
     tied : bool, optional
         Whether both directions have the same parameters; by default as in the law.
@@ -89,51 +82,51 @@ def fit_along(
     beside : collection of str, optional
         Parameters fitted in addition to the law: `OFFSET`, a constant force [N]; `MASS`, one for
         all records, which must have the same mass.
+    progress : callable, optional
+        Called with what is being done.
     """
-    fixed = fixed or {}
-    mass = MASS in beside
-    described = replace(LAWS[law], offset=OFFSET in {*beside, *fixed}, mass=mass)
-    tied = not described.directional if tied is None else tied
+    guess, fixed, mass = guess or {}, fixed or {}, MASS in beside
+    own = LAWS[law]
+    apart = own.directional if tied is None else not tied
+    described = replace(own, directional=apart, mass=mass, offset=OFFSET in {*beside, *fixed})
     course = lay_out(records) if course is None else course
-    constant = fixed.get(OFFSET, (guess or {}).get(OFFSET, 0.0))
+    constant = fixed.get(OFFSET, guess.get(OFFSET, 0.0))
     if guess:
-        starts = [np.ones(len(described.parameters))]
+        starts = [np.ones(len(own.parameters))]
         course = course.with_mass(guess[MASS]) if mass else course
     else:
         sliding = _fast_sliding(course, replace(described, offset=OFFSET in beside), constant)
         course = course.with_mass(sliding.mass) if mass else course
         constant = sliding.offset
         starts = _starts(course, described, sliding)
-    problem = Problem(course, described, tied)
-    best: Climb | None = None
-    lowest = math.inf
-    names, _ = fitted_names(described, tied)
+    problem = Problem(course, described)
+    names = described.names + described.beside
     held = [j for j, n in enumerate(names) if n in fixed or without_direction(n) in fixed]
+    beside_it = [np.log([course.mass])] if mass else []
+    beside_it += [np.array([constant])] if described.offset else []
+    climbs: list[tuple[float, Climb]] = []
     hidden: Vector | None = None  # from the first guess, so that costs are comparable
-    for start in starts:
-        sides = [start] if tied else [start, start.copy()]
-        for side, end in zip(sides, ("",) if tied else ("_pos", "_neg"), strict=True):
-            for k, name in enumerate(described.parameters):
-                for given in (guess or {}, fixed):
+    for count, start in enumerate(starts, 1):
+        progress(f"fitting {law}: first guess {count} of {len(starts)}")
+        sides = [start.copy() for _ in described.ends]
+        for side, end in zip(sides, described.ends, strict=True):
+            for k, name in enumerate(own.parameters):
+                for given in (guess, fixed):
                     side[k] = given.get(name + end, given.get(name, side[k]))
-        parts = [LAWS[law].coordinates_of(side) for side in sides]
-        parts += [np.log([course.mass])] if described.mass else []
-        parts += [np.array([constant])] if described.offset else []
-        climb = Climb(problem, np.concatenate(parts), held, hidden)
+        first = np.concatenate([*map(own.coordinates_of, sides), *beside_it])
+        climb = Climb(problem, first, held, hidden)
         hidden = climb.hidden
-        cost = climb.run(_UNTIL_COMPARED)
-        if cost < lowest:
-            best, lowest = climb, cost
-    if best is None:
-        raise AssertionError("a law has at least one first guess")
-    for _ in range(3):
+        cost = climb.run(12)  # after five iterations the wrong one may be better
+        climbs.append((cost if math.isfinite(cost) else math.inf, climb))
+    _, best = min(climbs, key=lambda c: c[0])
+    for k in range(1, 4):
+        progress(f"fitting {law}: fit {k} of 3")
         best.look_back()
-        cost = best.run(25)
+        best.run(25)
         if mass:  # the law's presliding distance and break-aways depend on the mass
             reached = math.exp(best.point.coordinates[problem.of_law])
             problem.course = problem.course.with_mass(reached)
-    fit = sum_up(best, cost)
-    return replace(fit, intervals=intervals_of(fit, best, fixed))
+    return sum_up(best, fixed)
 
 
 @dataclass(frozen=True)
@@ -180,14 +173,13 @@ def _starts(course: StackedRecords, law: FittedLaw, sliding: _Sliding) -> list[V
     dry = np.abs(friction - max(sliding.viscous, 0.0) * course.v)
     most = max(float(np.quantile(dry, 0.97)), 1e-3)
     stiffness = []
-    for r in range(course.records):
-        part = slice(course.starts[r], course.starts[r + 1])
-        way = np.abs(course.x[part] - course.x[course.starts[r]])
-        early = (dry[part] > 0.15 * most) & (dry[part] < 0.6 * most) & (way > course.blur[part])
-        first = np.flatnonzero(dry[part] > 0.7 * most)
+    for part in course.parts():
+        own, way = dry[part], np.abs(course.x[part] - course.x[part.start])
+        early = (own > 0.15 * most) & (own < 0.6 * most) & (way > course.blur[part])
+        first = np.flatnonzero(own > 0.7 * most)
         early[first[0] if len(first) else len(early) :] = False
         if np.any(early):
-            stiffness.append(float(np.median(dry[part][early] / way[early])))
+            stiffness.append(float(np.median(own[early] / way[early])))
     sigma = 1.3 * float(np.median(stiffness)) if stiffness else most / 3e-5
     if law.name == "dahl":
         starts = [{"sigma": sigma, "Fc": high, "alpha": a} for a in (1.0, 2.0)]
@@ -211,26 +203,18 @@ def _starts(course: StackedRecords, law: FittedLaw, sliding: _Sliding) -> list[V
 
 
 def _stribeck_curves(course: StackedRecords, friction: Vector, yielding: float) -> list[Start]:
-    """The curves over the speed with the least squares, their Vs far from each other.
+    """The three curves over the speed with the least squares, their Vs far from each other.
 
-    Parameters
-    ----------
-    course : StackedRecords
-    friction : ndarray, shape (n,)
-        [N]
-    yielding : float
-        Presliding distance [m], within a few of which the force is not the curve's.
+    Within a few presliding distances, `yielding` [m], the friction [N] is not the curve's.
     """
     pull, speed = friction * np.sign(course.v), np.abs(course.v)
     top = float(np.quantile(speed, 0.98))
-    ways = [
-        way_since_reversal(course.x[a:b], course.v[a:b])[0]
-        for a, b in itertools.pairwise(course.starts)
-    ]
-    slid = (np.concatenate(ways) > _SLID * yielding) & (speed > _SLOWEST * top)
-    slid = slid if np.count_nonzero(slid) > _ENOUGH else speed > 0.3 * top
+    ways = [way_since_reversal(course.x[part], course.v[part])[0] for part in course.parts()]
+    slowest = 0.005
+    slid = (np.concatenate(ways) > 3.0 * yielding) & (speed > slowest * top)
+    slid = slid if np.count_nonzero(slid) > 50 else speed > 0.3 * top
     found = []
-    for width in np.geomspace(_SLOWEST, 0.6, _WIDTHS) * top:
+    for width in np.geomspace(slowest, 0.6, 15) * top:
         fall = np.exp(-((speed[slid] / width) ** 2))
         columns = np.column_stack([np.ones(len(fall)), speed[slid], fall])
         told = least_squares(columns, pull[slid])
@@ -238,12 +222,12 @@ def _stribeck_curves(course: StackedRecords, friction: Vector, yielding: float) 
     found.sort(key=lambda c: c[0])
     curves: list[Start] = []
     for _, width, (dry, viscous, peak) in found:
-        if all(abs(math.log(width / c["Vs"])) > _APART for c in curves):
+        if all(abs(math.log(width / c["Vs"])) > math.log(4.0) for c in curves):
             base = max(dry, 0.05 * float(pull.max()))
             top_of = max(base + peak, 1.1 * base)
             slope = max(viscous, 0.02 * base / top)
             curves.append({"Fc": base, "Fs": top_of, "Vs": width, "sigma2": slope})
-    return curves[:_STARTS]
+    return curves[:3]
 
 
 def _scaled_defaults(name: str, force: float, stiffness: float, speed: float) -> list[Start]:

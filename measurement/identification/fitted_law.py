@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -21,29 +22,23 @@ OFFSET = "offset"
 """Name of the constant force [N], against motion in +x as in the plants."""
 MASS = "m"
 """Name of the mass [kg] between the force sensor and the friction."""
+BRISTLES = ("lugre", "modified_lugre", "directional_lugre")
+"""LuGre and related laws. Kv of these is fixed, because records give no information on it."""
+DRAWN = ("bliman_sorine", "maxwell_slip")
+"""Laws with parameters that depend on several coordinates: their intervals are drawn."""
 
 
 @dataclass(frozen=True)
 class FittedLaw:
-    """A friction law for the estimator: its parameters, in the order of the equations.
-
-    Attributes
-    ----------
-    directional : bool
-        Whether each direction has its own parameters.
-    rigid : bool
-        Whether the body sticks without any motion.
-    mass, offset : bool
-        Whether the mass, and a constant force, are also fitted.
-    """
+    """A friction law for the estimator: its parameters, in the order of the equations."""
 
     name: str
     parameters: tuple[str, ...]
     units: tuple[str, ...]
-    directional: bool = False
-    rigid: bool = False
-    mass: bool = False
-    offset: bool = False
+    directional: bool = False  # whether each direction has its own parameters
+    rigid: bool = False  # whether the body sticks without any motion
+    mass: bool = False  # whether the mass is also fitted
+    offset: bool = False  # whether a constant force is also fitted
 
     @property
     def beside(self) -> tuple[str, ...]:
@@ -52,13 +47,20 @@ class FittedLaw:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parameters in the plants."""
-        return self.by_side if self.directional else self.parameters
+        """Names of the law's parameters in the plants, forwards first."""
+        if not self.directional:
+            return self.parameters
+        return tuple(f"{n}_{side}" for side in ("pos", "neg") for n in self.parameters)
 
     @property
-    def by_side(self) -> tuple[str, ...]:
-        """Names of the parameters of each direction, forwards first."""
-        return tuple(f"{n}_{side}" for side in ("pos", "neg") for n in self.parameters)
+    def ends(self) -> tuple[str, ...]:
+        """Endings of the parameters' names, one for each set of them."""
+        return ("_pos", "_neg") if self.directional else ("",)
+
+    @property
+    def fitted_units(self) -> tuple[str, ...]:
+        """Units of `names` and `beside`."""
+        return self.units * len(self.ends) + ("kg",) * self.mass + ("N",) * self.offset
 
     def values_at(self, coordinates: Vector) -> Vector:
         """Parameters from the coordinates in which they are fitted.
@@ -86,9 +88,8 @@ class FittedLaw:
             parts = []
             for k in range(0, coordinates.shape[-1], 4):
                 c, b, eps_f, odds = np.moveaxis(values[..., k : k + 4], -1, 0)
-                eta = odds / (1 + odds)
                 f2 = b * (1 + odds)
-                parts += [c + f2, f2, eps_f, eta]
+                parts += [c + f2, f2, eps_f, odds / (1 + odds)]
             return np.stack(parts, axis=-1)
         if self.name == "maxwell_slip":
             for k in range(ELEMENTS, coordinates.shape[-1], len(self.parameters)):
@@ -107,9 +108,16 @@ class FittedLaw:
             coordinates[ELEMENTS : 2 * ELEMENTS] -= coordinates[2 * ELEMENTS - 1]
         return np.asarray(coordinates)
 
-
-BRISTLES = ("lugre", "modified_lugre", "directional_lugre")
-"""LuGre and related laws. Kv of these is fixed, because records give no information on it."""
+    def presliding_way(self, values: Mapping[str, float], end: str = "") -> float:
+        """Presliding distance [m], of the parameters whose names have this end."""
+        own = {n: values[n + (end or self.ends[0])] for n in self.parameters}
+        if self.name == "maxwell_slip":
+            return own["Fs"] / sum(own[f"k{i}"] for i in range(1, ELEMENTS + 1))
+        if self.name in BRISTLES:
+            return own["Fs"] / own["sigma0"]
+        stiffness = claim_of(self.name, "stiffness", own)
+        rigid = 2e-5  # assumed for a law without a stiffness
+        return abs(claim_of(self.name, "steady_state", own) / stiffness) if stiffness else rigid
 
 
 def _fitted(name: str) -> FittedLaw:
@@ -122,6 +130,11 @@ def _fitted(name: str) -> FittedLaw:
 
 
 LAWS = {name: _fitted(name) for name in NAMES}
+
+
+def without_direction(name: str) -> str:
+    """A parameter's name without its direction."""
+    return name.removesuffix("_pos").removesuffix("_neg")
 
 
 def claim_of(name: str, what: str, values: Mapping[str, float], speed: float = 1e-6) -> float:
@@ -140,3 +153,8 @@ def claim_of(name: str, what: str, values: Mapping[str, float], speed: float = 1
         return 0.0
     known = {p.name: p.default for p in law(name)(symbol("v")).parameters} | {"v": speed}
     return float(sp.sympify(promise).subs({symbol(n): v for n, v in (known | {**values}).items()}))
+
+
+def assumed_damping(sigma0: float, sigma2: float, mass: float = 1.0, share: float = 1.0) -> float:
+    """sigma1 of LuGre for a share of the critical damping of a mass on its bristles [N*s/m]."""
+    return share * 2 * math.sqrt(sigma0 * mass) - sigma2

@@ -7,7 +7,6 @@ enough is named.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -15,25 +14,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from .fit_result import DRAWN, Fit, draw_coordinates, without_direction
-from .fitted_law import BRISTLES, MASS, OFFSET
-from .intervals import NARROW
+from ...plant.maxwell_slip import ELEMENTS
+from .fitted_law import BRISTLES, DRAWN, MASS, OFFSET, assumed_damping, without_direction
+from .intervals import CONFIDENCE, NARROW, Fit
+from .law_along_record import with_backlash
 from .layout import StackedRecords
-from .likelihood import Problem
-from .lugre_dynamics import assumed_damping
-from .optimizer import Climb
-from .unseen_parameters import BROKEN_AWAY, hardly_slides, peak_unseen, presliding_way
+from .likelihood import UNDER, Climb, Problem
 
 Vector = npt.NDArray[np.float64]
+Motion = Callable[[Vector], Vector]  # from times [s] to positions [m]
 
 FORWARDS, BACKWARDS = "forwards", "backwards"
 
-_FINE = 1 / 160  # noise of a fine position sensor, as a share of the amplitude
-_FAST = 5e-4  # sampling interval of a fast acquisition [s]
-_SHAKEN = 10.0  # frequency of a shaken trial [Hz]
-_LONGEST = 20.0  # longest record [s]
+_BROKEN_AWAY = 5.0  # distance until a block slides, in presliding distances
 _MADE_UP = 0.5  # others make up for it, if its error would be less than this share without them
-_SLIDES = 100.0  # amplitude of a sliding motion over the presliding distance
 
 
 def ways(course: StackedRecords) -> list[str]:
@@ -42,44 +36,144 @@ def ways(course: StackedRecords) -> list[str]:
     for way, sign in ((FORWARDS, 1.0), (BACKWARDS, -1.0)):
         moved = np.maximum(sign * np.diff(course.x), 0.0)
         moved[course.starts[1:-1] - 1] = 0.0
-        if float(moved.sum()) > 0.02 * float(np.abs(moved).max(initial=0.0)) and (
-            float(np.sum(moved)) > 5e-6
-        ):
+        if float(moved.sum()) > max(0.02 * float(np.abs(moved).max(initial=0.0)), 5e-6):
             found.append(way)
     return found or [FORWARDS]
 
 
+def peak_unseen(fit: Fit, course: StackedRecords, parameter: str) -> bool:
+    """Whether a parameter describes break-away and the records do not show a break-away.
+
+    Either the records end below it, so that the parameter is only extrapolated from the bend of the
+    loading curve, which a sensor's scale error also causes; or no peak of static friction is
+    visible. Dahl's law bends from the start, so without the end of the curve its initial stiffness
+    is not identified either.
+    """
+    name = without_direction(parameter)
+    end, law = parameter[len(name) :], fit.law
+    static = "Fc" if law.name == "dahl" else "Fs"
+    falls = name in ("Fs", "Vs") and {"Fc", "Fs"} <= set(law.parameters)
+    if falls and fit.values["Fs" + end] < (1 + UNDER) * fit.values["Fc" + end]:
+        return True
+    if name not in (law.parameters if law.name == "dahl" else ("Fs",)):
+        return False
+    friction = (fit.predicted - course.inertial)[fit.spoken] - fit.values.get(OFFSET, 0.0)
+    pull = {"_pos": friction, "_neg": -friction}.get(end, np.abs(friction))
+    error = float(np.max(course.backlash)) / law.presliding_way(fit.values, end)
+    sharp = max(error, float(np.max(course.gain_std))) < 1e-3  # then a bend gives the final force
+    return float(np.max(pull)) < (0.7 if sharp else 0.9) * fit.values[static + end]
+
+
+def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
+    """Whether a parameter describes sliding and the records do not slide enough to identify it.
+
+    If the records show almost only presliding, a very small sensor error looks like a Stribeck
+    curve. If they slide at one speed, or at speeds at which that curve has hardly fallen, its
+    remaining fall, its width and the viscous slope are not identified.
+    """
+    name = without_direction(parameter)
+    curve = ["Fc", "Vs", "sigma2"]
+    sliding = curve.copy()
+    if fit.law.name == "maxwell_slip":  # shares of the force at which all elements slip
+        sliding += ["C", "Fs", *(f"alpha{i}" for i in range(1, ELEMENTS + 1))]
+    told = "Vs" in fit.law.parameters and (name in sliding or fit.law.rigid)
+    if name == OFFSET or not told:
+        return False
+    end = parameter[len(name) :]
+    yielding = fit.law.presliding_way(fit.values, end)
+    until = np.full(course.records, _BROKEN_AWAY * yielding)
+    dragged = with_backlash(course.x, course.starts, until)
+    moves = np.diff(dragged, prepend=dragged[0])
+    moves[course.starts[:-1]] = 0.0
+    slid = {"_pos": np.maximum(moves, 0.0), "_neg": np.maximum(-moves, 0.0)}.get(end, np.abs(moves))
+    if float(slid.sum()) < 50.0 * yielding:
+        return True
+    if name not in curve:
+        return False
+    order = np.argsort(np.abs(course.v))
+    covered = np.cumsum(slid[order]) / float(slid.sum())
+    slow, fast = np.abs(course.v)[order][np.searchsorted(covered, (0.1, 0.9))]
+    # at 0.7 of Vs a third of the curve has fallen
+    return bool(fast < 1.5 * slow or fast < 0.7 * fit.values["Vs" + end])
+
+
+def blurred_elements(fit: Fit, resolution: float) -> set[str]:
+    """Parameter names of Maxwell-slip elements that records do not distinguish from others.
+
+    An element is distinguished if, for all plausible parameters, its force is more than the
+    resolution of the load cell [N], and it yields after the previous and before the next element.
+    """
+    if fit.law.name != "maxwell_slip":
+        return set()
+    names = set()
+    drawn = fit.draws()
+    for first in range(0, len(fit.law.names), len(fit.law.parameters)):
+        own = drawn[:, first : first + len(fit.law.parameters)]
+        stiffness, shares = own[:, :ELEMENTS], own[:, ELEMENTS : 2 * ELEMENTS]
+        held = shares * own[:, -2:-1]
+        yields = held / stiffness
+        before = np.column_stack([np.zeros(len(yields)), yields[:, :-1]])
+        after = np.column_stack([yields[:, 1:], np.full(len(yields), math.inf)])
+        told = np.mean((held > 2 * resolution) & (before < yields) & (yields < after), axis=0)
+        for i in np.flatnonzero(told < CONFIDENCE):
+            names |= {fit.names[first + i], fit.names[first + ELEMENTS + i]}
+    return names
+
+
 @dataclass(frozen=True)
 class CandidateTrial:
-    """A trial that might be added: its description and its motion.
-
-    Attributes
-    ----------
-    what : str
-    motions : tuple of function of ndarray [s] to ndarray [m]
-        One function per record.
-    duration, step, blur : float
-        Duration [s], sampling interval [s], noise of the position [m].
-    """
+    """A trial that might be added: its description, and the motion of each of its records."""
 
     what: str
-    motions: tuple[Callable[[Vector], Vector], ...]
-    duration: float
-    step: float
-    blur: float
+    motions: tuple[Motion, ...]
+    duration: float  # [s]
+    step: float  # sampling interval [s]
+    blur: float  # noise of the position [m]
+
+    def course(self, noise: float, resolution: float) -> StackedRecords:
+        """Its records without force, by a load cell of this noise and resolution [N]."""
+        times: Vector = self.step * np.arange(round(self.duration / self.step), dtype=float)
+        xs = [motion(times) for motion in self.motions]
+        n, records = len(times), len(xs)
+        v: list[Vector] = [np.asarray(np.gradient(x, self.step)) for x in xs]
+        return StackedRecords(
+            x=np.concatenate(xs),
+            v=np.concatenate(v),
+            inertial=np.concatenate([np.asarray(np.gradient(u, self.step)) for u in v]),
+            force=np.zeros(n * records),
+            blur=np.full(n * records, self.blur),
+            still=np.zeros(n * records, dtype=bool),
+            step=np.full(records, self.step),
+            shift_std=np.full(records, self.blur),
+            gain_std=np.full(records, 1e-7),
+            delay_std=np.full(records, self.step / math.sqrt(12)),
+            clock=np.zeros(records, dtype=np.int64),
+            backlash=np.zeros(records),
+            starts=n * np.arange(records + 1, dtype=np.int64),
+            resolution=resolution,
+            noise=noise,
+            fast_noise=noise,
+            replays=np.empty((0, 3, n * records)),
+        )
 
 
-def _constant(speed: float) -> Callable[[Vector], Vector]:
-    rise = 0.06
-    return lambda t: speed * (t - rise * (1 - np.exp(-t / rise)))
+def _constant(
+    speeds: Sequence[float], longest: float, sensors: tuple[float, float]
+) -> CandidateTrial:
+    """Constant velocities [m/s] in either direction, for at most this time [s]."""
+    *others, last = (f"{v:.2g}" for v in speeds)
+    what = f"constant velocities of {', '.join(others)} and {last} m/s in either direction, "
+
+    def motion(speed: float) -> Motion:
+        rise = 0.06
+        return lambda t: speed * (t - rise * (1 - np.exp(-t / rise)))
+
+    motions = tuple(motion(s * v) for v in speeds for s in (1.0, -1.0))
+    return CandidateTrial(f"{what}{longest:.2g} s each", motions, longest, *sensors)
 
 
-def _sine(amplitude: float, omega: float) -> Callable[[Vector], Vector]:
-    return lambda t: amplitude / omega * (1 - np.cos(omega * t))
-
-
-def _both_ways(speeds: list[float]) -> tuple[Callable[[Vector], Vector], ...]:
-    return tuple(_constant(s * v) for v in speeds for s in (1.0, -1.0))
+def _sine(speed: float, omega: float) -> Motion:
+    return lambda t: speed / omega * (1 - np.cos(omega * t))
 
 
 def _size(fit: Fit, course: StackedRecords) -> tuple[float, float]:
@@ -87,86 +181,46 @@ def _size(fit: Fit, course: StackedRecords) -> tuple[float, float]:
 
     If the records show presliding only: a travel long enough to slide, moved over in a second.
     """
-    ends = ("",) if fit.tied else ("_pos", "_neg")
-    way = max(presliding_way(fit.law, fit.values, end) for end in ends)
-    pairs = itertools.pairwise(course.starts)
-    travel = max(float(np.ptp(course.x[first:end])) for first, end in pairs)
-    if travel < BROKEN_AWAY * way:
-        return _SLIDES * way, _SLIDES * way
+    way = max(fit.law.presliding_way(fit.values, end) for end in fit.law.ends)
+    travel = max(float(np.ptp(course.x[part])) for part in course.parts())
+    if travel < _BROKEN_AWAY * way:
+        return 100.0 * way, 100.0 * way
     return float(np.quantile(np.abs(course.v), 0.99)), travel
 
 
 def candidates(fit: Fit, parameter: str, course: StackedRecords) -> list[CandidateTrial]:
-    """Candidate trials for a parameter, the simplest first, scaled to the machine.
-
-    Parameters
-    ----------
-    fit : Fit
-    parameter : str
-    course : StackedRecords
-        The records, which show the range of the machine and its sensors.
-    """
-    name = without_direction(parameter)
+    """Candidate trials for a parameter, the simplest first, scaled to the machine."""
+    name, longest = without_direction(parameter), 20.0
+    if name == "sigma1":
+        way = fit.law.presliding_way(fit.values, parameter[len(name) :]) / 4
+        rate, fine = 2 * math.pi * 10.0, way / 160
+        what = (
+            f"velocity {way * rate:.2g}*sin({rate:.3g} t) m/s, {2 * way:.2g} m forwards and "
+            f"backwards in presliding, for 5 s, force and displacement (to {fine:.1g} m) "
+            "sampled together at 2 kHz (their delay must be known to 0.15 ms)"
+        )
+        return [CandidateTrial(what, (_sine(way * rate, rate),), 5.0, 5e-4, fine)]
     speed, travel = _size(fit, course)
-    measured = float(course.step.min()), float(np.median(course.blur))
+    sensors = float(course.step.min()), float(np.median(course.blur))
     gentle = speed / 4
-    rate = max(2 * gentle / travel, math.pi / _LONGEST)
-    slow = CandidateTrial(
+    rate = max(2 * gentle / travel, math.pi / longest)
+    what = (
         f"velocity {gentle:.2g}*sin({rate:.3g} t) m/s for {math.pi / rate:.3g} s from rest in "
-        "either direction",
-        (_sine(gentle, rate), _sine(-gentle, rate)),
-        math.pi / rate,
-        *measured,
+        "either direction"
     )
-    speeds, lasts = [speed * share for share in (1 / 12, 1 / 6, 1 / 3, 2 / 3, 1)], travel / speed
-    fast = CandidateTrial(
-        f"constant velocities of {_listed(speeds)} m/s in either direction, "
-        f"{min(lasts, 5.0):.2g} s each",
-        _both_ways(speeds),
-        min(lasts, 5.0),
-        *measured,
-    )
-    rate = max(2 * speed / travel, 2 / 3)
-    cycles = CandidateTrial(
-        f"velocity {speed:.2g}*sin({rate:.3g} t) m/s for two cycles",
-        (_sine(speed, rate),),
-        4 * math.pi / rate,
-        *measured,
-    )
+    back_and_forth = _sine(gentle, rate), _sine(-gentle, rate)
+    slow = CandidateTrial(what, back_and_forth, math.pi / rate, *sensors)
     if name == "Vs":
         steps = [fit.values[parameter] * share for share in (0.3, 0.6, 1.0, 1.5)]
-        lasts = min(_LONGEST, travel / steps[-1])
-        crawl = CandidateTrial(
-            f"constant velocities of {_listed(steps)} m/s in either direction, {lasts:.2g} s each",
-            _both_ways(steps),
-            lasts,
-            *measured,
-        )
-        return [slow, crawl]
-    if name == "sigma1":
-        way = presliding_way(fit.law, fit.values, parameter[len(name) :]) / 4
-        rate = 2 * math.pi * _SHAKEN
-        shaken = CandidateTrial(
-            f"velocity {way * rate:.2g}*sin({rate:.3g} t) m/s, {2 * way:.2g} m forwards and "
-            f"backwards in presliding, for 5 s, force and displacement (to {way * _FINE:.1g} m) "
-            "sampled "
-            "together at 2 kHz (their delay must be known to 0.15 ms)",
-            (_sine(way * rate, rate),),
-            5.0,
-            _FAST,
-            way * _FINE,
-        )
-        return [shaken]
+        return [slow, _constant(steps, min(longest, travel / steps[-1]), sensors)]
+    speeds = [speed * share for share in (1 / 12, 1 / 6, 1 / 3, 2 / 3, 1)]
+    fast = _constant(speeds, min(travel / speed, 5.0), sensors)
     if name == "sigma2":
         return [fast, slow]
-    if name in ("f1", "f2", "eps_f", "eta"):
-        return [slow, cycles]
-    return [slow, fast, cycles]
-
-
-def _listed(speeds: Sequence[float]) -> str:
-    *others, last = (f"{v:.2g}" for v in speeds)
-    return f"{', '.join(others)} and {last}"
+    rate = max(2 * speed / travel, 2 / 3)
+    what = f"velocity {speed:.2g}*sin({rate:.3g} t) m/s for two cycles"
+    cycles = CandidateTrial(what, (_sine(speed, rate),), 4 * math.pi / rate, *sensors)
+    return [slow, cycles] if fit.law.name == "bliman_sorine" else [slow, fast, cycles]
 
 
 def which_would_do(fit: Fit, parameter: str, course: StackedRecords) -> str:
@@ -175,77 +229,39 @@ def which_would_do(fit: Fit, parameter: str, course: StackedRecords) -> str:
         return "the same motion in both directions would be enough"
     if parameter == MASS:
         return "use a motion with stronger acceleration, forwards and backwards"
-    options, resolution = candidates(fit, parameter, course), course.resolution
-    coordinates = _plausible(fit)
+    options = candidates(fit, parameter, course)
     for option in options:
-        expected = _expected_error(fit, coordinates, option, parameter, resolution)
+        expected = _expected_error(fit, option, parameter, course.resolution)
         if 2 * expected <= NARROW:
             return f"{option.what} would be enough: expected within {200 * expected:.2g} %"
     return f"of {len(options)} trials tried by calculation none would be enough alone"
 
 
-def _plausible(fit: Fit) -> Vector:
-    """Coordinates to evaluate trials: the fit, with critical damping if sigma1 is not known."""
-    coordinates = fit.coordinates.copy()
+def _expected_error(fit: Fit, option: CandidateTrial, parameter: str, resolution: float) -> float:
+    """Relative standard error of a parameter with a further trial.
+
+    It is calculated at the fit, with critical damping if sigma1 is not known.
+    """
+    coordinates, p = fit.coordinates.copy(), len(fit.coordinates)
     for j, name in enumerate(fit.names if fit.law.name in BRISTLES else ()):
         if name.startswith("sigma1") and not fit.intervals[name].identified:
-            sigma0 = fit.values[name.replace("sigma1", "sigma0")]
-            sigma2 = fit.values[name.replace("sigma1", "sigma2")]
-            coordinates[j] = math.log(max(assumed_damping(sigma0, sigma2), 1.0))
-    return coordinates
-
-
-def _expected_error(
-    fit: Fit, coordinates: Vector, option: CandidateTrial, parameter: str, resolution: float
-) -> float:
-    """Relative standard error of a parameter with a further trial."""
-    p = len(coordinates)
-    course = _course(option, fit.noise, resolution)
-    climb = Climb(Problem(course, fit.law, fit.tied), coordinates)
-    force = climb.force(climb.point)
-    course = replace(
-        course, force=np.round(force / resolution) * resolution if resolution else force
-    )
-    climb.problem = Problem(course, fit.law, fit.tied)
+            known = (fit.values[name.replace("sigma1", other)] for other in ("sigma0", "sigma2"))
+            coordinates[j] = math.log(max(assumed_damping(*known), 1.0))
+    course = option.course(fit.noise, resolution)
+    climb = Climb(Problem(course, fit.law), coordinates)
+    force = climb.force()
+    force = np.round(force / resolution) * resolution if resolution else force
+    climb.problem = Problem(replace(course, force=force), fit.law)
     climb.prior_std[:p] = 1e3  # the trial alone may not identify all parameters
-    information = climb.normal(climb.point).information
-    alone = np.linalg.inv(np.linalg.inv(information)[:p, :p])
+    alone = np.linalg.inv(np.linalg.inv(climb.normal().information)[:p, :p])
     before = np.linalg.inv(np.linalg.inv(fit.information)[:p, :p])
-    covariance = np.linalg.inv(before + alone)
-    j = fit.names.index(parameter)
-    tiny = 1e-5
+    j, tiny, turn = fit.names.index(parameter), 1e-5, np.empty(p)
     base = math.log(fit.law.values_at(coordinates)[j])
-    turn = np.empty(p)
     for k in range(p):
         moved = coordinates.copy()
         moved[k] += tiny
         turn[k] = (math.log(fit.law.values_at(moved)[j]) - base) / tiny
-    return math.sqrt(float(turn @ covariance @ turn))
-
-
-def _course(option: CandidateTrial, noise: float, resolution: float) -> StackedRecords:
-    times: Vector = option.step * np.arange(round(option.duration / option.step), dtype=float)
-    xs = [motion(times) for motion in option.motions]
-    n, records = len(times), len(xs)
-    v: list[Vector] = [np.asarray(np.gradient(x, option.step)) for x in xs]
-    return StackedRecords(
-        x=np.concatenate(xs),
-        v=np.concatenate(v),
-        inertial=np.concatenate([np.asarray(np.gradient(u, option.step)) for u in v]),
-        force=np.zeros(n * records),
-        blur=np.full(n * records, option.blur),
-        step=np.full(records, option.step),
-        shift_std=np.full(records, option.blur),
-        gain_std=np.full(records, 1e-7),
-        delay_std=np.full(records, option.step / math.sqrt(12)),
-        starts=n * np.arange(records + 1, dtype=np.int64),
-        clock=np.zeros(records, dtype=np.int64),
-        resolution=resolution,
-        noise=noise,
-        replays=np.empty((0, 3, n * records)),
-        backlash=np.zeros(records),
-        still=np.zeros(n * records, dtype=bool),
-    )
+    return math.sqrt(float(turn @ np.linalg.inv(before + alone) @ turn))
 
 
 def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
@@ -277,7 +293,7 @@ def _confused(fit: Fit, parameter: str) -> str:
     """What is known only together with this parameter, or that there is no such thing."""
     j = fit.names.index(parameter)
     if fit.law.name in DRAWN:
-        covariance = np.cov(np.log(np.maximum(draw_coordinates(fit), 1e-300)), rowvar=False)
+        covariance = np.cov(np.log(np.maximum(fit.draws(), 1e-300)), rowvar=False)
     else:
         covariance = np.linalg.inv(fit.information)
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))

@@ -1,4 +1,4 @@
-"""Identification of a friction law: our estimator, and the formulas of the thesis."""
+"""Identification of a friction law: its result and its files."""
 
 from __future__ import annotations
 
@@ -13,14 +13,11 @@ from ...plant.law import law as friction_law
 from ...solver.component import ForceTerm, Parameter, symbol
 from ...solver.files import write_json
 from ..records.record import Record
-from .fit_result import Fit
 from .fitted_law import OFFSET
-from .friction_estimation import FrictionEstimate
 from .identifiability import BACKWARDS, FORWARDS
-from .intervals import Interval
+from .intervals import Fit, Interval
 from .layout import StackedRecords
 from .left_over import LeftOver
-from .stribeck_fit import StribeckPoints
 
 SIDES = {FORWARDS: "_pos", BACKWARDS: "_neg"}
 
@@ -32,13 +29,10 @@ class Identification:
     law: str
     records: tuple[Record, ...]  # corrected by `time_shift` if it is larger than known before
     parameters: dict[str, Interval]  # of the law, and mass and offset if requested
-    # forwards, backwards and averaged, with the offset of `parameters`; empty for one direction
+    # forwards and backwards, with the offset of `parameters`; empty for one direction
     per_direction: dict[str, dict[str, Interval]]
-    thesis: dict[str, Any]  # by the formulas of the thesis on the same records
     fit: Fit
     course: StackedRecords
-    estimates: tuple[FrictionEstimate, ...]
-    points: StribeckPoints
     left: LeftOver  # residual of the force beyond its noise, and its parts
     time_shift: Interval | None  # of the force after the motion [s]; None: the law does not fit
     warnings: tuple[str, ...]  # why it is not trusted
@@ -60,22 +54,18 @@ class Identification:
         return {
             "law": self.law,
             "records": [r.name for r in self.records],
+            "record_notes": {r.name: list(r.notes) for r in self.records},
             "parameters": {n: asdict(i) for n, i in self.parameters.items()},
             "per_direction": {
                 side: {n: asdict(i) for n, i in table.items()}
                 for side, table in self.per_direction.items()
             },
-            "thesis": self.thesis,
             "delay_of_force_s": [float(d) for d in self.fit.delays],
             "load_cell_noise_N": self.fit.noise,
             "unexplained_force_N": self.unexplained,
             "unexplained_force_goes_with": [asdict(p) for p in self.left.parts],
             "force_less_fit_by_motion_N": self.left.by_motion,
             "time_shift_s": asdict(self.time_shift) if self.time_shift else None,
-            "friction_estimation": {
-                r.name: [*e.said, *r.notes]
-                for r, e in zip(self.records, self.estimates, strict=True)
-            },
             "trusted": self.trusted,
             "warnings": list(self.warnings),
             "notes": list(self.notes),

@@ -39,26 +39,11 @@ def identification_figures(result: Identification) -> dict[str, Any]:
         some = slice(None, None, max(1, len(course.x) // _MOST_POINTS))
         _scatter(over_velocity, 1e3 * course.v[some], measured[some], friction[some])
         _draw_curves(over_velocity, result)
-        still = result.points.velocity == 0
-        for kind, marker, label in (
-            (still, "v", "largest force held"),
-            (~still, "D", "mean at constant velocity"),
-        ):
-            if np.any(kind):
-                over_velocity.plot(
-                    1e3 * result.points.velocity[kind],
-                    result.points.friction[kind],
-                    marker,
-                    color=COLOURS[6],
-                    mfc="none",
-                    ms=7,
-                    label=label,
-                )
         over_velocity.set_xlabel("velocity [mm/s]")
         over_velocity.set_ylabel("friction [N]")
         over_velocity.set_title(title)
         over_velocity.legend(loc="best", fontsize=9)
-        begin = course.x[course.starts[:-1]][course.of_record()]
+        begin = course.x[course.starts[:-1]][course.owner()]
         way = 1e6 * (course.x - begin)
         near = np.abs(way) < 100
         _scatter(over_way, way[near], measured[near], friction[near])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,41 +21,28 @@ from ..records.record import FORCE, TORQUE, Record
 from ..records.velocity import INTEGRATED
 from .delay import fit_late_records
 from .fit import fit_along
-from .fit_result import Fit
 from .fitted_law import LAWS, MASS, OFFSET
-from .friction_estimation import estimate_friction
 from .identifiability import ways, which_would_do, why_not
 from .identification import SIDES, Identification
-from .intervals import Interval, average
+from .intervals import Fit, Interval
 from .law_along_record import KINDS
 from .layout import StackedRecords
 from .left_over import gain_words
-from .stribeck_fit import stribeck_points
-from .thesis_estimates import TOGETHER, thesis_estimates
 
-_SMALL = 0.02  # residual, as a share of friction, below which nothing is reported
-_LEAST_DIFFERENCE = 1e-3  # probability of such a difference if both directions were the same
+_TOGETHER = {  # parameters that are not separate coordinates of the fit
+    "bliman_sorine": ("f1", "f2", "eta"),
+    "maxwell_slip": tuple(n for n in LAWS["maxwell_slip"].parameters if n.startswith("alpha")),
+}
 
 
 def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> None:
     """Raise BadParameter if a parameter cannot be fixed, or an offset cannot be fitted.
 
-    Parameters
-    ----------
-    law : str
-        One of `LAWS`.
-    fixed : mapping of str to float
-        Values by the law's names, or `OFFSET` [N].
-    offset : bool, optional
-        Whether a constant force is fitted.
-
-    Raises
-    ------
-    BadParameter
+    `fixed` has values by the law's names, or `OFFSET` [N]; `offset`: a constant force is fitted.
     """
     described = LAWS[law]
     names = described.names
-    together = TOGETHER.get(law, ())
+    together = _TOGETHER.get(law, ())
     for name, value in fixed.items():
         if name in together:
             others = ", ".join(n for n in together if n != name)
@@ -68,10 +55,9 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
                 f"{', '.join(names)}, and there is {OFFSET}"
             )
         if not math.isfinite(value) or (name != OFFSET and value <= 0):
-            raise BadParameter(
-                f"{name} is {value:g}, expected a {'finite number' if name == OFFSET else 'number'}"
-                + ("" if name == OFFSET else " above 0; a small value removes its effect")
-            )
+            wanted = "number above 0; a small value removes its effect"
+            wanted = "finite number" if name == OFFSET else wanted
+            raise BadParameter(f"{name} is {value:g}, expected a {wanted}")
     if offset and OFFSET in fixed:
         raise BadParameter(
             f"{OFFSET} is held at {fixed[OFFSET]:g} N and fitted; expected one of them"
@@ -91,6 +77,7 @@ def identify_files(
     told: ParameterFile | None,
     mass: float | bool,
     *columns: Any,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Identify from records, or files with these mapping, units and lead; see `identify`.
 
@@ -103,10 +90,11 @@ def identify_files(
         lead = lead or told.lead
     known = told.plant[MASS].value if told and MASS in told.plant else None
     how = mapping, units, known if isinstance(mass, bool) else mass, lead
+    progress("reading")
     found: list[Record] = []
     for record in records:
         found += [record] if isinstance(record, Record) else read_force_records([record], *how)
-    return identify(found, law, told, fixed, offset, mass is True)
+    return identify(found, law, told, fixed, offset, mass is True, progress)
 
 
 def identify(
@@ -116,6 +104,7 @@ def identify(
     fixed: Mapping[str, float] | None = None,
     offset: bool = False,
     mass: bool = False,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Identify a law's parameters from records.
 
@@ -133,21 +122,21 @@ def identify(
     check_held(law, fixed, offset)
     records = [replace(r, mass=1.0) for r in records] if mass else list(records)
     beside = (MASS,) * mass + (OFFSET,) * offset
-    fitted = fit_late_records(records, law, fixed, beside)
+    fitted = fit_late_records(records, law, fixed, beside, progress)
     corrected = fitted.records[0].lags != records[0].lags
-    records, estimates, course, fit = fitted.records, fitted.estimates, fitted.course, fitted.fit
-    left, shift = fitted.left, fitted.late if fitted.explained else None
+    records, course, fit, left = fitted.records, fitted.course, fitted.fit, fitted.left
+    shift = fitted.late if fitted.explained else None
     if mass:
-        found = fit.values[MASS]
-        records = [replace(r, mass=found) for r in records]
-        estimates = [estimate_friction(r) for r in records]
-        course = course.with_mass(found)
+        records = [replace(r, mass=fit.values[MASS]) for r in records]
+        course = course.with_mass(fit.values[MASS])
     if told is None:
         of_axis = [r for r in records if r.about and r.about.get("kind", BALL_SCREW) == BALL_SCREW]
         told = _axis_of(of_axis[0]) if of_axis else _drive_of(records[0])
         if mass:
             told = replace(told, plant={n: v for n, v in told.plant.items() if n != MASS})
+    progress("judging the parameters")
     judged = {n: _judge(fit, n, course) for n in fit.names}
+    progress("fitting each direction")
     per_direction, notes = _each_way(records, fit, judged, course, fixed)
     unkept = OFFSET in judged and told.kind != DRIVE
     notes += [TURNS] * told.turns
@@ -160,27 +149,22 @@ def identify(
         )
     if mass:
         notes += _of_mass(judged[MASS], told.plant.get(MASS))
-    points = stribeck_points(list(records), estimates)
     warnings = [f"{n}: {i.because}" for n, i in judged.items() if not i.identified]
-    parts = [f"{p.force:.3g} N go {p.words}" for p in left.parts]
+    parts = "; ".join(f"{p.force:.3g} N go {p.words}" for p in left.parts)
     if not fitted.explained:
         warnings.append(
             f"the law leaves {left.force:.3g} N of the force unexplained, "
-            f"{left.force / left.noise:.3g} times the effect of noise and sampling; "
-            + "; ".join(parts)
+            f"{left.force / left.noise:.3g} times the effect of noise and sampling; {parts}"
         )
-    elif left.force > _SMALL * course.level:
-        notes.append(f"of this, {'; '.join(parts)}")
+    elif left.force > 0.02 * course.level:
+        notes.append(f"of this, {parts}")
     return Identification(
         law=law,
         records=tuple(records),
         parameters=judged,
         per_direction=per_direction,
-        thesis=thesis_estimates(records, estimates, points, law),
         fit=fit,
         course=course,
-        estimates=tuple(estimates),
-        points=points,
         left=left,
         time_shift=shift,
         warnings=tuple(warnings),
@@ -218,17 +202,19 @@ def _each_way(
     fixed: Mapping[str, float],
 ) -> tuple[dict[str, dict[str, Interval]], list[str]]:
     """Parameters of each direction, if both were recorded, and notes on them."""
-    if not fit.tied:
-        return _by_direction(judged, fit.law.parameters), []
-    moved = ways(course)
-    if len(moved) < 2:
-        return {}, [f"motion {moved[0]} only: the other direction is not identified"]
-    guess = {n: i.value for n, i in judged.items()}
-    held = dict(fixed) | ({OFFSET: guess[OFFSET]} if OFFSET in guess else {})
-    law = fit.law.name
-    apart = fit_along(records, law, course, tied=False, guess=guess, fixed=held)
-    split = {n: _judge(apart, n, course) for n in apart.names}
-    return _by_direction(split, fit.law.parameters), _difference(apart, split, fixed)
+    names = LAWS[fit.law.name].parameters
+    notes: list[str] = []
+    split = dict(judged)
+    if not fit.law.directional:
+        moved = ways(course)
+        if len(moved) < 2:
+            return {}, [f"motion {moved[0]} only: the other direction is not identified"]
+        guess = {n: i.value for n, i in judged.items()}
+        held = dict(fixed) | ({OFFSET: guess[OFFSET]} if OFFSET in guess else {})
+        apart = fit_along(records, fit.law.name, course, tied=False, guess=guess, fixed=held)
+        split = {n: _judge(apart, n, course) for n in apart.names}
+        notes = _difference(apart, split, fixed)
+    return {side: {n: split[n + end] for n in names} for side, end in SIDES.items()}, notes
 
 
 def _of_mass(found: Interval, given: Value | None) -> list[str]:
@@ -290,19 +276,8 @@ def _judge(fit: Fit, name: str, course: StackedRecords) -> Interval:
     interval = fit.intervals[name]
     if interval.identified:
         return interval
-    return replace(
-        interval,
-        because=why_not(fit, name, course),
-        would_do=which_would_do(fit, name, course),
-    )
-
-
-def _by_direction(
-    split: Mapping[str, Interval], names: Sequence[str]
-) -> dict[str, dict[str, Interval]]:
-    table = {side: {n: split[n + end] for n in names} for side, end in SIDES.items()}
-    table["averaged"] = {n: average(table["forwards"][n], table["backwards"][n]) for n in names}
-    return table
+    because, would_do = why_not(fit, name, course), which_would_do(fit, name, course)
+    return replace(interval, because=because, would_do=would_do)
 
 
 def _difference(apart: Fit, split: Mapping[str, Interval], fixed: Mapping[str, float]) -> list[str]:
@@ -320,7 +295,7 @@ def _difference(apart: Fit, split: Mapping[str, Interval], fixed: Mapping[str, f
         turn[row, j], turn[row, j + half] = 1.0, -1.0
     gap = turn @ apart.coordinates
     distance = float(gap @ np.linalg.solve(turn @ apart.covariance @ turn.T, gap))
-    if chi2.sf(distance, len(seen)) > _LEAST_DIFFERENCE:
+    if chi2.sf(distance, len(seen)) > 1e-3:  # probability, if both directions were the same
         return []
     worst = max(seen, key=lambda j: abs(apart.coordinates[j] - apart.coordinates[j + half]))
     name = apart.law.parameters[worst]

@@ -1,23 +1,30 @@
 """The friction laws along a given motion, compiled: what the estimators fit, see ``c/laws.c``.
 
 The equations come from ``plant``, see `laws_in_c`; a test compares each law with a stiff solver.
-For a law without an exact step there, its equations are solved, see `law_equations`.
+For a law without an exact step there, the core solves its equations from sample to sample, which
+takes ten times as long.
 """
 
 from __future__ import annotations
 
 import ctypes as ct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import sympy as sp
 
-from ...solver.core import SUFFIX, at
+from ...plant import LAWS
+from ...plant.law import Law, law
+from ...solver.component import Component, Input, symbol
+from ...solver.core import NEXT_STEP, SUFFIX, at, library
+from ...solver.kernel import Model
+from ...solver.stored import stored_kernel
 from .fitted_law import BRISTLES
-from .law_equations import equations_of
+from .fitted_law import LAWS as FITTED
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -34,6 +41,77 @@ KINDS = {
 }
 """Laws with an exact step in ``c/laws.c``; for all others the equations are solved."""
 SHARPNESS = 1e8  # Kv of the modified law [s/m], Table 3.1; records give no information on it
+MOST_STATES = 32  # as in c/laws.c
+_TOLERANCE = 1e-9
+
+
+class _Equations(ct.Structure):
+    _fields_ = (
+        *((name, ct.c_void_p) for name in ("step", "output", "instance", "x", "v", "p")),
+        *((name, ct.c_void_p) for name in ("next_step", "start", "friction")),
+        ("states", ct.c_int64),
+        ("tolerance", ct.c_double),
+    )
+
+
+class LawEquations:
+    """A law's equations at an `address` for compiled code, with the memory for their solution."""
+
+    def __init__(self, name: str) -> None:
+        part = f"along_{name}"
+        module = LAWS[name].partition(":")[0]
+        kernel = stored_kernel(part, lambda: motion_to_and_fro(law(name), part), __name__, module)
+        model = Model(kernel, tolerance=_TOLERANCE)
+        if len(model.x) > MOST_STATES:
+            raise ValueError(f"{name} has {len(model.x)} states, expected {MOST_STATES} at most")
+        self._defaults = model.p.copy()
+        names = [p.name for p in kernel.parameters]
+        self._fitted = [names.index(n) for n in FITTED[name].parameters]
+        outputs, start = np.zeros(len(kernel.outputs)), model.x.copy()
+        friction = [o.name for o in kernel.outputs].index("friction")
+        memory = model.x, model.u, model.p, outputs, model.atol, model.info
+        x, u, p, y, atol, info = memory
+        instance = model.system.instance(x, u, p, y, atol, info)
+        step, output = (
+            ct.cast(getattr(library(), f"core_{n}"), ct.c_void_p).value for n in ("step", "output")
+        )
+        places = instance.address, at(x), at(u), at(p), at(info[NEXT_STEP:]), at(start)
+        told = _Equations(step, output, *places, at(y[friction:]), len(x), _TOLERANCE)
+        self._kept = model, memory, start, instance, told
+        self.address = ct.addressof(told)
+
+    def completed(self, fitted: Vector) -> Vector:
+        """All parameters of the law, from the fitted ones."""
+        values = self._defaults.copy()
+        values[self._fitted] = fitted
+        return values
+
+
+equations_of = cache(LawEquations)
+
+
+def motion_to_and_fro(friction: Law, name: str) -> Component:
+    """The component: a law at a velocity `v`, and half of the time at a velocity `back`.
+
+    Both are equal without vibration. A vibrating body changes direction so fast that only the mean
+    of both rates matters.
+    """
+    there, and_back = friction(symbol("v")), friction(symbol("back"))
+    states = tuple(
+        replace(s, derivative=(sp.sympify(s.derivative) + sp.sympify(b.derivative)) / 2)
+        for s, b in zip(there.states, and_back.states, strict=True)
+    )
+    return Component(
+        name=name,
+        description=f"Along a record: {there.meaning.split(',')[0]}",
+        parameters=there.parameters,
+        inputs=(
+            Input("v", "m/s", "velocity", nominal=1e-3),
+            Input("back", "m/s", "velocity during the other half of the time", nominal=1e-3),
+        ),
+        states=states,
+        outputs=tuple(o for o in there.outputs if o.name == "friction"),
+    )
 
 
 class _Law(ct.Structure):
@@ -50,23 +128,16 @@ class _Law(ct.Structure):
 
 @dataclass(frozen=True)
 class LawValues:
-    """A law with its parameters.
+    """A law with its parameters by direction of motion, in the order of the estimator's ``LAWS``.
 
-    Attributes
-    ----------
-    name : str
-    forwards, backwards : ndarray
-        The law's parameters, in the order of the estimator's ``LAWS``, by direction of motion.
-        LuGre's sigma0 depends on the direction in which the bristles are bent. With two additional
-        parameters, its curve has another bend at low speed.
-    sharpness : float
-        Kv of the modified law [s/m]; 0 for abs(v) itself, as in the original.
+    LuGre's sigma0 depends on the direction in which the bristles are bent. With two additional
+    parameters, its curve has another bend at low speed.
     """
 
     name: str
     forwards: Vector
     backwards: Vector
-    sharpness: float = SHARPNESS
+    sharpness: float = SHARPNESS  # Kv of the modified law [s/m]; 0 for abs(v), as in the original
 
     def told(self) -> _Law:
         """The law for compiled code; `self` must exist as long as it is used."""
@@ -127,39 +198,20 @@ def friction_along(
         deflection without net motion [m/s].
     """
     friction = np.empty(len(x))
-    _library().friction_along(
-        ct.byref(law.told()),
-        at(x),
-        at(v),
-        at(step),
-        starts.ctypes.data,
-        len(starts) - 1,
-        at(shifts),
-        at(vibration),
-        at(friction),
-    )
+    places = at(x), at(v), at(step), starts.ctypes.data, len(starts) - 1, at(shifts), at(vibration)
+    _library().friction_along(ct.byref(law.told()), *places, at(friction))
     return friction
 
 
 def mean_friction_along(law: LawValues, x: Vector, v: Vector, step: float, parts: int) -> Vector:
     """Friction along one record, mean over the interval after each sample, shape (n,) [N].
 
-    Between samples the motion is the cubic through both positions and velocities, in `parts` steps;
-    the last value repeats that of the previous interval.
-
-    Parameters
-    ----------
-    law : LawValues
-    x, v : ndarray, shape (n,)
-        Position [m] and velocity [m/s].
-    step : float
-        Sampling interval [s].
-    parts : int
+    Between samples, `step` [s] apart, the motion is the cubic through both positions [m] and
+    velocities [m/s], in `parts` steps; the last value repeats that of the previous interval.
     """
     friction = np.empty(len(x))
-    _library().mean_friction_along(
-        ct.byref(law.told()), at(x), at(v), len(x), step, parts, at(friction)
-    )
+    places = at(x), at(v), len(x), step, parts, at(friction)
+    _library().mean_friction_along(ct.byref(law.told()), *places)
     return friction
 
 
@@ -170,7 +222,7 @@ def force_behind(
 
     A spring has its own damping, as in machine parts. In a gap, the block starts in the middle;
     contact is lost if the block would have to be pulled, by friction or by its mass, and contact
-    again is without rebound.
+    again is without rebound. Forces are means over the interval after each sample.
 
     Parameters
     ----------
@@ -182,11 +234,6 @@ def force_behind(
         Sampling interval [s].
     size, mass : float
         Stiffness of the spring [N/m] or width of the gap [m], and the block's mass [kg].
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Mean over the interval after each sample [N].
     """
     force = np.empty(len(x))
     follow = getattr(_library(), f"force_behind_{joint}")
@@ -218,23 +265,15 @@ def score(
         [1/N^2], unless `cost_only`.
     """
     arrays = at(force), at(predicted), at(spread)
-    return float(
-        _library().score(*arrays, len(force), count, at(gradient), at(information), cost_only)
-    )
+    filled = at(gradient), at(information)
+    return float(_library().score(*arrays, len(force), count, *filled, cost_only))
 
 
 def with_backlash(x: Vector, starts: Bounds, backlash: Vector) -> Vector:
-    """Positions that are short by `backlash` [m] after a record's start and after each reversal.
+    """Positions short by `backlash` [m], of each record, after its start and after each reversal.
 
     The error of the reconstruction at corners is the same at all corners and in all records, and a
     replay of the rounded corners shows only a part of it.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Position [m].
-    starts : ndarray of int, shape (records + 1,)
-    backlash : ndarray, shape (records,)
     """
     dragged = np.empty_like(x)
     _library().with_backlash(at(x), starts.ctypes.data, len(backlash), at(backlash), at(dragged))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 import numpy.typing as npt
 
@@ -24,48 +22,30 @@ PARTS = {
 }
 """Each division, by speed, acceleration or direction, contains every moving sample once."""
 
-_FAST = 0.95  # quantile of the speeds that defines the fast speed
-_AROUND = 0.1  # time around a reversal [s]
-_AT_REVERSALS, _SLOW = 0.2, 0.5  # shares of the fast speed
-_NEAR = 0.05  # short distances since a reversal, as a share of the range of positions
-_DIRECTED = 0.01  # share of the fast speed below which the last direction is kept
 
-
-class Motion(Protocol):
-    """Sampling interval [s]; velocity [m/s], acceleration [m/s^2] and rest, shape (n,)."""
-
-    @property
-    def step(self) -> float: ...
-    @property
-    def v(self) -> Vector: ...
-    @property
-    def mean_a(self) -> Vector: ...
-    @property
-    def rests(self) -> Mask: ...
-
-
-def motion_parts(course: Motion) -> dict[str, Mask]:
-    """Which samples belong to each part; samples at rest belong to no other part.
+def motion_parts(step: float, v: Vector, a: Vector, rests: Mask) -> dict[str, Mask]:
+    """Which of n samples belong to each part; samples at rest belong to no other part.
 
     Parameters
     ----------
-    course : Motion
-        Motion with n samples.
+    step : float
+        Sampling interval [s].
+    v, a : ndarray, shape (n,)
+        Velocity [m/s] and acceleration [m/s^2].
+    rests : ndarray of bool, shape (n,)
 
     Returns
     -------
     dict of str to ndarray of bool, shape (n,)
         In the order of `PARTS`.
     """
-    moving = ~course.rests
-    speed = np.abs(course.v)
-    usual = float(np.quantile(speed[moving], _FAST)) if moving.any() else 0.0
-    direction = _direction(course.v, _DIRECTED * usual)
-    reversing = _near_changes(direction, round(_AROUND / course.step))
-    reversing &= speed < _AT_REVERSALS * usual
-    slow = ~reversing & (speed < _SLOW * usual)
-    a = np.abs(course.mean_a)
-    hard = a > (float(np.sqrt(np.mean(a[moving] ** 2))) if moving.any() else 0.0)
+    moving = ~rests
+    speed, bend = np.abs(v), np.abs(a)
+    usual = float(np.quantile(speed[moving], 0.95)) if moving.any() else 0.0  # the fast speed
+    direction = _direction(v, 0.01 * usual)
+    reversing = _near_changes(direction, round(0.1 / step)) & (speed < 0.2 * usual)
+    slow = ~reversing & (speed < 0.5 * usual)
+    hard = bend > (float(np.sqrt(np.mean(bend[moving] ** 2))) if moving.any() else 0.0)
     found = (reversing, slow, ~reversing & ~slow, hard, ~hard, direction > 0, direction < 0)
     parts = {name: mask & moving for name, mask in zip(PARTS, found, strict=False)}
     return {**parts, REST: ~moving}
@@ -105,7 +85,7 @@ def way_since_reversal(x: Vector, v: Vector) -> tuple[Vector, Mask]:
     turns = turns if len(turns) else np.array([0])
     last = turns[np.maximum(np.searchsorted(turns, np.arange(len(x)), "right") - 1, 0)]
     way = np.abs(x - x[last])
-    return way, way < _NEAR * float(np.ptp(x))
+    return way, way < 0.05 * float(np.ptp(x))
 
 
 def least_squares(columns: Matrix, values: Vector) -> Vector:

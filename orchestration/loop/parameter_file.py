@@ -97,9 +97,12 @@ class ParameterFile:
 
     @property
     def lead(self) -> float | None:
-        """Travel of the screw per turn, from the plant's `p` [m]; 2 pi if m means rad."""
+        """Travel of the screw per turn [m], by `p`, or a drive's gain; 2 pi if m means rad."""
         if self.turns:
             return 2 * math.pi
+        gain = self.plant.get("gain") if (self.kind, self.command) == (DRIVE, "torque") else None
+        if gain and gain.value > 0:
+            return 2 * math.pi / gain.value
         return 1 / self.plant["p"].value if "p" in self.plant else None
 
     def with_lead(self, lead: float | None) -> ParameterFile:

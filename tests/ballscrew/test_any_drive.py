@@ -195,7 +195,7 @@ def test_friction_that_is_larger_backwards_is_identified_compared_and_diagnosed_
 
 def test_the_next_record_of_an_identified_machine_is_compared_and_diagnosed(identified, tmp_path):
     """A healthy one has no fault; of one whose friction swings that is named, with its size."""
-    given = ["--params", identified / "parameters.toml", "--lead", "0.005"]
+    given = ["--params", identified / "parameters.toml"]  # its gain is 2 pi/lead
     given += (
         "--map t=time --map place=x --map torque=u --unit time=s --unit x=mm --unit u=N*m"
     ).split()

@@ -4,6 +4,7 @@ import pytest
 from cases import case
 
 from ballscrew.measurement.identification.identify import identify
+from ballscrew.measurement.identification.motion import motion_of
 from ballscrew.measurement.records.reading import read_force_records
 
 SI = {"time": "s", "x": "m", "force": "N"}
@@ -23,7 +24,7 @@ def test_instants_that_jitter_leave_the_mass_known(tmp_path):
     hold(found, {"m": 22.6, "sigma2": 30.0, "Fc": 31.8, "Fs": 49.3, "Vs": 0.0173, "offset": -1.77})
     assert found.parameters["m"].identified
     assert found.parameters["m"].high - found.parameters["m"].low < 0.6
-    assert found.estimates[0].motion.jitter == pytest.approx(2e-5, rel=0.1)
+    assert motion_of(records[0]).jitter == pytest.approx(2e-5, rel=0.1)
     assert found.trusted, found.warnings
 
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...identification.fitted_law import assumed_damping
 from ...identification.law_along_record import SHARPNESS
-from ...identification.lugre_dynamics import assumed_damping
 from ..drive import Drive
 from ..modelled_record import with_law_force
 from .cause import Cause, Courses, Mechanism, Shape, Values, parameter

@@ -18,7 +18,7 @@
 
 enum { LUGRE, DAHL, BLIMAN_SORINE, MAXWELL_SLIP, CLASSICAL, ANY };
 
-/* The equations of a law without an exact step here, see law_equations.py: the core's functions, and
+/* The equations of a law without an exact step here, see law_along_record.py: the core's functions, and
  * their memory. v has two values, the second for the way back of a vibration. */
 typedef struct {
     int (*step)(const void *instance, double t0, double t1, double tolerance, int most);

@@ -15,7 +15,8 @@ def parts_of(v):
     time = STEP * np.arange(len(v))
     x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * STEP])
     record = check_record("made", {"time": time, "u": 20.0 * v, "x": x})
-    return motion_parts(lay_along(record, nominal()))
+    course = lay_along(record, nominal())
+    return motion_parts(course.step, course.v, course.mean_a, course.rests)
 
 
 def strokes():

@@ -1,10 +1,9 @@
-"""Friction from measurements: force less mass times acceleration, Eq. 2.3 of the thesis.
+"""The motion of a record: position, velocity and acceleration from samples of the position.
 
-Velocity and acceleration come from the position by a smoothing spline on the samples. It minimizes
-second differences, so that sudden stops by friction do not cause oscillations. It uses samples
-before and after and therefore has no lag. Its smoothness is set by the noise of the position:
-residuals have the size of that noise, and stay within a count if the position is quantized. All
-signals are shifted to the lag of the force.
+They come from a smoothing spline on the samples. It minimizes second differences, so that sudden
+stops by friction do not cause oscillations. It uses samples before and after and therefore has no
+lag. Its smoothness is set by the noise of the position: residuals have the size of that noise, and
+stay within a count if the position is quantized. All signals are shifted to the lag of the force.
 """
 
 from __future__ import annotations
@@ -41,47 +40,22 @@ _STRONGEST = 1e10  # weight of second differences that already gives a straight 
 
 @dataclass(frozen=True)
 class SmoothedMotion:
-    """Position and its derivatives, smoothed, at the instants of the force samples.
+    """Position and its derivatives, smoothed, at the instants of the n force samples."""
 
-    Attributes
-    ----------
-    x, v, a : ndarray, shape (n,)
-        Position [m], velocity [m/s], acceleration [m/s^2].
-    bent : ndarray, shape (n,)
-        Estimated error of the position due to smoothing [m].
-    noise : float
-        Standard deviation of the measured position at rest [m].
-    jitter : float
-        Standard deviation of the sampling instants [s]: the position's error grows with the speed.
-    resolution : float
-        Step of a quantized position [m]; 0 if it is not quantized.
-    bandwidth : float
-        Frequency at which the smoothing halves the amplitude [Hz].
-    step : float
-        Sampling interval [s].
-    seen : ndarray, shape (n,)
-        Smoothed position at the instants of the position samples [m].
-    strength : ndarray
-        Weights of second differences.
-    later : float
-        Delay of the position's instants relative to the force's [s].
-    held : ndarray of int
-        Indices of the samples with a new value.
-    """
-
-    x: Vector
-    v: Vector
-    a: Vector
-    bent: Vector
-    noise: float
-    jitter: float
-    resolution: float
-    bandwidth: float
-    step: float
-    seen: Vector
-    strength: Vector
-    later: float
-    held: npt.NDArray[np.int64]
+    x: Vector  # [m]
+    v: Vector  # [m/s]
+    a: Vector  # [m/s^2]
+    bent: Vector  # estimated error of the position due to smoothing [m]
+    noise: float  # standard deviation of the measured position at rest [m]
+    jitter: float  # that of the sampling instants [s]: the error grows with the speed
+    resolution: float  # step of a quantized position [m]; 0 if it is not quantized
+    bandwidth: float  # frequency at which the smoothing halves the amplitude [Hz]
+    step: float  # sampling interval [s]
+    seen: Vector  # smoothed position at the instants of the position samples [m]
+    strength: Vector  # weights of second differences
+    later: float  # delay of the position's instants relative to the force's [s]
+    from_rest: bool  # whether the body was at rest before the first sample
+    held: npt.NDArray[np.int64]  # indices of the samples with a new value
 
     @property
     def spread(self) -> Vector:
@@ -96,35 +70,24 @@ class SmoothedMotion:
         of_noise = self.spread * (inner + (1 - inner) * np.exp(-2 * self.bandwidth * left))
         return np.asarray(np.hypot(of_noise, self.bent), dtype=float)
 
+    def replayed(self, random: np.random.Generator) -> SmoothedMotion:
+        """An example of this motion, measured and smoothed again.
 
-@dataclass(frozen=True)
-class FrictionEstimate:
-    """Friction of a record, with its motion and noise.
-
-    Attributes
-    ----------
-    friction : ndarray, shape (n,)
-        [N], positive when it opposes motion in +x.
-    motion : SmoothedMotion
-    from_rest : bool
-        Whether the record begins with zero force, hence at rest.
-    force_noise : float
-        Standard deviation of the force's fast noise, its resolution included [N].
-    force_resolution : float
-        Resolution of the force [N]; 0 if no grid is seen.
-    noise : float
-        Standard deviation of `friction` [N], from the force and from mass times acceleration.
-    said : tuple of str
-        Description of filters, lags and noise.
-    """
-
-    friction: Vector
-    motion: SmoothedMotion
-    from_rest: bool
-    force_noise: float
-    force_resolution: float
-    noise: float
-    said: tuple[str, ...]
+        The smoothed motion is taken as true and measured like the record: in counts from an unknown
+        origin, or with noise on the values that a converter holds. The difference is an example of
+        the smoothing's error over time: at a reversal, or of a block that sticks within a count.
+        """
+        if self.resolution:
+            seen = self.seen
+            if self.jitter:
+                seen = seen + self.jitter * self.v * random.standard_normal(len(seen))
+            position = self.resolution * np.floor(seen / self.resolution + random.random())
+        else:
+            held = self.held
+            fresh = self.seen[held] + self.spread[held] * random.standard_normal(len(held))
+            runs = np.diff(np.append(held, len(self.seen)))
+            position = np.concatenate([np.full(held[0], fresh[0]), np.repeat(fresh, runs)])
+        return smooth_motion(position, self.step, self.later, self.from_rest, self)
 
 
 def smooth_motion(
@@ -167,9 +130,8 @@ def smooth_motion(
         noise, jitter = fast_noise(position[held]), 0.0
         if len(held) == n:
             noise, jitter = _errors(position, speed, resolution)
-    later -= (
-        0.5 * step * ((n - before) / np.count_nonzero(held >= before) - 1)
-    )  # a lag is counted from the middle of a held value
+    # a lag is counted from the middle of a held value
+    later -= 0.5 * step * ((n - before) / np.count_nonzero(held >= before) - 1)
     if like:
         pass
     elif resolution > noise and len(held) == n:
@@ -206,25 +168,19 @@ def smooth_motion(
         smooth[before:] + origin,
         strength,
         given,
+        from_rest,
         held[held >= before] - before,
     )
 
 
 @dataclass(frozen=True)
 class _Readings:
-    """Samples of a position with their weights.
+    """Samples of a position with their weights."""
 
-    Attributes
-    ----------
-    data, weights : ndarray, shape (n,)
-        Readings [m] and their weights.
-    edges, still : ndarray, shape (n - 1,)
-        Weights of two conditions on neighbours: their mean equals that of their readings, because
-        the position passed a count between them; both are equal.
-    """
-
-    data: Vector
-    weights: Vector
+    data: Vector  # readings, shape (n,) [m]
+    weights: Vector  # shape (n,)
+    # of two conditions on neighbours, shape (n - 1,): their mean equals that of their readings,
+    # because the position passed a count between them; both are equal
     edges: Vector
     still: Vector
     telling: npt.NDArray[np.bool_]
@@ -359,49 +315,18 @@ def _smooth(readings: _Readings, strength: Vector) -> Vector:
     return np.asarray(solveh_banded(bands, right, check_finite=False), dtype=float)
 
 
-def estimate_friction(record: Record) -> FrictionEstimate:
-    """Friction along a record by Eq. 2.3, with its noise and the corrections of lags.
-
-    Parameters
-    ----------
-    record : Record
-    """
-    name = record.position_name
-    lag_force = float(record.lags.get("force", 0.0))
-    lag_position = float(record.lags.get(name, 0.0))
-    force_noise = fast_noise(record.force)
-    resolution = resolution_of(record.force)
-    if resolution < 0.1 * force_noise:  # a grid of the file's digits
+def force_noise(force: Vector) -> tuple[float, float]:
+    """Fast noise of a force, with its resolution, and that resolution, 0 for none [N]."""
+    noise, resolution = fast_noise(force), resolution_of(force)
+    if resolution < 0.1 * noise:  # a grid of the file's digits
         resolution = 0.0
-    force_noise = max(force_noise, resolution / math.sqrt(12))
-    from_rest = abs(float(np.mean(record.force[:5]))) < 3 * max(force_noise, 1e-9)
-    motion = smooth_motion(
-        record.position,
-        record.step,
-        lag_position - lag_force,
-        from_rest,
-        counted=not record.velocity_alone,
-    )
-    friction = record.force - record.mass * motion.a
-    bend = record.mass * fast_noise(motion.a)
-    noise = math.hypot(force_noise, bend)
-    said = [
-        f"velocity and acceleration from {name}: smoothing spline, no lag, half gain at "
-        f"{motion.bandwidth:.3g} Hz",
-        f"{name} lags by {1e3 * lag_position:.3g} ms and force by {1e3 * lag_force:.3g} ms "
-        + ("as recorded with the trial" if record.lags else "(no filters stated)")
-        + (
-            f"; {name} was shifted by {1e3 * (lag_position - lag_force):.3g} ms to match the "
-            "delay of the force"
-            if lag_position != lag_force
-            else "; nothing to shift"
-        ),
-        f"position noise {motion.noise:.3g} m"
-        + (f" (counts of {motion.resolution:.4g} m)" if motion.resolution else "")
-        + (f", sampled at instants known to {1e6 * motion.jitter:.3g} us" * (motion.jitter > 0)),
-        f"friction noise {noise:.3g} N a sample"
-        + (f", load cell in steps of {resolution:.3g} N" if resolution else ""),
-    ]
-    return FrictionEstimate(
-        friction, motion, from_rest, force_noise, resolution, noise, tuple(said)
-    )
+    return max(noise, resolution / math.sqrt(12)), resolution
+
+
+def motion_of(record: Record) -> SmoothedMotion:
+    """The motion of a record at the instants of its force; a force near zero begins at rest."""
+    later = record.lags.get(record.position_name, 0.0) - record.lags.get("force", 0.0)
+    noise, _ = force_noise(record.force)
+    from_rest = abs(float(np.mean(record.force[:5]))) < 3 * max(noise, 1e-9)
+    counted = not record.velocity_alone
+    return smooth_motion(record.position, record.step, later, from_rest, counted=counted)
