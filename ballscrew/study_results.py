@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from .orchestration.loop.page import REPORT, Table
 from .orchestration.loop.pictures import drawing
 from .orchestration.loop.run_folder import write_run
+from .orchestration.loop.shown_units import length
 from .orchestration.study.result import StudyResult
 from .orchestration.study.tune import TunedController
 from .result import Result, figures_table, table_of, values_of, write_page
@@ -273,7 +274,7 @@ class TunedGains(Result, TunedController):
         judged = self.motions[-1].figures
         said = [
             f"{self.loop.title}: on a motion not used for tuning, the error is "
-            f"{_length(judged.rms_error)} rms and {_length(judged.peak_error)} at most"
+            f"{length(judged.rms_error)} rms and {length(judged.peak_error)} at most"
         ]
         said += [_margins(m) for m in self.margins]
         said += self.no_margins
@@ -299,21 +300,16 @@ class TunedGains(Result, TunedController):
     def _motions(self) -> Iterator[tuple[str, str]]:
         for m in self.motions:
             f = m.figures
-            turn = "" if math.isnan(f.reversal_error) else f", {_length(f.reversal_error)} at turns"
+            turn = "" if math.isnan(f.reversal_error) else f", {length(f.reversal_error)} at turns"
             yield (
                 m.name,
-                f"{_length(f.rms_error)} rms, {_length(f.peak_error)} at most{turn}; command "
+                f"{length(f.rms_error)} rms, {length(f.peak_error)} at most{turn}; command "
                 f"{m.peak_command:.4g} of {self.limit:g} {self.command_unit}",
             )
 
     def to_pandas(self) -> Any:
         """A row for each gain."""
         return table_of([vars(g) for g in self.gains], "name")
-
-
-def _length(value: float) -> str:
-    """A length in a readable unit."""
-    return f"{1e6 * value:.3g} um" if abs(value) < 1e-3 else f"{1e3 * value:.3g} mm"
 
 
 def _margins(m: Margins) -> str:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import ballscrew
-from ballscrew.orchestration.study.lengths import length, scale
+from ballscrew.orchestration.loop.shown_units import length, shown_unit
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "swap-study.md"
@@ -40,7 +40,7 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 def _rms(study: Mapping[str, Any], duty: str, name: str) -> str:
     """Mean rms error with its interval."""
     found = study["intervals"][duty][name]["rms_error"]
-    factor, unit = scale([found["mean"]])
+    factor, unit = shown_unit(found["mean"], "m")
     mean, low, high = (f"{factor * found[k]:.3g}" for k in ("mean", "low", "high"))
     return f"{mean} {unit} ({low} to {high})"
 

@@ -19,16 +19,16 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1883, 1608),
     "controllers": (1294, 1053),
     "fmus": (5131, 4600),
-    "orchestration": (12634, 10992),
+    "orchestration": (12411, 10795),
     "stability": (2784, 2282),
-    "ballscrew": (4644, 3822),
+    "ballscrew": (4642, 3821),
     "gallery": (3571, 3184),
     "measurement": (14035, 11751),
     "proofs": (12907, 11540),
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28064, 26774),
+    "tests": (28070, 26780),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
@@ -170,26 +170,21 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
     For a component that is not in the catalogue, the name contains a hash of its equations. Raises
     as `component` does.
     """
-    if isinstance(part, str):
-        named = PartName.of(part)
-        if named.units:
-            name, own = kept_as(named.plain)
-            return "_in_".join([name, *named.units]), (*own, _INSTRUMENTS)
-        if named.instruments:
-            base = str(replace(named, instruments=()))
-            kept = [kept_as(name) for name in (base, *named.instruments)]
-            modules = [module for _, own in kept for module in own]
-            return "_behind_".join(name for name, _ in kept), (*modules, _MEASURED)
-        if named.sampled:
-            name, own = kept_as(str(replace(named, sampled=False)))
-            return f"sampled_{name}", (*own, _SAMPLED)
-        if named.feed_forward:
-            name, own = kept_as(named.bare)
-            return f"feed_forward_{name}", (*own, _FORWARD)
-        if not names_file(part):
-            return part, (_place_of(part).partition(":")[0],)
-    made = component(part)
-    return f"{made.name}_{made.digest}", ()
+    named = PartName.of(part) if isinstance(part, str) else None
+    if named is None or names_file(named.bare):
+        made = component(part)
+        return f"{made.name}_{made.digest}", ()
+    modules = [_place_of(n).partition(":")[0] for n in (named.bare, *named.instruments)]
+    name = named.bare
+    if named.feed_forward:
+        name, modules = f"feed_forward_{name}", [*modules, _FORWARD]
+    if named.sampled:
+        name, modules = f"sampled_{name}", [*modules, _SAMPLED]
+    if named.instruments:
+        name, modules = "_behind_".join([name, *named.instruments]), [*modules, _MEASURED]
+    if named.units:
+        name, modules = "_in_".join([name, *named.units]), [*modules, _INSTRUMENTS]
+    return name, tuple(modules)
 
 
 def _place_of(name: str) -> str:
@@ -255,13 +250,19 @@ def stored_fmu(kernel: Kernel, everywhere: bool = False) -> Path:
     """
     package, _ = carried_runtime(everywhere)
     content = kernel.to_json() + package + fingerprint(_EXPORT)
-    stem = kernel_cache.hashed_name(kernel.name, content)
-    path = kernel_cache.entry(kernel_cache.FMUS, f"{stem}.fmu")
-    if is_kept(path):
-        return path
-    from ...fmus.export import export_kernel
 
-    return keep(path, lambda: export_kernel(kernel, path, everywhere))
+    def write(path: Path) -> None:
+        from ...fmus.export import export_kernel
+
+        export_kernel(kernel, path, everywhere)
+
+    return _kept(kernel.name, content, write)
+
+
+def _kept(name: str, content: str, write: Callable[[Path], object]) -> Path:
+    """Path of an FMU in the user's cache; written if it does not exist yet."""
+    path = kernel_cache.entry(kernel_cache.FMUS, f"{kernel_cache.hashed_name(name, content)}.fmu")
+    return path if is_kept(path) else keep(path, lambda: write(path))
 
 
 def catalogued_model(part: str | Component, plant: str = "", tangents: int = 0) -> NativeModel:
@@ -298,18 +299,16 @@ def ready_fmu(name: str, tangents: int = 0) -> ReadyFmu:
 def _native_fmu(name: str, tangents: int) -> Path:
     """Raises CompilerFailed also if there is no compiler."""
     kernel = fmu_kernel(name, tangents=tangents)
-    content = kernel.to_json() + _way_of_making()
-    stem = kernel_cache.hashed_name(f"{kernel.name}_native", content)
-    path = kernel_cache.entry(kernel_cache.FMUS, f"{stem}.fmu")
-    if is_kept(path):
-        return path
-    from ...fmus.native.export import write_native
 
-    platform = own_platform()
-    if not platform or not compiler_for(platform):
-        raise CompilerFailed("there is no C compiler")
-    model = catalogued_model(name, tangents=tangents)
-    return keep(path, lambda: write_native(model, path, 2, [platform]))
+    def write(path: Path) -> None:
+        from ...fmus.native.export import write_native
+
+        platform = own_platform()
+        if not platform or not compiler_for(platform):
+            raise CompilerFailed("there is no C compiler")
+        write_native(catalogued_model(name, tangents=tangents), path, 2, [platform])
+
+    return _kept(f"{kernel.name}_native", kernel.to_json() + _way_of_making(), write)
 
 
 @cache

@@ -262,21 +262,9 @@ def _csv_rows(rows: Iterable[Iterable[str]]) -> bytes:
 
 
 COLUMNS = (
-    "controller",
-    "peak_voltage",
-    "peak_voltage_time",
-    "settling_time_2pct",
-    "overshoot",
-    "steady_state_error",
-    "iae",
-    "rms_error",
-    "largest_error",
-    "coupling_residual_max",
-    "macro_steps",
-    "sampling_period",
-    "coupling",
-    "verdict",
-)
+    "controller peak_voltage peak_voltage_time settling_time_2pct overshoot steady_state_error iae "
+    "rms_error largest_error coupling_residual_max macro_steps sampling_period coupling verdict"
+).split()
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
 
 from ...controllers import CONTROLLERS
 from ...plant import DESCRIBED
@@ -36,6 +36,17 @@ STOP = 20.0  # [s]
 ReferenceLike: TypeAlias = "float | str | Path | Reference"
 Values: TypeAlias = "Mapping[str, float]"
 SystemValues: TypeAlias = "Mapping[str, float | str]"
+
+
+class _How(TypedDict, total=False):
+    """The arguments of `HowCoupled`, before they are resolved."""
+
+    step: float | None
+    coupling: str | Coupling | None
+    corrections: int | None
+    adaptive: bool
+    isolate: bool | None
+    time_limit: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,13 +159,7 @@ class Loop(HowCoupled):
             told: ParameterFile | None = ...,
             notes: tuple[str, ...] = ...,
             sampled: float | None = ...,
-            *,
-            step: float | None = ...,
-            coupling: str | Coupling | None = ...,
-            corrections: int | None = ...,
-            adaptive: bool = ...,
-            isolate: bool | None = ...,
-            time_limit: float = ...,
+            **how: Unpack[_How],
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -289,19 +294,13 @@ class SystemLoop(HowCoupled):
 
     if TYPE_CHECKING:
 
-        def __init__(  # noqa: PLR0913
+        def __init__(
             self,
             system: Path | str,
             reference: ReferenceLike | None = ...,
             stop: float | None = ...,
             values: SystemValues | None = ...,
-            *,
-            step: float | None = ...,
-            coupling: str | Coupling | None = ...,
-            corrections: int | None = ...,
-            adaptive: bool = ...,
-            isolate: bool | None = ...,
-            time_limit: float = ...,
+            **how: Unpack[_How],
         ) -> None: ...
 
     def __post_init__(self) -> None:

@@ -311,17 +311,7 @@ def _same(one: str, other: str) -> bool:
 
 
 _KEYS = (
-    "format",
-    "kind",
-    "command",
-    "law",
-    "plant",
-    "found",
-    "controller",
-    "rig",
-    "tolerance",
-    "not_identified",
-    "diagnosis",
+    "format kind command law plant found controller rig tolerance not_identified diagnosis".split()
 )
 _DIAGNOSIS_KEYS = [f.name for f in fields(Diagnosed)]
 _VALUE_KEYS = [f.name for f in fields(Value)]

@@ -29,7 +29,6 @@ from ...solver.set_point import MEASURED
 from ..fmu.fmu_instance import SAMPLE_TIME
 from ..fmu.limits import as_number
 from . import catalogue
-from .catalogue import component
 
 if TYPE_CHECKING:
     from ...solver.component import Component
@@ -152,7 +151,7 @@ class Part:
         for name, value in values.items():
             low, high = ranges[name]
             low, high = -math.inf if low is None else low, math.inf if high is None else high
-            _check_range(side, name, f"{value:g}", low <= value <= high, low, high)
+            _check_range(side, name, value, low, high)
 
     def settable(self, values: Mapping[str, float]) -> dict[str, ParameterInfo]:
         """Its parameters, and its inputs that are given a value."""
@@ -207,14 +206,10 @@ def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool 
         raise BadParameter(f"{role} {name!r} is none of this version; use {FORMER[base]}")
     if rest and first in known:
         wrong = next((part for part in rest if part not in INSTRUMENTS), "")
-        if wrong == FEED_FORWARD:
+        if wrong in (FEED_FORWARD, SAMPLED):
+            after = "" if wrong == FEED_FORWARD else " and its feed-forward"
             raise BadParameter(
-                f"{role} {name!r}: {FEED_FORWARD!r} must follow directly after {first!r}, once"
-            )
-        if wrong == SAMPLED:
-            raise BadParameter(
-                f"{role} {name!r}: {SAMPLED!r} must appear once, after {first!r} and its "
-                "feed-forward"
+                f"{role} {name!r}: {wrong!r} must appear once, after {first!r}{after}"
             )
         raise BadParameter(
             f"{role} {name!r}: no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}, "
@@ -270,22 +265,23 @@ def _as_taken(side: str, described: Description, name: str, value: Value) -> Val
         return value
     variable = described.by_name[name]
     items = variable.items
-    one_of = f", or one of {', '.join(items)}{nearest(str(value), items)}" if items else ""
     try:
         number = float(items[value]) if value in items else as_number(f"{side}.{name}", value)
     except BadParameter as error:
+        one_of = f", or one of {', '.join(items)}{nearest(str(value), items)}" if items else ""
         raise BadParameter(f"{error}{one_of}") from None
     if items and number not in items.values():
         allowed = ", ".join(f"{n} ({v})" for n, v in items.items())
         raise BadParameter(f"{side}.{name} is {number:g}, expected one of {allowed}")
-    low, high = variable.minimum, variable.maximum
-    shown = f"{number:g} {variable.unit}".rstrip()
-    _check_range(side, name, shown, low <= number <= high, low, high)
+    _check_range(side, name, number, variable.minimum, variable.maximum, variable.unit)
     return number
 
 
-def _check_range(side: str, name: str, shown: str, fits: bool, low: float, high: float) -> None:
-    if not fits:
+def _check_range(
+    side: str, name: str, value: float, low: float, high: float, unit: str = ""
+) -> None:
+    if not low <= value <= high:
+        shown = f"{value:g} {unit}".rstrip()
         raise BadParameter(
             f"{side}: parameter {name} = {shown} is out of its range [{low:g}, {high:g}]"
         )
@@ -307,79 +303,56 @@ def parameters_of(kernel: Kernel) -> dict[str, ParameterInfo]:
     return found
 
 
-@dataclass(frozen=True)
-class Practice:
-    """Sampling and instruments added to a controller."""
+def instruments_for(controller: Component) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of all instruments that a controller can measure through, in the order of the signals.
 
-    sampled: bool  # whether it is to be sampled; False if it already is
-    instruments: tuple[str, ...] = ()  # names of the catalogue, in the order of the signals
-    ideal: tuple[str, ...] = ()  # signals without an instrument: it gets their true values
-    period: str = SAMPLE_TIME  # name of the parameter with its sampling period
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes for the user."""
-        if not self.ideal:
-            return ()
-        return (f"no instrument measures {', '.join(self.ideal)}: the true value is used",)
-
-
-def practice_of(controller: Component, sampled: bool, noise: bool) -> Practice:
-    """Sampling and instruments for a controller.
-
-    With `noise` it measures through all instruments that fit; raises `ContractError` if none does.
+    And the signals that it measures without one. Raises `ContractError` if no instrument fits.
     """
-    own = controller.sample_time
-    sampled, period = sampled and not own, own.name if own else SAMPLE_TIME
-    if not noise:
-        return Practice(sampled, period=period)
     used = {str(s) for s in controller.used_symbols()}
     measured = [
         i.name for i in controller.inputs if i.role in ("measurement", "signal") and i.name in used
     ]
     wanted, given, instruments = {*measured}, set[str](), list[str]()
     for name in reversed(INSTRUMENTS):  # an instrument may use the output of the one before it
-        instrument = component(name)
+        instrument = catalogue.component(name)
         outputs = {o.name.removesuffix(MEASURED) for o in instrument.outputs}
         if outputs & wanted:
-            instruments.append(name)
+            instruments.insert(0, name)
             given |= outputs
             wanted |= {i.name for i in instrument.inputs}
     if not instruments:
-        there = ", ".join(o.name for n in INSTRUMENTS for o in component(n).outputs)
+        there = ", ".join(o.name for n in INSTRUMENTS for o in catalogue.component(n).outputs)
         raise ContractError(
             f"{controller.name} measures {', '.join(measured) or 'nothing'}, but the instruments "
-            "measure "
-            f"{there}"
+            f"measure {there}"
         )
-    ideal = tuple(name for name in measured if name not in given)
-    return Practice(sampled, (*reversed(instruments),), ideal, period)
+    return tuple(instruments), tuple(name for name in measured if name not in given)
 
 
 def in_practice(
     controller: Part, sampled: float | None, noise: bool
 ) -> tuple[Part, dict[str, float], tuple[str, ...]]:
-    """A controller with sampling at a period [s] and with instruments, see `practice_of`.
+    """A controller with sampling at a period [s] and with all instruments that fit.
 
     Returns the part, its sampling period by the parameter's name, and notes. An FMU is not changed:
     the run steps it at its samples, see `Loop.sampled`. Raises `ContractError` for an FMU with
-    `noise` or a controller for which this is not possible, `UnknownName`, `ContractError`.
+    `noise` or a controller for which this is not possible, `UnknownName`.
     """
-    if sampled is None and not noise:
-        return controller, {}, ()
-    if not controller.has_equations:
-        if not noise:
-            return controller, {}, ()
+    if not controller.has_equations and noise:
         raise ContractError(
             f"{controller} is an FMU without equations; it cannot get instruments here; "
             "expected a name or FILE.py:FUNCTION"
         )
+    if (sampled is None and not noise) or not controller.has_equations:
+        return controller, {}, ()
     named = controller.named
     base = str(replace(named, instruments=(), units=()))
     if noise and named.instruments:
         raise ContractError(f"{controller} already has instruments; expected {base} alone")
-    practice = practice_of(component(base), sampled is not None, noise)
-    instruments = (*named.instruments, *practice.instruments)
-    put = replace(named, sampled=named.sampled or practice.sampled, instruments=instruments)
-    period = {} if sampled is None else {practice.period: sampled}
-    return Part(str(put)), period, practice.notes
+    law = catalogue.component(base)
+    own = law.sample_time
+    instruments, ideal = instruments_for(law) if noise else (named.instruments, ())
+    is_sampled = named.sampled or (sampled is not None and not own)
+    period = {} if sampled is None else {own.name if own else SAMPLE_TIME: sampled}
+    notes = (f"no instrument measures {', '.join(ideal)}: the true value is used",) * bool(ideal)
+    return Part(str(replace(named, sampled=is_sampled, instruments=instruments))), period, notes

@@ -194,54 +194,53 @@ def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
     """Figures of the position, the voltage, the states and the phase plane, by name."""
     import matplotlib as mpl
 
-    figures = {}
-
-    run = result.run
-    name = result.loop.label
-    badge = run.verdict.word
-    title = f"{name}, {run.coupling.value} coupling: {badge}"
+    run, figures = result.run, {}
+    title = f"{result.loop.label}, {run.coupling.value} coupling: {run.verdict.word}"
     if run.alone:
-        title = name
+        title = result.loop.label
+
+    def new(name: str, rows: int = 1, size: tuple[float, float] = (8, 4.2)) -> Any:
+        figures[name], grid = new_figure(rows, 1, size, fixed_margins=True)
+        grid[0][0].set_title(title)
+        return grid
+
     with mpl.rc_context(STYLE):
         if "x" in run.outputs:
-            figure, ((axes,),) = new_figure(1, 1, (8, 4.2), fixed_margins=True)
+            ((axes,),) = new("position")
             _draw_course(axes, run, "x", "position")
             if not run.alone:
                 _draw_set_point(axes, run, shown_signal([run], "x").factor, until_rest(run))
-            axes.set_title(title)
             axes.legend(loc="best")
-            figures["position"] = figure
         if "u" in run.commands:
-            figure, ((axes,),) = new_figure(1, 1, (8, 4.2), fixed_margins=True)
+            ((axes,),) = new("voltage")
             _draw_course(axes, run, "u", "voltage")
-            peak = int(np.argmax(np.abs(run.commands["u"])))
-            how = shown_signal([run], "u")
-            highest = how.factor * run.commands["u"][peak]
+            when, highest, label = _peak(run, shown_signal([run], "u"))
             axes.annotate(
-                f"{highest:.1f} {how.unit} at {run.time[peak]:.3f} s",
-                (run.time[peak], highest),
+                label,
+                (when, highest),
                 xytext=(25, -6),
                 textcoords="offset points",
                 arrowprops={"arrowstyle": "-", "color": "#555555"},
             )
-            axes.set_title(title)
-            figures["voltage"] = figure
         shown = states_of(run)
-        figure, axes_grid = new_figure(len(shown), 1, (8, 2.0 * len(shown)), fixed_margins=True)
+        panels = new("states", len(shown), (8, 2.0 * len(shown)))
         for k, n in enumerate(shown):
-            _draw_course(axes_grid[k][0], run, n, n)
+            _draw_course(panels[k][0], run, n, n)
             if k < len(shown) - 1:
-                axes_grid[k][0].set_xlabel("")
-                axes_grid[k][0].tick_params(labelbottom=False)
-        axes_grid[0][0].set_title(title)
-        figure.align_ylabels()
-        figures["states"] = figure
+                panels[k][0].set_xlabel("")
+                panels[k][0].tick_params(labelbottom=False)
+        figures["states"].align_ylabels()
         if {"x", "v"} <= set(run.outputs) and len(run.time) > 2:
-            figure, ((axes,),) = new_figure(1, 1, (6.5, 5.2), fixed_margins=True)
-            _draw_phase(figure, axes, run)
-            axes.set_title(title)
-            figures["phase"] = figure
+            ((axes,),) = new("phase", size=(6.5, 5.2))
+            _draw_phase(figures["phase"], axes, run)
     return figures
+
+
+def _peak(run: LoopRun, how: Shown) -> tuple[float, float, str]:
+    """Time of the largest command, its displayed value and its label."""
+    peak = int(np.argmax(np.abs(run.commands["u"])))
+    when, highest = run.time[peak], how.factor * run.commands["u"][peak]
+    return when, highest, f"{highest:.1f} {how.unit} at {when:.3g} s"
 
 
 def _draw_course(axes: Any, run: LoopRun, name: str, label: str) -> None:
@@ -342,15 +341,8 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
                 shown = rows_over_time(run.time, values)
                 name = label if axes is position else "_nolegend_"
                 axes.plot(run.time[shown], values[shown], label=name, **style)
-            peak = int(np.argmax(np.abs(run.commands["u"])))
-            highest = of_u.factor * run.commands["u"][peak]
-            voltage.plot(
-                run.time[peak],
-                highest,
-                "o",
-                color=style["color"],
-                label=f"{highest:.1f} {of_u.unit} at {run.time[peak]:.3g} s",
-            )
+            when, highest, label = _peak(run, of_u)
+            voltage.plot(when, highest, "o", color=style["color"], label=label)
         end, stop = max(map(until_rest, runs)), max(run.time[-1] for run in runs)
         _draw_set_point(position, runs[0], of_x.factor, end)
         position.set_ylabel(of_x.label)

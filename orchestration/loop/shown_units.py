@@ -39,12 +39,17 @@ def shown_unit(values: Iterable[float] | Any, unit: str) -> tuple[float, str]:
     return factor, prefix + unit
 
 
-def quantity(value: float | None, unit: str) -> str:
-    """A number with six digits in the unit that suits it; a dash if there is none."""
+def quantity(value: float | None, unit: str, digits: int = 6) -> str:
+    """A number with some digits in the unit that suits it; a dash if there is none."""
     if value is None:
         return "-"
     factor, shown = shown_unit([value], unit)
-    return f"{factor * value:.6g} {shown}".rstrip()
+    return f"{factor * value:.{digits}g} {shown}".rstrip()
+
+
+def length(value: float) -> str:
+    """A length [m] with three digits."""
+    return quantity(value, "m", 3)
 
 
 def labelled(name: str, unit: str) -> str:

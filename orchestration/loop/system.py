@@ -370,17 +370,7 @@ def _commands_of(
     commands: Sequence[SystemConnection], measured: Sequence[SystemConnection]
 ) -> list[SystemConnection]:
     """The commands without the law ports of any of them."""
-    signals = {c.source.connector for c in measured}
-    inputs = {c.target.connector for c in commands}
-    law = {
-        port
-        for u in inputs
-        for port in (
-            rate_port(u),
-            *(gain_port(u, y) for y in signals),
-            *(reference_port(u, y) for y in signals),
-        )
-    }
+    law = {port for c in commands for _, port in _law(c, measured)}
     return [c for c in commands if c.target.connector not in law]
 
 

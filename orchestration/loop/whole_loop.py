@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -40,13 +40,14 @@ def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
     See `inputs_between`. Raises `UnknownName`, `ContractError`.
     """
 
-    def make() -> Component:
-        from ...solver.connect import connect
-        from .catalogue import component
+    return _stored_loop("loop", lambda: _whole(plant, controller), plant, controller)
 
-        return _with_curves(connect(component(plant), component(controller)))
 
-    return _stored_loop("loop", make, plant, controller)
+def _whole(plant: str | Component, controller: str | Component) -> Component:
+    from ...solver.connect import connect
+    from .catalogue import component
+
+    return _with_curves(connect(component(plant), component(controller)))
 
 
 def _stored_loop(
@@ -72,13 +73,11 @@ def held_loop_kernel(
         return kernel
 
     def make() -> Component:
-        from ...solver.connect import connect
         from ...solver.delay_states import with_delay_states
         from ...solver.held_states import with_held_states
         from ...solver.staircase import dithered_average
-        from .catalogue import component
 
-        loop = _with_curves(connect(component(plant), component(controller)))
+        loop = _whole(plant, controller)
         if averaged:
             loop = dithered_average(loop)
         if loop.delays:
@@ -153,25 +152,24 @@ def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) ->
     fit.
     """
     kernel = loop_kernel(loop.plant.name, loop.controller.name)
-    reference, stop = loop.reference, loop.stop
+    stop = loop.stop
     points = stop / min(step, max(BETWEEN, stop / MOST_POINTS))
     check_memory(
         8.0 * (5 * len(kernel.outputs) + 6) * points,  # two courses, times, what is drawn
         f"{stop / step:.3g} communication steps need",
         "use a longer --step or a shorter --stop",
     )
-    values = loop.values
-    tight = _simulate(kernel, values, TIGHT, reference, stop, step, progress)
-    loose = _simulate(kernel, values, LOOSE, reference, stop, step, None)
-    commands = [n for n in tight.outputs if n in ("u",)]
-    signals = [n for n in tight.outputs if n not in commands]
+    tight = _simulate(kernel, loop, TIGHT, step, progress)
+    loose = _simulate(kernel, loop, LOOSE, step, None)
+    signals = {n: y for n, y in tight.outputs.items() if n != "u"}
+    commands = {n: y for n, y in tight.outputs.items() if n == "u"}
     rows = np.flatnonzero(tight.is_point)
     steps = np.diff(tight.time[rows])
     run = LoopRun(
         time=tight.time,
-        outputs={n: tight.outputs[n] for n in signals},
-        commands={n: tight.outputs[n] for n in commands},
-        reference=reference.on(tight.time, 0),
+        outputs=signals,
+        commands=commands,
+        reference=loop.reference.on(tight.time, 0),
         coupling=Coupling.MONOLITHIC,
         coupling_reason="as asked",
         corrected=False,
@@ -179,7 +177,7 @@ def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) ->
         effect_rate_max=dict.fromkeys(signals, 0.0),
         macro_steps=len(rows) - 1,
         step_range=(float(steps.min(initial=step)), float(steps.max(initial=0.0))),
-        verdict=_verdict(tight, loose, signals),
+        verdict=_verdict(tight, loose, list(signals)),
         stopped=tight.stopped,
         units={o.name: o.unit for o in kernel.outputs},
         sampling_period=tight.period,
@@ -187,8 +185,8 @@ def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) ->
     return replace(
         run,
         time=run.time[rows],
-        outputs={n: values[rows] for n, values in run.outputs.items()},
-        commands={n: values[rows] for n, values in run.commands.items()},
+        outputs={n: y[rows] for n, y in signals.items()},
+        commands={n: y[rows] for n, y in commands.items()},
         reference=run.reference[rows],
         between=run,
     )
@@ -206,26 +204,20 @@ class _Course:
 
 
 def _simulate(
-    kernel: Kernel,
-    values: Mapping[str, float],
-    tolerance: float,
-    reference: Reference,
-    stop: float,
-    step: float,
-    progress: Progress | None,
+    kernel: Kernel, loop: Loop, tolerance: float, step: float, progress: Progress | None
 ) -> _Course:
-    model = Model(kernel, values, tolerance)
-    period = model.sample_time
-    step = step_that_meets(period, step)
+    model, stop = Model(kernel, loop.values, tolerance), loop.stop
+    step = step_that_meets(model.sample_time, step)
     points = int(np.ceil(stop / step - ROUND_OFF))
     grid = np.minimum(np.arange(points + 1) * step, stop)
     parts = math.ceil(step / max(BETWEEN, stop / MOST_POINTS) - ROUND_OFF)
     finer = (grid[:-1, None] + step / parts * np.arange(parts)).ravel()
     finer = np.append(finer[finer < stop - ROUND_OFF * step], grid[-1])
-    times, _ = reference.between(finer, ())
-    outputs, stopped = follow(model, reference, times, FARTHEST, progress)
+    times, _ = loop.reference.between(finer, ())
+    outputs, stopped = follow(model, loop.reference, times, FARTHEST, progress)
     rows = len(next(iter(outputs.values())))
-    return _Course(times[:rows], np.isin(times, grid)[:rows], outputs, stopped, period)
+    is_point = np.isin(times, grid)[:rows]
+    return _Course(times[:rows], is_point, outputs, stopped, model.sample_time)
 
 
 def follow(

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,7 @@ Vector = npt.NDArray[np.float64]
 
 STEP = 1e-3  # s, of the grid of a loop that is not sampled
 TOLERANCE = 1e-6
+_SYSTEMS: dict[str, core.System] = {}  # a process runs a loop many times, one run after another
 
 
 @dataclass(frozen=True)
@@ -49,43 +50,6 @@ class Course:
     stopped: str = ""  # why it ended early; empty if it did not
 
 
-class AnyLoop(Protocol):
-    """A closed loop that is run many times with other values."""
-
-    @property
-    def parameters(self) -> Sequence[ParameterInfo]:
-        """Of both parts, with the prefixes of a loop's parts."""
-
-    @property
-    def digest(self) -> str:
-        """Of its equations and of the files of its FMUs."""
-
-    def run(
-        self,
-        values: Mapping[str, float],
-        reference: Reference,
-        stop: float,
-        tolerance: float = TOLERANCE,
-    ) -> Course:
-        """Run from rest; the grid is that of a sampled controller, else `STEP`.
-
-        Parameters
-        ----------
-        values : mapping of str to float
-            Parameters that differ from their defaults, with the prefixes of a loop's parts.
-        reference : Reference
-        stop : float
-            [s]
-        tolerance : float
-            Relative, of the solver. Over FMUs a finer one than usual halves the master's steps.
-
-        Raises
-        ------
-        KeyError
-            For a parameter that does not exist.
-        """
-
-
 @dataclass(frozen=True)
 class StudyLoop:
     """A plant and a controller as one system of equations, see `loop_kernel`."""
@@ -94,10 +58,12 @@ class StudyLoop:
 
     @property
     def parameters(self) -> Sequence[ParameterInfo]:
+        """Of both parts, with the prefixes of a loop's parts."""
         return self.kernel.parameters
 
     @property
     def digest(self) -> str:
+        """Of its equations and of the files of its FMUs."""
         return self.kernel.module
 
     def run(
@@ -107,7 +73,15 @@ class StudyLoop:
         stop: float,
         tolerance: float = TOLERANCE,
     ) -> Course:
-        model = Model(self.kernel, values, tolerance, _system(self.kernel))
+        """Run from rest for a time [s]; the grid is that of a sampled controller, else `STEP`.
+
+        `values` are parameters that differ from their defaults, with the prefixes of a loop's
+        parts. Over FMUs a finer tolerance than usual halves the master's steps. Raises KeyError for
+        a parameter that does not exist.
+        """
+        module = self.kernel.module
+        system = _SYSTEMS.get(module) or _SYSTEMS.setdefault(module, self.kernel.system())
+        model = Model(self.kernel, values, tolerance, system)
         step = model.sample_time or STEP
         time = np.arange(math.ceil(stop / step - 1e-9) + 1, dtype=np.float64) * step
         x_d, v_d = reference.on(time, 0), reference.on(time, 1)
@@ -171,19 +145,12 @@ class FmuLoop:
         return Course(time, x, v, i, u, x_d, v_d)
 
 
+AnyLoop: TypeAlias = StudyLoop | FmuLoop
+
+
 def of_side(side: str, values: Mapping[str, float]) -> dict[str, float]:
     """The values of one part of a loop, by the part's own names."""
     return {n.removeprefix(side): v for n, v in values.items() if n.startswith(side)}
-
-
-_SYSTEMS: dict[str, core.System] = {}  # a process runs a loop many times, one run after another
-
-
-def _system(kernel: Kernel) -> core.System:
-    """The loop's equations, made once in a process."""
-    if kernel.module not in _SYSTEMS:
-        _SYSTEMS[kernel.module] = kernel.system()
-    return _SYSTEMS[kernel.module]
 
 
 SHARE = 20  # one run in this many, drawn at random
@@ -200,16 +167,13 @@ class FmuCheck:
     """One run over FMUs, compared with that of the study."""
 
     apart: float  # largest distance of the two positions [m]
-    # ten times the uncertainty of the study's own run: its largest change by one unit in the last
-    # place of any parameter of the plant, by a tenth of the solver's tolerance, or by that of the
-    # FMUs' own solvers [m]; if that is less than `apart`, also by tolerances in between. At least
+    # ten times the uncertainty of the study's own run [m]: its largest change by one unit in the
+    # last place of any parameter of the plant, by a tenth of the solver's tolerance, or by that of
+    # the FMUs' own solvers; if that is less than `apart`, also by tolerances in between. At least
     # the master's own estimate of its coupling error
     allowed: float
-    # whether the position over FMUs is that near, and the figures of the table agree with the run
-    # over FMUs
-    agrees: bool
-    # the master's verdict on its coupling: ``trusted`` or ``not converged``; empty if the study's
-    # own run failed, so that none was made over FMUs
+    agrees: bool  # whether the position is that near, and the figures of the table agree
+    # the master's verdict on its coupling; empty if the study's own run failed
     coupling: str = ""
     reason: str = ""  # reason of this verdict
 

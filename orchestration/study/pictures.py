@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..loop.pictures import COLOURS, DASHES, STYLE, new_figure
-from .lengths import scale
+from ..loop.shown_units import shown_unit
 from .result import JUDGED_BY
 
 if TYPE_CHECKING:
@@ -30,14 +30,9 @@ def _label(axis: Any) -> None:
     axis.set_minor_locator(NullLocator())
 
 
-def mark_of(number: int) -> int:
-    """Number of a controller's mark: no two of 49 have the same mark and the same colour."""
-    return (number + number // len(COLOURS)) % len(MARKS)
-
-
-def dash_of(number: int) -> Any:
-    """The dash of a controller's line: solid for the first of each colour."""
-    return DASHES[number // len(COLOURS) % len(DASHES)]
+def _legend_below(figure: Any, axes: Any) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(5, len(labels)))
 
 
 def courses_figure(study: StudyResult) -> Any:
@@ -50,11 +45,13 @@ def courses_figure(study: StudyResult) -> Any:
         for (errors, commands), duty in zip(panels, duties, strict=True):
             courses = {n: c for n, c in study.courses.get(duty, {}).items() if c.time}
             peaks = {n: max(map(abs, course.error)) for n, course in courses.items()}
-            far = {n for n, p in peaks.items() if p > FAR * statistics.median(peaks.values())}
-            factor, unit = scale(peaks.values())
+            usual = statistics.median(peaks.values() or [0.0])
+            far = {n for n, p in peaks.items() if p > FAR * usual}
+            factor, unit = shown_unit(usual, "m")
             for k, name in enumerate(e.name for e in study.plan.entrants):
                 course = courses.get(name)
-                style = {"color": COLOURS[k % len(COLOURS)], "ls": dash_of(k), "lw": 1.3}
+                dash = DASHES[k // len(COLOURS) % len(DASHES)]
+                style = {"color": COLOURS[k % len(COLOURS)], "ls": dash, "lw": 1.3}
                 if course is None or name in far:
                     errors.plot([], [], label=name, **style)
                     continue
@@ -66,8 +63,7 @@ def courses_figure(study: StudyResult) -> Any:
             commands.set_ylabel(f"command [{study.command_unit}]")
         for axes in panels[-1]:
             axes.set_xlabel("time [s]")
-        handles, labels = panels[0][0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(5, len(labels)))
+        _legend_below(figure, panels[0][0])
     return figure
 
 
@@ -85,7 +81,7 @@ def effort_figure(study: StudyResult) -> Any:
             panel.loglog(
                 study.mean("total_variation", entrant.name, duty),
                 1e6 * study.mean(JUDGED_BY, entrant.name, duty),
-                marker=MARKS[mark_of(k)],
+                marker=MARKS[(k + k // len(COLOURS)) % len(MARKS)],  # 49 differ in mark or colour
                 color=COLOURS[k % len(COLOURS)],
                 linestyle="none",
                 label=entrant.name,
@@ -98,8 +94,7 @@ def effort_figure(study: StudyResult) -> Any:
             _label(axis)
     for panel in panels[len(duties) :]:
         panel.set_axis_off()
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(5, len(labels)))
+    _legend_below(figure, panels[0])
     return figure
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache, partial
 from pathlib import Path
@@ -30,7 +29,67 @@ from .statistics import sobol_shares
 VERSION = 1
 MOST, MOST_SEED = 100_000, 2**63 - 1  # of a number of plants, candidates, tunings or points
 MOST_RUNS, MOST_SAMPLES = 10_000_000, 10_000_000  # of a study, of a run
+Vector = npt.NDArray[np.float64]
 Own = Callable[[str], tuple[dict[str, float], dict[str, tuple[float, float]]]]
+
+
+UNIFORM, NORMAL, LOGNORMAL, TEMPERATURE = "uniform", "normal", "lognormal", "temperature"
+DISTRIBUTIONS = {
+    UNIFORM: "[least, largest]",
+    NORMAL: "[mean, standard deviation]",
+    LOGNORMAL: "[median, standard deviation of the logarithm]",
+    TEMPERATURE: "[least, largest]",
+}
+"""Meaning of the two numbers of each."""
+OUTERMOST = 2.0**-53  # share of all draws: the smallest that doubles distinguish from zero
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A draw for each plant: a factor on nominal values of parameters, or a temperature."""
+
+    # of the plant. All get the same factor, or the factors that follow from the temperature
+    parameters: tuple[str, ...]
+    # of the distribution, see `DISTRIBUTIONS`: factors, or kelvins above nominal
+    numbers: tuple[float, float]
+    distribution: str = UNIFORM  # a temperature is uniform
+    # for a temperature: change of each parameter, relative to its nominal value, per kelvin
+    coefficients: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Name of its column in tables."""
+        kind = TEMPERATURE if self.distribution == TEMPERATURE else "factor"
+        return "_".join((kind, *self.parameters))
+
+    @property
+    def nominal(self) -> float:
+        """The draw of the nominal plant."""
+        return 0.0 if self.distribution == TEMPERATURE else 1.0
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """The smallest and the largest draw; empty if the distribution has no ends."""
+        return self.numbers if self.distribution in (UNIFORM, TEMPERATURE) else ()
+
+    def quantiles(self, shares: Vector) -> Vector:
+        """The draws below which these shares of all draws are."""
+        from scipy import stats
+
+        first, second = self.numbers
+        if self.distribution == NORMAL:
+            law = stats.norm(first, second)
+        elif self.distribution == LOGNORMAL:
+            law = stats.lognorm(second, scale=first)
+        else:
+            law = stats.uniform(first, second - first)
+        return np.asarray(law.ppf(np.clip(shares, OUTERMOST, 1 - OUTERMOST)))
+
+    def factors(self, draw: float) -> dict[str, float]:
+        """Factors of the parameters."""
+        if self.distribution == TEMPERATURE:
+            return {n: 1 + per_kelvin * draw for n, per_kelvin in self.coefficients.items()}
+        return dict.fromkeys(self.parameters, float(draw))
 
 
 @dataclass(frozen=True)
@@ -207,7 +266,8 @@ def _plan(table: dict[str, Any], machine: Mapping[str, float]) -> Plan:
         ),
         **toml.as_numbers("sensitivity", sensitivity, {"sobol": (2, MOST)}),
     )
-    _check(plan)
+    for fault in _faults(plan):
+        raise UserError(fault)
     return plan
 
 
@@ -256,18 +316,17 @@ def _duty(k: int, given: Any, machine: Mapping[str, float]) -> Duty:
     for name in ("name", "reference", "stop"):
         if name not in given:
             raise UserError(f"duty {k + 1} has no {name}")
-    stop = toml.as_finite(f"duty {given['name']}: stop", given["stop"])
+    where = f"duty {given['name']}"
+    stop = toml.as_finite(f"{where}: stop", given["stop"])
     if not stop > 0:
-        raise UserError(f"duty {given['name']}: stop is {stop:g} s, expected more than 0")
-    where = f"duty {given['name']}: plant"
-    plant = toml.as_numbers(where, given.get("plant", {}))
-    tune = toml.as_flag(f"duty {given['name']}: tune", given.get("tune", False))
-    values = {**machine, **plant}
-    duty = Duty(str(given["name"]), str(given["reference"]), stop, tune, values)
+        raise UserError(f"{where}: stop is {stop:g} s, expected more than 0")
+    plant = {**machine, **toml.as_numbers(f"{where}: plant", given.get("plant", {}))}
+    tune = toml.as_flag(f"{where}: tune", given.get("tune", False))
+    duty = Duty(str(given["name"]), str(given["reference"]), stop, tune, plant)
     try:
         duty.signal()
     except BadParameter as error:
-        raise UserError(f"duty {duty.name}: {error}") from error
+        raise UserError(f"{where}: {error}") from error
     return duty
 
 
@@ -279,117 +338,45 @@ def _tuning(given: dict[str, Any], limits: Mapping[str, Any]) -> Tuning:
     return Tuning(**numbers, limits=toml.as_numbers("tuning.limits", limits))
 
 
-def _check(plan: Plan) -> None:
+def _faults(plan: Plan) -> Iterator[str]:
+    """What cannot be done of a plan, beside values of parameters."""
     for kind, duties in (("tune on", plan.tuning_duties), ("judge by", plan.judged_duties)):
         if not duties:
-            raise UserError(
-                f"has no duty to {kind}; set `tune = true` for some of them and not for others"
-            )
+            yield f"has no duty to {kind}; set `tune = true` for some of them and not for others"
     seen = {d.reference for d in plan.tuning_duties}
     for duty in plan.judged_duties:
         if duty.reference in seen:
-            raise UserError(
-                f"duty {duty.name} is for testing but has the motion of a tuning duty; "
-                "use another motion"
-            )
+            yield f"duty {duty.name} has the motion of a tuning duty; use another motion"
     if not plan.period and (plan.instruments or plan.delay):
-        raise UserError("instruments and a delay need a sampling period, but period is 0")
+        yield "instruments and a delay need a sampling period, but period is 0"
     for duty in plan.tuning_duties:
         if not duty.signal().values.any():
-            raise UserError(f"duty {duty.name} has no motion and cannot be used for tuning")
+            yield f"duty {duty.name} has no motion and cannot be used for tuning"
     if plan.sobol & (plan.sobol - 1):
-        raise UserError(f"sensitivity: sobol is {plan.sobol}, expected a power of two")
+        yield f"sensitivity: sobol is {plan.sobol}, expected a power of two"
     if plan.sobol and not plan.variations:
-        raise UserError("sensitivity: nothing is varied; add a [[vary]], or leave out sobol")
-    judged = len(plan.entrants) * plan.tuning.seeds * len(plan.judged_duties) * plan.plants
+        yield "sensitivity: nothing is varied; add a [[vary]], or leave out sobol"
+    judged = plan.tuning.seeds * len(plan.judged_duties) * plan.plants
     tuned = plan.tuning.seeds * 2 * plan.tuning.budget * (plan.tuning.plants + 1)
-    runs = judged + len(plan.entrants) * len(plan.tuning_duties) * tuned
+    runs = len(plan.entrants) * (judged + len(plan.tuning_duties) * tuned)
     if runs > MOST_RUNS:
-        raise UserError(
-            f"needs {runs:.3g} runs, expected at most {MOST_RUNS:g}; use smaller numbers"
-        )
+        yield f"needs {runs:.3g} runs, expected at most {MOST_RUNS:g}; use smaller numbers"
     for duty in plan.duties:
         samples = duty.stop / (plan.period or STEP)
         if samples > MOST_SAMPLES:
-            raise UserError(
+            yield (
                 f"duty {duty.name} has {samples:.3g} samples, expected at most {MOST_SAMPLES:g}; "
                 "use a shorter stop or a longer period"
             )
-    names = [d.name for d in plan.duties]
-    if len(set(names)) < len(names):
-        raise UserError("two duties have the same name")
-    columns = [v.name for v in plan.variations]
-    if len(set(columns)) < len(columns):
-        raise UserError("two [[vary]] vary the same parameters; remove one")
-    for name, value, least in (
-        ("period", plan.period, 0.0),
-        ("command_limit", math.inf if plan.command_limit is None else plan.command_limit, 1e-9),
-        ("count", plan.count, 1e-15),
-        ("tolerance", plan.tolerance, 1e-12),
-    ):
-        if value < least:
-            raise UserError(f"{name} is {value:g}, expected {least:g} or more")
-
-
-Vector = npt.NDArray[np.float64]
-
-UNIFORM, NORMAL, LOGNORMAL, TEMPERATURE = "uniform", "normal", "lognormal", "temperature"
-DISTRIBUTIONS = {
-    UNIFORM: "[least, largest]",
-    NORMAL: "[mean, standard deviation]",
-    LOGNORMAL: "[median, standard deviation of the logarithm]",
-    TEMPERATURE: "[least, largest]",
-}
-"""Meaning of the two numbers of each."""
-OUTERMOST = 2.0**-53  # share of all draws: the smallest that doubles distinguish from zero
-
-
-@dataclass(frozen=True)
-class Variation:
-    """A draw for each plant: a factor on nominal values of parameters, or a temperature."""
-
-    # of the plant. All get the same factor, or the factors that follow from the temperature
-    parameters: tuple[str, ...]
-    # of the distribution, see `DISTRIBUTIONS`: factors, or kelvins above nominal
-    numbers: tuple[float, float]
-    distribution: str = UNIFORM  # a temperature is uniform
-    # for a temperature: change of each parameter, relative to its nominal value, per kelvin
-    coefficients: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def name(self) -> str:
-        """Name of its column in tables."""
-        kind = TEMPERATURE if self.distribution == TEMPERATURE else "factor"
-        return "_".join((kind, *self.parameters))
-
-    @property
-    def nominal(self) -> float:
-        """The draw of the nominal plant."""
-        return 0.0 if self.distribution == TEMPERATURE else 1.0
-
-    @property
-    def ends(self) -> tuple[float, ...]:
-        """The smallest and the largest draw; empty if the distribution has no ends."""
-        return self.numbers if self.distribution in (UNIFORM, TEMPERATURE) else ()
-
-    def quantiles(self, shares: Vector) -> Vector:
-        """The draws below which these shares of all draws are."""
-        from scipy import stats
-
-        first, second = self.numbers
-        if self.distribution == NORMAL:
-            law = stats.norm(first, second)
-        elif self.distribution == LOGNORMAL:
-            law = stats.lognorm(second, scale=first)
-        else:
-            law = stats.uniform(first, second - first)
-        return np.asarray(law.ppf(np.clip(shares, OUTERMOST, 1 - OUTERMOST)))
-
-    def factors(self, draw: float) -> dict[str, float]:
-        """Factors of the parameters."""
-        if self.distribution == TEMPERATURE:
-            return {n: 1 + per_kelvin * draw for n, per_kelvin in self.coefficients.items()}
-        return dict.fromkeys(self.parameters, float(draw))
+    if len({d.name for d in plan.duties}) < len(plan.duties):
+        yield "two duties have the same name"
+    if len({v.name for v in plan.variations}) < len(plan.variations):
+        yield "two [[vary]] vary the same parameters; remove one"
+    least = {"period": 0.0, "command_limit": 1e-9, "count": 1e-15, "tolerance": 1e-12}
+    for name, low in least.items():
+        value = getattr(plan, name)
+        if value is not None and value < low:
+            yield f"{name} is {value:g}, expected {low:g} or more"
 
 
 def read_variation(given: Any) -> Variation:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from statistics import median
 from typing import TYPE_CHECKING
 
 from ..loop.page import Table
+from ..loop.shown_units import length, shown_unit
 from .figures import UNITS
-from .lengths import length, scale
 from .result import JUDGED_BY, MEASURED, cannot_tell
 from .statistics import ALIKE
 
@@ -83,7 +84,10 @@ def _duties(study: StudyResult) -> list[str]:
 def _figures(study: StudyResult) -> Iterator[Table]:
     names = [e.name for e in study.plan.entrants]
     for duty in _duties(study):
-        scales = {n: _scale(study, n, duty) for n in MEASURED}
+        scales = {n: (1.0, UNITS[n]) for n in MEASURED}
+        for n in (n for n in MEASURED if UNITS[n] == "m"):
+            means = [study.interval(n, name, duty).mean for name in names]
+            scales[n] = shown_unit(median([*filter(math.isfinite, means)] or [0.0]), "m")
         rows = []
         for name in names:
             hunts = study.hunting(name, duty)
@@ -97,13 +101,6 @@ def _figures(study: StudyResult) -> Iterator[Table]:
         titles = [f"{n.replace('_', ' ')} [{unit}]" for n, (_, unit) in scales.items()]
         says = _MEANS if duty == _duties(study)[0] else ""
         yield Table(f"Figures: {duty}", ("controller", *titles, "hunts"), rows, says=says)
-
-
-def _scale(study: StudyResult, figure: str, duty: str) -> tuple[float, str]:
-    """Factor of a column of the table, and its unit."""
-    if UNITS[figure] != "m":
-        return 1.0, UNITS[figure]
-    return scale(study.interval(figure, e.name, duty).mean for e in study.plan.entrants)
 
 
 def _differences(study: StudyResult) -> Iterator[Table]:

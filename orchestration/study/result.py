@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from statistics import median
 from typing import Any, NamedTuple
@@ -112,16 +112,19 @@ class StudyResult:
         Geometric for figures that are positive in the runs of all controllers at this duty, see
         `SIZES`.
         """
-        d = [d.name for d in self.plan.judged_duties].index(duty)
-        every = self.figures[figure][:, :, d]
+        every = self._of_duty(figure, duty)
         geometric = figure in SIZES and bool((every[np.isfinite(every)] > 0).all())
         return mean_over_plants(self._runs(figure, controller, duty), geometric)
 
     def _runs(self, figure: str, controller: str, duty: str) -> Array:
         """A figure of all runs of a controller at a duty, by tuning and plant."""
         e = [e.name for e in self.plan.entrants].index(controller)
+        found: Array = self._of_duty(figure, duty)[e]
+        return found
+
+    def _of_duty(self, figure: str, duty: str) -> Array:
         d = [d.name for d in self.plan.judged_duties].index(duty)
-        return self.figures[figure][e, :, d]
+        return self.figures[figure][:, :, d]
 
     def hunting(self, controller: str, duty: str) -> dict[str, int]:
         """Numbers of runs by the verdict on hunting; see `Figures`."""
@@ -150,6 +153,11 @@ class StudyResult:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``study.json``."""
+
+        def each(of: Callable[[str, str], Any]) -> dict[str, dict[str, Any]]:
+            names = [e.name for e in self.plan.entrants]
+            return {d.name: {e: of(e, d.name) for e in names} for d in self.plan.judged_duties}
+
         return {
             "version": 1,
             "plan": asdict(self.plan),
@@ -161,31 +169,13 @@ class StudyResult:
             },
             "sensitivities": {n: asdict(s) for n, s in self.sensitivities.items()},
             "sobol": {
-                name: {
-                    duty: {varied: asdict(index) for varied, index in of_duty.items()}
-                    for duty, of_duty in of_controller.items()
-                }
-                for name, of_controller in self.sobol.items()
+                name: {d: {v: asdict(i) for v, i in of.items()} for d, of in of_duty.items()}
+                for name, of_duty in self.sobol.items()
             },
             "over_fmus": [r._asdict() | asdict(c) for r, c in self.checks.items()],
-            "hunting": {
-                d.name: {e.name: self.hunting(e.name, d.name) for e in self.plan.entrants}
-                for d in self.plan.judged_duties
-            },
-            "intervals": {
-                d.name: {
-                    e.name: {n: asdict(self.interval(n, e.name, d.name)) for n in MEASURED}
-                    for e in self.plan.entrants
-                }
-                for d in self.plan.judged_duties
-            },
-            "means": {
-                d.name: {
-                    e.name: {n: self.mean(n, e.name, d.name) for n in NAMES}
-                    for e in self.plan.entrants
-                }
-                for d in self.plan.judged_duties
-            },
+            "hunting": each(self.hunting),
+            "intervals": each(lambda e, d: {n: asdict(self.interval(n, e, d)) for n in MEASURED}),
+            "means": each(lambda e, d: {n: self.mean(n, e, d) for n in NAMES}),
         }
 
 
@@ -264,25 +254,20 @@ def sentence(study: StudyResult) -> str:
     unclear = [a.duty for a in won if a.unclear]
     if unclear:
         text += f"; at {len(unclear)} of them {cannot_tell(study)} whether others are as good"
-    lost = [a for a in study.answers if a not in won]
+    lost: dict[str, list[str]] = {}
+    for a in study.answers:
+        if a not in won:
+            by = f"{a.order[0]} does" if a.order else "no controller does"
+            lost.setdefault(by, []).append(a.duty)
     if lost:
-        text += f"; it does not win {_listed(_by_winner(lost))}"
+        others = [f"{_listed(duties)} ({by})" for by, duties in lost.items()]
+        text += f"; it does not win {_listed(others)}"
     return text
 
 
 def cannot_tell(study: StudyResult) -> str:
     seeds, plants = study.plan.tuning.seeds, study.plan.plants
     return f"{seeds} tuning{'s' if seeds > 1 else ''} on {plants} plants cannot tell"
-
-
-def _by_winner(answers: Iterable[DutyAnswer]) -> list[str]:
-    by: dict[str, list[str]] = {}
-    for a in answers:
-        by.setdefault(a.order[0] if a.order else "", []).append(a.duty)
-    return [
-        f"{_listed(duties)} ({name} does)" if name else f"{_listed(duties)} (no controller does)"
-        for name, duties in by.items()
-    ]
 
 
 def weaknesses(study: StudyResult) -> list[str]:
@@ -294,66 +279,42 @@ def weaknesses(study: StudyResult) -> list[str]:
         found.append(f"{failed} runs FAILED, of {_listed(list(names))}")
     if study.disagreed:
         found.append(f"{study.disagreed} of {len(study.checks)} runs DIFFER over FMUs")
-    for name, costs in failed_tunings(study).items():
-        least = least_cost(study, name)
-        tried = len(study.tunings[name])
-        found.append(
-            f"tuning of {name} FAILED in {len(costs)} of {tried} tries: it ended at a cost of "
-            f"{max(costs):.3g}, but {least:.3g} was found with more budget or another seed"
-        )
-    for name in untuned(study):
-        found.append(f"tuning of {name} found no better values than the published ones")
-    changed = overtaken(study)
-    for name in dict.fromkeys(n for names in changed.values() for n in names):
-        duties = [d for d, names in changed.items() if name in names]
+    for name, tunings in study.tunings.items():
+        least = min(t.doubled_cost for t in tunings)
+        costs = [t.cost for t in tunings if t.cost > FAR * least]
+        if costs:
+            found.append(
+                f"tuning of {name} FAILED in {len(costs)} of {len(tunings)} tries: it ended at a "
+                f"cost of {max(costs):.3g}, but {least:.3g} was found with more budget or another "
+                "seed"
+            )
+    for name in [e.name for e in study.plan.entrants if e.tune]:
+        if all(t.cost >= t.published_cost for t in study.tunings[name]):
+            found.append(f"tuning of {name} found no better values than the published ones")
+    for name, duties in _overtaking(study).items():
         found.append(
             f"with more budget {name} might win {_listed(duties)}: twice the budget lowers its "
-            f"cost to {100 * gain(study, name):.2g} %"
+            f"cost to {100 * _gain(study, name):.2g} %"
         )
     return found
 
 
-def least_cost(study: StudyResult, name: str) -> float:
-    """Least cost that any tuning of a controller found, also with twice the budget."""
-    return min(t.doubled_cost for t in study.tunings[name])
-
-
-def failed_tunings(study: StudyResult) -> dict[str, list[float]]:
-    """Costs of the tunings that ended far above the least known cost, by controller."""
-    ended = {
-        name: [t.cost for t in tunings if t.cost > FAR * least_cost(study, name)]
-        for name, tunings in study.tunings.items()
-    }
-    return {name: costs for name, costs in ended.items() if costs}
-
-
-def untuned(study: StudyResult) -> list[str]:
-    """Controllers with tuned parameters for which no tuning found a smaller cost."""
-    asked = [e.name for e in study.plan.entrants if e.tune]
-    return [n for n in asked if all(t.cost >= t.published_cost for t in study.tunings[n])]
-
-
-def gain(study: StudyResult, name: str) -> float:
+def _gain(study: StudyResult, name: str) -> float:
     """Cost with twice the budget over that with the budget: the median of the tunings."""
     return median(t.doubled_cost / t.cost if t.cost else 1.0 for t in study.tunings[name])
 
 
-def overtaken(study: StudyResult) -> dict[str, tuple[str, ...]]:
-    """By duty, the controllers that would win if errors fell like costs with twice the budget.
+def _overtaking(study: StudyResult) -> dict[str, list[str]]:
+    """Controllers that would win duties if errors fell like costs with twice the budget.
 
-    Without those that are not shown to differ from the first one. Duties without a change are
-    omitted.
+    Without those that are not shown to differ from the first one there.
     """
-    found = {}
-    for answer in study.answers:
-        if not answer.order:
-            continue
-        hoped = {n: gain(study, n) * study.mean(JUDGED_BY, n, answer.duty) for n in answer.order}
-        first = hoped[answer.order[0]]
-        near = {*answer.best, *answer.unclear}
-        names = tuple(n for n in answer.order if n not in near and hoped[n] < first)
-        if names:
-            found[answer.duty] = names
+    found: dict[str, list[str]] = {}
+    for a in study.answers:
+        hoped = {n: _gain(study, n) * study.mean(JUDGED_BY, n, a.duty) for n in a.order}
+        for name in a.order:
+            if name not in {*a.best, *a.unclear} and hoped[name] < hoped[a.order[0]]:
+                found.setdefault(name, []).append(a.duty)
     return found
 
 

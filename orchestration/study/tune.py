@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -143,34 +143,18 @@ class TunedController:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``tuning.json``."""
-        skipped = ("frequency", "response")
+        motions, loops = ([vars(m) for m in of] for of in (self.motions, self.margins))
         return {
             "controller": self.loop.controller.label,
             "plant": self.loop.plant.label,
-            "limit": self.limit,
-            "command_unit": self.command_unit,
+            **{n: getattr(self, n) for n in _TOLD},
             "gains": [asdict(g) for g in self.gains],
             "set": [f"controller.{g.name}={g.value!r}" for g in self.gains],
-            "start_cost": self.start_cost,
-            "cost": self.cost,
-            "doubled_cost": self.doubled_cost,
-            "budget": self.budget,
-            "seed": self.seed,
             "motions": [
-                {
-                    "name": m.name,
-                    "reference": m.reference,
-                    "tuned_on": m.tuned_on,
-                    "peak_command": m.peak_command,
-                    "converged": m.converged,
-                    **{n: getattr(m.figures, n) for n in _TOLD},
-                }
-                for m in self.motions
+                {n: m[n] for n in _OF_MOTION} | {n: getattr(m["figures"], n) for n in _FIGURES}
+                for m in motions
             ],
-            "loops": [
-                {f.name: getattr(m, f.name) for f in fields(m) if f.name not in skipped}
-                for m in self.margins
-            ],
+            "loops": [{n: v for n, v in m.items() if n not in _CURVES} for m in loops],
             "no_margins": list(self.no_margins),
             "weaknesses": list(self.weaknesses),
         }
@@ -188,10 +172,14 @@ class TunedController:
         replace(told, controllers={**told.controllers, label: values}).save(folder)
 
 
-_TOLD = (
+# in tuning.json: of a tuning, of a motion, of its figures; and what of the margins is not
+_TOLD = "limit command_unit start_cost cost doubled_cost budget seed".split()
+_OF_MOTION = "name reference tuned_on peak_command converged".split()
+_FIGURES = (
     "rms_error peak_error reversal_error overshoot settling_2pct steady_error saturated_share "
     "hunting_amplitude failed"
 ).split()
+_CURVES = ("frequency", "response")
 
 
 def tune_loop(
@@ -215,12 +203,12 @@ def tune_loop(
     """
     _check(loop)
     machine = Machine.of(loop.plant, loop.plant_values, limit)
-    runs, points = _Runs(loop, machine), _Margins(loop, machine)
+    tried = _TunedLoop(loop, machine)
     step, move, judge = machine.motions()
     motions = {"step": step, "move": move} if reference is None else {"motion": reference}
     signals = {name: _signal(text, stop) for name, text in motions.items()}
     ranges, modest = gain_ranges(loop.controller, machine)
-    scales = {name: runs.size(modest, signal) for name, signal in signals.items()}
+    scales = {name: tried.size(modest, signal) for name, signal in signals.items()}
     own = {n: loop.controller_values.get(n, loop.controller.parameters[n].default) for n in ranges}
     count = 2 * budget + 2
     done = 0
@@ -230,36 +218,32 @@ def tune_loop(
         done += 1
         if progress:
             progress(min(done, count), count)
-        prices = [runs.price(gains, signals[name], scales[name]) for name in signals]
-        return sum(prices) / len(prices) + points.fragility(runs.values(gains))
+        prices = [tried.price(gains, signals[name], scales[name]) for name in signals]
+        return sum(prices) / len(prices) + tried.fragility(gains)
 
     start = min(own, modest, key=cost)
     found = tune(cost, start, ranges, budget, seed)
-    values = runs.values(found.values)
-    shown = [runs.motion(found.values, n, motions[n], signals[n], True) for n in motions]
+    shown = [tried.motion(found.values, n, motions[n], signals[n], True) for n in motions]
     signal, length = _signal(judge)
-    shown.append(runs.motion(found.values, "judging move", judge, (signal, length), False))
-    margins, without = points.margins(values)
-    tuned = replace(
-        loop,
-        plant_values=dict(machine.values),
-        controller_values={**loop.controller_values, **values},
-        reference=signal,
-        stop=length,
-    )
-
-    def gain(name: str, low: float, high: float) -> Gain:
-        value = found.values[name]
+    shown.append(tried.motion(found.values, "judging move", judge, (signal, length), False))
+    margins, without = tried.margins(found.values)
+    gains = []
+    for name, (low, high) in ranges.items():
+        value, unit = found.values[name], loop.controller.parameters[name].unit
         near = "low" if value - low < high - value else "high"
-        unit = loop.controller.parameters[name].unit
         at_end = near if name in found.at_bound else ""
-        return Gain(name, value, start[name], unit, low, high, at_end)
-
+        gains.append(Gain(name, value, start[name], unit, low, high, at_end))
     return TunedController(
-        loop=tuned,
+        loop=replace(
+            loop,
+            plant_values=dict(machine.values),
+            controller_values={**loop.controller_values, **tried.values(found.values)},
+            reference=signal,
+            stop=length,
+        ),
         limit=machine.limit,
         command_unit=machine.plant.command_unit,
-        gains=tuple(gain(name, *ends) for name, ends in ranges.items()),
+        gains=tuple(gains),
         start_cost=found.published_cost,
         cost=found.cost,
         doubled_cost=found.doubled_cost,
@@ -291,14 +275,16 @@ def _signal(text: str, stop: float | None = None) -> Signal:
     return signal, float(signal.times[-1]) + REST if stop is None else stop
 
 
-class _Runs:
-    """Runs of one closed loop with other gains, and the controller's model of the machine."""
+class _TunedLoop:
+    """A closed loop that is run and linearized, stuck and sliding, with other gains."""
 
     def __init__(self, loop: Loop, machine: Machine) -> None:
         self.part, self.machine = loop.controller, machine
         self.loop: AnyLoop = FmuLoop(loop)
+        self.missing = "an FMU has no equations"
         if self.part.has_equations:
-            self.loop = StudyLoop(loop_kernel(loop.plant.name, self.part.name))
+            self.loop = StudyLoop(self._kernel)
+            self.missing = NOT_LINEAR.get(self.part.bare, "")
         gains = gains_of(self.part)
         own = {n: v for n, v in loop.controller_values.items() if n not in gains}
         self.fixed = {**model_values(self.part, machine), **own}
@@ -321,11 +307,15 @@ class _Runs:
                 return {"Tt": float(np.clip(time, STEP, known["Tt"].maximum))}
         return {}
 
+    def _of_loop(self, gains: Gains) -> dict[str, float]:
+        """All values of both parts, by the loop's names."""
+        values = {PLANT + n: v for n, v in self.machine.values.items()}
+        return values | {CONTROLLER + n: v for n, v in self.values(gains).items()}
+
     def run(
         self, gains: Gains, signal: Signal, tolerance: float = TOLERANCE
     ) -> tuple[Course, Figures]:
-        values = of_loop(self.machine, self.values(gains))
-        return measured(self.loop, values, signal, tolerance, COUNT)
+        return measured(self.loop, self._of_loop(gains), signal, tolerance, COUNT)
 
     def size(self, modest: Gains, signal: Signal) -> float:
         """The rms error with modest gains, for which the price is 1 [m]."""
@@ -346,36 +336,20 @@ class _Runs:
         peak = float(np.abs(course.command).max(initial=0.0))
         return Motion(name, text, tuned_on, found, peak, same, course)
 
-
-def of_loop(machine: Machine, controller: Mapping[str, float]) -> dict[str, float]:
-    """Values of a machine and its controller, by the loop's names."""
-    values = {PLANT + n: v for n, v in machine.values.items()}
-    return values | {CONTROLLER + n: v for n, v in controller.items()}
-
-
-class _Margins:
-    """One closed loop, linearized stuck and sliding; `values` are all of its controller's."""
-
-    def __init__(self, loop: Loop, machine: Machine) -> None:
-        self.part, self.machine = loop.controller, machine
-        self.missing = NOT_LINEAR.get(self.part.bare, "")
-        if not self.part.has_equations:
-            self.missing = "an FMU has no equations"
-
-    def fragility(self, values: Mapping[str, float]) -> float:
+    def fragility(self, gains: Gains) -> float:
         """Cost added if the loop has Ms above 2; 1 if it is unstable.
 
         A law that is not linear is linearized at rest without an error.
         """
         paid = 0.0
         for _, _, plant, _ in self._states:
-            loop = self._open(values, plant, self.machine.stuck())
+            loop = self._open(gains, plant, self.machine.stuck())
             largest = float(np.abs(1 / (1 + response_of(loop, SENSITIVITY_POINTS)[1])).max())
             excess = OVER_LIMIT * max(0.0, largest / MOST_SENSITIVE - 1)
             paid += min(1.0, excess) if is_stable(loop) else 1.0
         return paid
 
-    def margins(self, values: Mapping[str, float]) -> tuple[tuple[Margins, ...], tuple[str, ...]]:
+    def margins(self, gains: Gains) -> tuple[tuple[Margins, ...], tuple[str, ...]]:
         """Margins of the loop, stuck and sliding, and reasons for missing ones."""
         if self.missing:
             return (), (f"{self.part}: no margins, {self.missing}",)
@@ -383,11 +357,11 @@ class _Margins:
         if self.machine.plant.kernel.modes:
             without.append("stuck: this friction law has no bristles, so the body does not move")
         for state, speed, plant, own in self._states:
-            at = self._followed(values, speed, own) if speed else own
+            at = self._followed(gains, speed, own) if speed else own
             if at is None:
                 without.append(f"sliding at {speed:g} m/s: there is no steady sliding of the loop")
             else:
-                found.append(margins_of(self._open(values, plant, at), state, speed))
+                found.append(margins_of(self._open(gains, plant, at), state, speed))
         return tuple(found), tuple(without)
 
     @cached_property
@@ -401,10 +375,10 @@ class _Margins:
         return [(s, v, machine.linear(self._seen, own), own) for s, (v, own) in at.items()]
 
     def _followed(
-        self, values: Mapping[str, float], speed: float, plant: Mapping[str, float]
+        self, gains: Gains, speed: float, plant: Mapping[str, float]
     ) -> dict[str, float] | None:
         """States and inputs when the loop follows a ramp steadily; None if it does not."""
-        model = self._model(values)
+        model = self._model(gains)
         ramp = Reference.of_pieces([0.0, 2 * SLIDE], [[0.0, speed], [2 * SLIDE * speed, 0.0]])
         step = model.sample_time or STEP
         time = np.arange(round(SLIDE / step) + 1, dtype=np.float64) * step
@@ -417,8 +391,8 @@ class _Margins:
         own = of_side(CONTROLLER, all_of)
         return {**plant, **own, "x": float(y["x"][-1]), "x_d": SLIDE * speed, "v_d": speed}
 
-    def _model(self, values: Mapping[str, float]) -> Model:
-        return Model(self._kernel, of_loop(self.machine, values), TOLERANCE)
+    def _model(self, gains: Gains) -> Model:
+        return Model(self._kernel, self._of_loop(gains), TOLERANCE)
 
     @cached_property
     def _kernel(self) -> Kernel:
@@ -434,7 +408,7 @@ class _Margins:
     def _law(self) -> Kernel:
         return linear_kernel(self.part, self._seen, ("u",))
 
-    def _open(self, values: Mapping[str, float], plant: Linear, at: Mapping[str, float]) -> Any:
+    def _open(self, gains: Gains, plant: Linear, at: Mapping[str, float]) -> Any:
         count = len(self.part.kernel.discrete)
-        law = linearized(self._law, self._seen, ("u",), values, at, sampled=count)
-        return open_loop(plant, law, self._model(values).sample_time)
+        law = linearized(self._law, self._seen, ("u",), self.values(gains), at, sampled=count)
+        return open_loop(plant, law, self._model(gains).sample_time)

@@ -78,18 +78,18 @@ def tune(
     scales = [_Scale(*ranges[n]) for n in names]
     best, found, tried = first, {n: published[n] for n in names}, 1
     at_budget: tuple[float, dict[str, float]] | None = None
-    for candidate in _candidates(start, names, scales, 2 * budget - 1, seed):
+    for place, tell in _candidates(start, names, scales, 2 * budget - 1, seed):
         if tried == budget:
             at_budget = best, found
-        values = {n: s.value(c) for n, s, c in zip(names, scales, candidate.place, strict=True)}
+        values = {n: s.value(c) for n, s, c in zip(names, scales, place, strict=True)}
         price = cost({**published, **values})
-        candidate.tell(price)
+        tell(price)
         tried += 1
         if price < best:
             best, found = price, values
     kept_cost, kept = at_budget or (best, found)
     places = {n: s.place(kept[n]) for n, s in zip(names, scales, strict=True)}
-    ends = tuple(n for n, place in places.items() if not 0.01 <= place <= 0.99)
+    ends = tuple(n for n, at in places.items() if not 0.01 <= at <= 0.99)
     return Tuned(kept, kept_cost, first, best, tried, ends)
 
 
@@ -111,20 +111,14 @@ class _Scale:
         return (value - self.low) / (self.high - self.low)
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    place: Vector
-    tell: Callable[[float], None]
-
-
 def _candidates(
     start: Mapping[str, float],
     names: list[str],
     scales: list[_Scale],
     count: int,
     seed: int | Sequence[int],
-) -> Iterator[_Candidate]:
-    """Yield one candidate after the other; each must get its cost before the next generation."""
+) -> Iterator[tuple[Vector, Callable[[float], None]]]:
+    """Yield candidates, and what takes the cost of each before the next generation."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about packages that it does not need
         import cma
@@ -139,7 +133,7 @@ def _candidates(
         generation = search.ask()
         prices: list[float] = []
         for point in generation[:left]:
-            yield _Candidate(point[: len(names)], prices.append)
+            yield point[: len(names)], prices.append
         left -= len(prices)
         if len(prices) == len(generation):
             search.tell(generation, prices)
@@ -213,8 +207,7 @@ class Contender:
         where = f"controllers.{self.entrant.name}"
         asked = [(n, (value,)) for n, value in self.entrant.values.items()]
         for name, ends in [*asked, *self.entrant.tune.items()]:
-            for end in ends:
-                self._check(where, CONTROLLER, name, end)
+            self._check(where, CONTROLLER, name, *ends)
 
     def check_plants(self) -> None:
         """Make sure that all plants are possible: of each duty, as drawn, at the ends of ranges.
@@ -244,13 +237,12 @@ class Contender:
         of_loop = self.loop.parameters
         return {p.name.removeprefix(side): p for p in of_loop if p.name.startswith(side)}
 
-    def _check(self, where: str, side: str, name: str, value: float | None = None) -> None:
+    def _check(self, where: str, side: str, name: str, *values: float) -> None:
         known = self._known(side)
         if name not in known:
             raise UserError(f"{where}: no parameter {name!r}; there are {', '.join(sorted(known))}")
-        p = known[name]
-        if value is not None and not p.minimum <= value <= p.maximum:
-            raise UserError(
-                f"{where}: {name} would be {value:g}, expected within [{p.minimum:g}, "
-                f"{p.maximum:g}]"
-            )
+        low, high = known[name].minimum, known[name].maximum
+        for value in values:
+            if not low <= value <= high:
+                within = f"[{low:g}, {high:g}]"
+                raise UserError(f"{where}: {name} would be {value:g}, expected within {within}")

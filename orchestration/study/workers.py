@@ -15,7 +15,7 @@ from itertools import islice
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 from ...solver.errors import UserError
 from ...solver.files import write_atomically
@@ -23,25 +23,14 @@ from ..fmu.operating_system import pool
 
 AHEAD = 2  # tasks per worker that wait, so that memory stays bounded as maps grow
 SILENT = 50.0  # s without a heartbeat of any worker, so that the error comes within a minute
-NO_WORKER = 15.0  # s in which a first worker may come
+NO_WORKER = 10.0  # s in which a first worker may come
+CHECK = 2.0  # s between two checks of the workers
 _NOISY = ("distributed", "tornado", "asyncio")
 _INSTALL = "install the same version of ballscrew there"
-CHECK = 2.0  # s between two checks of the workers
 
-
-class Workers(Protocol):
-    """Computes many tasks, in the order in which they finish."""
-
-    def map(
-        self, function: Callable[..., Any], tasks: Iterator[tuple[str, tuple[Any, ...]]]
-    ) -> Iterator[tuple[str, Any]]:
-        """Yield the name and result of each task when it is finished.
-
-        Raises
-        ------
-        UserError
-        """
-        ...
+Function: TypeAlias = Callable[..., Any]
+Tasks: TypeAlias = Iterator[tuple[str, tuple[Any, ...]]]
+"""Names of tasks, and the arguments of each."""
 
 
 class Processes:
@@ -50,9 +39,8 @@ class Processes:
     def __init__(self, count: int) -> None:
         self.count = count
 
-    def map(
-        self, function: Callable[..., Any], tasks: Iterator[tuple[str, tuple[Any, ...]]]
-    ) -> Iterator[tuple[str, Any]]:
+    def map(self, function: Function, tasks: Tasks) -> Iterator[tuple[str, Any]]:
+        """Yield the name and result of each task when it is finished; raises `UserError`."""
         if self.count == 1:
             for name, arguments in tasks:
                 yield name, function(*arguments)
@@ -96,6 +84,7 @@ class Dask:
     def __init__(self, address: str, timeout: float = 10.0) -> None:
         try:
             from distributed import Client
+            from distributed.comm.addressing import get_address_host_port
         except ImportError:
             raise UserError(
                 "--dask needs Dask's scheduler: pip install 'ballscrew[dask]'"
@@ -106,9 +95,9 @@ class Dask:
         self.address = address
         self._heard, self._seen, self._seen_any = time.monotonic(), dict[str, float](), False
         try:
-            _listens(address, timeout)
-            # checked first: a client that fails is noisy and slow to end
-            if asyncio.run(_answer(address, timeout))["type"] != "Scheduler":
+            # whether anybody listens, and who: a client that fails tries for long and is noisy
+            socket.create_connection(get_address_host_port(address), timeout).close()
+            if asyncio.run(asyncio.wait_for(_identity(address), timeout))["type"] != "Scheduler":
                 raise TypeError("it is a worker")
             self.client = Client(address, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
@@ -120,9 +109,8 @@ class Dask:
                 f"{type(error).__name__} {error}"
             ) from None
 
-    def map(
-        self, function: Callable[..., Any], tasks: Iterator[tuple[str, tuple[Any, ...]]]
-    ) -> Iterator[tuple[str, Any]]:
+    def map(self, function: Function, tasks: Tasks) -> Iterator[tuple[str, Any]]:
+        """As that of `Processes`."""
         found: SimpleQueue[Any] = SimpleQueue()
         Thread(target=self._compute, args=(function, tasks, found), daemon=True).start()
         self._heard = time.monotonic()
@@ -139,12 +127,7 @@ class Dask:
             self._heard = time.monotonic()
             yield result
 
-    def _compute(
-        self,
-        function: Callable[..., Any],
-        tasks: Iterator[tuple[str, tuple[Any, ...]]],
-        found: SimpleQueue[Any],
-    ) -> None:
+    def _compute(self, function: Function, tasks: Tasks, found: SimpleQueue[Any]) -> None:
         """Put each name and result into a queue, then None; an error ends it."""
         from distributed import as_completed
 
@@ -157,8 +140,9 @@ class Dask:
         try:
             workers = len(self.client.scheduler_info()["workers"])
             self._seen_any = workers > 0
-            tasks_in_hand = submit(max(1, workers) * AHEAD)
-            running = as_completed(tasks_in_hand, loop=self.client.loop, with_results=True)
+            running = as_completed(
+                submit(max(1, workers) * AHEAD), loop=self.client.loop, with_results=True
+            )
             for future, result in running:
                 if future.cancelled():
                     raise CancelledError  # by a scheduler that ended
@@ -171,18 +155,16 @@ class Dask:
             found.put(error)
 
     def _check(self) -> None:
-        """Check the workers; raises `UserError` if none was heard for too long.
-
-        Workers are also heard during long computations.
-        """
+        """Raise `UserError` if no worker was heard for too long; also a busy one is heard."""
         seen, why = {}, "does not answer"
         with contextlib.suppress(OSError, TimeoutError):
             told: Any = self.client.sync(_identity, self.address, callback_timeout=CHECK)
             seen = {name: float(worker["last_seen"]) for name, worker in told["workers"].items()}
-            why = "has lost contact with its workers" if seen else "has no worker: start one"
+            why = "has no worker: start one"
             self._seen_any = self._seen_any or bool(seen)
-            if self._seen_any and not seen:
-                why = f"has lost all workers: {_INSTALL}"
+            if self._seen_any:
+                lost = f"has lost all workers: {_INSTALL}"
+                why = "has lost contact with its workers" if seen else lost
         if any(self._seen.get(name) != last for name, last in seen.items()):
             self._heard = time.monotonic()
         self._seen = seen
@@ -196,13 +178,12 @@ class Dask:
         from distributed.comm.core import CommClosedError
 
         if isinstance(error, ImportError) or "deserializ" in str(error):
-            why = error.__cause__ or error
-            return self._lost(f"cannot run the task: {_INSTALL} ({why})")
+            return self._lost(f"cannot run the task: {_INSTALL} ({error.__cause__ or error})")
         if isinstance(error, KilledWorker):
             return self._lost(f"lost its workers repeatedly: {_INSTALL}")
-        if isinstance(error, CommClosedError | CancelledError):
-            return self._lost("is gone")
-        return error
+        return (
+            self._lost("is gone") if isinstance(error, CommClosedError | CancelledError) else error
+        )
 
     def _lost(self, why: str) -> UserError:
         with contextlib.suppress(Exception):
@@ -216,12 +197,7 @@ class Dask:
         self.client.close()
 
 
-def _listens(address: str, timeout: float) -> None:
-    """Make sure that a server listens: Dask would try for long; raises OSError, ValueError."""
-    from distributed.comm.addressing import get_address_host_port
-
-    host, port = get_address_host_port(address)
-    socket.create_connection((host, port), timeout).close()
+Workers: TypeAlias = Processes | Dask
 
 
 async def _identity(address: str) -> Any:
@@ -233,18 +209,15 @@ async def _identity(address: str) -> Any:
         return await server.identity()
 
 
-async def _answer(address: str, timeout: float) -> Any:
-    return await asyncio.wait_for(_identity(address), timeout)
-
-
-def _named(function: Callable[..., Any], name: str, arguments: tuple[Any, ...]) -> tuple[str, Any]:
+def _named(function: Function, name: str, arguments: tuple[Any, ...]) -> tuple[str, Any]:
     return name, function(*arguments)
 
 
 class KeptParts:
-    """The parts of one work; `digest` is of everything that determines them.
+    """Finished tasks of one work, a file each; `digest` is of everything that determines them.
 
-    The folder is made with the first part: work that ends earlier leaves nothing.
+    Each file has the digest: another work in the same folder never uses it. The folder is made with
+    the first part: work that ends earlier leaves nothing.
     """
 
     def __init__(self, folder: Path, digest: str) -> None:
@@ -254,7 +227,7 @@ class KeptParts:
     def claim(self, work: str, resume: bool, refused: type[ValueError]) -> None:
         """Reject a folder that contains other parts, with one line of the type `refused`."""
         place = self.folder.parent
-        found = {_digest(content) for path in self._files() if (content := _content(path))}
+        found = {_digest(part) for p in sorted(self.folder.glob("*.json")) if (part := _content(p))}
         if self.digest in found and not resume:
             raise refused(
                 f"{place} contains an unfinished run of this {work}; add --resume to continue it"
@@ -277,7 +250,7 @@ class KeptParts:
     def results(
         self,
         jobs: Mapping[str, tuple[Any, ...]],
-        function: Callable[..., Any],
+        function: Function,
         workers: Workers,
         fits: Callable[[str, Any], bool] = lambda name, found: True,
     ) -> Iterator[tuple[str, Any]]:
@@ -298,9 +271,6 @@ class KeptParts:
 
     def discard(self) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)
-
-    def _files(self) -> list[Path]:
-        return sorted(self.folder.glob("*.json"))
 
 
 def _content(path: Path) -> Any:

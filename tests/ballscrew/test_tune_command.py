@@ -88,7 +88,7 @@ def test_the_first_line_says_errors_margins_and_what_weakens_them(here, capsys):
     first = capsys.readouterr().out.splitlines()[0]
     found = told(here, "short")
     rms = found["motions"][-1]["rms_error"]
-    assert f"{1e6 * rms:.3g} um rms" in first or f"{1e3 * rms:.3g} mm rms" in first
+    assert f"{1e6 * rms:.3g} µm rms" in first or f"{1e3 * rms:.3g} mm rms" in first
     assert "stuck: gain margin" in first
     assert "sliding at 0.2 m/s: gain margin" in first
     for weakness in found["weaknesses"]:

@@ -1,12 +1,9 @@
 """Units by the size of the numbers."""
 
-import math
-
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.loop.shown_units import labelled, quantity, shown_unit
-from ballscrew.orchestration.study.lengths import length, scale
+from ballscrew.orchestration.loop.shown_units import labelled, length, quantity, shown_unit
 
 pytestmark = pytest.mark.ci
 
@@ -28,23 +25,10 @@ pytestmark = pytest.mark.ci
 )
 def test_a_number_gets_the_unit_that_suits_it(value, unit, text):
     assert quantity(value, unit) == text
+    assert length(-1.23456e-3) == "-1.23 mm"
 
 
 def test_the_largest_number_decides_and_what_is_not_finite_does_not_count():
     assert shown_unit([1e-6, -0.02, np.inf, np.nan], "m") == (1e3, "mm")
     assert shown_unit([], "m") == (1.0, "m")
     assert labelled("error", "") == "error"
-
-
-@pytest.mark.parametrize(
-    ("metres", "said"),
-    [(2.74e-6, "2.74 um"), (9.99e-4, "999 um"), (1.234e-3, "1.23 mm"), (-0.3, "-300 mm")],
-)
-def test_a_length_is_said_in_the_unit_of_its_size(metres, said):
-    assert length(metres) == said
-
-
-def test_a_column_has_one_unit_by_its_median_and_one_that_is_lost_does_not_decide():
-    assert scale([2e-6, 5e-5, 0.3]) == (1e6, "um")
-    assert scale([2e-6, 5e-3, 0.3]) == (1e3, "mm")
-    assert scale([math.nan, math.inf]) == (1e6, "um")
