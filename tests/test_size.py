@@ -19,7 +19,7 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1883, 1608),
     "controllers": (1294, 1053),
     "fmus": (5131, 4600),
-    "orchestration": (12411, 10795),
+    "orchestration": (12322, 10715),
     "stability": (2784, 2282),
     "ballscrew": (4642, 3821),
     "gallery": (3571, 3184),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28070, 26780),
+    "tests": (28085, 26794),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -10,6 +10,7 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -110,14 +111,30 @@ class AnyFmu:
 
     Attributes
     ----------
-    notes : sequence of str
-        On start values that the FMU did not have; after initialization.
+    notes : list of str
+        On values that the FMU did not have, or does not take; after initialization.
+    kept : mapping of str to float
+        Parameters that could not be set, with the values that the FMU has; after initialization.
     """
 
-    inputs: Sequence[str]
-    outputs: Sequence[str]
     notes: Sequence[str] = ()
-    _fmu: UnpackedFmu
+    kept: Mapping[str, float] = MappingProxyType({})
+
+    def __init__(self, source: Path | str | UnpackedFmu, name: str) -> None:
+        self._clean: Callable[[], object] = lambda: None
+        if isinstance(source, UnpackedFmu):
+            self._fmu = source
+        else:
+            self._fmu = unpack(source)
+            self._clean = weakref.finalize(self, self._fmu.remove)
+        self.name = name
+        description = self.description
+        self.inputs: Sequence[str] = inputs_of(description)
+        self.outputs: Sequence[str] = description.names("output")
+        self.parameters: Sequence[str] = description.names("parameter")
+        self.can_save = description.saves_state
+        self.steps_vary = description.steps_vary
+        self.sample_time, self.stop = 0.0, math.inf
 
     @property
     def description(self) -> Description:
@@ -155,7 +172,8 @@ class AnyFmu:
     def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
         """Set parameters and start values, enter initialization mode, and set inputs there.
 
-        What the FMU does not have as its description says is set then, too.
+        What the FMU does not have as its description says is set then, too. Parameters that still
+        differ from that, or from the given values, are `kept`.
 
         Raises
         ------
@@ -163,34 +181,38 @@ class AnyFmu:
             If the FMU rejects them.
         """
         self.enter(values, stop)
-        told = {n: v for n, v in self._variables.items() if n not in values and n in self._starts}
-        wrong = self._unlike(told)
-        if not wrong:
-            return
-        self.writer(list(wrong))(np.array([told[n].start for n in wrong]))
-        kept = self._unlike({n: told[n] for n in wrong})
+        numbers = {*self.parameters} & self._variables.keys()
+        given = {n: float(value) for n, value in values.items() if n in numbers}
+        told = {n: start for n, start in self._starts.items() if n not in values}
+        had = self._unlike(told)
+        if had:
+            self.writer(list(had))(np.array([told[n] for n in had]))
+        kept = self._unlike({n: told[n] for n in had} | given)
+        self.kept = {n: value for n, value in kept.items() if n in numbers}
         self.notes = [
-            f"{self.path.name} starts with {name} = {had:g}, but its description says "
-            f"{told[name].start:g}: {'this cannot be set' if name in kept else 'this was set'}"
-            for name, had in wrong.items()
-            if told[name].causality == "parameter"
+            f"{self.path.name} starts with {name} = {value:g}, but its description says "
+            f"{told[name]:g}: {'this cannot be set' if name in kept else 'this was set'}"
+            for name, value in had.items()
+            if name in numbers
+        ]
+        self.notes += [
+            f"{self.path.name} has {name} = {value:g}: it does not take the given {given[name]:g}"
+            for name, value in kept.items()
+            if name in given
         ]
 
     @cached_property
-    def _starts(self) -> frozenset[str]:
+    def _starts(self) -> dict[str, float]:
+        """Start values of the description that can be set."""
         described = self.description.variables
-        return frozenset(
-            v.name for v in described if v.causality in SETTABLE and v.start is not None
-        )
-
-    def _unlike(self, told: Mapping[str, NumberVariable]) -> dict[str, float]:
-        """Values of variables whose start value is another one."""
-        found = zip(told, self.reader(list(told))().tolist(), strict=True) if told else ()
         return {
-            n: value
-            for n, value in found
-            if not math.isclose(value, told[n].start or 0.0, rel_tol=AS_PRINTED)
+            v.name: v.start for v in described if v.causality in SETTABLE and v.start is not None
         }
+
+    def _unlike(self, told: Mapping[str, float]) -> dict[str, float]:
+        """Present values of those that are not as told."""
+        found = zip(told, self.reader(list(told))().tolist(), strict=True) if told else ()
+        return {n: v for n, v in found if not math.isclose(v, told[n], rel_tol=AS_PRINTED)}
 
     def enter(self, values: Mapping[str, Value], stop: float) -> None:
         raise NotImplementedError
@@ -225,20 +247,12 @@ class FmuInstance(AnyFmu):
     def __init__(
         self, source: Path | str | UnpackedFmu, name: str, calls: type[Fmi2] | None = None
     ) -> None:
-        self._fmu, self._clean = open_source(self, source)
-        self.name = name
-        description = self.description
-        self.inputs: Sequence[str] = inputs_of(description)
-        self.outputs: Sequence[str] = description.names("output")
-        self.parameters = description.names("parameter")
-        self.can_save = description.saves_state
-        self.steps_vary = description.steps_vary
-        self.sample_time, self.stop = 0.0, math.inf
+        super().__init__(source, name)
         self._given: Mapping[str, Value] = {}
         self._log = next(_LOG_NUMBERS)
         self._status = 0  # the worst so far
         try:
-            usual = Fmi2 if description.fmi == 2 else Fmi3
+            usual = Fmi2 if self.description.fmi == 2 else Fmi3
             self._fmi = (calls or usual)(self._fmu, name, self._log)
         except Exception as error:
             self._clean()
@@ -438,13 +452,3 @@ def inputs_of(description: Description) -> list[str]:
     inputs = description.names("input")
     law = law_ports(inputs, inputs, description.names("output"))
     return [n for n in inputs if not description.exchanges or n not in law]
-
-
-def open_source(
-    owner: object, source: Path | str | UnpackedFmu
-) -> tuple[UnpackedFmu, Callable[[], object]]:
-    """Unpack the FMU; return it and what removes its folder, at the latest with `owner`."""
-    if isinstance(source, UnpackedFmu):
-        return source, lambda: None
-    fmu = unpack(source)
-    return fmu, weakref.finalize(owner, fmu.remove)

@@ -1,20 +1,22 @@
 """An FMU in its own process, so that a crash, a hang or its modules do not affect this one.
 
-This is the master's side. The other side is `isolated_host.py`, a new interpreter that runs an
-`FmuInstance` and answers over a socket; the end of its output is kept, and an error message shows
-the last line. Requests without an answer are sent together with the next one that has an answer,
-so that a communication step needs few exchanges.
+`IsolatedInstance` is the master's side; `main` runs in a new interpreter with an `FmuInstance`, and
+answers over a socket. A message is a line of JSON: a list of calls, each a name with its arguments;
+its answer is a status with the result of the last call, or of the first that fails. Calls without
+an answer are sent together with the next one that has an answer, so that a communication step needs
+few exchanges. No Python objects are exchanged: the FMU's side is not trusted. The end of its output
+is kept, and an error message shows the last line.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
-import math
 import os
-import struct
+import socket
 import subprocess
 import threading
+import time
 import weakref
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,28 +26,18 @@ import numpy as np
 import numpy.typing as npt
 
 from ...fmus.made_here import is_ours
-from ...fmus.reading import UnpackedFmu
+from ...fmus.reading import Description, UnpackedFmu
 from ...solver.errors import FmuError
-from . import isolated_host
-from .fmu_instance import (
-    SHORTER,
-    AnyFmu,
-    FmuInstance,
-    Reader,
-    StepFailed,
-    Value,
-    Writer,
-    inputs_of,
-    open_source,
-)
-from .isolated_host import DISCARDED, FAILED, OK, REFUSED, Request, receive, send
+from .fmu_instance import SHORTER, AnyFmu, FmuInstance, Reader, StepFailed, Value, Writer
 from .limits import TIME_LIMIT
 from .operating_system import end_host, how_ended, start_host
 
 Vector = npt.NDArray[np.float64]
 
+DONE, FAILED, REFUSED, DISCARDED = range(4)
 _KEPT = 4096  # bytes of its output
 _FAREWELL = 5.0  # s, time limit for a normal end
+_AT_ONCE, _LARGEST = 1 << 16, 1 << 28  # bytes of an answer
 
 
 class IsolatedInstance(AnyFmu):
@@ -68,117 +60,86 @@ class IsolatedInstance(AnyFmu):
     def __init__(
         self, source: Path | str | UnpackedFmu, name: str, time_limit: float = TIME_LIMIT
     ) -> None:
-        self._fmu, self._clean = open_source(self, source)
-        self.name = name
+        super().__init__(source, name)
         self.time_limit = time_limit
-        description = self._fmu.description
-        self.inputs: Sequence[str] = inputs_of(description)
-        self.outputs: Sequence[str] = description.names("output")
-        self.parameters = description.names("parameter")
-        self.can_save = description.saves_state
-        self.steps_vary = description.steps_vary
-        self.sample_time, self.stop = 0.0, math.inf
-        self._waiting: list[bytes] = []
-        self._changes = 0  # number of requests that may have changed outputs
+        self._waiting: list[tuple[Any, ...]] = []
+        self._changes = 0  # number of calls that may have changed outputs
         self._bound = self._saved = 0
         self._stepping = False
         self._dead = ""
         self._printed = _Printed()
         folder = self._fmu.folder
-        self._socket, self._process, held = start_host(
-            isolated_host.__name__, folder, self._printed.descriptor
-        )
+        self._socket, self._process, held = start_host(__name__, folder, self._printed.descriptor)
         self._socket.settimeout(time_limit)
         self._end = weakref.finalize(self, _ended, self._process, self._socket, held)
-        request = {
-            "path": str(self._fmu.path),
-            "folder": str(folder),
-            "description": description.to_dict(),
-            "name": name,
-        }
         try:
-            self._ask(Request.OPEN, json.dumps(request).encode())
-        except FmuError as error:
+            self._ask("open", str(self.path), str(folder), self.description.to_dict(), name)
+        except BaseException as error:
             self._end()
             self._clean()
-            words = self._printed.last_line()
-            told = f"{error}; its last output: {words}" if words else str(error)
-            raise FmuError(told) from error
-        except StepFailed as error:
-            self._end()
-            self._clean()
-            raise FmuError(f"{self._fmu.path}: cannot be instantiated: {error}") from error
-        except BaseException:
-            self._end()
-            self._clean()
+            if isinstance(error, StepFailed):
+                raise FmuError(f"{self.path}: cannot be instantiated: {error}") from error
+            if isinstance(error, FmuError) and (words := self._printed.last_line()):
+                raise FmuError(f"{error}; its last output: {words}") from error
             raise
 
     def enter(self, values: Mapping[str, Value], stop: float) -> None:
+        """As `FmuInstance.enter`; raises `StepFailed`, also if its process ends."""
         self.stop = stop
-        request = json.dumps({"values": dict(values), "stop": stop}).encode()
-        self._ask(Request.ENTER_INITIALIZATION, request)
+        self._ask("enter_initialization", dict(values), stop)
 
     def leave_initialization(self) -> None:
-        """As `FmuInstance.leave_initialization`.
-
-        Raises
-        ------
-        StepFailed
-            If the FMU rejects them, or its process ends.
-        """
-        data = self._ask(Request.LEAVE_INITIALIZATION)
-        if len(data) != 8:
-            raise self._lost(f"gave {len(data)} bytes for its sample time")
-        (told,) = struct.unpack("<d", data)
-        self.sample_time = told or self.sample_time
+        """As `FmuInstance.leave_initialization`; raises `StepFailed`, also if its process ends."""
+        (told,) = self._numbers([self._ask("leave_initialization")], ["its sample time"])
+        self.sample_time = float(told) or self.sample_time
 
     def writer(self, names: Sequence[str]) -> Writer:
-        number = self._bind(Request.BIND_WRITER, names)
-
-        def write(values: Vector) -> None:
-            self._tell(Request.WRITE, number + np.asarray(values, dtype=float).tobytes())
-
-        return write
+        number = self._bind("bind_writer", names)
+        return lambda values: self._tell("write", number, np.asarray(values, dtype=float).tolist())
 
     def reader(self, names: Sequence[str]) -> Reader:
-        number, size = self._bind(Request.BIND_READER, names), 8 * len(names)
+        number = self._bind("bind_reader", names)
         known, read_after = np.zeros(0), -1
 
         def read() -> Vector:
             nonlocal known, read_after
             # a step begins with the end values of the last one: this saves half of all requests
             if read_after != self._changes or self._dead:
-                data = self._ask(Request.READ, number)
-                if len(data) != size:
-                    raise self._lost(f"gave {len(data)} bytes for {', '.join(names)}")
-                known, read_after = np.frombuffer(data), self._changes
+                known = self._numbers(self._ask("read", number), names)
+                read_after = self._changes
             return known.copy()
 
         return read
 
-    def _bind(self, request: Request, names: Sequence[str]) -> bytes:
-        number = struct.pack("<I", self._bound)
+    def _numbers(self, answer: Any, names: Sequence[str]) -> Vector:
+        """An answer as numbers, one for each name; what is none ends the process."""
+        with contextlib.suppress(ValueError, TypeError, OverflowError):
+            numbers = np.array(answer, dtype=float)
+            if numbers.shape == (len(names),):
+                return numbers
+        raise self._lost(f"gave no numbers for {', '.join(names)}")
+
+    def _bind(self, call: str, names: Sequence[str]) -> int:
         self._bound += 1
-        self._tell(request, number + json.dumps(list(names)).encode())
-        return number
+        self._tell(call, self._bound, list(names))
+        return self._bound
 
     def step(self, t: float, h: float) -> None:
         """Move on; a failure shows when something is read."""
-        self._tell(Request.STEP, struct.pack("<dd", t, h))
+        self._tell("step", t, h)
         self._stepping = True
 
     def save(self) -> Any:
-        state = struct.pack("<Q", self._saved)
         self._saved += 1
-        self._tell(Request.SAVE, state)
-        return state
+        self._tell("save", self._saved)
+        return self._saved
 
     def restore(self, state: Any) -> None:
-        self._tell(Request.RESTORE, state)
+        self._tell("restore", state)
 
     def release(self, state: Any) -> None:
         if not self._dead:
-            self._tell(Request.RELEASE, state)
+            self._tell("release", state)
 
     def reopened(self) -> IsolatedInstance:
         other = IsolatedInstance(self._fmu, self.name, self.time_limit)
@@ -189,41 +150,53 @@ class IsolatedInstance(AnyFmu):
         if self._end.alive and not self._dead:
             self._socket.settimeout(min(self.time_limit, _FAREWELL))
             with contextlib.suppress(OSError, StepFailed, FmuError):
-                self._ask(Request.CLOSE)
+                self._ask("close")
                 self._process.wait(_FAREWELL)
         self._end()
         self._clean()
 
-    def _tell(self, request: Request, data: bytes = b"") -> None:
-        if request is not Request.READ:
-            self._changes += 1
-        self._waiting.append(struct.pack("<BI", request, len(data)) + data)
+    def _tell(self, *call: Any) -> None:
+        self._changes += call[0] != "read"
+        self._waiting.append(call)
 
-    def _ask(self, request: Request, data: bytes = b"") -> bytes:
-        """Send everything that waits and this request; return its answer."""
+    def _ask(self, *call: Any) -> Any:
+        """Send everything that waits and this call; return its answer."""
         if self._dead:
             raise StepFailed(self._dead)
-        self._tell(request, data)
-        packet = b"".join(self._waiting)
+        self._tell(*call)
+        line = json.dumps(self._waiting).encode() + b"\n"
         self._waiting.clear()
         try:
-            send(self._socket, packet)
-            answer = receive(self._socket)
+            self._socket.sendall(line)
+            status, result = json.loads(self._received())
         except TimeoutError:
             limit = f"{self.time_limit:g} s"
-            call = Request.STEP if self._stepping else request
-            what = f"did not answer the call {call.name.lower()} within {limit}"
+            name = "step" if self._stepping else call[0]
+            what = f"did not answer the call {name} within {limit}"
             raise self._lost(what, "if it is only slow, use a longer --time-limit") from None
         except (OSError, EOFError):
             raise self._lost(self._how_it_ended()) from None
+        except (ValueError, TypeError, RecursionError):
+            raise self._lost("gave an answer that is not understood") from None
         self._stepping = False
-        status, rest = answer[0] if answer else FAILED, answer[1:]
-        if status == OK:
-            return rest
-        text = " ".join(rest.decode("utf-8", "replace").split())
+        if status == DONE:
+            return result
+        text = " ".join(str(result).split())
         if status == REFUSED:
             raise FmuError(text)
         raise StepFailed(text, SHORTER if status == DISCARDED else "")
+
+    def _received(self) -> bytes:
+        """One line; the socket's own time limit is for each piece."""
+        end, data = time.monotonic() + (self._socket.gettimeout() or 0.0), b""
+        while not data.endswith(b"\n"):
+            if data and time.monotonic() > end:
+                raise TimeoutError
+            more = self._socket.recv(_AT_ONCE)
+            data += more
+            if not more or len(data) > _LARGEST:
+                raise EOFError
+        return data
 
     def _lost(
         self, how: str, advice: str = "test this FMU alone: the error is in the FMU itself"
@@ -283,3 +256,82 @@ def _ended(process: subprocess.Popen[bytes], *files: Any) -> None:
     end_host(process)
     for file in files:
         file.close()
+
+
+# -- the other process ---------------------------------------------------------------------------
+
+
+def main(connection: socket.socket) -> None:
+    """Answer calls until the connection is closed, then end immediately."""
+    host = _Host()
+    with contextlib.suppress(OSError):
+        for line in connection.makefile("rb"):
+            connection.sendall(json.dumps(_answer(host, line)).encode() + b"\n")
+            if host.closed:
+                break
+    # Without the interpreter's own end, in which a third-party library may still crash.
+    os._exit(0)
+
+
+def _answer(host: _Host, line: bytes) -> tuple[int, Any]:
+    """Do every call of a message; return a status and the answer to the last."""
+    result: Any = None
+    try:
+        for name, *arguments in json.loads(line):
+            result = getattr(host, name)(*arguments)
+    except StepFailed as error:
+        return DISCARDED if error.advice == SHORTER else FAILED, str(error)
+    except FmuError as error:
+        return REFUSED, str(error)
+    except Exception as error:
+        return FAILED, f"{type(error).__name__}: {error}"
+    return DONE, result
+
+
+class _Host:
+    """The FMU as the calls of `IsolatedInstance` use it."""
+
+    def __init__(self) -> None:
+        self.closed = False
+        self._bound: dict[int, Any] = {}
+        self._states: dict[int, Any] = {}
+
+    def open(self, path: str, folder: str, description: dict[str, Any], name: str) -> None:
+        unpacked = UnpackedFmu(Path(path), Description.from_dict(description), Path(folder))
+        self._fmu = FmuInstance(unpacked, name)
+
+    def enter_initialization(self, values: dict[str, Value], stop: float) -> None:
+        self._fmu.enter(values, stop)
+
+    def leave_initialization(self) -> float:
+        self._fmu.leave_initialization()
+        return self._fmu.sample_time
+
+    def bind_writer(self, number: int, names: list[str]) -> None:
+        self._bound[number] = self._fmu.writer(names)
+
+    def bind_reader(self, number: int, names: list[str]) -> None:
+        self._bound[number] = self._fmu.reader(names)
+
+    def write(self, number: int, values: list[float]) -> None:
+        self._bound[number](np.array(values, dtype=float))
+
+    def read(self, number: int) -> list[float]:
+        values: list[float] = self._bound[number]().tolist()
+        return values
+
+    def step(self, t: float, h: float) -> None:
+        self._fmu.step(t, h)
+
+    def save(self, number: int) -> None:
+        self._states[number] = self._fmu.save()
+
+    def restore(self, number: int) -> None:
+        self._fmu.restore(self._states[number])
+
+    def release(self, number: int) -> None:
+        self._fmu.release(self._states.pop(number))
+
+    def close(self) -> None:
+        self.closed = True
+        self._fmu.close()

@@ -60,6 +60,10 @@ def run_closed_loop(loop: Loop | SystemLoop, progress: Progress | None = None) -
     loop = _sampled_if_it_answers_in_steps(loop)
     with joined_pair(loop) as joined:
         run, choice, notes = joined.run(loop, progress)
+        of_plant, of_controller = (joined.fmus[side].kept for side in (PLANT, CONTROLLER))
+    if of_plant or of_controller:  # what the results name is what the FMUs have
+        given = {**loop.plant_values, **of_plant}, {**loop.controller_values, **of_controller}
+        loop = replace(loop, plant_values=given[0], controller_values=given[1])
     if not run.verdict.trusted and not loop.controller.has_equations and not run.sampling_period:
         notes += (f"if {loop.label} is a digital controller, give its period with --sampled",)
     return ClosedLoopResult(loop, run, notes, choice)

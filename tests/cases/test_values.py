@@ -12,6 +12,7 @@ from cases import cart_position, case, trajectory
 from ballscrew.orchestration.fmu.isolated import IsolatedInstance, open_fmu
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.loop.parameter_file import read_parameters
 
 PAIR = "--controller pd.fmu --plant cart.fmu"
 GOAL = "--setpoint 0.1 --stop 0.5 --step 1e-3 --out"
@@ -87,6 +88,21 @@ def test_a_start_value_that_only_the_description_has_is_set_and_told(folder, com
     assert command(folder, told)[0] == 0
     courses = [(folder / out / "trajectory.csv").read_bytes() for out in ("out", "again")]
     assert courses[0] == courses[1]
+
+
+@pytest.mark.parametrize("how", ["--no-isolate", pytest.param("", marks=pytest.mark.ci)])
+@pytest.mark.parametrize("given", ["", "--set plant.m=3"])
+def test_a_value_that_the_library_does_not_take_is_told_as_what_it_has(folder, command, given, how):
+    """Its m is 2, whatever is set, and so is the motion."""
+    small_fmus.plant(str(folder / "cart.fmu"), more_out="$m$ = 2.0;")
+    edited(folder, (M, 'start="3.0"'))
+    code, _, said = command(folder, f"run {how} {PAIR} {given} {GOAL} out")
+    assert code == 0, said
+    told = "it does not take the given 3" if given else "description says 3: this cannot be set"
+    assert told in said
+    x = trajectory(folder / "out")["x"][-1]
+    assert x == pytest.approx(cart_position(0.5, m=2.0), rel=2e-3)
+    assert read_parameters(folder / "out" / "parameters.toml").plant["m"].value == 2.0
 
 
 @pytest.mark.parametrize(
