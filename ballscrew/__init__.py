@@ -27,7 +27,7 @@ _PUBLIC = {
         "ballscrew.solver.component",
     ),
     "UserError": "ballscrew.solver.errors",
-    "connect": "ballscrew.solver.connect",
+    "connect": "ballscrew.solver.interconnect",
     "interconnect": "ballscrew.solver.interconnect",
     "Coupling": "ballscrew.orchestration.master.couplings",
     **dict.fromkeys(("Loop", "SystemLoop"), "ballscrew.orchestration.loop.loop"),
@@ -72,8 +72,8 @@ if TYPE_CHECKING:
     from .solver.component import Parameter as Parameter
     from .solver.component import State as State
     from .solver.component import symbol as symbol
-    from .solver.connect import connect as connect
     from .solver.errors import UserError as UserError
+    from .solver.interconnect import connect as connect
     from .solver.interconnect import interconnect as interconnect
 else:
 

@@ -188,7 +188,7 @@ def _save_diagnosis(
 
 def _diagnosis_table(result: Diagnosis, extension: _Extension, folder: Path) -> str:
     from .measurement.diagnosis.report_words import micrometres, suspect_lines, verdict_sentence
-    from .solver.tables import table_path
+    from .solver.files import table_path
 
     lines = [f"{result.verdict}: {verdict_sentence(result)}", result.where, ""]
     lines.append(f"{'residual, rms':<34}{'force [N]':>11}{'position [um]':>15}")

@@ -12,8 +12,7 @@ from typing import Any
 
 from .options import TRUSTED, out_folder
 from .results_folder import prepare_folder, save_results
-from .solver.errors import UserError
-from .solver.nearest import did_you_mean
+from .solver.errors import UserError, did_you_mean
 from .supervision import tell
 
 GALLERY = "ballscrew.gallery"  # uses this package, and is imported by name

@@ -100,7 +100,7 @@ def _map(options: argparse.Namespace) -> int:
 
 
 def _show(figures: dict[str, Any], folder: Path) -> None:
-    from .solver.tables import table_path
+    from .solver.files import table_path
     from .stability.stability_map import AGAIN
 
     cells = figures["cells"]

@@ -14,7 +14,7 @@ from .measurement.identification.identification import Identification
 from .measurement.rig.record import TrialRecord
 from .orchestration.loop.page import Table
 from .result import Result, table_of
-from .solver.tables import write_table
+from .solver.files import write_table
 
 if TYPE_CHECKING:
     import numpy as np

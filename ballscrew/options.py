@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from .orchestration.fmu.limits import as_number, check_length, check_step
-from .solver.errors import UserError
-from .solver.nearest import did_you_mean
+from .solver.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
     from .orchestration.loop.parts import Part

@@ -16,8 +16,7 @@ from .orchestration.loop.shown_units import length
 from .orchestration.study.result import StudyResult
 from .orchestration.study.tune import TunedController
 from .result import Result, figures_table, table_of, values_of, write_page
-from .solver.files import finite_or_null, write_json
-from .solver.tables import read_table, table_path, write_table
+from .solver.files import finite_or_null, read_table, table_path, write_json, write_table
 from .stability.attractor import Kind
 from .stability.lyapunov import LyapunovRun
 from .stability.map_plan import TABLE

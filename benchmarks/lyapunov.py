@@ -30,7 +30,7 @@ from ballscrew.orchestration.loop.catalogue import component  # noqa: E402
 from ballscrew.orchestration.loop.whole_loop import loop_kernel  # noqa: E402
 from ballscrew.solver.codegen import generate  # noqa: E402
 from ballscrew.solver.component import Component, Output, State, symbol  # noqa: E402
-from ballscrew.solver.connect import connect  # noqa: E402
+from ballscrew.solver.interconnect import connect  # noqa: E402
 from ballscrew.solver.kernel import Model  # noqa: E402
 from ballscrew.solver.spectrum import follow_tangents  # noqa: E402
 

@@ -117,7 +117,7 @@ PUBLISHED = (  # documentation of ChaosTools.jl, "Lyapunov exponents"; its lapto
 
 def exponents() -> Lines:
     from ballscrew.solver.codegen import generate
-    from ballscrew.solver.held_states import with_held_states
+    from ballscrew.solver.for_tangents import with_held_states
     from ballscrew.solver.kernel import Kernel, Model
     from ballscrew.solver.spectrum import follow_tangents
 

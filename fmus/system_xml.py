@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from ..solver.errors import FmuError
-from ..solver.nearest import nearest
+from ..solver.errors import FmuError, nearest
 from .archive import first_element, number
 from .units import Unit, conversion
 

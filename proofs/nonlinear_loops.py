@@ -40,8 +40,8 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
-from ballscrew.solver.connect import connect
 from ballscrew.solver.core import DONE
+from ballscrew.solver.interconnect import connect
 from ballscrew.solver.kernel import (
     CONTROLLER,
     MAX_STEPS,

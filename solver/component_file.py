@@ -19,8 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, NoReturn
 
-from .errors import ContractError
-from .nearest import nearest
+from .errors import ContractError, nearest
 
 if TYPE_CHECKING:
     from .component import Component

@@ -1,6 +1,14 @@
-"""Errors that a user can correct: one line each, and one base. Importing them needs no SymPy."""
+"""Errors that a user can correct: one line each, and one base; suggestions for unknown names.
+
+Importing them needs no SymPy.
+"""
 
 from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+_ALIKE = 0.5  # least similarity of two names, 0 to 1
 
 
 class UserError(ValueError):
@@ -36,3 +44,15 @@ class FmuError(UserError):
 
 class CouplingError(UserError):
     """The parts cannot be coupled in this way; the message names ports or the coupling."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """The most similar name, as a question; empty if none is similar."""
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=_ALIKE)
+    return f", did you mean {near[0]}?" if near else ""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Up to three similar names; empty if none is similar."""
+    near = difflib.get_close_matches(name, list(known), n=3, cutoff=_ALIKE)
+    return f"; nearest: {', '.join(near)}" if near else ""

@@ -18,8 +18,8 @@ from ..orchestration.fmu.limits import TOLERANCE
 from ..orchestration.loop.loop import Loop
 from ..orchestration.loop.whole_loop import held_loop_kernel, loop_kernel, model_of
 from ..solver.core import REACHED
-from ..solver.delay_states import NODES
 from ..solver.files import write_atomically, write_json
+from ..solver.for_tangents import NODES
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..solver.spectrum import Spectrum, follow_returns, follow_tangents
 from .attractor import Attractor, Kind, agree, bars, ended

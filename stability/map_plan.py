@@ -20,9 +20,8 @@ from ..orchestration.loop.loop import Loop
 from ..orchestration.loop.whole_loop import held_loop_kernel, model_of
 from ..orchestration.master.reference_signal import Reference
 from ..solver.core import System
-from ..solver.errors import UserError
+from ..solver.errors import UserError, nearest
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model, ParameterInfo
-from ..solver.nearest import nearest
 from ..solver.spectrum import follow_returns, follow_tangents
 from .attractor import EXPONENTS, LONGER_RUN, OTHER_SOLVER, Kind
 from .classify import classify_attractor

@@ -18,8 +18,8 @@ from ..orchestration.loop.pictures import (
     write_figure,
 )
 from ..orchestration.loop.shown_units import labelled, shown_unit
+from ..solver.files import read_table, table_path
 from ..solver.kernel import PLANT
-from ..solver.tables import read_table, table_path
 from .attractor import Kind
 from .lyapunov import BITS, LyapunovRun
 from .map_plan import DESIGN, TABLE, Axis, MapPlan, axis_unit, kernel_of, stuck_growth

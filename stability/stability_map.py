@@ -23,8 +23,7 @@ from ..orchestration.loop.loop import Loop, table_of
 from ..orchestration.loop.run_folder import write_run
 from ..orchestration.study.workers import KeptParts
 from ..solver.errors import UserError
-from ..solver.files import write_json
-from ..solver.tables import table_path, write_table
+from ..solver.files import table_path, write_json, write_table
 from .attractor import AGAIN as CHANGED
 from .attractor import Kind, agreed
 from .classify import BUDGET

@@ -15,20 +15,20 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (6591, 5780),
+    "solver": (6565, 5752),
     "plant": (1883, 1608),
     "controllers": (1294, 1053),
-    "fmus": (5131, 4600),
-    "orchestration": (12322, 10715),
-    "stability": (2784, 2282),
-    "ballscrew": (4642, 3821),
+    "fmus": (5130, 4599),
+    "orchestration": (12314, 10707),
+    "stability": (2782, 2280),
+    "ballscrew": (4639, 3818),
     "gallery": (3571, 3184),
-    "measurement": (14035, 11751),
+    "measurement": (14031, 11747),
     "proofs": (12907, 11540),
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (28085, 26794),
+    "tests": (28084, 26793),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -14,8 +14,7 @@ from scipy.stats import chi2
 from ...orchestration.loop.parameter_file import BALL_SCREW, DRIVE, TURNS, ParameterFile, Value
 from ...plant.ball_screw import PARAMETERS as AXIS
 from ...plant.instruments.amplifier import PARAMETERS as AMPLIFIER
-from ...solver.errors import BadParameter
-from ...solver.nearest import nearest
+from ...solver.errors import BadParameter, nearest
 from ..records.reading import read_force_records
 from ..records.record import FORCE, TORQUE, Record
 from ..records.velocity import INTEGRATED

@@ -7,8 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ...solver.errors import BadRecord
-from ...solver.nearest import nearest
+from ...solver.errors import BadRecord, nearest
 from .columns import Table, Vector
 from .formats import tables_in
 from .joined import joined

@@ -8,9 +8,8 @@ from dataclasses import replace
 
 from ...orchestration.loop.parameter_file import ParameterFile, Value, check_values, list_used
 from ...orchestration.loop.parts import Part
-from ...solver.errors import BadParameter, BadParameters
+from ...solver.errors import BadParameter, BadParameters, did_you_mean
 from ...solver.kernel import ParameterInfo
-from ...solver.nearest import did_you_mean
 from .rig_wiring import PLANT, WIRINGS
 
 TRIAL = "trial"

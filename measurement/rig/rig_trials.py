@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from ...plant.instruments.acquisition import SAMPLE_TIME
 from ...solver.component import unit_in
-from ...solver.errors import BadParameter
-from ...solver.nearest import did_you_mean
+from ...solver.errors import BadParameter, did_you_mean
 
 Vector = npt.NDArray[np.float64]
 

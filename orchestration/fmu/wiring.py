@@ -6,8 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from ...fmus.ports import gain_port, law_ports, rate_port, reference_port
-from ...solver.errors import CouplingError
-from ...solver.nearest import nearest
+from ...solver.errors import CouplingError, nearest
 from ...solver.set_point import DERIVATIVES, SET_POINT, set_point_orders
 from .fmu_instance import AnyFmu, Instance
 

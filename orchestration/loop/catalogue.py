@@ -28,9 +28,8 @@ from ...plant.instruments import INSTRUMENTS, UNLIMITED, PartName
 from ...solver import kernel_cache
 from ...solver.compilers import CompilerFailed, compiler_for, own_platform
 from ...solver.component_file import load_component, names_file
-from ...solver.errors import ContractError, UnknownName
+from ...solver.errors import ContractError, UnknownName, did_you_mean
 from ...solver.kernel import Kernel
-from ...solver.nearest import did_you_mean
 from ...solver.stored import fingerprint, stored_kernel
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ NAMES = {**PLANTS, **CONTROLLERS, **INSTRUMENTS}
 # modules that make equations or files of components; by name, since they are imported when needed
 _EXPORT, _VARIATIONAL = "ballscrew.fmus.export", "ballscrew.fmus.variational"
 _NATIVE = "ballscrew.fmus.native.export"
-_CONNECT = "ballscrew.solver.connect"
+_CONNECT = "ballscrew.solver.interconnect"
 _MEASURED = "ballscrew.plant.instruments.measured_through"
 _SAMPLED = "ballscrew.plant.instruments.sample_and_hold"
 _INSTRUMENTS = "ballscrew.plant.instruments"
@@ -333,7 +332,7 @@ def loop(controller: str | Component, plant: str = "plant") -> Component:
     ContractError
         If a part is invalid, or the two cannot be connected.
     """
-    from ...solver.connect import connect
+    from ...solver.interconnect import connect
     from ...solver.set_point import START_VALUE
 
     law = component(controller)

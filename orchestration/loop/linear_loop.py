@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ...solver.component import Component, Input, Output, State, symbol
+from ...solver.for_tangents import dithered_average
 from ...solver.interconnect import interconnect
 from ...solver.kernel import Kernel, Model
-from ...solver.staircase import dithered_average
 from ...solver.stored import stored_kernel
 from .catalogue import component, kept_as
 

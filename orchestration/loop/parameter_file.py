@@ -16,9 +16,8 @@ from ...fmus.interface import START, TOLERANCE
 from ...fmus.units import base_exponents
 from ...plant import DEFAULT_LAW, LAWS, NOMINAL, TURNING, plant_of
 from ...plant.instruments import UNLIMITED
-from ...solver.errors import BadParameters
+from ...solver.errors import BadParameters, did_you_mean
 from ...solver.files import write_atomically
-from ...solver.nearest import did_you_mean
 from . import toml_tables as toml
 
 if TYPE_CHECKING:

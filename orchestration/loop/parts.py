@@ -22,9 +22,8 @@ from ...solver.component_file import (
     read_component,
     remember_component,
 )
-from ...solver.errors import BadParameter, ContractError
+from ...solver.errors import BadParameter, ContractError, did_you_mean, nearest
 from ...solver.kernel import Kernel, ParameterInfo
-from ...solver.nearest import did_you_mean, nearest
 from ...solver.set_point import MEASURED
 from ..fmu.fmu_instance import SAMPLE_TIME
 from ..fmu.limits import as_number

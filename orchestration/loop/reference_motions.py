@@ -13,8 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...solver.errors import BadParameter
-from ...solver.nearest import did_you_mean
+from ...solver.errors import BadParameter, did_you_mean
 from ...solver.set_point import START_VALUE
 from ..master.reference_signal import TERMS, Matrix, Reference, Vector
 

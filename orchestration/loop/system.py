@@ -14,8 +14,7 @@ from ...fmus.ports import gain_port, law_ports, rate_port, reference_port
 from ...fmus.system_network import SystemConnection, SystemPort
 from ...fmus.system_reading import SystemStructure, read_system
 from ...fmus.units import Unit
-from ...solver.errors import BadParameter, FmuError
-from ...solver.nearest import nearest
+from ...solver.errors import BadParameter, FmuError, nearest
 from ...solver.set_point import set_point_orders
 from ..fmu.converted import AS_IS, Scale, converted
 from ..fmu.fmu_instance import SAMPLE_TIME, Instance, Value

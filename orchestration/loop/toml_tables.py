@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ...solver.nearest import nearest
+from ...solver.errors import nearest
 
 LONGEST = 80  # characters of a value in a message
 

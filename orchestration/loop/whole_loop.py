@@ -44,7 +44,7 @@ def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
 
 
 def _whole(plant: str | Component, controller: str | Component) -> Component:
-    from ...solver.connect import connect
+    from ...solver.interconnect import connect
     from .catalogue import component
 
     return _with_curves(connect(component(plant), component(controller)))
@@ -73,9 +73,7 @@ def held_loop_kernel(
         return kernel
 
     def make() -> Component:
-        from ...solver.delay_states import with_delay_states
-        from ...solver.held_states import with_held_states
-        from ...solver.staircase import dithered_average
+        from ...solver.for_tangents import dithered_average, with_delay_states, with_held_states
 
         loop = _whole(plant, controller)
         if averaged:

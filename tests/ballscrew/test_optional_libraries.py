@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.solver import tables
+from ballscrew.solver import files
 
 BLOCKED = "import sys; sys.modules['pyarrow'] = None; "
 MAP = (
@@ -27,11 +27,11 @@ def test_a_map_is_a_csv_file_with_the_same_numbers(tmp_path):
     assert "map.csv, map.json" in done.stdout
     assert main([*MAP, str(tmp_path / "with")]) == 0
     assert not (tmp_path / "with" / "map.csv").exists()
-    text = tables.read_table(tmp_path / "without" / "map.csv")
-    assert text == tables.read_table(tmp_path / "with" / "map.parquet")
+    text = files.read_table(tmp_path / "without" / "map.csv")
+    assert text == files.read_table(tmp_path / "with" / "map.parquet")
     assert text["lambda1_bits_per_s"] == [None] * 6  # not asked for
     done = without_pyarrow(*MAP, tmp_path / "with", "--resume")
-    assert f"{tmp_path / 'with' / 'map.parquet'} {tables.PYARROW}\n" in done.stderr
+    assert f"{tmp_path / 'with' / 'map.parquet'} {files.PYARROW}\n" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -54,5 +54,5 @@ def test_a_library_that_is_not_there_is_named_with_its_extra(
 def test_a_table_that_lost_its_end_is_damaged(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text("a,b\n1.5,x\n2.5")
-    with pytest.raises(tables.BadTable, match=r"t\.csv is damaged"):
-        tables.read_table(path)
+    with pytest.raises(files.BadTable, match=r"t\.csv is damaged"):
+        files.read_table(path)

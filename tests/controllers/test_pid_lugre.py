@@ -9,7 +9,7 @@ from ballscrew.controllers.pid import simc
 from ballscrew.controllers.pid_lugre import pid_lugre
 from ballscrew.orchestration.loop.catalogue import component
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.connect import connect
+from ballscrew.solver.interconnect import connect
 from ballscrew.solver.kernel import Model
 
 PLANT = {p.name: p.default for p in component("plant").all_parameters}

@@ -15,7 +15,7 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
-from ballscrew.solver.connect import connect
+from ballscrew.solver.interconnect import connect
 
 COULOMB, EXTRA, DAMPING = 1.0, 0.5, 0.4
 V = symbol("plant_v")

@@ -15,7 +15,7 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
-from ballscrew.solver.delay_states import NODES, with_delay_states
+from ballscrew.solver.for_tangents import NODES, with_delay_states
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_returns, follow_tangents
 

@@ -22,8 +22,8 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
-from ballscrew.solver.connect import connect
 from ballscrew.solver.errors import ContractError
+from ballscrew.solver.interconnect import connect
 from ballscrew.solver.kernel import IntegrationError, Model
 
 X, LATE, TAU = map(symbol, ("x", "late", "tau"))

@@ -13,7 +13,7 @@ from scipy.linalg import expm
 
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, DiscreteState, Output, Parameter, State, symbol
-from ballscrew.solver.held_states import with_held_states
+from ballscrew.solver.for_tangents import with_held_states
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_returns, follow_tangents
 

@@ -9,8 +9,8 @@ import sympy as sp
 from ballscrew.plant.instruments.encoder import encoder
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, Input, Output, symbol
+from ballscrew.solver.for_tangents import dithered_average
 from ballscrew.solver.kernel import Model
-from ballscrew.solver.staircase import dithered_average
 
 DITHER = symbol("d")
 

@@ -11,7 +11,7 @@ from known_systems import elastic_ball, entries, linear
 
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, DiscreteState, Output, Parameter, State, symbol
-from ballscrew.solver.held_states import with_held_states
+from ballscrew.solver.for_tangents import with_held_states
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_returns
 

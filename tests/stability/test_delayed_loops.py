@@ -19,8 +19,8 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
-from ballscrew.solver.delay_states import with_delay_states
 from ballscrew.solver.errors import UserError
+from ballscrew.solver.for_tangents import with_delay_states
 from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.lyapunov import LyapunovRun, loop_lyapunov, lyapunov

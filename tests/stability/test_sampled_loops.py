@@ -17,7 +17,7 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
-from ballscrew.solver.held_states import with_held_states
+from ballscrew.solver.for_tangents import with_held_states
 from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.lyapunov import LyapunovRun, loop_lyapunov, lyapunov

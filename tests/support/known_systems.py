@@ -25,7 +25,7 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
-from ballscrew.solver.connect import connect
+from ballscrew.solver.interconnect import connect
 from ballscrew.solver.kernel import Kernel, Model
 
 Matrix = npt.NDArray[np.float64]

@@ -11,9 +11,8 @@ from scipy import stats
 from ballscrew.plant.instruments.noise import MODULI, MULTIPLIERS, SEED, SPREAD, white_noise
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, Output, Parameter, State, symbol
-from ballscrew.solver.held_states import with_held_states
+from ballscrew.solver.for_tangents import dithered_average, with_held_states
 from ballscrew.solver.kernel import Model
-from ballscrew.solver.staircase import dithered_average
 
 PERIOD = Parameter("sample_time", 1e-3, "s", "sampling period", "test", minimum=1e-6)
 SOURCE = Component(
