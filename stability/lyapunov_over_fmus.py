@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..fmus.ports import tangent_states
 from ..orchestration.fmu.fmu_instance import FmuInstance
 from ..orchestration.fmu.isolated import IsolatedInstance, open_fmu
-from ..orchestration.fmu.state_trial import check_state
+from ..orchestration.fmu.trials import check_state
 from ..orchestration.fmu.wiring import PLANT, names_on, with_aliases
 from ..orchestration.loop.catalogue import ready_fmu
 from ..orchestration.loop.loop import Loop

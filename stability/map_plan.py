@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..orchestration.fmu.limits import TOLERANCE_OF_MAPS
-from ..orchestration.fmu.memory import check_memory
+from ..orchestration.fmu.limits import TOLERANCE_OF_MAPS, check_memory
 from ..orchestration.loop.catalogue import kept_as
 from ..orchestration.loop.loop import Loop
 from ..orchestration.loop.whole_loop import held_loop_kernel, model_of

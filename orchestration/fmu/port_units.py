@@ -14,10 +14,10 @@ from ...fmus.ports import gain_port, rate_port, tangent_port, tangent_states
 from ...fmus.reading import Description
 from ...fmus.units import Unit, conversion
 from ...solver.errors import CouplingError, FmuError
-from .converted import AS_IS, Scale, converted
 from .fmu_instance import FmuInstance
 from .isolated import IsolatedInstance
 from .wiring import PLANT, POSITION, Wiring, names_on
+from .wrappers import AS_IS, Scale, converted
 
 
 @dataclass(frozen=True)

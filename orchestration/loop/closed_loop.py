@@ -20,9 +20,9 @@ from ..fmu.fmu_instance import StepFailed
 from ..fmu.isolated import open_fmu
 from ..fmu.limits import FIRST_STEP
 from ..fmu.port_units import PortUnits, convert
-from ..fmu.sampled_fmu import sampled_every
-from ..fmu.sampling import answers_in_steps
+from ..fmu.trials import answers_in_steps
 from ..fmu.wiring import CONTROLLER, PLANT, Wiring, names_on, wire, with_aliases
+from ..fmu.wrappers import sampled_every
 from ..master.couplings import Coupling
 from ..master.loop_run import LoopRun
 from ..master.march import Progress

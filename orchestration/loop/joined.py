@@ -15,7 +15,7 @@ from ...solver.errors import CouplingError
 from ..fmu.fmu_instance import FmuInstance, Instance, Value
 from ..fmu.isolated import IsolatedInstance
 from ..fmu.limits import FIRST_STEP
-from ..fmu.state_trial import check_state
+from ..fmu.trials import check_state
 from ..fmu.wiring import Wiring
 from ..master.loop_run import LoopRun
 from ..master.march import Progress

@@ -16,13 +16,13 @@ from ...fmus.system_reading import SystemStructure, read_system
 from ...fmus.units import Unit
 from ...solver.errors import BadParameter, FmuError, nearest
 from ...solver.set_point import set_point_orders
-from ..fmu.converted import AS_IS, Scale, converted
 from ..fmu.fmu_instance import SAMPLE_TIME, Instance, Value
 from ..fmu.group import Feed, Group
 from ..fmu.isolated import open_fmu
 from ..fmu.limits import check_step
 from ..fmu.port_units import from_si, scale_of_results
 from ..fmu.wiring import CONTROLLER, POSITION, Wiring, plain_outputs
+from ..fmu.wrappers import AS_IS, Scale, converted
 from ..master.couplings import Coupling
 from ..master.loop_run import LoopRun
 from ..master.reference_signal import Reference

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ...solver.kernel import IntegrationError, Kernel, Model
 from ...solver.set_point import REFERENCES, set_point_orders
 from ...solver.stored import stored_kernel
-from ..fmu.memory import check_memory
+from ..fmu.limits import check_memory
 from ..master.compiled import FARTHEST
 from ..master.couplings import Coupling
 from ..master.loop_run import LoopRun

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from ..fmu.memory import check_memory
+from ..fmu.limits import check_memory
 from ..fmu.wiring import CONTROLLER, PLANT, names_on
 from .algebraic_loop import with_ring_named
 from .coupling import Answer, CoupledPair

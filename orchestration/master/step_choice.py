@@ -25,6 +25,7 @@ from .verdict import ACCURACY, Verdict, scales
 
 # Communication steps of a run. Numbers, not seconds: so no result depends on the computer.
 MOST, MOST_OF_ISOLATED = 400_000, 40_000
+RunAt = Callable[[float, bool], LoopRun]
 CONVERGES = 0.7  # largest ratio of two successive differences
 LEVELS = 12
 
@@ -39,10 +40,7 @@ class StepChoice:
 
 
 def choose_step(
-    run_at: Callable[[float, bool], LoopRun],
-    first: float = FIRST_STEP,
-    try_at: Callable[[float, bool], LoopRun] | None = None,
-    most: int = MOST,
+    run_at: RunAt, first: float = FIRST_STEP, try_at: RunAt | None = None, most: int = MOST
 ) -> tuple[LoopRun, StepChoice]:
     """Run with decreasing steps, from `first` [s] on, until a run can be trusted.
 
@@ -51,99 +49,121 @@ def choose_step(
     No run has more than `most` steps, except the first.
     Returns the last run, or the first one that is close enough to it, with the verdict of all.
     """
-    step, moved_before = first, np.inf
-    runs: list[LoopRun] = []
-    words: list[str] = []
-
-    def chosen(number: int, run: LoopRun, reason: str) -> tuple[LoopRun, StepChoice]:
-        steps = (first * 0.5 ** np.arange(len(words))).tolist()
-        run = _done(run, run_at, steps[number])
-        words[number] = run.verdict.word
-        return run, StepChoice(steps[number], reason, tuple(zip(steps, words, strict=True)))
-
+    tried = _Tried(first)
     while True:
-        at = try_at if try_at and runs else run_at
-        before = runs[-1] if runs else None
-        moved, bound = np.inf, None
+        run, bound = tried.next(try_at if try_at and tried.runs else run_at)
+        count = len(tried.runs)
+        if run.verdict.trusted:
+            number = count - 1
+            if run.played and bound:  # a longer step costs less, and may be close enough
+                number, run = tried.first_near(bound)
+            why = "the first step that was tried" if count == 1 else f"of {count} tried"
+            return tried.chosen(number, run, f"{why}, the first whose run is trusted", run_at)
+        if ended := tried.ended(most):
+            run = replace(run, verdict=replace(run.verdict, advice=ended))
+            why = f"the last of {count} tried: {ended}"
+            return tried.chosen(count - 1, run, why, run_at)
+
+
+class _Tried:
+    """Runs with decreasing steps, and by which share of its range each halving moved an output."""
+
+    def __init__(self, first: float) -> None:
+        self._first = first
+        self.runs: list[LoopRun] = []
+        self._words: list[str] = []
+        self._moved = [np.inf]
+
+    def _step(self, number: int) -> float:
+        return self._first * 0.5**number
+
+    def next(self, at: RunAt) -> tuple[LoopRun, Mapping[str, float] | None]:
+        """Run with the next step; also the bound of its error if the halvings converge."""
+        step, bound = self._step(len(self.runs)), None
         # a run is trusted only after a second look if its first verdict is not clear
-        run = at(step, before is None)
-        if before is not None:
-            apart = _differences(before, run)
+        run = at(step, not self.runs)
+        if self.runs:
+            apart = _differences(self.runs[-1], run)
             moved, worst = max((share, name) for name, (_, share) in apart.items())
-            verdict = _judged_by_halving(run, apart, moved, worst, moved_before, step)
+            said = f"({worst}: {apart[worst][0]:.2g})"
+            verdict = _judged_by_halving(run, apart, moved, said, self._moved[-1], step)
+            may_wait = run.played and moved <= min(ACCURACY, CONVERGES * self._moved[-1])
             if verdict is not None and not _jumps(run):
                 bound, run = verdict.error_estimate, replace(run, verdict=verdict)
-            elif verdict is None and run.verdict.trusted and _may_wait(run, moved, moved_before):
+            elif verdict is None and run.verdict.trusted and may_wait and not _jumps(run):
+                # the next halving will probably decide, and costs less than a second look
                 text = f"halving the step to {step:g} s moved {worst} by {100 * moved:.2g} %"
                 open_ = replace(run.verdict, trusted=False, reason=text, advice=UNBOUNDED)
                 run = replace(run, verdict=open_)
             elif verdict is not None or run.verdict.trusted:
                 run = at(step, True)
-        runs.append(run)
-        words.append(run.verdict.word)
-        if run.verdict.trusted:
-            number = len(runs) - 1
-            if run.played and bound:  # a longer step costs less, and may be close enough
-                number, run = _first_near(runs, bound, step)
-            why = "the first step that was tried" if before is None else f"of {len(runs)} tried"
-            return chosen(number, run, f"{why}, the first whose run is trusted")
-        ended = _no_further(run, before, moved, moved_before, len(runs))
-        to_come = 2 * run.macro_steps
-        if not ended and to_come > most:
-            ended = (
-                f"a step of {step / 2:g} s makes {to_come} steps, and at most {most} are tried; "
-                f"use it with --step {step / 2:g}"
+            self._moved.append(moved)
+        self.runs.append(run)
+        self._words.append(run.verdict.word)
+        return run, bound
+
+    def first_near(self, bound: Mapping[str, float]) -> tuple[int, LoopRun]:
+        """The first run that is close enough to the last, whose error has this bound."""
+        last = self.runs[-1]
+        for number, run in enumerate(self.runs[:-1]):
+            apart = _differences(run, last)
+            estimate = {name: size + bound[name] for name, (size, _) in apart.items()}
+            shares = {n: size / float(scales(last.judged[n])) for n, size in estimate.items()}
+            worst = max(shares, key=lambda name: shares[name])
+            if shares[worst] <= ACCURACY and not _jumps(run):
+                text = (
+                    f"runs with steps down to {self._step(len(self.runs) - 1):g} s converge; the "
+                    f"largest estimated error is in {worst} by {estimate[worst]:.2g}, "
+                    f"{100 * shares[worst]:.2g} % of its range"
+                )
+                verdict = Verdict(True, text, "", estimate, run.verdict.contraction)
+                return number, replace(run, verdict=verdict)
+        return len(self.runs) - 1, last
+
+    def ended(self, most: int) -> str:
+        """Why a shorter step would not help, or has too many steps; empty if it may help."""
+        run, count = self.runs[-1], len(self.runs)
+        if not run.verdict.step_helps:
+            return run.verdict.advice
+        discarded = run.verdict.advice == SHORTER
+        if run.stopped and run.verdict.advice not in (SHORTER, UNBOUNDED):  # fails with any step
+            return run.verdict.advice
+        if count > 1 and run.stopped and self.runs[-2].stopped and not discarded:
+            ends = self.runs[-2].time[-1], run.time[-1]
+            if abs(ends[0] - ends[1]) <= 0.02 * max(ends):
+                return f"with steps of half the length it ends at the same time: {run.stopped}"
+        before, moved = self._moved[-2:] if count > 1 else (np.inf, np.inf)
+        if count >= 4 and np.isfinite(before) and moved > 0.9 * before > 0.1:
+            return "the runs do not converge with shorter steps; shorten the run"
+        if count >= LEVELS:
+            return f"{count} steps were tried"
+        if (to_come := 2 * run.macro_steps) > most:
+            step = self._step(count)
+            return (
+                f"a step of {step:g} s makes {to_come} steps, and at most {most} are tried; "
+                f"use it with --step {step:g}"
             )
-        if ended:
-            run = replace(run, verdict=replace(run.verdict, advice=ended))
-            return chosen(len(runs) - 1, run, f"the last of {len(runs)} tried: {ended}")
-        moved_before = moved
-        step /= 2.0
+        return ""
 
-
-def _done(tried: LoopRun, run_at: Callable[[float, bool], LoopRun], step: float) -> LoopRun:
-    """Run the FMUs themselves if `tried` was played; keep its verdict if the outputs are equal."""
-    if not tried.played:
-        return tried
-    run = run_at(step, False)
-    same = len(run.time) == len(tried.time) and all(
-        np.array_equal(values, tried.outputs[name]) for name, values in run.outputs.items()
-    )
-    return replace(run, verdict=tried.verdict) if same else run_at(step, True)
-
-
-def _may_wait(run: LoopRun, moved: float, moved_before: float) -> bool:
-    """Whether the next halving will probably decide, and costs less than a second look."""
-    return run.played and moved <= min(ACCURACY, CONVERGES * moved_before) and not _jumps(run)
+    def chosen(
+        self, number: int, run: LoopRun, reason: str, run_at: RunAt
+    ) -> tuple[LoopRun, StepChoice]:
+        """Take a run; if it was played, the FMUs do it, and keep its verdict if all is equal."""
+        step = self._step(number)
+        if run.played:
+            played, run = run, run_at(step, False)
+            same = len(run.time) == len(played.time) and all(
+                np.array_equal(values, played.outputs[name]) for name, values in run.outputs.items()
+            )
+            run = replace(run, verdict=played.verdict) if same else run_at(step, True)
+        self._words[number] = run.verdict.word
+        steps = map(self._step, range(len(self._words)))
+        return run, StepChoice(step, reason, tuple(zip(steps, self._words, strict=True)))
 
 
 def _jumps(run: LoopRun) -> bool:
     """Whether an output jumps."""
     return bool(jumps(np.column_stack(list(run.outputs.values()))).any())
-
-
-def _first_near(
-    runs: list[LoopRun], bound: Mapping[str, float], step: float
-) -> tuple[int, LoopRun]:
-    """The first run that is close enough to the last, and its number.
-
-    The last run has this step [s], and at most the error `bound`.
-    """
-    last = len(runs) - 1
-    for number, run in enumerate(runs[:-1]):
-        apart = _differences(run, runs[-1])
-        estimate = {name: size + bound[name] for name, (size, _) in apart.items()}
-        shares = {n: size / float(scales(runs[-1].judged[n])) for n, size in estimate.items()}
-        worst = max(shares, key=lambda name: shares[name])
-        if shares[worst] <= ACCURACY and not _jumps(run):
-            text = (
-                f"runs with steps down to {step:g} s converge; the "
-                f"largest estimated error is in {worst} by {estimate[worst]:.2g}, "
-                f"{100 * shares[worst]:.2g} % of its range"
-            )
-            verdict = Verdict(True, text, "", estimate, run.verdict.contraction)
-            return number, replace(run, verdict=verdict)
-    return last, runs[-1]
 
 
 def only_step(run: LoopRun, step: float) -> tuple[LoopRun, StepChoice]:
@@ -177,7 +197,7 @@ def _judged_by_halving(
     run: LoopRun,
     apart: Mapping[str, tuple[float, float]],
     moved: float,
-    worst: str,
+    said: str,
     moved_before: float,
     step: float,
 ) -> Verdict | None:
@@ -190,28 +210,8 @@ def _judged_by_halving(
         return None
     text = (
         f"halving the step to {step:g} s moved no output by more than {100 * moved:.2g} % of its "
-        f"range ({worst}: {apart[worst][0]:.2g}); the previous halving moved one by "
+        f"range {said}; the previous halving moved one by "
         f"{100 * moved_before:.2g} %"
     )
     estimate = {name: to_come * size for name, (size, _) in apart.items()}
     return Verdict(True, text, "", estimate, run.verdict.contraction)
-
-
-def _no_further(
-    run: LoopRun, before: LoopRun | None, moved: float, moved_before: float, tried: int
-) -> str:
-    """Why a shorter step would not help; empty if it may help."""
-    if not run.verdict.step_helps:
-        return run.verdict.advice
-    discarded = run.verdict.advice == SHORTER
-    if run.stopped and run.verdict.advice not in (SHORTER, UNBOUNDED):  # fails with any step
-        return run.verdict.advice
-    if before is not None and run.stopped and before.stopped and not discarded:
-        ends = before.time[-1], run.time[-1]
-        if abs(ends[0] - ends[1]) <= 0.02 * max(ends):
-            return f"with steps of half the length it ends at the same time: {run.stopped}"
-    if tried >= 4 and np.isfinite(moved_before) and moved > 0.9 * moved_before > 0.1:
-        return "the runs do not converge with shorter steps; shorten the run"
-    if tried >= LEVELS:
-        return f"{tried} steps were tried"
-    return ""

@@ -3,7 +3,7 @@
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.orchestration.fmu import memory
+from ballscrew.orchestration.fmu import limits
 
 GIGABYTE = 10**9
 
@@ -19,7 +19,7 @@ def test_what_does_not_fit_is_refused_in_one_line_that_says_how_much_and_what_to
     tmp_path, monkeypatch, capsys, arguments, message
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(memory, "available_memory", lambda: 2 * GIGABYTE)
+    monkeypatch.setattr(limits, "available_memory", lambda: 2 * GIGABYTE)
     assert main([*arguments.split(), "--out", "OUT"]) == 2
     heard = capsys.readouterr().err
     assert message in heard
