@@ -15,9 +15,8 @@ from ...orchestration.loop.parameter_file import BALL_SCREW, DRIVE, TURNS, Param
 from ...plant.ball_screw import PARAMETERS as AXIS
 from ...plant.instruments.amplifier import PARAMETERS as AMPLIFIER
 from ...solver.errors import BadParameter, nearest
-from ..records.reading import read_force_records
+from ..records.reading import INTEGRATED, read_force_records
 from ..records.record import FORCE, TORQUE, Record
-from ..records.velocity import INTEGRATED
 from .delay import fit_late_records
 from .fit import fit_along
 from .fitted_law import LAWS, MASS, OFFSET

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from scipy.integrate import cumulative_trapezoid
 
 from ...solver.errors import BadRecord
-from .record import CURRENT, FORCE, TORQUE, VOLTAGE, Record
+from .record import CURRENT, FORCE, TORQUE, VELOCITY, VOLTAGE, Record
 from .rig_trial import described, read_about
 from .sampling import HOLES, even_out, pieces_between_gaps, recounted
 from .table import choose, in_si, read_tables
 from .units import UNITS
-from .velocity import INTEGRATED, VELOCITY, columns_wanted, with_position
 
 Vector = npt.NDArray[np.float64]
 
@@ -38,6 +38,12 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "temperature": ("temperature",),
 }
 """Possible quantities of each column; the first is used if nothing is given."""
+INTEGRATED = (
+    "x is the integral of v: the start position is not known, and errors of v add up, so that "
+    "effects of position cannot be identified"
+)
+_LOWER_RATE = "was the column recorded at a lower rate? Resample all columns to one rate first"
+_POSITIONS = {"x", "x_fine"}
 
 
 @dataclass(frozen=True)
@@ -89,8 +95,6 @@ DRIVE_RECORD = _Use(
     },
     lasts=1.0,
 )
-
-
 RESPONSE_RECORD = replace(
     FORCE_RECORD,
     columns=(*FORCE_RECORD.columns, "i"),
@@ -105,7 +109,7 @@ def read_response_record(
     lead: float | None = None,
 ) -> Record:
     """Read one record of a drive with an excitation; see `read_drive_records`."""
-    records = _read(Path(path), RESPONSE_RECORD, mapping or {}, units or {}, lead)
+    records = _read(Path(path), RESPONSE_RECORD, mapping, units, lead)
     if len(records) > 1:
         raise BadRecord(f"{path}: has gaps; a frequency response needs a record without gaps")
     return records[0]
@@ -126,28 +130,23 @@ def read_force_records(
         raise BadRecord(f"the mass is {mass} kg, expected a number of at least 0")
     records = []
     for path in _expanded(paths):
-        for recorded in _read(path, FORCE_RECORD, mapping or {}, units or {}, lead):
+        for recorded in _read(path, FORCE_RECORD, mapping, units, lead):
             record = described(recorded, read_about(path), mass)
             for name, unit in ((record.position_name, "m"), ("force", "N")):
-                _check_changes(record, name, unit)
+                values = record.signals[name]
+                empty = np.count_nonzero(~np.isfinite(values))
+                if empty:
+                    raise BadRecord(
+                        f"{record.name}: {name} is empty or not a number in {empty} of "
+                        f"{len(values)} samples; {_LOWER_RATE}"
+                    )
+                if np.ptp(values) == 0:
+                    raise BadRecord(
+                        f"{record.name}: {name} is constant ({values[0]:.6g} {unit}) over all "
+                        f"{len(values)} samples; a record needs motion and force"
+                    )
             records.append(record)
     return records
-
-
-def _check_changes(record: Record, name: str, unit: str) -> None:
-    values = record.signals[name]
-    empty = np.flatnonzero(~np.isfinite(values))
-    if len(empty):
-        raise BadRecord(
-            f"{record.name}: {name} is empty or not a number in {len(empty)} of {len(values)} "
-            "samples; was the column recorded at a lower rate? Resample all columns to one rate "
-            "first"
-        )
-    if np.ptp(values) == 0:
-        raise BadRecord(
-            f"{record.name}: {name} is constant ({values[0]:.6g} {unit}) over all "
-            f"{len(values)} samples; a record needs motion and force"
-        )
 
 
 def read_drive_records(
@@ -165,7 +164,7 @@ def read_drive_records(
     mapping : mapping of str to str, optional
         Names of columns, from the name in the file to our name.
     units : mapping of str to str, optional
-        Unit of a column (our name), see `Conversion`; default: the unit in the file, else SI.
+        Unit of a column (our name), such as ``2.5e-6*m``; default: the unit in the file, else SI.
     lead : float, optional
         Lead of the screw, travel per turn [m], to convert angles and torques.
 
@@ -174,7 +173,7 @@ def read_drive_records(
     BadRecord
         If a file is not a record; in one line, with the reason.
     """
-    read = (_read(p, DRIVE_RECORD, mapping or {}, units or {}, lead) for p in _expanded(paths))
+    read = (_read(p, DRIVE_RECORD, mapping, units, lead) for p in _expanded(paths))
     return [record for records in read for record in records]
 
 
@@ -194,35 +193,37 @@ def _expanded(paths: Iterable[Path | str]) -> Iterator[Path]:
 
 
 def _read(
-    path: Path, use: _Use, mapping: Mapping[str, str], units: Mapping[str, str], lead: float | None
+    path: Path,
+    use: _Use,
+    mapping: Mapping[str, str] | None,
+    units: Mapping[str, str] | None,
+    lead: float | None,
 ) -> list[Record]:
     """The record in a file, or its pieces if it has gaps."""
+    mapping, units = mapping or {}, units or {}
     tables = read_tables(path / "record.csv" if path.is_dir() else path)
-    there = {n for t in tables for n in t.columns}
-    wanted = columns_wanted(there, mapping, use.columns)
+    # a velocity is not read beside a position, unless it is mapped
+    there = {*(n for t in tables for n in t.columns), *mapping.values()}
+    needless = there & _POSITIONS and VELOCITY not in mapping.values()
+    wanted = [n for n in use.columns if n != VELOCITY or not needless]
     table = choose(tables, mapping, wanted, use.needed)
     signals, measured, notes = in_si(table, units, {n: QUANTITIES[n] for n in use.columns}, lead)
     command = measured.get("u", CURRENT)
     command = FORCE if command == TORQUE else command
     screw = lead if TORQUE in measured.values() else None
     said = {*units, *table.units}
-    notes = [*table.notes, *notes]
-    pieces, note = pieces_between_gaps(signals["time"], use.samples, use.lasts)
-    if not note:
-        record = check_record(str(path), signals, command, use, said, table.row)
-        return [replace(record, lead=screw, notes=(*notes, *record.notes))]
+    pieces, gaps = pieces_between_gaps(signals["time"], use.samples, use.lasts)
+    notes = [*([gaps] if gaps else []), *table.notes, *notes]
     records: list[Record] = []
     for piece in pieces:
         name = f"{path} ({len(records) + 1} of {len(pieces)})" if len(pieces) > 1 else str(path)
         part = {n: v[piece] for n, v in signals.items()}
-        row = _from(table.row, piece.start)
-        record = check_record(name, part, command, use, said, row)
-        records.append(replace(record, lead=screw, notes=(note, *notes, *record.notes)))
+        record = check_record(name, part, command, use, said, _rows_from(table.row, piece.start))
+        records.append(replace(record, lead=screw, notes=(*notes, *record.notes)))
     return records
 
 
-def _from(row: Callable[[int], int], first: int) -> Callable[[int], int]:
-    """Function from a sample of a piece to its number for messages."""
+def _rows_from(row: Callable[[int], int], first: int) -> Callable[[int], int]:
     return lambda k: row(first + k)
 
 
@@ -256,35 +257,33 @@ def check_record(
     lasts = len(signals["time"]) * step
     if lasts < 0.999 * use.lasts:
         raise BadRecord(f"{name}: lasts {lasts:.3g} s, expected at least {use.lasts:g} s")
-    signals = with_position(signals, step)
+    if _POSITIONS & signals.keys():
+        signals.pop(VELOCITY, None)
+    else:
+        x = cumulative_trapezoid(signals[VELOCITY], dx=step, initial=0.0)
+        signals["x"] = np.asarray(x, dtype=float)
     _check_sizes(name, signals, command, use, said)
-    notes = [note for note in (lost, mended) if note]
-    if VELOCITY in signals:
-        notes.append(INTEGRATED)
-    return Record(name, signals, step, command, notes=tuple(notes))
+    notes = [lost, mended, INTEGRATED if VELOCITY in signals else ""]
+    return Record(name, signals, step, command, notes=tuple(filter(None, notes)))
 
 
 def _known(
     name: str, signals: Mapping[str, Vector], use: _Use, row: Callable[[int], int]
 ) -> npt.NDArray[np.int64]:
     """Samples in which all required columns have a number."""
-    first = [next(n for n in names if n in signals) for names in use.needed]
     samples = len(signals["time"])
     known = np.ones(samples, dtype=bool)
-    for column in first:
+    for names in use.needed:
+        column = next(n for n in names if n in signals)
         bad = np.flatnonzero(~np.isfinite(signals[column]))
         known[bad] = False
         if len(bad) <= HOLES * samples:
             continue
-        period = int(np.diff(bad).max()) if len(bad) > 1 else 0
-        hint = (
-            "; was the column recorded at a lower rate? Resample all columns to one rate first"
-            if len(bad) > samples / 3 and period <= 3
-            else "; remove these samples at an end of the record, or repair the record"
-        )
+        every = len(bad) > max(samples / 3, 1) and np.diff(bad).max() <= 3
+        repair = "remove these samples at an end of the record, or repair the record"
         raise BadRecord(
             f"{name}: {column} is empty or not a number in {len(bad)} of {samples} samples, "
-            f"the first in row {row(int(bad[0]))}{hint}"
+            f"the first in row {row(int(bad[0]))}; {_LOWER_RATE if every else repair}"
         )
     for column, values in signals.items():
         if np.any(np.isinf(values[known])):
@@ -302,8 +301,8 @@ def _check_sizes(
         key = f"{column} [{unit}]"
         if key not in use.largest:
             continue
-        moves = column in ("x", "x_fine", VELOCITY)
         values = signals["x" if column == VELOCITY else column]
+        moves = column in (*_POSITIONS, VELOCITY)
         size = float(np.ptp(values) if moves else np.nanmax(np.abs(values)))
         (largest, other), (least, less) = use.largest[key], use.smallest.get(key, (0.0, ""))
         fault = f"covers {size:.4g}{' m' if column == VELOCITY else ''}, too much"
@@ -311,12 +310,8 @@ def _check_sizes(
             fault, other = f"reaches only {size:.4g}, too little", less
         elif size <= largest:
             continue
-        raise BadRecord(
-            f"{name}: {column} {fault} for {unit}; "
-            + (
-                f"if it is in {other} use --unit {column}={other}, if it is in "
-                f"{unit} use --unit {column}={unit}"
-                if use.believes
-                else f"if it is in another unit, use --unit {column}={other}"
-            )
-        )
+        what = f"if it is in another unit, use --unit {column}={other}"
+        if use.believes:
+            what = f"if it is in {other} use --unit {column}={other}, "
+            what += f"if it is in {unit} use --unit {column}={unit}"
+        raise BadRecord(f"{name}: {column} {fault} for {unit}; {what}")

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .resolution import encoder_count
-from .velocity import VELOCITY
 
 Vector = npt.NDArray[np.float64]
 
+VELOCITY = "v"
 VOLTAGE, CURRENT, FORCE, TORQUE = "voltage", "current", "force", "torque"
 _FINE_RANGE = 1e-4  # range of a fine position next to a coarse one; calibrated over 70 um [m]
 

@@ -1,4 +1,4 @@
-"""Time stamps as written by loggers, and signals at equidistant instants."""
+"""Time stamps and counters as written by loggers, and signals at equidistant instants."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ _DIGITS = 0.05  # of a rounding step, by which the written digits may differ
 _ALIKE = 0.3  # difference of steps that count as equal, over the step
 _CLEAR = 8.0  # least step of a position over its noise or resolution, for multiples to be seen
 _FEWEST_LOST = 5  # places with lost samples
+_COUNTERS = {2.0**bits: f"2^{bits}" for bits in range(12, 33)}
 HOLES = 0.1  # largest share of missing samples or repeated stamps
 
 
@@ -42,6 +43,34 @@ def unrounded(time: Vector) -> tuple[Vector, list[str]]:
     if exact or np.ptp(time - even) > (1 + _DIGITS) * coarse:
         return time, []
     return even, [f"time was rounded to float32, to steps of {coarse:.3g}: even stamps were fitted"]
+
+
+def unwrapped(name: str, values: Vector, turn: float | None) -> tuple[Vector, list[str]]:
+    """Values made continuous at each restart, and a note; unchanged if there is no restart.
+
+    Values restart if all of them are within one turn, or the size of a counter, and steps of nearly
+    a turn are as small as the others after subtracting it. `turn` is one turn in their unit.
+    """
+    known = np.isfinite(values)
+    steps = np.diff(values[known])
+    extent = float(np.ptp(values[known])) if known.any() else 0.0
+    for period in [*([abs(turn)] if turn else []), *_COUNTERS]:
+        if not 0.5 * period < extent <= period * (1 + 1e-9):
+            continue
+        far = np.abs(steps) > 0.5 * period
+        if not far.any() or far.all():
+            continue
+        turns = np.round(steps / period) * far
+        on = np.abs(steps - period * turns)
+        if on[far].max() > 3.0 * on[~far].max():
+            continue
+        out = values.copy()
+        out[known] -= period * np.concatenate([[0.0], np.cumsum(turns)])
+        size = _COUNTERS.get(period, "a turn")
+        return out, [
+            f"{name} jumps by {size} {int(far.sum())} times: it wraps around and was unwrapped"
+        ]
+    return values, []
 
 
 def recounted(time: Vector, x: Vector) -> tuple[Vector, str]:
@@ -153,18 +182,18 @@ def even_out(
 def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[slice], str]:
     """The pieces of at least `samples` and `lasts` [s] between the gaps of a record, and a note.
 
-    Both are empty if the record has no gap, or no piece is long enough.
+    All is one piece if the record has no gap, or no piece is long enough.
     """
-    steps = np.diff(time)
+    whole, steps = [slice(0, len(time))], np.diff(time)
     if not len(steps) or not np.isfinite(steps).all() or np.any(steps < 0):
-        return [], ""
+        return whole, ""
     gaps = np.flatnonzero(steps > (_LONGEST_GAP + 1.5) * np.median(steps))
     edges = [0, *(gaps + 1).tolist(), len(time)]
     pieces = [slice(a, b) for a, b in pairwise(edges)]
     long = [p for p in pieces if p.stop - p.start >= samples]
     long = [p for p in long if time[p.stop - 1] - time[p.start] >= lasts]
     if not len(gaps) or not long:
-        return [], ""
+        return whole, ""
     lost = 100 * (1 - sum(p.stop - p.start for p in long) / len(time))
     note = (
         f"{len(gaps)} gaps, the first of {steps[gaps[0]]:.4g} s after {time[gaps[0]]:.6g} s: the "

@@ -14,35 +14,15 @@ from ...solver.errors import BadRecord
 
 UNITS = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
-    "length": {
-        "m": 1.0,
-        "cm": 1e-2,
-        "mm": 1e-3,
-        "um": 1e-6,
-        "nm": 1e-9,
-        "in": 0.0254,
-        "ft": 0.3048,
-    },
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
+    | {"in": 0.0254, "ft": 0.3048},
     "angle": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi},
-    "velocity": {
-        "m/s": 1.0,
-        "cm/s": 1e-2,
-        "mm/s": 1e-3,
-        "um/s": 1e-6,
-        "m/min": 1.0 / 60.0,
-        "mm/min": 1e-3 / 60.0,
-        "km/h": 1.0 / 3.6,
-        "in/s": 0.0254,
-        "ft/s": 0.3048,
-    },
+    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6}
+    | {"m/min": 1 / 60, "mm/min": 1e-3 / 60.0, "km/h": 1 / 3.6, "in/s": 0.0254, "ft/s": 0.3048},
     "acceleration": {"m/s^2": 1.0, "mm/s^2": 1e-3},
     "angular acceleration": {"rad/s^2": 1.0},
-    "angular velocity": {
-        "rad/s": 1.0,
-        "deg/s": math.pi / 180,
-        "rev/s": 2 * math.pi,
-        "rpm": math.pi / 30,
-    },
+    "angular velocity": {"rad/s": 1.0, "deg/s": math.pi / 180, "rev/s": 2 * math.pi}
+    | {"rpm": math.pi / 30},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "torque": {"N*m": 1.0, "mN*m": 1e-3},
     "voltage": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
@@ -55,30 +35,14 @@ ROTARY = {"angle": "length", "angular velocity": "velocity", "torque": "force"}
 NO_UNIT = ("", "-", "1")
 """Words for no unit, or for an unknown one."""
 _SPELLINGS = {
-    "sec": "s",
-    "m/s2": "m/s^2",
-    "m/s²": "m/s^2",
-    "mm/s2": "mm/s^2",
-    "mm/s²": "mm/s^2",
-    "rad/s2": "rad/s^2",
-    "µs": "us",
-    "µm": "um",
-    "µm/s": "um/s",
-    "°": "deg",
-    "°/s": "deg/s",
-    "1/min": "rpm",
-    "min-1": "rpm",
-    "r/min": "rpm",
-    "rev/min": "rpm",
-    "Nm": "N*m",
-    "N.m": "N*m",
-    "N·m": "N*m",
-    "mNm": "mN*m",
-    "mN.m": "mN*m",
-    "mN·m": "mN*m",
-    "°C": "degC",
-    "volt": "V",
-    "volts": "V",
+    **{"sec": "s", "µs": "us", "µm": "um", "µm/s": "um/s", "°": "deg", "°/s": "deg/s"},
+    **dict.fromkeys(("m/s2", "m/s²"), "m/s^2"),
+    **dict.fromkeys(("mm/s2", "mm/s²"), "mm/s^2"),
+    **dict.fromkeys(("rad/s2", "rad/s²"), "rad/s^2"),
+    **dict.fromkeys(("1/min", "min-1", "r/min", "rev/min"), "rpm"),
+    **dict.fromkeys(("Nm", "N.m", "N·m"), "N*m"),
+    **dict.fromkeys(("mNm", "mN.m", "mN·m"), "mN*m"),
+    **{"°C": "degC", "volt": "V", "volts": "V"},
 }
 _SIZED = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)(?:\s*\*\s*|\s+)(.+)")
 
@@ -94,35 +58,33 @@ def quantity_of(unit: str) -> str:
     return next((q for q, units in UNITS.items() if spell(unit) in units), "")
 
 
-class Conversion:
-    """`factor` to SI values of a linear motion, and the recorded `quantity`, a key of `UNITS`."""
+def conversion(
+    column: str, text: str, quantities: Sequence[str], lead: float | None
+) -> tuple[float, str]:
+    """Factor to SI values of a linear motion, and the recorded quantity, a key of `UNITS`.
 
-    def __init__(
-        self, column: str, text: str, quantities: Sequence[str], lead: float | None
-    ) -> None:
-        """Read a unit, or a number of units such as ``2.5e-6*m``; `lead` is the screw's [m]."""
-        sized = _SIZED.fullmatch(text.strip())
-        size, unit = (_number(sized[1]), spell(sized[2])) if sized else (1.0, spell(text))
-        self.quantity = quantity_of(unit)
-        if not math.isfinite(size) or size == 0.0 or self.quantity not in quantities:
-            known = ", ".join(u for q in quantities for u in UNITS[q])
-            raise BadRecord(
-                f"--unit {column}={text}: expected one of {known}, or a number of them such as "
-                f"1e-3*{next(iter(UNITS[quantities[0]]))}"
-            )
-        self.factor = size * UNITS[self.quantity][unit]
-        if self.quantity in ROTARY:
-            if lead is None:
-                raise BadRecord(
-                    f"--unit {column}={text}: the conversion along the screw depends on "
-                    "its lead; use --lead METRES, or give p (turns per metre) in --params"
-                )
-            per_metre = 2 * math.pi / lead
-            self.factor *= per_metre if self.quantity == "torque" else 1.0 / per_metre
-
-
-def _number(text: str) -> float:
+    `text` is a unit, or a number of units such as ``2.5e-6*m``; `lead` is the screw's [m].
+    """
+    sized = _SIZED.fullmatch(text.strip())
+    unit = spell(sized[2] if sized else text)
     try:
-        return float(text)
+        size = float(sized[1]) if sized else 1.0
     except ValueError:
-        return math.nan
+        size = math.nan
+    quantity = quantity_of(unit)
+    if not math.isfinite(size) or size == 0.0 or quantity not in quantities:
+        known = ", ".join(u for q in quantities for u in UNITS[q])
+        raise BadRecord(
+            f"--unit {column}={text}: expected one of {known}, or a number of them such as "
+            f"1e-3*{next(iter(UNITS[quantities[0]]))}"
+        )
+    factor = size * UNITS[quantity][unit]
+    if quantity not in ROTARY:
+        return factor, quantity
+    if lead is None:
+        raise BadRecord(
+            f"--unit {column}={text}: the conversion along the screw depends on "
+            "its lead; use --lead METRES, or give p (turns per metre) in --params"
+        )
+    per_metre = 2 * math.pi / lead
+    return factor * (per_metre if quantity == "torque" else 1.0 / per_metre), quantity

@@ -175,7 +175,7 @@ def test_the_mass_is_found_where_samples_were_lost_and_every_note_is_printed(tmp
     told = json.loads((folder / "out" / "identified.json").read_text())
     mass = told["parameters"]["m"]
     assert mass["low"] < 5.0 < mass["high"]
-    notes = [note for note in told["friction_estimation"]["run.csv"] if "samples" in note]
+    notes = [note for note in told["record_notes"]["run.csv"] if "samples" in note]
     assert len(notes) > 1
     assert all(f"note: run.csv: {note}\n" in said for note in notes)
 

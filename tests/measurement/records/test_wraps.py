@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballscrew.measurement.records.reading import read_drive_records
-from ballscrew.measurement.records.wraps import unwrapped
+from ballscrew.measurement.records.sampling import unwrapped
 
 TIME = np.arange(0.0, 2.0, 1e-3)
 LEAD = 0.005
