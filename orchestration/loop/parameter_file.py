@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -16,7 +17,7 @@ from ...fmus.interface import START, TOLERANCE
 from ...fmus.units import base_exponents
 from ...plant import DEFAULT_LAW, LAWS, NOMINAL, TURNING, plant_of
 from ...plant.instruments import UNLIMITED
-from ...solver.errors import BadParameters, did_you_mean
+from ...solver.errors import BadParameters
 from ...solver.files import write_atomically
 from . import toml_tables as toml
 
@@ -220,7 +221,9 @@ class ParameterFile:
         data |= {"tolerance": dict(self.tolerance)} if self.tolerance else {}
         reasons = {name: _written(reason) for name, reason in self.not_identified.items()}
         data |= {"not_identified": reasons} if reasons else {}
-        data |= {"diagnosis": _diagnosis_table(self.diagnosis)} if self.diagnosis else {}
+        if self.diagnosis:
+            records = [_written(name) for name in self.diagnosis.records]
+            data["diagnosis"] = {**asdict(self.diagnosis), "records": records}
         return tomli_w.dumps(data)
 
     def save(self, folder: Path | str) -> Path:
@@ -239,18 +242,6 @@ def _tables(values: Values) -> dict[str, dict[str, Any]]:
         table |= {"source": _written(v.source)} if v.source else {}
         tables[name] = table
     return tables
-
-
-def _diagnosis_table(told: Diagnosed) -> dict[str, Any]:
-    return {
-        "records": [_written(name) for name in told.records],
-        "command": told.command,
-        "command_shift": told.command_shift,
-        "law": told.law,
-        "prior": dict(told.prior),
-        "adjusted": dict(told.adjusted),
-        "causes": {name: dict(values) for name, values in told.causes.items()},
-    }
 
 
 def _written(text: str) -> str:
@@ -280,7 +271,7 @@ def list_used(
 
 def check_values(values: Values, known: Known, where: str) -> dict[str, float]:
     """The plain numbers of values whose names, units and ranges fit; else `BadParameters`."""
-    known_name(where, values, known)
+    toml.check_names(where, values, known)
     for name, v in values.items():
         p = known[name]
         if v.unit and p.unit and not _same(v.unit, p.unit):
@@ -293,27 +284,12 @@ def check_values(values: Values, known: Known, where: str) -> dict[str, float]:
     return {name: v.value for name, v in values.items()}
 
 
-def known_name(where: str, given: Iterable[str], names: Iterable[str]) -> None:
-    names = list(names)
-    for name in given:
-        if name not in names:
-            hint = did_you_mean(name, names) or f"; there are {', '.join(names)}"
-            raise BadParameters(f"{where} there is no {name!r}{hint}".lstrip())
-
-
 def _same(one: str, other: str) -> bool:
     """Whether two units are the same, in any spelling."""
     try:
         return one == other or base_exponents(one) == base_exponents(other)
     except ValueError:
         return False
-
-
-_KEYS = (
-    "format kind command law plant found controller rig tolerance not_identified diagnosis".split()
-)
-_DIAGNOSIS_KEYS = [f.name for f in fields(Diagnosed)]
-_VALUE_KEYS = [f.name for f in fields(Value)]
 
 
 def read_parameters(path: Path | str) -> ParameterFile:
@@ -324,34 +300,23 @@ def read_parameters(path: Path | str) -> ParameterFile:
     path = Path(path)
     try:
         return _read(path, toml.read_toml(path))
-    except (toml.BadTable, BadParameters) as error:
+    except BadParameters as error:
         raise BadParameters(f"{path}: {error}") from error
 
 
 def _read(path: Path, data: dict[str, Any]) -> ParameterFile:
-    known_name("", data, _KEYS)
-    if data.get("format", FORMAT) != FORMAT:
-        raise toml.BadTable(f"format is {data['format']!r}, expected {FORMAT!r}")
-    kind = toml.as_choice("kind", data.get("kind", BALL_SCREW), KINDS)
-    reasons = toml.as_table("[not_identified]", data.get("not_identified", {}))
-    return ParameterFile(
-        path,
-        kind,
-        toml.as_choice("law", data["law"], LAWS) if "law" in data else "",
-        _values("plant", data.get("plant", {})),
-        _values("found", data.get("found", {})),
-        _groups("controller", data.get("controller", {})),
-        _groups("rig", data.get("rig", {})),
-        toml.as_numbers("[tolerance]", data.get("tolerance", {})),
-        {name: str(reason) for name, reason in reasons.items()},
-        _diagnosed(data["diagnosis"]) if "diagnosis" in data else None,
-        _command(kind, data["command"]) if "command" in data else "",
-    )
+    given = toml.as_record("", data, _READERS)
+    form, kind = given.pop("format", FORMAT), given.setdefault("kind", BALL_SCREW)
+    if form != FORMAT:
+        raise BadParameters(f"format is {form!r}, expected {FORMAT!r}")
+    if "command" in given:
+        given["command"] = _command(kind, given["command"])
+    return ParameterFile(path, controllers=given.pop("controller", {}), **given)
 
 
 def _command(kind: str, given: Any) -> str:
     if kind not in COMMANDS_OF:
-        raise toml.BadTable(
+        raise BadParameters(
             f"has the key command, and a plant of the kind {kind!r} has its own; remove it, or set "
             f"kind to one of {', '.join(COMMANDS_OF)}"
         )
@@ -359,60 +324,71 @@ def _command(kind: str, given: Any) -> str:
     return "" if command == COMMANDS[0] else command
 
 
-def _groups(key: str, given: Any) -> dict[str, Values]:
-    groups = toml.as_table(f"[{key}]", given)
-    return {name: _values(f"{key}.{name}", values) for name, values in groups.items()}
+def _groups(where: str, given: Any) -> dict[str, Values]:
+    groups = toml.as_table(f"[{where}]", given)
+    return {name: _values(f"{where}.{name}", values) for name, values in groups.items()}
 
 
-def _values(table: str, given: Any) -> dict[str, Value]:
-    found = toml.as_table(f"[{table}]", given)
-    return {name: _value(f"[{table}] {name}", value) for name, value in found.items()}
-
-
-def _diagnosed(given: Any) -> Diagnosed:
-    table = toml.as_table("[diagnosis]", given)
-    known_name("[diagnosis]", table, _DIAGNOSIS_KEYS)
-    missing = [key for key in _DIAGNOSIS_KEYS if key not in table]
-    if missing:
-        raise toml.BadTable(f"[diagnosis] has no {missing[0]!r}; diagnose writes this key")
-    records = toml.as_list("[diagnosis] records", table["records"])
-    if not all(isinstance(name, str) for name in records):
-        raise toml.BadTable(f"[diagnosis] records is {records!r}, expected a list of names")
-    causes = toml.as_table("[diagnosis.causes]", table["causes"])
-    return Diagnosed(
-        tuple(records),
-        toml.as_choice("[diagnosis] command", table["command"], COMMANDS_OF[DRIVE]),
-        toml.as_finite("[diagnosis] command_shift", table["command_shift"]),
-        toml.as_choice("[diagnosis] law", table["law"], LAWS),
-        toml.as_numbers("[diagnosis.prior]", table["prior"]),
-        toml.as_numbers("[diagnosis.adjusted]", table["adjusted"]),
-        {n: toml.as_numbers(f"[diagnosis.causes.{n}]", values) for n, values in causes.items()},
-    )
+def _values(where: str, given: Any) -> dict[str, Value]:
+    found = toml.as_table(f"[{where}]", given)
+    return {name: _value(f"[{where}] {name}", value) for name, value in found.items()}
 
 
 def _value(where: str, given: Any) -> Value:
     if not isinstance(given, dict):
         return Value(toml.as_finite(where, given))
-    known_name(f"{where}:", given, _VALUE_KEYS)
-    if "value" not in given:
-        raise toml.BadTable(f"{where} has no value; write {where.split()[-1]}.value = ...")
-    value = toml.as_finite(where, given["value"])
-    for key in ("unit", "source"):
-        if not isinstance(given.get(key, ""), str):
-            raise toml.BadTable(f"{where}: {key} is {given[key]!r}, expected a text")
-    interval = given.get("interval")
-    if interval is not None:
-        interval = _interval(where, interval, value)
-    return Value(value, given.get("unit", ""), interval, given.get("source", ""))
+    readers = {"value": toml.as_finite, "unit": toml.as_text, "interval": _pair}
+    readers["source"] = toml.as_text
+    value = Value(**toml.as_record(where, given, readers, "value"))
+    low, high = value.interval or (value.value, value.value)
+    if not low <= value.value <= high:
+        form = f"[low, high] with the value {value.value:g} between them"
+        raise BadParameters(f"{where}: the interval is not of the form {form}")
+    return value
 
 
-def _interval(where: str, given: Any, value: float) -> tuple[float, float]:
-    """Its ends may be infinite."""
+def _pair(where: str, given: Any) -> tuple[float, float]:
+    """The ends of an interval, which may be infinite."""
     pair: list[Any] = given if isinstance(given, list) and len(given) == 2 else [None]
-    numbers = all(isinstance(end, float) or toml.is_number(end) for end in pair)
-    if not numbers or not pair[0] <= value <= pair[1]:
-        raise toml.BadTable(
-            f"{where}: the interval is not of the form [low, high] with the value {value:g} "
-            "between them"
-        )
+    if not all(isinstance(end, float) or toml.is_number(end) for end in pair):
+        raise BadParameters(f"{where} is {given!r}, expected [low, high]")
     return float(pair[0]), float(pair[1])
+
+
+def _diagnosed(where: str, given: Any) -> Diagnosed:
+    def causes(where: str, given: Any) -> dict[str, dict[str, float]]:
+        found = toml.as_table(where, given)
+        return {n: toml.as_numbers(f"{where}.{n}", values) for n, values in found.items()}
+
+    def one_of(names: Iterable[str]) -> toml.Reader:
+        return partial(toml.as_choice, names=tuple(names))
+
+    readers = {
+        "records": toml.as_texts,
+        "command": one_of(COMMANDS_OF[DRIVE]),
+        "command_shift": toml.as_finite,
+        "law": one_of(LAWS),
+        "prior": toml.as_numbers,
+        "adjusted": toml.as_numbers,
+        "causes": causes,
+    }
+    return Diagnosed(**toml.as_record(f"[{where}]", given, readers, *readers))
+
+
+def _reasons(where: str, given: Any) -> dict[str, str]:
+    return {name: str(reason) for name, reason in toml.as_table(f"[{where}]", given).items()}
+
+
+_READERS: dict[str, toml.Reader] = {
+    "format": toml.as_text,
+    "kind": partial(toml.as_choice, names=KINDS),
+    "command": toml.as_text,
+    "law": partial(toml.as_choice, names=LAWS),
+    "plant": _values,
+    "found": _values,
+    "controller": _groups,
+    "rig": _groups,
+    "tolerance": lambda where, given: toml.as_numbers(f"[{where}]", given),
+    "not_identified": _reasons,
+    "diagnosis": _diagnosed,
+}

@@ -44,10 +44,7 @@ def move(
     `dwell` at its ends [s], and comes back if `back` is 1. Raises `BadParameter` if a limit is not
     positive.
     """
-    limits = {"speed": speed, "acceleration": acceleration, "jerk": jerk}
-    for name, limit in limits.items():
-        if not (math.isfinite(limit) and limit > 0):
-            raise BadParameter(f"{name} of a move is {limit:g}, expected more than 0")
+    _positive("move", speed=speed, acceleration=acceleration, jerk=jerk)
     if back not in (0.0, 1.0):
         raise BadParameter(f"back of a move is {back:g}, expected 0 or 1")
     ramp, flat, cruise = move_times(abs(distance), speed, acceleration, jerk)
@@ -156,12 +153,7 @@ def _positive(kind: str, **values: float) -> None:
             raise BadParameter(f"{name} of a {kind} is {value:g}, expected more than 0")
 
 
-KINDS: dict[str, Callable[..., Reference]] = {
-    "step": step,
-    "move": move,
-    "sine": sine,
-    "triangle": triangle,
-}
+KINDS: dict[str, Callable[..., Reference]] = {k.__name__: k for k in (step, move, sine, triangle)}
 
 
 def read_motion(text: str) -> Reference | None:

@@ -55,11 +55,9 @@ def joined_system(asked: SystemLoop) -> Iterator[Joined]:
         if asked.step is not None:
             check_step("step", asked.step, stop)
         fmus = {}
-        for element in system.elements:
-            fmus[element.name] = open_fmu(
-                element.fmu, element.name, asked.isolate, asked.time_limit
-            )
-            opened.callback(fmus[element.name].close)
+        for e in system.elements:
+            fmus[e.name] = open_fmu(e.fmu, e.name, asked.isolate, asked.time_limit)
+            opened.callback(fmus[e.name].close)
         values = _values(system, asked, fmus)
         cut = _cut(system, fmus, asked)
         free = _free_inputs(system, cut, values)
@@ -190,18 +188,14 @@ class _Cut:
         return replace(
             run,
             commands=commands,
-            others=self._others(run),
+            others={
+                n: y for n, y in given.items() if n not in {str(c.source) for c in self.commands}
+            },
             residual_max=residual,
             reference=factor * run.reference + offset,
             scale=(factor, offset),
             units={n: units[n] for n in (*run.outputs, *run.commands)},
         )
-
-    def _others(self, run: LoopRun) -> dict[str, Vector]:
-        """The other outputs, as ``element.NAME``."""
-        named = self._given(run)
-        commands = {str(c.source) for c in self.commands}
-        return {name: v for name, v in named.items() if name not in commands}
 
     def _given(self, run: LoopRun) -> dict[str, Vector]:
         """All recorded outputs of the elements except the plant, as ``element.NAME``."""
@@ -261,11 +255,14 @@ def _cut(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Cut:
         )
     )
     fed = {c.target.connector if plain else str(c.source): order for c, order in goal}
-    law = asked.coupling in (None, Coupling.INTERFACE_JACOBIAN) and alone
-    main = _commands_of(commands, measured) if law else commands
-    accepts = law and _accepts_law(fmus[plant], main, measured)
-    if not accepts:
-        main = commands
+    ports = {c: _law(c, measured) for c in commands}
+    of_law = {port for pairs in ports.values() for _, port in pairs}
+    main = [c for c in commands if c.target.connector not in of_law]
+    pairs = [pair for c in main for pair in ports[c]]
+    accepts = asked.coupling in (None, Coupling.INTERFACE_JACOBIAN) and alone and bool(main)
+    accepts = accepts and all(port in fmus[plant].inputs for _, port in pairs)
+    main = main if accepts else commands
+    given = {(c.source.connector, c.target.connector) for c in commands}
     network = bool(len(rest) > 1 or own)
     others = [
         port
@@ -280,7 +277,7 @@ def _cut(system: SystemStructure, fmus: Fmus, asked: SystemLoop) -> _Cut:
         references=tuple(fed),
         orders=tuple(fed.values()),
         accepts_law=accepts,
-        reports_law=accepts and plain and _reports_law(main, measured, commands),
+        reports_law=accepts and plain and all(pair in given for pair in pairs),
         others=tuple(map(theirs, others)),
         network=network,
     )
@@ -301,7 +298,7 @@ def _plant(fmus: Fmus) -> str:
 
 def _plain(connections: Sequence[SystemConnection], once: bool) -> bool:
     """Whether no connection is scaled; with `once`, also no source drives two ports."""
-    joined = all(c.factor == 1.0 and c.offset == 0.0 for c in connections)
+    joined = all((c.factor, c.offset) == AS_IS for c in connections)
     return joined and (not once or len({c.source for c in connections}) == len(connections))
 
 
@@ -365,14 +362,6 @@ def _from_si(c: SystemConnection, unit: Unit | None, fmus: Fmus) -> SystemConnec
     return replace(c, factor=c.factor * factor, offset=c.factor * offset + c.offset)
 
 
-def _commands_of(
-    commands: Sequence[SystemConnection], measured: Sequence[SystemConnection]
-) -> list[SystemConnection]:
-    """The commands without the law ports of any of them."""
-    law = {port for c in commands for _, port in _law(c, measured)}
-    return [c for c in commands if c.target.connector not in law]
-
-
 def _law(command: SystemConnection, measured: Sequence[SystemConnection]) -> list[tuple[str, str]]:
     """The law's ports of a command, on the plant's side and on the controller's."""
     source, target = command.source.connector, command.target.connector
@@ -384,20 +373,3 @@ def _law(command: SystemConnection, measured: Sequence[SystemConnection]) -> lis
             for port in (gain_port, reference_port)
         ),
     ]
-
-
-def _accepts_law(
-    plant: Instance, main: Sequence[SystemConnection], measured: Sequence[SystemConnection]
-) -> bool:
-    return bool(main) and all(
-        port in plant.inputs for command in main for _, port in _law(command, measured)
-    )
-
-
-def _reports_law(
-    main: Sequence[SystemConnection],
-    measured: Sequence[SystemConnection],
-    commands: Sequence[SystemConnection],
-) -> bool:
-    joined = {(c.source.connector, c.target.connector) for c in commands}
-    return all(pair in joined for command in main for pair in _law(command, measured))

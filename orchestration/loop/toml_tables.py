@@ -1,24 +1,21 @@
-"""Tables of a TOML file, read value by value: an error is one line with the place."""
+"""Tables of a TOML file, read value by value: an error is one line with the place.
+
+All functions raise `BadParameters`.
+"""
 
 from __future__ import annotations
 
-import math
 import sys
 import tomllib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-from ...solver.errors import nearest
+from ...solver.errors import BadParameters, did_you_mean
 
+Reader: TypeAlias = Callable[[str, Any], Any]
+"""Reads a value; the text is its place, for messages."""
 LONGEST = 80  # characters of a value in a message
-
-
-class BadTable(ValueError):
-    """A value of a TOML file is invalid; the message says what was got and what was expected.
-
-    All functions of this module raise it.
-    """
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -26,37 +23,45 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
-        raise BadTable(f"cannot be read: {error.strerror or error}") from error
+        raise BadParameters(f"cannot be read: {error.strerror or error}") from error
     except RecursionError:
-        raise BadTable("is not a TOML file: it is nested too deeply") from None
+        raise BadParameters("is not a TOML file: it is nested too deeply") from None
     except ValueError as error:  # of TOML, of UTF-8, or an integer of too many digits
-        raise BadTable(f"is not a TOML file: {error}") from error
+        raise BadParameters(f"is not a TOML file: {error}") from error
 
 
 def as_table(where: str, given: Any) -> dict[str, Any]:
     """A copy of a table."""
-    if not isinstance(given, dict):
-        raise BadTable(f"{where} is {_shown(given)}, expected a table")
-    return dict(given)
+    return dict(_as(dict, "a table", where, given))
 
 
 def as_list(where: str, given: Any) -> list[Any]:
-    if not isinstance(given, list):
-        raise BadTable(f"{where} is {_shown(given)}, expected a list")
-    return given
+    return list(_as(list, "a list", where, given))
 
 
 def as_flag(where: str, given: Any) -> bool:
-    if not isinstance(given, bool):
-        raise BadTable(f"{where} is {_shown(given)}, expected true or false")
+    return bool(_as(bool, "true or false", where, given))
+
+
+def _as(kind: type, called: str, where: str, given: Any) -> Any:
+    if not isinstance(given, kind):
+        raise BadParameters(f"{where} is {_shown(given)}, expected {called}")
     return given
+
+
+def as_text(where: str, given: Any) -> str:
+    return str(_as(str, "a text", where, given))
+
+
+def as_texts(where: str, given: Any) -> tuple[str, ...]:
+    return tuple(as_text(where, name) for name in as_list(where, given))
 
 
 def as_choice(where: str, given: Any, names: Iterable[str]) -> str:
     """One of these names."""
     names = list(names)
     if not isinstance(given, str) or given not in names:
-        raise BadTable(f"{where} is {given!r}, expected one of {', '.join(names)}")
+        raise BadParameters(f"{where} is {given!r}, expected one of {', '.join(names)}")
     return given
 
 
@@ -71,7 +76,7 @@ def as_finite(where: str, given: Any) -> float:
     if not is_number(given):
         large = type(given) is int
         shown = "a number beyond 1e308" if large else _shown(given)
-        raise BadTable(f"{where} is {shown}, expected a finite number in SI units")
+        raise BadParameters(f"{where} is {shown}, expected a finite number in SI units")
     return float(given)
 
 
@@ -79,35 +84,50 @@ def as_range(where: str, name: str, given: Any) -> tuple[float, float]:
     """Two finite numbers, the lower one first."""
     pair = list(given) if isinstance(given, list | tuple) else []
     if len(pair) != 2 or not all(map(is_number, pair)):
-        raise BadTable(f"{where}: {name} is {_shown(given)}, expected two finite numbers")
+        raise BadParameters(f"{where}: {name} is {_shown(given)}, expected two finite numbers")
     if not pair[0] < pair[1]:
-        raise BadTable(f"{where}: {name} is {given!r}, an empty range; give the lower bound first")
+        raise BadParameters(
+            f"{where}: {name} is {given!r}, an empty range; give the lower bound first"
+        )
     return float(pair[0]), float(pair[1])
 
 
-def as_numbers(
-    where: str, given: Any, whole: Mapping[str, tuple[int, int]] | None = None
-) -> dict[str, Any]:
-    """A table of finite numbers; those in `whole` are integers within these limits."""
-    found: dict[str, Any] = {}
-    for name, value in as_table(where, given).items():
-        number = as_finite(f"{where}: {name}", value)
-        least, most = (whole or {}).get(name, (-math.inf, math.inf))
-        is_whole = name in (whole or {})
-        if is_whole and (value != int(value) or not least <= value <= most):
-            raise BadTable(
-                f"{where}: {name} is {value!r}, expected a whole number, {least} to {most}"
-            )
-        found[name] = int(value) if is_whole else number
-    return found
+def as_numbers(where: str, given: Any) -> dict[str, float]:
+    """A table of finite numbers."""
+    return {n: as_finite(f"{where}: {n}", v) for n, v in as_table(where, given).items()}
 
 
-def check_names(where: str, given: Iterable[str], known: Collection[str]) -> None:
+def as_whole(least: int, most: int) -> Reader:
+    """The reader of a whole number within limits."""
+
+    def read(where: str, given: Any) -> int:
+        number = as_finite(where, given)
+        if number != int(number) or not least <= number <= most:
+            raise BadParameters(f"{where} is {given!r}, expected a whole number, {least} to {most}")
+        return int(given)
+
+    return read
+
+
+def check_names(where: str, given: Iterable[str], known: Iterable[str]) -> None:
     """Make sure that all names are known."""
+    known = list(known)
     for name in given:
         if name not in known:
-            hint = nearest(name, known)
-            raise BadTable(f"{where} has no {name!r}{hint}; it has {', '.join(sorted(known))}")
+            hint = did_you_mean(name, known) or f"; there are {', '.join(known)}"
+            raise BadParameters(f"{where} there is no {name!r}{hint}".lstrip())
+
+
+def as_record(
+    where: str, given: Any, readers: Mapping[str, Reader], *required: str
+) -> dict[str, Any]:
+    """A table with known keys, each value read by its reader; `required` are there."""
+    table = as_table(where, given)
+    check_names(where, table, readers)
+    for name in required:
+        if name not in table:
+            raise BadParameters(f"{where} has no {name}")
+    return {name: readers[name](f"{where} {name}".lstrip(), v) for name, v in table.items()}
 
 
 def _shown(given: Any) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -223,7 +223,7 @@ def read_plan(path: Path | str) -> Plan:
     try:
         table = toml.read_toml(path)
         return _plan(table, _machine(table, path.parent))
-    except (toml.BadTable, UserError) as error:
+    except UserError as error:
         raise UserError(f"{path}: {error}") from None
 
 
@@ -245,26 +245,14 @@ def _plan(table: dict[str, Any], machine: Mapping[str, float]) -> Plan:
         raise UserError(f"version is {version!r}, expected {VERSION}")
     controllers = _part(table, "controllers", dict)
     duties = _part(table, "duty", list)
-    variations = toml.as_list("vary", table.pop("vary", []))
-    tuning = toml.as_table("tuning", table.pop("tuning", {}))
-    limits = toml.as_table("tuning.limits", tuning.pop("limits", {}))
-    sensitivity = toml.as_table("sensitivity", table.pop("sensitivity", {}))
-    toml.check_names("sensitivity", sensitivity, ("sobol",))
-    elsewhere = {"entrants", "duties", "variations", "tuning", "sobol"}
-    known = {f.name for f in fields(Plan)} - elsewhere
-    toml.check_names("the study", table, known)
-    own = cache(partial(_own, dict(table), machine)) if machine else None
+    given = toml.as_record("", table, _READERS)
+    own = cache(partial(_own, given.get("plant", "plant"), given.get("command_limit"), machine))
     plan = Plan(
-        plant=str(table.pop("plant", "plant")),
-        entrants=tuple(_entrant(n, given, own) for n, given in controllers.items()),
-        duties=tuple(_duty(k, given, machine) for k, given in enumerate(duties)),
-        variations=tuple(read_variation(given) for given in variations),
-        tuning=_tuning(tuning, limits),
-        instruments=tuple(map(str, toml.as_list("instruments", table.pop("instruments", [])))),
-        **toml.as_numbers(
-            "the study", table, {"plants": (2, MOST), "seed": (0, MOST_SEED), "delay": (0, MOST)}
-        ),
-        **toml.as_numbers("sensitivity", sensitivity, {"sobol": (2, MOST)}),
+        entrants=tuple(_entrant(n, c, own if machine else None) for n, c in controllers.items()),
+        duties=tuple(_duty(k, duty, machine) for k, duty in enumerate(duties)),
+        variations=given.pop("vary", ()),
+        sobol=given.pop("sensitivity", {}).get("sobol", 0),
+        **{"plant": "plant", **given},
     )
     for fault in _faults(plan):
         raise UserError(fault)
@@ -280,13 +268,13 @@ def _part(table: dict[str, Any], name: str, kind: type) -> Any:
 
 
 def _own(
-    table: Mapping[str, Any], values: Mapping[str, float], component: str
+    plant: str, limit: float | None, values: Mapping[str, float], component: str
 ) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
     """A controller's model of a machine with its start values, and the ranges of its gains."""
     if not tunable(component):  # from a user's file, which gives all of this itself
         return {}, own_ranges(component)
     try:
-        machine = Machine.of(Part(table["plant"]), values, table.get("command_limit"))
+        machine = Machine.of(Part(plant), values, limit)
         controller = Part(in_units_of(component, machine.plant.name))
         ranges, start = gain_ranges(controller, machine)
         return {**model_values(controller, machine), **start}, ranges
@@ -296,46 +284,30 @@ def _own(
 
 def _entrant(name: str, given: Any, machine: Own | None = None) -> Entrant:
     """A controller of the plan; for a `machine`, with the values that follow from it."""
-    where = f"controllers.{name}"
-    given = toml.as_table(where, given)
-    toml.check_names(where, given, ("component", "values", "tune"))
-    component = str(given.get("component", name))
-    values = toml.as_numbers(f"{where}.values", given.get("values", {}))
+    where = f"[controllers.{name}]"
+    readers = {"component": toml.as_text, "values": toml.as_numbers, "tune": toml.as_table}
+    read = {"component": name, "values": {}} | toml.as_record(where, given, readers)
+    component, values = read["component"], read["values"]
     known, own = machine(component) if machine else ({}, own_ranges(component))
-    own = {n: r for n, r in own.items() if n not in values}
-    ranges = toml.as_table(f"{where}.tune", given.get("tune", own))
-    values = {**known, **values}
-    return Entrant(
-        name, component, values, {n: toml.as_range(where, n, r) for n, r in ranges.items()}
-    )
+    ranges = read.get("tune", {n: r for n, r in own.items() if n not in values})
+    tune = {n: toml.as_range(where, n, r) for n, r in ranges.items()}
+    return Entrant(name, component, {**known, **values}, tune)
 
 
 def _duty(k: int, given: Any, machine: Mapping[str, float]) -> Duty:
-    given = toml.as_table(f"duty {k + 1}", given)
-    toml.check_names(f"duty {k + 1}", given, ("name", "reference", "stop", "tune", "plant"))
-    for name in ("name", "reference", "stop"):
-        if name not in given:
-            raise UserError(f"duty {k + 1} has no {name}")
-    where = f"duty {given['name']}"
-    stop = toml.as_finite(f"{where}: stop", given["stop"])
-    if not stop > 0:
-        raise UserError(f"{where}: stop is {stop:g} s, expected more than 0")
-    plant = {**machine, **toml.as_numbers(f"{where}: plant", given.get("plant", {}))}
-    tune = toml.as_flag(f"{where}: tune", given.get("tune", False))
-    duty = Duty(str(given["name"]), str(given["reference"]), stop, tune, plant)
+    where = f"[[duty]] {k + 1}"
+    readers = {"name": toml.as_text, "reference": toml.as_text, "stop": toml.as_finite}
+    readers |= {"tune": toml.as_flag, "plant": toml.as_numbers}
+    read = toml.as_record(where, given, readers, "name", "reference", "stop")
+    where = f"duty {read['name']}"
+    if not read["stop"] > 0:
+        raise UserError(f"{where}: stop is {read['stop']:g} s, expected more than 0")
+    duty = Duty(**{**read, "plant": {**machine, **read.get("plant", {})}})
     try:
         duty.signal()
     except BadParameter as error:
         raise UserError(f"{where}: {error}") from error
     return duty
-
-
-def _tuning(given: dict[str, Any], limits: Mapping[str, Any]) -> Tuning:
-    toml.check_names("tuning", given, ("budget", "plants", "seeds"))
-    toml.check_names("tuning.limits", limits, NAMES)
-    whole = {"budget": (1, MOST), "plants": (0, MOST), "seeds": (1, MOST)}
-    numbers = toml.as_numbers("tuning", given, whole)
-    return Tuning(**numbers, limits=toml.as_numbers("tuning.limits", limits))
 
 
 def _faults(plan: Plan) -> Iterator[str]:
@@ -379,29 +351,29 @@ def _faults(plan: Plan) -> Iterator[str]:
             yield f"{name} is {value:g}, expected {low:g} or more"
 
 
-def read_variation(given: Any) -> Variation:
-    """A ``[[vary]]`` of a study file; raises `toml.BadTable`."""
+def _variation(given: Any) -> Variation:
+    """A ``[[vary]]`` of a study file."""
     given = toml.as_table("vary", given)
-    toml.check_names("vary", given, ("parameters", "coefficients", *DISTRIBUTIONS))
+    toml.check_names("[[vary]]", given, ("parameters", "coefficients", *DISTRIBUTIONS))
     kinds = [kind for kind in DISTRIBUTIONS if kind in given]
     if len(kinds) != 1:
         found = " and ".join(kinds) or "no distribution"
-        raise toml.BadTable(f"vary: has {found}, expected one of {', '.join(DISTRIBUTIONS)}")
+        raise BadParameters(f"vary: has {found}, expected one of {', '.join(DISTRIBUTIONS)}")
     kind = kinds[0]
     names = "coefficients" if kind == TEMPERATURE else "parameters"
     for other in {"coefficients", "parameters"} - {names}:
         if other in given:
-            raise toml.BadTable(f"vary: {kind} has {other}, expected {names} alone")
+            raise BadParameters(f"vary: {kind} has {other}, expected {names} alone")
     if names == "coefficients":
         numbers = toml.as_numbers("vary.coefficients", given.get(names, {}))
         if not numbers:
-            raise toml.BadTable(
+            raise BadParameters(
                 "vary: a temperature has no coefficients, such as {Fc = -0.01} per kelvin"
             )
         return Variation(tuple(numbers), toml.as_range("vary", kind, given[kind]), kind, numbers)
     parameters = tuple(map(str, toml.as_list("vary: parameters", given.get(names, []))))
     if not parameters or len(set(parameters)) < len(parameters):
-        raise toml.BadTable(f"vary: parameters is {list(parameters)!r}, expected a list of names")
+        raise BadParameters(f"vary: parameters is {list(parameters)!r}, expected a list of names")
     return Variation(parameters, _numbers(kind, ", ".join(parameters), given[kind]), kind)
 
 
@@ -414,8 +386,35 @@ def _numbers(kind: str, of: str, given: Any) -> tuple[float, float]:
     positive = found if kind == LOGNORMAL else found[1:]
     if len(pair) != 2 or len(found) != 2 or not min(positive) > 0:
         more = "both" if kind == LOGNORMAL else "the second"
-        raise toml.BadTable(
+        raise BadParameters(
             f"vary: {kind} of {of} is {given!r}, expected {DISTRIBUTIONS[kind]}, finite numbers, "
             f"{more} more than 0"
         )
     return found[0], found[1]
+
+
+def _limits(where: str, given: Any) -> dict[str, float]:
+    return toml.as_record(where, given, dict.fromkeys(NAMES, toml.as_finite))
+
+
+def _tuning(where: str, given: Any) -> Tuning:
+    readers: dict[str, toml.Reader] = {
+        "budget": toml.as_whole(1, MOST),
+        "plants": toml.as_whole(0, MOST),
+        "seeds": toml.as_whole(1, MOST),
+        "limits": _limits,
+    }
+    return Tuning(**toml.as_record(f"[{where}]", given, readers))
+
+
+_READERS: dict[str, toml.Reader] = {
+    "plant": toml.as_text,
+    "vary": lambda where, given: tuple(map(_variation, toml.as_list(where, given))),
+    "tuning": _tuning,
+    "sensitivity": partial(toml.as_record, readers={"sobol": toml.as_whole(2, MOST)}),
+    "instruments": toml.as_texts,
+    **dict.fromkeys(("period", "command_limit", "count", "tolerance"), toml.as_finite),
+    "plants": toml.as_whole(2, MOST),
+    "seed": toml.as_whole(0, MOST_SEED),
+    "delay": toml.as_whole(0, MOST),
+}

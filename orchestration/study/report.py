@@ -77,13 +77,9 @@ def number(value: float) -> str:
     return "never" if math.isinf(value) else f"{value:.3g}"
 
 
-def _duties(study: StudyResult) -> list[str]:
-    return [d.name for d in study.plan.judged_duties]
-
-
 def _figures(study: StudyResult) -> Iterator[Table]:
     names = [e.name for e in study.plan.entrants]
-    for duty in _duties(study):
+    for duty in (d.name for d in study.plan.judged_duties):
         scales = {n: (1.0, UNITS[n]) for n in MEASURED}
         for n in (n for n in MEASURED if UNITS[n] == "m"):
             means = [study.interval(n, name, duty).mean for name in names]
@@ -99,13 +95,13 @@ def _figures(study: StudyResult) -> Iterator[Table]:
             undecided = f", {hunts['undecided']} undecided" if hunts["undecided"] else ""
             rows.append((name, *cells, f"{hunts['hunting']} of {sum(hunts.values())}{undecided}"))
         titles = [f"{n.replace('_', ' ')} [{unit}]" for n, (_, unit) in scales.items()]
-        says = _MEANS if duty == _duties(study)[0] else ""
+        says = _MEANS if duty == study.plan.judged_duties[0].name else ""
         yield Table(f"Figures: {duty}", ("controller", *titles, "hunts"), rows, says=says)
 
 
 def _differences(study: StudyResult) -> Iterator[Table]:
     columns = ("first", "second", "ratio of rms errors", "90 % interval", "")
-    for duty in _duties(study):
+    for duty in (d.name for d in study.plan.judged_duties):
         rows = [
             (*pair, number(d.ratio), f"{number(d.low)} to {number(d.high)}", d.words)
             for pair, d in study.differences[duty].items()

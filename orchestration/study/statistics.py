@@ -183,14 +183,8 @@ def sobol_indices(figure: Vector, names: list[str], seed: int) -> dict[str, Sobo
     logarithm = np.log(figure)
     if not np.ptp(logarithm) > 1e-12:
         return {name: SobolIndex(0.0, 0.0, 0.0, 0.0) for name in names}
-    found = sobol.analyze(
-        _problem(len(names)),
-        logarithm,
-        calc_second_order=False,
-        num_resamples=RESAMPLES,
-        conf_level=LEVEL,
-        seed=seed,
-    )
+    how = {"calc_second_order": False, "num_resamples": RESAMPLES, "conf_level": LEVEL}
+    found = sobol.analyze(_problem(len(names)), logarithm, seed=seed, **how)
     rows = zip(*(found[key].tolist() for key in ("S1", "S1_conf", "ST", "ST_conf")), strict=True)
     return {name: SobolIndex(*row) for name, row in zip(names, rows, strict=True)}
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...plant.instruments import INSTRUMENTS
 from ...solver.errors import (
     BadParameter,
     ContractError,
@@ -20,6 +21,7 @@ from ...solver.errors import (
     UnknownName,
     UserError,
 )
+from ..loop.catalogue import component, fmu, in_units_of
 from ..loop.loop import Loop
 from ..loop.parts import SUFFIX
 from ..loop.whole_loop import loop_kernel
@@ -126,18 +128,13 @@ class Work:
 
     def figures(self, tunings: Tunings) -> dict[str, Array]:
         """Figures by name, shape (controllers, seeds, duties, plants)."""
-        plants = self.plan.plants
+        plants = range(self.plan.plants)
         jobs = {
-            f"run-{k}-{seed}-{d}-{first}.json": (
-                c,
-                tuned.values,
-                duty,
-                range(first, min(first + CHUNK, plants)),
-            )
+            f"run-{k}-{seed}-{d}-{first}.json": (c, t.values, duty, plants[first : first + CHUNK])
             for k, c in enumerate(self.contenders.values())
-            for seed, tuned in enumerate(tunings[c.entrant.name])
+            for seed, t in enumerate(tunings[c.entrant.name])
             for d, duty in enumerate(self.plan.judged_duties)
-            for first in range(0, plants, CHUNK)
+            for first in plants[::CHUNK]
         }
         found = self._done(jobs, _judged, "judging")
         table = np.array([row for name in jobs for row in found[name]], dtype=float)
@@ -161,8 +158,6 @@ class Work:
         self, run: Run, place: tuple[int, ...], tunings: Tunings, figures: Mapping[str, Array]
     ) -> tuple[Any, ...]:
         """A task for `check_over_fmus`."""
-        from ..loop.catalogue import fmu
-
         plan, c = self.plan, self.contenders[run.controller]
         (duty,) = (d for d in plan.judged_duties if d.name == run.duty)
         drawn = plan.draws("judge")[run.plant]
@@ -285,18 +280,17 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
 
     Raises `UnknownName`, `ContractError`.
     """
-    from ...plant.instruments import INSTRUMENTS
     from ...plant.instruments.measured_through import measured_through
     from ...plant.instruments.sample_and_hold import PERIOD, sampled
-    from ..loop.catalogue import component, in_units_of
-
-    def in_time(part: Component) -> Component:
-        return replace(part, sample_time=period) if part.sample_time else part
 
     controller = component(in_units_of(entrant.component, plan.plant))
     if not plan.period:
         return controller
     period = replace(PERIOD, default=plan.period, source="the study")
+
+    def in_time(part: Component) -> Component:
+        return replace(part, sample_time=period) if part.sample_time else part
+
     if controller.discrete:
         controller = in_time(controller)
     else:
@@ -304,15 +298,11 @@ def composed(plan: Plan, entrant: Entrant) -> Component:
     unknown = [name for name in plan.instruments if name not in INSTRUMENTS]
     if unknown:
         raise UserError(f"no instrument {unknown[0]!r}; there are {', '.join(INSTRUMENTS)}")
-    if not plan.instruments:
-        return controller
-    instruments = [component(in_units_of(n, plan.plant)) for n in plan.instruments]
-    return measured_through(controller, [in_time(i) for i in instruments])
+    instruments = [in_time(component(in_units_of(n, plan.plant))) for n in plan.instruments]
+    return measured_through(controller, instruments) if instruments else controller
 
 
 def _contender(plan: Plan, entrant: Entrant) -> Contender:
-    from ..loop.catalogue import component
-
     if Path(entrant.component).suffix == SUFFIX:
         return _with_fmu(plan, entrant)
     try:

@@ -24,7 +24,7 @@ SSD = """<?xml version="1.0"?>
     xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
     xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"
     xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues">
-  <ssd:System name="parts">
+  <ssd:System name="parts">{inputs}
     <ssd:Elements>{elements}</ssd:Elements>
     <ssd:Connections>{connections}</ssd:Connections>
   </ssd:System>
@@ -37,10 +37,12 @@ def write_system(
     elements: Mapping[str, Path],
     connections: Sequence[str],
     values: Mapping[str, Mapping[str, float]] | None = None,
+    inputs: Sequence[str] = (),
 ) -> Path:
-    """An .ssp of FMUs by the names of their elements, with connections such as "a.x -> b.y".
+    """An .ssp of FMUs by the names of their elements, with connections such as "a.x -> b.y * 2".
 
-    `values` are the parameters of elements, by element and name.
+    `values` are the parameters of elements, by element and name; `inputs` are those of the system,
+    connected as in ".goal -> b.x_d".
     """
     listed = "".join(
         f'<ssd:Component name="{name}" source="resources/{fmu.name}">'
@@ -49,13 +51,22 @@ def write_system(
     )
     joined = ""
     for text in connections:
-        (a, x), (b, y) = (end.split(".") for end in text.split(" -> "))
+        ends, _, factor = text.partition(" * ")
+        (a, x), (b, y) = (end.split(".") for end in ends.split(" -> "))
+        start = f'startElement="{a}" ' if a else ""
+        scaled = f'<ssc:LinearTransformation factor="{factor}"/>' if factor else ""
         joined += (
-            f'<ssd:Connection startElement="{a}" startConnector="{x}" endElement="{b}" '
-            f'endConnector="{y}"/>'
+            f'<ssd:Connection {start}startConnector="{x}" endElement="{b}" endConnector="{y}">'
+            f"{scaled}</ssd:Connection>"
         )
+    ports = "".join(
+        f'<ssd:Connector name="{n}" kind="input"><ssc:Real/></ssd:Connector>' for n in inputs
+    )
+    ports = f"<ssd:Connectors>{ports}</ssd:Connectors>" if inputs else ""
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("SystemStructure.ssd", SSD.format(elements=listed, connections=joined))
+        archive.writestr(
+            "SystemStructure.ssd", SSD.format(inputs=ports, elements=listed, connections=joined)
+        )
         for fmu in sorted(set(elements.values())):
             archive.write(fmu, f"resources/{fmu.name}")
     return path

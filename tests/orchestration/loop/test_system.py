@@ -1,10 +1,8 @@
 """Closed loops from .ssp files: ours, and third-party ones with more parts, units, start values."""
 
-import zipfile
-from pathlib import Path
-
 import numpy as np
 import pytest
+from networks_of_parts import write_system
 from third_party_fmus import feedthrough, proportional
 
 from ballscrew.cli import main
@@ -55,55 +53,7 @@ def test_set_point_stop_time_and_parameters_come_from_the_file_unless_told(ours,
     np.testing.assert_array_equal(told.outputs["z"], same.outputs["z"])
 
 
-SSD = """<?xml version="1.0"?>
-<ssd:SystemStructureDescription version="1.0" name="strange"
-    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
-    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"
-    xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues">
-  <ssd:System name="strange">
-    {inputs}
-    {values}
-    <ssd:Elements>{elements}</ssd:Elements>
-    <ssd:Connections>{connections}</ssd:Connections>
-  </ssd:System>
-  {tail}
-</ssd:SystemStructureDescription>
-"""
-
-
-def strange(path: Path, elements, connections, inputs="", values="", tail=""):
-    """An .ssp written by hand: FMU files by name, and connections such as "a.x -> b.y * 2"."""
-
-    def component(name):
-        return f'<ssd:Component name="{name}" source="resources/{name}.fmu"/>'
-
-    def connection(text):
-        ends, _, factor = text.partition(" * ")
-        (a, x), (b, y) = (end.rpartition(".")[::2] for end in ends.split(" -> "))
-        element = f'startElement="{a}" ' if a else ""
-        scaled = f'<ssc:LinearTransformation factor="{factor}"/>' if factor else ""
-        return (
-            f'<ssd:Connection {element}startConnector="{x}" endElement="{b}" endConnector="{y}">'
-            f"{scaled}</ssd:Connection>"
-        )
-
-    text = SSD.format(
-        inputs=inputs,
-        values=values,
-        elements="".join(map(component, elements)),
-        connections="".join(map(connection, connections)),
-        tail=tail,
-    )
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("SystemStructure.ssd", text)
-        for name, file in elements.items():
-            archive.write(file, f"resources/{name}.fmu")
-    return path
-
-
 LOOP = ["axis.x -> ctl.x", "axis.v -> ctl.v", "ctl.u -> axis.u"]
-INPUT = """<ssd:Connectors><ssd:Connector name="goal" kind="input"><ssc:Real/></ssd:Connector>
-</ssd:Connectors>"""
 
 
 @pytest.fixture(scope="module")
@@ -118,18 +68,18 @@ def parts(tmp_path_factory):
 
 @pytest.mark.ci
 def test_a_factor_on_a_connection_is_honoured(parts, tmp_path):
-    scaled = strange(
+    scaled = write_system(
         tmp_path / "scaled.ssp",
         {k: parts[k] for k in ("axis", "ctl")},
         [*LOOP[:2], "ctl.u -> axis.u * 0.5", ".goal -> ctl.x_d * 0.01"],
-        INPUT,
+        inputs=["goal"],
     )
     run = run_closed_loop(SystemLoop(scaled, Reference.constant(8.0), stop=0.05, step=1e-4)).run
-    plain = strange(
+    plain = write_system(
         tmp_path / "plain.ssp",
         {k: parts[k] for k in ("axis", "ctl", "amplifier")},
         [*LOOP[:2], "ctl.u -> amplifier.a", "amplifier.b -> axis.u", ".goal -> ctl.x_d"],
-        INPUT,
+        inputs=["goal"],
     )
     study = SystemLoop(
         plain,

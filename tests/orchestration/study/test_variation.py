@@ -45,15 +45,6 @@ def test_as_many_draws_lie_below_each_as_the_distribution_says(variation, share_
     assert np.abs(below - (np.arange(4000) + 0.5) / 4000).max() < 0.026
 
 
-def test_uniform_draws_are_those_of_the_formula_to_the_last_digit():
-    """So that studies of before keep their numbers."""
-    plan = replace(PLAN, variations=(Variation(("m",), (0.7, 1.3)), Variation(("R",), (1.0, 1.2))))
-    random = np.random.default_rng([plan.seed, 1]).random((plan.plants, 2))
-    np.testing.assert_array_equal(
-        plan.draws("judge"), np.array([0.7, 1.0]) + np.array([1.3 - 0.7, 1.2 - 1.0]) * random
-    )
-
-
 def test_a_temperature_changes_parameters_by_their_coefficients_beside_other_factors():
     friction = Variation(("Fc",), (0.7, 1.3))
     warm = Variation(tuple(WARM), (0.0, 40.0), "temperature", WARM)
@@ -63,10 +54,3 @@ def test_a_temperature_changes_parameters_by_their_coefficients_beside_other_fac
     nominal = {p.name: p.default for p in pid.loop.parameters}
     assert values["plant_Fc"] == pytest.approx(nominal["plant_Fc"] * 1.2 * 0.8, rel=1e-14)
     assert values["plant_R"] == pytest.approx(nominal["plant_R"] * 1.0786, rel=1e-14)
-
-
-def test_the_first_plant_to_tune_on_is_nominal_also_in_temperature():
-    warm = Variation(tuple(WARM), (5.0, 40.0), "temperature", WARM)
-    plan = replace(PLAN, variations=(Variation(("m",), (1.1, 0.2), "normal"), warm))
-    assert plan.draws("tune")[0].tolist() == [1.0, 0.0]
-    assert [v.name for v in plan.variations] == ["factor_m", "temperature_Fc_R"]
