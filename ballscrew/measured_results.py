@@ -262,7 +262,7 @@ class RigRecord(Result, TrialRecord):
         return self.record[name]
 
     def pictures(self) -> dict[str, Any]:
-        from .measurement.rig.record_picture import record_figure
+        from .measurement.rig.record import record_figure
 
         return {"record": record_figure(self)}
 

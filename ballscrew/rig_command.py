@@ -17,8 +17,7 @@ from .solver.errors import BadParameter, UserError
 
 if TYPE_CHECKING:
     from .measurement.rig.machine import Machine
-    from .measurement.rig.rig_trials import Trial
-    from .orchestration.loop.parameter_file import ParameterFile
+    from .measurement.rig.trials import Trial
 
 _EXAMPLES = """TRIAL is a table (2.2, 2.4, 2.6, 2.8, 2.10, 2.11), the constant velocities (2.3.1),
 a series (viscous, loading-rate, presliding), or one of its trials, such as 2.4/7. Your own
@@ -89,15 +88,15 @@ def _rig(options: argparse.Namespace) -> int:
     values = _values(options.set)
     told = read_params(options)
     law = options.law or (told and told.law) or DEFAULT_LAW
-    from .measurement.rig.machine import machine_of
+    from .measurement.rig.machine import Machine
     from .measurement.rig.setup import set_up
 
-    machine = machine_of(law, values, told)
+    machine = Machine(law, values, told)
     if options.list:
-        return _list(machine, values, told)
+        return _list(machine)
     trials = _trials(options.trials, machine)
     for trial in trials:
-        set_up(trial, machine, values, told=told)
+        set_up(trial, machine)
     prepare_folder(options.out, [options.params])
     from .measured_results import RigRecord
     from .measurement.rig.bench import run_trial
@@ -138,14 +137,14 @@ def _rig(options: argparse.Namespace) -> int:
     return NOT_TRUSTED if any(notes.values()) else TRUSTED
 
 
-def _list(machine: Machine, values: dict[str, float], told: ParameterFile | None) -> int:
+def _list(machine: Machine) -> int:
     """Print the machine's trials; for trials that do not apply to it, print the reason."""
     from .measurement.rig.setup import set_up
 
     for trial in machine.trials.values():
         try:
             if not machine.is_axis:  # all of them are made for this
-                set_up(trial, machine, values, told=told)
+                set_up(trial, machine)
             print(trial.line())
         except BadParameter as error:
             print(f"{trial.name:<16}refused: {error}")
@@ -153,7 +152,7 @@ def _list(machine: Machine, values: dict[str, float], told: ParameterFile | None
 
 
 def _trials(names: list[str], machine: Machine) -> list[Trial]:
-    from .measurement.rig.rig_trials import trials_named
+    from .measurement.rig.trials import trials_named
 
     found = [trial for name in names for trial in trials_named(name, machine.trials)]
     return list({trial.name: trial for trial in found}.values())

@@ -27,7 +27,7 @@ from provenance import provenance
 
 from ballscrew.cli import main as ballscrew
 from ballscrew.measurement.diagnosis.diagnose import diagnose
-from ballscrew.measurement.rig.rig_trials import trials_named
+from ballscrew.measurement.rig.trials import trials_named
 from ballscrew.solver.files import write_atomically
 from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count
 

@@ -12,18 +12,17 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from ...orchestration.loop.parameter_file import BALL_SCREW, COMMANDS, ROTARY
+from ...orchestration.loop.parameter_file import BALL_SCREW, COMMANDS, ROTARY, check_values
+from ...orchestration.loop.parts import Part
 from ...plant import NOMINAL, TURNING
 from ...plant.instruments import UNITS, UNLIMITED
 from ...plant.instruments.acquisition import SAMPLE_TIME
 from ...plant.law import claims
 from ...solver.component import Parameter, in_units, symbol, unit_in
-from ...solver.errors import BadParameter, BadParameters
-from .compiled_rig import plant_kernel
-from .noise import Noise
-from .parameters import TRIAL, check, given_values
+from ...solver.errors import BadParameter, BadParameters, did_you_mean
+from .program import PARTS, PLANT, of_part, plant_kernel
 from .regulators import Gains, static_force_gains, velocity_gains
-from .rig_trials import (
+from .trials import (
     BREAK_AWAY,
     FASTEST,
     PRESLIDING,
@@ -31,15 +30,17 @@ from .rig_trials import (
     VOLTAGE,
     Sizes,
     Trial,
+    trials_named,
     trials_of,
 )
-from .rig_wiring import PLANT
 
 if TYPE_CHECKING:
     from ...orchestration.loop.parameter_file import ParameterFile
 
 Vector = npt.NDArray[np.float64]
 
+TRIAL = "trial"
+"""Prefix of the names of sizes of trials; names of parts have the part's name as prefix."""
 SIZES = (
     Parameter("speed", FASTEST, "m/s", "largest velocity of trials", "Section 2.4.1", minimum=1e-9),
     Parameter("force", BREAK_AWAY, "N", "break-away force, for trials", "Table 3.1", minimum=1e-9),
@@ -64,55 +65,147 @@ _LEAST_COUNTS = 4.0  # least presliding distance in counts of the encoder
 
 @dataclass(frozen=True)
 class Machine:
-    """The machine on the rig.
+    """The machine on the rig, with the values given by a user and a file.
 
-    Attributes
-    ----------
-    kind, command, law : str
-        As in a parameter file.
-    values : mapping of str to float
-        Parameters of the plant.
-    given : mapping of str to float
-        Given values of `SIZES`.
+    Raises
+    ------
+    UnknownName, BadParameter, BadParameters
+        For an unknown law, and for values of the plant or of `SIZES` that cannot be used.
     """
 
-    kind: str
-    command: str
-    law: str
-    values: Mapping[str, float] = field(default_factory=dict)
-    given: Mapping[str, float] = field(default_factory=dict)
+    law: str  # friction law of the rig; it may differ from the file's
+    parameters: Mapping[str, float] | None = None
+    """The user's, as ``part.name``; a name without its part is the plant's."""
+    told: ParameterFile | None = field(default=None, repr=False)  # default: the thesis' axis
+
+    def __post_init__(self) -> None:
+        if self.kind not in NOMINAL:
+            raise BadParameters(
+                f"{self.told.path if self.told else ''}: kind is {self.kind!r}, expected one of "
+                f"{', '.join(NOMINAL)}: the rig"
+            )
+        if self.given(self.known).get(f"{PLANT}.gain") == 0.0:
+            raise BadParameter(
+                "plant.gain is 0, so that no command moves this drive; expected another"
+            )
+
+    @property
+    def kind(self) -> str:
+        """As in a parameter file."""
+        return self.told.kind if self.told else BALL_SCREW
 
     @property
     def is_axis(self) -> bool:
         """Whether it is the axis of the thesis, with trials and instruments as printed."""
         return self.kind == BALL_SCREW
 
-    @property
-    def command_words(self) -> dict[str, str]:
-        """Units changed by its command only; the plant's equations already have the others."""
-        return UNITS.get(self.command or COMMANDS[0], {})
+    # -- values and units --------------------------------------------------------------------------
 
     @property
     def words(self) -> dict[str, str]:
         """Its units, see `unit_in`."""
-        return {**(TURNING if self.kind == ROTARY else {}), **self.command_words}
+        return {**(TURNING if self.kind == ROTARY else {}), **self._command_words}
 
     @property
-    def known(self) -> dict[str, Any]:
-        """Parameters of plant and trials, as ``part.name``, in its units."""
-        plant = in_units(tuple(plant_kernel(self.law, self.kind).parameters), self.command_words)
-        sizes = in_units(SIZES, self.words)
-        return {f"{PLANT}.{p.name}": p for p in plant} | {f"{TRIAL}.{p.name}": p for p in sizes}
+    def _command_words(self) -> dict[str, str]:
+        """Units changed by its command only; the plant's equations already have the others."""
+        return UNITS.get((self.told and self.told.command) or COMMANDS[0], {})
 
     def unit(self, unit: str) -> str:
         """Unit of this machine that corresponds to a unit of the thesis' axis."""
         return unit_in(unit, self.words)
+
+    @cached_property
+    def known(self) -> Mapping[str, Any]:
+        """Parameters of plant and trials, as ``part.name``, in its units."""
+        plant = in_units(tuple(plant_kernel(self.law, self.kind).parameters), self._command_words)
+        sizes = in_units(SIZES, self.words)
+        return {f"{PLANT}.{p.name}": p for p in plant} | {f"{TRIAL}.{p.name}": p for p in sizes}
+
+    def given(self, known: Mapping[str, Any], complete: bool = False) -> dict[str, float]:
+        """Values of the file, and of the user with priority, as ``part.name``.
+
+        Only the `known` parameters are taken from the file. If `complete`, the user's have to be
+        known, too. Raises BadParameter and BadParameters.
+        """
+        own = {
+            name if "." in name else f"{PLANT}.{name}": float(value)
+            for name, value in (self.parameters or {}).items()
+        }
+        found = self._from_file(self.told, known, own) if self.told else {}
+        for name, value in own.items():
+            if name in known:
+                p = known[name]
+                if not (math.isfinite(value) and p.minimum <= value <= p.maximum):
+                    raise BadParameter(
+                        f"{name} is {value:g} {p.unit}, expected a value within "
+                        f"[{p.minimum:g}, {p.maximum:g}]"
+                    )
+            elif complete:
+                owner = name.partition(".")[0]
+                theirs = [k for k in known if k.startswith(f"{owner}.")]
+                there = theirs or dict.fromkeys(f"{k.partition('.')[0]}.*" for k in known)
+                raise BadParameter(
+                    f"the rig with {self.law} has no {name!r}; it has {', '.join(there)}"
+                    f"{did_you_mean(name, known)}"
+                )
+        return found | own
+
+    def _from_file(
+        self, told: ParameterFile, known: Mapping[str, Any], own: Mapping[str, float]
+    ) -> dict[str, float]:
+        plant = of_part(PLANT, known)
+        others = Part(told.plant_name).parameters
+        if (told.law or self.law) == self.law:  # only initial states are ignored: it begins at rest
+            others = {n: p for n, p in others.items() if n.endswith("_start")}
+        values, _ = told.plant_values(plant, others)
+        told.check_complete(plant, {*values, *of_part(PLANT, own)})
+        found = {f"{PLANT}.{n}": v for n, v in values.items()}
+        for part, given in told.rig.items():
+            if part not in (TRIAL, *PARTS):
+                raise BadParameters(
+                    f"{told.path}: [rig.{part}]: the rig has no such part; it has "
+                    f"{', '.join(sorted((TRIAL, *PARTS)))}"
+                )
+            if theirs := of_part(part, known):
+                numbers = check_values(given, theirs, f"{told.path}: [rig.{part}]")
+                found |= {f"{part}.{n}": v for n, v in numbers.items()}
+        return found
+
+    @cached_property
+    def values(self) -> Mapping[str, float]:
+        """Parameters of the plant."""
+        given = self.given(self.known)
+        return of_part(PLANT, {n: given.get(n, p.default) for n, p in self.known.items()})
+
+    @cached_property
+    def sizes(self) -> Mapping[str, float]:
+        """Values of `SIZES`; an unknown velocity is nan."""
+        given = of_part(TRIAL, self.given(self.known))
+        if self.is_axis:
+            return {p.name: p.default for p in SIZES} | given
+        static = [v for n, v in self.values.items() if n.partition("_")[0] in ("Fs", "Fc")]
+        force = max(static, default=self.friction(1e-9))
+        own = {"speed": math.nan, "force": force, "travel": math.inf} | given
+        viscous = self.viscous
+        sliding = self.friction(_HIGH) - _HIGH * viscous
+        spare = _SPARE * self.limit - abs(self.values["offset"]) - sliding
+        if "speed" not in given and viscous > 1e-9 * sliding / _HIGH and spare > 0.0:
+            own["speed"] = min(sliding / viscous, spare / viscous, own["travel"] / _OVER_TRAVEL)
+        return own
+
+    # -- what follows from them --------------------------------------------------------------------
 
     @property
     def limit(self) -> float:
         """Force of a drive at the limit of its command [N]."""
         largest = self.values["voltage_limit"]
         return abs(self.values["gain"]) * largest if largest < UNLIMITED else math.inf
+
+    @property
+    def mass(self) -> float:
+        """Total moving mass of a drive [kg]."""
+        return self.values["J" if self.kind == ROTARY else "m"]
 
     def friction(self, velocity: float) -> float:
         """Friction [N] in steady sliding at a velocity [m/s], the larger of both directions."""
@@ -129,40 +222,28 @@ class Machine:
         return (self.friction(2 * _HIGH) - self.friction(_HIGH)) / _HIGH
 
     @property
-    def mass(self) -> float:
-        """Total moving mass of a drive [kg]."""
-        return self.values["J" if self.kind == ROTARY else "m"]
-
-    @property
-    def sizes(self) -> dict[str, float]:
-        """Values of `SIZES`; an unknown velocity is nan."""
-        if self.is_axis:
-            return {p.name: p.default for p in SIZES} | dict(self.given)
-        static = [v for n, v in self.values.items() if n.partition("_")[0] in ("Fs", "Fc")]
-        force = max(static, default=self.friction(1e-9))
-        own = {"speed": math.nan, "force": force, "travel": math.inf} | dict(self.given)
-        viscous = self.viscous
-        sliding = self.friction(_HIGH) - _HIGH * viscous
-        spare = _SPARE * self.limit - abs(self.values["offset"]) - sliding
-        if "speed" not in self.given and viscous > 1e-9 * sliding / _HIGH and spare > 0.0:
-            own["speed"] = min(sliding / viscous, spare / viscous, own["travel"] / _OVER_TRAVEL)
-        return own
+    def force_share(self) -> float:
+        """Forces of its trials, relative to the thesis."""
+        return self.sizes["force"] / BREAK_AWAY
 
     @cached_property
     def trials(self) -> dict[str, Trial]:
         """All trials by name, scaled to the machine."""
-        own = self.sizes
-        shares = own["speed"] / FASTEST, own["force"] / BREAK_AWAY
-        sizes = Sizes(*shares, own["travel"], self.words, self.is_axis)
+        speed, travel = self.sizes["speed"] / FASTEST, self.sizes["travel"]
+        sizes = Sizes(speed, self.force_share, travel, self.words, self.is_axis)
         if not self.is_axis:
             load = partial(_load, self.values["gain"], self.values["offset"])
             sizes = replace(sizes, loading=load)
         return trials_of(sizes)
 
-    @property
-    def noise(self) -> Noise:
-        """Default noise of its instruments."""
-        return Noise(load_cell=Noise.load_cell * self.sizes["force"] / BREAK_AWAY)
+    def trial(self, trial: Trial | str) -> Trial:
+        """The single trial of this name. Raises BadParameter, for a table too."""
+        if isinstance(trial, Trial):
+            return trial
+        found = trials_named(trial, self.trials)
+        if len(found) > 1:
+            raise BadParameter(f"{trial!r} is a table of {len(found)} trials; run them one by one")
+        return found[0]
 
     @property
     def defaults(self) -> dict[str, float]:
@@ -170,38 +251,27 @@ class Machine:
         if self.is_axis:
             return {}
         gain, damping = self.values["gain"], max(self.viscous, self.mass / _SLOWEST_LAG)
-        share = self.sizes["force"] / BREAK_AWAY
         turns, counts = _ENCODERS[self.kind == ROTARY]
         return {
             **{f"{TRIAL}.{n}": v for n, v in self.sizes.items()},
             "encoder.p": turns,
             "encoder.counts": counts,
-            "load_cell.resolution": share * _RESOLUTION,
-            "load_cell.capacity": share * _CAPACITY,
+            "load_cell.resolution": self.force_share * _RESOLUTION,
+            "load_cell.capacity": self.force_share * _CAPACITY,
             **self._regulator("velocity_pid", velocity_gains(self.mass, gain, damping)),
             **self._regulator("force_pid", static_force_gains(gain)),
         }
 
     def _regulator(self, name: str, gains: Gains) -> dict[str, float]:
-        return {
-            f"{name}.Kp": gains.proportional,
-            f"{name}.Ki": gains.integral,
-            f"{name}.Kd": gains.derivative,
-            f"{name}.limit": self.values["voltage_limit"],
-        }
+        values = (*gains, self.values["voltage_limit"])
+        return dict(zip((f"{name}.{n}" for n in ("Kp", "Ki", "Kd", "limit")), values, strict=True))
+
+    # -- trials that do not apply to it ------------------------------------------------------------
 
     def check_trial(self, trial: Trial, values: Mapping[str, float]) -> None:
-        """Reject a trial that does not apply to a drive.
+        """Raise BadParameter for a trial that does not apply to a drive.
 
-        Parameters
-        ----------
-        trial : Trial
-        values : mapping of str to float
-            All parameters of the rig, as ``part.name``.
-
-        Raises
-        ------
-        BadParameter
+        `values` are all parameters of the rig, as ``part.name``.
         """
         if self.is_axis:
             return
@@ -218,15 +288,7 @@ class Machine:
                 f"drive has no default; give trial.speed, in {self.unit('m/s')}, as --set "
                 "trial.speed=0.1"
             )
-        reference = trial.reference()
-        needed = float(np.abs(reference).max())
-        if trial.control == VELOCITY:
-            rate = float(np.abs(np.diff(reference)).max()) / SAMPLE_TIME
-            needed = max(self.friction(needed), self.sizes["force"]) + self.mass * rate
-        if trial.control == VOLTAGE:
-            needed *= abs(self.values["gain"])
-        else:
-            needed += abs(self.values["offset"])
+        needed = self._force_for(trial)
         if needed > self.limit:
             raise BadParameter(
                 f"{trial.name} ({trial.asked}) takes {needed:.3g} {force}, but the drive gives "
@@ -241,6 +303,17 @@ class Machine:
             )
         if trial.table in PRESLIDING:
             self._check_presliding(trial, values)
+
+    def _force_for(self, trial: Trial) -> float:
+        """Force that a drive needs for a trial [N]."""
+        reference = trial.reference()
+        needed = float(np.abs(reference).max())
+        if trial.control == VOLTAGE:
+            return needed * abs(self.values["gain"])
+        if trial.control == VELOCITY:
+            rate = float(np.abs(np.diff(reference)).max()) / SAMPLE_TIME
+            needed = max(self.friction(needed), self.sizes["force"]) + self.mass * rate
+        return needed + abs(self.values["offset"])
 
     def _check_presliding(self, trial: Trial, values: Mapping[str, float]) -> None:
         stiffness = claims(self.law).stiffness
@@ -263,36 +336,6 @@ class Machine:
 def _compiled(expression: sp.Expr) -> tuple[tuple[str, ...], Callable[..., Any]]:
     free = tuple(sorted(s.name for s in sp.sympify(expression).free_symbols))
     return free, sp.lambdify([symbol(n) for n in free], expression, "math")
-
-
-def machine_of(
-    law: str, parameters: Mapping[str, float] | None = None, told: ParameterFile | None = None
-) -> Machine:
-    """The machine with a friction law, and the values given by a file and a user.
-
-    Raises
-    ------
-    UnknownName, BadParameter, BadParameters
-    """
-    kind, command = (told.kind, told.command) if told else (BALL_SCREW, "")
-    if kind not in NOMINAL:
-        raise BadParameters(
-            f"{told.path if told else ''}: kind is {kind!r}, expected one of {', '.join(NOMINAL)}: "
-            "the rig"
-        )
-    machine = Machine(kind, command, law)
-    known = machine.known
-    given = given_values(known, law, parameters, told)
-    for name in given.keys() & known.keys():
-        check(name, given[name], known, law)
-    if given.get(f"{PLANT}.gain") == 0.0:
-        raise BadParameter("plant.gain is 0, so that no command moves this drive; expected another")
-    values: dict[str, dict[str, float]] = {PLANT: {}, TRIAL: {}}
-    for name, p in known.items():
-        part, _, own = name.partition(".")
-        if part == PLANT or name in given:
-            values[part][own] = given.get(name, p.default)
-    return replace(machine, values=values[PLANT], given=values[TRIAL])
 
 
 def _load(gain: float, offset: float, rate: float, time: Vector) -> Vector:

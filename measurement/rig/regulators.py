@@ -15,44 +15,33 @@ without slipping.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
 from ...plant.ball_screw import PARAMETERS as AXIS
+from ...plant.instruments import NOMINAL_VOLTAGE
 from ...plant.instruments.acquisition import SAMPLE_TIME, filter_lag, sampling_period
 from ...plant.lugre import PARAMETERS as FRICTION
 from ...solver.component import Component, DiscreteState, Input, Output, Parameter, symbol
-from .plant import ROTOR_INERTIA
 
 Vector = npt.NDArray[np.float64]
+Gains: TypeAlias = tuple[float, float, float]
+"""Kp, Ki and Kd of the parallel form: command per unit of the error, its integral, its rate."""
 
-POSITION_CUTOFF = 20.0
-"""Cut-off of the filter on the encoder's position [Hz]."""
-FORCE_CUTOFF = 20.0
-"""Cut-off of the filter on the load cell's force [Hz]: the same, so that both lags are equal."""
-VELOCITY_DELAYS = 3.0
-"""Closed-loop time constant of the velocity over the delay of its loop."""
-FORCE_TIME = 1.0
-"""Closed-loop time constant of the force [s]."""
-
-
-@dataclass(frozen=True)
-class Gains:
-    """Gains of the parallel form, in volts per unit of the error, its integral and its rate."""
-
-    proportional: float
-    integral: float
-    derivative: float
+ROTOR_INERTIA = 4.2e-7  # kg*m^2, Table 2.1
+CUTOFF = 20.0  # of the filters on position and force [Hz]; the same, so that both lags are equal
+VELOCITY_DELAYS = 3.0  # closed-loop time constant of the velocity over the delay of its loop
+FORCE_TIME = 1.0  # closed-loop time constant of the force [s]
 
 
 def simc(gain: float, lag: float, second_lag: float, delay: float, closed_loop: float) -> Gains:
     """The rule's gains [per unit of the error]; all times in seconds."""
     kc = lag / (gain * (closed_loop + delay))
     ti = min(lag, 4 * (closed_loop + delay))
-    return Gains(kc * (1 + second_lag / ti), kc / ti, kc * second_lag)
+    return kc * (1 + second_lag / ti), kc / ti, kc * second_lag
 
 
 def _nominal() -> dict[str, float]:
@@ -68,19 +57,14 @@ def _nominal() -> dict[str, float]:
 
 def velocity_gains(mass: float, force_per_command: float, damping: float) -> Gains:
     """Gains for the sliding block: lags are those of mass and filter; the rest is delay."""
-    lag, filtering = mass / damping, filter_lag(POSITION_CUTOFF)
+    lag, filtering = mass / damping, filter_lag(CUTOFF)
     delay = filtering / 2 + SAMPLE_TIME  # half a period to form the difference, half to hold
     return simc(force_per_command / damping, lag, filtering / 2, delay, VELOCITY_DELAYS * delay)
 
 
-def _nominal_velocity_gains() -> Gains:
-    n = _nominal()
-    return velocity_gains(n["mass"], n["force_per_volt"], n["sigma2"] + n["back_emf"])
-
-
 def static_force_gains(force_per_command: float) -> Gains:
     """Gains for a force proportional to the command: half of the filter is lag, the rest delay."""
-    filtering = filter_lag(FORCE_CUTOFF)
+    filtering = filter_lag(CUTOFF)
     delay = (filtering + SAMPLE_TIME) / 2
     return simc(force_per_command, filtering / 2, 0.0, delay, FORCE_TIME)
 
@@ -91,73 +75,28 @@ def force_gains() -> Gains:
     damping = n["sigma1"] + n["sigma2"] + n["back_emf"]
     root = math.sqrt(damping**2 - 4 * n["mass"] * n["sigma0"])
     slow, fast = 2 * n["mass"] / (damping - root), 2 * n["mass"] / (damping + root)
-    delay = filter_lag(FORCE_CUTOFF) + SAMPLE_TIME / 2
+    delay = filter_lag(CUTOFF) + SAMPLE_TIME / 2
     return simc(n["force_per_volt"], slow, fast, delay, FORCE_TIME)
 
 
-def _pid(
-    name: str,
-    description: str,
-    gains: Gains,
-    unit: str,
-    measured: sp.Expr,
-    inputs: tuple[Input, Input],
-    memory: tuple[DiscreteState, ...] = (),
-) -> Component:
-    """A PID on ``inputs[1] - measured`` with its derivative on the measurement.
+def loading_voltage(rate: float, time: Vector) -> Vector:
+    """Voltage [V] that loads the stuck block at a constant rate [N/s] from t = 0.
 
-    Its integral is constant while the command is at its limit.
+    The bristles move at rate/sigma0. The voltage for back-EMF and damping at that speed is added to
+    the ramp, as a constant.
     """
-    error = symbol(inputs[1].name) - measured
-    period, limit = symbol("sample_time"), symbol("limit")
-    integral = symbol("integral") + period * error
-    rate = (measured - symbol("last")) / period
-    demand = symbol("Kp") * error + symbol("Ki") * integral - symbol("Kd") * rate
-    command = sp.Piecewise((-limit, demand < -limit), (limit, demand > limit), (demand, True))
-    source = "SIMC rule, measurement/rig/regulators.py"
-    return Component(
-        name=name,
-        description=description,
-        parameters=(
-            Parameter("Kp", gains.proportional, f"V/({unit})", "proportional gain", source),
-            Parameter("Ki", gains.integral, f"V/({unit}*s)", "integral gain", source),
-            Parameter("Kd", gains.derivative, f"V*s/({unit})", "derivative gain", source),
-            Parameter(
-                "limit",
-                36.0,
-                "V",
-                "largest command, either sign",
-                "Table 2.1: nominal voltage",
-                minimum=0.0,
-            ),
-        ),
-        inputs=inputs,
-        discrete=(
-            *memory,
-            DiscreteState(
-                "integral",
-                f"{unit}*s",
-                "sum of the error",
-                sp.Piecewise(
-                    (symbol("integral"), sp.Or(demand < -limit, demand > limit)), (integral, True)
-                ),
-            ),
-            DiscreteState("last", unit, "measurement at the last sample", measured),
-            DiscreteState("u_held", "V", "command since the last sample", command),
-        ),
-        outputs=(Output("u", "V", "voltage command", symbol("u_held"), nominal=10.0),),
-        sample_time=sampling_period(),
-    )
+    n = _nominal()
+    damping = n["sigma1"] + n["sigma2"] + n["back_emf"]
+    return rate * (time + damping / n["sigma0"]) / n["force_per_volt"]
 
 
 def velocity_pid() -> Component:
     """Command `u` [V] from `v_ref` and the differentiated filtered position `x` [m]."""
-    x = symbol("x")
+    n, x = _nominal(), symbol("x")
     return _pid(
         "velocity_pid",
         "Velocity PID on the difference of the filtered position",
-        _nominal_velocity_gains(),
-        "m/s",
+        velocity_gains(n["mass"], n["force_per_volt"], n["sigma2"] + n["back_emf"]),
         (x - symbol("x_last")) / symbol("sample_time"),
         (
             Input("x", "m", "filtered position of the block", nominal=1e-3),
@@ -173,7 +112,6 @@ def force_pid() -> Component:
         "force_pid",
         "Force PID on the filtered force of the load cell",
         force_gains(),
-        "N",
         symbol("force"),
         (
             Input("force", "N", "filtered force on the block"),
@@ -182,12 +120,44 @@ def force_pid() -> Component:
     )
 
 
-def loading_voltage(rate: float, time: Vector) -> Vector:
-    """Voltage [V] that loads the stuck block at a constant rate [N/s] from t = 0.
+def _pid(
+    name: str,
+    description: str,
+    gains: Gains,
+    measured: sp.Expr,
+    inputs: tuple[Input, Input],
+    memory: tuple[DiscreteState, ...] = (),
+) -> Component:
+    """A PID on ``inputs[1] - measured`` with its derivative on the measurement.
 
-    The bristles move at rate/sigma0. The voltage for back-EMF and damping at that speed is added to
-    the ramp, as a constant.
+    Its integral is constant while the command is at its limit.
     """
-    n = _nominal()
-    damping = n["sigma1"] + n["sigma2"] + n["back_emf"]
-    return rate * (time + damping / n["sigma0"]) / n["force_per_volt"]
+    unit, period, limit = inputs[1].unit, symbol("sample_time"), symbol("limit")
+    error = symbol(inputs[1].name) - measured
+    integral = symbol("integral") + period * error
+    rate = (measured - symbol("last")) / period
+    demand = symbol("Kp") * error + symbol("Ki") * integral - symbol("Kd") * rate
+    command = sp.Piecewise((-limit, demand < -limit), (limit, demand > limit), (demand, True))
+    limited = sp.Or(demand < -limit, demand > limit)
+    total = sp.Piecewise((symbol("integral"), limited), (integral, True))
+    source = "SIMC rule, measurement/rig/regulators.py"
+    end = "largest command, either sign", "Table 2.1: nominal voltage"
+    return Component(
+        name=name,
+        description=description,
+        parameters=(
+            Parameter("Kp", gains[0], f"V/({unit})", "proportional gain", source),
+            Parameter("Ki", gains[1], f"V/({unit}*s)", "integral gain", source),
+            Parameter("Kd", gains[2], f"V*s/({unit})", "derivative gain", source),
+            Parameter("limit", NOMINAL_VOLTAGE, "V", *end, minimum=0.0),
+        ),
+        inputs=inputs,
+        discrete=(
+            *memory,
+            DiscreteState("integral", f"{unit}*s", "sum of the error", total),
+            DiscreteState("last", unit, "measurement at the last sample", measured),
+            DiscreteState("u_held", "V", "command since the last sample", command),
+        ),
+        outputs=(Output("u", "V", "voltage command", symbol("u_held"), nominal=10.0),),
+        sample_time=sampling_period(),
+    )

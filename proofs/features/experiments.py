@@ -16,11 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ballscrew.measurement.rig.bench import run_trial
-from ballscrew.measurement.rig.compiled_rig import plant_kernel, program_kernel
+from ballscrew.measurement.rig.program import PLANT, plant_kernel, program_kernel
 from ballscrew.measurement.rig.record import TrialRecord
 from ballscrew.measurement.rig.regulators import loading_voltage
-from ballscrew.measurement.rig.rig_trials import FORCE, VELOCITY, VOLTAGE, Trial, trials_named
-from ballscrew.measurement.rig.rig_wiring import PLANT
+from ballscrew.measurement.rig.trials import FORCE, VELOCITY, VOLTAGE, Trial, trials_named
 
 from .observations import ForceCurve, ForceStep, Observations, Peak
 

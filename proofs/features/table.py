@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ballscrew.measurement.rig.compiled_rig import plant_kernel
+from ballscrew.measurement.rig.program import plant_kernel
 from ballscrew.orchestration.fmu.operating_system import pool
 from ballscrew.plant import LAWS
 from ballscrew.solver.errors import UnknownName

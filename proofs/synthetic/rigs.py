@@ -19,7 +19,7 @@ from ballscrew.measurement.records.reading import FORCE_RECORD
 from ballscrew.measurement.records.record import Record
 from ballscrew.measurement.records.rig_trial import described
 from ballscrew.measurement.rig.bench import run_trial
-from ballscrew.measurement.rig.rig_trials import TRIALS
+from ballscrew.measurement.rig.trials import TRIALS
 from ballscrew.plant.instruments.acquisition import SAMPLE_TIME
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from synthetic.records import Trial, constant_velocity, record_of, sine_velocity, slow_load

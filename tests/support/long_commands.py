@@ -40,7 +40,7 @@ WITH_CHILDREN = ("run_isolated", "swap", "map")
 def write_data(folder: Path) -> None:
     """Write the input files of some commands: a rig's record, and a record of an axis."""
     from ballscrew.measurement.rig.bench import run_trial
-    from ballscrew.measurement.rig.rig_trials import TRIALS
+    from ballscrew.measurement.rig.trials import TRIALS
 
     run_trial(TRIALS["2.4/7"], "lugre").save(folder / "trial")
     t = np.arange(0.0, 20.0, 2e-3)

@@ -8,7 +8,7 @@ import pytest
 from ballscrew.measurement.identification.identify import identify
 from ballscrew.measurement.records.reading import read_force_records
 from ballscrew.measurement.rig.bench import run_trial
-from ballscrew.measurement.rig.rig_trials import trials_named
+from ballscrew.measurement.rig.trials import trials_named
 
 
 @pytest.fixture(scope="module")

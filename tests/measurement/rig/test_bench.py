@@ -9,9 +9,9 @@ import pytest
 
 from ballscrew.measured_results import RigRecord
 from ballscrew.measurement.rig.bench import run_trial
-from ballscrew.measurement.rig.compiled_rig import plant_kernel
-from ballscrew.measurement.rig.noise import Noise
-from ballscrew.measurement.rig.rig_trials import trials_named
+from ballscrew.measurement.rig.program import plant_kernel
+from ballscrew.measurement.rig.setup import Noise
+from ballscrew.measurement.rig.trials import trials_named
 from ballscrew.plant.instruments.acquisition import SAMPLE_TIME
 from ballscrew.solver.kernel import Model
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ballscrew.measurement.rig.calibration import POINTS, calibrate
+from ballscrew.measurement.rig.setup import POINTS, calibrate
 
 EPSILON_AREA = 8.854e-12 * 1e-4
 

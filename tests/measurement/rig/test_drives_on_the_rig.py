@@ -14,8 +14,8 @@ from scipy.signal import butter, lfilter
 
 import ballscrew
 from ballscrew.measurement.rig.bench import run_trial
-from ballscrew.measurement.rig.machine import machine_of
-from ballscrew.measurement.rig.noise import Noise
+from ballscrew.measurement.rig.machine import Machine
+from ballscrew.measurement.rig.setup import Noise
 from ballscrew.solver.errors import BadParameter
 
 LINEAR = """
@@ -132,7 +132,7 @@ def test_a_record_without_noise_is_what_scipy_simulates(files, trial):
 def test_trials_have_the_size_of_the_machine(files):
     """Forces are shares of its static friction; viscous friction grows to that of sliding."""
     linear, joint = (
-        machine_of(*a)
+        Machine(*a)
         for a in (
             ("lugre", None, told(files / "linear.toml")),
             ("classical", None, told(files / "joint.toml")),
@@ -162,7 +162,7 @@ def test_trials_have_the_size_of_the_machine(files):
 )
 def test_the_largest_velocity_is_one_that_the_machine_can_do(files, limit, travel, speed):
     given = {"plant.voltage_limit": limit, "trial.travel": travel}
-    machine = machine_of("lugre", given, told(files / "linear.toml"))
+    machine = Machine("lugre", given, told(files / "linear.toml"))
     assert machine.sizes["speed"] == pytest.approx(speed)
     found = run_trial("viscous/51", "lugre", given, told=told(files / "linear.toml"))
     assert np.mean(found.truth["v"][-20:]) == pytest.approx(speed, rel=0.02)

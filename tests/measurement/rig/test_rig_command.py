@@ -5,7 +5,7 @@ import json
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.measurement.rig.rig_trials import TRIALS
+from ballscrew.measurement.rig.trials import TRIALS
 
 
 def rig(*arguments):

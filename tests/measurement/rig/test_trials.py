@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ballscrew.measurement.rig.rig_trials import TABLES, trials_named
+from ballscrew.measurement.rig.trials import TABLES, trials_named
 
 
 def levels(table):
