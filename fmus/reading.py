@@ -136,7 +136,7 @@ def unpack(path: Path | str) -> UnpackedFmu:
     except BaseException as error:
         if folder:
             shutil.rmtree(folder, ignore_errors=True)
-        if isinstance(error, FmuError | FmuError):
+        if isinstance(error, FmuError):
             raise FmuError(f"{path}: {error}") from error
         raise
     return UnpackedFmu(path, description, folder)

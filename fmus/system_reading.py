@@ -118,7 +118,7 @@ def read_system(path: Path | str) -> SystemStructure:
     except BaseException as error:
         if folder:
             shutil.rmtree(folder, ignore_errors=True)
-        if not isinstance(error, FmuError | FmuError | FmuError | FmuError):
+        if not isinstance(error, FmuError):
             raise
         # names in the file may hold line breaks
         raise FmuError(f"{path}: {' '.join(str(error).split())}") from error

@@ -19,90 +19,31 @@ from ballscrew.solver.kernel import Model
 FUNCTIONS = {n: getattr(math, n) for n in ("exp", "sin", "cos", "tan", "atan", "tanh", "sqrt")}
 FUNCTIONS |= {"abs": abs, "max": max, "min": min, "log": math.log, "floor": math.floor}
 FUNCTIONS |= {"sign": np.sign, "ceil": math.ceil, "mod": lambda a, b: a - b * math.floor(a / b)}
+FUNCTIONS["choose"] = lambda condition, value, other: value if condition else other
+PYTHON = {"^": "**", "<>": "!=", "true": "True", "false": "False"}
 TOKEN = re.compile(r"\s*(\d+\.?\d*(?:e[-+]?\d+)?|\w+|<=|>=|<>|==|[-+*/^(),<>])")
 
 
-class Reader:
-    """Modelica's expressions by its grammar, as numbers (Modelica Language Specification, 3.2)."""
-
-    def __init__(self, text, known):
-        self.tokens, self.known = TOKEN.findall(text), known
-
-    def take(self, *words):
-        if self.tokens and self.tokens[0] in words:
-            return self.tokens.pop(0)
-        return ""
-
-    def expression(self):
-        if not self.take("if"):
-            return self.disjunction()
-        condition = self.expression()
-        assert self.take("then")
-        value = self.expression()
-        if self.tokens[0] == "elseif":
-            self.tokens[0] = "if"
+def value_of(text, known):
+    """Modelica's expressions as Python's, which has the same order of operations but for "if"."""
+    words, open_ifs = [], [0]
+    for word in [*TOKEN.findall(text), ")"]:
+        if word in ("if", "elseif"):
+            words.append(", choose(" if word == "elseif" else "choose(")
+            open_ifs[-1] += 1
+        elif word in ("then", "else"):
+            words.append(",")
+        elif word == "(":
+            words.append(word)
+            open_ifs.append(0)
+        elif word in (")", ","):
+            words.append(")" * open_ifs[-1] + word)
+            open_ifs[-1] = 0
+            if word == ")":
+                open_ifs.pop()
         else:
-            assert self.take("else")
-        other = self.expression()
-        return value if condition else other
-
-    def disjunction(self):
-        value = self.conjunction()
-        while self.take("or"):
-            value = self.conjunction() or value
-        return value
-
-    def conjunction(self):
-        value = self.negation()
-        while self.take("and"):
-            value = self.negation() and value
-        return value
-
-    def negation(self):
-        return not self.relation() if self.take("not") else self.relation()
-
-    def relation(self):
-        left = self.total()
-        sign = self.take("<", ">", "<=", ">=", "==", "<>")
-        if not sign:
-            return left
-        right = self.total()
-        return {"<": left < right, ">": left > right, "<=": left <= right, ">=": left >= right}[
-            sign
-        ]
-
-    def total(self):
-        sign = self.take("+", "-")
-        value = -self.product() if sign == "-" else self.product()
-        while sign := self.take("+", "-"):
-            value += self.product() if sign == "+" else -self.product()
-        return value
-
-    def product(self):
-        value = self.power()
-        while sign := self.take("*", "/"):
-            value = value * self.power() if sign == "*" else value / self.power()
-        return value
-
-    def power(self):
-        value = self.primary()
-        return value ** self.primary() if self.take("^") else value
-
-    def primary(self):
-        word = self.tokens.pop(0)
-        if word == "(":
-            value = self.expression()
-            assert self.take(")")
-            return value
-        if word in ("true", "false"):
-            return word == "true"
-        if word in FUNCTIONS and self.take("("):
-            given = [self.expression()]
-            while self.take(","):
-                given.append(self.expression())
-            assert self.take(")")
-            return FUNCTIONS[word](*given)
-        return float(word) if word[0].isdigit() else self.known[word]
+            words.append(PYTHON.get(word, word + ".0" * word.isdigit()))
+    return eval("(" + " ".join(words), FUNCTIONS | known)
 
 
 def equations(text):
@@ -128,9 +69,9 @@ def evaluated(text, known):
         done = []
         for name, right in left.items():
             try:
-                known[name] = Reader(right, known).expression()
+                known[name] = value_of(right, known)
                 done.append(name)
-            except KeyError:
+            except NameError:
                 continue
         assert done, left
         left = {n: r for n, r in left.items() if n not in done}

@@ -1,19 +1,20 @@
 """Variables in the descriptions: numbered from one, of the right variability, one message."""
 
+import shutil
 from functools import cache
-from zipfile import ZipFile
 
 import pytest
 import sympy as sp
 from any_fmu import KINDS
 from exported_loops import IN_LOOPS
 from lxml import etree
+from small_fmus import edited
 
 from ballscrew.fmus.dependencies import kinds_of
 from ballscrew.fmus.description import model_description
 from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.fmus.interface import interface_of
-from ballscrew.fmus.reading import unpack
+from ballscrew.fmus.reading import read_description
 from ballscrew.orchestration.loop import catalogue
 from ballscrew.orchestration.loop.catalogue import catalogued_model, component, fmu_kernel, loop
 from ballscrew.solver.codegen import generate
@@ -165,22 +166,11 @@ def test_outputs_are_numbers_and_the_message_is_a_local_string_without_a_start(k
 
 
 def test_a_message_that_is_an_output_as_earlier_versions_wrote_it_is_still_read(fmus, tmp_path):
-    read = unpack(fmus["plant"])
-    reference = read.description.message_reference
-    read.remove()
-    assert reference is not None
-    old = tmp_path / "old.fmu"
-    with ZipFile(fmus["plant"]) as new, ZipFile(old, "w") as archive:
-        for name in new.namelist():
-            data = new.read(name)
-            if name == "modelDescription.xml":
-                root = etree.fromstring(data)
-                (node,) = (v for v in root.iter("ScalarVariable") if v.get("name") == "message")
-                node.set("causality", "output")
-                node.set("initial", "exact")
-                node.find("String").set("start", "")
-                data = etree.tostring(root)
-            archive.writestr(name, data)
-    read = unpack(old)
-    assert read.description.message_reference == reference
-    read.remove()
+    old = shutil.copy(fmus["plant"], tmp_path / "old.fmu")
+    said = 'causality="{}" variability="discrete" initial="{}">\n      <String{} />'
+    edited(
+        old, (said.format("local", "calculated", ""), said.format("output", "exact", ' start=""'))
+    )
+    references = [read_description(path).message_reference for path in (fmus["plant"], old)]
+    assert references[0] is not None
+    assert references[1] == references[0]

@@ -32,15 +32,7 @@ WIDE_TOLERANCES = 1e-6, 1e-1
 
 @dataclass(frozen=True)
 class Case:
-    """One course.
-
-    Attributes
-    ----------
-    seed : int
-    tolerance : float
-    times, commands : ndarray
-        Communication points [s], and the command after each.
-    """
+    """One course: communication points [s], and the command after each."""
 
     seed: int
     tolerance: float
@@ -50,29 +42,15 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Comparison of a course in model exchange.
-
-    Attributes
-    ----------
-    distance, allowed : float
-        Largest difference of the position from the reference [m], and ten times that of perturbed
-        co-simulation.
-    held : float
-        Largest friction force while stuck, as a share of the static one times `BREAK_AWAY` [N].
-    zeros : int
-        Number of starts of continuous time with an event indicator of exactly zero.
-    events : int
-    travel : float
-        Travel of the reference [m].
-    """
+    """Comparison of a course in model exchange."""
 
     case: Case
-    distance: float
-    allowed: float
-    held: float
-    zeros: int
+    distance: float  # largest difference of the position from the reference [m]
+    allowed: float  # ten times that of perturbed co-simulation [m]
+    held: float  # largest friction while stuck, as a share of the static one times `BREAK_AWAY` [N]
+    zeros: int  # starts of continuous time with an event indicator of exactly zero
     events: int
-    travel: float
+    travel: float  # of the reference [m]
 
 
 def case(seed: int, volts: float, tolerances: tuple[float, float]) -> Case:
@@ -111,13 +89,13 @@ def outcome(kernel: Kernel, path: Path, one: Case) -> Outcome:
     random = np.random.default_rng(one.seed)
     theirs = [co_simulated(kernel, one, one.tolerance, random) for _ in range(DRAWS)]
     host = ExchangeHost(path, {}, one.tolerance, random)
-    rows, held, zeros = [host.get(["x"])[0]], 0.0, int((host.z == 0.0).sum())
+    rows, held, zeros = [host.get("x")[0]], 0.0, int((host.z == 0.0).sum())
     own = {p.name: p.default for p in kernel.parameters}
     for t1, u in zip(one.times[1:], one.commands, strict=False):
         host.jump({"u": u})
         host.advance(t1)
         zeros += int((host.z == 0.0).sum())
-        x, friction, stuck = host.get(["x", "friction", "stuck"])
+        x, friction, stuck = host.get("x", "friction", "stuck")
         rows.append(x)
         most = own.get("Fs") or own["Fs_pos" if friction > 0 else "Fs_neg"]
         held = max(held, abs(friction) * stuck / most * BREAK_AWAY)

@@ -11,8 +11,7 @@ from typing import Any
 
 import fmpy
 import numpy as np
-from fmpy.fmi2 import FMU2Model
-from fmpy.fmi3 import FMU3Model
+from any_fmu import Host
 from scipy.optimize import brentq
 
 ROUND_OFF = 2.0**-52
@@ -20,13 +19,10 @@ MOST_EVENTS = 20_000  # most events in one course
 FIRST_STEP = 1e-5  # after an event [s]; solvers restart there, and friction is steep near rest
 ORDER = 6
 OWN_SHARE = 0.01  # of the tolerance, for the error of its own solver: the FMU's events are tested
-CALLS = {
-    fmi: ("SetTime", "SetContinuousStates", derivatives, "GetEventIndicators")
-    for fmi, derivatives in ((2, "GetDerivatives"), (3, "GetContinuousStateDerivatives"))
-}
+DERIVATIVES = {2: "GetDerivatives", 3: "GetContinuousStateDerivatives"}
 
 
-class ExchangeHost:
+class ExchangeHost(Host):
     """One instance, initialized, in continuous-time mode.
 
     Parameters
@@ -48,48 +44,20 @@ class ExchangeHost:
     """
 
     def __init__(self, path: Any, values: Any, tolerance: float, random: np.random.Generator):
-        description = fmpy.read_model_description(str(path))
-        self.fmi = 2 if description.fmiVersion.startswith("2") else 3
-        self.fmu = (FMU2Model if self.fmi == 2 else FMU3Model)(
-            guid=description.guid,
-            unzipDirectory=fmpy.extract(str(path)),
-            modelIdentifier=description.modelExchange.modelIdentifier,
-            instanceName="one",
-        )
-        self.at = {v.name: v.valueReference for v in description.modelVariables}
-        slopes = [v for v in description.modelVariables if v.derivative is not None]
+        super().__init__(path, values, exchange=True)
+        slopes = [v for v in self.variables if v.derivative is not None]
         self._slopes = [v.valueReference for v in slopes]
         self._states = [v.derivative.valueReference for v in slopes]
         self.tolerance, self.random, self.time = tolerance, random, 0.0
         self.events = 0
         self._early = False  # the last stop was before an event
-        self.x = np.zeros(len(slopes))
-        self.nominal = np.zeros(len(slopes))
-        self.z = np.zeros(description.numberOfEventIndicators)
-        self._calls = [getattr(self.fmu.dll, f"fmi{self.fmi}{name}") for name in CALLS[self.fmi]]
+        self.x, self.nominal = np.zeros(len(slopes)), np.zeros(len(slopes))
+        self.z = np.zeros(fmpy.read_model_description(str(path)).numberOfEventIndicators)
+        names = "SetTime", "SetContinuousStates", DERIVATIVES[self.version], "GetEventIndicators"
+        self._calls = [getattr(self.fmu.dll, f"fmi{self.version}{name}") for name in names]
         self._buffers = [np.zeros(n) for n in (len(slopes), len(slopes), len(self.z))]
         self._pointers = [np.ctypeslib.as_ctypes(buffer) for buffer in self._buffers]
-        self.fmu.instantiate()
-        if self.fmi == 2:
-            self.fmu.setupExperiment(startTime=0.0)
-        self.set(values)
-        self.fmu.enterInitializationMode()
-        self.fmu.exitInitializationMode()
-        self.update()
-
-    # -- the functions of both versions ------------------------------------------------------
-
-    def set(self, values: Any) -> None:
-        put = self.fmu.setReal if self.fmi == 2 else self.fmu.setFloat64
-        put([self.at[n] for n in values], list(values.values()))
-
-    def get(self, names: list[str]) -> list[float]:
-        take = self.fmu.getReal if self.fmi == 2 else self.fmu.getFloat64
-        return list(take([self.at[n] for n in names]))
-
-    def close(self) -> None:
-        self.fmu.terminate()
-        self.fmu.freeInstance()
+        self.go_on()
 
     # These three do not use fmpy's wrappers, which take ten times as long as the FMU.
 
@@ -108,17 +76,14 @@ class ExchangeHost:
         self._calls[3](self.fmu.component, self._pointers[2], len(self.z))
         return self._buffers[2].copy()
 
-    def update(self) -> None:
+    def go_on(self) -> None:
         """Process events and continue in continuous time; the FMU is in event mode."""
         self.events += 1
         if self.events > MOST_EVENTS:
             raise RuntimeError(f"events without end at t = {self.time:.9g} s")
-        again = True
-        while again:
-            answer = (
-                self.fmu.newDiscreteStates() if self.fmi == 2 else self.fmu.updateDiscreteStates()
-            )
-            again = answer[0]
+        two = self.version == 2
+        while (self.fmu.newDiscreteStates if two else self.fmu.updateDiscreteStates)()[0]:
+            pass
         self.fmu.enterContinuousTimeMode()
         as_c = np.ctypeslib.as_ctypes
         self.fmu.getContinuousStates(as_c(self.x), len(self.x))
@@ -130,7 +95,7 @@ class ExchangeHost:
         """Change inputs, in event mode."""
         self.fmu.enterEventMode()
         self.set(values)
-        self.update()
+        self.go_on()
 
     # -- solving -----------------------------------------------------------------------------
 
@@ -140,7 +105,7 @@ class ExchangeHost:
         for k in range(n):
             seed = [0.0] * n
             seed[k] = 1.0
-            more = (n,) if self.fmi == 3 else ()
+            more = (n,) if self.version == 3 else ()
             columns.append(
                 self.fmu.getDirectionalDerivative(self._slopes, self._states, seed, *more)
             )
@@ -174,7 +139,7 @@ class ExchangeHost:
             asks, _ = self.fmu.completedIntegratorStep()
             if crossed or asks:
                 self.fmu.enterEventMode()
-                self.update()
+                self.go_on()
             else:
                 self.z = self.indicators(self.time, self.x)
 

@@ -39,13 +39,14 @@ DRY = {"w": 2.0, "F": 1.0, "mu": 0.1, "damping": 0.05}
 RELAY_LEVEL = 0.1
 
 
-def _component(
+def _kernel(
     name: str,
     equations: Mapping[str, tuple[sp.Expr, float]],
     parameters: Mapping[str, float] | None = None,
     modes: tuple[Mode, ...] = (),
-) -> Component:
-    return Component(
+) -> Kernel:
+    """States by their rates and start values, with parameters."""
+    component = Component(
         name,
         "a system with known exponents",
         parameters=tuple(
@@ -55,6 +56,7 @@ def _component(
         outputs=tuple(Output(n, "1", n, symbol(n)) for n in equations),
         modes=modes,
     )
+    return generate(component)
 
 
 @cache
@@ -63,9 +65,7 @@ def linear() -> Kernel:
     names = "xyz"
     entries = {f"a{i}{j}": -1.0 * (i == j) for i in range(3) for j in range(3)}
     rates = [sum(symbol(f"a{i}{j}") * symbol(names[j]) for j in range(3)) for i in range(3)]
-    return generate(
-        _component("linear", {n: (rates[i], 1.0) for i, n in enumerate(names)}, entries)
-    )
+    return _kernel("linear", {n: (rates[i], 1.0) for i, n in enumerate(names)}, entries)
 
 
 def entries(matrix: npt.ArrayLike) -> dict[str, float]:
@@ -82,27 +82,23 @@ def lorenz() -> Kernel:
         "y": (x * (rho - z) - y, 1.0),
         "z": (x * y - beta * z, 20.0),
     }
-    return generate(_component("lorenz", rates, LORENZ))
+    return _kernel("lorenz", rates, LORENZ)
 
 
 @cache
 def van_der_pol() -> Kernel:
     mu = symbol("mu")
-    return generate(
-        _component("van_der_pol", {"x": (v, 2.0), "v": (mu * (1 - x**2) * v - x, 0.0)}, {"mu": 1.0})
-    )
+    return _kernel("van_der_pol", {"x": (v, 2.0), "v": (mu * (1 - x**2) * v - x, 0.0)}, {"mu": 1.0})
 
 
 @cache
 def slow_and_fading() -> Kernel:
     """Van der Pol's oscillator, and a separate decaying state."""
     x, v, z, mu = (symbol(n) for n in ("x", "v", "z", "mu"))
-    return generate(
-        _component(
-            "slow_and_fading",
-            {"x": (v, 0.0), "v": (mu * (1 - x**2) * v - x, 0.0), "z": (-z, 1.0)},
-            {"mu": 0.004},
-        )
+    return _kernel(
+        "slow_and_fading",
+        {"x": (v, 0.0), "v": (mu * (1 - x**2) * v - x, 0.0), "z": (-z, 1.0)},
+        {"mu": 0.004},
     )
 
 
@@ -110,17 +106,15 @@ def slow_and_fading() -> Kernel:
 def torus() -> Kernel:
     """Two independent Van der Pol oscillators, whose frequencies have no common period."""
     a, b, c, d, mu, w = (symbol(n) for n in ("a", "b", "c", "d", "mu", "w"))
-    return generate(
-        _component(
-            "torus",
-            {
-                "a": (b, 2.0),
-                "b": (mu * (1 - a**2) * b - a, 0.0),
-                "c": (d, 1.5),
-                "d": (mu * (1 - c**2) * d - w**2 * c, 0.0),
-            },
-            {"mu": 0.5, "w": float(np.sqrt(2.0))},
-        )
+    return _kernel(
+        "torus",
+        {
+            "a": (b, 2.0),
+            "b": (mu * (1 - a**2) * b - a, 0.0),
+            "c": (d, 1.5),
+            "d": (mu * (1 - c**2) * d - w**2 * c, 0.0),
+        },
+        {"mu": 0.5, "w": float(np.sqrt(2.0))},
     )
 
 
@@ -129,17 +123,15 @@ def two_circles() -> Kernel:
     """Two circles, cos t and cos w t: a torus in closed form, exponents 0, 0, -2 and -2."""
     a, b, c, d, w = (symbol(n) for n in "abcdw")
     first, second = 1 - a**2 - b**2, 1 - c**2 - d**2
-    return generate(
-        _component(
-            "two_circles",
-            {
-                "a": (a * first - b, 1.0),
-                "b": (b * first + a, 0.0),
-                "c": (c * second - w * d, 1.0),
-                "d": (d * second + w * c, 0.0),
-            },
-            {"w": float(np.sqrt(2.0))},
-        )
+    return _kernel(
+        "two_circles",
+        {
+            "a": (a * first - b, 1.0),
+            "b": (b * first + a, 0.0),
+            "c": (c * second - w * d, 1.0),
+            "d": (d * second + w * c, 0.0),
+        },
+        {"w": float(np.sqrt(2.0))},
     )
 
 
@@ -148,7 +140,7 @@ def driven_van_der_pol() -> Kernel:
     mu, force, w = symbol("mu"), symbol("force"), symbol("w")
     rate = mu * (1 - x**2) * v - x + force * sp.cos(w * TIME)
     given = {"mu": 0.5, "force": 0.3, "w": 1.3}
-    return generate(_component("driven_van_der_pol", {"x": (v, 1.0), "v": (rate, 0.0)}, given))
+    return _kernel("driven_van_der_pol", {"x": (v, 1.0), "v": (rate, 0.0)}, given)
 
 
 HARMONICS = 6
@@ -165,17 +157,15 @@ def many_passes() -> Kernel:
     course = sum(symbol(n) * sp.chebyshevt(j + 1, a) for j, n in enumerate(names))
     ring, off = 1 - a**2 - b**2, y - course
     rate = a * ring - b
-    return generate(
-        _component(
-            "many_passes",
-            {
-                "a": (rate, 1.0),
-                "b": (b * ring + a, 0.0),
-                "y": (sp.diff(course, a) * rate - k * off - w * z, 3.0),
-                "z": (w * off - k * z, 0.0),
-            },
-            dict.fromkeys(names, 0.0) | {"k": 0.1, "w": 0.0},
-        )
+    return _kernel(
+        "many_passes",
+        {
+            "a": (rate, 1.0),
+            "b": (b * ring + a, 0.0),
+            "y": (sp.diff(course, a) * rate - k * off - w * z, 3.0),
+            "z": (w * off - k * z, 0.0),
+        },
+        dict.fromkeys(names, 0.0) | {"k": 0.1, "w": 0.0},
     )
 
 
@@ -194,7 +184,7 @@ def belt() -> Kernel:
         Mode("stick", derivatives={"x": vb, "v": sp.Integer(0)}, events=(slips,)),
     )
     rates = {"x": (v, 0.0), "v": (-x + friction, 0.0)}
-    return generate(_component("belt", rates, {"vb": BELT_SPEED}, modes))
+    return _kernel("belt", rates, {"vb": BELT_SPEED}, modes)
 
 
 @cache
@@ -209,9 +199,7 @@ def bouncing_ball() -> Kernel:
     speed = shake * g / w * sp.cos(w * TIME)
     hit = Event("hit", x - height, direction=-1, reset={"v": -e * v + (1 + e) * speed})
     rates = {"x": (v, 0.0), "v": (-g, 0.5)}
-    return generate(
-        _component("bouncing_ball", rates, {"shake": 1.2}, (Mode("flight", events=(hit,)),))
-    )
+    return _kernel("bouncing_ball", rates, {"shake": 1.2}, (Mode("flight", events=(hit,)),))
 
 
 @cache
@@ -224,7 +212,7 @@ def elastic_ball() -> Kernel:
     leaves = Event("leaves", -v, direction=1, reset={"v": -v}, next_mode="flight")
     modes = (Mode("flight", events=(hits,)), Mode("impact", events=(leaves,)))
     rates = {"x": (v, 0.5), "v": (sp.Integer(-1), 0.0)}
-    return generate(_component("elastic_ball", rates, modes=modes))
+    return _kernel("elastic_ball", rates, modes=modes)
 
 
 @cache
@@ -248,7 +236,7 @@ def dry_friction() -> Kernel:
             events=(Event("turns_right", v, direction=1, next_mode="right"),),
         ),
     )
-    return generate(_component("dry_friction", {"x": (v, 0.0), "v": (smooth, 0.5)}, DRY, modes))
+    return _kernel("dry_friction", {"x": (v, 0.0), "v": (smooth, 0.5)}, DRY, modes)
 
 
 RELAY_PLANT = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, -3.0]])

@@ -21,19 +21,9 @@ from ballscrew.solver.kernel import DEFAULT_TOLERANCE, Kernel, Model, Trajectory
 
 
 def prescribed_motion(friction: Law, name: str = "prescribed_motion") -> Component:
-    """The component: a friction law moved with a prescribed velocity.
+    """A friction law moved with a velocity; states are x, `work` against friction and the law's.
 
-    Parameters
-    ----------
-    friction : function of the velocity, returning a ForceTerm
-    name : str
-
-    Returns
-    -------
-    Component
-        Inputs `v` [m/s] and `a` [m/s^2]; states x [m], `work` [N*m] against friction, and those of
-        the law. Outputs are all states, `velocity` [m/s] and the law's outputs, including
-        `friction` [N].
+    Outputs are all states, `velocity` [m/s] and the law's outputs, including `friction` [N].
     """
     velocity = symbol("v") + symbol("a") * (TIME - symbol("t_step"))
     term = _switched(friction(velocity))
@@ -94,23 +84,10 @@ def prescribed_friction(
     values: Mapping[str, float] | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Trajectory:
-    """The friction of a law of `LAWS` under a motion.
+    """The friction of a law of `LAWS` with velocities [m/s] at times [s], linear in between.
 
-    Parameters
-    ----------
-    name : str
-    times : array_like, shape (n,)
-        Times [s], not decreasing; a time that occurs twice is a jump of the velocity.
-    velocity : array_like, shape (n,)
-        Velocity [m/s] at these times, linear in between.
-    values : mapping of str to float, optional
-        Parameters, and initial states as ``<state>_start``; without these, undeflected.
-    tolerance : float
-
-    Returns
-    -------
-    Trajectory
-        On `times`; its outputs are those of `prescribed_motion`.
+    A time that occurs twice is a jump of the velocity. `values` are parameters, and initial states
+    as ``<state>_start``. The outputs are those of `prescribed_motion`.
     """
     model = Model(motion_kernel(name), values, tolerance)
     grid = np.ascontiguousarray(times, dtype=float)

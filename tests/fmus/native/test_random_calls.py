@@ -69,7 +69,7 @@ def of(name, fmi, calls, watched, tier):
 @pytest.mark.parametrize(
     ("name", "fmi", "calls", "watched"),
     [
-        of("plant_classical", 2, 5_000, True, pytest.mark.ci),
+        of("plant_classical", 2, 10_000, True, pytest.mark.ci),
         of("plant_classical", 3, 20_000, True, pytest.mark.prove),
         of("plant", 2, 100_000, False, pytest.mark.prove),
         of("pid_sampled", 3, 100_000, False, pytest.mark.prove),
