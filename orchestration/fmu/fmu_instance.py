@@ -35,15 +35,7 @@ from .fmi_versions import (
 
 Vector = npt.NDArray[np.float64]
 
-ENTRY_POINTS = (
-    "component",
-    "set_real",
-    "get_real",
-    "do_step",
-    "get_state",
-    "set_state",
-    "free_state",
-)
+ENTRY_POINTS = "component set_real get_real do_step get_state set_state free_state".split()
 _LOG_NUMBERS = itertools.count(1)
 
 Value: TypeAlias = "float | str"
@@ -394,16 +386,10 @@ class FmuInstance(AnyFmu):
 
     def entry_points(self) -> tuple[int, ...]:
         """Addresses of the instance and of its functions, in the order of `ENTRY_POINTS`."""
-        fmi = self._fmi
-        calls = (
-            fmi.library.fmi2SetReal,
-            fmi.library.fmi2GetReal,
-            fmi.do_step,
-            fmi.get_state,
-            fmi.set_state,
-            fmi.free_state,
-        )
-        addresses = (ctypes.cast(call, ctypes.c_void_p).value or 0 for call in calls)
+        fmi, library = self._fmi, self._fmi.library
+        moves = library.fmi2SetReal, library.fmi2GetReal, fmi.do_step
+        states = fmi.get_state, fmi.set_state, fmi.free_state
+        addresses = (ctypes.cast(call, ctypes.c_void_p).value or 0 for call in (*moves, *states))
         return (fmi.component.value or 0, *addresses)
 
     def references(self, names: Sequence[str]) -> list[int]:

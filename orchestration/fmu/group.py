@@ -22,6 +22,7 @@ from .wiring import Wiring
 
 Vector = npt.NDArray[np.float64]
 SETTLED = 1e-12  # largest last change, as a share of a value or of its nominal value
+STALE, BACK = range(2)  # flags, see `Group`
 SWEEPS = 3  # enough for a ring that is not an algebraic loop
 
 
@@ -135,15 +136,6 @@ class Group:
         self._initializing = False
         self.flags = np.ones(2, dtype=np.int64)
 
-    @property
-    def _stale(self) -> bool:
-        """Whether inputs were set since outputs were read; shared with compiled code."""
-        return bool(self.flags[0])
-
-    @_stale.setter
-    def _stale(self, value: bool) -> None:
-        self.flags[0] = value
-
     def nominal(self, name: str) -> float:
         if name in self.inputs:
             fed = next(f for f in self._feeds if f.source == name)
@@ -206,7 +198,8 @@ class Group:
                 )
             )
             begin = end
-        self._initializing = self._stale = True
+        self._initializing = True
+        self.flags[STALE] = True
 
     def leave_initialization(self) -> None:
         """Let one member after the other leave the mode."""
@@ -217,7 +210,7 @@ class Group:
             self.values[part.outputs] = part.read()
         self._initializing = False
         self._iterate()
-        self._stale = False
+        self.flags[STALE] = False
         self._choose_steps()
         # the shortest: every communication step then ends at samples of the fastest member
         self.sample_time = min(
@@ -232,7 +225,7 @@ class Group:
         back = _reversed(order, self._feeds, hard)
         parts = dict(self._named_parts())
         self.there, self.back = [parts[m] for m in order], [parts[m] for m in back]
-        self.flags[1] = self._turned
+        self.flags[BACK] = self._turned
         # a part with direct feedthrough that is stepped before its source has an outdated output
         self.lags = any(
             f.member in at_once
@@ -361,7 +354,7 @@ class Group:
 
         def write(values: Vector) -> None:
             self.values[at] = values
-            self._stale = True
+            self.flags[STALE] = True
 
         return write
 
@@ -369,20 +362,20 @@ class Group:
         at = np.array([self.place[n] for n in names], dtype=np.intp)
 
         def read() -> Vector:
-            if self._stale:
+            if self.flags[STALE]:
                 self._settle() if self._initializing else self._sweep()
-                self._stale = False
+                self.flags[STALE] = False
             values: Vector = self.values[at]
             return values
 
         return read
 
     def step(self, t: float, h: float) -> None:
-        for part in self.back if self.flags[1] else self.there:
+        for part in self.back if self.flags[BACK] else self.there:
             self._feed(part)
             part.instance.step(t, h)
             self.values[part.outputs] = part.read()
-        self.flags[:] = self.lags, not self.flags[1]
+        self.flags[:] = self.lags, not self.flags[BACK]
 
     def is_compiled(self) -> bool:
         """Whether compiled code can call its members itself; see `c/group.c`."""

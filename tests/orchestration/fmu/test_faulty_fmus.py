@@ -3,9 +3,8 @@
 import os
 
 import pytest
-from cases import cart_position, maker
+from cases import maker
 
-from ballscrew.cli import main
 from ballscrew.orchestration.fmu.isolated import IsolatedInstance
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
@@ -25,22 +24,6 @@ def test_why_an_fmu_is_not_instantiated_is_told_in_its_own_words(mk, tmp_path):
     mk.pd(str(tmp_path / "pd.fmu"), inst=says)
     with pytest.raises(FmuError, match=MISSING):
         IsolatedInstance(tmp_path / "pd.fmu", "controller")
-
-
-@pytest.mark.ci
-def test_an_fmu_of_a_swap_that_fails_costs_the_others_nothing(mk, tmp_path, capsys):
-    mk.plant(str(tmp_path / "cart.fmu"))
-    mk.pd(str(tmp_path / "pd.fmu"))
-    mk.pd(str(tmp_path / "broken.fmu"), name="broken", inst="return 0;")
-    names = [str(tmp_path / f"{n}.fmu") for n in ("broken", "pd", "cart")]
-    words = ["--controllers", *names[:2], "--plant", names[2], "--setpoint", "0.1"]
-    out = tmp_path / "out"
-    assert main(["swap", *words, "--stop", "0.5", "--step", "1e-3", "--out", str(out)]) == 2
-    said = [line for line in capsys.readouterr().err.splitlines() if "left out" in line]
-    assert len(said) == 1
-    assert "broken" in said[0]
-    end = (out / "trajectory_pd.csv").read_text().splitlines()[-1].split(",")
-    assert float(end[1]) == pytest.approx(cart_position(0.5), rel=1e-3)
 
 
 @pytest.mark.ci

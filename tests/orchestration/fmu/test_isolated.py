@@ -85,15 +85,6 @@ def test_an_fmu_that_does_not_open_is_a_bad_request(tmp_path, capsys, at_start, 
 
 
 @pytest.mark.ci
-def test_an_exception_in_a_step_is_told_with_its_text(tmp_path, capsys):
-    bad = proportional(tmp_path, "Raises", in_step="1 / (current_time < 0.05)")
-    assert run(bad, tmp_path / "out") == 1
-    line = one_line_on_stopping(capsys.readouterr())
-    assert "Raises.fmu" in line
-    assert "division by zero" in line
-
-
-@pytest.mark.ci
 def test_two_fmus_with_a_module_called_plant_each_run_their_own(tmp_path, monkeypatch):
     """One interpreter would give the second the first one's module, or the user's own."""
     (tmp_path / "here").mkdir()
@@ -257,9 +248,3 @@ def test_what_is_not_ours_has_a_process_of_its_own_unless_asked(
     one.initialize({}, 1.0)
     assert (type(one), one.sample_time) == (kind, 0.0)
     one.close()
-
-
-def test_of_the_last_line_two_hundred_letters_are_told(tmp_path):
-    talks = proportional(tmp_path, "Talks", at_start=f"print('x' * 300, flush=True); {SEGFAULT}")
-    with pytest.raises(FmuError, match=r"its last output: x{200}$"):
-        IsolatedInstance(talks, "one")

@@ -114,14 +114,6 @@ def _rows(folder):
 
 
 @pytest.mark.ci
-def test_what_is_said_of_one_wins_over_what_is_said_of_all(hand, tmp_path):
-    pid = ("run", "--controller", hand, "--map", "pos=x", *SHORT, "--out", tmp_path)
-    for order in (("Hand.Kp=3", "controller.Kp=7"), ("controller.Kp=7", "Hand.Kp=3")):
-        command(*pid, "--set", order[0], "--set", order[1])
-        assert read_parameters(tmp_path / "parameters.toml").controllers["Hand"]["Kp"].value == 3
-
-
-@pytest.mark.ci
 @pytest.mark.parametrize(
     ("given", "said"),
     [

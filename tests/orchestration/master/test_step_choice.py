@@ -48,13 +48,6 @@ def with_error(error):
     return run_at
 
 
-def test_a_run_that_is_trusted_at_once_is_taken() -> None:
-    run, choice = choose_step(lambda h, _again: made_up(h, np.arange(3.0), True))
-    assert run.verdict.trusted
-    assert choice.step == 1e-3
-    assert choice.tried == ((1e-3, "trusted"),)
-
-
 @pytest.mark.parametrize("order", [1, 2])
 def test_halvings_that_converge_are_trusted_and_bound_the_error(order: int) -> None:
     def error(step: float) -> float:
@@ -92,12 +85,6 @@ def test_runs_that_do_not_come_closer_to_each_other_are_given_up(apart, number) 
     assert len(choice.tried) == number
     assert ("do not converge" in choice.reason) == (number == 4)
     assert run.verdict.advice
-
-
-def test_differences_that_are_small_but_do_not_shrink_are_not_trusted() -> None:
-    jumps = iter([0.0, 0.3, -0.3] + [0.008, -0.008] * 10)
-    _, choice = choose_step(with_error(lambda _h: next(jumps)))
-    assert [word for _, word in choice.tried[:5]] == ["not converged"] * 5
 
 
 @pytest.mark.parametrize(("end", "number"), [(0.981, 2), (0.979, 12)])
