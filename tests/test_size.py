@@ -19,7 +19,7 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1883, 1608),
     "controllers": (1294, 1053),
     "fmus": (5130, 4599),
-    "orchestration": (12207, 10607),
+    "orchestration": (12188, 10592),
     "stability": (2781, 2279),
     "ballscrew": (4638, 3817),
     "gallery": (3571, 3184),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (27696, 26453),
+    "tests": (27682, 26442),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

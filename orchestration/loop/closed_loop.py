@@ -298,23 +298,16 @@ class SwapResult:
             for label, n in zip(labels, before, strict=True)
         ]
 
-    def comparison_csv(self) -> str:
-        stream = io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for result in self.results:
-            figures = result.figures()
-            writer.writerow(["" if figures[c] is None else figures[c] for c in COLUMNS])
-        return stream.getvalue()
-
     def save(self, folder: Path | str) -> None:
         """Write comparison.csv, comparison.json, trajectories and parameters.toml."""
         folder = Path(folder)
         self.parameters().save(folder)
         for name, result in zip(self.trajectories, self.results, strict=True):
             write_atomically(folder / name, result.trajectory_csv())
-        write_atomically(folder / "comparison.csv", self.comparison_csv().encode())
-        write_json(folder / "comparison.json", [result.figures() for result in self.results])
+        figures = [result.figures() for result in self.results]
+        rows = (["" if f[c] is None else str(f[c]) for c in COLUMNS] for f in figures)
+        write_atomically(folder / "comparison.csv", _csv_rows([COLUMNS, *rows]))
+        write_json(folder / "comparison.json", figures)
 
 
 def swap(loops: Sequence[Loop], progress: Callable[[str, float], None] | None = None) -> SwapResult:

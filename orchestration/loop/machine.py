@@ -171,11 +171,6 @@ class Machine:
         return step, move(way, v, a), move(-0.6 * way, 0.5 * v, 0.5 * a)
 
 
-def nominal_machine() -> Machine:
-    """The axis that the ranges of the laws' files are for."""
-    return Machine(Part("plant"), {}, NOMINAL_VOLTAGE)
-
-
 def limit_of(known: Container[str], values: Mapping[str, float], asked: float | None) -> float:
     """Largest command of a plant with `known` parameters, in the unit of its command.
 
@@ -219,7 +214,8 @@ def gain_ranges(
         start = {n: np.nan_to_num(given[n].default, nan=middle[n]) for n in ranges}
         return ranges, {n: float(np.clip(start[n], *r)) for n, r in ranges.items()}
     # in the units of the ranges
-    nominal, known = nominal_machine(), Part(controller.named.plain).parameters
+    nominal = Machine(Part("plant"), {}, NOMINAL_VOLTAGE)
+    known = Part(controller.named.plain).parameters
     ranges, start = {}, {}
     for name, (low, high) in tunable(controller.bare).items():
         powers = base_exponents(known[name].unit)

@@ -92,16 +92,6 @@ def signals_of(run: LoopRun) -> dict[str, Any]:
     return {**run.outputs, **run.commands}
 
 
-def states_of(run: LoopRun) -> list[str]:
-    """The outputs that pictures show: those of an axis, or all if it is no axis."""
-    return [n for n in _STATES if n in run.outputs] or list(run.outputs)
-
-
-def colour_of(run: LoopRun, name: str) -> int:
-    """Number of a signal's colour, the same in all pictures of a run."""
-    return _COLOUR.get(name, list(signals_of(run)).index(name)) % len(COLOURS)
-
-
 @contextmanager
 def drawing(what: str = "a picture") -> Iterator[None]:
     """Let a picture that cannot be drawn, for example with 1e308 V, only print one line.
@@ -222,7 +212,8 @@ def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
                 textcoords="offset points",
                 arrowprops={"arrowstyle": "-", "color": "#555555"},
             )
-        shown = states_of(run)
+        # the states of an axis, or all outputs if it is no axis
+        shown = [n for n in _STATES if n in run.outputs] or list(run.outputs)
         panels = new("states", len(shown), (8, 2.0 * len(shown)))
         for k, n in enumerate(shown):
             _draw_course(panels[k][0], run, n, n)
@@ -248,7 +239,8 @@ def _draw_course(axes: Any, run: LoopRun, name: str, label: str) -> None:
     end = until_rest(run)
     moving = run.time <= end
     shown = rows_over_time(run.time[moving], values[moving])
-    style = {"color": COLOURS[colour_of(run, name)], "label": label}
+    colour = _COLOUR.get(name, list(signals_of(run)).index(name))
+    style = {"color": COLOURS[colour % len(COLOURS)], "label": label}
     axes.plot(run.time[shown], values[shown] * how.factor, **style)
     axes.set_xlabel(_time_label(end, run.time[-1]))
     axes.set_ylabel(how.label)

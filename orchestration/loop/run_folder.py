@@ -160,8 +160,5 @@ def _listed(path: Path) -> Files:
         return {}
     if not isinstance(files, dict):
         return {}
-    return {n: d for n, d in files.items() if isinstance(d, str) and _is_inside(n)}
-
-
-def _is_inside(name: str) -> bool:
-    return not name.startswith("/") and ".." not in Path(name).parts
+    inside = (n for n in files if not n.startswith("/") and ".." not in Path(n).parts)
+    return {n: files[n] for n in inside if isinstance(files[n], str)}

@@ -72,6 +72,7 @@ _UNIT = re.compile(
     r"(?:[1NVA](?:\*s)?/(?:m|mm)(?:\^2)?|(?:kg|N|mm|um|µm|nm|m)(?:/s(?:\^2)?)?)(?=$|[\s,;.:)\]])",
     re.MULTILINE,
 )
+_PIECE = re.compile("[A-Za-zµ]+")
 _MASS = re.compile(r"(?:^|(?<=\bof ))m\b(?= {2,}| [\d(])", re.MULTILINE)
 
 
@@ -80,7 +81,7 @@ def in_turning_units(text: str) -> str:
 
     Numbers are before their units, with one space between.
     """
-    units = _UNIT.sub(lambda unit: re.sub("[A-Za-zµ]+", _word, unit[0]), text)
+    units = _UNIT.sub(lambda unit: _PIECE.sub(lambda m: _WORDS.get(m[0], m[0]), unit[0]), text)
     return _MASS.sub("J", units)
 
 
@@ -92,10 +93,6 @@ def page_in_turning_units(page: str) -> str:
         for number, part in enumerate(kept)
         if number % 3 != 2  # the tag's name, repeated
     )
-
-
-def _word(word: re.Match[str]) -> str:
-    return _WORDS.get(word[0], word[0])
 
 
 def words_for(notes: Sequence[str]) -> Callable[[str], str]:

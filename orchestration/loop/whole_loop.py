@@ -118,11 +118,6 @@ def term_name(name: str, power: int) -> str:
     return f"{name}_t{power}" if power else name
 
 
-def reference_orders(kernel: Kernel) -> dict[str, int]:
-    """As `set_point_orders`, of a loop's inputs."""
-    return set_point_orders([i.name for i in kernel.inputs if i.role in REFERENCES])
-
-
 def inputs_between(
     kernel: Kernel, reference: Reference, grid: Vector
 ) -> tuple[Vector, Matrix, npt.NDArray[np.bool_]]:
@@ -131,7 +126,7 @@ def inputs_between(
     Returns the times of the grid (m,) with the points of the set-point between them (k,), the
     kernel's inputs from each of them on (k, n), and whether each is one of the grid (k,).
     """
-    orders = reference_orders(kernel)
+    orders = set_point_orders([i.name for i in kernel.inputs if i.role in REFERENCES])
     times, pieces = reference.between(grid, list(orders.values()))
     columns = {i.name: k for k, i in enumerate(kernel.inputs)}
     inputs = np.tile([i.start for i in kernel.inputs], (len(times), 1))

@@ -141,14 +141,12 @@ class StudyResult:
         for place in np.ndindex(self.figures[JUDGED_BY].shape):
             e, s, d, p = place
             run = Run(plan.entrants[e].name, s, plan.judged_duties[d].name, p)
-            for name, value in run._asdict().items():
+            row = run._asdict() | dict(zip(varied, map(float, draws[p]), strict=True))
+            row |= {name: float(self.figures[name][place]) for name in NAMES}
+            row["hunting"] = hunting_verdict(row["hunting"])
+            row["coupling"] = self.checks[run].coupling if run in self.checks else ""
+            for name, value in row.items():
                 columns[name].append(value)
-            for name, drawn in zip(varied, draws[p], strict=True):
-                columns[name].append(float(drawn))
-            for name in NAMES:
-                columns[name].append(float(self.figures[name][place]))
-            columns["hunting"][-1] = hunting_verdict(columns["hunting"][-1])
-            columns["coupling"].append(self.checks[run].coupling if run in self.checks else "")
         return columns
 
     def to_dict(self) -> dict[str, Any]:

@@ -1,9 +1,15 @@
-"""Units by the size of the numbers."""
+"""Units by the size of the numbers, and of a body that turns."""
 
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.loop.shown_units import labelled, length, quantity, shown_unit
+from ballscrew.orchestration.loop.shown_units import (
+    in_turning_units,
+    labelled,
+    length,
+    quantity,
+    shown_unit,
+)
 
 pytestmark = pytest.mark.ci
 
@@ -32,3 +38,27 @@ def test_the_largest_number_decides_and_what_is_not_finite_does_not_count():
     assert shown_unit([1e-6, -0.02, np.inf, np.nan], "m") == (1e3, "mm")
     assert shown_unit([], "m") == (1.0, "m")
     assert labelled("error", "") == "error"
+
+
+@pytest.mark.parametrize(
+    ("slides", "turns"),
+    [
+        ("0.02 N rms of 4.6 N rms; 1.2 mm rms", "0.02 N*m rms of 4.6 N*m rms; 1.2 mrad"),
+        ("sigma2   1.49955  1.4877 .. 1.5115     N*s/m", "N*m*s/rad"),
+        ("m        0.499   0.49 .. 0.5     kg", "J        0.499   0.49 .. 0.5     kg*m^2"),
+        ("0.3 m/s^2, 12 um.", "0.3 rad/s^2, 12 urad."),
+    ],
+)
+def test_units_are_those_of_a_body_that_turns(slides, turns):
+    assert turns in in_turning_units(slides)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "the force comes later than the motion by 0.00709 ms (-0.55 .. 0.57)",
+        "a record of 8 s, 1 kHz, 5 Nm.csv",
+    ],
+)
+def test_all_else_stays_as_it_is(text):
+    assert in_turning_units(text) == text

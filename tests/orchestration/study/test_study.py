@@ -107,14 +107,6 @@ def test_a_study_over_dask_gives_the_same_numbers(plan, result, tmp_path):
     assert json.dumps(again.to_dict()) == json.dumps(result.to_dict())
 
 
-@pytest.mark.ci
-def test_a_folder_of_another_study_is_left_alone(plan, folder, result):
-    with pytest.raises(UserError, match="add --resume to continue"):
-        do_study(plan, folder, Processes(1))
-    with pytest.raises(UserError, match="contains another study"):
-        do_study(replace(plan, seed=2), folder, Processes(1), resume=True)
-
-
 def test_a_table_of_the_set_point_that_changed_makes_another_study(plan, folder, result, tmp_path):
     """Judged or tuned on: its name is the same, its content is not."""
     for k, duty in enumerate(plan.duties):
