@@ -14,10 +14,16 @@ _PUBLIC = {
     **dict.fromkeys(
         (
             "catalogue component with_friction export run swap lyapunov stability_map "
-            "swap_study run_trial read_force_records read_drive_records read_parameters "
-            "identify diagnose compare tune"
+            "swap_study tune"
         ).split(),
         "ballscrew.api",
+    ),
+    **dict.fromkeys(
+        (
+            "run_trial read_force_records read_drive_records read_parameters identify diagnose "
+            "compare"
+        ).split(),
+        "ballscrew.measured_api",
     ),
     **dict.fromkeys(
         (
@@ -39,22 +45,22 @@ if TYPE_CHECKING:
     # Every name once more: a name that is not here is an error in a type checker of a user.
     __version__: str
     from .api import catalogue as catalogue
-    from .api import compare as compare
     from .api import component as component
-    from .api import diagnose as diagnose
     from .api import export as export
-    from .api import identify as identify
     from .api import lyapunov as lyapunov
-    from .api import read_drive_records as read_drive_records
-    from .api import read_force_records as read_force_records
-    from .api import read_parameters as read_parameters
     from .api import run as run
-    from .api import run_trial as run_trial
     from .api import stability_map as stability_map
     from .api import swap as swap
     from .api import swap_study as swap_study
     from .api import tune as tune
     from .api import with_friction as with_friction
+    from .measured_api import compare as compare
+    from .measured_api import diagnose as diagnose
+    from .measured_api import identify as identify
+    from .measured_api import read_drive_records as read_drive_records
+    from .measured_api import read_force_records as read_force_records
+    from .measured_api import read_parameters as read_parameters
+    from .measured_api import run_trial as run_trial
     from .orchestration.loop.loop import Loop as Loop
     from .orchestration.loop.loop import SystemLoop as SystemLoop
     from .orchestration.master.couplings import Coupling as Coupling

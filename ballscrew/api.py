@@ -7,48 +7,30 @@ program.
 
 from __future__ import annotations
 
-import contextlib
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from .orchestration.fmu.limits import as_number
+from .solver.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
     import sympy as sp
 
     from .loop_results import Comparison, RunResult
-    from .measured_results import DiagnosisResult, IdentifiedLaw, ModelComparison, RigRecord
-    from .measurement.records.record import Record
     from .orchestration.loop.loop import Loop, ReferenceLike, SystemLoop
     from .orchestration.loop.parameter_file import ParameterFile
     from .orchestration.loop.parts import PartLike
     from .orchestration.master.couplings import Coupling
     from .orchestration.study.workers import Processes
     from .solver.component import Component, ForceTerm
+    from .stability.map_plan import MapPlan
     from .study_results import Exponents, StabilityMap, SwapStudy, TunedGains
 
     Values = Mapping[str, float]
 
-
-_OPTION = re.compile(r"--(map|unit) (?:'([^'=]+)=([^']*)'|([^\s=]+)=([^\s,;:]*))")
-_ARGUMENTS = {"map": "mapping", "unit": "units"}
-
-
-@contextlib.contextmanager
-def _arguments_named() -> Iterator[None]:
-    """Errors of records and parameter files name arguments, not the options of the command."""
-
-    def given(found: re.Match[str]) -> str:
-        key, value = found[2] or found[4], found[3] or found[5] or "..."
-        return f'{_ARGUMENTS[found[1]]}={{"{key}": "{value}"}}'
-
-    try:
-        yield
-    except ValueError as error:
-        said = _OPTION.sub(given, str(error)).replace("--lead METRES", "lead=METRES")
-        error.args = (re.sub(r"--([a-z]+)", lambda m: _ARGUMENTS.get(m[1], m[1]), said),)
-        raise
+INF = float("inf")
 
 
 def catalogue() -> dict[str, tuple[str, ...]]:
@@ -184,15 +166,15 @@ def export(
         a system: the controller `part` and its plant, connected; ``.mo`` gives Modelica source.
     native : bool
         Whether it contains compiled C, and needs no Python on the host; else it contains readable
-        Python.
+        Python. Also for loops, systems and FMUs with tangents.
     fmi : {2, 3}
-        Version of the standard; 3 needs `native`.
+        Version of the FMI standard; 3 needs `native`.
     platforms : sequence of str, optional
         With `native`: such as ``linux64``, ``win64``, ``darwin64``; default: this machine's
         platform.
     plant : str or Component, optional
         For an FMU: the FMU contains the whole closed loop of this plant and the controller `part`.
-        For a system: the plant to use instead of the one in `params` or the default one.
+        For a system: the plant instead of the one in `params` or the default one.
     tangents : int
         How many tangent vectors the FMU carries, for exponents over FMUs.
     params : ParameterFile, optional
@@ -220,27 +202,17 @@ def export(
     ...     ballscrew.export("pid", Path(folder) / "pid.fmu").name
     'pid.fmu'
     """
-
     from .exporting import SYSTEM, Export
-    from .options import read_whole_number
     from .orchestration.loop.loop import plant_of
     from .orchestration.loop.parts import resolve, resolve_plant
     from .solver.files import temporary_folder
 
     path = Path(path)
-    if fmi not in (2, 3):
-        raise ValueError(f"fmi is {fmi!r}, expected 2 or 3")
-    if not native and (fmi != 2 or platforms is not None):
-        raise ValueError(f"fmi = {fmi}, platforms = {platforms}: these are for native=True")
-    if tangents and (plant is not None or path.suffix == SYSTEM):
-        raise ValueError(f"tangents = {tangents}: these apply to a single part, not to a loop")
     name = _as_it_is_now(part) if isinstance(part, str) else resolve("part", part).name
     around = None if plant is None else resolve_plant(plant, fmus=False).name
     if path.suffix == SYSTEM:
         around = plant_of(params, around)
-    how = Export(
-        around or "", read_whole_number("tangents", tangents, 0, 12), params, native, fmi, platforms
-    )
+    how = Export(around or "", tangents, params, native, fmi, platforms)
     with temporary_folder("export") as folder:
         how.write(name, path, Path(folder))
     return path
@@ -301,25 +273,21 @@ def run(  # noqa: PLR0913
     32.1
     """
     from .loop_results import RunResult
+    from .measured_api import told_by
     from .orchestration.loop.closed_loop import run_closed_loop
     from .orchestration.loop.loop import Loop, with_file
 
     found = _loop(
         loop,
-        plant=plant,
-        reference=reference,
-        stop=stop,
-        step=step,
-        plant_values=plant_values,
-        controller_values=controller_values,
-        coupling=coupling,
+        *(plant, reference, stop, step, plant_values, controller_values),
         mapping=mapping,
+        coupling=coupling,
         sampled=sampled,
     )
-    told = _told(params)
+    told = told_by(params)
     if told is not None:
         if not isinstance(found, Loop):
-            raise ValueError("params is for a loop of two parts; an .ssp contains its values")
+            raise UserError("params is for a loop of two parts; an .ssp contains its values")
         found = with_file(found, told, chosen=plant is not None or found is loop)
     return RunResult.of(run_closed_loop(found, progress))
 
@@ -382,14 +350,13 @@ def swap(  # noqa: PLR0913
     from .orchestration.loop.closed_loop import swap as swapped
     from .orchestration.loop.parts import in_practice
 
-    if sampled is not None and not sampled > 0:
-        raise ValueError(f"sampled is {sampled:g} s, expected more than 0")
+    if sampled is not None:
+        sampled = check_positive("sampled", sampled, "s")
     if isinstance(controllers, str | Path):
         controllers = [controllers]
-    same = {"plant": plant, "reference": reference, "stop": stop, "step": step}
-    loops = [_loop(c, **same, plant_values=plant_values) for c in controllers]
+    loops = [_loop(c, plant, reference, stop, step, plant_values) for c in controllers]
     if not loops:
-        raise ValueError("controllers is empty; expected one or more")
+        raise UserError("controllers is empty; expected one or more")
     names = [loop.controller.own_name for loop in loops]
     values_of = _of_each(names, "controller_values", controller_values)
     ports_of = _of_each(names, "mapping", mapping)
@@ -467,16 +434,10 @@ def lyapunov(  # noqa: PLR0913
 
     if stop is None and not isinstance(loop, Loop):
         stop = 300.0
-    followed = _followed_loop(
-        loop,
-        plant=plant,
-        reference=reference,
-        stop=stop,
-        step=step,
-        plant_values=plant_values,
-        controller_values=controller_values,
-        mapping=mapping,
-    )
+    values = plant_values, controller_values
+    followed = checked(_loop(loop, plant, reference, stop, step, *values, mapping=mapping))
+    tolerance = _check_tolerance(tolerance, 1e-13, 1e-3)
+    budget = None if budget is None else check_positive("budget", budget, "s")
     if followed.step is not None:
         from .stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
 
@@ -542,21 +503,12 @@ def stability_map(  # noqa: PLR0913
     >>> sum(found.summary.verdicts.values())
     4
     """
-    from .stability.stability_map import make_map, plan_map
+    from .stability.stability_map import make_map
     from .study_results import StabilityMap
 
-    processes = _processes(workers)
-    followed = _followed_loop(
-        loop,
-        plant=plant,
-        reference=reference,
-        stop=stop,
-        plant_values=plant_values,
-        controller_values=controller_values,
-    )
-    plan = plan_map(followed, x, y, exponents, tolerance)
-    summary = make_map(plan, Path(folder), processes, resume)
-    found = StabilityMap(summary, Path(folder))
+    values = plant_values, controller_values
+    plan = plan_of(_loop(loop, plant, reference, stop, None, *values), x, y, exponents, tolerance)
+    found = StabilityMap(make_map(plan, Path(folder), processes(workers), resume), Path(folder))
     found.add_report()
     return found
 
@@ -620,7 +572,7 @@ def swap_study(
     plan = read_plan(study)
     for part in (plan.plant, *(e.component for e in plan.entrants)):
         _as_it_is_now(part)
-    result = SwapStudy.of(do_study(plan, Path(folder), _processes(workers), resume))
+    result = SwapStudy.of(do_study(plan, Path(folder), processes(workers), resume))
     discard_parts(Path(folder))
     return result
 
@@ -684,344 +636,117 @@ def tune(  # noqa: PLR0913
     >>> [m.state for m in result.margins]
     ['stuck', 'sliding']
     """
-    from .options import read_whole_number
     from .orchestration.fmu.limits import check_length
     from .orchestration.study.tune import tune_loop
     from .study_results import TunedGains
 
+    if stop is not None and reference is None:
+        raise UserError("stop is the length of reference; give reference as well")
     length = None if stop is None else check_length("stop", stop)
-    count = read_whole_number("budget", budget, 2)
-    found = tune_loop(
-        _loop(loop, plant=plant, plant_values=plant_values, controller_values=controller_values),
-        reference,
-        length,
-        limit,
-        count,
-        read_whole_number("seed", seed, 0),
-        progress,
-    )
-    return TunedGains.of(found)
+    count = check_whole_number("budget", budget, 2, 100_000)
+    seed = check_whole_number("seed", seed, 0)
+    limit = None if limit is None else as_number("limit", limit)
+    own = _loop(loop, plant, plant_values=plant_values, controller_values=controller_values)
+    return TunedGains.of(tune_loop(own, reference, length, limit, count, seed, progress))
 
 
-def run_trial(
-    trial: str,
-    law: str | None = None,
-    seed: int = 0,
-    values: Values | None = None,
-    params: Path | str | None = None,
-) -> RigRecord:
-    """Run a trial on the virtual test rig, and record it with its instruments.
-
-    Parameters
-    ----------
-    trial : str
-        A trial's name, such as ``2.4/7``: Table 2.4, number 7.
-    law : str
-        Friction law between block and table; default that of `params`, or ``modified_lugre``.
-    seed : int
-        Seed of all noise.
-    values : mapping of str to float, optional
-        Parameters with other than nominal values, such as ``plant.sigma0``, ``encoder.counts`` or
-        ``trial.speed``.
-    params : path-like, optional
-        Parameter file of the machine; the trials are scaled to its size. Without it, the
-        axis of the thesis.
-
-    Returns
-    -------
-    RigRecord
-        ``record`` has the measured signals, ``truth`` the true ones, arrays of shape (samples,).
-
-    Raises
-    ------
-    ValueError
-        If there is no such trial, law or parameter, or the trial does not apply to the machine.
-
-    Examples
-    --------
-    >>> import ballscrew
-    >>> record = ballscrew.run_trial("2.8/1", law="lugre")
-    >>> sorted(record.record)[:3]
-    ['force', 'force_filtered', 'force_ref']
-    """
-    from .measured_results import RigRecord
-    from .measurement.rig.bench import run_trial as recorded
-    from .plant import DEFAULT_LAW
-
-    told = None if params is None else read_parameters(params)
-    law = law or (told and told.law) or DEFAULT_LAW
-    return RigRecord.of(recorded(trial, law, values, seed, told=told))
+# -- what is checked here, also for the command ---------------------------------------------
 
 
-@_arguments_named()
-def read_force_records(
-    paths: Sequence[Path | str],
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    mass: float | None = None,
-    lead: float | None = None,
-) -> list[Record]:
-    """Read records of force and position, for `identify`.
-
-    Parameters
-    ----------
-    paths : sequence of path-like
-        Files of measured data in any known format, or folders written by the rig.
-    mapping : mapping of str to str, optional
-        Names of columns, from the name in the file to ``time``, ``x`` or ``force``.
-    units : mapping of str to str, optional
-        Unit of each of these columns; default: the unit in the file, else SI.
-    mass : float, optional
-        Mass between load cell and friction [kg].
-    lead : float, optional
-        Lead of the screw: travel per turn [m], for angles and torques.
-
-    Returns
-    -------
-    list of Record
-
-    Raises
-    ------
-    BadRecord
-        In one line: what cannot be used and why.
-    """
-    from .measurement.records.reading import read_force_records as read
-
-    return read(_paths(paths), mapping, units, mass, lead)
+def check_name(argument: str, name: str, known: Iterable[str]) -> None:
+    """Reject a name that is not among the `known` ones."""
+    if name not in known:
+        raise UserError(
+            f"{argument} {name!r} is none of {', '.join(known)}{did_you_mean(name, known)}"
+        )
 
 
-@_arguments_named()
-def read_drive_records(
-    paths: Sequence[Path | str],
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    lead: float | None = None,
-) -> list[Record]:
-    """Read records of a drive's command and position, for `diagnose`.
-
-    Parameters
-    ----------
-    paths : sequence of path-like
-        Files of measured data in any known format.
-    mapping, units, lead
-        As in `read_force_records`; columns are ``time``, ``u``, ``x`` and, optionally, ``i``.
-
-    Returns
-    -------
-    list of Record
-
-    Raises
-    ------
-    BadRecord
-        In one line: what cannot be used and why.
-    """
-    from .measurement.records.reading import read_drive_records as read
-
-    return read(_paths(paths), mapping, units, lead)
+def check_whole_number(argument: str, given: str | int, least: int, most: float = INF) -> int:
+    """A whole number within limits, also from text."""
+    try:
+        value = int(given)
+    except ValueError:
+        value = least - 1
+    if not least <= value <= most:
+        limits = f"from {least} on" if most == INF else f"from {least} to {most}"
+        raise UserError(f"{argument} is {given!r}, expected a whole number {limits}")
+    return value
 
 
-def read_parameters(path: Path | str) -> ParameterFile:
-    """Read a parameter file.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    ParameterFile
-        Values with units, intervals and sources; see ``docs/parameters.md``.
-
-    Raises
-    ------
-    BadParameters
-        In one line: what is wrong in the file, and where.
-    """
-    from .orchestration.loop.parameter_file import read_parameters as read
-
-    return read(path)
+def check_positive(argument: str, given: str | float, unit: str) -> float:
+    """A number above zero, also from text."""
+    value = as_number(argument, given)
+    if value <= 0:
+        raise UserError(f"{argument} is {given} {unit}, expected more than 0")
+    return value
 
 
-@_arguments_named()
-def identify(  # noqa: PLR0913
-    records: Path | str | Sequence[Record | Path | str],
-    law: str,
-    fixed: Values | None = None,
-    offset: bool = False,
-    params: ParameterFile | Path | str | None = None,
-    mass: float | bool = False,
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    lead: float | None = None,
-) -> IdentifiedLaw:
-    """Find the parameters of a friction law in records of force and position.
-
-    Parameters
-    ----------
-    records : path-like, or sequence of Record or path-like
-        Result of `read_force_records`; or paths of files with the columns ``time``, ``x`` and
-        ``force`` in SI units or in units stated in the file.
-    law : str
-        A law of `catalogue`.
-    fixed : mapping of str to float, optional
-        Parameters that are known, in SI units.
-    offset : bool
-        Whether a constant force is also fitted.
-    params : ParameterFile or path-like, optional
-        Known values; the written file keeps the values that the records do not identify.
-    mass : float or bool
-        Mass between load cell and friction [kg], for files; True: it is also fitted. Default: `m`
-        of `params`, else as in `read_force_records`.
-    mapping, units, lead
-        As in `read_force_records`.
-
-    Returns
-    -------
-    IdentifiedLaw
-        ``parameters`` have 95 % intervals; for each parameter that is not identified, the reason
-        and a remedy are given.
-
-    Raises
-    ------
-    ValueError
-        If there is no such law, a parameter cannot be fixed at the given value, or a file cannot be
-        used (BadRecord, BadParameters).
-
-    Notes
-    -----
-    Maximum likelihood by Fisher scoring, with errors from pieces of the records.
-    """
-    from .measured_results import IdentifiedLaw
-    from .measurement.identification.identify import identify_files
-    from .options import check_name
-    from .plant import LAWS
-
-    check_name("law", law, LAWS)
-    columns, how = (mapping, units, lead), (law, fixed, offset, _told(params), mass)
-    return IdentifiedLaw.of(identify_files(_paths(records), *how, *columns))
+def _check_tolerance(given: str | float, finest: float, coarsest: float) -> float:
+    value = as_number("tolerance", given)
+    if not finest <= value <= coarsest:
+        raise UserError(f"tolerance is {given}, expected {finest:g} to {coarsest:g}")
+    return value
 
 
-@_arguments_named()
-def diagnose(
-    data: Path | str | Sequence[Path | str],
-    params: Path | str | None = None,
-    law: str | None = None,
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    lead: float | None = None,
-    take: str | None = None,
-) -> DiagnosisResult:
-    """Find the errors of a simulation of recorded runs, their causes, and the possible improvement.
-
-    Parameters
-    ----------
-    data : path-like or sequence of path-like
-        Files of measured data with ``time`` [s], ``u`` [V], ``x`` [m] and, optionally, ``i`` [A].
-    params : path-like, optional
-        Parameter file of the model to be tested; default: the nominal axis.
-    law : str, optional
-        Friction law, instead of the law in the file.
-    mapping, units, lead
-        As in `read_drive_records`.
-    take : str, optional
-        A cause to include in the model, one of several suspects; its gain is measured.
-
-    Returns
-    -------
-    DiagnosisResult
-        ``causes`` improve the model on data not used to select or fit them; ``verdict``
-        may be that no cause can be named; ``suspects`` is the smallest set that contains the true
-        cause in 95 of 100 records like those of the calibration.
-
-    Raises
-    ------
-    BadRecord, BadParameters
-        In one line: what cannot be used and why.
-    """
-    from .measured_results import DiagnosisResult
-    from .measurement.diagnosis.diagnose import diagnose as diagnosed
-    from .options import check_name
-    from .plant import LAWS
-
-    if law is not None:
-        check_name("law", law, LAWS)
-    if take is not None:
-        from .measurement.diagnosis.causes import CAUSES
-
-        check_name("take", take, CAUSES)
-    return DiagnosisResult.of(
-        diagnosed(_paths(data), params, law, mapping, units=units, lead=lead, take=take)
-    )
-
-
-@_arguments_named()
-def compare(
-    data: Path | str | Sequence[Path | str],
-    params: Path | str,
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    lead: float | None = None,
-) -> ModelComparison:
-    """How well the model of a parameter file predicts records; nothing is fitted to them.
-
-    Parameters
-    ----------
-    data : path-like or sequence of path-like
-        As in `diagnose`.
-    params : path-like
-        Parameter file of any command, or your own. A file of `diagnose` has three models:
-        the prior one, the one with adjusted values, and the corrected one.
-    mapping, units, lead
-        As in `read_drive_records`.
-
-    Returns
-    -------
-    ModelComparison
-        ``models`` has the rms residuals of each model, by part of the motion: of the
-        force [N], and of the position predicted from the start of each second [m].
-
-    Raises
-    ------
-    BadRecord, BadParameters
-        In one line: what cannot be used and why.
-    """
-    from .measured_results import ModelComparison
-    from .measurement.diagnosis.compare import compare as compared
-
-    return ModelComparison.of(compared(_paths(data), params, mapping, units, lead))
-
-
-def _loop(loop: Any, **asked: Any) -> Any:
-    """A loop with these values, or a given loop with those changed that are not None."""
-    from .orchestration.loop.loop import Loop, SystemLoop
-
-    given = {name: value for name, value in asked.items() if value is not None}
-    return replace(loop, **given) if isinstance(loop, Loop | SystemLoop) else Loop(loop, **given)
-
-
-def _followed_loop(loop: Any, **asked: Any) -> Loop:
-    """A loop with a constant set-point, whose values and ports are checked now."""
+def checked(loop: Loop | SystemLoop) -> Loop:
+    """A loop for exponents or a map, whose values and ports are checked now."""
     from .orchestration.loop.loop import Loop
 
-    found = _loop(loop, **asked)
-    if not isinstance(found, Loop):
-        raise ValueError(f"{found.label}: an .ssp can only be run; give a Loop of its two parts")
-    if found.step is None:
-        if found.mapping:
-            raise ValueError("mapping is for FMUs; give their communication step as well")
-        for part in (found.plant, found.controller):
+    if not isinstance(loop, Loop):
+        raise UserError(f"{loop.label}: an .ssp can only be run; give a Loop of its two parts")
+    if loop.step is None:
+        if loop.mapping:
+            raise UserError(
+                "mapping is for FMUs; give their communication step as well (--via fmu)"
+            )
+        for part in (loop.plant, loop.controller):
             if not part.has_equations:
-                raise ValueError(f"{part}: an FMU has no equations; give a communication step")
-    found.check_values()
-    return found
+                raise UserError(
+                    f"{part}: an FMU has no equations; lyapunov runs it with a communication step "
+                    "(--via fmu)"
+                )
+    loop.check_values()
+    return loop
 
 
-def _processes(workers: int) -> Processes:
-    from .options import read_whole_number
+def plan_of(
+    loop: Loop | SystemLoop, x: str, y: str, exponents: bool, tolerance: str | float | None
+) -> MapPlan:
+    """The plan of a map, checked."""
+    from .stability.stability_map import plan_map
+
+    if tolerance is not None:
+        tolerance = _check_tolerance(tolerance, 1e-12, 1e-4)
+    return plan_map(checked(loop), x, y, exponents, tolerance)
+
+
+def processes(workers: str | int) -> Processes:
+    """Processes of this machine."""
     from .orchestration.study.workers import Processes
-    from .worker_options import MOST_WORKERS
 
-    return Processes(read_whole_number("workers", workers, 1, MOST_WORKERS))
+    return Processes(check_whole_number("workers", workers, 1, 1000))
+
+
+def _loop(
+    loop: Any,
+    plant: PartLike | None = None,
+    reference: ReferenceLike | None = None,
+    stop: float | None = None,
+    step: float | None = None,
+    plant_values: Values | None = None,
+    controller_values: Values | None = None,
+    **others: Any,
+) -> Any:
+    """The loop of a controller with these arguments, or a given loop with those that are not None.
+
+    `others` are arguments of `Loop`.
+    """
+    from .orchestration.loop.loop import Loop, SystemLoop
+
+    asked = {"plant": plant, "reference": reference, "stop": stop, "step": step, **others}
+    asked |= {"plant_values": plant_values, "controller_values": controller_values}
+    asked = {name: value for name, value in asked.items() if value is not None}
+    return replace(loop, **asked) if isinstance(loop, Loop | SystemLoop) else Loop(loop, **asked)
 
 
 def _of_each(
@@ -1030,17 +755,8 @@ def _of_each(
     """The values given for each controller, by its name."""
     for name in given or {}:
         if name not in names:
-            raise ValueError(f"{argument} has {name!r}, expected one of {', '.join(names)}")
+            raise UserError(f"{argument} has {name!r}, expected one of {', '.join(names)}")
     return [(given or {}).get(name, {}) for name in names]
-
-
-def _told(params: ParameterFile | Path | str | None) -> ParameterFile | None:
-    return read_parameters(params) if isinstance(params, str | Path) else params
-
-
-def _paths(given: Any) -> Any:
-    """A sequence of files, also if a single file is given."""
-    return [given] if isinstance(given, str | Path) else given
 
 
 def _as_it_is_now(part: str) -> str:

@@ -13,26 +13,11 @@ import io
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from importlib import import_module
 from typing import Any
 
-from . import (
-    compare_command,
-    diagnose_command,
-    export_command,
-    gallery_command,
-    identify_command,
-    lyapunov_command,
-    map_command,
-    new_command,
-    rig_command,
-    run_command,
-    study_command,
-    swap_command,
-    tune_command,
-)
 from .console import complain, complain_of_ourselves, forget_output
-from .options import Parser
 from .printable import printing, unchanged
 from .solver.errors import UserError
 from .supervision import interrupted
@@ -50,32 +35,42 @@ _EXAMPLES = """examples:
   ballscrew gallery
   ballscrew new controller mine
 """
-
-
-_DRAWING = ("run", "swap", "tune", "lyapunov", "map", "identify", "diagnose", "compare", "gallery")
+COMMANDS = {  # module, and what it does
+    "export": ("part_commands", "write the components as FMUs"),
+    "run": ("loop_commands", "run a closed loop"),
+    "swap": ("loop_commands", "run several controllers on the same plant and compare them"),
+    "tune": ("study_commands", "find the gains of one controller, and test them on another motion"),
+    "study": ("study_commands", "tune controllers in the same way, and test them on unseen duties"),
+    "lyapunov": ("loop_commands", "Lyapunov exponents, and what the motion becomes"),
+    "map": ("loop_commands", "stability maps over two parameters of plant or controller"),
+    "rig": ("measured_commands", "run trials on the virtual test rig, of the thesis or your drive"),
+    "identify": ("measured_commands", "find friction parameters in recorded data"),
+    "diagnose": ("measured_commands", "find the errors of a model on data, and their causes"),
+    "compare": ("measured_commands", "compare a model with a record: force and position"),
+    "gallery": ("part_commands", "well-known systems with friction, impacts and limit cycles"),
+    "new": ("part_commands", "write a first controller of your own, and its test"),
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
     out, errors = printing(sys.stdout), printing(sys.stderr)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
-        return _main(arguments)
+        return _main(sys.argv[1:] if arguments is None else arguments)
 
 
-def _main(arguments: Sequence[str] | None) -> int:
+def _main(arguments: Sequence[str]) -> int:
     # pictures go into files, so that the window system does not matter
     os.environ["MPLBACKEND"] = "agg"
     # matrices are small here: threads cost more time than they save
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in map(unchanged, (sys.stdout, sys.stderr)):
-        if isinstance(
-            stream, io.TextIOWrapper
-        ):  # a name may have letters that a terminal cannot print
+        # a name may have letters that a terminal cannot print
+        if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        options = command_parser().parse_args(arguments)
-        given = sys.argv[1:] if arguments is None else arguments
-        options.command = shlex.join(["ballscrew", *map(str, given)])  # for pages
+        options = command_parser(arguments[:1]).parse_args(arguments)
+        options.command = shlex.join(["ballscrew", *map(str, arguments)])  # for pages
         os.environ["BALLSCREW_SVG"] = "1" if getattr(options, "svg", False) else ""
         code = int(options.action(options))
         print(end="", flush=True)
@@ -104,13 +99,15 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def command_parser() -> argparse.ArgumentParser:
-    """The parser of the command with all its subcommands."""
+def command_parser(filled: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
+    """The parser of the command; only the `filled` subcommands are loaded and have options."""
+    from .options import Parser
+
     parser = Parser(
         prog="ballscrew",
         description="Friction, co-simulation and stability of a ball-screw axis and its "
-        "controllers. Plant and "
-        "controllers are FMUs; each closed-loop run checks its own coupling error.",
+        "controllers. Plant and controllers are FMUs; each closed-loop run checks its own coupling "
+        "error.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -118,25 +115,13 @@ def command_parser() -> argparse.ArgumentParser:
         "--version", action=_Version, nargs=0, help="show program's version number and exit"
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
-
-    for command in (
-        export_command,
-        run_command,
-        swap_command,
-        tune_command,
-        study_command,
-        lyapunov_command,
-        map_command,
-        rig_command,
-        identify_command,
-        diagnose_command,
-        compare_command,
-        gallery_command,
-        new_command,
-    ):
-        command.add_parser(commands, Parser)
-    for name in _DRAWING:
-        commands.choices[name].add_argument(
-            "--svg", action="store_true", help="write the pictures also as SVG"
+    for name, (module, does) in COMMANDS.items():
+        command = commands.add_parser(
+            name, help=does, formatter_class=argparse.RawDescriptionHelpFormatter
         )
+        if name in filled:
+            action, about = import_module(f".{module}", __package__).COMMANDS[name]
+            command.description, _, command.epilog = about.strip("\n").partition("\n\n")
+            command.add_options(name)
+            command.set_defaults(action=action)
     return parser

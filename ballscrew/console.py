@@ -1,17 +1,16 @@
-"""What a command prints: error messages, progress, figures and tables."""
+"""What a command prints: error messages, notes, progress and tables."""
 
 from __future__ import annotations
 
 import contextlib
-import math
+import json
 import os
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
-from .options import BAD_REQUEST, INTERNAL
 from .printable import printable, unchanged
 from .supervision import tell, tell_kept
 
@@ -19,6 +18,8 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from .orchestration.loop.page import Table
+
+TRUSTED, NOT_TRUSTED, BAD_REQUEST, INTERNAL = 0, 1, 2, 70  # exit codes
 
 # characters of an error message; a text from a third-party file may be very long
 LONGEST_LINE = 600
@@ -64,9 +65,30 @@ def complain_of_ourselves(error: Exception) -> int:
     return INTERNAL
 
 
-def print_notes(notes: Iterable[str]) -> None:
+def warn(line: str) -> None:
+    print(line, file=sys.stderr)
+
+
+def print_notes(notes: Iterable[str], as_json: bool = False) -> None:
+    """Notes for the user; only readers of JSON are told that N means N*m of a body that turns."""
+    notes = [*notes]
+    if not notes:
+        return
+    from .orchestration.loop.parameter_file import TURNS
+    from .orchestration.loop.shown_units import words_for
+
+    words = words_for(notes)
     for note in notes:
-        print(f"note: {note}", file=sys.stderr)
+        if note != TURNS:
+            warn(f"note: {words(note)}")
+        elif as_json:
+            warn(f"note: {note}")
+
+
+def print_json(figures: Any) -> None:
+    from .solver.files import finite_or_null
+
+    print(json.dumps(finite_or_null(figures)))
 
 
 class Bar:
@@ -113,18 +135,26 @@ class Bar:
             self._bar.close()
 
 
-class Progress:
+class _Shown:
+    """How far the work is; with ``with``, its line is removed at the end."""
+
+    bar: Bar | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.bar is not None:
+            self.bar.close()
+
+
+class Progress(_Shown):
     """The time [s] that a run has reached; for several runs, with their names."""
 
     def __init__(self, stop: float | None) -> None:
         self.stop = stop  # None if only the file contains it
         self.shown = 0.0
         self.name = ""
-        self.bar = self._new_bar()
-
-    def _new_bar(self) -> Bar:
-        known = "{desc}{bar} t = {n:.2f} of {total:g} s, {remaining} left"
-        return Bar(known if self.stop else "{desc}t = {n:.2f} s", self.stop)
 
     def __call__(self, now: float, name: str = "") -> None:
         clock = time.monotonic()
@@ -134,78 +164,39 @@ class Progress:
         end = f" of {self.stop:g}" if self.stop else ""
         head = f"{name}: " if name else ""
         tell(f"{head}t = {now:.2f}{end} s")
-        if name != self.name:
-            self.finish()
-            self.name, self.bar = name, self._new_bar()
+        if self.bar is None or name != self.name:
+            self.__exit__()
+            known = "{desc}{bar} t = {n:.2f} of {total:g} s, {remaining} left"
+            self.bar = Bar(known if self.stop else "{desc}t = {n:.2f} s", self.stop)
+            self.name = name
         self.bar.show(now, head)
 
-    def finish(self) -> None:
-        self.bar.close()
+
+class Count(_Shown):
+    """The number of finished cells, candidates or tasks; each stage is counted separately."""
+
+    def __init__(self, of: str, kept: str = "") -> None:
+        self.of, self.kept, self.stage = of, kept, ""
+
+    def __call__(self, done: int, total: int, stage: str = "") -> None:
+        head = f"{stage}: " if stage else ""
+        tell(f"{head}{done} of {total} {self.of}")
+        if self.kept:
+            tell_kept(f"finished {self.kept} are kept, continue with --resume")
+        if self.bar is None or (stage, total) != (self.stage, self.bar.total):
+            self.__exit__()
+            form = f"{{desc}}{{bar}} {{n}} of {{total}} {self.of}, {{remaining}} left"
+            self.bar, self.stage = Bar(form, total, initial=0 if stage else done), stage
+        self.bar.show(done, head)
 
 
-OF_A_STEP, OF_A_MOTION = ("settling_time_2pct", "overshoot"), ("rms_error", "largest_error")
+class Stages(_Shown):
+    """The current step of the work, and the time since the start of the command."""
 
-
-def print_figures(figures: dict[str, Any], units: Mapping[str, str], folder: Path) -> None:
-    """Print the figures of a run, in the units of `units_of_figures`."""
-    labels = {
-        "peak_voltage": "peak voltage" if units["peak_voltage"] == "V" else "peak command",
-        "peak_voltage_time": "  at",
-        "settling_time_2pct": "2 % settling time",
-        "overshoot": "overshoot",
-        "steady_state_error": "steady-state error",
-        "iae": "integral of |error|",
-        "rms_error": "rms error",
-        "largest_error": "largest error",
-        "coupling_residual_max": "coupling residual",
-    }
-    shown = list(labels) if "peak_voltage" in figures else ["coupling_residual_max"]
-    # one pair is for a step, the other for a motion: only one of them applies
-    other = OF_A_STEP if figures.get("rms_error") is not None else OF_A_MOTION
-    for name in (n for n in shown if n not in other):
-        value = figures.get(name)
-        told = value is not None and math.isfinite(value)
-        text = f"{value:.6g} {units[name]}" if told else "-"
-        print(f"{labels[name]:<22}{text}")
-    print(f"{'coupling':<22}{figures['coupling']} ({figures['coupling_reason']})")
-    print(f"{'communication steps':<22}{figures['macro_steps']}")
-    if figures["steps_tried"]:
-        tried = figures["steps_tried"]
-        step = next((h for h, word in tried if word == "trusted"), tried[-1][0])
-        print(f"{'step':<22}{step:g} s ({figures['step_reason']})")
-    print(f"{'verdict':<22}{figures['verdict']}: {figures['verdict_reason']}")
-    if figures["stopped"]:
-        print(f"{'stopped':<22}{figures['stopped']}")
-    print(f"{'written to':<22}{folder}")
-
-
-def comparison_table(rows: list[dict[str, Any]], units: Mapping[str, str]) -> str:
-    """The figures of several runs on one plant, in the units of `units_of_figures`."""
-    columns = {
-        "controller": ("controller", "{}"),
-        "peak_voltage": (f"peak [{units['peak_voltage']}]", "{:.2f}"),
-        "settling_time_2pct": ("settling [s]", "{:.3f}"),
-        "overshoot": (f"overshoot [{units['overshoot']}]", "{:.3g}"),
-        "steady_state_error": (f"final error [{units['steady_state_error']}]", "{:.3g}"),
-        "iae": (f"IAE [{units['iae']}]", "{:.5f}"),
-        "rms_error": (f"rms error [{units['rms_error']}]", "{:.3g}"),
-        "largest_error": (f"largest error [{units['largest_error']}]", "{:.3g}"),
-        "sampling_period": ("sampled [s]", "{:g}"),
-        "coupling": ("coupling", "{}"),
-        "verdict": ("verdict", "{}"),
-    }
-    moving = any(row.get("rms_error") is not None for row in rows)
-    for name in OF_A_STEP if moving else OF_A_MOTION:
-        del columns[name]
-    cells = [[title for title, _ in columns.values()]]
-    for row in rows:
-        cells.append(
-            [
-                "-" if row.get(key) is None else form.format(row[key])
-                for key, (_, form) in columns.items()
-            ]
-        )
-    return side_by_side(cells)
+    def __call__(self, doing: str) -> None:
+        tell(doing)
+        self.bar = self.bar or Bar("{elapsed_s:.0f} s: {desc} ...")
+        self.bar.show(0, doing)
 
 
 def text_of(table: Table) -> str:
@@ -220,23 +211,3 @@ def side_by_side(rows: Sequence[Sequence[str]]) -> str:
         "  ".join(cell.ljust(wide) for cell, wide in zip(row, widths, strict=True)).rstrip()
         for row in rows
     )
-
-
-def tell_export(names: Sequence[str], name: str) -> None:
-    """Print the progress of an export; each of its files is complete in itself."""
-    tell(f"{names.index(name)} of {len(names)} files written, at {name}")
-    tell_kept("each file that exists is complete")
-
-
-class Stages:
-    """The current step of the work, and the time since the start of the command."""
-
-    def __init__(self) -> None:
-        self.bar = Bar("{elapsed_s:.0f} s: {desc} ...")
-
-    def __call__(self, doing: str) -> None:
-        tell(doing)
-        self.bar.show(0, doing)
-
-    def finish(self) -> None:
-        self.bar.close()

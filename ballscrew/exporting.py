@@ -7,11 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .params_option import apart, kernel_with_values
+from .api import check_whole_number
+from .console import print_notes
+from .solver.errors import UserError
 
 if TYPE_CHECKING:
     from .fmus.native.export import NativeFmu
-    from .orchestration.loop.parameter_file import ParameterFile
+    from .orchestration.loop.parameter_file import ParameterFile, Values
+    from .solver.kernel import Kernel
 
 SYSTEM, MODELICA = ".ssp", ".mo"
 
@@ -26,6 +29,21 @@ class Export:
     native: bool = False
     fmi: int = 2
     platforms: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        from .solver.compilers import platforms_of
+
+        object.__setattr__(self, "fmi", check_whole_number("fmi", self.fmi, 2, 3))
+        check_whole_number("tangents", self.tangents, 0, 12)
+        if self.tangents and self.plant:
+            raise UserError(f"tangents is {self.tangents}, for a loop; expected a single part")
+        if not self.native and (self.fmi != 2 or self.platforms is not None):
+            raise UserError("fmi and platforms are for native FMUs; ask for native as well")
+        known = platforms_of(self.fmi)
+        for name in self.platforms or ():
+            if name not in known:
+                there = f"there are {', '.join(known)} with fmi {self.fmi}"
+                raise UserError(f"platforms: no platform {name!r}; {there}")
 
     def write(self, part: str, path: Path, folder: Path) -> NativeFmu:
         """Write a part, its loop or, with the suffix `SYSTEM`, a system; one plant per folder.
@@ -98,3 +116,83 @@ class Export:
             return write_native(model, path, self.fmi, self.platforms)
         write_atomically(path, catalogue.stored_fmu(kernel, everywhere=True).read_bytes())
         return NativeFmu(path, *platforms_with_core())
+
+
+def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
+    """A controller and its instruments as in an .ssp, each with its own values.
+
+    Raises
+    ------
+    UserError
+        If the file has values for both as one part.
+    """
+    from .orchestration.loop.parts import Part
+    from .plant.instruments import PartName
+
+    named = PartName.of(name)
+    if told and named.instruments and Part(name).label in told.controllers:
+        raise UserError(
+            f"{told.path}: [controller.{Part(name).label}] is for one part, but in an .ssp its "
+            "instruments are separate parts; export without --params, and run with --set "
+            "ELEMENT.VARIABLE=VALUE"
+        )
+    base = replace(named, instruments=())
+    return str(base), tuple(str(PartName(i, units=named.units)) for i in named.instruments)
+
+
+def kernel_with_values(
+    told: ParameterFile | None, name: str, kernel: Kernel, plant: str = ""
+) -> Kernel:
+    """The kernel of a part with the file's start values.
+
+    Parameters
+    ----------
+    told : ParameterFile or None
+    name : str
+    kernel : Kernel
+        Of the part, or of a loop of it and a plant.
+    plant : str
+        That of the loop; empty: the kernel is of no loop.
+
+    Raises
+    ------
+    UserError
+    """
+    if told is None:
+        return kernel
+    from .fmus.interface import with_start_values
+    from .orchestration.loop.loop import aside, for_controller, for_plant, table_of
+    from .orchestration.loop.parts import Part
+    from .solver.kernel import CONTROLLER, PLANT
+
+    path = str(told.path)
+    values: dict[str, float] = {}
+    sources: dict[str, str] = {}
+
+    def add(prefix: str, given: dict[str, float], said: Values) -> None:
+        for n, value in given.items():
+            values[prefix + n] = value
+            sources[prefix + n] = (said[n].source if n in said else "") or f"from {path}"
+
+    of_plant = {**told.plant, **told.found}
+    of_controller = told.controllers.get(table_of(told, Part(name)), {})
+    moves = plant or (name if _is_plant(name) else "")
+    if moves:
+        add(PLANT if plant else "", for_plant(told, moves), of_plant)
+        print_notes(aside(told, {n.removeprefix(PLANT) for n in values}, moves))
+    if plant or not moves:
+        add(CONTROLLER if plant else "", for_controller(told, name), of_controller)
+    return with_start_values(kernel, values, sources)
+
+
+def _is_plant(part: str) -> bool:
+    """Whether a part is on the plant's side: it has no measurement or set-point."""
+    from .orchestration.loop.catalogue import component
+    from .plant import PLANTS
+    from .plant.instruments import PartName
+    from .solver.component_file import names_file
+
+    bare = PartName.of(part).bare
+    if not names_file(bare):
+        return bare in PLANTS
+    return not any(i.role in ("measurement", "reference") for i in component(part).inputs)

@@ -1,358 +1,210 @@
-"""Options of a closed loop: what it is, how its FMUs are coupled, how its equations are solved."""
+"""The loops that options ask for: parts by name, values and ports by side, how they are coupled."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .console import print_notes
 from .controllers import ALONE, CONTROLLERS
-from .options import (
-    PART,
-    out_folder,
-    read_length,
-    read_named,
-    read_number,
-    read_part,
-    read_step,
-)
-from .orchestration.fmu.limits import FIRST_STEP, TIME_LIMIT, check_corrections, check_time_limit
+from .options import exclude, given, named, params_of
+from .orchestration.fmu.limits import FIRST_STEP, as_number, check_length, check_step
 from .orchestration.master.couplings import Coupling
-from .params_option import add_params, read_params
 from .plant import PLANTS
-from .sides import check_labels, labels_of, mappings, meant, split_side
 from .solver.errors import UserError
 
 if TYPE_CHECKING:
     from .orchestration.loop.loop import Loop, SystemLoop
-
-COUPLINGS = tuple(coupling.value for coupling in Coupling)
-
-
-def _add_loop(add: Any, over_fmus: bool = True) -> None:
-    """Options of every loop, also of FMUs if `over_fmus`."""
-    if over_fmus:
-        add(
-            "--map",
-            action="append",
-            default=[],
-            metavar="THEIRS=OURS",
-            help="a port of a third-party FMU and the port it is connected to; with several "
-            "controllers use the controller's name, such as hand.pos=x",
-        )
-    add(
-        "--plant",
-        metavar="PART",
-        help=f"instead of the default plant or the plant of --params: {PART}",
-    )
-    add_params(add)
-    add(
-        "--set",
-        action="append",
-        default=[],
-        metavar="SIDE.NAME=VALUE",
-        help="a parameter or initial state, such as plant.sigma0=6e4 or "
-        "controller.sigma0_hat=66966; with several controllers use the controller's name, "
-        "such as iol.sigma0_hat=66966, or hand.Kp=3 for hand.fmu",
-    )
-    add("--limit-voltage", metavar="V", help="amplifier voltage limit (nominal 36 V)")
-    add("--limit-current", metavar="A", help="amplifier current limit")
-    add("--out", required=True, type=out_folder, metavar="DIR", help="folder for the results")
-    add("--json", action="store_true", help="print the figures as JSON")
+    from .orchestration.loop.parts import Part
 
 
-def add_closed_loop_options(parser: argparse.ArgumentParser) -> None:
-    """Options of a closed loop of FMUs, which `run` and `swap` have in common."""
-    add = parser.add_argument
-    goal = parser.add_mutually_exclusive_group()
-    goal.add_argument(
-        "--setpoint", metavar="METRES", help="desired position [m] (default 0.08, or the .ssp's)"
-    )
-    goal.add_argument(
-        "--reference",
-        metavar="CSV|MOTION",
-        help="a file with the columns time [s] and x_d [m], and optionally v_d and a_d; or "
-        "a motion, such as step:size=0.08, move:distance=0.08,speed=0.1,acceleration=1,jerk=50, "
-        "sine:amplitude=1e-3,frequency=2 or triangle:amplitude=1e-3,period=1",
-    )
-    add(
-        "--sampled",
-        metavar="PERIOD",
-        help="sample the controller with this period [s]: it reads at sample instants and holds "
-        "its commands; an FMU is stepped once in each period",
-    )
-    add("--stop", metavar="SECONDS", help="end of the run [s] (default 20, or the .ssp's)")
-    add(
-        "--step",
-        metavar="SECONDS",
-        help=f"communication step [s] (default: {FIRST_STEP:g}, halved until the run is trusted)",
-    )
-    add(
-        "--coupling",
-        metavar="NAME",
-        help=f"{', '.join(COUPLINGS)} (default: chosen by rule, and printed)",
-    )
-    add("--corrections", metavar="0|1", help="number of corrections of each step by rollback")
-    add(
-        "--adaptive",
-        action="store_true",
-        help="choose the step by the coupling residual, up to --step",
-    )
-    add(
-        "--isolate",
-        action=argparse.BooleanOptionalAction,
-        help="run each FMU in its own process (default: FMUs not written by this program)",
-    )
-    add(
-        "--time-limit",
-        metavar="SECONDS",
-        help="time limit [s] of one call of an FMU in its own process (default 60)",
-    )
-    _add_loop(add)
+class Sides:
+    """Whose a value or a port is, by its name's beginning: plant, controller, or one of several."""
+
+    def __init__(self, controllers: Sequence[str]) -> None:
+        from .orchestration.loop.parts import Part
+
+        own = {Part(c).own_name: [c] for c in controllers}
+        # pid for pid+position_encoder, if no other has the same name
+        bare = [Part(Part(c).bare).own_name for c in controllers]
+        short = {b: [c] for b, c in zip(bare, controllers, strict=True) if bare.count(b) == 1}
+        self.controllers = controllers
+        self.of = {**short, **own, "controller": [*controllers], "plant": []}
+
+    def split(self, name: str) -> tuple[str, str]:
+        """Side and rest of ``SIDE.NAME``; a file's name may have dots: the longest match counts."""
+        side = max((s for s in self.of if name.startswith(f"{s}.")), key=len, default="")
+        return side, name.removeprefix(f"{side}.") if side else name
+
+    def values(self, texts: Sequence[str]) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
+        """Values of ``--set`` for the plant, and for each controller."""
+        plant: dict[str, float] = {}
+        own: dict[str, dict[str, float]] = {name: {} for name in self.controllers}
+        values = named("--set", texts, "SIDE.NAME=VALUE")
+        # a value for one controller has priority over a value for all
+        for name in sorted(values, key=lambda name: not name.startswith("controller.")):
+            side, parameter = self.split(name)
+            if not side or not parameter:
+                known = sorted(self.of, key=("plant", "controller").count, reverse=True)
+                forms = ", ".join(f"{s}.NAME=VALUE" for s in known)
+                raise UserError(f"--set {name}={values[name]}: expected one of {forms}")
+            number = as_number(f"--set {name}", values[name])
+            for target in [plant] if side == "plant" else [own[c] for c in self.of[side]]:
+                target[parameter] = number
+        return plant, own
+
+    def ports(self, texts: Sequence[str], plant: str) -> dict[str, dict[str, str]]:
+        """Names of ports by ``--map`` for each controller, also plant.PORT and controller.PORT."""
+        given = named("--map", texts, "THEIRS=OURS")
+        found: dict[str, dict[str, str]] = {name: {} for name in self.controllers}
+        for theirs, ours in given.items():
+            side, port = self.split(theirs)
+            own = f"{'plant' if side == 'plant' else 'controller'}.{port}" if side else theirs
+            if side and side != "plant" and port in given and len(self.controllers) == 1:
+                raise UserError(f"--map {theirs} and --map {port}: expected one of them")
+            for name in self.of[side] or self.controllers if side else self._owners(port, plant):
+                if own in found[name]:
+                    raise UserError(f"--map {theirs} and --map {own}: expected one of them")
+                found[name][own] = ours
+        return found
+
+    def _owners(self, port: str, plant: str) -> Sequence[str]:
+        """Controllers whose loops have a port; if none has it, the wiring says so."""
+        if len(self.controllers) == 1:
+            return self.controllers
+        from .orchestration.loop.parts import Part
+
+        owners = [c for c in self.controllers if port in (*Part(c).inputs, *Part(c).outputs)]
+        of_plant = Part(plant)
+        everywhere = not owners or port in (*of_plant.inputs, *of_plant.outputs)
+        return self.controllers if everywhere else owners
 
 
-def add_followed_loop_options(
-    parser: argparse.ArgumentParser, stop: str, tolerance: str, over_fmus: bool = True
-) -> None:
-    """Options of a loop with a constant set-point, for `lyapunov` and `map`."""
-    add = parser.add_argument
-    add(
-        "--controller",
-        required=True,
-        metavar="PART",
-        help="a built-in controller, or mine.py:pi"
-        + ("; with --via fmu also the path of an FMU" if over_fmus else ""),
-    )
-    if over_fmus:
-        add(
-            "--via",
-            default="model",
-            choices=("model", "fmu"),
-            help="model: the equations in one solver; fmu: FMUs and their master (default model)",
-        )
-        step = f"with --via fmu: communication step (default {FIRST_STEP:g})"
-        add("--step", metavar="S", help=step)
-    else:
-        parser.set_defaults(via="model", step=None, map=[])
-    add("--setpoint", metavar="M", help="constant set-point (default 0.08)")
-    add("--stop", default=stop, metavar="S", help=f"length of the motion (default {stop})")
-    add(
-        "--tolerance",
-        metavar="X",
-        help=f"relative tolerance of the solver (default {tolerance}); a tenth of it is also tried",
-    )
-    _add_loop(add, over_fmus)
+def check_labels(role: str, parts: Sequence[str]) -> None:
+    """Reject two parts with the same name: options, tables and files could not distinguish them."""
+    from .orchestration.loop.parts import Part
+
+    seen: dict[str, str] = {}
+    for part in parts:
+        label = Part(part).own_name
+        if parts.count(part) > 1:
+            raise UserError(f"{role} has {part} twice; expected each once")
+        if label in seen:
+            both = f"{seen[label]} and {part}"
+            raise UserError(f"{role}: {both} are both called {label}; rename one of them")
+        seen[label] = part
 
 
-def read_loops(
-    options: argparse.Namespace,
-    controllers: Sequence[str],
-    option: str = "--controller",
-    fmus: bool = True,
-    **how: Any,
+def parts_of(role: str, names: Sequence[str], known: Collection[str], fmus: bool) -> list[Part]:
+    """The parts with these names, each once. Python files are run here."""
+    from .orchestration.loop.parts import resolve
+
+    parts = [resolve(role, name, known, fmus) for name in names]
+    check_labels(role, names)
+    return parts
+
+
+def loops_of(
+    options: argparse.Namespace, controllers: Sequence[str], noise: bool = False, **how: Any
 ) -> list[Loop]:
-    """A loop for each controller of an option, with the common values.
+    """The loop of each controller that the options ask for; `how` is for each `Loop`.
 
-    Parameters
-    ----------
-    fmus : bool
-        Whether parts may be FMUs.
-    **how
-        Of each `Loop`.
+    With ``--sampled`` and `noise`, a controller is sampled and has instruments.
     """
-    names = list(controllers)
-    parts = [read_part(option, name, CONTROLLERS | ALONE, fmus) for name in names]
-    check_labels(option, names)
-    plant = None if options.plant is None else read_part("--plant", options.plant, PLANTS, fmus)
-    given, given_to = read_settings(options, names)
-    ports_of = mappings(options, names)
-    told = read_params(options)
     from .orchestration.loop.loop import Loop, file_values
+    from .orchestration.loop.parts import in_practice
 
-    asked = told, options.plant, names, given
-    described, values, values_of, notes = file_values(*asked)
+    role = "controller" if len(controllers) == 1 else "controllers"
+    period = getattr(options, "sampled", None)
+    period = None if period is None else check_length("sampled", period)
+    found = parts_of(role, controllers, CONTROLLERS | ALONE, True)
+    put = [(p, {}, ()) if p.is_none else in_practice(p, period, noise) for p in found]
+    names = [part.name for part, _, _ in put]
+    plants = [] if options.plant is None else parts_of("plant", [options.plant], PLANTS, True)
+    sides = Sides(names)
+    values, own = sides.values(options.set)
+    for _, sampling, _ in put:
+        for text in options.set:
+            if text.partition("=")[0].strip().endswith(tuple(f".{name}" for name in sampling)):
+                both = f"--sampled {options.sampled} and --set {text}"
+                raise UserError(f"{both}: expected one of them")
+    values |= _limits(options, values)
+    ports = sides.ports(getattr(options, "map", ()), options.plant or "plant")
+    told = params_of(options)
+    plant, of_plant, of_each, notes = file_values(told, options.plant, names, values)
     print_notes(notes)
     return [
         Loop(
-            controller,
-            plant or described,
-            plant_values=values | given,
-            controller_values=values_of[name] | given_to[name],
-            mapping=ports_of[name],
+            part,
+            plants[0] if plants else plant,
+            plant_values=of_plant | values,
+            controller_values=of_each[part.name] | own[part.name],
+            mapping=ports[part.name],
             told=told,
+            notes=notes_of_part,
+            sampled=period,
             **how,
         )
-        for name, controller in zip(names, parts, strict=True)
+        for part, _, notes_of_part in put
     ]
 
 
-def read_closed_loops(
-    options: argparse.Namespace, controllers: Sequence[str], option: str = "--controller"
-) -> list[Loop]:
-    """The loops that `run` or `swap` is asked for, one for each controller of an option."""
-    from .orchestration.loop.loop import STOP
-
-    stop = STOP if options.stop is None else read_length("--stop", options.stop)
-    how = read_coupling_options(options, stop)
-    return read_loops(options, controllers, option, stop=stop, **how)
-
-
-def read_practice_loops(
-    options: argparse.Namespace,
-    asked: Sequence[str],
-    option: str = "--controller",
-    noise: bool = False,
-) -> list[Loop]:
-    """As `read_closed_loops`, sampled and with instruments where the options say so."""
-    if options.sampled is None and not noise:
-        return read_closed_loops(options, asked, option)
-    from .orchestration.loop.parts import in_practice
-
-    period = None if options.sampled is None else read_length("--sampled", options.sampled)
-    parts = [read_part(option, controller, CONTROLLERS) for controller in asked]
-    put = [in_practice(p, period, noise) for p in parts]
-    loops = read_closed_loops(options, [part.name for part, _, _ in put], option)
-    for _, values, _ in put:
-        for parameter in values:
-            _refuse_another(options, parameter)
-    return [
-        replace(loop, notes=notes, sampled=period)
-        for loop, (_, _, notes) in zip(loops, put, strict=True)
-    ]
+def _limits(options: argparse.Namespace, values: Mapping[str, float]) -> dict[str, float]:
+    """The plant's limits by options of their own."""
+    found = {}
+    for name, parameter in (("voltage", "voltage_limit"), ("current", "current_limit")):
+        limit = getattr(options, f"limit_{name}", None)
+        if limit is not None:
+            found[parameter] = as_number(f"--limit-{name}", limit)
+            if found[parameter] <= 0:
+                raise UserError(f"--limit-{name} is {limit}, expected more than 0")
+            if parameter in values:
+                both = f"--set plant.{parameter} and --limit-{name}"
+                raise UserError(f"{both}: expected one of them")
+    return found
 
 
-def _refuse_another(options: argparse.Namespace, parameter: str) -> None:
-    """Reject a sampling period by ``--set`` together with ``--sampled``."""
-    for text in options.set:
-        if text.partition("=")[0].strip().endswith(f".{parameter}"):
-            raise UserError(f"--sampled {options.sampled} and --set {text}: expected one of them")
-
-
-def read_followed_loop(
-    options: argparse.Namespace, tolerance: float, finest: float, coarsest: float
-) -> tuple[Loop, float]:
-    """The loop that `lyapunov` or `map` is asked for, and the tolerance of its solver.
-
-    Parameters
-    ----------
-    tolerance : float
-        Default.
-    finest, coarsest : float
-        Limits of the tolerance.
-
-    Raises
-    ------
-    UserError
-    """
-    over_fmus = options.via == "fmu"
-    for option in () if over_fmus else ("step", "map"):
-        if getattr(options, option):
-            raise UserError(
-                f"--{option} is for --via fmu; without it no FMU is run, and one solver chooses "
-                "its steps"
-            )
-    if over_fmus and options.tolerance is not None:
-        raise UserError("--tolerance is for --via model; FMUs have solvers of their own")
-    for option in () if over_fmus else ("controller", "plant"):
-        if Path(getattr(options, option) or "").suffix == ".fmu":
-            raise UserError(
-                f"--{option} {getattr(options, option)}: an FMU has no equations; lyapunov runs it "
-                "with --via fmu"
-            )
-    stop = read_length("--stop", options.stop)
-    step = read_step("--step", options.step or FIRST_STEP, stop) if over_fmus else None
-    number = read_number("--tolerance", options.tolerance or tolerance)
-    if not finest <= number <= coarsest:
-        raise UserError(f"--tolerance is {options.tolerance}, expected {finest:g} to {coarsest:g}")
-    how: dict[str, Any] = {"stop": stop, "step": step}
+def coupled(options: argparse.Namespace) -> dict[str, Any]:
+    """The set-point, and how the FMUs are coupled, for a `Loop` or a `SystemLoop`."""
+    names = "stop", "step", "coupling", "corrections", "isolate", "time_limit", "reference"
+    how = given(options, *names) | {"adaptive": options.adaptive}
     if options.setpoint is not None:
-        how["reference"] = read_number("--setpoint", options.setpoint)
-    (loop,) = read_loops(options, [options.controller], fmus=over_fmus, **how)
-    loop.check_values()
-    return loop, number
+        how["reference"] = as_number("setpoint", options.setpoint)
+    if options.step is None and options.stop is not None:
+        stop = check_length("stop", options.stop)
+        if stop > FIRST_STEP:
+            check_step("step", FIRST_STEP, stop)  # the first that is tried
+    if options.coupling == Coupling.MONOLITHIC.value:
+        exclude(options, "coupling", "isolate time_limit", "is for FMUs; the coupling uses none")
+    if options.time_limit is not None and options.isolate is False:
+        raise UserError("--time-limit is for FMUs in their own process; see --no-isolate")
+    return how
 
 
-def read_system_loop(options: argparse.Namespace) -> SystemLoop:
-    for name in ("plant", "map", "params", "limit_voltage", "limit_current", "sampled"):
-        if getattr(options, name):
-            raise UserError(
-                f"--{name.replace('_', '-')} cannot be used with --system, whose file "
-                "defines the connections; use --set ELEMENT.VARIABLE=VALUE"
-            )
-    stop = None if options.stop is None else read_length("--stop", options.stop)
-    how = read_coupling_options(options, stop)
-    if how["coupling"] and how["coupling"].value == "monolithic":
-        raise UserError("--coupling monolithic needs equations, and an .ssp does not give them")
-    values = {}
-    for name, value in read_named("--set", options.set, "ELEMENT.VARIABLE=VALUE").items():
-        if "." not in name:
-            raise UserError(f"--set {name}={value}: expected ELEMENT.VARIABLE=VALUE")
-        values[name] = value  # the FMU tells which values are valid
+def system_of(options: argparse.Namespace) -> SystemLoop:
+    """The loop of ``--system``."""
     from .orchestration.loop.loop import SystemLoop
 
-    return SystemLoop(options.system, stop=stop, values=values, **how)
+    why = (
+        "cannot be used with --system, whose file defines the connections; use "
+        "--set ELEMENT.VARIABLE=VALUE"
+    )
+    exclude(options, "system", "plant map params limit_voltage limit_current sampled", why)
+    how = coupled(options)
+    if options.coupling == Coupling.MONOLITHIC.value:
+        raise UserError("coupling monolithic needs equations, and an .ssp does not give them")
+    values = named("--set", options.set, "ELEMENT.VARIABLE=VALUE")
+    for name, value in values.items():  # the FMU tells which values are valid
+        if "." not in name:
+            raise UserError(f"--set {name}={value}: expected ELEMENT.VARIABLE=VALUE")
+    return SystemLoop(options.system, values=values, **how)
 
 
-def read_coupling_options(options: argparse.Namespace, stop: float | None) -> dict[str, Any]:
-    """The set-point, and the options that runs by name and by file have in common, checked."""
-    step = None if options.step is None else read_step("--step", options.step, stop)
-    if step is None and stop is not None and stop > FIRST_STEP:
-        read_step("--step", FIRST_STEP, stop)  # the first that is tried
-    from .orchestration.loop.loop import as_reference
-    from .orchestration.master.couplings import coupling_named
-
-    how: dict[str, Any] = {"step": step, "adaptive": options.adaptive, "isolate": options.isolate}
-    if options.reference:
-        how["reference"] = as_reference(options.reference)
-    elif options.setpoint is not None:
-        how["reference"] = read_number("--setpoint", options.setpoint)
-    coupling = coupling_named("--coupling", options.coupling)
-    corrections = check_corrections("--corrections", options.corrections)
-    limit = options.time_limit
-    for option, given in (("isolate", options.isolate), ("time-limit", limit is not None)):
-        if given and coupling and coupling.value == "monolithic":
-            raise UserError(f"--{option} is for FMUs, and --coupling monolithic uses none")
-    if limit is not None and options.isolate is False:
-        raise UserError("--time-limit is for FMUs in their own process; see --no-isolate")
-    time_limit = check_time_limit("--time-limit", limit or TIME_LIMIT)
-    return how | {"coupling": coupling, "corrections": corrections, "time_limit": time_limit}
-
-
-def read_settings(
-    options: argparse.Namespace, controllers: Sequence[str]
-) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
-    """Values of ``--set`` and of the limits for the plant, and for each controller."""
-    plant: dict[str, float] = {}
-    values: dict[str, dict[str, float]] = {name: {} for name in controllers}
-    # a value for one controller has priority over a value for all
-    texts = read_named("--set", options.set, "SIDE.NAME=VALUE")
-    for name in sorted(texts, key=lambda name: not name.startswith("controller.")):
-        side, parameter = split_side(name, controllers)
-        if not side or not parameter:
-            *sides, last = ("plant", "controller", *labels_of(controllers))
-            forms = ", ".join(f"{side}.NAME=VALUE" for side in sides)
-            raise UserError(f"--set {name}={texts[name]}: expected {forms} or {last}.NAME=VALUE")
-        number = read_number(f"--set {name}", texts[name])
-        if side == "plant":
-            plant[parameter] = number
-        for controller in meant(side, controllers):
-            values[controller][parameter] = number
-    for option, parameter in (
-        ("limit_voltage", "voltage_limit"),
-        ("limit_current", "current_limit"),
-    ):
-        limit = getattr(options, option)
-        if limit is not None:
-            number = read_number("--" + option.replace("_", "-"), limit)
-            if number <= 0:
-                raise UserError(f"--{option.replace('_', '-')} is {limit}, expected more than 0")
-            if parameter in plant:
-                raise UserError(
-                    f"--set plant.{parameter} and --{option.replace('_', '-')}: expected one of "
-                    "them"
-                )
-            plant[parameter] = number
-    return plant, values
+def followed_loop(options: argparse.Namespace, step: str | None = None) -> Loop:
+    """The loop with a constant set-point for exponents and maps; with a `step` over FMUs."""
+    how = given(options, "stop") | ({} if step is None else {"step": step})
+    if options.setpoint is not None:
+        how["reference"] = as_number("setpoint", options.setpoint)
+    (loop,) = loops_of(options, [options.controller], **how)
+    return loop

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from .console import print_notes
 from .solver.errors import UserError
 from .supervision import tell, tell_folder
 
+if TYPE_CHECKING:
+    from .result import Result
+
 T = TypeVar("T")
 
 
-def write_or_refuse(action: Callable[[], T]) -> T:
+def write_or_refuse(action: Callable[[], T], advice: str = "") -> T:
     """The result of an action; an error if something cannot be written."""
     try:
         return action()
     except OSError as error:
         where = f" {error.filename}" if error.filename else ""
-        raise UserError(f"cannot write{where}: {error.strerror or error}") from error
+        raise UserError(f"cannot write{where}: {error.strerror or error}{advice}") from error
 
 
 def save_results(folder: Path, save: Callable[[Path], None]) -> None:
@@ -31,10 +35,18 @@ def save_results(folder: Path, save: Callable[[Path], None]) -> None:
     print_notes(write_or_refuse(lambda: write_run(folder, save)))
 
 
-def prepare_folder(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
+def save_result(options: argparse.Namespace, result: Result) -> None:
+    """Write a result into the folder of ``--out``."""
+    save_results(options.out, lambda folder: result.save(folder, command=options.command))
+
+
+def prepare_folder(
+    folder: Path, inputs: Iterable[Path | str | None] = (), writes: Iterable[str] = ()
+) -> None:
     """Try the output folder before any work is done, so that an invalid one costs no time.
 
-    An input must not be a result in this folder that the new results would overwrite.
+    An input must not be a result in this folder, nor have the name of one of those that the command
+    `writes`: the new results would replace it.
     """
     if os.path.exists(folder) and not os.path.isdir(folder):  # False for names that are too long
         raise UserError(f"--out {folder} is a file, expected a folder")
@@ -49,16 +61,18 @@ def prepare_folder(folder: Path, inputs: Iterable[Path | None] = ()) -> None:
     if not writable:
         raise UserError(f"--out {folder} cannot be written")
     tell_folder(folder)
+    from .orchestration.loop.parameter_file import FILE_NAME
     from .orchestration.loop.run_folder import settle, written_files
 
     print_notes(write_or_refuse(lambda: settle(folder)))
     listed = write_or_refuse(lambda: written_files(folder))
     # realpath, since resolve raises if links form a circle
-    results = {Path(os.path.realpath(folder / name)) for name in listed}
-    for path in filter(None, inputs):
+    old = {Path(os.path.realpath(folder / name)) for name in listed}
+    made = {Path(os.path.realpath(folder / name)) for name in (FILE_NAME, *writes)}
+    for path in (path for path in inputs if path):
         own = Path(os.path.realpath(path))
-        if own in results or any(own in result.parents for result in results):
+        if own in old | made or any(own in result.parents for result in old):
             raise UserError(
-                f"{path} is a result in --out {folder}, and a new run replaces the "
-                "previous one; choose another folder"
+                f"{path} would be overwritten by the results in --out {folder}; choose another "
+                "folder"
             )

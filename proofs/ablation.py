@@ -38,8 +38,8 @@ from worlds import HELD_BACK, WORLDS, Unusable  # noqa: E402
 from worlds_trials import VISIBLE, Trial, drawn, plan_trials, right_names, share  # noqa: E402
 
 from ballscrew.measurement.diagnosis import bands, modelled_record, scores, study  # noqa: E402
+from ballscrew.options import add_worker_options, open_workers  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
-from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count  # noqa: E402
 
 
 def _in_sample(fit: Callable[..., study.Fit]) -> Callable[..., study.Fit]:
@@ -156,7 +156,7 @@ def main() -> int:
     plan = plan_trials(0, options.first_seed, worlds, (options.faultless, options.effects))
     trials = random.Random(0).sample(plan, options.records)
     jobs = iter([(t.key, (t,)) for t in trials])
-    workers = open_workers(options, read_worker_count(options))
+    workers = open_workers(options)
     rows = []
     for done, (_, row) in enumerate(workers.map(answers_of, jobs), 1):
         if row is not None:

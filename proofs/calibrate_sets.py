@@ -55,8 +55,8 @@ from worlds_trials import (  # noqa: E402
 from ballscrew.measurement.diagnosis.scores import OUTSIDE, Catalogue, scored  # noqa: E402
 from ballscrew.measurement.diagnosis.sets import NOTHING, STATISTICS, probabilities, statistics  # noqa: E402
 from ballscrew.measurement.diagnosis.study import study_of  # noqa: E402
+from ballscrew.options import add_worker_options, open_workers  # noqa: E402
 from ballscrew.solver.files import write_json  # noqa: E402
-from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count  # noqa: E402
 
 COVERAGE = 0.95
 OF_FAULTLESS = 0.03
@@ -384,7 +384,7 @@ def main() -> int:
     trials = [t for t in plan if (t.world, t.effect, t.seed) not in have]
     options.rows.parent.mkdir(parents=True, exist_ok=True)
     jobs = iter([(t.key, (t,)) for t in trials])
-    workers = open_workers(options, read_worker_count(options))
+    workers = open_workers(options)
     with options.rows.open("a", encoding="utf-8") as kept:
         for done, (_, row) in enumerate(workers.map(row_of, jobs), 1):
             rows.append(row)

@@ -34,8 +34,8 @@ from worlds_trials import VISIBLE, Trial, plan_trials, right_names, share
 
 from ballscrew.measurement.diagnosis.diagnose import diagnose
 from ballscrew.measurement.diagnosis.diagnosis import Diagnosis
+from ballscrew.options import add_worker_options, open_workers
 from ballscrew.solver.files import write_json
-from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "diagnosis_loop.json"
@@ -208,7 +208,7 @@ def main() -> int:
     options.rows.parent.mkdir(parents=True, exist_ok=True)
     with options.rows.open("a", encoding="utf-8") as kept:
         jobs = iter([(t.key, (t,)) for t in trials])
-        workers = open_workers(options, read_worker_count(options))
+        workers = open_workers(options)
         for done, (_, row) in enumerate(workers.map(row_of, jobs), 1):
             rows.append(row)
             kept.write(json.dumps(asdict(row)) + "\n")

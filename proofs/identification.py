@@ -28,8 +28,8 @@ from synthetic.rigs import (
 )
 
 from ballscrew.measurement.identification.fitted_law import LAWS
+from ballscrew.options import add_worker_options, open_workers
 from ballscrew.solver.files import write_json
-from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "identification.json"
@@ -125,7 +125,7 @@ def main() -> int:
     seeds = range(options.first, options.first + options.rigs)
     report: dict[str, object] = {**provenance("identification"), "stated": STATED}
     held = True
-    workers = open_workers(options, read_worker_count(options))
+    workers = open_workers(options)
     for group in options.groups:
         laws: dict[str, object] = {}
         report[group] = laws

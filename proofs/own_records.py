@@ -28,8 +28,8 @@ from provenance import provenance
 from ballscrew.cli import main as ballscrew
 from ballscrew.measurement.diagnosis.diagnose import diagnose
 from ballscrew.measurement.rig.trials import trials_named
+from ballscrew.options import add_worker_options, open_workers
 from ballscrew.solver.files import write_atomically
-from ballscrew.worker_options import add_worker_options, open_workers, read_worker_count
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "own_records.json"
@@ -132,7 +132,7 @@ def main() -> int:
     tasks += [("rig", k) for k in range(TRIALS)]
     rows: list[Row] = []
     jobs = iter([(f"{kind} {k}", ((kind, k),)) for kind, k in tasks[:: options.every]])
-    workers = open_workers(options, read_worker_count(options))
+    workers = open_workers(options)
     for _, some in workers.map(trial, jobs):
         rows += some
         for row in some:

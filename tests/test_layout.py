@@ -58,7 +58,7 @@ def test_a_folder_imports_only_what_it_stands_on(folder: str) -> None:
 
 
 def test_the_reader_of_imports_sees_both_ways_of_writing_them() -> None:
-    command = ROOT / "ballscrew" / "identify_command.py"
+    command = ROOT / "ballscrew" / "measured_commands.py"
     assert "measurement/identification" in {name for _, name in imported(command)}
     assert {name for _, name in imported(ROOT / "plant" / "lugre.py")} <= {"solver", "plant"}
 

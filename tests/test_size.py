@@ -21,14 +21,14 @@ MOST = {  # folder: lines, lines without docstrings
     "fmus": (5130, 4599),
     "orchestration": (12188, 10592),
     "stability": (2781, 2279),
-    "ballscrew": (4638, 3817),
+    "ballscrew": (3932, 3161),
     "gallery": (3571, 3184),
     "measurement": (13464, 11377),
     "proofs": (12906, 11539),
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (27682, 26442),
+    "tests": (27684, 26444),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -45,7 +45,7 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
         if record.current_alone:
             raise BadRecord(
                 f'{record.name}: has the current i and no command u; with kind = "drive" say '
-                "--map i=u --unit u=A, and give gain in N/A"
+                "map i=u unit u=A, and give gain in N/A"
             )
         if record.command != VOLTAGE and model.has_motor:
             raise BadRecord(
@@ -60,7 +60,7 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
         if record.command != told:
             raise BadRecord(
                 f"{record.name}: u is a {record.command}, and the drive's command is a {told}; say "
-                f'its unit as --unit u=UNIT, or command = "{record.command}" in the parameter file '
+                f'its unit as unit u=UNIT, or command = "{record.command}" in the parameter file '
                 "with its gain"
             )
     return [_without_current(r) for r in records], replace(model, command=told), []

@@ -329,7 +329,7 @@ def _commanded(record: Record, told: Diagnosed) -> Record:
     if record.command != told.command:
         raise BadRecord(
             f"{record.name}: u is a {record.command}, but the model was diagnosed with a "
-            f"{told.command} as u; use such a record, or give its unit with --unit u=UNIT"
+            f"{told.command} as u; use such a record, or give its unit with unit u=UNIT"
         )
     return record
 

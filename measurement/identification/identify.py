@@ -237,7 +237,7 @@ def _remarks(
         way = max(float(np.ptp(r.position)) for r in foreign)
         pull = max(float(np.abs(r.force).max()) for r in foreign)
         notes.append(
-            f"without trial.json, by name and --unit, positions cover up to {way:.3g} m, forces "
+            f"without trial.json, by name and unit, positions cover up to {way:.3g} m, forces "
             f"reach {pull:.3g} N, samples come every {foreign[0].step:.3g} s: if this is "
             "wrong, give the units"
         )

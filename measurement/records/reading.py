@@ -67,8 +67,8 @@ FORCE_RECORD = _Use(
     samples=20,
     believes=True,
     slowest=0.5,
-    if_slow="time goes in steps of {step:.4g}; if these are milliseconds use --unit time=ms, "
-    "if they are seconds use --unit time=s",
+    if_slow="time goes in steps of {step:.4g}; if these are milliseconds use unit time=ms, "
+    "if they are seconds use unit time=s",
     largest={
         "x [m]": (0.3, "mm"),  # the thread of the screw is 0.262 m long
         "x_fine [m]": (0.02, "um"),
@@ -84,7 +84,7 @@ DRIVE_RECORD = _Use(
     believes=False,
     slowest=0.0499,  # at 20 Hz friction is not visible
     if_slow="sampled every {step:.4g} s, at {rate:.3g} Hz: too slow for friction; expected at "
-    "least 100 Hz; if time is in milliseconds or microseconds, use --unit time=ms or time=us",
+    "least 100 Hz; if time is in milliseconds or microseconds, use unit time=ms or time=us",
     largest={
         "x [m]": (50.0, "mm"),
         "v [m/s]": (50.0, "rpm"),
@@ -310,8 +310,8 @@ def _check_sizes(
             fault, other = f"reaches only {size:.4g}, too little", less
         elif size <= largest:
             continue
-        what = f"if it is in another unit, use --unit {column}={other}"
+        what = f"if it is in another unit, use unit {column}={other}"
         if use.believes:
-            what = f"if it is in {other} use --unit {column}={other}, "
-            what += f"if it is in {unit} use --unit {column}={unit}"
+            what = f"if it is in {other} use unit {column}={other}, "
+            what += f"if it is in {unit} use unit {column}={unit}"
         raise BadRecord(f"{name}: {column} {fault} for {unit}; {what}")

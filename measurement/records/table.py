@@ -86,7 +86,7 @@ def choose(
         names = [t.group for t in whole]
         raise BadRecord(
             f"{path}: has {len(whole)} tables with these columns: {listed(names)}; choose "
-            f"one, such as --map {names[0]}/{_theirs('time', mapping)}=time"
+            f"one, such as map {names[0]}/{_theirs('time', mapping)}=time"
         )
     found: dict[str, list[Table]] = {}
     for table in tables:
@@ -99,7 +99,7 @@ def choose(
         if ours != "time" and len(parts) > 1:
             raise BadRecord(
                 f"{path}: has {_theirs(ours, mapping)!r} in {listed([t.group for t in parts])}; "
-                f"choose one, such as --map {parts[0].group}/{_theirs(ours, mapping)}={ours}"
+                f"choose one, such as map {parts[0].group}/{_theirs(ours, mapping)}={ours}"
             )
     lost = [t for t, ours in mapping.items() if ours in known and ours not in found]
     if lost or any(not {*names} & found.keys() for names in needed):
@@ -107,7 +107,7 @@ def choose(
         what = f"a column {lost[0]!r}" if lost else f"the columns {_asked(needed, mapping)}"
         raise BadRecord(
             f"{path}: none of its tables has {what}; there are {there}; assign them, "
-            f"such as --map TABLE/COLUMN={needed[-1][0]}"
+            f"such as map TABLE/COLUMN={needed[-1][0]}"
         )
     first = {next(n for n in names if n in found) for names in needed}
     times = {t.group: t for t in found.pop("time")}
@@ -159,7 +159,7 @@ def _joined(
         if len(own.columns["time"]) != len(values):
             raise BadRecord(
                 f"{path}: {name} of {part.group} has {len(values)} samples and its time "
-                f"{len(own.columns['time'])}; give its time column, such as --map TABLE/COLUMN=time"
+                f"{len(own.columns['time'])}; give its time column, such as map TABLE/COLUMN=time"
             )
         stamps = own.columns["time"] * _scale(path, own.units.get("time", ""), unit)
         if np.array_equal(stamps, time):
@@ -252,12 +252,12 @@ def rename(
     for theirs, ours in mapping.items():
         if ours not in known:
             raise BadRecord(
-                f"--map {theirs}={ours}: there is no {ours!r} here; columns are {', '.join(known)}"
+                f"map {theirs}={ours}: there is no {ours!r} here; columns are {', '.join(known)}"
             )
         name = _column(table, theirs)
         if not name:
             raise BadRecord(
-                f"{path}: --map {theirs}={ours}: there is no column {theirs!r}"
+                f"{path}: map {theirs}={ours}: there is no column {theirs!r}"
                 f"{nearest(theirs, columns)}; there are {there}"
             )
         theirs_of[ours] = name
@@ -270,7 +270,7 @@ def rename(
     for name in known:
         if name not in theirs_of and f"{name} #1" in columns:
             raise BadRecord(
-                f"{path}: the column {name!r} occurs twice; choose one, such as --map '{name} #1="
+                f"{path}: the column {name!r} occurs twice; choose one, such as map '{name} #1="
                 f"{name}'"
             )
     for wanted, *others in needed:
@@ -278,7 +278,7 @@ def rename(
             raise BadRecord(
                 f"{path}: has no column {' nor '.join(map(repr, (wanted, *others)))}"
                 f"{nearest(wanted, columns)}; there are "
-                f"{there}; use --map theirs={wanted}"
+                f"{there}; use map theirs={wanted}"
             )
     named = {n: columns[theirs_of[n]] for n in known if n in theirs_of}
     lengths = {n: len(v) for n, v in named.items()}
@@ -308,7 +308,7 @@ def in_si(
     """
     for name, text in units.items():
         if name not in quantities:
-            raise BadRecord(f"--unit {name}={text}: columns are {', '.join(quantities)}")
+            raise BadRecord(f"unit {name}={text}: columns are {', '.join(quantities)}")
     signals, measured, notes = {}, {}, []
     for name, values in table.columns.items():
         may_be = quantities[name]
@@ -321,14 +321,14 @@ def in_si(
                 known = ", ".join(u for q in may_be for u in UNITS[q])
                 raise BadRecord(
                     f"{table.path}: gives no unit of {table.renamed[name]!r}, which is {name} by "
-                    f"--map; use --unit {name}= with one of {known}, or with a number of them"
+                    f"map; use unit {name}= with one of {known}, or with a number of them"
                 )
             signals[name], measured[name] = values, may_be[0]
             continue
         if name not in units and quantity_of(said) not in may_be:
             known = ", ".join(u for q in may_be for u in UNITS[q])
             raise BadRecord(
-                f"{table.path}: the file says that {name} is in {said!r}; use --unit "
+                f"{table.path}: the file says that {name} is in {said!r}; use unit "
                 f"{name}= with one of {known}, or with a number of them, which is the size of one "
                 f"{said!r}"
             )

@@ -75,7 +75,7 @@ def conversion(
     if not math.isfinite(size) or size == 0.0 or quantity not in quantities:
         known = ", ".join(u for q in quantities for u in UNITS[q])
         raise BadRecord(
-            f"--unit {column}={text}: expected one of {known}, or a number of them such as "
+            f"unit {column}={text}: expected one of {known}, or a number of them such as "
             f"1e-3*{next(iter(UNITS[quantities[0]]))}"
         )
     factor = size * UNITS[quantity][unit]
@@ -83,8 +83,8 @@ def conversion(
         return factor, quantity
     if lead is None:
         raise BadRecord(
-            f"--unit {column}={text}: the conversion along the screw depends on "
-            "its lead; use --lead METRES, or give p (turns per metre) in --params"
+            f"unit {column}={text}: the conversion along the screw depends on "
+            "its lead; use lead METRES, or give p (turns per metre) in params"
         )
     per_metre = 2 * math.pi / lead
     return factor * (per_metre if quantity == "torque" else 1.0 / per_metre), quantity

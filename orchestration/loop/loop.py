@@ -82,8 +82,8 @@ class Loop(HowCoupled):
     Parameters
     ----------
     controller, plant : str, path-like, Component or Part
-        A name of the catalogue, a file's function (``mine.py:pi``), the path of an FMU, or a
-        component. The controller ``none`` is for a plant without inputs.
+        A name of the catalogue, a file's function (``mine.py:pi``), the path of an FMU, or, in
+        Python, a component. The controller ``none`` is for a plant without inputs.
     reference : float, str, path-like or Reference
         Set-point [m], or set-point over time: a motion such as
         ``"move:distance=0.02,speed=0.1"``, the path of a table, or a `Reference`.

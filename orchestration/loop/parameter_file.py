@@ -91,7 +91,7 @@ class ParameterFile:
         if self.kind not in NOMINAL:
             raise BadParameters(
                 f"{self.path}: kind is {self.kind!r}, which is not a plant of the "
-                "catalogue; give the plant of these values with --plant"
+                "catalogue; give the plant of these values"
             )
         return plant_of(self.law or DEFAULT_LAW, self.kind, self.command or COMMANDS[0])
 

@@ -66,7 +66,7 @@ PLACES = {
     "export": {"--component", "--loop", "--plant"},
     "run": {"--controller", "--plant"},
     "swap": {"--controllers", "--plant"},
-    "tune": {"--plant"},
+    "tune": {"--controller", "--plant"},
     "lyapunov": {"--controller", "--plant"},
     "map": {"--controller", "--plant"},
 }

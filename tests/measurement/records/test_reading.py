@@ -79,9 +79,9 @@ def test_the_current_alone_is_a_command_and_a_force_is_one(tmp_path):
     ("units", "words"),
     [
         ({"x": "inch"}, "expected one of m, cm, mm, um, nm, in, ft, rad, deg, rev, or a number"),
-        ({"x": "0*m"}, "--unit x=0[*]m: expected one of m"),
+        ({"x": "0*m"}, "unit x=0[*]m: expected one of m"),
         ({"speed": "rpm"}, "columns are time, u, x"),
-        ({"x": "deg"}, "use --lead METRES"),
+        ({"x": "deg"}, "use lead METRES"),
     ],
 )
 def test_units_that_make_no_sense_are_refused(tmp_path, units, words):
@@ -103,7 +103,7 @@ def test_slow_records_and_times_that_are_no_seconds_are_refused(factor):
     signals = MOTION | {"time": factor * TIME}
     if factor < 1e3:  # a motion recorded at 20 Hz, or 10 Hz
         signals = {n: v[:500] for n, v in signals.items()}
-    with pytest.raises(BadRecord, match=r"too slow for friction; .* --unit time=ms"):
+    with pytest.raises(BadRecord, match=r"too slow for friction; .* unit time=ms"):
         check_record("mine", signals)
 
 
@@ -194,7 +194,7 @@ def test_a_column_of_another_name_without_a_unit_is_asked_for_it(tmp_path, unit)
     table[f"q [{unit}]" if unit else "q"] = table.pop("x")
     path = write(tmp_path / "a.csv", table)
     said = complaint(path, mapping={"q": "x"})
-    assert "gives no unit of 'q', which is x by --map; use --unit x= with one of m, cm, mm" in said
+    assert "gives no unit of 'q', which is x by map; use unit x= with one of m, cm, mm" in said
     assert read_force_records([path], {"q": "x"}, {"x": "m"})
 
 
@@ -252,7 +252,7 @@ def test_numbers_that_look_like_another_unit_are_refused_until_the_unit_is_said(
     table[name] = table[name] * factor
     path = write(tmp_path / "a.csv", table)
     message = complaint(path)
-    assert f"--unit {name}={unit}" in message
+    assert f"unit {name}={unit}" in message
     si = {"x": "m", "time": "s", "force": "N"}[name]
     (record,) = read_force_records([path], units={name: si})
     np.testing.assert_allclose(record.signals[name], table[name])

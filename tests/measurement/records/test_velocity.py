@@ -65,12 +65,12 @@ def test_a_velocity_beside_a_position_is_left_aside():
 
 def test_a_velocity_in_another_unit_than_was_said_is_refused(tmp_path):
     signals = {"time": TIME, "u": FORCE, "v": SPEED / LEAD * 60}
-    with pytest.raises(BadRecord, match=r"v covers .* m, too much for m/s; .* --unit v=rpm"):
+    with pytest.raises(BadRecord, match=r"v covers .* m, too much for m/s; .* unit v=rpm"):
         check_record("mine", signals)
     path = tmp_path / "a.csv"
     rows = zip(TIME, 1e3 * SPEED, FORCE, strict=True)
     path.write_text("time,v,force\n" + "\n".join(f"{t:.4f},{v:.6f},{f:.6f}" for t, v, f in rows))
-    with pytest.raises(BadRecord, match=r"v covers .* m, too much for m/s; .* --unit v=mm/s"):
+    with pytest.raises(BadRecord, match=r"v covers .* m, too much for m/s; .* unit v=mm/s"):
         read_force_records([path])
     (record,) = read_force_records([path], units={"v": "mm/s"})
     assert np.ptp(record.position) == pytest.approx(0.04, rel=1e-3)

@@ -1,0 +1,424 @@
+"""``ballscrew identify``, ``diagnose``, ``compare`` and ``rig``: measured data."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from . import measured_api
+from .console import (
+    NOT_TRUSTED,
+    TRUSTED,
+    Progress,
+    Stages,
+    print_json,
+    print_notes,
+    text_of,
+    warn,
+)
+from .options import columns_of, named, params_of
+from .orchestration.fmu.limits import as_number
+from .plant import DEFAULT_LAW
+from .results_folder import prepare_folder, save_result, save_results
+from .solver.errors import BadParameter, ContractError, UserError
+
+if TYPE_CHECKING:
+    from .measured_results import DiagnosisResult
+    from .measurement.rig.machine import Machine
+    from .measurement.rig.trials import Trial
+    from .orchestration.loop.parameter_file import ParameterFile
+    from .solver.component import Component
+
+IDENTIFY = r"""
+Write the parameters with their intervals, what cannot be identified and why, a parameter file,
+report.html, and pictures. Exit code 1: a parameter is not identified, or the law does not describe
+the records.
+
+DATA are folders written by `ballscrew rig`, or files of measured data with the
+columns time [s], force [N] (on the block, positive in +x) and x [m], x_fine [m] or v [m/s].
+Separators, decimal commas, lines before the table and a line of units are detected automatically; a
+column without a name is called by its number. A rotary drive has x in rad, deg or rev, or v in rpm,
+and its torque as force.
+
+examples:
+  ballscrew identify out/trials --law modified_lugre --out out/identified
+  ballscrew identify a.csv b.csv --law dahl --map t=time --map F=force \
+      --unit time=s --unit force=N --unit x=mm --out out/dahl
+  ballscrew identify out/trials --law lugre --params out/trials/parameters.toml --out out/lugre
+  ballscrew identify drive.csv --law lugre --map "Pos. [deg]=x" --map Torque=force \
+      --unit force=mN*m --lead 0.005 --out out/drive
+  ballscrew identify run.mat --law lugre --map qm=x --map t=time --unit x=m \
+      --unit time=s --mass 95 --out out/emps
+  ballscrew identify a.csv b.csv --law classical --offset --fix Vs=1e-3 --out out/loaded
+  ballscrew identify drive.csv --law classical --mass fit --offset --out out/drive
+  ballscrew identify shaken.csv --response --out out/response
+"""
+DIAGNOSE = r"""
+Simulate your model on the recorded data, name the causes of its errors, and measure the
+improvement on held-out data. Writes diagnosis.json, report.html, curves.parquet (curves.csv
+without pyarrow), pictures, the corrected values as parameters.toml, extended_plant.fmu if causes
+are found, and next_experiment.csv for the machine unless everything is explained. Exit code 0:
+nothing is wrong, or all is explained, also by either of two causes; 1: partly, unexplained, or
+undecided because a fault above a fifth of the friction would not be seen; 2: bad input.
+
+DATA are files of measured data with the columns time [s], u [V] and x [m], or v
+[m/s] if no position was recorded, and i [A] if it was measured. If there is i and no u, i is used
+as the command. Several files are one study. Separators, decimal commas, lines before the table and
+a line of units are detected automatically; a column without a name is called by its number. With
+kind = "drive", u may be a force or a torque, as in --unit u=N. FILE.toml describes your model, see
+docs/parameters.md: kind ("ball_screw" or "drive"), law, [plant] in SI units and [tolerance], the
+relative tolerance of each value (default half of its interval, else 0.03).
+
+examples:
+  ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
+  ballscrew diagnose a.csv b.csv --law modified_lugre --map t=time --map pos=x \
+      --unit time=ms --unit x=mm --out out/diagnosis
+  ballscrew diagnose emps.mat --params emps.toml --map vir=u --map qm=x --map t=time \
+      --unit time=s --unit x=m --unit u=V --out out/emps
+  ballscrew diagnose drive.csv --params drive.toml --unit time=ms --unit x=deg --unit u=N*m \
+      --lead 0.005 --out out/drive
+  ballscrew run --controller nctf --plant out/diagnosis/extended_plant.fmu --out out/loop
+  ballscrew diagnose run.csv --params axis.toml --take backlash --out out/backlash
+  ballscrew compare other.csv --params out/diagnosis/parameters.toml
+"""
+COMPARE = r"""
+Print the errors of the model of a parameter file on a record: of the force, by part of the motion,
+and of the position predicted from the start of each second. Nothing is fitted. With --out:
+compare.json, report.html and a picture.
+
+RECORD are files of measured data with the columns time [s], u [V] and x [m], or v
+[m/s] if no position was recorded. If there is i [A] and no u, i is used as the command. FILE.toml
+is a file of identify or diagnose, or your own, see docs/parameters.md. For a file of diagnose,
+three models are compared: the prior one, the one with adjusted values, and the corrected one.
+
+examples:
+  ballscrew compare run.csv --params axis.toml
+  ballscrew compare other.csv --params out/diagnosis/parameters.toml --out out/compare
+  ballscrew compare emps.mat --params emps.toml --map vir=u --map qm=x --map t=time \\
+      --unit time=s --unit x=m --unit u=V --out out/emps
+  ballscrew compare drive.csv --params drive.toml --unit time=ms --unit x=deg --unit u=N*m \\
+      --lead 0.005 --json
+"""
+RIG = r"""
+Write the record of the rig's instruments, and the true signals next to it. Exit code 1: recorded,
+but an instrument or the travel was out of range.
+
+TRIAL is a table (2.2, 2.4, 2.6, 2.8, 2.10, 2.11), the constant velocities (2.3.1),
+a series (viscous, loading-rate, presliding), or one of its trials, such as 2.4/7. Your own
+machine, kind = "drive" or "rotary_drive" in FILE.toml, has the same trials in its own size.
+The size is trial.speed, trial.force and trial.travel; by default they follow from its friction
+and the limit of its command.
+
+examples:
+  ballscrew rig --list
+  ballscrew rig --list --params machine.toml
+  ballscrew rig viscous 2.4/7 --params machine.toml --set trial.travel=0.3 --out out/machine
+  ballscrew rig 2.4/7 --law modified_lugre --out out/trial
+  ballscrew rig 2.8 presliding --law lugre --set plant.sigma0=6e4 --seed 3 --out out/trials
+  ballscrew rig 2.4/7 --params out/identified/parameters.toml --out out/again
+"""
+MOST_DIGITS = 40  # of a seed: more than 128 bits need
+_FMU, _CURVES, _NEXT = "extended_plant.fmu", "curves", "next_experiment.csv"
+
+
+def identify(options: argparse.Namespace) -> int:
+    if options.response:
+        return _response(options)
+    if options.law is None:
+        raise UserError("--law is missing; expected a law, or --response for a frequency response")
+    columns = columns_of(options)
+    told = params_of(options)
+    mass: float | bool = options.mass == "fit"
+    if options.mass and not mass:
+        mass = as_number("mass", options.mass)
+    fixed = _fixed(options.fix, told)
+    prepare_folder(options.out, [*options.data, options.params])
+    with Stages() as progress:
+        how = {"fixed": fixed, "offset": options.offset, "params": told, "mass": mass, **columns}
+        result = measured_api.identify(options.data, options.law, **how, progress=progress)
+    save_result(options, result)
+    if options.json:
+        print_json(result.to_dict())
+    else:
+        *tables, _ = result.tables()
+        print(result.say("\n\n".join(map(text_of, tables))))
+        files = "report.html, identified.json, parameters.toml, friction_map and residuals"
+        print(f"{files} in {options.out}")
+    of_records = [f"{r.name}: {note}" for r in result.records for note in r.notes]
+    print_notes([*result.notes, *of_records], options.json)
+    for name, interval in result.parameters.items():
+        if not interval.identified:
+            why = f"because {interval.because}; {interval.would_do}"
+            warn(result.say(f"{name} cannot be identified from these trials, {why}"))
+    for warning in result.warnings:
+        if warning.split(":")[0] not in result.parameters:
+            warn(result.say(f"not trusted: {warning}"))
+    return TRUSTED if result.trusted else NOT_TRUSTED
+
+
+def _response(options: argparse.Namespace) -> int:
+    """The frequency response of one record; a law and its options are rejected."""
+    refused = [f"--{n}" for n in ("law", "mass", "fix", "offset") if getattr(options, n)]
+    if refused or len(options.data) != 1:
+        got = ", ".join(refused) or f"{len(options.data)} files"
+        raise UserError(f"--response: got {got} with it; expected one record and no law")
+    columns = columns_of(options)
+    from .measurement.identification.identification_pictures import response_figure
+    from .measurement.identification.response import frequency_response
+    from .measurement.records.reading import read_response_record
+    from .orchestration.loop.pictures import drawing, write_figure
+
+    told = params_of(options)
+    columns["lead"] = columns["lead"] or (told.lead if told else None)
+    record = read_response_record(options.data[0], **columns)
+    result = frequency_response(record)
+    prepare_folder(options.out, [*options.data, options.params])
+
+    def save(folder: Path) -> None:
+        result.save(folder)
+        with drawing():
+            write_figure(response_figure(result), folder, "response")
+
+    save_results(options.out, save)
+    if options.json:
+        print_json(result.to_dict())
+    else:
+        print(result.said)
+        print(f"response.json, response.csv and response.png in {options.out}")
+    print_notes(record.notes, options.json)
+    return TRUSTED if result.highest > 0 else NOT_TRUSTED
+
+
+def _fixed(texts: Sequence[str], told: ParameterFile | None) -> dict[str, float]:
+    """Values of ``--fix``; names without a value take it from the parameter file."""
+    given = named("--fix", [t for t in texts if "=" in t], "NAME=VALUE")
+    fixed = {name: as_number(f"--fix {name}", text) for name, text in given.items()}
+    for name in (t for t in texts if "=" not in t):
+        if name in fixed:
+            raise UserError(f"--fix {name} is given twice; expected once")
+        if told is None or name not in told.plant:
+            raise UserError(
+                f"--fix {name}: it has no value; use --fix {name}=VALUE, or give {name} in --params"
+            )
+        fixed[name] = told.plant[name].value
+    return fixed
+
+
+def diagnose(options: argparse.Namespace) -> int:
+    columns = columns_of(options)
+    told = params_of(options)
+    written = ("diagnosis.json", "report.html", _FMU, _NEXT, f"{_CURVES}.parquet", f"{_CURVES}.csv")
+    prepare_folder(options.out, [*options.data, options.params], written)
+    from .measurement.diagnosis.corrected import corrected
+    from .measurement.diagnosis.diagnosis import ANSWERED
+    from .measurement.diagnosis.report_words import DOES_NOT_HOLD, does_not_hold
+    from .orchestration.loop.parameter_file import ParameterFile
+
+    asked = options.data, options.params, options.law
+    with Stages() as progress:
+        progress("reading")
+        result = measured_api.diagnose(*asked, **columns, take=options.take, progress=progress)
+        plant, why = _extended(result)
+        values = corrected(result, plant, (told or ParameterFile()).with_lead(columns["lead"]))
+        progress("writing")
+
+        def save(folder: Path) -> None:
+            from .fmus.export import export
+            from .measurement.diagnosis.with_causes import as_it_moves
+
+            result.save(folder, command=options.command)
+            if plant is not None:
+                export(as_it_moves(plant, result.corrected), folder / _FMU)
+            values.save(folder)
+
+        save_results(options.out, save)
+    if options.json:
+        print_json(result.to_dict())
+    else:
+        print(result.say(_diagnosis_table(result, plant is not None, options.out)))
+    notes = [*result.notes, *why]
+    if does_not_hold(result):
+        notes.append(DOES_NOT_HOLD)
+    print_notes(notes, options.json)
+    return TRUSTED if result.verdict in ANSWERED else NOT_TRUSTED
+
+
+def _extended(result: DiagnosisResult) -> tuple[Component | None, list[str]]:
+    """The extended plant, or why there is none."""
+    if not result.causes:
+        return None, []
+    from .measurement.diagnosis.with_causes import with_causes
+
+    try:
+        return with_causes(result.corrected, result.found()), []
+    except ContractError as error:
+        return None, [f"no extended plant is written: {error}"]
+
+
+def _diagnosis_table(result: DiagnosisResult, extended: bool, folder: Path) -> str:
+    from .measurement.diagnosis.report_words import micrometres, suspect_lines, verdict_sentence
+    from .solver.files import table_path
+
+    lines = [f"{result.verdict}: {verdict_sentence(result)}", result.where, ""]
+    lines.append(f"{'residual, rms':<34}{'force [N]':>11}{'position [um]':>15}")
+    rows = (
+        ("prior model", result.baseline_residual),
+        (f"with adjusted values, {result.held_out} held out", result.adjusted_residual),
+        (f"with causes, {result.held_out} held out", result.final_residual),
+        ("noise alone", result.floor),
+    )
+    lines += [f"{n:<34}{v.force:>11.4g}{micrometres(v.position):>15}" for n, v in rows]
+    for c in result.causes:
+        low, high = c.gain_interval
+        lines += [
+            "",
+            f"{c.name}: {c.says}{'' if c.certain else ' (most probable, not certain)'}",
+            f"  gain {100 * c.gain_heldout:.3g} % of the mean square in force "
+            f"({100 * low:.3g} to {100 * high:.3g} %"
+            f"{', with all others included' if len(result.causes) > 1 else ''}), "
+            f"probability {c.probability:.2f}",
+        ]
+        for name, value in c.parameters.items():
+            known = c.intervals.get(name)
+            between = f"  {known[0]:.4g} .. {known[1]:.4g}" if known else ""
+            unit = c.units.get(name) or "share"
+            lines.append(f"  {name:<20}{value:>11.4g} {unit:<8}{between}".rstrip())
+    lines += ["", *suspect_lines(result.suspects)]
+    lines += [f"no cause found: the remaining error varies {where}" for where in result.unnamed]
+    if result.next_experiment is not None:
+        lines.append(f"next experiment: {result.next_experiment.says}")
+        lines.append(f"  {result.next_experiment.motion.says}: {_NEXT}")
+    plant = f", {_FMU}" if extended else ""
+    curves = table_path(folder, _CURVES).name
+    lines.append(
+        f"report.html, diagnosis.json, parameters.toml, {curves}, diagnosis.png, forces.png, "
+        f"places.png{plant} in {folder}"
+    )
+    return "\n".join(lines)
+
+
+def compare(options: argparse.Namespace) -> int:
+    columns = columns_of(options)
+    if options.out is not None:
+        prepare_folder(options.out, [*options.data, options.params])
+    with Stages() as progress:
+        asked = options.data, options.params
+        result = measured_api.compare(*asked, **columns, progress=progress)
+    if options.out is not None:
+        save_result(options, result)
+    if options.json:
+        print_json(result.to_dict())
+    else:
+        *figures, about = map(text_of, result.tables())
+        says = result.says[0].upper() + result.says[1:]
+        print(result.say("\n\n".join([f"{says}.\n{about}", *figures])))
+        if options.out is not None:
+            print(f"compare.json, compare.png and report.html in {options.out}")
+    print_notes(result.notes, options.json)
+    return TRUSTED
+
+
+def rig(options: argparse.Namespace) -> int:
+    if options.list:
+        for name in ("trials", "seed", "out"):
+            if getattr(options, name):
+                given = "a TRIAL" if name == "trials" else f"--{name}"
+                raise UserError(f"--list and {given}: expected one of them")
+    elif not options.trials or options.out is None:
+        missing = "a TRIAL" if not options.trials else "--out DIR"
+        raise UserError(f"{missing} is missing; ballscrew rig --list prints all trials")
+    seed = _seed(options.seed or "0")
+    values = _values(options.set)
+    told = params_of(options)
+    law = options.law or (told and told.law) or DEFAULT_LAW
+    from .measurement.rig.machine import Machine
+    from .measurement.rig.setup import set_up
+
+    machine = Machine(law, values, told)
+    if options.list:
+        return _list(machine)
+    trials = _trials(options.trials, machine)
+    for trial in trials:
+        set_up(trial, machine)
+    prepare_folder(options.out, [options.params])
+    from .measured_results import RigRecord
+    from .measurement.rig.bench import run_trial
+    from .orchestration.loop.loop import aside
+    from .solver.kernel import IntegrationError
+
+    folders = {t: options.out / t.folder if len(trials) > 1 else options.out for t in trials}
+    notes: list[str] = []
+
+    def record(stage: Path) -> None:
+        done = 0.0
+        with Progress(sum(t.duration for t in trials)) as progress:
+            for trial in trials:
+
+                def shown(t: float, before: float = done) -> None:
+                    progress(before + t)
+
+                recorded = run_trial(trial, law, values, seed, progress=shown, told=told)
+                done += trial.duration
+                place = stage / folders[trial].relative_to(options.out)
+                RigRecord.of(recorded).save(place, command=options.command)
+                notes.extend(f"{trial.name}: not trusted: {note}" for note in recorded.notes)
+                if told is not None and trial is trials[0]:
+                    print_notes(aside(told, recorded.used.plant, "the rig"))
+
+    try:
+        save_results(options.out, record)
+    except IntegrationError as error:
+        raise UserError(f"{error}; a parameter is invalid") from error
+    for trial in trials:
+        print(f"{trial.line()}: {folders[trial]}")
+    for note in notes:
+        warn(note)
+    return NOT_TRUSTED if notes else TRUSTED
+
+
+def _list(machine: Machine) -> int:
+    """Print the machine's trials; for trials that do not apply to it, print the reason."""
+    from .measurement.rig.setup import set_up
+
+    for trial in machine.trials.values():
+        try:
+            if not machine.is_axis:  # all of them are made for this
+                set_up(trial, machine)
+            print(trial.line())
+        except BadParameter as error:
+            print(f"{trial.name:<16}refused: {error}")
+    return TRUSTED
+
+
+def _trials(names: list[str], machine: Machine) -> list[Trial]:
+    from .measurement.rig.trials import trials_named
+
+    found = [trial for name in names for trial in trials_named(name, machine.trials)]
+    return list({trial.name: trial for trial in found}.values())
+
+
+def _values(texts: list[str]) -> dict[str, float]:
+    values = {}
+    for name, value in named("--set", texts, "PART.NAME=VALUE").items():
+        if "." not in name:
+            wrong = f"--set {name}={value}"
+            raise UserError(f"{wrong}: expected PART.NAME=VALUE, as in plant.sigma0=6e4")
+        values[name] = as_number(f"--set {name}", value)
+    return values
+
+
+def _seed(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or len(text) > MOST_DIGITS:
+        limits = f"from 0 up of at most {MOST_DIGITS} digits"
+        raise UserError(f"--seed is {text!r}, expected a whole number {limits}")
+    return int(text)
+
+
+COMMANDS = {
+    "identify": (identify, IDENTIFY),
+    "diagnose": (diagnose, DIAGNOSE),
+    "compare": (compare, COMPARE),
+    "rig": (rig, RIG),
+}
