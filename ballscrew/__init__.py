@@ -9,29 +9,17 @@ from typing import TYPE_CHECKING, Any
 if not os.path.isdir(os.path.join(__path__[0], "solver")):
     __path__.append(os.path.dirname(__path__[0]))
 
+_LOOPS = "catalogue component with_friction export run swap lyapunov stability_map swap_study tune"
+_DATA = "run_trial read_force_records read_drive_records read_parameters identify diagnose compare"
+_PARTS = (
+    "Component Parameter Input Output State DiscreteState ForceTerm ForceBalance Event Mode Delay "
+    "symbol TIME"
+)
 # name: module; a name is imported when it is first asked for, since SymPy takes half a second
 _PUBLIC = {
-    **dict.fromkeys(
-        (
-            "catalogue component with_friction export run swap lyapunov stability_map "
-            "swap_study tune"
-        ).split(),
-        "ballscrew.api",
-    ),
-    **dict.fromkeys(
-        (
-            "run_trial read_force_records read_drive_records read_parameters identify diagnose "
-            "compare"
-        ).split(),
-        "ballscrew.measured_api",
-    ),
-    **dict.fromkeys(
-        (
-            "Component Parameter Input Output State DiscreteState ForceTerm ForceBalance "
-            "Event Mode Delay symbol TIME"
-        ).split(),
-        "ballscrew.solver.component",
-    ),
+    **dict.fromkeys(_LOOPS.split(), "ballscrew.api"),
+    **dict.fromkeys(_DATA.split(), "ballscrew.measured_api"),
+    **dict.fromkeys(_PARTS.split(), "ballscrew.solver.component"),
     "UserError": "ballscrew.solver.errors",
     "connect": "ballscrew.solver.interconnect",
     "interconnect": "ballscrew.solver.interconnect",
@@ -44,23 +32,8 @@ __all__ = sorted(_PUBLIC)
 if TYPE_CHECKING:
     # Every name once more: a name that is not here is an error in a type checker of a user.
     __version__: str
-    from .api import catalogue as catalogue
-    from .api import component as component
-    from .api import export as export
-    from .api import lyapunov as lyapunov
-    from .api import run as run
-    from .api import stability_map as stability_map
-    from .api import swap as swap
-    from .api import swap_study as swap_study
-    from .api import tune as tune
-    from .api import with_friction as with_friction
-    from .measured_api import compare as compare
-    from .measured_api import diagnose as diagnose
-    from .measured_api import identify as identify
-    from .measured_api import read_drive_records as read_drive_records
-    from .measured_api import read_force_records as read_force_records
-    from .measured_api import read_parameters as read_parameters
-    from .measured_api import run_trial as run_trial
+    from .api import *  # noqa: F403
+    from .measured_api import *  # noqa: F403
     from .orchestration.loop.loop import Loop as Loop
     from .orchestration.loop.loop import SystemLoop as SystemLoop
     from .orchestration.master.couplings import Coupling as Coupling

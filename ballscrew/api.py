@@ -2,7 +2,8 @@
 
 Values are in SI units throughout. A part is named (see `catalogue`), a function of a Python file
 that returns a component (``mine.py:pi``), the path of an FMU, or a `Component` made in the
-program.
+program. What cannot be used raises `UserError`, a ValueError, with one line: what was got, what was
+expected. An OSError says that a file cannot be written.
 """
 
 from __future__ import annotations
@@ -328,11 +329,6 @@ def swap(  # noqa: PLR0913
     -------
     Comparison
 
-    Raises
-    ------
-    ValueError, RuntimeError
-        As `run`.
-
     Examples
     --------
     >>> import ballscrew
@@ -410,11 +406,6 @@ def lyapunov(  # noqa: PLR0913
         ``exponents`` and ``error``, shape (states,) [nats/s]; ``trusted`` says whether the
         attractor could be classified.
 
-    Raises
-    ------
-    ValueError
-        If a part or a parameter is invalid, or exponents of this loop cannot be computed.
-
     Notes
     -----
     Tangent vectors follow the variational equations with the exact Jacobian, and are
@@ -487,13 +478,6 @@ def stability_map(  # noqa: PLR0913
     -------
     StabilityMap
 
-    Raises
-    ------
-    ValueError
-        If an axis or a parameter is invalid, or the folder contains another map.
-    OSError
-        If the results cannot be written.
-
     Examples
     --------
     >>> import ballscrew, tempfile
@@ -535,13 +519,6 @@ def swap_study(
     SwapStudy
         ``trusted`` says whether no run failed, and whether a twentieth of them gave the same result
         when repeated over FMUs.
-
-    Raises
-    ------
-    ValueError
-        If the study is invalid, or the folder contains another one.
-    OSError
-        If the results cannot be written.
 
     Notes
     -----
@@ -615,12 +592,6 @@ def tune(  # noqa: PLR0913
     TunedGains
         ``values`` are the gains; ``trusted`` says whether all runs converged and
         the linearized loop is stable.
-
-    Raises
-    ------
-    ValueError
-        If the controller has no ranges for its gains, the machine has no limit, or a value is
-        invalid.
 
     Notes
     -----

@@ -119,13 +119,7 @@ class Export:
 
 
 def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
-    """A controller and its instruments as in an .ssp, each with its own values.
-
-    Raises
-    ------
-    UserError
-        If the file has values for both as one part.
-    """
+    """A controller and its instruments as in an .ssp, each with its own values."""
     from .orchestration.loop.parts import Part
     from .plant.instruments import PartName
 
@@ -143,21 +137,7 @@ def apart(told: ParameterFile | None, name: str) -> tuple[str, tuple[str, ...]]:
 def kernel_with_values(
     told: ParameterFile | None, name: str, kernel: Kernel, plant: str = ""
 ) -> Kernel:
-    """The kernel of a part with the file's start values.
-
-    Parameters
-    ----------
-    told : ParameterFile or None
-    name : str
-    kernel : Kernel
-        Of the part, or of a loop of it and a plant.
-    plant : str
-        That of the loop; empty: the kernel is of no loop.
-
-    Raises
-    ------
-    UserError
-    """
+    """The kernel of a part, or of its loop around a `plant`, with the file's start values."""
     if told is None:
         return kernel
     from .fmus.interface import with_start_values

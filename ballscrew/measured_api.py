@@ -1,4 +1,7 @@
-"""The public functions for measured data: the virtual rig, reading, identification, diagnosis."""
+"""The public functions for measured data: the virtual rig, reading, identification, diagnosis.
+
+A file that cannot be used raises `UserError`, a ValueError, with one line that says where and why.
+"""
 
 from __future__ import annotations
 
@@ -45,11 +48,6 @@ def run_trial(
     RigRecord
         ``record`` has the measured signals, ``truth`` the true ones, arrays of shape (samples,).
 
-    Raises
-    ------
-    ValueError
-        If there is no such trial, law or parameter, or the trial does not apply to the machine.
-
     Examples
     --------
     >>> import ballscrew
@@ -93,11 +91,6 @@ def read_force_records(
     Returns
     -------
     list of Record
-
-    Raises
-    ------
-    BadRecord
-        In one line: what cannot be used and why.
     """
     from .measurement.records.reading import read_force_records as read
 
@@ -122,11 +115,6 @@ def read_drive_records(
     Returns
     -------
     list of Record
-
-    Raises
-    ------
-    BadRecord
-        In one line: what cannot be used and why.
     """
     from .measurement.records.reading import read_drive_records as read
 
@@ -144,11 +132,6 @@ def read_parameters(path: Path | str) -> ParameterFile:
     -------
     ParameterFile
         Values with units, intervals and sources; see ``docs/parameters.md``.
-
-    Raises
-    ------
-    BadParameters
-        In one line: what is wrong in the file, and where.
     """
     from .orchestration.loop.parameter_file import read_parameters as read
 
@@ -195,12 +178,6 @@ def identify(  # noqa: PLR0913
     IdentifiedLaw
         ``parameters`` have 95 % intervals; for each parameter that is not identified, the reason
         and a remedy are given.
-
-    Raises
-    ------
-    ValueError
-        If there is no such law, a parameter cannot be fixed at the given value, or a file cannot be
-        used (BadRecord, BadParameters).
 
     Notes
     -----
@@ -249,11 +226,6 @@ def diagnose(
         ``causes`` improve the model on data not used to select or fit them; ``verdict``
         may be that no cause can be named; ``suspects`` is the smallest set that contains the true
         cause in 95 of 100 records like those of the calibration.
-
-    Raises
-    ------
-    BadRecord, BadParameters
-        In one line: what cannot be used and why.
     """
     from .measured_results import DiagnosisResult
     from .measurement.diagnosis.causes import CAUSES
@@ -294,11 +266,6 @@ def compare(
     ModelComparison
         ``models`` has the rms residuals of each model, by part of the motion: of the
         force [N], and of the position predicted from the start of each second [m].
-
-    Raises
-    ------
-    BadRecord, BadParameters
-        In one line: what cannot be used and why.
     """
     from .measured_results import ModelComparison
     from .measurement.diagnosis.compare import compare as compared

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .api import check_whole_number
-from .console import NOT_TRUSTED, TRUSTED, complain, print_json, print_notes, warn
+from .console import BAD_REQUEST, NOT_TRUSTED, TRUSTED, print_json, print_notes, warn
 from .controllers import CONTROLLERS
 from .loop_options import parts_of
 from .options import exclude, params_of
@@ -116,7 +116,8 @@ def _write(options: argparse.Namespace, names: list[str], how: Export) -> int:
                 warn(f"left out: {error}")
                 continue
             except CompilerFailed as error:
-                return complain(str(error))
+                warn(f"ballscrew: {error}")  # with the lines of the compiler
+                return BAD_REQUEST
             print(target)
             print_notes(filter(None, [made.note]))
     return TRUSTED

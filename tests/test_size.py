@@ -21,14 +21,14 @@ MOST = {  # folder: lines, lines without docstrings
     "fmus": (5130, 4599),
     "orchestration": (12188, 10592),
     "stability": (2781, 2279),
-    "ballscrew": (3932, 3161),
+    "ballscrew": (3838, 3135),
     "gallery": (3571, 3184),
     "measurement": (13464, 11377),
     "proofs": (12906, 11539),
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (27684, 26444),
+    "tests": (27622, 26382),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

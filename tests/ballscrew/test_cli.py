@@ -1,6 +1,7 @@
 """The command as a person uses it: its files, its units, its folder, and exit codes."""
 
 import csv
+import inspect
 import json
 import subprocess
 import sys
@@ -11,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ballscrew.cli import main
+import ballscrew
+from ballscrew.cli import command_parser, main
 
 RUN = ["run", "--controller", "pid", "--stop", "0.2"]
 
@@ -81,11 +83,6 @@ def test_swap_writes_a_comparison(tmp_path, capsys, fmus):
     assert "peak [V]" in capsys.readouterr().out
 
 
-def test_export_only_writes_what_is_named(tmp_path):
-    assert main(["export", "--out", str(tmp_path), "--only", "plant", "nctf"]) == 0
-    assert sorted(p.name for p in tmp_path.glob("*.fmu")) == ["nctf.fmu", "plant.fmu"]
-
-
 @pytest.mark.ci
 def test_numbers_beyond_all_bounds_are_told_in_words_alone(tmp_path):
     words = "run --controller pid --coupling monolithic --stop 0.05 --set plant.x_start=1e308"
@@ -102,6 +99,20 @@ def test_set_and_limits_reach_the_run(tmp_path, capsys):
     figures = json.loads(capsys.readouterr().out)
     assert figures["controller"] == "pid"
     assert figures["peak_voltage"] == 1.5  # of Kp e = 2 V at first
+
+
+def test_the_help_of_each_option_is_the_text_of_its_argument_in_python():
+    commands = command_parser()._subparsers._group_actions[0].choices
+    told = {name: " ".join(parser.format_help().split()) for name, parser in commands.items()}
+    for name, parser in commands.items():
+        assert [a.dest for a in parser._actions if not a.help] == ["kind"] * (name == "new"), name
+    for command, function, argument in (
+        ("run", ballscrew.Loop, "stop"),
+        ("lyapunov", ballscrew.lyapunov, "tolerance"),
+        ("identify", ballscrew.read_force_records, "lead"),
+    ):
+        text = inspect.getdoc(function).partition(f"\n{argument} : ")[2].partition("\n")[2]
+        assert text.partition("\n")[0].strip() in told[command]
 
 
 def test_help_and_version_load_none_of_the_heavy_libraries():

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import ballscrew
 from ballscrew.cli import command_parser, main
 from ballscrew.fmus.reading import unpack
 from ballscrew.orchestration.loop.loop import Loop
@@ -176,11 +175,3 @@ def test_workers_of_a_map_take_the_equations_that_it_began_with():
     Path("mine.py").unlink()
     assert kernel_of(pickle.loads(sent)).module == module
     assert pickle.loads(sent) == plan
-
-
-@pytest.mark.ci
-def test_the_public_functions_take_files_too():
-    assert ballscrew.component(LAW).name == "my_law"
-    assert ballscrew.lyapunov(LAW, BODY, stop=0.1).label == "my_law on my_body"
-    with pytest.raises(ValueError, match=r"there is no file c\.py"):
-        ballscrew.run("c.py:make")

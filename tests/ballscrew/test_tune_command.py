@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from heavy_drive import HEAVY
 
-import ballscrew
 from ballscrew.cli import main
 
 AXIS = "kind = 'drive'\nlaw = 'lugre'\n[plant]\n" + "".join(
@@ -95,16 +94,3 @@ def test_the_first_line_says_errors_margins_and_what_weakens_them(here, capsys):
         assert weakness in first
     gained = found["doubled_cost"] < 0.9 * found["cost"]
     assert ("twice the budget would gain" in first) == gained
-
-
-@pytest.mark.ci
-def test_python_gives_the_same_as_the_command(here):
-    loop = ballscrew.Loop(
-        "p_pi",
-        "drive_lugre",
-        plant_values=HEAVY,
-    )
-    result = ballscrew.tune(loop, limit=500.0, budget=12)
-    assert result.values == {g["name"]: g["value"] for g in told(here)["gains"]}
-    assert list(result.pictures()) == ["motions", "bode"]
-    assert result.headline() in repr(result)

@@ -118,31 +118,6 @@ def test_a_compiler_that_fails_is_quoted_in_one_block_and_nothing_is_written(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ("--native --only plnt", "--component 'plnt' is neither one of plant"),
-        ("--native --fmi 1", "--fmi is '1', expected one of 2, 3"),
-        ("--native --platforms linux64,amiga", "--platforms: no platform 'amiga'; there are "),
-        ("--native --only plant_classical --variational", "plant_classical has modes"),
-        ("--platforms linux64", "--platforms needs --native"),
-        ("--loop iool", "--loop 'iool' is neither one of iol, iol_true_acceleration, nctf, pid, "),
-        ("--loop iol --only iol", "--loop and --only: expected one of them"),
-        ("--all --only iol", "--component and --all: expected one of them"),
-        ("--loop iol --ssp", "--loop and --ssp: expected one of them"),
-        ("--loop iol --fmi 3", "--fmi needs --native"),
-        ("--modelica --native", "--modelica and --native: expected one of them"),
-    ],
-)
-def test_what_makes_no_sense_is_refused_in_one_line(tmp_path, capsys, arguments, said):
-    assert export(*arguments.split(), "--out", tmp_path / "out") == 2
-    heard = capsys.readouterr().err
-    assert heard.startswith(f"ballscrew: {said}")
-    assert heard.count("\n") == 1
-    assert list(tmp_path.glob("out/*")) == []
-
-
 @pytest.mark.parametrize("arguments", [["--native", "--only", "pid"], ["--loop", "pid"]])
 def test_an_output_that_cannot_be_written_is_one_line(native, tmp_path, capsys, arguments):
     for name in ("pid", "pid_loop"):

@@ -98,7 +98,7 @@ def test_a_terminal_has_a_line_of_what_is_fitted(data, tmp_path):
 def test_bad_requests_are_one_line(data, tmp_path, capsys):
     for arguments, words in (
         ((data[0], "--law", "dahll"), "did you mean dahl?"),
-        ((data[0], "--law", "dahl"), "--map"),
+        ((data[0], "--law", "dahl"), "use map theirs=time"),
         ((data[0], "--law", "dahl", *FOREIGN[:6], *FOREIGN[8:]), "unit x= with"),
         (("none.csv", "--law", "dahl"), "no such file"),
         ((data[0], "--law", "dahl", *FOREIGN, "--mass", "heavy"), "expected a number"),
