@@ -38,10 +38,10 @@ COUPLINGS = tuple(coupling.value for coupling in Coupling)
 _SOURCES = ("ballscrew/api.py", "ballscrew/measured_api.py", "orchestration/loop/loop.py")
 _DOCUMENTED = {  # where the arguments of a command have their text; before all others
     "run": ("run", "Loop"),
-    "swap": ("swap", "Loop"),
-    "tune": ("tune", "Loop"),
-    "lyapunov": ("lyapunov", "Loop"),
-    "map": ("stability_map", "Loop"),
+    "swap": ("swap", "run", "Loop"),
+    "tune": ("tune", "run", "Loop"),
+    "lyapunov": ("lyapunov", "run", "Loop"),
+    "map": ("stability_map", "run", "Loop"),
     "study": ("swap_study",),
     "rig": ("run_trial",),
     "identify": ("identify", "read_force_records"),
