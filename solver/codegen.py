@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
+from itertools import chain
+from typing import Any
 
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
@@ -232,43 +235,30 @@ def generate(component: Component) -> Kernel:
     most = max((len(m.events) for m in component.modes), default=0)
     source = _source(component, unpack, most)
     held = len(unpack["u"]) + bool(component.modes)
+    uses = [_symbols_of(component, o) for o in component.all_outputs]
+    tapes = record_tape(
+        source,
+        len(component.all_states),
+        held,
+        most,
+        len(component.delays),
+        len(inputs) + len(component.discrete),
+    )
     return Kernel(
         name=component.name,
         description=component.description,
         parameters=[
-            ParameterInfo(
-                p.name,
-                p.default,
-                p.unit,
-                p.meaning,
-                p.source,
-                p.minimum,
-                p.maximum,
-                p.nominal or abs(p.default) or 1.0,
-            )
+            ParameterInfo(**_fields(p, nominal=p.nominal or abs(p.default) or 1.0))
             for p in component.all_parameters
         ],
-        inputs=[
-            InputInfo(i.name, i.unit, i.meaning, i.start, i.nominal, i.role, list(i.law))
-            for i in component.inputs
-        ],
-        states=[
-            StateInfo(s.name, s.unit, s.meaning, s.start, s.nominal) for s in component.all_states
-        ],
-        discrete=[
-            StateInfo(d.name, d.unit, d.meaning, d.start, d.nominal) for d in component.discrete
-        ],
+        inputs=[InputInfo(**_fields(i, law=list(i.law))) for i in component.inputs],
+        states=[StateInfo(**_fields(s, StateInfo)) for s in component.all_states],
+        discrete=[StateInfo(**_fields(d, StateInfo)) for d in component.discrete],
         outputs=[
             OutputInfo(
-                o.name,
-                o.unit,
-                o.meaning,
-                o.nominal,
-                sorted(used),
-                [name for name in inputs if name in used],
+                o.name, o.unit, o.meaning, o.nominal, sorted(used), [n for n in inputs if n in used]
             )
-            for o in component.all_outputs
-            for used in [_symbols_of(component, o)]
+            for o, used in zip(component.all_outputs, uses, strict=True)
         ],
         sample_time=component.sample_time.name if component.sample_time else "",
         modes=[m.name for m in component.modes],
@@ -276,17 +266,13 @@ def generate(component: Component) -> Kernel:
         module=hashed_name(f"equations_{component.name}", source),
         source=source,
         delays=[StateInfo(d.name, d.unit, "", d.start, d.nominal) for d in component.delays],
-        tapes=b64encode(
-            record_tape(
-                source,
-                len(component.all_states),
-                held,
-                most,
-                len(component.delays),
-                len(inputs) + len(component.discrete),
-            )
-        ).decode(),
+        tapes=b64encode(tapes).decode(),
     )
+
+
+def _fields(part: Any, record: type | None = None, **others: object) -> dict[str, Any]:
+    """A part's fields, or those that a record has, with others in their place."""
+    return {f.name: getattr(part, f.name) for f in fields(record or part)} | others
 
 
 def _source(component: Component, unpack: dict[str, list[str]], most: int) -> str:
@@ -298,28 +284,18 @@ def _source(component: Component, unpack: dict[str, list[str]], most: int) -> st
     def numbered(vector: str, expressions: Iterable[sp.Expr]) -> dict[str, sp.Expr]:
         return {f"{vector}[{k}]": e for k, e in enumerate(expressions)}
 
-    body = "\n\n".join(
-        [
-            _function(
-                "def rhs(t, x, u, p, dx):",
-                unpack,
-                [numbered("dx", _derivatives(component, m)) for m in modes],
-            ),
-            _function(
-                "def jac(t, x, u, p, J, ft):",
-                unpack,
-                [{**_matrix("J", j), **numbered("ft", by_time)} for j, by_time in linearized],
-            ),
-            _function(
-                "def out(t, x, u, p, y):",
-                unpack,
-                [numbered("y", _outputs(component, m)) for m in modes],
-            ),
-            _function("def sample(t, x, u, p, d):", unpack, [updates]),
-            _events(component, most),
-            *([_delayed(component, unpack)] if component.delays else []),
-        ]
-    )
+    by_mode = {
+        "def rhs(t, x, u, p, dx):": [numbered("dx", _derivatives(component, m)) for m in modes],
+        "def jac(t, x, u, p, J, ft):": [
+            {**_matrix("J", j), **numbered("ft", by_time)} for j, by_time in linearized
+        ],
+        "def out(t, x, u, p, y):": [numbered("y", _outputs(component, m)) for m in modes],
+        "def sample(t, x, u, p, d):": [updates],
+    }
+    parts = [_function(header, unpack, targets) for header, targets in by_mode.items()]
+    parts.append(_events(component, most))
+    parts += [_delayed(component, unpack)] if component.delays else []
+    body = "\n\n".join(parts)
     return f"{_HEAD.format(name=component.name)}\n{body}"
 
 
@@ -336,11 +312,10 @@ def _check_durations(component: Component) -> None:
 
 def _delayed(component: Component, unpack: dict[str, list[str]]) -> str:
     """The function for values of the delayed signals, their delays, start values and nominals."""
-    rows = [d.expression for d in component.delays]
-    rows += [d.duration for d in component.delays]
-    rows += [d.start for d in component.delays]
-    rows += [d.nominal for d in component.delays]
-    targets = {f"e[{k}]": sp.sympify(e) for k, e in enumerate(rows)}
+    columns = zip(
+        *((d.expression, d.duration, d.start, d.nominal) for d in component.delays), strict=True
+    )
+    targets = {f"e[{k}]": sp.sympify(e) for k, e in enumerate(chain.from_iterable(columns))}
     return _function("def delayed(t, x, u, p, e):", unpack, [targets])
 
 

@@ -49,60 +49,37 @@ class Platform:
     readable: bool = False
 
 
-_X86, _ARM = ("x86_64", "amd64"), ("aarch64", "arm64")
-_LINUX, _DARWIN = ("-fPIC", "-lm"), ("-fPIC",)
-# FMI 2.0 has names of folders for x86-64 only.
-PLATFORMS = {
-    "linux64": Platform(
-        {2: "linux64", 3: "x86_64-linux"},
-        "x86_64-linux-gnu.2.17",
-        ".so",
-        "Linux",
-        _X86,
-        "manylinux_2_17_x86_64",
-        _LINUX,
-        readable=True,
-    ),
-    "win64": Platform(
-        {2: "win64", 3: "x86_64-windows"},
-        "x86_64-windows-gnu",
-        ".dll",
-        "Windows",
-        _X86,
-        "win_amd64",
-        readable=True,
-    ),
-    "darwin64": Platform(
-        {2: "darwin64", 3: "x86_64-darwin"},
-        "x86_64-macos.11.0",
-        ".dylib",
-        "Darwin",
-        _X86,
-        "macosx_11_0_x86_64",
-        _DARWIN,
-    ),
-    "aarch64-linux": Platform(
-        {3: "aarch64-linux"},
-        "aarch64-linux-gnu.2.17",
-        ".so",
-        "Linux",
-        _ARM,
-        "manylinux_2_17_aarch64",
-        _LINUX,
-    ),
-    "aarch64-windows": Platform(
-        {3: "aarch64-windows"}, "aarch64-windows-gnu", ".dll", "Windows", _ARM, "win_arm64"
-    ),
-    "aarch64-darwin": Platform(
-        {3: "aarch64-darwin"},
-        "aarch64-macos.11.0",
-        ".dylib",
-        "Darwin",
-        _ARM,
-        "macosx_11_0_arm64",
-        _DARWIN,
-    ),
-}
+def _platforms() -> dict[str, Platform]:
+    """By name; FMI 2.0 has names of folders for x86-64 only."""
+    systems = {  # suffix, target, tag of the wheel and flags of each system
+        "linux": (".so", "linux-gnu.2.17", "manylinux_2_17", ("-fPIC", "-lm")),
+        "windows": (".dll", "windows-gnu", "win", ()),
+        "darwin": (".dylib", "macos.11.0", "macosx_11_0", ("-fPIC",)),
+    }
+    in_wheels = {"win_x86_64": "win_amd64", "win_aarch64": "win_arm64"}
+    in_wheels["macosx_11_0_aarch64"] = "macosx_11_0_arm64"
+    old = {"linux": "linux64", "windows": "win64", "darwin": "darwin64"}
+    found = {}
+    for machine, machines in (("x86_64", ("x86_64", "amd64")), ("aarch64", ("aarch64", "arm64"))):
+        for system, (suffix, target, wheel, flags) in systems.items():
+            folder = {3: f"{machine}-{system}"}
+            if machine == "x86_64":
+                folder = {2: old[system], **folder}
+            tag = f"{wheel}_{machine}"
+            found[folder.get(2, folder[3])] = Platform(
+                folder,
+                f"{machine}-{target}",
+                suffix,
+                system.capitalize(),
+                machines,
+                in_wheels.get(tag, tag),
+                flags,
+                readable=folder.get(2) in ("linux64", "win64"),
+            )
+    return found
+
+
+PLATFORMS = _platforms()
 
 
 def platforms_of(fmi: int) -> tuple[str, ...]:

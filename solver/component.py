@@ -20,19 +20,14 @@ from typing import Any
 
 import sympy as sp
 
+from .checks import check
 from .errors import ContractError
-from .functions import FUNCTIONS, symbols_in, unsupported_function
+from .functions import TIME as TIME
+from .functions import symbol as symbol
+from .functions import symbols_in
 from .set_point import SET_POINT, set_point_orders
 
 Number = float | int
-
-
-def symbol(name: str) -> sp.Symbol:
-    """The real symbol of this name, in the form that every component uses."""
-    return sp.Symbol(name, real=True)
-
-
-TIME = symbol("t")
 
 
 def unit_in(unit: str, words: Mapping[str, str]) -> str:
@@ -330,7 +325,7 @@ class Component:
             derived = {n: "reference_derivative" for n, order in orders.items() if order}
             inputs = (replace(i, role=derived.get(i.name, i.role)) for i in self.inputs)
             object.__setattr__(self, "inputs", tuple(inputs))
-        self._check()
+        check(self)
 
     def __repr__(self) -> str:
         inputs, outputs = ([p.name for p in ports] for ports in (self.inputs, self.all_outputs))
@@ -460,107 +455,6 @@ class Component:
         swap = _replaced(replacements)
         names = "states outputs discrete modes delays balances".split()
         return {name: _mapped(getattr(self, name), swap) for name in names}
-
-    def _check(self) -> None:
-        kinds = {
-            "parameter": [p.name for p in self.all_parameters],
-            "input": [i.name for i in self.inputs],
-            "state": [s.name for s in self.all_states],
-            "discrete state": [d.name for d in self.discrete],
-            "delayed signal": [d.name for d in self.delays],
-            "rate of a delayed signal": [d.rate for d in self.delays],
-        }
-        seen: dict[str, str] = {TIME.name: "time"}
-        for kind, names in kinds.items():
-            for name in names:
-                if not name.isidentifier():
-                    raise ContractError(f"{self.name}: {kind} {name!r} is not an identifier")
-                if name in seen:
-                    raise ContractError(
-                        f"{self.name}: {name!r} is declared as {seen[name]} and as {kind}"
-                    )
-                seen[name] = kind
-        self._check_outputs_and_ranges()
-        balanced = [b.state for b in self.balances]
-        for name in balanced:
-            if name not in kinds["state"] or balanced.count(name) > 1:
-                raise ContractError(
-                    f"{self.name}: {name!r} has {balanced.count(name)} force balances and in "
-                    f"{'a' if name in kinds['state'] else 'no'} state; expected one of a state"
-                )
-        self._check_modes(kinds["state"])
-        for state in self.all_states:
-            if (state.derivative is None) != (state.name in balanced):
-                raise ContractError(
-                    f"{self.name}: state {state.name!r} needs one equation, either a derivative "
-                    "or a force balance"
-                )
-        if self.discrete and self.sample_time is None:
-            raise ContractError(
-                f"{self.name}: the discrete state {self.discrete[0].name!r} needs a sample_time"
-            )
-        for where, expression in self.expressions():
-            wrong = unsupported_function(sp.sympify(expression))
-            if wrong:
-                raise ContractError(
-                    f"{self.name}: {where} uses {wrong}, which is not supported; "
-                    f"supported are {', '.join(sorted(f.__name__ for f in FUNCTIONS))}"
-                )
-            for free in sorted(s.name for s in symbols_in(sp.sympify(expression))):
-                if free not in seen:
-                    raise ContractError(
-                        f"{self.name}: {where} uses {free!r}, which is not declared"
-                    )
-                if symbol(free) not in symbols_in(sp.sympify(expression)):
-                    raise ContractError(
-                        f"{self.name}: {where} uses a symbol {free!r} with other "
-                        "assumptions; make it with ballscrew.symbol"
-                    )
-
-    def _check_modes(self, states: list[str]) -> None:
-        modes = [m.name for m in self.modes]
-        outputs = [o.name for o in self.all_outputs]
-        for mode in self.modes:
-            if modes.count(mode.name) > 1:
-                raise ContractError(f"{self.name}: mode {mode.name!r} is declared twice")
-            targets = [(n, states) for n in mode.derivatives]
-            targets += [(n, outputs) for n in mode.outputs]
-            targets += [(n, states) for n in mode.signs]
-            for event in mode.events:
-                targets += [(n, states) for n in event.reset]
-                targets += [(event.next_mode, modes)] if event.next_mode is not None else []
-            for name, known in targets:
-                if name not in known:
-                    raise ContractError(
-                        f"{self.name}: mode {mode.name!r} names {name!r}, which is not among "
-                        f"{', '.join(known) or 'none'}"
-                    )
-            for name, sign in mode.signs.items():
-                if sign not in (-1, 0, 1):
-                    raise ContractError(
-                        f"{self.name}: mode {mode.name!r} says that the sign of {name!r} is "
-                        f"{sign}, expected -1, 0 or 1"
-                    )
-
-    def _check_outputs_and_ranges(self) -> None:
-        outputs = [o.name for o in self.all_outputs]
-        taken = {p.name for p in self.all_parameters} | {i.name for i in self.inputs}
-        for name in (self.name, *outputs):
-            if not name.isidentifier():
-                raise ContractError(f"{self.name}: {name!r} is not an identifier")
-            if name in taken and name in outputs:
-                raise ContractError(
-                    f"{self.name}: output {name!r} has the name of a parameter or an input"
-                )
-        duplicates = {name for name in outputs if outputs.count(name) > 1}
-        if duplicates:
-            raise ContractError(f"{self.name}: output {duplicates.pop()!r} is declared twice")
-        for p in self.all_parameters:
-            if not (math.isfinite(p.default) and p.minimum <= p.default <= p.maximum):
-                raise ContractError(
-                    f"{self.name}: default {p.default!r} of {p.name!r} is not within "
-                    f"[{p.minimum}, {p.maximum}]"
-                )
 
     def used_symbols(self) -> frozenset[sp.Symbol]:
         """The symbols in all equations."""

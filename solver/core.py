@@ -355,17 +355,8 @@ class System:
         while True:
             status = int(
                 self._core.core_integrate(
-                    self.address,
-                    t0,
-                    t1,
-                    at(x),
-                    at(u),
-                    at(p),
-                    at(atol),
-                    rtol,
-                    self._work_address,
-                    at(info),
-                    max_steps,
+                    *(self.address, t0, t1, *map(at, (x, u, p, atol)), rtol),
+                    *(self._work_address, at(info), max_steps),
                 )
             )
             if status != NO_ROOM:
@@ -412,25 +403,14 @@ class System:
         sampled, first, count = samples
         return int(
             self._core.core_trajectory(
-                self.address,
-                at(times),
-                len(times),
-                at(states),
-                at(outputs),
-                outputs.shape[1],
+                *(self.address, at(times), len(times)),
+                *(at(states), at(outputs), outputs.shape[1]),
                 None if within is None else at(within),
                 None if after is None else at(after),
                 0 if within is None else within.shape[1],
                 None if sampled is None else sampled.ctypes.data,
-                first,
-                count,
-                at(u),
-                at(p),
-                at(atol),
-                rtol,
-                self._work_address,
-                at(info),
-                max_steps,
+                *(first, count, *map(at, (u, p, atol)), rtol),
+                *(self._work_address, at(info), max_steps),
             )
         )
 

@@ -17,6 +17,14 @@ from sympy.core.numbers import ComplexInfinity, ImaginaryUnit, NaN
 from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.logic.boolalg import BooleanFalse, BooleanTrue
 
+
+def symbol(name: str) -> sp.Symbol:
+    """The real symbol of this name, in the form that every component uses."""
+    return sp.Symbol(name, real=True)
+
+
+TIME = symbol("t")
+
 FUNCTIONS: dict[type[sp.Basic], str] = {
     **dict.fromkeys((sp.exp, sp.log, sp.erf, sp.erfc), ""),
     **dict.fromkeys((sp.sin, sp.cos, sp.tan, sp.cot, sp.sec, sp.csc), ""),
@@ -88,9 +96,9 @@ def slopes(expressions: Sequence[sp.Expr], by: Sequence[sp.Symbol]) -> sp.Matrix
     for row, expression in enumerate(map(sp.sympify, expressions)):
         marked = _replaced(expression, _MARKED) if _has_kinks(expression) else expression
         used = symbols_in(expression)
-        for column, symbol in enumerate(by):
-            if symbol in used:
-                table[row, column] = _replaced(marked.diff(symbol), _PLAIN)
+        for column, variable in enumerate(by):
+            if variable in used:
+                table[row, column] = _replaced(marked.diff(variable), _PLAIN)
     return table
 
 

@@ -49,7 +49,7 @@ _COMPARED: dict[type[ast.AST], tuple[str, bool]] = {  # the second: with its sid
     ast.Eq: ("EQUAL", False),
     ast.NotEq: ("NOT_EQUAL", False),
 }
-_CONSTANTS = {"pi": math.pi, "e": math.e, "inf": math.inf}
+CONSTANTS = {"pi": math.pi, "e": math.e, "inf": math.inf}
 # places of the vectors given to a function
 _VECTORS: dict[str, int] = {
     "x": 0,
@@ -267,8 +267,8 @@ class _Recorder:
         if isinstance(e, ast.IfExp):
             test, yes, no = self.value(e.test), self.value(e.body), self.value(e.orelse)
             return self.emit("SELECT", yes, no, test)
-        if isinstance(e, ast.Attribute) and ast.unparse(e.value) == "math" and e.attr in _CONSTANTS:
-            return self.constant(_CONSTANTS[e.attr])
+        if isinstance(e, ast.Attribute) and ast.unparse(e.value) == "math" and e.attr in CONSTANTS:
+            return self.constant(CONSTANTS[e.attr])
         if isinstance(e, ast.Call) and not e.keywords and ast.unparse(e.func) in _FUNCTIONS:
             return self._called(e)
         raise _unknown(e)

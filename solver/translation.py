@@ -17,7 +17,7 @@ from . import kernel_cache
 from .compilers import CompilerFailed, compile_library, compiler_for, own_platform
 from .core import FUNCTIONS
 from .errors import ContractError
-from .tape import functions
+from .tape import CONSTANTS, OF_ONE, OF_TWO, functions
 
 _GIVEN = "const System *self, double t, const double *x, const double *u, const double *p"
 _HEADS = {
@@ -33,14 +33,8 @@ _HEADS = {
     "delayed": f"void delayed({_GIVEN}, double *e)",
     "slopes": f"double slopes({_GIVEN}, int k, double *g, double *R, double *rt)",
 }
-_SAME_NAMES = (
-    "acos acosh asin asinh atan atan2 atanh ceil copysign cos cosh erf erfc exp expm1 fabs floor "
-    "fmod hypot lgamma log log10 log1p log2 pow sin sinh sqrt tan tanh"
-)
-_OF_TWO = ("atan2", "copysign", "fmod", "hypot", "pow")
 _CHEAP = ("ceil", "fabs", "floor", "sqrt")
 _OTHER_NAME = {"gamma": "tgamma"}
-_CONSTANTS = {"pi": repr(math.pi), "e": repr(math.e), "inf": "HUGE_VAL"}
 _OPERATORS: dict[type[ast.AST], str] = {
     ast.Add: "+",
     ast.Sub: "-",
@@ -126,7 +120,7 @@ def in_c(function: ast.FunctionDef, width: int, name: str = "") -> str:
     lines += [f"    (void)({a});" for a in ("self", *(a.arg for a in function.args.args))]
     body = "\n".join(_block(function.body, width, "    "))
     calls = Counter(re.findall(r"\b(\w+)\(", body))
-    for called in sorted(set(_SAME_NAMES.split()).difference(_CHEAP, _OF_TWO)):
+    for called in sorted(set(OF_ONE).difference(_CHEAP, _OTHER_NAME)):
         if calls[called] > 1:
             lines.append(f"    Known known_{called} = {{NAN, NAN}};")
             body = re.sub(rf"\b{called}\(", f"known({called}, &known_{called}, ", body)
@@ -176,7 +170,7 @@ def _expression(e: ast.expr, width: int) -> str:
     if isinstance(e, ast.Constant) and isinstance(e.value, bool):
         return str(int(e.value))
     if isinstance(e, ast.Constant) and isinstance(e.value, int | float):
-        return repr(e.value) if math.isfinite(e.value) else "HUGE_VAL"
+        return _number(e.value)
     if isinstance(e, ast.Name):
         return e.id
     if isinstance(e, ast.Subscript):
@@ -204,11 +198,15 @@ def _expression(e: ast.expr, width: int) -> str:
         return pairs[0] if len(pairs) == 1 else f"({' && '.join(pairs)})"
     if isinstance(e, ast.IfExp):
         return f"({inner(e.test)} ? {inner(e.body)} : {inner(e.orelse)})"
-    if isinstance(e, ast.Attribute) and ast.unparse(e.value) == "math" and e.attr in _CONSTANTS:
-        return _CONSTANTS[e.attr]
+    if isinstance(e, ast.Attribute) and ast.unparse(e.value) == "math" and e.attr in CONSTANTS:
+        return _number(CONSTANTS[e.attr])
     if isinstance(e, ast.Call) and not e.keywords:
         return _call(e, list(map(inner, e.args)))
     raise _untranslated(e)
+
+
+def _number(value: float) -> str:
+    return repr(value) if math.isfinite(value) else "HUGE_VAL"
 
 
 def _call(e: ast.Call, arguments: list[str]) -> str:
@@ -221,7 +219,7 @@ def _call(e: ast.Call, arguments: list[str]) -> str:
             text = f"{'larger' if called == 'max' else 'smaller'}({text}, {other})"
         return text
     name = called.removeprefix("math.") if called.startswith("math.") else ""
-    if name in _SAME_NAMES.split() or name in _OTHER_NAME:
+    if name in OF_ONE or name in OF_TWO:
         return f"{_OTHER_NAME.get(name, name)}({', '.join(arguments)})"
     raise _untranslated(e)
 

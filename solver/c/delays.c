@@ -213,47 +213,24 @@ static void keep_step(const System *s, double t, double end, const double *u)
 
 #define FOUND look_back(s, t, x, u, p)
 #define PLAIN s->delays->plain
+#define LATE(function)                                  \
+    static void late_##function(GIVEN, double *result)  \
+    {                                                   \
+        FOUND;                                          \
+        PLAIN.function(s, t, x, u, p, result);          \
+    }
 
-static void late_rhs(const System *s, double t, const double *x, const double *u, const double *p,
-                     double *dx)
-{
-    FOUND;
-    PLAIN.rhs(s, t, x, u, p, dx);
-}
+LATE(rhs)
+LATE(out)
+LATE(sample)
+LATE(indicate)
+LATE(spread)
+LATE(delayed)
 
-static void late_jac(const System *s, double t, const double *x, const double *u, const double *p,
-                     double *J, double *ft)
+static void late_jac(GIVEN, double *J, double *ft)
 {
     FOUND;
     PLAIN.jac(s, t, x, u, p, J, ft);
-}
-
-static void late_out(const System *s, double t, const double *x, const double *u, const double *p,
-                     double *y)
-{
-    FOUND;
-    PLAIN.out(s, t, x, u, p, y);
-}
-
-static void late_sample(const System *s, double t, const double *x, const double *u,
-                        const double *p, double *d)
-{
-    FOUND;
-    PLAIN.sample(s, t, x, u, p, d);
-}
-
-static void late_indicate(const System *s, double t, const double *x, const double *u,
-                          const double *p, double *g)
-{
-    FOUND;
-    PLAIN.indicate(s, t, x, u, p, g);
-}
-
-static void late_spread(const System *s, double t, const double *x, const double *u,
-                        const double *p, double *g)
-{
-    FOUND;
-    PLAIN.spread(s, t, x, u, p, g);
 }
 
 static void late_react(const System *s, double t, double *x, double *u, const double *p, int k)
@@ -261,13 +238,6 @@ static void late_react(const System *s, double t, double *x, double *u, const do
     FOUND;
     PLAIN.react(s, t, x, u, p, k);
     s->delays->history[DISTURBED] = 1.0;
-}
-
-static void late_delayed(const System *s, double t, const double *x, const double *u,
-                         const double *p, double *e)
-{
-    FOUND;
-    PLAIN.delayed(s, t, x, u, p, e);
 }
 
 static void lay_delays(System *s, Delays *delays, int count, int first, double *memory)

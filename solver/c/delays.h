@@ -39,8 +39,7 @@ static void lay_delays(System *s, Delays *delays, int count, int first, double *
 #define DELAYS_DOUBLES(n, count) (4 * (count) + (n))
 
 /* Write the delayed signals and their rates at t into u. */
-static void look_back(const System *s, double t, const double *x, const double *u,
-                      const double *p);
+static void look_back(GIVEN);
 
 /* Prepare steps from t0; 0 if a delay is zero. If the motion does not continue at the end of the
  * last step, its history begins again. */

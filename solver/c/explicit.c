@@ -296,15 +296,7 @@ INLINED double stride_of(const System *s, const Stride *f, double t0, double t1,
 static double stride(const System *s, const Stride *f, double t0, double t1, Explicit *work,
                      Info *info)
 {
-    switch (s->states) {
-    case 1: return stride_of(s, f, t0, t1, work, info, 1);
-    case 2: return stride_of(s, f, t0, t1, work, info, 2);
-    case 3: return stride_of(s, f, t0, t1, work, info, 3);
-    case 4: return stride_of(s, f, t0, t1, work, info, 4);
-    case 5: return stride_of(s, f, t0, t1, work, info, 5);
-    case 6: return stride_of(s, f, t0, t1, work, info, 6);
-    default: return stride_of(s, f, t0, t1, work, info, s->states);
-    }
+    UNROLLED(stride_of, s->states, s, f, t0, t1, work, info)
 }
 
 /* As `integrate`; may end with STIFF. */

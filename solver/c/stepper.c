@@ -157,15 +157,7 @@ INLINED double attempt_of(const System *s, double t, double h, const double *x, 
 static double attempt(const System *s, double t, double h, const double *x, const double *u,
                       const double *p, const double *atol, double rtol, Work *work)
 {
-    switch (s->states) {
-    case 1: return attempt_of(s, t, h, x, u, p, atol, rtol, work, 1);
-    case 2: return attempt_of(s, t, h, x, u, p, atol, rtol, work, 2);
-    case 3: return attempt_of(s, t, h, x, u, p, atol, rtol, work, 3);
-    case 4: return attempt_of(s, t, h, x, u, p, atol, rtol, work, 4);
-    case 5: return attempt_of(s, t, h, x, u, p, atol, rtol, work, 5);
-    case 6: return attempt_of(s, t, h, x, u, p, atol, rtol, work, 6);
-    default: return attempt_of(s, t, h, x, u, p, atol, rtol, work, s->states);
-    }
+    UNROLLED(attempt_of, s->states, s, t, h, x, u, p, atol, rtol, work)
 }
 
 /* Note the effect of an event on tangents, and carry it out.
@@ -174,8 +166,7 @@ static double attempt(const System *s, double t, double h, const double *x, cons
  * A tangent d becomes (a + (f - b) w) d, with f the state's rate after the last: this is the
  * saltation matrix (e.g. R. I. Leine and H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth
  * Mechanical Systems, Springer 2004, Section 7). */
-static void note_event(const System *s, double t, const double *x, const double *u, const double *p,
-                       int k, Note *note)
+static void note_event(GIVEN, int k, Note *note)
 {
     const int n = s->states;
     memset(note->gradient, 0, (size_t)n * sizeof(double));
@@ -247,8 +238,7 @@ static int settle(const System *s, double t, double *x, double *u, const double 
 }
 
 /* The event whose indicator is furthest past zero and was not before; -1 if there is none. */
-static int due_at(const System *s, double t, const double *x, const double *u, const double *p,
-                  Work *work)
+static int due_at(GIVEN, Work *work)
 {
     double best = 0.0;
     int found = -1;
@@ -266,8 +256,7 @@ static int due_at(const System *s, double t, const double *x, const double *u, c
     return found;
 }
 
-static void look_before(const System *s, double t, const double *x, const double *u, const double *p,
-                 double *before)
+static void look_before(GIVEN, double *before)
 {
     s->indicate(s, t, x, u, p, before);
     for (int k = 0; k < s->events; k++) {

@@ -81,8 +81,7 @@ static int settle(const System *s, double t, double *x, double *u, const double 
            Info *info);
 
 /* Keep the indicators' signs at the start of a step. */
-static void look_before(const System *s, double t, const double *x, const double *u, const double *p,
-                 double *before);
+static void look_before(GIVEN, double *before);
 
 /* Type of `integrate`, and of the function of the explicit pair. */
 typedef int (*Integrator)(const System *s, double t0, double t1, double *x, double *u,

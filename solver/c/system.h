@@ -10,6 +10,9 @@
 typedef struct System System;
 typedef struct Delays Delays;
 
+/* Where a function of a system is computed. */
+#define GIVEN const System *s, double t, const double *x, const double *u, const double *p
+
 /* Sizes, and the functions that are generated for a component. All vectors are owned by the caller.
  *
  * x: states. u: held inputs, discrete states, and the mode, which events change. p: parameters.
@@ -19,28 +22,19 @@ struct System {
     int32_t held;   /* length of u */
     int32_t events; /* in the mode with the most events */
     const void *equations;  /* for those functions that need more than their arguments */
-    void (*rhs)(const System *s, double t, const double *x, const double *u, const double *p,
-                double *dx);
-    /* J by x, row by row, and ft by t */
-    void (*jac)(const System *s, double t, const double *x, const double *u, const double *p,
-                double *J, double *ft);
-    void (*out)(const System *s, double t, const double *x, const double *u, const double *p,
-                double *y);
-    void (*sample)(const System *s, double t, const double *x, const double *u, const double *p,
-                   double *d);
-    void (*indicate)(const System *s, double t, const double *x, const double *u, const double *p,
-                     double *g);
+    void (*rhs)(GIVEN, double *dx);
+    void (*jac)(GIVEN, double *J, double *ft); /* J by x, row by row, and ft by t */
+    void (*out)(GIVEN, double *y);
+    void (*sample)(GIVEN, double *d);
+    void (*indicate)(GIVEN, double *g);
     /* change of each indicator when states and inputs change by their nominals, and time by 1 s */
-    void (*spread)(const System *s, double t, const double *x, const double *u, const double *p,
-                   double *g);
+    void (*spread)(GIVEN, double *g);
     int (*kind)(const System *s, const double *u, int k);
     void (*react)(const System *s, double t, double *x, double *u, const double *p, int k);
     /* gradient of an indicator, slopes of its reset by x and by t; returns the indicator's by t */
-    double (*slopes)(const System *s, double t, const double *x, const double *u, const double *p,
-                     int k, double *gradient, double *R, double *Rt);
+    double (*slopes)(GIVEN, int k, double *gradient, double *R, double *Rt);
     /* for each delayed signal: the expression, its delay, its start and its nominal value */
-    void (*delayed)(const System *s, double t, const double *x, const double *u, const double *p,
-                    double *e);
+    void (*delayed)(GIVEN, double *e);
     Delays *delays; /* null without */
 };
 
@@ -50,6 +44,18 @@ struct System {
 #else
 #define INLINED static inline
 #endif
+
+/* A function whose last argument is the number of states, of a system with so many. */
+#define UNROLLED(function, states, ...)                \
+    switch (states) {                                  \
+    case 1: return function(__VA_ARGS__, 1);           \
+    case 2: return function(__VA_ARGS__, 2);           \
+    case 3: return function(__VA_ARGS__, 3);           \
+    case 4: return function(__VA_ARGS__, 4);           \
+    case 5: return function(__VA_ARGS__, 5);           \
+    case 6: return function(__VA_ARGS__, 6);           \
+    default: return function(__VA_ARGS__, states);     \
+    }
 
 /* An argument of a function, and the function's value there; NaN before the first use. */
 typedef struct {

@@ -54,16 +54,21 @@ static double play(const Tape *tape, double t, int event, double *const vectors[
 /* A tape only reads the vectors that its function must not write. */
 #define VECTORS_OF(x, u, p, ...) ((double *const[VECTORS]){(double *)(x), (double *)(u), (double *)(p), __VA_ARGS__})
 #define TAPES ((const Equations *)s->equations)
+#define PLAY(function)                                                   \
+    static void play_##function(GIVEN, double *result)                   \
+    {                                                                    \
+        play(&TAPES->function, t, 0, VECTORS_OF(x, u, p, result));       \
+    }
 
-static void play_rhs(const System *s, double t, const double *x, const double *u, const double *p,
-                     double *dx)
-{
-    play(&TAPES->rhs, t, 0, VECTORS_OF(x, u, p, dx));
-}
+PLAY(rhs)
+PLAY(out)
+PLAY(sample)
+PLAY(indicate)
+PLAY(spread)
+PLAY(delayed)
 
 /* The Jacobian of rates whose slopes are not known. */
-static void by_differences(const System *s, double t, const double *x, const double *u,
-                           const double *p, const double *nominal, double *J, double *ft)
+static void by_differences(GIVEN, const double *nominal, double *J, double *ft)
 {
     const int n = s->states;
     double here[n + 1], moved[n + 1], beside[n + 1];
@@ -83,37 +88,12 @@ static void by_differences(const System *s, double t, const double *x, const dou
         ft[i] = (beside[i] - here[i]) / step;
 }
 
-static void play_jac(const System *s, double t, const double *x, const double *u, const double *p,
-                     double *J, double *ft)
+static void play_jac(GIVEN, double *J, double *ft)
 {
     if (TAPES->jac.operations->operation == DIFFERENCES)
         by_differences(s, t, x, u, p, TAPES->jac.constants, J, ft);
     else
         play(&TAPES->jac, t, 0, VECTORS_OF(x, u, p, J, ft));
-}
-
-static void play_out(const System *s, double t, const double *x, const double *u, const double *p,
-                     double *y)
-{
-    play(&TAPES->out, t, 0, VECTORS_OF(x, u, p, y));
-}
-
-static void play_sample(const System *s, double t, const double *x, const double *u,
-                        const double *p, double *d)
-{
-    play(&TAPES->sample, t, 0, VECTORS_OF(x, u, p, d));
-}
-
-static void play_indicate(const System *s, double t, const double *x, const double *u,
-                          const double *p, double *g)
-{
-    play(&TAPES->indicate, t, 0, VECTORS_OF(x, u, p, g));
-}
-
-static void play_spread(const System *s, double t, const double *x, const double *u,
-                        const double *p, double *g)
-{
-    play(&TAPES->spread, t, 0, VECTORS_OF(x, u, p, g));
 }
 
 static int play_kind(const System *s, const double *u, int k)
@@ -126,16 +106,9 @@ static void play_react(const System *s, double t, double *x, double *u, const do
     play(&TAPES->react, t, k, VECTORS_OF(x, u, p, NULL));
 }
 
-static double play_slopes(const System *s, double t, const double *x, const double *u,
-                          const double *p, int k, double *gradient, double *R, double *Rt)
+static double play_slopes(GIVEN, int k, double *gradient, double *R, double *Rt)
 {
     return play(&TAPES->slopes, t, k, VECTORS_OF(x, u, p, gradient, R, Rt));
-}
-
-static void play_delayed(const System *s, double t, const double *x, const double *u,
-                         const double *p, double *e)
-{
-    play(&TAPES->delayed, t, 0, VECTORS_OF(x, u, p, e));
 }
 
 static void play_tapes(System *s, const Equations *equations)
