@@ -33,11 +33,10 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ..plant.axis import axis
 from ..solver.component import Component, Input, Parameter, symbol
 from ..solver.errors import ContractError
 from .limited import limit
-from .rigid_axis import rigid_axis
+from .rigid_axis import nominal, rigid_axis
 
 REFERENCES = (
     Input("v_d", "m/s", "velocity of the set-point", nominal=0.1, role="reference_derivative"),
@@ -58,7 +57,7 @@ _COMMAND = (
 
 def acceleration_forward() -> float:
     """Voltage per acceleration of the nominal axis [V*s^2/m], for mass, friction and inductance."""
-    plant, sigma2 = rigid_axis(), _nominal("sigma2")
+    plant, sigma2 = rigid_axis(), nominal("sigma2")
     return (plant.inertia + sigma2 * plant.electrical_time) / plant.force_per_volt
 
 
@@ -71,14 +70,14 @@ def feed_forward_parameters() -> tuple[Parameter, ...]:
         Parameter("Kaff", acceleration_forward(), "V*s^2/m", "acceleration feed-forward", inverse),
         Parameter(
             "Kfff",
-            _nominal("Fc") / plant.force_per_volt,
+            nominal("Fc") / plant.force_per_volt,
             "V",
             "feed-forward of Coulomb friction",
             "the nominal axis: Fc R/(kt 2 pi p)",
         ),
         Parameter(
             "Vff",
-            _nominal("Vs"),
+            nominal("Vs"),
             "m/s",
             "desired speed at which the feed-forward of friction is 0.71 of Kfff",
             "the Stribeck velocity Vs: below this speed the bristles determine friction",
@@ -150,7 +149,3 @@ def _within_limit(value: sp.Expr) -> tuple[sp.Expr, bool]:
         if value == limit(inner):
             return inner, True
     return value, False
-
-
-def _nominal(name: str) -> float:
-    return next(p.default for p in axis().all_parameters if p.name == name)

@@ -58,11 +58,7 @@ def iol_observed() -> Component:
         ),
         states=tuple(
             State(
-                s.name + "_hat",
-                s.unit,
-                "observed " + s.meaning,
-                rates[s.name],
-                nominal=s.nominal,
+                s.name + "_hat", s.unit, "observed " + s.meaning, rates[s.name], nominal=s.nominal
             )
             for s in plant.all_states
         ),

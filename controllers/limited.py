@@ -38,9 +38,14 @@ def ramp(value: sp.Expr, low: sp.Expr, high: sp.Expr) -> sp.Expr:
     return sp.Rational(1, 2) + (sp.Abs(value - low) - sp.Abs(value - high)) / (2 * (high - low))
 
 
+def plain_output(command: sp.Expr) -> Output:
+    """The command as the output `u`."""
+    return Output("u", "V", "motor terminal voltage", command, nominal=10.0)
+
+
 def voltage_output(command: sp.Expr) -> Output:
     """The limited command as the output `u`."""
-    return Output("u", "V", "motor terminal voltage", limit(command), nominal=10.0)
+    return plain_output(limit(command))
 
 
 def tracking_time(default: float, source: str) -> Parameter:

@@ -12,7 +12,8 @@ from dataclasses import replace
 import sympy as sp
 
 from ..plant.ball_screw import ball_screw
-from ..solver.component import Component, ForceTerm, Input, Output, Parameter, symbol
+from ..solver.component import Component, ForceTerm, Input, Parameter, symbol
+from .limited import plain_output
 
 POLES = (-5.0, -6.0, -7.0)
 
@@ -65,7 +66,7 @@ def input_output_linearization(acceleration: str = "estimated") -> Component:
         description="Input-output linearization with estimated friction parameters",
         parameters=parameters,
         inputs=measurements_of(plant),
-        outputs=(Output("u", "V", "motor terminal voltage", law, nominal=10.0),),
+        outputs=(plain_output(law),),
     )
 
 

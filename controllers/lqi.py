@@ -48,9 +48,7 @@ class LqDesign:
     gains: Matrix  # shape (4,); ``u = -gains (x - x_d, v, i, integral)``
 
 
-def rest_sliding(
-    plant_parameters: Mapping[str, float] | None = None,
-) -> tuple[Matrix, Matrix]:
+def rest_sliding(plant_parameters: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix]:
     """A, shape (3, 3), and B, shape (3, 1), of position, velocity and current in sliding."""
 
     def viscous(velocity: sp.Expr) -> ForceTerm:
@@ -104,8 +102,7 @@ def lqi() -> Component:
             Parameter("Kc", gains[2], "V/A", "gain on the current", source),
             Parameter("Ki", gains[3], "V/(m*s)", "gain on the integral of the error", source),
             tracking_time(
-                TRACKING,
-                "an eighth of Kx/Ki; 0.5 s lets the nominal step overshoot by 8 mm",
+                TRACKING, "an eighth of Kx/Ki; 0.5 s lets the nominal step overshoot by 8 mm"
             ),
             U_MAX,
         ),

@@ -13,9 +13,10 @@ import numpy as np
 import sympy as sp
 
 from ..plant.axis import axis
-from ..solver.component import Component, Output, Parameter, State, symbol
+from ..solver.component import Component, Parameter, State, symbol
 from ..solver.kernel import Model, Vector
 from ..solver.stored import stored_kernel
+from .limited import plain_output
 from .linearization import measurements_of
 
 STEP_VOLTAGE = 30.0  # V, 85 % of the motor's nominal voltage
@@ -77,15 +78,7 @@ def nctf() -> Component:
         ),
         inputs=measurements_of(axis()),
         states=(State("w", "m", "integral of u_p (x5)", trajectory_error, nominal=1e-3),),
-        outputs=(
-            Output(
-                "u",
-                "V",
-                "motor terminal voltage",
-                symbol("Kp") * trajectory_error + symbol("Ki") * error_integral,
-                nominal=10.0,
-            ),
-        ),
+        outputs=(plain_output(symbol("Kp") * trajectory_error + symbol("Ki") * error_integral),),
     )
 
 

@@ -15,8 +15,8 @@ import sympy as sp
 
 from ..plant.axis import axis
 from ..plant.instruments.sample_and_hold import PERIOD
-from ..solver.component import Component, DiscreteState, Output, Parameter, State, symbol
-from .limited import U_MAX, tracked_integral, tracking_time
+from ..solver.component import Component, DiscreteState, Parameter, State, symbol
+from .limited import U_MAX, plain_output, tracked_integral, tracking_time
 from .linearization import measurements_of
 from .rigid_axis import rigid_axis
 
@@ -70,7 +70,7 @@ def pid() -> Component:
         parameters=gain_parameters(),
         inputs=measurements_of(axis()),
         states=(State("w", "m*s", "integral of the position error", ERROR, nominal=1e-3),),
-        outputs=(Output("u", "V", "motor terminal voltage", command, nominal=10.0),),
+        outputs=(plain_output(command),),
     )
 
 
@@ -90,7 +90,7 @@ def pid_sampled() -> Component:
             DiscreteState("x_last", "m", "position at the last sample", symbol("x")),
             DiscreteState("u_held", "V", "command since the last sample", command),
         ),
-        outputs=(Output("u", "V", "motor terminal voltage", symbol("u_held"), nominal=10.0),),
+        outputs=(plain_output(symbol("u_held")),),
         sample_time=PERIOD,
     )
 

@@ -25,7 +25,7 @@ from .limited import ramp, voltage_output
 from .linearization import estimates_of, measurements_of
 from .pid import ERROR, PID_VOLTAGE, pid_integral, pid_parameters, simc
 from .pid import TUNABLE as PID_TUNABLE
-from .rigid_axis import rigid_axis
+from .rigid_axis import nominal, rigid_axis
 
 TUNABLE = {**PID_TUNABLE, "k": (0.0, 10.0)}
 
@@ -46,8 +46,7 @@ def pid_lugre() -> Component:
     force = symbol("sigma0_hat") * symbol("z_hat") + symbol("sigma1_hat") * rate
     command = PID_VOLTAGE + force / symbol("force_per_volt")
     plant = rigid_axis()
-    stiffness = next(p.default for p in estimates if p.name == "sigma0_hat")
-    k = simc().integral * plant.force_per_volt / stiffness
+    k = simc().integral * plant.force_per_volt / nominal("sigma0")
     used = [p for p in estimates if p.name != "sigma2_hat"]
     return Component(
         name="pid_lugre",

@@ -35,6 +35,11 @@ class RigidAxis:
         return self.inertia / self.damping
 
 
+def nominal(name: str) -> float:
+    """Value of a parameter of the nominal axis."""
+    return next(p.default for p in axis().all_parameters if p.name == name)
+
+
 def rigid_axis(plant_parameters: Mapping[str, float] | None = None) -> RigidAxis:
     """The rigid axis of the nominal plant, or of a plant with other parameters."""
     values = {p.name: p.default for p in axis().all_parameters} | dict(plant_parameters or {})

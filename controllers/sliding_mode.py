@@ -19,7 +19,7 @@ from ..plant.instruments.amplifier import saturate
 from ..solver.component import Component, Parameter, symbol
 from .limited import U_MAX, voltage_output
 from .linearization import measurements_of
-from .rigid_axis import model_parameters, rigid_axis
+from .rigid_axis import model_parameters, nominal, rigid_axis
 
 _B, _LAG, _SLOPE, _SPEED = map(symbol, ("b", "lag", "slope", "v"))
 
@@ -57,8 +57,7 @@ def surface_parameters() -> tuple[Parameter, ...]:
 def sliding_mode() -> Component:
     """`u` [V] from x, v and x_d."""
     plant = rigid_axis()
-    static = next(p.default for p in axis().all_parameters if p.name == "Fs")
-    level = LEVEL_RATIO * static / plant.force_per_volt
+    level = LEVEL_RATIO * nominal("Fs") / plant.force_per_volt
     pole = FASTEST_SHARE / plant.electrical_time
     layer = plant.speed_per_volt / plant.lag * level / pole
     command = EQUIVALENT_VOLTAGE - symbol("level") * saturate(SURFACE / symbol("layer"), 1)

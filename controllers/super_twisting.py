@@ -20,7 +20,7 @@ from ..plant.instruments.amplifier import saturate
 from ..solver.component import Component, Parameter, symbol
 from .limited import U_MAX, tracked_integral, tracking_time, voltage_output
 from .linearization import measurements_of
-from .rigid_axis import rigid_axis
+from .rigid_axis import nominal, rigid_axis
 from .sliding_mode import (
     EQUIVALENT_VOLTAGE,
     FASTEST_SHARE,
@@ -48,8 +48,7 @@ def smoothed_root(s: sp.Expr, layer: sp.Expr) -> sp.Expr:
 def super_twisting() -> Component:
     """`u` [V] from x, v and x_d."""
     plant = rigid_axis()
-    values = {p.name: p.default for p in axis().all_parameters}
-    bound = values["sigma0"] * values["Vs"] / plant.inertia
+    bound = nominal("sigma0") * nominal("Vs") / plant.inertia
     frequency = FASTEST_SHARE / plant.electrical_time
     layer = INTEGRAL_GAIN * bound / frequency**2
     switched = saturate(SURFACE / symbol("layer"), 1)

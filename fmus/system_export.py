@@ -106,9 +106,7 @@ def export_system(
     Raises
     ------
     FmuError
-        If a file is no FMU.
-    FmuError
-        If the parts cannot be connected, or a name or a number is invalid.
+        If a file is no FMU, the parts cannot be connected, or a name or a number is invalid.
     OSError
         If the file cannot be written.
     """

@@ -91,13 +91,7 @@ def bare_ball_screw(
         + friction_term.meaning.split(",")[0],
         parameters=PARAMETERS,
         inputs=(
-            Input(
-                "u",
-                "V",
-                "motor terminal voltage",
-                nominal=10.0,
-                law=("x", "v", *acted_on, "i"),
-            ),
+            Input("u", "V", "motor terminal voltage", nominal=10.0, law=("x", "v", *acted_on, "i")),
         ),
         states=states,
         outputs=outputs,

@@ -13,7 +13,7 @@ from __future__ import annotations
 import sympy as sp
 
 from ..solver.component import ForceTerm, Output, Parameter, State, symbol
-from .law import Claims
+from .law import Claims, friction_term
 
 _SOURCE = "Table 2.7, row 6"
 
@@ -50,24 +50,11 @@ def bliman_sorine(velocity: sp.Expr) -> ForceTerm:
     force = fast + slow
     states = (
         State(
-            "xs1",
-            "N",
-            "fast part of the friction",
-            (_F1 * velocity - speed * fast) / (_ETA * _EPS),
+            "xs1", "N", "fast part of the friction", (_F1 * velocity - speed * fast) / (_ETA * _EPS)
         ),
         State("xs2", "N", "slow part of the friction", -(_F2 * velocity + speed * slow) / _EPS),
     )
-    return ForceTerm(
-        name="friction",
-        force=-force,
-        meaning="Bliman-Sorine friction, opposing motion",
-        states=states,
-        parameters=PARAMETERS,
-        outputs=(
-            *(Output(s.name, s.unit, s.meaning, symbol(s.name)) for s in states),
-            Output(
-                "z", "m", "friction over the stiffness at rest", force / _STIFFNESS, nominal=1e-5
-            ),
-            Output("friction", "N", "friction force, opposing motion", force, nominal=1.0),
-        ),
-    )
+    shown = [Output(s.name, s.unit, s.meaning, symbol(s.name)) for s in states]
+    meaning = "friction over the stiffness at rest"
+    shown.append(Output("z", "m", meaning, force / _STIFFNESS, nominal=1e-5))
+    return friction_term("Bliman-Sorine friction", force, PARAMETERS, states, shown)

@@ -58,10 +58,7 @@ def able_to_stick(component: Component) -> Component:
 
 
 def with_sticking(
-    component: Component,
-    velocity: str = "v",
-    position: str = "x",
-    breakaway: sp.Expr | None = None,
+    component: Component, velocity: str = "v", position: str = "x", breakaway: sp.Expr | None = None
 ) -> Component:
     """The component with the modes stuck, forward and backward around its friction term.
 
@@ -112,10 +109,7 @@ def with_sticking(
 
     stuck = Mode(
         STUCK,
-        derivatives={
-            velocity: sp.Integer(0),
-            position: at_rest(component.derivative(position)),
-        },
+        derivatives={velocity: sp.Integer(0), position: at_rest(component.derivative(position))},
         outputs={"friction": held, "stuck": sp.Integer(1)},
         events=(
             # a body that starts or is set in motion does not stick

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from ..solver.component import ForceTerm, Output, Parameter, State, symbol
-from .law import Claims
+from ..solver.component import ForceTerm, Parameter, State, symbol
+from .law import Claims, friction_term
 
 ROUNDING = sp.Float("1e-6")
 
@@ -49,13 +49,5 @@ def dahl(velocity: sp.Expr) -> ForceTerm:
 
     share = sigma * z / fc
     rate = velocity * sp.Piecewise((slope(share), velocity >= 0), (slope(-share), True))
-    return ForceTerm(
-        name="friction",
-        force=-sigma * z,
-        meaning="Dahl friction, opposing motion",
-        states=(State("z", "m", "deflection, friction over sigma", rate, nominal=1e-5),),
-        parameters=PARAMETERS,
-        outputs=(
-            Output("friction", "N", "friction force, opposing motion", sigma * z, nominal=1.0),
-        ),
-    )
+    deflection = State("z", "m", "deflection, friction over sigma", rate, nominal=1e-5)
+    return friction_term("Dahl friction", sigma * z, PARAMETERS, [deflection])

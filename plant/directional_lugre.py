@@ -14,8 +14,8 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ..solver.component import ForceTerm, Output, Parameter, State, symbol
-from .law import Claims
+from ..solver.component import ForceTerm, Parameter, State, symbol
+from .law import Claims, friction_term
 from .lugre import PARAMETERS as LUGRE
 from .lugre import PASSIVE_MARGIN, stribeck
 from .modified_lugre import CLAIMS as SAME_BOTH_WAYS
@@ -84,11 +84,5 @@ def directional_lugre(velocity: sp.Expr) -> ForceTerm:
     rate = sign**2 * velocity - sign * velocity * elastic / _by(velocity, stribeck(velocity))
     damping, viscous = _by(velocity, symbol("sigma1")), _by(velocity, symbol("sigma2"))
     force = elastic + damping * rate + viscous * velocity
-    return ForceTerm(
-        name="friction",
-        force=-force,
-        meaning="LuGre friction that differs by direction, opposing motion",
-        states=(State("z", "m", "mean bristle deflection", rate, nominal=1e-5),),
-        parameters=PARAMETERS,
-        outputs=(Output("friction", "N", "friction force, opposing motion", force, nominal=1.0),),
-    )
+    bristles = State("z", "m", "mean bristle deflection", rate, nominal=1e-5)
+    return friction_term("LuGre friction that differs by direction", force, PARAMETERS, [bristles])

@@ -11,14 +11,14 @@ tests the law against it; other modules take the steady-state curve and the stif
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import cast
 
 import sympy as sp
 
-from ..solver.component import Component, ForceTerm, in_units
+from ..solver.component import Component, ForceTerm, Output, Parameter, State, in_units
 from ..solver.errors import UnknownName
 from . import LAWS, TURNING
 
@@ -46,6 +46,19 @@ class Claims:
     lags: bool = False
     # the largest friction before sliding falls as the loading rate grows
     breaks_away_sooner_when_loaded_faster: bool = False
+
+
+def friction_term(
+    kind: str,
+    force: sp.Expr,
+    parameters: tuple[Parameter, ...],
+    states: Iterable[State] = (),
+    outputs: Iterable[Output] = (),
+) -> ForceTerm:
+    """The term of a law whose `force` [N] is positive if it opposes motion in +x."""
+    shown = Output("friction", "N", "friction force, opposing motion", force, nominal=1.0)
+    meaning = f"{kind}, opposing motion"
+    return ForceTerm("friction", -force, meaning, (*states,), parameters, (*outputs, shown))
 
 
 def law(name: str) -> Law:

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from ..solver.component import ForceTerm, Output, Parameter, State, symbol
-from .law import Claims
+from ..solver.component import ForceTerm, Parameter, State, symbol
+from .law import Claims, friction_term
 
 PARAMETERS = (
     Parameter(
@@ -59,11 +59,5 @@ def lugre(velocity: sp.Expr) -> ForceTerm:
     sigma0, sigma1, sigma2, z = map(symbol, ("sigma0", "sigma1", "sigma2", "z"))
     deflection_rate = velocity - sigma0 * sp.Abs(velocity) / stribeck(velocity) * z
     force = sigma0 * z + sigma1 * deflection_rate + sigma2 * velocity
-    return ForceTerm(
-        name="friction",
-        force=-force,
-        meaning="LuGre friction, opposing motion",
-        states=(State("z", "m", "mean bristle deflection", deflection_rate, nominal=1e-5),),
-        parameters=PARAMETERS,
-        outputs=(Output("friction", "N", "friction force, opposing motion", force, nominal=1.0),),
-    )
+    bristles = State("z", "m", "mean bristle deflection", deflection_rate, nominal=1e-5)
+    return friction_term("LuGre friction", force, PARAMETERS, [bristles])

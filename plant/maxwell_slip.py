@@ -30,7 +30,7 @@ from itertools import pairwise
 import sympy as sp
 
 from ..solver.component import ForceTerm, Output, Parameter, State, symbol
-from .law import Claims
+from .law import Claims, friction_term
 from .lugre import PARAMETERS as LUGRE
 from .lugre import stribeck
 
@@ -139,22 +139,8 @@ def maxwell_slip(velocity: sp.Expr) -> ForceTerm:
         ]
     elastic = sp.Add(*forces)
     total = elastic + symbol("sigma2") * velocity
-    return ForceTerm(
-        name="friction",
-        force=-total,
-        meaning="generalized Maxwell-slip friction, opposing motion",
-        states=tuple(states),
-        parameters=PARAMETERS,
-        # a memory that switches has no useful error measure
-        outputs=(
-            *(Output(s.name, s.unit, s.meaning, symbol(s.name), s.nominal) for s in states[::2]),
-            Output(
-                "z",
-                "m",
-                "mean deflection, weighted by stiffness",
-                elastic / sp.Add(*_K),
-                nominal=1e-5,
-            ),
-            Output("friction", "N", "friction force, opposing motion", total, nominal=1.0),
-        ),
-    )
+    # a memory that switches has no useful error measure
+    shown = [Output(s.name, s.unit, s.meaning, symbol(s.name), s.nominal) for s in states[::2]]
+    mean = elastic / sp.Add(*_K)
+    shown.append(Output("z", "m", "mean deflection, weighted by stiffness", mean, nominal=1e-5))
+    return friction_term("generalized Maxwell-slip friction", total, PARAMETERS, states, shown)

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from ..solver.component import ForceTerm, Output, Parameter, State, symbol
-from .law import Claims
+from ..solver.component import ForceTerm, Parameter, State, symbol
+from .law import Claims, friction_term
 from .lugre import CLAIMS as ORIGINAL
 from .lugre import PARAMETERS, PASSIVE_MARGIN, stribeck
 
@@ -50,11 +50,5 @@ def modified_lugre(velocity: sp.Expr) -> ForceTerm:
     sign = smooth_sign(velocity)
     deflection_rate = sign**2 * velocity - sigma0 * sign * velocity / stribeck(velocity) * z
     force = sigma0 * z + sigma1 * deflection_rate + sigma2 * velocity
-    return ForceTerm(
-        name="friction",
-        force=-force,
-        meaning="modified LuGre friction, opposing motion",
-        states=(State("z", "m", "mean bristle deflection", deflection_rate, nominal=1e-5),),
-        parameters=(*PARAMETERS, KV),
-        outputs=(Output("friction", "N", "friction force, opposing motion", force, nominal=1.0),),
-    )
+    bristles = State("z", "m", "mean bristle deflection", deflection_rate, nominal=1e-5)
+    return friction_term("modified LuGre friction", force, (*PARAMETERS, KV), [bristles])

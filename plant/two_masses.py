@@ -12,7 +12,16 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ..solver.component import Component, ForceBalance, ForceTerm, Output, Parameter, State, symbol
+from ..solver.component import (
+    Component,
+    ForceBalance,
+    ForceTerm,
+    Output,
+    Parameter,
+    State,
+    replaced,
+    symbol,
+)
 from ..solver.errors import ContractError
 
 ENCODER_SIDE = ("motor", "drive", "offset", "torque_ripple")
@@ -137,7 +146,7 @@ def _parted(plant: Component) -> Component:
     plant, block = _shares(plant)
     moved = {symbol("x"): symbol("xb"), symbol("v"): symbol("vb")}
     near = tuple(t for t in whole.terms if t.name in ENCODER_SIDE)
-    far = tuple(_moved(t, moved) for t in whole.terms if t.name not in ENCODER_SIDE)
+    far = tuple(replaced(t, moved) for t in whole.terms if t.name not in ENCODER_SIDE)
     return replace(
         plant,
         description=f"{plant.description}, in two bodies",
@@ -176,17 +185,3 @@ def _shares(plant: Component) -> tuple[Component, sp.Expr]:
 def block_of(plant: Component) -> sp.Expr:
     """Mass on which friction acts; half of the total if the distribution is not known [kg]."""
     return symbol("m") if any(p.name == "Jm" for p in plant.parameters) else symbol("m") / 2
-
-
-def _moved(term: ForceTerm, symbols: dict[sp.Symbol, sp.Expr]) -> ForceTerm:
-    """A force term that acts on another body."""
-    return replace(
-        term,
-        force=sp.sympify(term.force).xreplace(symbols),
-        states=tuple(
-            replace(s, derivative=sp.sympify(s.derivative).xreplace(symbols)) for s in term.states
-        ),
-        outputs=tuple(
-            replace(o, value=sp.sympify(o.value).xreplace(symbols)) for o in term.outputs
-        ),
-    )

@@ -206,11 +206,6 @@ class Mode:
     events: tuple[Event, ...] = ()
     signs: Mapping[str, int] = field(default_factory=dict)
 
-    def changed(self, replacements: Mapping[sp.Expr, sp.Expr]) -> Mode:
-        """A copy in which symbols, or other expressions, are replaced in every equation."""
-        copy: Mode = _mapped(self, _replaced(replacements))
-        return copy
-
 
 @dataclass(frozen=True)
 class Delay:
@@ -262,6 +257,11 @@ def _replaced(replacements: Mapping[sp.Expr, sp.Expr]) -> Callable[[Any], Any]:
     """The change that replaces symbols, or other expressions, in expressions."""
     table = dict(replacements)
     return lambda thing: thing.xreplace(table) if isinstance(thing, sp.Basic) else thing
+
+
+def replaced(thing: Any, replacements: Mapping[sp.Expr, sp.Expr]) -> Any:
+    """A part of the contract, or several, with symbols replaced in every equation."""
+    return _mapped(thing, _replaced(replacements))
 
 
 def in_units(thing: Any, words: Mapping[str, str]) -> Any:
@@ -452,9 +452,8 @@ class Component:
 
     def equations_with(self, replacements: Mapping[sp.Symbol, sp.Expr]) -> dict[str, Any]:
         """The fields that hold equations, with symbols replaced, for making another component."""
-        swap = _replaced(replacements)
         names = "states outputs discrete modes delays balances".split()
-        return {name: _mapped(getattr(self, name), swap) for name in names}
+        return {name: replaced(getattr(self, name), replacements) for name in names}
 
     def used_symbols(self) -> frozenset[sp.Symbol]:
         """The symbols in all equations."""

@@ -22,7 +22,7 @@ NEXT_STEP, ACCEPTED, REJECTED, REACHED, EVENTS, STATUS, LAST_ERROR = range(7)
 INFO_SIZE = 7
 FUNCTIONS = "rhs jac out sample indicate spread kind react slopes delayed".split()
 EITHER, CHANGES_MODE, RESETS = range(3)  # kinds of events
-# a history of delayed signals, see ``c/delays.h``
+# a history of delayed signals, see ``c/delays.c``
 ROOM, COUNT, END, DISTURBED, DURATIONS = range(5)
 PIECES = 5
 FIRST_ROOM = 32  # steps

@@ -12,7 +12,7 @@ from typing import Any
 
 import sympy as sp
 
-from .component import Component, DiscreteState, Event, Input, Mode, Parameter, symbol
+from .component import Component, DiscreteState, Event, Input, Mode, Parameter, replaced, symbol
 from .errors import ContractError
 from .functions import symbols_in
 from .kernel import CONTROLLER, PLANT
@@ -298,7 +298,7 @@ class _Join:
                 self._check_held(n, table, self.table(n, common))
                 own = dict(zip((s.name for s in part.all_states), part.derivatives, strict=True))
                 mode = replace(chosen[n], derivatives=own | dict(chosen[n].derivatives))
-                mode = mode.changed(table)
+                mode = replaced(mode, table)
                 rates |= mode.derivatives
                 signs |= mode.signs
                 for event in mode.events:
@@ -311,7 +311,7 @@ class _Join:
                 state = symbol(name)
                 told |= {sp.sign(state): sp.Integer(sign), sp.Abs(state): sign * state}
             seen = {n: values[source] for n, source in self.outputs.items()}
-            yield Mode(_joint_name(chosen), rates, seen, tuple(events), signs).changed(told)
+            yield replaced(Mode(_joint_name(chosen), rates, seen, tuple(events), signs), told)
 
     def _check_held(self, n: str, table: Table, common: Table) -> None:
         """A delayed or sampled signal has the same expression in all modes."""

@@ -1,4 +1,4 @@
-"""Generated equations as lists of operations that the compiled core runs, see ``c/tape.h``.
+"""Generated equations as lists of operations that the compiled core runs, see ``c/tape.c``.
 
 A tape needs no compiler. Its operations are those of the generated text, in
 the same order, so that it gives the same numbers as the compiled text.
@@ -20,7 +20,7 @@ import numpy.typing as npt
 from .core import FUNCTIONS
 from .errors import ContractError
 
-# by number, as in ``c/tape.h`` and ``c/tape.c``
+# by number, as in ``c/tape.c``
 _OPERATIONS = (
     "ADD SUBTRACT MULTIPLY DIVIDE NEGATE POWER MODULO LESS LESS_EQUAL EQUAL NOT_EQUAL "
     "AND OR NOT LARGER SMALLER SELECT CALL_1 CALL_2 LOAD STORE JUMP JUMP_UNLESS "

@@ -19,7 +19,7 @@ from ..description import MAIN
 from ..interface import MESSAGE, Interface, native_interface_of
 from .partials import entry_of, partials
 
-_CORE = ("system.h", "factorize.h", "delays.h", "delays.c", "stepper.h", "stepper.c")
+_CORE = ("system.h", "factorize.h", "delays.c", "stepper.h", "stepper.c")
 _PARTS = ("component.h", "calls.h")
 _EQUATIONS = ("rhs", "jac", "out", "sample", "indicate", "spread", "kind", "react")
 

@@ -81,12 +81,7 @@ def capacitance_sensor() -> Component:
 def _parameters() -> tuple[Parameter, ...]:
     return (
         Parameter(
-            "permittivity",
-            8.854e-12,
-            "A*s/(V*m)",
-            "permittivity of air",
-            "Eq. 2.1",
-            minimum=0.0,
+            "permittivity", 8.854e-12, "A*s/(V*m)", "permittivity of air", "Eq. 2.1", minimum=0.0
         ),
         Parameter("area", 1e-4, "m^2", "overlap of the plates", "assumed: 1 cm^2", minimum=0.0),
         Parameter(

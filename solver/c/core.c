@@ -8,9 +8,11 @@
 #define API __attribute__((visibility("default")))
 #endif
 
-#include "explicit.c"
-#include "propagation.c"
+#include <stdlib.h>
+
 #include "stepper.c"
+#include "propagation.c"
+#include "explicit.c"
 #include "tangents.c"
 #include "tape.c"
 

@@ -1,10 +1,27 @@
-#include "explicit.h"
-
-#include <stdlib.h>
-#include <string.h>
-
-#include "propagation.h"
+/* An explicit pair for systems that are not stiff: motion and tangents as one smooth system.
+ *
+ * The method is the eighth-order pair of Dormand and Prince with error estimates of orders five and
+ * three (E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, Springer
+ * 1993, Section II.10), and so is the test for steps that stability limits, not accuracy. Steps are
+ * as short as motion and tangents need; the tangents are orthonormalized after each. The trace is
+ * integrated together with them. If stability, or a tangent far faster than the motion, limits many
+ * steps in a row, the stiff stepper is used for the motion. */
 #include "tangents.h"
+
+#define EXPLICIT_ROWS 13 /* rates of a step */
+
+/* Scratch memory; m is n + count n, the state and its tangents in one row. */
+typedef struct {
+    double *k;           /* EXPLICIT_ROWS x m */
+    double *at, *new;    /* m */
+    double *errors;      /* 2 x m */
+    double *frame;       /* count x n */
+    double *jacobian;    /* n x n */
+    double *by_time, *logs, *bound, *scale; /* n */
+    int32_t limited, others; /* steps in a row that stability limited, and others since */
+} Explicit;
+
+#define EXPLICIT_DOUBLES(n) (17 * ((n) + (n) * (n)) + 2 * (n) * (n) + 4 * (n))
 
 #define LIMITED 6.1   /* step times fastest rate, approximately at the limit of stability */
 #define CALM 1e-8     /* share of the motion in a step's error: with less, it is no limit */

@@ -1,8 +1,19 @@
-#include "propagation.h"
-
-#include <string.h>
-
+/* Tangent vectors pushed by a matrix exponential or by collocation, and orthonormalized. */
 #include "factorize.h"
+#include "orthonormalize.h"
+
+#define SLOW 0.3     /* largest change of a slow tangent in a part of a step, over its length */
+#define MOST_PARTS 4 /* of a step in which slow tangents are collocated */
+
+#define PROPAGATION_DOUBLES(n) (14 * (n) * (n) + 14 * (n) + 2)
+
+/* Scratch memory of PROPAGATION_DOUBLES(n). */
+typedef struct {
+    double *e, *saved, *saved_logs, *row;
+    double *power, *other, *below, *column;
+    double *matrix, *stages; /* 3 n x 3 n, 3 n; shared with those above */
+    int32_t *pivots;         /* 3 n */
+} Propagation;
 
 #define SMALL 0.5        /* norm up to which the approximant is exact to the last digit */
 #define SPREAD 16.0      /* most nats between first and last tangent in one orthonormalization */

@@ -1,7 +1,5 @@
 #include "stepper.h"
 
-#include <string.h>
-
 #define GAMMA 0.21193756319429014
 #define FEW 6    /* states: matrices of so few hardly have zeros to use */
 #define INSIDE 4 /* parts of a step at whose ends crossings are searched */
@@ -51,6 +49,7 @@ static const double WITHIN[3][STAGES] = {
      -52.072871366152654, -59.78993625266729, -0.15582684282751913, 4.883087185713722},
 };
 
+/* Divide an array of WORK_DOUBLES(states, events) into scratch memory. */
 static void lay_work(Work *work, int n, int events, double *memory)
 {
     double *next = memory;
@@ -256,6 +255,7 @@ static int due_at(GIVEN, Work *work)
     return found;
 }
 
+/* Keep the indicators' signs at the start of a step. */
 static void look_before(GIVEN, double *before)
 {
     s->indicate(s, t, x, u, p, before);

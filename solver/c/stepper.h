@@ -4,7 +4,6 @@
 #ifndef STEPPER_H
 #define STEPPER_H
 
-#include "delays.h"
 #include "factorize.h"
 
 #define STAGES 8
@@ -74,21 +73,9 @@ INLINED void hermite(int n, double q, double h, const double *first, const doubl
     }
 }
 
-/* Divide an array of WORK_DOUBLES(states, events) into scratch memory. */
-static void lay_work(Work *work, int n, int events, double *memory);
-
-static int settle(const System *s, double t, double *x, double *u, const double *p, Work *work,
-           Info *info);
-
-/* Keep the indicators' signs at the start of a step. */
-static void look_before(GIVEN, double *before);
-
 /* Type of `integrate`, and of the function of the explicit pair. */
 typedef int (*Integrator)(const System *s, double t0, double t1, double *x, double *u,
                           const double *p, const double *atol, double rtol, void *work, Info *info,
                           int max_steps);
-
-static int integrate(const System *s, double t0, double t1, double *x, double *u, const double *p,
-              const double *atol, double rtol, Work *work, Info *info, int max_steps);
 
 #endif

@@ -1,11 +1,5 @@
 #include "tangents.h"
 
-#include <stdlib.h>
-#include <string.h>
-
-#include "explicit.h"
-#include "factorize.h"
-#include "propagation.h"
 
 /* Two rules' integrals of the Jacobian over a step may differ by TOLERANCE * rtol**ORDER, over the
  * states' magnitudes [nats]: both are of order four, the stepper is of order five. */

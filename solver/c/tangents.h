@@ -60,10 +60,4 @@ typedef struct {
     double period;      /* as in Walk; crossings are then checked from sample to sample */
 } Crossings;
 
-static int spectrum(const System *s, const Walk *w, Info *info);
-
-static int explicit_spectrum(const System *s, const Walk *w, Info *info);
-
-static int returns(const System *s, const Crossings *c, int explicitly, Info *info);
-
 #endif
