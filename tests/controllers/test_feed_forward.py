@@ -15,12 +15,7 @@ COULOMB, SLOW = 1.284, 0.01  # N, m/s
 NO_FORWARD = {"relay"}
 LINEARIZING = {"iol", "iol_true_acceleration", "iol_observed"}
 ADDED = [n for n in CONTROLLERS if n not in NO_FORWARD | LINEARIZING]
-EXACT = {
-    "Kvff": 1 / la.B,
-    "Kaff": la.LAG / la.B,
-    "Kfff": COULOMB * la.R / la.MOTOR,
-    "Vff": SLOW,
-}
+EXACT = {"Kvff": 1 / la.B, "Kaff": la.LAG / la.B, "Kfff": COULOMB * la.R / la.MOTOR, "Vff": SLOW}
 TIMES = np.linspace(0.0, 1.5, 301)
 COURSE = sp.Rational(1, 100) * (1 - sp.cos(4 * TIME))
 

@@ -33,10 +33,7 @@ def swing(tmp_path_factory):
         "swing",
         "A swing",
         inputs=(Input("u", "N", "pull"),),
-        states=(
-            State("x", "m", "place", V),
-            State("v", "m/s", "speed", U - 9 * sp.sin(X) - V / 4),
-        ),
+        states=(State("x", "m", "place", V), State("v", "m/s", "speed", U - 9 * sp.sin(X) - V / 4)),
         outputs=(Output("x", "m", "place", X),),
     )
     return export(component, tmp_path_factory.mktemp("swing") / "swing.fmu")

@@ -102,10 +102,7 @@ def ball(start, *events):
         inputs=(Input("w", "1", "watched", start=-1.0),),
         outputs=(Output("h", "m", "height", HEIGHT), Output("s", "1", "side", SIDE)),
         modes=(
-            Mode(
-                "flies",
-                events=(Event("bounce", HEIGHT, -1, {"speed": -0.8 * SPEED}), *events),
-            ),
+            Mode("flies", events=(Event("bounce", HEIGHT, -1, {"speed": -0.8 * SPEED}), *events)),
         ),
     )
 
@@ -119,11 +116,7 @@ def test_a_ball_bounces_when_it_must_in_both_kinds_of_simulation(tmp_path):
     ground = speed / g
     for kind, tolerance in (("CoSimulation", 1e-9), ("ModelExchange", 1e-5)):
         course = fmpy.simulate_fmu(
-            str(path),
-            fmi_type=kind,
-            stop_time=1.0,
-            output_interval=1e-3,
-            relative_tolerance=1e-9,
+            str(path), fmi_type=kind, stop_time=1.0, output_interval=1e-3, relative_tolerance=1e-9
         )
         t = course["time"]
         after = 0.8 * speed * (t - ground) - g / 2 * (t - ground) ** 2

@@ -154,9 +154,7 @@ def test_directional_derivatives_are_the_partial_derivatives_of_the_equations(ma
     unknown = [v.name for v in model.interface.derivatives] + [o.name for o in kernel.outputs]
     got = np.column_stack([host.slopes(unknown, [k], [1.0]) for k in known])
     f = sp.lambdify(
-        [symbol(n) for n in names],
-        [sp.sympify(e).xreplace(fixed) for e in equations],
-        "mpmath",
+        [symbol(n) for n in names], [sp.sympify(e).xreplace(fixed) for e in equations], "mpmath"
     )
     with mpmath.workdps(40):
         exact = np.zeros(got.shape)

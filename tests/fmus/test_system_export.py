@@ -22,11 +22,7 @@ from ballscrew.solver.errors import FmuError
 SCHEMAS = Path(fmpy.ssp.__file__).with_name("schema")
 SPACES = {
     prefix: f"http://ssp-standard.org/SSP1/SystemStructure{part}"
-    for prefix, part in (
-        ("ssc", "Common"),
-        ("ssd", "Description"),
-        ("ssv", "ParameterValues"),
-    )
+    for prefix, part in (("ssc", "Common"), ("ssd", "Description"), ("ssv", "ParameterValues"))
 }
 LAW = ["u", "u_rate", *(f"u_{part}_{s}" for part in ("gain", "ref") for s in "xvzi")]
 BETWEEN = ["position_encoder", "velocity_estimate"]

@@ -6,15 +6,7 @@ import sympy as sp
 from scipy.special import lambertw
 
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import (
-    Component,
-    Delay,
-    Input,
-    Output,
-    Parameter,
-    State,
-    symbol,
-)
+from ballscrew.solver.component import Component, Delay, Input, Output, Parameter, State, symbol
 from ballscrew.solver.for_tangents import NODES, with_delay_states
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_returns, follow_tangents

@@ -78,14 +78,7 @@ def by_hand(rate, tau, x0, intervals):
             before = [x0, *y]
             return [rate(before[k + 1], before[k]) for k in range(count)]
 
-        done = solve_ivp(
-            rates,
-            (0.0, tau),
-            starts,
-            method="DOP853",
-            rtol=3e-14,
-            atol=1e-15,
-        )
+        done = solve_ivp(rates, (0.0, tau), starts, method="DOP853", rtol=3e-14, atol=1e-15)
         starts.append(done.y[-1, -1])
     return starts[-1]
 

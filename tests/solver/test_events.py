@@ -186,16 +186,6 @@ def test_an_event_that_is_due_after_an_input_jumps_happens_at_once():
     assert model.x[0] == pytest.approx(-1 + 1 + 1 - 1 - 1, abs=1e-12)
 
 
-def test_modes_that_lead_to_each_other_at_once_are_refused_with_the_time():
-    there = Event("there", TIME - 1, direction=1, next_mode="b")
-    back = Event("back", TIME - 1, direction=1, next_mode="a")
-    states = (State("x", "1", "time", sp.Integer(1)),)
-    modes = (Mode("a", events=(there,)), Mode("b", events=(back,)))
-    model = Model(generate(component("flipping", states, modes)))
-    with pytest.raises(IntegrationError, match=r"events follow each other without end at t = 1 s"):
-        model.advance(0.0, 2.0)
-
-
 def test_a_state_that_a_mode_holds_is_held_to_the_last_bit():
     """Whatever the others do: held states take no part in the elimination's round-off."""
     rate = Parameter("rate", 1e7, "1/s", "of the other states", "example value")

@@ -12,13 +12,7 @@ from ballscrew.solver import core
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, State, symbol
 from ballscrew.solver.kernel import Model
-from ballscrew.solver.spectrum import (
-    FARTHEST,
-    _may_be_explicit,
-    _stride,
-    _walk,
-    follow_tangents,
-)
+from ballscrew.solver.spectrum import FARTHEST, _may_be_explicit, _stride, _walk, follow_tangents
 
 pytestmark = pytest.mark.xdist_group("known_systems")  # each system is compiled once
 
@@ -79,11 +73,7 @@ def swung(kernel, count):
 
 
 @pytest.mark.parametrize(
-    ("kernel", "values", "stop"),
-    [
-        (lorenz, {}, 5.0),
-        (van_der_pol, {"mu": 5.0}, 20.0),
-    ],
+    ("kernel", "values", "stop"), [(lorenz, {}, 5.0), (van_der_pol, {"mu": 5.0}, 20.0)]
 )
 def test_the_exponents_are_those_of_the_stiff_step(kernel, values, stop):
     ours = explicitly(Model(kernel(), values, 1e-10), stop)

@@ -43,10 +43,7 @@ def get(kernel, tmp_path_factory):
     (folder / "sources").mkdir()
     (folder / "sources" / "model.c").write_text("int answer(void) { return 42; }\n")
     files = SimpleNamespace(
-        language="C99",
-        preprocessorDefinitions=[],
-        includeDirectories=[],
-        sourceFiles=["model.c"],
+        language="C99", preprocessorDefinitions=[], includeDirectories=[], sourceFiles=["model.c"]
     )
     build = SimpleNamespace(modelIdentifier="model", sourceFileSets=[files])
 
@@ -145,8 +142,7 @@ def entry_of(kind, cache):
 
 
 @pytest.mark.parametrize(
-    "damage",
-    [d if d in USUAL else pytest.param(d, marks=pytest.mark.ci) for d in DAMAGE],
+    "damage", [d if d in USUAL else pytest.param(d, marks=pytest.mark.ci) for d in DAMAGE]
 )
 def test_a_damaged_entry_is_made_anew(damage, whole, get, tmp_path, monkeypatch):
     place, found = whole

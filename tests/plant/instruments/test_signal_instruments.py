@@ -38,11 +38,7 @@ def course(kernel, signal, values=None):
 
 
 @settings(max_examples=40, deadline=None)
-@given(
-    x=st.floats(-0.5, 0.5),
-    resolution=st.floats(1e-9, 1e-3),
-    phase=st.floats(0.0, 0.999),
-)
+@given(x=st.floats(-0.5, 0.5), resolution=st.floats(1e-9, 1e-3), phase=st.floats(0.0, 0.999))
 def test_the_encoder_gives_whole_steps_less_than_one_from_the_position(x, resolution, phase):
     (read,) = course(ENCODER, [x], FAITHFUL | {"resolution": resolution, "phase": phase})
     assert read / resolution == pytest.approx(round(read / resolution), abs=1e-6)
