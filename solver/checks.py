@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import sympy as sp
 
@@ -46,7 +46,7 @@ def _refuse(component: Component, fault: str) -> NoReturn:
 
 def _declared(component: Component) -> dict[str, str]:
     """The names that equations may use, and what each of them is."""
-    kinds = {
+    kinds: dict[str, tuple[Any, ...]] = {
         "parameter": component.all_parameters,
         "input": component.inputs,
         "state": component.all_states,
@@ -104,7 +104,7 @@ def _check_modes(component: Component, states: list[str], outputs: list[str]) ->
 
 
 def _check_outputs_and_ranges(component: Component, outputs: list[str]) -> None:
-    taken = {p.name for p in (*component.all_parameters, *component.inputs)}
+    taken = {p.name for p in component.all_parameters} | {i.name for i in component.inputs}
     for name in (component.name, *outputs):
         if not name.isidentifier():
             _refuse(component, f"{name!r} is not an identifier")
