@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (27555, 26315),
+    "tests": (27538, 26297),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -51,20 +51,16 @@ Fs = 2.5
 sigma2 = 1.5
 Vs = 0.05
 """
-AMPS = JOINT.replace("torque", "current").replace("gain = 1.0", "gain = -2.0")
 STEP = 0.005  # s, of the rig's program
 
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
+    """The parameter file of each machine."""
     folder = tmp_path_factory.mktemp("machines")
-    for name, text in (("linear", LINEAR), ("joint", JOINT), ("amps", AMPS)):
+    for name, text in (("linear", LINEAR), ("joint", JOINT)):
         (folder / f"{name}.toml").write_text(text, encoding="utf-8")
-    return folder
-
-
-def told(path):
-    return ballscrew.read_parameters(path)
+    return {f.stem: ballscrew.read_parameters(f) for f in folder.iterdir()}
 
 
 # -- right -----------------------------------------------------------------------------------
@@ -117,7 +113,7 @@ SHARP = {"encoder.counts": 1e12, "encoder.phase": 0.5, "load_cell.resolution": 1
 @pytest.mark.ci
 @pytest.mark.parametrize("trial", ["2.4/1", "2.2/12"])
 def test_a_record_without_noise_is_what_scipy_simulates(files, trial):
-    found = run_trial(trial, "lugre", SHARP, noise=Noise(0.0), told=told(files / "linear.toml"))
+    found = run_trial(trial, "lugre", SHARP, noise=Noise(0.0), told=files["linear"])
     part = slice(0, 240)
     name = "force_ref" if trial == "2.2/12" else "v_ref"
     u, x, v, _ = by_scipy(found.record[name][part], trial == "2.2/12")
@@ -131,13 +127,8 @@ def test_a_record_without_noise_is_what_scipy_simulates(files, trial):
 
 def test_trials_have_the_size_of_the_machine(files):
     """Forces are shares of its static friction; viscous friction grows to that of sliding."""
-    linear, joint = (
-        Machine(*a)
-        for a in (
-            ("lugre", None, told(files / "linear.toml")),
-            ("classical", None, told(files / "joint.toml")),
-        )
-    )
+    linear = Machine("lugre", told=files["linear"])
+    joint = Machine("classical", told=files["joint"])
     assert linear.sizes == pytest.approx({"speed": 80.0 / 200.0, "force": 90.0, "travel": 0.6})
     assert joint.sizes["speed"] == pytest.approx(2.0 / 1.5)
     assert joint.trials["2.4/1"].asked == "velocity 0.1667 rad/s sin(1 t)"
@@ -162,9 +153,9 @@ def test_trials_have_the_size_of_the_machine(files):
 )
 def test_the_largest_velocity_is_one_that_the_machine_can_do(files, limit, travel, speed):
     given = {"plant.voltage_limit": limit, "trial.travel": travel}
-    machine = Machine("lugre", given, told(files / "linear.toml"))
+    machine = Machine("lugre", given, files["linear"])
     assert machine.sizes["speed"] == pytest.approx(speed)
-    found = run_trial("viscous/51", "lugre", given, told=told(files / "linear.toml"))
+    found = run_trial("viscous/51", "lugre", given, told=files["linear"])
     assert np.mean(found.truth["v"][-20:]) == pytest.approx(speed, rel=0.02)
     assert np.abs(found.record["u"][-100:]).max() < limit
 
@@ -183,9 +174,8 @@ def test_the_largest_velocity_is_one_that_the_machine_can_do(files, limit, trave
     ],
 )
 def test_a_trial_that_means_nothing_for_a_machine_is_refused(files, name, trial, given, said):
-    file = told(files / f"{name}.toml")
     with pytest.raises(BadParameter, match=said):
-        run_trial(trial, file.law, given, told=file)
+        run_trial(trial, files[name].law, given, told=files[name])
 
 
 # -- its parts -------------------------------------------------------------------------------
@@ -193,7 +183,7 @@ def test_a_trial_that_means_nothing_for_a_machine_is_refused(files, name, trial,
 
 @pytest.mark.ci
 def test_the_parameters_written_give_the_same_record_again(files, tmp_path):
-    first = ballscrew.run_trial("2.6/6", params=files / "joint.toml", seed=1)
+    first = ballscrew.run_trial("2.6/6", params=files["joint"].path, seed=1)
     first.save(tmp_path)
     again = ballscrew.run_trial("2.6/6", params=tmp_path / "parameters.toml", seed=1)
     for name, values in first.record.items():
@@ -226,7 +216,7 @@ def test_the_parameters_written_give_the_same_record_again(files, tmp_path):
 )
 def test_what_was_put_in_is_identified(files, tmp_path, name, law, truth, not_told):
     """Of the linear drive all but the bristles' damping, which no record at 200 Hz shows."""
-    given = ("--params", files / f"{name}.toml")
+    given = ("--params", files[name].path)
     trials = [f"2.4/{k}" for k in range(1, 17, 2)]
     assert run("rig", *trials, *given, "--seed", "1", "--out", tmp_path / "rig")[0] == 0
     fit = ("--law", law, *given, "--json", "--out", tmp_path / "identified")
@@ -238,15 +228,6 @@ def test_what_was_put_in_is_identified(files, tmp_path, name, law, truth, not_to
         assert found[parameter]["identified"], parameter
         assert found[parameter]["low"] <= true <= found[parameter]["high"], parameter
     written = ballscrew.read_parameters(tmp_path / "identified" / "parameters.toml")
-    assert written.kind == told(files / f"{name}.toml").kind
-    assert (
-        run(
-            "rig",
-            "2.6/6",
-            "--params",
-            tmp_path / "identified" / "parameters.toml",
-            "--out",
-            tmp_path / "again",
-        )[0]
-        == 0
-    )
+    assert written.kind == files[name].kind
+    again = ("--params", written.path, "--out", tmp_path / "again")
+    assert run("rig", "2.6/6", *again)[0] == 0
