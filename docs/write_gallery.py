@@ -15,7 +15,7 @@ FIRST_PAGE = {  # which panel of a picture stands there
     "belt": 0,
     "impact_oscillator": 1,
     "pid_mass": 0,
-    "cart_pendulum": 1,
+    "cart_pendulum": 0,
     "backlash_drive": 0,
     "bouncing_ball": 1,
 }

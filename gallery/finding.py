@@ -1,10 +1,17 @@
-"""A number of a system, computed here and from the literature."""
+"""What all systems share: numbers with their source, and motions of a whole loop in one solver."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import ballscrew
+
+Values = Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -90,3 +97,69 @@ def _printed(value: float, digit: float) -> str:
         return f"{value:.6g}"
     digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(digit)) + 1
     return f"{value:.{max(1, min(digits, 12))}g}"
+
+
+def motion(
+    plant: str,
+    stop: float,
+    step: float,
+    values: Values | None = None,
+    law: str = "none",
+    goal: float | None = None,
+    gains: Values | None = None,
+) -> Any:
+    """A run with these values of the plant and of the law; `goal` is the set-point."""
+    return _run(plant, stop, step, _frozen(values), law, goal, _frozen(gains))
+
+
+@cache
+def _run(plant: str, stop: float, step: float, values: Any, law: str, goal: Any, gains: Any) -> Any:
+    given = {"plant_values": dict(values), "controller_values": dict(gains)}
+    coupling = ballscrew.Coupling("monolithic")
+    grid = {"stop": stop, "step": step, "coupling": coupling}
+    return ballscrew.run(law, plant, reference=goal, **grid, **given).run
+
+
+def exponents(
+    plant: str,
+    stop: float,
+    values: Values | None = None,
+    law: str = "none",
+    goal: float | None = None,
+    gains: Values | None = None,
+) -> Any:
+    """Exponents and long-term motion (``.motion``) of a loop."""
+    return _exponents(plant, stop, _frozen(values), law, goal, _frozen(gains))
+
+
+@cache
+def _exponents(plant: str, stop: float, values: Any, law: str, goal: Any, gains: Any) -> Any:
+    given = {"plant_values": dict(values), "controller_values": dict(gains)}
+    return ballscrew.lyapunov(law, plant, stop=stop, reference=goal, **given)
+
+
+def _frozen(values: Values | None) -> tuple[tuple[str, float], ...]:
+    return tuple(sorted((values or {}).items()))
+
+
+def cells(
+    plant: str,
+    x: str,
+    y: str,
+    stop: float,
+    law: str = "none",
+    goal: float | None = None,
+    **more: Any,
+) -> dict[str, list[Any]]:
+    """The table of a map by column; `more` as `stability_map`."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = ballscrew.stability_map(law, x, y, folder, plant, stop=stop, reference=goal, **more)
+        return found.columns()
+
+
+def halved(holds: Callable[[float], bool], low: float, high: float, width: float) -> list[float]:
+    """An interval of at most this width at whose lower end `holds` is true, at the upper false."""
+    while high - low > width:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return [low, high]

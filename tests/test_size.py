@@ -22,13 +22,13 @@ MOST = {  # folder: lines, lines without docstrings
     "orchestration": (12188, 10592),
     "stability": (2781, 2279),
     "ballscrew": (3838, 3135),
-    "gallery": (3571, 3184),
+    "gallery": (2729, 2355),
     "measurement": (13464, 11377),
     "proofs": (12906, 11539),
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (27538, 26297),
+    "tests": (26933, 25708),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

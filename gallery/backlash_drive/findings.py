@@ -13,10 +13,9 @@ import numpy.typing as npt
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-import ballscrew
-
 from ..drawing import COLOURS, drawing, part
-from ..finding import Finding
+from ..finding import Finding, exponents
+from ..finding import motion as run_of
 
 DRIVE = part(__file__, "drive")
 TABLE_LOOP, MOTOR_LOOP = part(__file__, "table_loop"), part(__file__, "motor_loop")
@@ -137,30 +136,17 @@ def end() -> float:
     return float(brentq(lambda gain: growth(gain, K).real, HIGH, 2.0 * HIGH))
 
 
-@cache
 def motion(law: str, gain: float, stop: float, step: float, start: float = 2e-5) -> Any:
     """The drive's motion to zero, from a start [m] in the middle of the backlash."""
-    return ballscrew.run(
-        law,
-        DRIVE,
-        reference=0.0,
-        stop=stop,
-        step=step,
-        coupling=ballscrew.Coupling("monolithic"),
-        plant_values={"x_start": start, "xm_start": start},
-        controller_values={"Kx": gain},
-    ).run
+    values = {"x_start": start, "xm_start": start}
+    return run_of(DRIVE, stop, step, values, law, 0.0, {"Kx": gain})
 
 
-@cache
 def cycle(gain: float) -> Any:
     """Long-term motion of the drive with a position gain [1/s]."""
-    return ballscrew.lyapunov(
-        TABLE_LOOP, DRIVE, stop=2.0, reference=0.0, controller_values={"Kx": gain}
-    ).motion
+    return exponents(DRIVE, 2.0, None, TABLE_LOOP, 0.0, {"Kx": gain}).motion
 
 
-@cache
 def measured_push(gain: float) -> float:
     """Like `after_a_push`, from the last pushes of a run with long waits."""
     x = motion(TABLE_LOOP, gain, 20.0, 4e-3, start=1e-6).outputs["x"]
@@ -178,110 +164,51 @@ def findings() -> list[Finding]:
             ("frequency", 2.0 * math.pi / ours.period, theory.frequency, "rad/s"),
             ("swing of the table", ours.amplitude["plant_x"], theory.table, "m"),
         ):
-            digit = theory.third * theirs
-            rows.append(
-                Finding(
-                    f"{what}, Kx = {gain:g} 1/s",
-                    mine,
-                    unit,
-                    f"{DESCRIBING}; {LEFT_OUT}",
-                    theirs,
-                    digit,
-                    remark,
-                )
-            )
+            text, known = f"{what}, Kx = {gain:g} 1/s", f"{DESCRIBING}; {LEFT_OUT}"
+            rows.append(Finding(text, mine, unit, known, theirs, theory.third * theirs, remark))
     below = np.array([6.3, 6.6])
     ratios = [measured_push(gain) for gain in below]
     slope, offset = np.polyfit(below, ratios, 1)
     started = float((1.0 - offset) / slope)
+    moves, starts = "where a push takes the table, over where it was", "where cycles begin"
+    outside = f"{PUSH}; ours is extrapolated from 6.3 and 6.6 1/s"
+    sines = f"{DESCRIBING}: D/M, where its stiffness is zero"
+    remark = "cycles begin with short pushes between endless waits, and not with sines"
+    by_pushes, by_sines = (f"position gain {starts}, by {how}" for how in ("pushes", "sines"))
     return [
         *rows,
-        Finding(
-            "where a push takes the table, over where it was, Kx = 6.3 1/s",
-            ratios[0],
-            "1",
-            PUSH,
-            after_a_push(6.3),
-            1e-5,
-        ),
-        Finding(
-            "position gain where cycles begin, by pushes",
-            started,
-            "1/s",
-            f"{PUSH}; ours is extrapolated from 6.3 and 6.6 1/s",
-            begin(),
-            5e-3,
-        ),
-        Finding(
-            "position gain where cycles begin, by sines",
-            started,
-            "1/s",
-            f"{DESCRIBING}: D/M, where its stiffness is zero",
-            D / M,
-            0.5,
-            "cycles begin with short pushes between endless waits, and not with sines",
-        ),
+        Finding(f"{moves}, Kx = 6.3 1/s", ratios[0], "1", PUSH, after_a_push(6.3), 1e-5),
+        Finding(by_pushes, started, "1/s", outside, begin(), 5e-3),
+        Finding(by_sines, started, "1/s", sines, D / M, 0.5, remark),
     ]
 
 
 def picture() -> Any:
-    with drawing(2, 2, height=3.4) as (figure, (swing, frequency, lead, swap)):
+    with drawing(2, height=3.4) as (figure, (swing, lead)):
         gains = np.concatenate([np.linspace(4.3, 30.0, 30), np.linspace(32.0, 0.997 * end(), 50)])
         theory = [predicted(gain) for gain in gains]
-        cycles = [cycle(gain) for gain in SHOWN]
-        for axes, curve, unit, found in (
-            (swing, [s.table for s in theory], B, [c.amplitude["plant_x"] for c in cycles]),
-            (
-                frequency,
-                [s.frequency for s in theory],
-                1.0,
-                [2.0 * math.pi / c.period for c in cycles],
-            ),
-        ):
-            values, third = np.array(curve) / unit, np.array([s.third for s in theory])
-            axes.plot(gains, values, color=COLOURS[1], label="describing function")
-            axes.fill_between(
-                gains,
-                values * (1 - third),
-                values * (1 + third),
-                **{"color": COLOURS[1], "alpha": 0.2, "lw": 0, "label": "its third harmonic"},
-            )
-            axes.plot(SHOWN, np.array(found) / unit, "o", color=COLOURS[0], label="motion")
-            axes.axvline(begin(), color="black", ls=":", lw=1.2)
-            axes.axvline(end(), color="black", ls=":", lw=1.2)
-            axes.set(xlabel="position gain Kx [1/s]", xlim=(0.0, 150.0))
-        swing.set(ylabel="swing of the table over b", yscale="log", ylim=(0.1, 100.0))
-        swing.set_title("Backlash makes a stable loop hunt")
-        frequency.set(ylabel="frequency [rad/s]", ylim=(0.0, None))
-        frequency.set_title("It begins with pushes, and ends as a sine")
-        swing.legend(loc="upper left")
+        values, third = (np.array([[s.table / B, s.third] for s in theory])).T
+        swing.plot(gains, values, color=COLOURS[1], label="describing function")
+        style = {"color": COLOURS[1], "alpha": 0.2, "lw": 0, "label": "its third harmonic"}
+        swing.fill_between(gains, values * (1 - third), values * (1 + third), **style)
+        found = [cycle(gain).amplitude["plant_x"] / B for gain in SHOWN]
+        swing.plot(SHOWN, found, "o", color=COLOURS[0], label="motion")
         for at, text in ((begin(), "begin"), (end(), "end")):
+            swing.axvline(at, color="black", ls=":", lw=1.2)
             swing.text(at + 2.0, 0.12, text, fontsize=9)
+        swing.set(xlabel="position gain Kx [1/s]", xlim=(0.0, 150.0), yscale="log")
+        swing.set(ylabel="swing of the table over b", ylim=(0.1, 100.0))
+        swing.set_title("Backlash makes a stable loop hunt")
+        swing.legend(loc="upper left")
         for k, gain in enumerate((10.0, HIGH)):
             period = cycle(gain).period
             run = motion(TABLE_LOOP, gain, 3.0, 1e-3)
             late = run.time > 3.0 - 2.5 * period
-            lead.plot(
-                (run.time[late] - 3.0) / period + 2.5,
-                run.outputs["lead"][late] / B,
-                **{"color": COLOURS[k], "ls": ("--", "-")[k], "label": f"Kx = {gain:g} 1/s"},
-            )
+            time, leads = (run.time[late] - 3.0) / period + 2.5, run.outputs["lead"][late] / B
+            style = {"color": COLOURS[k], "ls": ("--", "-")[k], "label": f"Kx = {gain:g} 1/s"}
+            lead.plot(time, leads, **style)
         lead.axhspan(-1.0, 1.0, color="#bbbbbb", alpha=0.5, lw=0, label="backlash")
         lead.set(xlabel="time over the period", ylabel="lead of the motor over b", xlim=(0.0, 2.5))
-        lead.set_title("Within the backlash nothing pushes")
+        lead.set(ylim=(-5.0, 7.0), title="Within the backlash nothing pushes")
         lead.legend(loc="upper right", ncols=3, fontsize=9)
-        lead.set_ylim(-5.0, 7.0)
-        for k, (law, where) in enumerate(
-            ((TABLE_LOOP, "at the table"), (MOTOR_LOOP, "at the motor"))
-        ):
-            run = motion(law, 60.0, 0.6, 1e-3)
-            swap.plot(
-                run.time,
-                1e6 * run.outputs["x"],
-                **{"color": COLOURS[k], "ls": ("-", "--")[k], "label": f"measured {where}"},
-            )
-        swap.axhspan(-1e6 * B, 1e6 * B, color="#bbbbbb", alpha=0.5, lw=0)
-        swap.set(xlabel="time [s]", ylabel="table [µm]", xlim=(0.0, 0.6), ylim=(-30.0, 36.0))
-        swap.set_title("Another law rests, but anywhere within b")
-        swap.legend(loc="upper right", ncols=2, fontsize=9)
     return figure

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-import ballscrew
-
 from ..drawing import COLOURS, drawing, part
-from ..finding import Finding
+from ..finding import Finding, exponents, motion
 
 BALL = part(__file__, "ball")
 G, E, V_MIN = 9.81, 0.7, 0.1
@@ -22,19 +19,6 @@ FIRST = math.sqrt(2.0 / G)  # until the first impact, from a height of 1 m [s]
 ZENO = FIRST * (1.0 + E) / (1.0 - E)  # end of infinitely many bounces [s]
 
 Vector = npt.NDArray[np.float64]
-
-
-@cache
-def motion(v_min: float = V_MIN, step: float = 0.01, stop: float = 3.0) -> Any:
-    """The ball's motion from a height of 1 m; bounces slower than `v_min` are left out."""
-    return ballscrew.run(
-        "none",
-        BALL,
-        stop=stop,
-        step=step,
-        coupling=ballscrew.Coupling("monolithic"),
-        plant_values={"v_min": v_min},
-    ).run
 
 
 def table() -> tuple[Vector, Vector, Vector]:
@@ -58,70 +42,43 @@ def rests_from(time: Vector, v: Vector) -> float:
 
 
 def findings() -> list[Finding]:
-    run = motion()
+    run, fine = motion(BALL, 3.0, 0.01), motion(BALL, 3.0, 1e-3, {"v_min": 1e-6})
     x, v = run.outputs["x"], run.outputs["v"]
-    fine = motion(1e-6, 1e-3)
-    until = ballscrew.lyapunov("none", BALL, stop=2.0)
+    highest, rest = float(x[50:].max()), rests_from(fine.time, fine.outputs["v"])
+    shrunk = float(exponents(BALL, 2.0).exponents.sum()) * 2.0
+    area = "logarithm of the area of disturbances after four impacts [nats]"
+    impacts = "each impact multiplies it by e^2, and flight leaves it"
     rebounds = int(np.sum((v[:-1] <= 0.0) & (v[1:] > 0.0)))
+    first = rests_from(run.time, v)
+    bounces = (
+        f"so it still bounces after the time {ZENO:.4g} s, by which a ball without an end rule "
+        "bounces infinitely often"
+    )
+    ends = (
+        "sqrt(2 h/g) (1 + e)/(1 - e), the end of infinitely many bounces; those slower than v_min, "
+        "and a row of 1 ms, are neglected"
+    )
     left_out = 2e-6 / (G * (1.0 - E)) + 1e-3
     return [
         Finding("height at 1 s", float(x[100]), "m", TABLE, 0.236644, 1e-6, EULER),
-        Finding(
-            "highest row after the first impact",
-            float(x[50:].max()),
-            "m",
-            TABLE,
-            0.494764,
-            1e-6,
-            EULER,
-        ),
+        Finding("highest row after the first impact", highest, "m", TABLE, 0.494764, 1e-6, EULER),
         Finding("rebounds until it rests", rebounds, "1", TABLE, 11, 0, EULER),
-        Finding(
-            "first row at rest",
-            rests_from(run.time, v),
-            "s",
-            TABLE,
-            2.61,
-            0.01,
-            f"{EULER}; so it still bounces after the time {ZENO:.4g} s, by which a ball without an "
-            "end rule bounces infinitely often",
-        ),
-        Finding(
-            "rests from, with v_min = 1e-6 m/s",
-            rests_from(fine.time, fine.outputs["v"]),
-            "s",
-            "sqrt(2 h/g) (1 + e)/(1 - e), the end of infinitely many bounces; those slower than "
-            "v_min, and a row of 1 ms, are neglected",
-            ZENO,
-            left_out,
-        ),
-        Finding(
-            "logarithm of the area of disturbances after four impacts [nats]",
-            float(until.exponents.sum()) * 2.0,
-            "1",
-            "each impact multiplies it by e^2, and flight leaves it",
-            8.0 * math.log(E),
-            1e-9,
-        ),
+        Finding("first row at rest", first, "s", TABLE, 2.61, 0.01, f"{EULER}; {bounces}"),
+        Finding("rests from, with v_min = 1e-6 m/s", rest, "s", ends, ZENO, left_out),
+        Finding(area, shrunk, "1", impacts, 8.0 * math.log(E), 1e-9),
     ]
 
 
 def picture() -> Any:
     with drawing(2) as (figure, (whole, end)):
-        run, endless, (time, rows, speeds) = motion(step=1e-3), motion(1e-4, 1e-3), table()
-        end.plot(
-            endless.time,
-            1e3 * endless.outputs["x"],
-            **{"color": COLOURS[2], "lw": 1.2, "label": "solution, v_min = 0.1 mm/s"},
-        )
+        run, endless = motion(BALL, 3.0, 1e-3), motion(BALL, 3.0, 1e-3, {"v_min": 1e-4})
+        time, rows, speeds = table()
+        style = {"color": COLOURS[2], "lw": 1.2, "label": "solution, v_min = 0.1 mm/s"}
+        end.plot(endless.time, 1e3 * endless.outputs["x"], **style)
+        style = {"color": COLOURS[1], "ls": "--", "lw": 1.2, "ms": 4, "label": "table"}
         for axes, unit in ((whole, 1.0), (end, 1e3)):
             axes.plot(run.time, unit * run.outputs["x"], color=COLOURS[0], label="solution")
-            axes.plot(
-                time,
-                unit * rows,
-                ".",
-                **{"color": COLOURS[1], "ls": "--", "lw": 1.2, "ms": 4, "label": "table"},
-            )
+            axes.plot(time, unit * rows, ".", **style)
             axes.axvline(ZENO, color="black", ls=":", lw=1.4, label="end without an end rule")
         end.plot(rests_from(run.time, run.outputs["v"]), 0.0, "o", color=COLOURS[0], clip_on=False)
         end.plot(rests_from(time, speeds), 0.0, "s", color=COLOURS[1], clip_on=False)

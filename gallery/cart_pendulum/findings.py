@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -16,7 +15,8 @@ from scipy.optimize import brentq
 import ballscrew
 
 from ..drawing import COLOURS, drawing, part
-from ..finding import Finding
+from ..finding import Finding, exponents
+from ..finding import motion as run_of
 
 CART, DRY, LUGRE = (part(__file__, name) for name in ("cart", "dry_cart", "lugre_cart"))
 BALANCE = part(__file__, "balance")
@@ -94,25 +94,15 @@ def mobility(s: complex) -> complex:
     return complex(np.linalg.solve(s * np.eye(4) - closed(), upright()[1])[1])
 
 
-@cache
 def motion(plant: str, stop: float, step: float, angle: float = 0.05) -> Any:
     """The loop's motion from a tilted pendulum with the cart at rest."""
-    return ballscrew.run(
-        BALANCE,
-        plant,
-        reference=0.0,
-        stop=stop,
-        step=step,
-        coupling=ballscrew.Coupling("monolithic"),
-        plant_values={"th_start": angle, "q_start": 0.0},
-    ).run
+    return run_of(plant, stop, step, {"th_start": angle, "q_start": 0.0}, BALANCE, 0.0)
 
 
-@cache
 def becomes(plant: str, friction: float | None = None) -> Any:
     """Long-term motion of the loop, with these values of Coulomb and static friction [N]."""
-    values: Mapping[str, float] = {"Fc": friction, "Fs": friction} if friction else {}
-    return ballscrew.lyapunov(BALANCE, plant, stop=30.0, reference=0.0, plant_values=values).motion
+    values = {"Fc": friction, "Fs": friction} if friction else {}
+    return exponents(plant, 30.0, values, BALANCE, 0.0).motion
 
 
 def swing_of(run: Any, since: float) -> float:
@@ -130,106 +120,56 @@ def findings() -> list[Finding]:
     )
     sticks = "the cart stands still for most of the period, unlike a sine"
     pieces = "a cycle of pieces that are linear, solved for exactly, gives the same to 1e-4"
+    eigenvalue, closed_rate = "eigenvalue of the linear loop", float(free.limit[0])
+    scales = (
+        "the linear loop with Coulomb friction scales with it; the square of the angle, "
+        "1e-3, is neglected"
+    )
+    swing, at = dry.amplitude["plant_x"], "Fc = 0.1 N"
+    larger = becomes(DRY, 1.0).amplitude["plant_x"] / swing
+    size, frequency = theory.cart * FRICTION, theory.frequency
+    bristles = swing_of(motion(LUGRE, 60.0, 0.02), 40.0)
+    bend = (
+        "bristles bend by Fc/sigma0 = 10 µm instead of sticking; LSODA of SciPy gives the same "
+        "to 1e-3"
+    )
+    third, ours = theory.third, 2.0 * math.pi / dry.period
+    slow, times = (
+        "slowest exponent without friction [nats/s]",
+        "swing with 1 N over that with 0.1 N",
+    )
+    lugre = "swing of the cart with LuGre friction of 0.1 N"
     return [
         *(
             Finding(f"gain {name}", gains[name], "1", design, float(theirs), 1e-4)
             for name, theirs in zip(gains, designed(), strict=True)
         ),
-        Finding(
-            "slowest exponent without friction [nats/s]",
-            float(free.limit[0]),
-            "1/s",
-            "eigenvalue of the linear loop",
-            slowest,
-            1e-4,
-        ),
-        Finding(
-            "swing of the cart, Fc = 0.1 N",
-            dry.amplitude["plant_x"],
-            "m",
-            left_out,
-            theory.cart * FRICTION,
-            theory.third * theory.cart * FRICTION,
-        ),
-        Finding(
-            "frequency, Fc = 0.1 N",
-            2.0 * math.pi / dry.period,
-            "rad/s",
-            left_out,
-            theory.frequency,
-            theory.third * theory.frequency,
-            sticks,
-        ),
-        Finding("period, Fc = 0.1 N", dry.period, "s", pieces),
-        Finding("second exponent, Fc = 0.1 N [nats/s]", float(dry.limit[1]), "1/s", pieces),
-        Finding(
-            "swing with 1 N over that with 0.1 N",
-            becomes(DRY, 1.0).amplitude["plant_x"] / dry.amplitude["plant_x"],
-            "1",
-            "the linear loop with Coulomb friction scales with it; the square of the angle, "
-            "1e-3, is neglected",
-            10.0,
-            1e-2,
-        ),
-        Finding(
-            "swing of the cart with LuGre friction of 0.1 N",
-            swing_of(motion(LUGRE, 60.0, 0.02), 40.0),
-            "m",
-            "bristles bend by Fc/sigma0 = 10 µm instead of sticking; LSODA of SciPy gives the same "
-            "to 1e-3",
-        ),
+        Finding(slow, closed_rate, "1/s", eigenvalue, slowest, 1e-4),
+        Finding(f"swing of the cart, {at}", swing, "m", left_out, size, third * size),
+        Finding(f"frequency, {at}", ours, "rad/s", left_out, frequency, third * frequency, sticks),
+        Finding(f"period, {at}", dry.period, "s", pieces),
+        Finding(f"second exponent, {at} [nats/s]", float(dry.limit[1]), "1/s", pieces),
+        Finding(times, larger, "1", scales, 10.0, 1e-2),
+        Finding(lugre, bristles, "m", bend),
     ]
 
 
 def picture() -> Any:
-    with drawing(2, 2, height=3.4) as (figure, (course, orbit, force, size)):
-        for k, (plant, label) in enumerate(((CART, "no friction"), (DRY, "0.1 N of friction"))):
-            run = motion(plant, 45.0, 0.02)
-            course.plot(
-                run.time,
-                1e3 * run.outputs["x"],
-                **{"color": COLOURS[k], "ls": ("--", "-")[k], "lw": 1.5, "label": label},
-            )
-        course.set(xlabel="time [s]", ylabel="cart [mm]", xlim=(0.0, 30.0), ylim=(-15.0, 40.0))
-        course.set_title("With friction it never comes to rest")
-        course.legend(loc="upper right")
+    with drawing(2, height=3.4) as (figure, (orbit, size)):
         for k, angle in enumerate((0.001, 0.05)):
             run = motion(DRY, 45.0, 0.02, angle)
-            orbit.plot(
-                1e3 * run.outputs["x"],
-                1e3 * run.outputs["th"],
-                **{"color": COLOURS[k], "lw": 1.2, "label": f"from {1e3 * angle:g} mrad"},
-            )
+            style = {"color": COLOURS[k], "lw": 1.2, "label": f"from {1e3 * angle:g} mrad"}
+            orbit.plot(1e3 * run.outputs["x"], 1e3 * run.outputs["th"], **style)
         orbit.set(xlabel="cart [mm]", ylabel="rod [mrad]", xlim=(-14.0, 14.0), ylim=(-5.0, 5.0))
         orbit.set_title("Small and large motions meet in one cycle")
         orbit.legend(loc="upper right", fontsize=9)
-        run = motion(DRY, 45.0, 0.02)
-        late = run.time > 30.0
-        time, stuck = run.time[late] - 30.0, run.outputs["stuck"][late] > 0.5
-        shade = {"color": "#bbbbbb", "alpha": 0.5, "lw": 0}
-        force.fill_between(time, -0.12, 0.12, where=stuck, label="sticks", **shade)
-        force.plot(time, run.outputs["friction"][late], color=COLOURS[1], label="friction [N]")
-        force.plot(
-            time,
-            10.0 * run.outputs["v"][late],
-            **{"color": COLOURS[0], "ls": "--", "label": "cart [0.1 m/s]"},
-        )
-        force.set(xlabel="time [s]", xlim=(0.0, 15.0), ylim=(-0.28, 0.36))
-        force.set_title("It waits until the falling rod breaks it away")
-        force.legend(loc="upper center", ncols=3, fontsize=9, columnspacing=1.0)
         theory, loads = predicted(), np.geomspace(0.02, 15.0, 2)
-        size.loglog(
-            loads,
-            1e3 * theory.cart * loads,
-            **{"color": COLOURS[1], "label": "describing function"},
-        )
-        size.fill_between(
-            loads,
-            *(1e3 * theory.cart * loads * (1.0 + s * theory.third) for s in (-1, 1)),
-            **{"color": COLOURS[1], "alpha": 0.2, "lw": 0, "label": "its third harmonic"},
-        )
-        swings = [1e3 * becomes(DRY, load).amplitude["plant_x"] for load in SHOWN]
-        size.loglog(SHOWN, swings, "o", color=COLOURS[0], label="motion")
+        swings = 1e3 * theory.cart * loads
+        size.loglog(loads, swings, color=COLOURS[1], label="describing function")
+        style = {"color": COLOURS[1], "alpha": 0.2, "lw": 0, "label": "its third harmonic"}
+        size.fill_between(loads, *(swings * (1.0 + s * theory.third) for s in (-1, 1)), **style)
+        found = [1e3 * becomes(DRY, load).amplitude["plant_x"] for load in SHOWN]
+        size.loglog(SHOWN, found, "o", color=COLOURS[0], label="motion")
         size.set(xlabel="friction [N]", ylabel="swing of the cart [mm]", xlim=(0.02, 15.0))
         size.set_title("Twice the friction swings twice as far")
         size.legend(loc="upper left")

@@ -12,19 +12,16 @@ x0^2 = V^2 - f^2 U^2 where V = 1/(1 - b^2): `Turning`. The page derives it.
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-import ballscrew
-
 from ..drawing import COLOURS, DASHES, drawing, part
-from ..finding import Finding
+from ..finding import Finding, exponents, halved
+from ..finding import motion as run_of
 
 OSCILLATOR = part(__file__, "oscillator")
 CLOSED_FORM = "closed form of the motion without stops"
@@ -33,7 +30,7 @@ SLOW, STIFF = (0.8, 0.5), (0.8, 0.8)  # exponents: a complex pair, and two real 
 BORDERS = {0.45: (0.15, 0.35), 0.8: (0.75, 0.95), 1.4: (0.55, 0.75)}  # F below and above the border
 STOPPING = ((0.3, 0.6), (0.1, 0.3), (0.1, 0.5))
 SIDE = 0.2, 0.05  # F, and offset of the motion from the middle
-HALVINGS = 10
+WIDTH = 0.2 / 2**10  # of the interval that has a border
 ROWS = 200  # output rows per period to count stops
 
 Vector = npt.NDArray[np.float64]
@@ -127,28 +124,16 @@ def rates(known: Turning) -> Vector:
     return np.sort(np.log(np.abs(known.multipliers)) * known.b / math.pi)[::-1]
 
 
-@cache
 def motion(b: float, f: float, periods: float = 20.0, x: float = 0.0) -> Any:
     """Long-term motion from rest at x, and its exponents."""
-    return ballscrew.lyapunov(
-        "none",
-        OSCILLATOR,
-        stop=periods * 2 * math.pi / b,
-        plant_values={"b": b, "F": f, "x_start": x},
-    ).motion
+    values = {"b": b, "F": f, "x_start": x}
+    return exponents(OSCILLATOR, periods * 2 * math.pi / b, values).motion
 
 
 def course(values: Mapping[str, float], periods: float, rows: int) -> Any:
     """A motion with `rows` output rows per period."""
     period = 2.0 * math.pi / values["b"]
-    return ballscrew.run(
-        "none",
-        OSCILLATOR,
-        stop=periods * period,
-        step=period / rows,
-        coupling=ballscrew.Coupling("monolithic"),
-        plant_values=values,
-    ).run
+    return run_of(OSCILLATOR, periods * period, period / rows, values)
 
 
 def stops(b: float, f: float) -> int:
@@ -157,21 +142,18 @@ def stops(b: float, f: float) -> int:
     return int(np.sum(stuck[1:] & ~stuck[:-1]))
 
 
-@cache
 def first_stop(b: float) -> float:
     """Smallest friction at which the mass stops, by bisection.
 
     After a stop, the motion does not depend on the state before: an exponent is minus infinity.
     """
-    low, high = BORDERS[b]
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        stands = np.isneginf(motion(b, middle, 10.0).limit).any()
-        low, high = (low, middle) if stands else (middle, high)
-    return 0.5 * (low + high)
+
+    def goes_on(f: float) -> bool:
+        return not np.isneginf(motion(b, f, 10.0).limit).any()
+
+    return 0.5 * sum(halved(goes_on, *BORDERS[b], 1.001 * WIDTH))
 
 
-@cache
 def growth(f: float) -> float:
     """Growth of the amplitude per period at resonance, over the amplitude of a slow force."""
     outputs = course({"b": 1.0, "F": f}, 400, 4).outputs
@@ -180,93 +162,45 @@ def growth(f: float) -> float:
 
 
 def findings() -> list[Finding]:
-    turns, stiff = turning(*SLOW), turning(*STIFF)
-    ours, both = motion(*SLOW), motion(*STIFF)
+    rows = []
+    for b, f in SWINGS:
+        swing, closed = motion(b, f).amplitude["plant_x"], turning(b, f).swing
+        rows.append(
+            Finding(f"swing at b = {b:g}, F = {f:g} P", swing, "m", CLOSED_FORM, closed, 1e-6)
+        )
+    total, both = float(motion(*SLOW).limit.sum()), motion(*STIFF).limit
+    known = f"{CLOSED_FORM}: log of the ratio of its accelerations about a turn, twice in a period"
+    where = f"b = {SLOW[0]:g}, F = {SLOW[1]:g} P [nats/s]"
+    theirs = float(rates(turning(*SLOW)).sum())
+    rows.append(Finding(f"sum of both exponents at {where}", total, "1/s", known, theirs, 1e-6))
+    known = f"{CLOSED_FORM}: eigenvalue of its slide and its turn"
+    for which, ours, closed in zip(("first", "second"), both, rates(turning(*STIFF)), strict=True):
+        what = f"{which} exponent at b = {STIFF[0]:g}, F = {STIFF[1]:g} P [nats/s]"
+        rows.append(Finding(what, float(ours), "1/s", known, float(closed), 1e-6))
+    beside = float(motion(0.5, SIDE[0], 20.0, response(0.5) + SIDE[1]).limit[0])
+    known = (
+        "a slide takes the time of a free swing, so the turns are V + d and d - V for every "
+        f"small d; here {SIDE[1]:g} P/k"
+    )
+    what = f"first exponent at b = 1/2, F = {SIDE[0]:g} P, beside the symmetric motion [nats/s]"
+    rows.append(Finding(what, beside, "1/s", known, 0.0, 1e-9))
+    for b, place in ((0.45, "on the way"), (0.8, "at the turn"), (1.4, "at the turn")):
+        known = f"{CLOSED_FORM}, where it ends {place}; ours by bisection"
+        what = f"F from which on it stops, over P, at b = {b:g}"
+        rows.append(Finding(what, first_stop(b), "1", known, border(b), WIDTH))
     low, high = 0.6, 0.7
     balance = low + (high - low) * growth(low) / (growth(low) - growth(high))
-    width = 0.2 / 2**HALVINGS
-    return [
-        *(
-            Finding(
-                f"swing at b = {b:g}, F = {f:g} P",
-                motion(b, f).amplitude["plant_x"],
-                "m",
-                CLOSED_FORM,
-                turning(b, f).swing,
-                1e-6,
-            )
-            for b, f in SWINGS
-        ),
-        Finding(
-            f"sum of both exponents at b = {SLOW[0]:g}, F = {SLOW[1]:g} P [nats/s]",
-            float(ours.limit.sum()),
-            "1/s",
-            f"{CLOSED_FORM}: log of the ratio of its accelerations about a turn, twice in a period",
-            float(rates(turns).sum()),
-            1e-6,
-        ),
-        *(
-            Finding(
-                f"{which} exponent at b = {STIFF[0]:g}, F = {STIFF[1]:g} P [nats/s]",
-                float(both.limit[k]),
-                "1/s",
-                f"{CLOSED_FORM}: eigenvalue of its slide and its turn",
-                float(rates(stiff)[k]),
-                1e-6,
-            )
-            for k, which in enumerate(("first", "second"))
-        ),
-        Finding(
-            f"first exponent at b = 1/2, F = {SIDE[0]:g} P, beside the symmetric motion [nats/s]",
-            float(motion(0.5, SIDE[0], 20.0, response(0.5) + SIDE[1]).limit[0]),
-            "1/s",
-            "a slide takes the time of a free swing, so the turns are V + d and d - V for every "
-            f"small d; here {SIDE[1]:g} P/k",
-            0.0,
-            1e-9,
-        ),
-        *(
-            Finding(
-                f"F from which on it stops, over P, at b = {b:g}",
-                first_stop(b),
-                "1",
-                f"{CLOSED_FORM}, where it ends {where}; ours by bisection",
-                border(b),
-                width,
-            )
-            for b, where in ((0.45, "on the way"), (0.8, "at the turn"), (1.4, "at the turn"))
-        ),
-        Finding(
-            "F at which the swing no longer grows at resonance, over P",
-            balance,
-            "1",
-            "pi/4: in half a period the force gives pi P x0 / 2 and friction takes 2 F x0; ours is "
-            "extrapolated from runs at 0.6 and 0.7",
-            math.pi / 4.0,
-            1e-4,
-        ),
-        *(
-            Finding(
-                f"stops in a period at b = {b:g}, F = {f:g} P",
-                stops(b, f),
-                "1",
-                "slide by slide in closed form, the tests count the same",
-            )
-            for b, f in STOPPING
-        ),
-    ]
-
-
-def _map() -> tuple[Vector, Vector, npt.NDArray[np.float64]]:
-    """Frequencies, shares of friction, and amplitude if the motion is a cycle."""
-    with tempfile.TemporaryDirectory() as folder:
-        cells = ballscrew.stability_map(
-            "none", "plant.b=0.2:1.8:17", "plant.F=0.1:1:10", folder, OSCILLATOR, stop=300.0
-        ).columns()
-    cycles = [kind == "limit cycle" for kind in cells["verdict"]]
-    swing = np.where(cycles, np.array(cells["oscillation_amplitude"]), np.nan)
-    across, along = np.unique(cells["plant.b"]), np.unique(cells["plant.F"])
-    return across, along, swing.reshape(len(along), len(across))
+    known = (
+        "pi/4: in half a period the force gives pi P x0 / 2 and friction takes 2 F x0; ours is "
+        "extrapolated from runs at 0.6 and 0.7"
+    )
+    what = "F at which the swing no longer grows at resonance, over P"
+    rows.append(Finding(what, balance, "1", known, math.pi / 4.0, 1e-4))
+    known = "slide by slide in closed form, the tests count the same"
+    for b, f in STOPPING:
+        what = f"stops in a period at b = {b:g}, F = {f:g} P"
+        rows.append(Finding(what, stops(b, f), "1", known))
+    return rows
 
 
 def _swings(axes: Any) -> None:
@@ -300,34 +234,7 @@ def _exponents(axes: Any) -> None:
 
 
 def picture() -> Any:
-    with drawing(2, 2) as (figure, (swings, plane, courses, exponents)):
+    with drawing(2) as (figure, (swings, rates_)):
         _swings(swings)
-        across, along, swing = _map()
-        shade = plane.pcolormesh(
-            across, along, np.log10(swing), cmap="viridis_r", shading="nearest", vmin=-2.0
-        )
-        figure.colorbar(shade, ax=plane, label="log10 of swing / (P/k)")
-        plane.grid(visible=False)
-        grid = np.array([b for b in np.linspace(0.201, 1.84, 400) if abs(b - 1.0) > 1e-3])
-        plane.plot(grid, [border(b) for b in grid], color="black", lw=1.4)
-        plane.plot(list(BORDERS), [first_stop(b) for b in BORDERS], "o", color=COLOURS[1], ms=5)
-        for where, text, colour in (
-            ((0.42, 0.72), "with stops", "white"),
-            ((0.75, 0.98), "stays at rest", "black"),
-            ((0.96, 0.22), "grows without limit", "black"),
-        ):
-            upright = {"rotation": 90} if text.startswith("grows") else {}
-            plane.text(*where, text, fontsize=9, color=colour, **upright)
-        plane.set(xlabel="b", ylabel="F / P", title="Above the line the mass stops")
-        for (b, f), k in (((0.8, 0.5), 0), ((0.3, 0.6), 1), ((0.1, 0.5), 2)):
-            run = course({"b": b, "F": f}, 12, ROWS)
-            late = run.time >= 10 * 2 * math.pi / b
-            time = run.time[late] * b / (2 * math.pi) - 10
-            label = f"b = {b:g}, F = {f:g} P"
-            x = run.outputs["x"][late]
-            courses.plot(time, x, color=COLOURS[k], ls=DASHES[k], lw=1.3, label=label)
-        courses.set(xlabel="time [periods of the force]", ylabel="x [m]", ylim=(-2.6, 4.2))
-        courses.set_title("No stop, two and six in a period")
-        courses.legend(loc="upper right", fontsize=9)
-        _exponents(exponents)
+        _exponents(rates_)
     return figure

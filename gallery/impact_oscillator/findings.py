@@ -12,15 +12,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-import ballscrew
-
 from ..drawing import COLOURS, drawing, part
 from ..finding import Finding
+from ..finding import exponents as exponents_of
+from ..finding import motion as run_of
 
 OSCILLATOR = part(__file__, "oscillator")
 ZETA, OMEGA, GAP, R = 0.1, 2.5, 1.0, 0.5
 PERIOD = 2.0 * math.pi / OMEGA
-PERIODS = 3000  # periods of the slow sweep
 LOW, HIGH = 0.9, 2.6  # shares of the grazing force
 PERIODIC, CHAOTIC = 2.5, 1.5
 SHORT = 30  # periods within which chaos does not make round-off large
@@ -121,50 +120,24 @@ def without_impacts(share: float) -> dict[str, float]:
 
 def motion(values: Mapping[str, float], periods: float, rows: int = 1) -> Any:
     """A motion with `rows` output rows per period."""
-    return ballscrew.run(
-        "none",
-        OSCILLATOR,
-        stop=periods * PERIOD,
-        step=PERIOD / rows,
-        coupling=ballscrew.Coupling("monolithic"),
-        plant_values=values,
-    ).run
+    return run_of(OSCILLATOR, periods * PERIOD, PERIOD / rows, values)
 
 
-@cache
 def exponents(share: float, periods: float = 100.0) -> Any:
     """Exponents at a share of the grazing force."""
-    return ballscrew.lyapunov(
-        "none", OSCILLATOR, stop=periods * PERIOD, plant_values={"force": share * GRAZING}
-    )
+    return exponents_of(OSCILLATOR, periods * PERIOD, {"force": share * GRAZING})
 
 
-def ramp(low: float, high: float, periods: float) -> dict[str, float]:
-    """A force that grows slowly from one share of the grazing force to another."""
-    end = periods * PERIOD
-    return {"force": low * GRAZING, "ramp": (high - low) * GRAZING / end, "ramp_end": end}
-
-
-@cache
-def sweep() -> tuple[Vector, Vector]:
-    """Displacements once per period while the force grows, over the share of the grazing force."""
-    run = motion(without_impacts(LOW) | ramp(LOW, HIGH, PERIODS), PERIODS)
-    return np.linspace(LOW, HIGH, PERIODS + 1), run.outputs["x"]
-
-
-@cache
 def largest_exponents(low: float, high: float, points: int) -> tuple[Vector, Vector]:
-    """Largest exponents while the force grows, each over 30 periods [nats/s].
+    """Largest exponents while the force grows slowly, each over 30 periods [nats/s].
 
     They end at a chatter, after which there is no tangent.
     """
-    periods = 30 * points
-    start = without_impacts(low) if low < 1.0 else {}
-    values = start | ramp(low, high, periods)
-    found = ballscrew.lyapunov(
-        "none", OSCILLATOR, stop=periods * PERIOD, plant_values=values
-    ).spectrum
-    grid = np.linspace(0.0, periods * PERIOD, points + 1)
+    end = 30 * points * PERIOD
+    values = without_impacts(low) if low < 1.0 else {}
+    values |= {"force": low * GRAZING, "ramp": (high - low) * GRAZING / end, "ramp_end": end}
+    found = exponents_of(OSCILLATOR, end, values).spectrum
+    grid = np.linspace(0.0, end, points + 1)
     growth = np.interp(grid, found.time, found.growth[:, 0])
     known = np.isfinite(growth)
     shares = low + (high - low) * (np.arange(points) + 0.5) / points
@@ -172,11 +145,9 @@ def largest_exponents(low: float, high: float, points: int) -> tuple[Vector, Vec
 
 
 def findings() -> list[Finding]:
-    below = ballscrew.lyapunov(
-        "none", OSCILLATOR, stop=20.0 * PERIOD, plant_values=without_impacts(0.99)
-    )
-    known, periodic = single_impact(PERIODIC * GRAZING), exponents(PERIODIC)
-    end = motion({"force": PERIODIC * GRAZING}, 200)
+    below = exponents_of(OSCILLATOR, 20.0 * PERIOD, without_impacts(0.99)).motion
+    known, periodic = single_impact(PERIODIC * GRAZING), exponents(PERIODIC).motion
+    end = float(motion({"force": PERIODIC * GRAZING}, 200).outputs["x"][-1])
     rates = np.sort(np.log(np.abs(known.multipliers)))[::-1] / PERIOD
     chaos = exponents(CHAOTIC, SHORT)
     impacts = chaos.spectrum.events / 2.0  # two events per impact
@@ -184,71 +155,40 @@ def findings() -> list[Finding]:
     near = np.array([1.01, 1.02]) * doubling()
     factors = [-math.exp(exponents(share).motion.limit[0] * PERIOD) for share in near]
     (slope, offset) = np.polyfit(near, factors, 1)
+    doubles, saltation = float((-1.0 - offset) / slope), "eigenvalue of its saltation and flight"
+    first, total = float(chaos.exponents[0]), float(chaos.exponents.sum())
+    amplitude = "amplitude of the motion without impacts; the gap is 1"
+    extrapolated = (
+        f"{CLOSED_FORM}, where an eigenvalue is -1; ours is extrapolated linearly from exponents "
+        "at 1.01 and 1.02 times that force"
+    )
+    from_impacts = (
+        "chaos; the map from impact to impact, with saltation, gives the same to 1e-6, and over "
+        "2500 impacts within four standard errors"
+    )
+    counted = "-2 zeta, and 2 log(r) for each impact that was counted"
+    swing, at = below.amplitude["plant_x"], f"F = {PERIODIC:g} F_g"
+    largest = f"largest exponent over {SHORT} periods from rest, F = {CHAOTIC:g} F_g [nats/s]"
+    both = f"sum of both exponents over {SHORT} periods, F = {CHAOTIC:g} F_g [nats/s]"
+    where, start = f"x where the force is largest, {at}", known.start[0]
+    rows = [
+        Finding("swing of x at 0.99 of the grazing force", swing, "1", amplitude, 0.99, 1e-6),
+        Finding(where, end, "1", CLOSED_FORM, start, 1e-7),
+    ]
+    for which, ours, theirs in zip(("first", "second"), periodic.limit, rates, strict=True):
+        what, source = f"{which} exponent, {at} [nats/s]", f"{CLOSED_FORM}: {saltation}"
+        rows.append(Finding(what, float(ours), "1/s", source, float(theirs), 1e-6))
+    what = "force of period doubling, over F_g"
     return [
-        Finding(
-            "swing of x at 0.99 of the grazing force",
-            below.motion.amplitude["plant_x"],
-            "1",
-            "amplitude of the motion without impacts; the gap is 1",
-            0.99,
-            1e-6,
-        ),
-        Finding(
-            f"x where the force is largest, F = {PERIODIC:g} F_g",
-            float(end.outputs["x"][-1]),
-            "1",
-            CLOSED_FORM,
-            known.start[0],
-            1e-7,
-        ),
-        *(
-            Finding(
-                f"{which} exponent, F = {PERIODIC:g} F_g [nats/s]",
-                float(periodic.motion.limit[k]),
-                "1/s",
-                f"{CLOSED_FORM}: eigenvalue of its saltation and flight",
-                float(rates[k]),
-                1e-6,
-            )
-            for k, which in enumerate(("first", "second"))
-        ),
-        Finding(
-            "force of period doubling, over F_g",
-            float((-1.0 - offset) / slope),
-            "1",
-            f"{CLOSED_FORM}, where an eigenvalue is -1; ours is extrapolated linearly from "
-            "exponents at 1.01 and 1.02 times that force",
-            doubling(),
-            2e-3,
-        ),
-        Finding(
-            f"largest exponent over {SHORT} periods from rest, F = {CHAOTIC:g} F_g [nats/s]",
-            float(chaos.exponents[0]),
-            "1/s",
-            "chaos; the map from impact to impact, with saltation, gives the same to 1e-6, and "
-            "over 2500 impacts within four standard errors",
-        ),
-        Finding(
-            f"sum of both exponents over {SHORT} periods, F = {CHAOTIC:g} F_g [nats/s]",
-            float(chaos.exponents.sum()),
-            "1/s",
-            "-2 zeta, and 2 log(r) for each impact that was counted",
-            dissipation,
-            1e-9,
-        ),
+        *rows,
+        Finding(what, doubles, "1", extrapolated, doubling(), 2e-3),
+        Finding(largest, first, "1/s", from_impacts),
+        Finding(both, total, "1/s", counted, dissipation, 1e-9),
     ]
 
 
 def picture() -> Any:
-    with drawing(2, 2, height=3.4) as (figure, (course, orbits, rates, section)):
-        shares, x = sweep()
-        course.plot(shares, x, ".", ms=1.0, color=COLOURS[0])
-        known = np.linspace(1.7, HIGH, 60)
-        fixed = [single_impact(share * GRAZING).start[0] for share in known]
-        course.plot(known, fixed, color=COLOURS[1], lw=1.3, ls="--", label="closed form")
-        course.set(
-            ylabel="x where F is largest", title="Grazing, chaos, and a cascade back to order"
-        )
+    with drawing(2) as (figure, (rates, orbits)):
         for low, high, points in ((LOW, 1.3, 10), (1.32, HIGH, 40)):
             where, largest = largest_exponents(low, high, points)
             rates.plot(where, largest, "-", color=COLOURS[0], lw=0.8)
@@ -258,39 +198,23 @@ def picture() -> Any:
                 rates.plot(where[shown], largest[shown], "o", **style)
         rates.axhline(0.0, color="black", lw=0.8)
         known = np.linspace(doubling(), HIGH, 40)
-        slow = [single_impact(s * GRAZING).multipliers for s in known]
-        rates.plot(
-            known,
-            [math.log(np.abs(m).max()) / PERIOD for m in slow],
-            **{"color": COLOURS[1], "lw": 1.3, "ls": "--"},
-        )
-        rates.set(ylim=(-0.5, 0.3), xlabel="force over that of grazing")
-        rates.set(ylabel="largest exponent [nats/s]", title="Its sign tells chaos from order")
-        for axes in (course, rates):
-            axes.set_xlim(LOW, HIGH)
-            axes.axvline(1.0, color="black", lw=1.0, ls=":")
-            axes.axvline(doubling(), color="black", lw=1.0, ls=":")
+        slow = [np.abs(single_impact(s * GRAZING).multipliers).max() for s in known]
+        rates.plot(known, np.log(slow) / PERIOD, color=COLOURS[1], lw=1.3, ls="--")
         for at, text in ((1.0, "grazing"), (doubling(), "doubling")):
+            rates.axvline(at, color="black", lw=1.0, ls=":")
             rates.text(at + 0.015, 0.25, text, fontsize=9)
         rates.text(1.235, 0.02, "chatter:\nminus\ninfinity", fontsize=9, ha="center")
+        rates.set(xlim=(LOW, HIGH), ylim=(-0.5, 0.3), xlabel="force over that of grazing")
+        rates.set(ylabel="largest exponent [nats/s]", title="Its sign tells chaos from order")
         rates.legend(loc="lower right")
-        start = dict(
-            zip(("x_start", "v_start"), single_impact(PERIODIC * GRAZING).start, strict=True)
-        )
+        x, v = single_impact(PERIODIC * GRAZING).start
         wild = motion({"force": CHAOTIC * GRAZING}, 56, 100)
-        calm = motion({"force": PERIODIC * GRAZING} | start, 1, 200)
+        calm = motion({"force": PERIODIC * GRAZING, "x_start": x, "v_start": v}, 1, 200)
         for run, since, k, share in ((wild, 20, 1, CHAOTIC), (calm, 0, 0, PERIODIC)):
             late = run.time >= since * PERIOD
-            orbits.plot(
-                run.outputs["x"][late],
-                run.outputs["v"][late],
-                **{"color": COLOURS[k], "lw": 0.7 if since else 2.0, "label": f"{share:g} F_g"},
-            )
+            wide = {"color": COLOURS[k], "lw": 0.7 if since else 2.0, "label": f"{share:g} F_g"}
+            orbits.plot(run.outputs["x"][late], run.outputs["v"][late], **wide)
         orbits.axvline(GAP, color="black", lw=3.0)
         orbits.set(xlabel="x", ylabel="v [1/s]", title="The stop returns half of the speed")
         orbits.legend(loc="upper left")
-        points = motion({"force": CHAOTIC * GRAZING}, 2000).outputs
-        section.plot(points["x"][50:], points["v"][50:], ".", ms=1.5, color=COLOURS[1])
-        section.set(xlabel="x where F is largest", ylabel="v [1/s]")
-        section.set_title(f"Chaos, looked at once in a period: {CHAOTIC:g} F_g")
     return figure

@@ -1,37 +1,210 @@
-"""Stability limit of steady sliding over an inclined spring, and the motion beyond it."""
+"""Steady sliding over an inclined spring in closed form, its stability limit, and motions beyond.
+
+With time in units of L/v0, the normal force N of steady sliding, M = m v0^2/(N L), kappa = k
+cos(psi) L/N, g = cos(psi) + mu0 sin(psi) and c = 1 + alpha kappa sin(psi)/b, its linear part has
+the characteristic polynomial
+
+    M s^3 + (M + a) s^2 + (a + g kappa - b c) s + g kappa.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import brentq
 
-from ..drawing import COLOURS, DASHES, drawing
-from ..finding import Finding
-from .motions import (
-    AGEING,
-    SLIP,
-    Sliding,
-    at,
-    balanced,
-    critical,
-    cycle_of,
-    escape,
-    growth,
-    jams,
-    motion,
-    small_cycle,
-    turning_velocity,
-    verdict,
-)
+from ..drawing import COLOURS, DASHES, drawing, part
+from ..finding import Finding, exponents
+from ..finding import motion as run_of
 
+AGEING, SLIP = part(__file__, "ageing"), part(__file__, "slip")
 LAWS = {AGEING: "ageing", SLIP: "slip"}
 HURWITZ = "closed form, by Hurwitz' condition on the linear part"
 CUBIC = "root of the linear part's cubic"
 RADAU = "SciPy's Radau gives the same to"
 TILTED = {"psi": -0.5, "alpha": 0.3}
 LINKER = "Dieterich and Linker (1992), abstract: -arccot of the friction coefficient"
+SMALL = 1e-4  # amplitudes of ln(v/v0) that grow or decay as in the linear part
+POINTS, FINE = 48, 400  # outputs per turn; FINE if the largest output is the peak
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """Steady sliding, with the parameters' defaults of `components.py`."""
+
+    m: float = 1.0
+    k: float = 5000.0
+    psi: float = 0.0
+    W: float = 10.0
+    v0: float = 5e-4
+    mu0: float = 0.6
+    a: float = 0.01
+    b: float = 0.015
+    L: float = 1e-5
+    alpha: float = 0.0
+
+    @property
+    def grip(self) -> float:
+        """g: net share of the spring's force along the surface, with its effect on friction."""
+        return math.cos(self.psi) + self.mu0 * math.sin(self.psi)
+
+    @property
+    def normal(self) -> float:
+        """The normal force [N]."""
+        return self.W * math.cos(self.psi) / self.grip
+
+    @property
+    def inertia(self) -> float:
+        """Dimensionless inertia M/a."""
+        return self.m * self.v0**2 / (self.a * self.normal * self.L)
+
+    @property
+    def critical(self) -> float:
+        """Stiffness at which a pair of roots is imaginary, by Hurwitz [N/m]."""
+        heavy = 1 + self.inertia
+        gain = self.grip - self.alpha * heavy * math.sin(self.psi)
+        return self.normal * (self.b - self.a) * heavy / (self.L * math.cos(self.psi) * gain)
+
+    def roots(self) -> np.ndarray:
+        """Eigenvalues of the linear part, the fastest growing first [1/s]."""
+        kappa = self.k * math.cos(self.psi) * self.L / self.normal
+        m = self.inertia * self.a
+        bent = self.b + self.alpha * kappa * math.sin(self.psi)
+        pull = self.grip * kappa
+        roots = np.roots([m, m + self.a, self.a + pull - bent, pull])
+        return np.asarray(roots[np.lexsort((-roots.imag, -roots.real))] * self.v0 / self.L)
+
+    def start(self, swing: float) -> dict[str, float]:
+        """States on the eigenvector that grows fastest, with ln(v/v0) = `swing`."""
+        root = self.roots()[0]
+        kappa = self.k * math.cos(self.psi) * self.L / self.normal
+        c = 1 + self.alpha * kappa * math.sin(self.psi) / self.b
+        return {
+            "x_start": (-self.v0 * swing / root).real,
+            "u_start": swing,
+            "w_start": (-c * swing / (root * self.L / self.v0 + 1)).real,
+        }
+
+    @property
+    def bends(self) -> float:
+        """First Lyapunov coefficient of the ageing law's Hopf point at psi = 0, over M/a.
+
+        That of the slip law is negative. Both are per square of the amplitude of ln(v/v0).
+        """
+        x, s = self.inertia, self.b / self.a - 1
+        below = (x * x * s + (x + 1) ** 2) * (4 * x * x * s + (x + 1) ** 2)
+        return math.sqrt(s) * (1 - 6 * x - (7 + 4 * s) * x * x) / (2 * below)
+
+    @property
+    def bends_slip(self) -> float:
+        x, s = self.inertia, self.b / self.a - 1
+        below = (x * x * s + (x + 1) ** 2) * (4 * x * x * s + (x + 1) ** 2)
+        return -math.sqrt(s) * (x + 1) * (9 * x + 1) * (s + 1) / (2 * below)
+
+
+def at(share: float, **values: float) -> Sliding:
+    """Steady sliding with `share` times the critical stiffness."""
+    return Sliding(**{**values, "k": share * Sliding(**values).critical})
+
+
+def motion(law: str, sliding: Sliding, stop: float, step: float, **start: float) -> Any:
+    return run_of(law, stop, step, {**vars(sliding), **start})
+
+
+def verdict(law: str, sliding: Sliding, stop: float, swing: float = 0.01) -> Any:
+    return exponents(law, stop, {**vars(sliding), "u_start": swing}).motion
+
+
+def turns(law: str, sliding: Sliding, swing: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times of maxima and minima of the spring's force [s], and the force there [N]."""
+    turn = 2 * np.pi / abs(sliding.roots()[0].imag)
+    run = motion(law, sliding, (count + 0.5) * turn, turn / POINTS, **sliding.start(swing))
+    rate = sliding.k * math.cos(sliding.psi) * (sliding.v0 - run.outputs["v"])
+    force = CubicHermiteSpline(run.time, run.outputs["F"], rate)
+    times = force.derivative().roots(extrapolate=False)
+    times = times[times > 0.6 * turn]  # other modes have decayed
+    return times, force(times)
+
+
+def growth(law: str, sliding: Sliding, swing: float = SMALL, count: int = 6) -> float:
+    """Growth rate of amplitudes [nats/s]."""
+    times, force = turns(law, sliding, swing, count)
+    ranges = np.abs(np.diff(force))
+    return float(np.log(ranges[-1] / ranges[0]) / (times[-2] - times[0]))
+
+
+@cache
+def critical(law: str, **values: float) -> tuple[float, float]:
+    """Stiffness at which small amplitudes are constant [N/m], and their period [s]."""
+    guess = Sliding(**values).critical
+
+    def rate(k: float) -> float:
+        return growth(law, Sliding(**{**values, "k": k}))
+
+    k = float(brentq(rate, 0.9 * guess, 1.1 * guess, xtol=1e-7 * guess))
+    times, _ = turns(law, Sliding(**{**values, "k": k}), SMALL, 6)
+    return k, float(2 * np.mean(np.diff(times)))
+
+
+def escape(law: str, sliding: Sliding, swing: float = SMALL) -> float:
+    """Rate at which ln(v/v0) grows or decays without oscillation [nats/s]."""
+    stop = 1.0 / abs(sliding.roots()[0].real)
+    run = motion(law, sliding, stop, stop / 4, **sliding.start(swing))
+    return float(np.log(np.log(run.outputs["v"][-1] / sliding.v0) / swing) / stop)
+
+
+@cache
+def jams(**values: float) -> float:
+    """Angle below which sliding at a given normal force is unstable without oscillation [rad].
+
+    The weight is such that the normal force is the same as with a level spring.
+    """
+
+    def rate(psi: float) -> float:
+        level = Sliding(**values)
+        grip = math.cos(psi) + level.mu0 * math.sin(psi)
+        weight = level.W * grip / math.cos(psi)
+        return escape(AGEING, Sliding(**{**values, "psi": psi, "W": weight}))
+
+    return float(brentq(rate, -1.1, -0.97, xtol=1e-6))
+
+
+@cache
+def turning_velocity() -> float:
+    """Pulling speed above which amplitudes at the ageing law's Hopf point decay [m/s]."""
+
+    def rate(v0: float) -> float:
+        return growth(AGEING, at(1.0, v0=v0), 0.1, 12)
+
+    return float(brentq(rate, 3e-4, 5e-4, xtol=1e-8))
+
+
+def late_swing(law: str, sliding: Sliding, start: float, count: int, points: int = POINTS) -> float:
+    """Amplitude of ln(v/v0) in the second half of `count` turns from a start."""
+    turn = 2 * np.pi / abs(sliding.roots()[0].imag)
+    run = motion(law, sliding, (count + 0.5) * turn, turn / points, **sliding.start(start))
+    late = np.log(run.outputs["v"][len(run.time) // 2 :])
+    return float(np.ptp(late) / 2)
+
+
+@cache
+def balanced(sliding: Sliding, low: float, high: float) -> float:
+    """Amplitude of ln(v/v0) in a cycle of the ageing law, stable or not, between two starts."""
+    start = float(brentq(lambda s: growth(AGEING, sliding, s, 10), low, high, xtol=1e-7))
+    return late_swing(AGEING, sliding, start, 10, FINE)
+
+
+def small_cycle(law: str, sliding: Sliding) -> float:
+    """Amplitude of ln(v/v0) in the cycle just beyond the Hopf point, to leading order."""
+    grows = sliding.roots()[0].real * sliding.L / sliding.v0
+    bends = sliding.bends if law == AGEING else sliding.bends_slip
+    turns_at = math.sqrt(sliding.b / sliding.a - 1)
+    return 2 * math.sqrt(grows / (-bends * sliding.inertia * turns_at))
 
 
 def findings() -> list[Finding]:
@@ -44,36 +217,19 @@ def _of_the_threshold() -> list[Finding]:
         (AGEING, {"psi": 0.5}, "psi = 0.5"),
         (SLIP, TILTED, "psi = -0.5, alpha = 0.3"),
     )
-    stiffness = [
-        Finding(
-            f"{LAWS[law]}, {text}: oscillations decay above this stiffness",
-            critical(law, **values)[0],
-            "N/m",
-            HURWITZ,
-            Sliding(**values).critical,
-            1e-3,
-        )
-        for law, values, text in cases
-    ]
-    level = Sliding()
+    rows = []
+    for law, values, text in cases:
+        ours, theirs = critical(law, **values)[0], Sliding(**values).critical
+        what = f"{LAWS[law]}, {text}: oscillations decay above this stiffness"
+        rows.append(Finding(what, ours, "N/m", HURWITZ, theirs, 1e-3))
+    level, period = Sliding(), critical(AGEING, psi=0.5, m=0.1)[1]
+    formula = "2 pi L/(v0 sqrt(b/a - 1)) for alpha = 0, for any mass, angle and weight"
+    theirs = 2 * math.pi * level.L / (level.v0 * math.sqrt(level.b / level.a - 1))
+    below, angle = "b = 0.005 < a: below this angle the mass jams or diverges", jams(b=0.005)
     return [
-        *stiffness,
-        Finding(
-            "ageing, psi = 0.5, m = 0.1 kg: period there",
-            critical(AGEING, psi=0.5, m=0.1)[1],
-            "s",
-            "2 pi L/(v0 sqrt(b/a - 1)) for alpha = 0, for any mass, angle and weight",
-            2 * math.pi * level.L / (level.v0 * math.sqrt(level.b / level.a - 1)),
-            2e-6,
-        ),
-        Finding(
-            "b = 0.005 < a: below this angle the mass jams or diverges",
-            jams(b=0.005),
-            "rad",
-            LINKER,
-            -math.atan(1 / level.mu0),
-            1e-5,
-        ),
+        *rows,
+        Finding("ageing, psi = 0.5, m = 0.1 kg: period there", period, "s", formula, theirs, 2e-6),
+        Finding(below, angle, "rad", LINKER, -math.atan(1 / level.mu0), 1e-5),
     ]
 
 
@@ -84,28 +240,15 @@ def _of_the_linear_part() -> list[Finding]:
         root = float(sliding.roots()[0].real)
         what = f"ageing, k = 15 kN/m, psi = {psi:g}: rate at which swings grow [nats/s]"
         found.append(Finding(what, growth(AGEING, sliding), "1/s", CUBIC, root, 1e-4 * abs(root)))
-    hanging = Sliding(psi=-1.2, W=-10.0)
-    leaves = float(hanging.roots()[0].real)
-    rest = verdict(SLIP, at(1.5, **TILTED), 5.0)
-    fast = float(at(1.5, **TILTED).roots()[-1].real)
+    tilted, hanging = at(1.5, **TILTED), Sliding(psi=-1.2, W=-10.0)
+    fast, leaves = float(tilted.roots()[-1].real), float(hanging.roots()[0].real)
+    limit, rate = float(verdict(SLIP, tilted, 5.0).limit[-1]), escape(AGEING, hanging)
+    above = "slip, psi = -0.5, alpha = 0.3, 1.5 times that stiffness: fastest exponent [nats/s]"
+    away = "ageing, W = -10 N, psi = -1.2: rate at which it leaves steady sliding [nats/s]"
     return [
         *found,
-        Finding(
-            "slip, psi = -0.5, alpha = 0.3, 1.5 times that stiffness: fastest exponent [nats/s]",
-            float(rest.limit[-1]),
-            "1/s",
-            CUBIC,
-            fast,
-            1e-6 * abs(fast),
-        ),
-        Finding(
-            "ageing, W = -10 N, psi = -1.2: rate at which it leaves steady sliding [nats/s]",
-            escape(AGEING, hanging),
-            "1/s",
-            CUBIC,
-            leaves,
-            1e-3 * leaves,
-        ),
+        Finding(above, limit, "1/s", CUBIC, fast, 1e-6 * abs(fast)),
+        Finding(away, rate, "1/s", CUBIC, leaves, 1e-3 * leaves),
     ]
 
 
@@ -113,47 +256,28 @@ def _of_the_bifurcation() -> list[Finding]:
     level = Sliding()
     ratio = level.b / level.a
     heavy = (2 * math.sqrt(3 + ratio) - 3) / (3 + 4 * ratio)
-    found = [
-        Finding(
-            "ageing: above this pull the Hopf bifurcation is supercritical",
-            turning_velocity(),
-            "m/s",
-            "m v0^2/(a N L) = (2 sqrt(3 + r) - 3)/(3 + 4 r), r = b/a: first Lyapunov coefficient, "
-            "without terms in the amplitude",
-            math.sqrt(heavy * level.a * level.normal * level.L / level.m),
-            1e-6,
-        )
-    ]
-    near = at(0.99, v0=1e-3)
+    fastest = math.sqrt(heavy * level.a * level.normal * level.L / level.m)
+    source = (
+        "m v0^2/(a N L) = (2 sqrt(3 + r) - 3)/(3 + 4 r), r = b/a: first Lyapunov coefficient, "
+        "without terms in the amplitude"
+    )
+    what = "ageing: above this pull the Hopf bifurcation is supercritical"
+    found = [Finding(what, turning_velocity(), "m/s", source, fastest, 1e-6)]
+    near, source = at(0.99, v0=1e-3), "normal form of the Hopf bifurcation, to leading order"
     for law, name in LAWS.items():
-        swing = small_cycle(law, near)
-        found.append(
-            Finding(
-                f"{name}, v0 = 1 mm/s, 0.99 times the critical stiffness: swing of ln(v/v0)",
-                verdict(law, near, 6.0).amplitude["plant_u"],
-                "1",
-                "normal form of the Hopf bifurcation, to leading order",
-                swing,
-                0.01 * swing,
-            )
-        )
+        swing, ours = small_cycle(law, near), verdict(law, near, 6.0).amplitude["plant_u"]
+        what = f"{name}, v0 = 1 mm/s, 0.99 times the critical stiffness: swing of ln(v/v0)"
+        found.append(Finding(what, ours, "1", source, swing, 0.01 * swing))
     both = at(1.003, v0=2e-4)
-    what = "ageing, v0 = 0.2 mm/s, 1.003 times the critical stiffness"
-    below, above = "SciPy's Radau {} from a start 4 % below", "{} from one 4 % above"
+    stable, unstable = balanced(both, 1.2, 2.0), balanced(both, 0.4, 1.0)
+    what = "ageing, v0 = 0.2 mm/s, 1.003 times the critical stiffness: swing of the"
+    start, from_ = "SciPy's Radau {} from a start 4 % below", "{} from one 4 % above"
+    inside = f"{start.format('grows')} and {from_.format('fades')}"
+    outside = f"{start.format('fades')} and {from_.format('grows')}"
     return [
         *found,
-        Finding(
-            f"{what}: swing of the cycle",
-            balanced(both, 1.2, 2.0),
-            "1",
-            f"{below.format('grows')} and {above.format('fades')}",
-        ),
-        Finding(
-            f"{what}: swing of the unstable cycle",
-            balanced(both, 0.4, 1.0),
-            "1",
-            f"{below.format('fades')} and {above.format('grows')}",
-        ),
+        Finding(f"{what} cycle", stable, "1", inside),
+        Finding(f"{what} unstable cycle", unstable, "1", outside),
     ]
 
 
@@ -172,10 +296,8 @@ def _of_cycles() -> list[Finding]:
 
 
 def picture() -> Any:
-    with drawing(2, 2) as (figure, (angles, swings, plane, course)):
+    with drawing(2) as (figure, (angles, course)):
         _draw_angles(angles)
-        _draw_swings(swings)
-        _draw_plane(plane)
         _draw_course(course)
     return figure
 
@@ -195,37 +317,6 @@ def _draw_angles(axes: Any) -> None:
     axes.set_xticks((-0.5, 0.0, 0.5, 1.0))
     axes.set_title("A spring that lifts helps")
     axes.legend(fontsize=9)
-
-
-def _draw_swings(axes: Any) -> None:
-    cases = (
-        (AGEING, 2e-4, (0.3, 0.7, 1.1, 1.4, 1.7, 2.0)),
-        (AGEING, 1e-3, (0.15, 0.3, 0.45)),
-        (SLIP, 2e-4, (0.3, 0.6, 0.9, 1.2)),
-    )
-    for n, (law, v0, starts) in enumerate(cases):
-        share, swing = np.array([cycle_of(law, start, v0) for start in starts]).T
-        label = f"{LAWS[law]}, {1e3 * v0:g} mm/s"
-        style = {"color": COLOURS[n], "ls": DASHES[n], "ms": 4}
-        axes.plot([1.0, *share], [0.0, *swing], marker="o", label=label, **style)
-    axes.axvline(1.0, color="#777777", lw=1.0, ls=":")
-    axes.set(xlabel="stiffness / critical stiffness", ylabel="swing of ln(v/v0)")
-    axes.set(xlim=(0.95, 1.008), ylim=(0.0, 3.2), title="Slow and ageing: two answers above 1")
-    axes.legend(fontsize=9)
-
-
-def _draw_plane(axes: Any) -> None:
-    for n, (share, begin) in enumerate(((0.8, 4.0), (1.1, 0.0))):
-        run = motion(AGEING, at(share), begin + 1.0, 5e-4, u_start=1.0)
-        late = run.time >= begin
-        speed, force = 1e3 * run.outputs["v"][late], run.outputs["F"][late]
-        style = {"color": COLOURS[n], "ls": DASHES[n], "lw": 1.4}
-        axes.semilogx(speed, force, label=f"k = {share:g} times critical", **style)
-    axes.axvline(0.5, color="#777777", lw=1.0, ls=":")
-    axes.text(0.53, 6.22, "the pull", color="#555555", fontsize=9)
-    axes.set(xlabel="velocity [mm/s]", ylabel="force of the spring [N]", ylim=(5.7, 6.45))
-    axes.set_title("A swing fades, or becomes stick-slip")
-    axes.legend(fontsize=9, loc="upper left")
 
 
 def _draw_course(axes: Any) -> None:

@@ -11,7 +11,6 @@ So a slip from rest and the state after it are known in closed form: `slip`.
 from __future__ import annotations
 
 import math
-import tempfile
 from functools import cache
 from typing import Any
 
@@ -19,10 +18,8 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-import ballscrew
-
 from ..drawing import COLOURS, DASHES, drawing, part
-from ..finding import Finding
+from ..finding import Finding, exponents, halved, motion
 
 MASS, PID = part(__file__, "mass"), part(__file__, "pid_law")
 STEP = 1.0  # of the set-point [m]
@@ -34,25 +31,9 @@ AIRY = 1.9863527  # smallest s > 0 with sqrt(3) Ai(-s) + Bi(-s) = 0
 SLIP = "slip by slip in closed form"
 
 
-@cache
-def motion(stop: float, step: float, static: float, soft: bool = False, kd: float = KD) -> Any:
+def step(static: float, stop: float, rows: float) -> Any:
     """The motion after a step of the set-point by a metre; `static` is Fs."""
-    return ballscrew.run(
-        PID,
-        MASS,
-        reference=STEP,
-        stop=stop,
-        step=step,
-        coupling=ballscrew.Coupling("monolithic"),
-        plant_values={"Fs": static, **(SOFT if soft else {})},
-        controller_values={"Kd": kd},
-    ).run
-
-
-@cache
-def exponents() -> Any:
-    """Exponents of the example, with Fs = 1.5 Fc."""
-    return ballscrew.lyapunov(PID, MASS, stop=200.0, reference=STEP)
+    return motion(MASS, stop, rows, {"Fs": static}, PID, STEP)
 
 
 def slip(error: float, beyond: float) -> tuple[float, float, float]:
@@ -126,20 +107,14 @@ def sticks(run: Any) -> tuple[np.ndarray, np.ndarray]:
     return run.time[ends], STEP - run.outputs["x"][ends]
 
 
-def hunts(kd: float) -> bool:
-    """Whether it still oscillates after a long time, with Fs = 1.5 Fc and the larger Vs."""
-    x = motion(2000.0, 2.0, 1.5, True, kd).outputs["x"]
-    return bool(np.ptp(x[len(x) // 2 :]) > 0.02)
-
-
-@cache
 def border() -> float:
-    """The velocity gain at which hunting ends, with Fs = 1.5 Fc [N*s/m]."""
-    low, high = 6.0, 9.0
-    for _ in range(12):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if hunts(middle) else (low, middle)
-    return 0.5 * (low + high)
+    """The velocity gain at which hunting ends, with Fs = 1.5 Fc and the larger Vs [N*s/m]."""
+
+    def hunts(kd: float) -> bool:
+        run = motion(MASS, 2000.0, 2.0, {"Fs": 1.5, **SOFT}, PID, STEP, {"Kd": kd})
+        return bool(np.ptp(run.outputs["x"][len(run.time) // 2 :]) > 0.02)
+
+    return 0.5 * sum(halved(hunts, 6.0, 9.0, 3.0 / 2**12))
 
 
 def steepest(fall: float) -> float:
@@ -148,90 +123,48 @@ def steepest(fall: float) -> float:
 
 
 def findings() -> list[Finding]:
-    times, errors = sticks(motion(4000.0, 0.5, 1.0))
-    found = exponents().motion
-    fall = 0.5
-    error, period, second = cycle(fall)
+    times, errors = sticks(step(1.0, 4000.0, 0.5))
+    found = exponents(MASS, 200.0, None, PID, STEP).motion
+    error, period, second = cycle(0.5)
     gap = VS / 0.1  # over the speed of a slip
+    shrinks, late = float(errors[-1] / errors[-2]), float(abs(errors[-1]) * times[-1])
+    first = f"{SLIP}: a slip that begins at Fc is proportional to its error"
+    rule = (
+        "2 Fc / (Ki (1 - q)) with the ratio -q above; the time of slips, a share of 1/time, "
+        "is neglected"
+    )
+    falls = f"{SLIP}, with the time in which friction falls; terms in Vs are neglected"
+    slope = f"{SLIP}: the slope of the error after a slip by the error before"
+    scipy = (
+        "SciPy hunts 2 % below it and not 2 % above; the steepest fall of friction is "
+        f"{steepest(0.5):.3g} N*s/m"
+    )
+    equal, more = "Fs = Fc: error", "Fs = 1.5 Fc"
+    held, hunting = f"{more}: error while it sticks, in the cycle", f"{more}: period of hunting"
+    decays, ends = f"{more}: second exponent of the cycle [nats/s]", "Kd at which hunting ends"
+    size, takes = found.amplitude["plant_x"], found.period or 0.0
+    rate, theirs = float(found.limit[1]), 2 * FC / (KI * (1 + ratio()))
     return [
         Finding(
-            "Fs = Fc: error of a stick over that of the stick before",
-            float(errors[-1] / errors[-2]),
-            "1",
-            f"{SLIP}: a slip that begins at Fc is proportional to its error",
-            ratio(),
-            1e-5,
+            f"{equal} of a stick over that of the stick before", shrinks, "1", first, ratio(), 1e-5
         ),
-        Finding(
-            "Fs = Fc: error times time, at the end of a stick",
-            float(abs(errors[-1]) * times[-1]),
-            "m*s",
-            "2 Fc / (Ki (1 - q)) with the ratio -q above; the time of slips, a share of 1/time, "
-            "is neglected",
-            2 * FC / (KI * (1 + ratio())),
-            0.02,
-        ),
-        Finding(
-            "Fs = 1.5 Fc: error while it sticks, in the cycle",
-            found.amplitude["plant_x"],
-            "m",
-            f"{SLIP}, with the time in which friction falls; terms in Vs are neglected",
-            error,
-            gap * error,
-        ),
-        Finding(
-            "Fs = 1.5 Fc: period of hunting",
-            found.period or 0.0,
-            "s",
-            f"{SLIP}, the same",
-            period,
-            gap * period,
-        ),
-        Finding(
-            "Fs = 1.5 Fc: second exponent of the cycle [nats/s]",
-            float(found.limit[1]),
-            "1/s",
-            f"{SLIP}: the slope of the error after a slip by the error before",
-            second,
-            gap * abs(second),
-        ),
-        Finding(
-            "Fs = 1.5 Fc, Vs = 0.05 m/s: Kd at which hunting ends",
-            border(),
-            "N*s/m",
-            "SciPy hunts 2 % below it and not 2 % above; the steepest fall of friction is "
-            f"{steepest(fall):.3g} N*s/m",
-        ),
+        Finding(f"{equal} times time, at the end of a stick", late, "m*s", rule, theirs, 0.02),
+        Finding(held, size, "m", falls, error, gap * error),
+        Finding(hunting, takes, "s", f"{SLIP}, the same", period, gap * period),
+        Finding(decays, rate, "1/s", slope, second, gap * abs(second)),
+        Finding(f"{more}, Vs = 0.05 m/s: {ends}", border(), "N*s/m", scipy),
     ]
 
 
-def _map(x: str, y: str, values: dict[str, float]) -> tuple[Any, Any, Any]:
-    """Values along x and y, and the amplitude of hunting [mm]."""
-    with tempfile.TemporaryDirectory() as folder:
-        cells = ballscrew.stability_map(
-            PID, x, y, folder, MASS, stop=300.0, reference=STEP, plant_values=values
-        ).columns()
-    hunting = [kind == "limit cycle" for kind in cells["verdict"]]
-    swing = np.where(hunting, np.array(cells["oscillation_amplitude"]) * 1e3, np.nan)
-    across, along = (np.unique(cells[axis.partition("=")[0]]) for axis in (x, y))
-    return across, along, swing.reshape(len(along), len(across))
-
-
-def _shade(axes: Any, cells: tuple[Any, Any, Any]) -> None:
-    shade = axes.pcolormesh(*cells, cmap="viridis_r", vmin=0.0, shading="nearest")
-    axes.figure.colorbar(shade, ax=axes, label="swing of the cycle [mm]")
-    axes.grid(visible=False)
-
-
 def picture() -> Any:
-    with drawing(2, 2) as (figure, (plane, decay, gains, starts)):
+    with drawing(2) as (figure, (plane, decay)):
         for static, colour, dash in ((1.5, COLOURS[1], "-"), (1.0, COLOURS[0], DASHES[1])):
             style = {"color": colour, "ls": dash, "label": f"Fs = {static:g} Fc"}
-            fine = motion(100.0, 0.04, static)
+            fine = step(static, 100.0, 0.04)
             error = STEP - fine.outputs["x"]
             integral = (fine.commands["u"] - KP * error + KD * fine.outputs["v"]) / KI
             plane.plot(integral, 1e3 * error, lw=1.4, **style)
-            times, errors = sticks(motion(4000.0, 0.5, static))
+            times, errors = sticks(step(static, 4000.0, 0.5))
             decay.loglog(times, 1e3 * np.abs(errors), marker="o", ms=4, **style)
         times = np.array([20.0, 4000.0])
         slope = 1e3 * 2 * FC / (KI * (1 + ratio())) / times
@@ -242,15 +175,4 @@ def picture() -> Any:
         decay.set_title("Fs = Fc: the error falls as 1/time")
         for axes in (plane, decay):
             axes.legend(fontsize=9)
-
-        _shade(gains, _map("plant.Fs=1:2.5:9", "Kd=2:14:7", SOFT))
-        ratios = np.array([1.0, 1.75])
-        gains.plot(ratios, [steepest(FC * (r - 1)) for r in ratios], color="#000000", ls="--", lw=1)
-        gains.text(
-            1.02, 11.0, "left of the line\nfriction falls by\nless than Kd rises", fontsize=9
-        )
-        gains.set(xlabel="Fs / Fc", ylabel="Kd [N s/m]", title="A larger Kd ends hunting ...")
-        _shade(starts, _map("setpoint=0.002:0.05:9", "Kd=2:8:7", SOFT | {"Fs": 1.5}))
-        starts.text(0.004, 7.4, "no cycle", fontsize=9)
-        starts.set(xlabel="step [m]", ylabel="Kd [N s/m]", title="... and so does a smaller step")
     return figure

@@ -14,17 +14,14 @@ What happens at a stop depends on the compensation at rest: `holds`.
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
 
-import ballscrew
-
 from ..drawing import COLOURS, DASHES, drawing, part
-from ..finding import Finding
+from ..finding import Finding, cells, exponents, halved
+from ..finding import motion as run_of
 
 SERVO = part(__file__, "servo")
 BY_VELOCITY, BY_ERROR = part(__file__, "by_velocity"), part(__file__, "by_error")
@@ -32,7 +29,7 @@ J, K, TC, B, KD = 0.01, 1.0, 0.1, 0.1, 0.02  # the amplifier's gain times KT is 
 START = 0.3  # [rad]
 NATURAL = math.sqrt(K / J)  # [rad/s]
 OVER, FAR_OVER, UNDER = 0.12, 0.2, 0.05  # Tc_hat [N*m]
-DAMPED = (0.02, 0.06, 0.12)  # D at which cycles are computed [N*m*s/rad]
+DAMPED = 0.06  # D at which the cycle is computed [N*m*s/rad]
 HEAVY = 0.24  # D of a servo that does not oscillate
 EXACT = "from stop to stop in closed form"
 DESCRIBING = "describing function of the sign, with its third harmonic as tolerance"
@@ -100,7 +97,6 @@ def _gains(model: float, damping: float) -> dict[str, float]:
     return {"Tc_hat": model, "Kd": max(damping, KD), "b_hat": B + KD - min(damping, KD)}
 
 
-@cache
 def motion(
     law: str,
     model: float,
@@ -110,24 +106,12 @@ def motion(
     start: float = START,
 ) -> Any:
     """The motion to zero from a start at rest [rad]; `model` is Tc_hat [N*m]."""
-    return ballscrew.run(
-        law,
-        SERVO,
-        reference=0.0,
-        stop=stop,
-        step=step,
-        coupling=ballscrew.Coupling("monolithic"),
-        plant_values={"x_start": start},
-        controller_values=_gains(model, damping),
-    ).run
+    return run_of(SERVO, stop, step, {"x_start": start}, law, 0.0, _gains(model, damping))
 
 
-@cache
 def cycle(law: str, model: float, damping: float) -> Any:
     """Long-term motion of the servo."""
-    return ballscrew.lyapunov(
-        law, SERVO, stop=40.0, reference=0.0, controller_values=_gains(model, damping)
-    ).motion
+    return exponents(SERVO, 40.0, None, law, 0.0, _gains(model, damping)).motion
 
 
 def rests(run: Any) -> bool:
@@ -136,48 +120,33 @@ def rests(run: Any) -> bool:
 
 def _border(rested: Callable[[float], bool], low: float, high: float) -> float:
     """Value at which `rested` changes from true to false."""
-    while high - low > 1e-7:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if rested(middle) else (low, middle)
-    return 0.5 * (low + high)
+    return 0.5 * sum(halved(rested, low, high, 1e-7))
 
 
-@cache
 def swings_from(damping: float) -> float:
     """Smallest over-compensation with oscillation [N*m], if nothing is compensated at rest."""
     return _border(lambda m: rests(motion(BY_VELOCITY, TC + m, damping)), 0.0, TC)
 
 
-@cache
 def radius(damping: float) -> float:
     """Smallest start without a final rest, with D below 0 and too little compensation [rad]."""
     return _border(lambda x: rests(motion(BY_VELOCITY, UNDER, damping, start=x)), TC / K, 1.0)
 
 
-@cache
 def moves_from(law: str) -> float:
     """Smallest start at rest from which it moves, with too little compensation [rad]."""
-    return _border(
-        lambda x: motion(law, UNDER, KD, 0.2, 0.1, x).outputs["x"][-1] == x, 0.0, 1.5 * TC / K
-    )
+
+    def stays(start: float) -> bool:
+        return bool(motion(law, UNDER, KD, 0.2, 0.1, start).outputs["x"][-1] == start)
+
+    return _border(stays, 0.0, 1.5 * TC / K)
 
 
-@cache
-def cells(law: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def mapped(law: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Tc - Tc_hat, D, result of each cell, and amplitude of the cycle [rad]."""
-    across, along = GRID
-    with tempfile.TemporaryDirectory() as folder:
-        found = ballscrew.stability_map(
-            law,
-            f"Tc_hat=0.004:0.196:{across}",
-            f"b_hat=0.004:0.196:{along}",
-            folder,
-            SERVO,
-            stop=20.0,
-            reference=0.0,
-        ).columns()
-    mismatch = TC - np.array(found["Tc_hat"])
-    damping = KD + B - np.array(found["b_hat"])
+    x, y = (f"{n}=0.004:0.196:{k}" for n, k in zip(("Tc_hat", "b_hat"), GRID, strict=True))
+    found = cells(SERVO, x, y, 20.0, law, 0.0)
+    mismatch, damping = TC - np.array(found["Tc_hat"]), KD + B - np.array(found["b_hat"])
     kinds = np.array([OUTCOMES.get(kind, -1) for kind in found["verdict"]])
     swings = np.array([size or np.nan for size in found["oscillation_amplitude"]])
     return mismatch, damping, kinds, np.where(kinds == 1, swings, np.nan)
@@ -185,176 +154,87 @@ def cells(law: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 def differing(law: str) -> int:
     """Number of cells of the map that differ from `outcome`."""
-    mismatch, damping, kinds, _ = cells(law)
+    mismatch, damping, kinds, _ = mapped(law)
     theory = [outcome(law, *cell) for cell in zip(mismatch, damping, strict=True)]
     return int(np.sum(kinds != theory))
 
 
 def findings() -> list[Finding]:
-    rows = []
-    for damping in DAMPED:
-        ours, mismatch = cycle(BY_VELOCITY, FAR_OVER, damping), TC - FAR_OVER
-        where = f"z = {ratio(damping):g}"
-        size, exact = ours.amplitude["plant_x"], swing(mismatch, damping)
-        first, natural = sine(mismatch, damping), 2.0 * math.pi / NATURAL
-        remark = "" if damping == DAMPED[0] else "its error grows as z^2, its third harmonic as z"
-        rows += [
-            Finding(f"swing of the cycle, {where}", size, "rad", EXACT, exact, 1e-5 * exact),
-            Finding(
-                f"the same, {where}",
-                size,
-                "rad",
-                DESCRIBING,
-                first,
-                third(damping) * first,
-                remark,
-            ),
-            Finding(
-                f"period of the cycle, {where}",
-                ours.period or 0.0,
-                "s",
-                EXACT,
-                period(damping),
-                1e-6,
-            ),
-            Finding(
-                f"the same, {where}",
-                ours.period or 0.0,
-                "s",
-                DESCRIBING,
-                natural,
-                third(damping) * natural,
-                remark,
-            ),
-        ]
-    middle, negative, count = DAMPED[1], -KD, GRID[0] * GRID[1]
+    ours, mismatch = cycle(BY_VELOCITY, FAR_OVER, DAMPED), TC - FAR_OVER
+    z, size, wait = f"z = {ratio(DAMPED):g}", ours.amplitude["plant_x"], ours.period or 0.0
+    exact, first = swing(mismatch, DAMPED), sine(mismatch, DAMPED)
+    share, digit = third(DAMPED), 1e-5 * exact
+    left_out = "its error grows as z^2, its third harmonic as z"
+    decays, rate = "-D/(2 J), the logarithm of q over half a period", float(ours.limit[1])
+    least_over, count = swings_from(KD), GRID[0] * GRID[1]
+    larger = f"{EXACT}: the amplitude is larger than the band of rest"
+    sticks = "at rest nothing is compensated, and the servo sticks"
+    end = float(motion(BY_VELOCITY, OVER, HEAVY, 5.0).outputs["x"][-1])
+    beyond = "(Tc - Tc_hat) / k, beyond the goal; there are no stops"
+    over, moves = "over-compensation from which it swings", "error from which it moves"
+    ends = f"where it ends, Tc_hat = {OVER:g} N*m, z = {ratio(HEAVY):g}"
+    grows = f"unstable cycle, z = {ratio(-KD):g}: start from which it diverges"
+    held, free = moves_from(BY_VELOCITY), moves_from(BY_ERROR)
+    mapped_ = f"cells of the map of {count} that differ from theory, nothing compensated at rest"
     return [
-        *rows,
+        Finding(f"swing of the cycle, {z}", size, "rad", EXACT, exact, digit),
+        Finding(f"the same, {z}", size, "rad", DESCRIBING, first, share * first, left_out),
+        Finding(f"period of the cycle, {z}", wait, "s", EXACT, period(DAMPED), 1e-6),
         Finding(
-            f"second exponent of the cycle [nats/s], z = {ratio(middle):g}",
-            float(cycle(BY_VELOCITY, FAR_OVER, middle).limit[1]),
+            f"second exponent of the cycle [nats/s], {z}",
+            rate,
             "1/s",
-            "-D/(2 J), the logarithm of q over half a period",
-            -middle / (2 * J),
+            decays,
+            -DAMPED / (2 * J),
             1e-4,
         ),
-        Finding(
-            f"over-compensation from which it swings, z = {ratio(KD):g}",
-            swings_from(KD),
-            "N*m",
-            f"{EXACT}: the amplitude is larger than the band of rest",
-            least(KD),
-            1e-6,
-        ),
+        Finding(f"{over}, z = {ratio(KD):g}", least_over, "N*m", larger, least(KD), 1e-6),
         Finding(
             "the same, by the describing function",
-            swings_from(KD),
+            least_over,
             "N*m",
             "any D > 0 with any Tc < Tc_hat",
             0.0,
             1e-6,
-            "at rest nothing is compensated, and the servo sticks",
+            sticks,
         ),
+        Finding(ends, end, "rad", beyond, TC - OVER, 1e-7),
+        Finding(grows, radius(-KD), "rad", EXACT, swing(TC - UNDER, -KD), 2e-6),
+        Finding(f"{moves}, nothing compensated at rest", held, "rad", "Tc / k", TC / K, 1e-6),
         Finding(
-            f"where it ends, Tc_hat = {OVER:g} N*m, z = {ratio(HEAVY):g}",
-            float(motion(BY_VELOCITY, OVER, HEAVY, 5.0).outputs["x"][-1]),
-            "rad",
-            "(Tc - Tc_hat) / k, beyond the goal; there are no stops",
-            TC - OVER,
-            1e-7,
-        ),
-        Finding(
-            f"unstable cycle, z = {ratio(negative):g}: start from which it diverges",
-            radius(negative),
-            "rad",
-            EXACT,
-            swing(TC - UNDER, negative),
-            2e-6,
-        ),
-        Finding(
-            "error from which it moves, nothing compensated at rest",
-            moves_from(BY_VELOCITY),
-            "rad",
-            "Tc / k",
-            TC / K,
-            1e-6,
-        ),
-        Finding(
-            "error from which it moves, compensated at rest",
-            moves_from(BY_ERROR),
+            f"{moves}, compensated at rest",
+            free,
             "rad",
             "(Tc - Tc_hat) / k",
             (TC - UNDER) / K,
             1e-6,
         ),
-        *(
-            Finding(
-                f"cells of the map of {count} that differ from theory, {what} at rest",
-                float(differing(law)),
-                "1",
-                EXACT,
-                0.0,
-                0.5,
-            )
-            for law, what in ((BY_VELOCITY, "nothing compensated"), (BY_ERROR, "compensated"))
-        ),
+        Finding(mapped_, float(differing(BY_VELOCITY)), "1", EXACT, 0.0, 0.5),
     ]
 
 
 def _plane(axes: Any) -> None:
     """Draw motions from two starts next to the cycle, and one start within the band of rest."""
     for k, (start, label) in enumerate(((0.45, "from outside"), (0.115, "from inside"))):
-        run = motion(BY_VELOCITY, FAR_OVER, DAMPED[1], 1.2, 1e-3, start)
+        run = motion(BY_VELOCITY, FAR_OVER, DAMPED, 1.2, 1e-3, start)
         style = {"color": COLOURS[k], "ls": DASHES[k], "lw": 1.4, "label": label}
         axes.plot(run.outputs["x"], run.outputs["v"], **style)
-    size = swing(TC - FAR_OVER, DAMPED[1])
-    first = sine(TC - FAR_OVER, DAMPED[1])
-    angle = np.linspace(0.0, 2.0 * np.pi, 200)
-    axes.plot(
-        first * np.cos(angle),
-        first * NATURAL * np.sin(angle),
-        **{"color": "#000000", "ls": ":", "lw": 1.2, "label": "describing function"},
-    )
+    first, angle = sine(TC - FAR_OVER, DAMPED), np.linspace(0.0, 2.0 * np.pi, 200)
+    style = {"color": "#000000", "ls": ":", "lw": 1.2, "label": "describing function"}
+    axes.plot(first * np.cos(angle), first * NATURAL * np.sin(angle), **style)
     axes.plot([-TC / K, TC / K], [0.0, 0.0], color="#777777", lw=5, solid_capstyle="butt")
     axes.text(0.0, 0.18, "stays at rest", ha="center", fontsize=9)
     axes.set(xlabel="angle [rad]", ylabel="velocity [rad/s]", xlim=(-0.5, 0.5), ylim=(-4.2, 6.4))
-    axes.set_title(f"Over-compensated: cycle of {size:.3g} rad")
+    axes.set_title(f"Over-compensated: cycle of {swing(TC - FAR_OVER, DAMPED):.3g} rad")
     axes.legend(fontsize=9, loc="upper right")
 
 
-def _sizes(axes: Any) -> None:
-    """Draw the amplitude over the damping ratio, by all three methods."""
-    ratios = np.linspace(0.02, 0.98, 200)
-    unit = (FAR_OVER - TC) / K
-    dampings = 2.0 * math.sqrt(K * J) * ratios
-    axes.semilogy(ratios, [swing(-K, d) for d in dampings], color=COLOURS[0], label="closed form")
-    further = np.linspace(0.02, 1.3, 260)
-    axes.semilogy(
-        further,
-        [sine(-K, 2.0 * math.sqrt(K * J) * z) for z in further],
-        **{"color": COLOURS[1], "ls": "--", "label": "describing function"},
-    )
-    for z in (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
-        found = cycle(BY_ERROR, FAR_OVER, 2.0 * math.sqrt(K * J) * z)
-        axes.plot(z, found.amplitude["plant_x"] / unit, "o", color="#000000", ms=4)
-    axes.plot([], [], "o", color="#000000", ms=4, label="motion")
-    axes.axvspan(1.0, 1.3, color="#dddddd", zorder=0)
-    axes.text(1.15, 6.0, "no cycle", ha="center", fontsize=9)
-    axes.set(xlabel="damping ratio z", ylabel="swing over (Tc_hat - Tc) / k", xlim=(0.0, 1.3))
-    axes.set_title("The describing function is for light damping")
-    axes.legend(fontsize=9, loc="upper center", bbox_to_anchor=(0.45, 1.0))
-
-
-def _map(axes: Any, law: str, title: str) -> None:
-    across, along = GRID
-    mismatch, damping, kinds, swings = (c.reshape(along, across) for c in cells(law))
+def _map(axes: Any) -> None:
+    shape = GRID[::-1]
+    mismatch, damping, kinds, swings = (c.reshape(shape) for c in mapped(BY_VELOCITY))
     x, y = mismatch[0] / TC, damping[:, 0]
-    shade = axes.pcolormesh(
-        x,
-        y,
-        np.ma.masked_invalid(1e3 * swings),
-        **{"cmap": "viridis_r", "vmin": 0.0, "vmax": 800.0, "shading": "nearest"},
-    )
+    style = {"cmap": "viridis_r", "vmin": 0.0, "vmax": 800.0, "shading": "nearest"}
+    shade = axes.pcolormesh(x, y, np.ma.masked_invalid(1e3 * swings), **style)
     axes.figure.colorbar(shade, ax=axes, label="swing of the cycle [mrad]", extend="max")
     away = np.ma.masked_where(kinds != 2, np.full(kinds.shape, 0.4))
     axes.pcolormesh(x, y, away, cmap="Greys", vmin=0.0, vmax=1.0, shading="nearest")
@@ -362,8 +242,7 @@ def _map(axes: Any, law: str, title: str) -> None:
     axes.axvline(0.0, color="#000000", ls=":", lw=1.2)
     style = {"color": "#D55E00", "ls": "--", "lw": 1.6}
     fine = np.linspace(1e-3, 0.116, 100)
-    if law == BY_VELOCITY:
-        axes.plot([-least(d) / TC for d in fine], fine, **style)
+    axes.plot([-least(d) / TC for d in fine], fine, **style)
     below = -fine[fine < 0.076]
     q = np.array([decay(d) for d in below])
     border = K * START / TC * (q - 1.0) / (q + 1.0)
@@ -371,15 +250,13 @@ def _map(axes: Any, law: str, title: str) -> None:
     axes.text(0.5, 0.09, "rests", ha="center", fontsize=9)
     axes.text(-0.5, -0.03, "diverges", ha="center", fontsize=9)
     axes.legend(fontsize=9, loc="lower left")
-    axes.set(xlabel="(Tc - Tc_hat) / Tc", ylabel="D [N m s/rad]", title=title)
-    axes.set(xlim=(-0.99, 0.99), ylim=(-0.083, 0.123))
+    axes.set(xlabel="(Tc - Tc_hat) / Tc", ylabel="D [N m s/rad]", xlim=(-0.99, 0.99))
+    axes.set(ylim=(-0.083, 0.123), title="Nothing compensated at rest")
     axes.grid(visible=False)
 
 
 def picture() -> Any:
-    with drawing(2, 2) as (figure, (plane, sizes, velocity, error)):
+    with drawing(2) as (figure, (plane, outcomes)):
         _plane(plane)
-        _sizes(sizes)
-        _map(velocity, BY_VELOCITY, "Nothing compensated at rest")
-        _map(error, BY_ERROR, "Compensated at rest towards the goal")
+        _map(outcomes)
     return figure

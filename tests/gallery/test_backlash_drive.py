@@ -1,13 +1,10 @@
-"""The drive with backlash: its cycle piece by piece, its pushes, and its describing function."""
-
-import math
+"""The drive with backlash: its cycle, piece by piece, and where it is stable without backlash."""
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import root
 
-import ballscrew
 from ballscrew.gallery.backlash_drive.findings import (
     DRIVE,
     HIGH,
@@ -16,16 +13,12 @@ from ballscrew.gallery.backlash_drive.findings import (
     B,
     K,
     M,
-    after_a_push,
-    begin,
     cycle,
     end,
     growth,
     linear,
-    measured_push,
-    motion,
-    predicted,
 )
+from ballscrew.gallery.finding import exponents
 
 LEAD = np.array([-1.0, 0.0, 1.0, 0.0, 0.0])
 
@@ -86,45 +79,10 @@ def test_the_cycle_and_its_exponents_are_those_of_exact_pieces(gain, crossing, p
     assert found.limit == pytest.approx(exact.exponents, rel=2e-3, abs=2e-3)
 
 
-@pytest.mark.ci
-def test_what_the_describing_function_leaves_out_goes_as_its_third_harmonic():
-    """The amplitude's error goes as its share, the frequency's as its square."""
-    gains = (100.0, 120.0, 133.0)
-    theory = [predicted(gain) for gain in gains]
-    third = np.array([s.third for s in theory])
-    found = [cycle(gain) for gain in gains]
-    amplitude = [1 - c.amplitude["plant_x"] / s.table for c, s in zip(found, theory, strict=True)]
-    frequency = [
-        1 - 2 * math.pi / c.period / s.frequency for c, s in zip(found, theory, strict=True)
-    ]
-    assert np.all(np.abs(amplitude) < third)
-    assert np.polyfit(np.log(third), np.log(amplitude), 1)[0] == pytest.approx(1.0, abs=0.15)
-    assert np.polyfit(np.log(third), np.log(frequency), 1)[0] == pytest.approx(2.0, abs=0.15)
-
-
-@pytest.mark.parametrize("gain", [6.3, 6.6])
-def test_a_push_after_a_long_wait_is_that_of_its_matrix_exponential(gain):
-    assert measured_push(gain) == pytest.approx(after_a_push(gain), rel=1e-5)
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(("share", "kind"), [(0.9, False), (1.15, True)])
-def test_cycles_begin_where_a_push_moves_the_table_as_far_beyond(share, kind):
-    x = motion(TABLE_LOOP, share * begin(), 20.0, 4e-3).outputs["x"]
-    assert bool(np.abs(x[-2500:]).max() > 2e-6) == kind
-
-
 def test_without_backlash_the_drive_is_stable_up_to_the_end_of_the_cycles():
     assert np.linalg.eigvals(linear(0.99 * end(), K)).real.max() < 0.0
     assert growth(1.01 * end(), K).real > 0.0
-    found = ballscrew.lyapunov(
-        TABLE_LOOP,
-        DRIVE,
-        stop=2.0,
-        reference=0.0,
-        plant_values={"b": 0.0},
-        controller_values={"Kx": HIGH},
-    ).motion
+    found = exponents(DRIVE, 2.0, {"b": 0.0}, TABLE_LOOP, 0.0, {"Kx": HIGH}).motion
     assert found.kind.value == "isolated fixed point"
     slowest = np.linalg.eigvals(linear(HIGH, K)).real.max()
     assert found.limit[0] == pytest.approx(slowest, rel=1e-6)

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference_fmus import reference_result
 
-import ballscrew
-from ballscrew.gallery.bouncing_ball.findings import BALL, motion, table
+from ballscrew.gallery.bouncing_ball.findings import BALL, table
+from ballscrew.gallery.finding import motion
 
 
 def course(times, g=9.81, e=0.7, v_min=0.1, height=1.0):
@@ -26,14 +26,7 @@ def course(times, g=9.81, e=0.7, v_min=0.1, height=1.0):
 )
 @settings(max_examples=15, deadline=None, derandomize=True)
 def test_the_course_is_that_of_the_closed_form(e, v_min, g, h):
-    run = ballscrew.run(
-        "none",
-        BALL,
-        stop=3.0,
-        step=0.02,
-        coupling=ballscrew.Coupling("monolithic"),
-        plant_values={"e": e, "v_min": v_min, "g": g, "x_start": h},
-    ).run
+    run = motion(BALL, 3.0, 0.02, {"e": e, "v_min": v_min, "g": g, "x_start": h})
     expected, end = course(run.time, g, e, v_min, h)
     np.testing.assert_allclose(run.outputs["x"], expected, atol=1e-11)
     rests = run.time > end + 1e-9
@@ -50,7 +43,7 @@ def test_the_table_has_the_digits_of_explicit_euler():
 
 
 def test_without_an_end_rule_the_run_stops_where_infinitely_many_bounces_end_and_says_so():
-    run = motion(0.0)
+    run = motion(BALL, 3.0, 0.01, {"v_min": 0.0})
     assert not run.verdict.trusted
     assert "follow each other without end at t = 2.558633" in run.stopped
     assert run.time[-1] == pytest.approx(2.55)

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-import ballscrew
+from ballscrew.gallery.finding import motion as run_of
 from ballscrew.gallery.impact_oscillator.findings import (
     CHAOTIC,
     GAP,
@@ -19,11 +19,9 @@ from ballscrew.gallery.impact_oscillator.findings import (
     SHORT,
     ZETA,
     R,
-    doubling,
     exponents,
     motion,
     single_impact,
-    without_impacts,
 )
 
 
@@ -134,31 +132,9 @@ def test_a_motion_with_one_impact_in_each_period_is_that_of_the_closed_form(
     assume(np.all(course + complex_swing(hit + inside, force, zeta, omega)[0] < gap))
     values = {"zeta": zeta, "omega": omega, "gap": gap, "r": r, "force": force}
     values |= {"x_start": known.start[0], "v_start": known.start[1]}
-    run = ballscrew.run(
-        "none",
-        OSCILLATOR,
-        stop=2 * np.pi / omega,
-        step=2 * np.pi / omega,
-        coupling=ballscrew.Coupling("monolithic"),
-        plant_values=values,
-    ).run
+    run = run_of(OSCILLATOR, 2 * np.pi / omega, 2 * np.pi / omega, values)
     assert run.outputs["x"][-1] == pytest.approx(known.start[0], abs=1e-7 * force)
     assert run.outputs["v"][-1] == pytest.approx(known.start[1], abs=1e-7 * force)
-
-
-@pytest.mark.parametrize(("share", "touches"), [(0.9999, False), (1.0001, True)])
-def test_the_swing_without_impacts_grazes_the_stop_where_its_amplitude_is_the_gap(share, touches):
-    run = motion(without_impacts(share), 8, 50)
-    expected = complex_swing(run.time, share * GRAZING, ZETA, OMEGA)[0]
-    assert bool(np.max(np.abs(run.outputs["x"] - expected)) > 1e-6) == touches
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(("share", "doubled"), [(1.01, False), (0.98, True)])
-def test_the_period_doubles_at_the_force_of_the_closed_form(share, doubled):
-    x = motion({"force": share * doubling() * GRAZING}, 1000).outputs["x"]
-    assert x[-1] == pytest.approx(x[-3], abs=1e-5)
-    assert (abs(x[-1] - x[-2]) > 0.1) == doubled
 
 
 @pytest.mark.ci

@@ -1,15 +1,13 @@
-"""A mass over an inclined spring: its equations anew, SciPy, and the threshold by theory."""
+"""A mass over an inclined spring: its equations anew, and by SciPy."""
 
 import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, example, given, settings
-from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from ballscrew.gallery.inclined_spring import motions as ours
-from ballscrew.gallery.inclined_spring.motions import AGEING, SLIP, Sliding, at
+from ballscrew.gallery.inclined_spring import findings as ours
+from ballscrew.gallery.inclined_spring.findings import AGEING, SLIP, Sliding, at
 
 
 def rates(law, s):
@@ -69,33 +67,3 @@ def test_a_motion_is_that_of_the_equations_written_anew(law, values):
 def test_the_cubic_has_the_eigenvalues_of_numerical_derivatives(law, values):
     s = Sliding(**values)
     np.testing.assert_allclose(s.roots(), eigenvalues(law, s), rtol=1e-5)
-
-
-drawn = st.fixed_dictionaries(
-    {
-        "psi": st.floats(-0.7, 1.2),
-        "alpha": st.floats(0.0, 0.5),
-        "b": st.floats(0.012, 0.03),
-        "m": st.floats(0.02, 10.0),
-        "mu0": st.floats(0.2, 0.9),
-    }
-)
-
-
-@pytest.mark.ci
-@settings(max_examples=12, deadline=None)
-@given(st.sampled_from([AGEING, SLIP]), drawn, st.floats(0.8, 1.25))
-@example(AGEING, {}, 0.98)
-@example(SLIP, {"psi": -0.5, "alpha": 0.3}, 1.02)
-def test_swings_fade_above_the_threshold_and_grow_below_it(law, values, share):
-    """Of all three states, started off the eigenvector."""
-    level = Sliding(**values)
-    gain = level.grip - level.alpha * (1 + level.inertia) * math.sin(level.psi)
-    assume(abs(share - 1.0) > 0.01)
-    assume(level.grip > 0.1 and gain > 0.1)
-    s = at(share, **values)
-    turn = 2 * np.pi / max(abs(s.roots()[0].imag), 0.1 * s.v0 / s.L)
-    run = ours.motion(law, s, 16 * turn, turn / 20, u_start=1e-3)
-    u = np.abs(np.log(run.outputs["v"] / s.v0))
-    early, late = u[20:100].max(), u[-80:].max()
-    assert (late < early) if share > 1.0 else (late > early)

@@ -8,9 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from known_systems import (
     HARMONICS,
-    driven_van_der_pol,
     many_passes,
-    slow_and_fading,
     two_circles,
 )
 
@@ -67,35 +65,6 @@ def test_two_frequencies_without_a_common_period_are_a_torus(ratio: float) -> No
     np.testing.assert_allclose(motion.limit, [0.0, 0.0, -2.0, -2.0], atol=1e-9)
 
 
-@pytest.mark.parametrize("ratio", [1.4])
-def test_two_frequencies_with_a_common_period_close_but_are_no_cycle_that_attracts(
-    ratio: float,
-) -> None:
-    motion = becomes(two_circles(), w=ratio)
-    assert motion.kind is Kind.UNDECIDED, motion.evidence
-    assert "one of a family" in motion.evidence
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize("w", [1.1, 2.2])
-def test_a_driven_van_der_pol_oscillator_off_its_locking_is_a_torus(w: float) -> None:
-    motion = becomes(driven_van_der_pol(), 200.0, w=w)
-    assert motion.kind is Kind.TORUS, motion.evidence
-
-
-def test_a_driven_van_der_pol_oscillator_locks_to_a_drive_near_its_own_pace() -> None:
-    w = 1.05
-    motion = becomes(driven_van_der_pol(), 200.0, w=w)
-    assert motion.kind is Kind.CYCLE, motion.evidence
-    assert motion.period == pytest.approx(2.0 * np.pi / w, rel=1e-6)
-
-
-@pytest.mark.ci
-def test_a_swing_that_grows_for_hours_is_no_torus() -> None:
-    motion = becomes(slow_and_fading(), mu=1e-4, x_start=0.3)
-    assert motion.kind in (Kind.CYCLE, Kind.UNDECIDED), motion.evidence
-
-
 @pytest.mark.ci
 def test_classical_friction_sticks_while_the_integral_winds_up_and_does_not_creep() -> None:
     integral = 590.0
@@ -110,29 +79,6 @@ def test_classical_friction_sticks_while_the_integral_winds_up_and_does_not_cree
     resistance = model.p[[p.name for p in model.kernel.parameters].index("plant_R")]
     pace = integral * (0.05 - position) / resistance
     assert f"plant_i by {pace:.3g} per second" in motion.evidence
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(("controller", "period", "stop"), [("nctf+sampled", 0.57e-3, 1.0)])
-def test_a_sampled_loop_that_swings_from_sample_to_sample_does_not_creep(
-    controller: str, period: float, stop: float
-) -> None:
-    """Cycles of 2 and of 6 samples, beside an equilibrium, whose swing is below a nominal value."""
-    model = loop_maker(Loop(controller, controller_values={"sample_time": period}))(1e-7)
-    follow_returns(model, 0.0, stop, 0, np.inf, 0)
-    motion = classify_attractor(model, stop, stop, exponents=False, rounds=1)
-    assert motion.kind in (Kind.CYCLE, Kind.UNDECIDED), motion.evidence
-
-
-@pytest.mark.ci
-def test_one_loop_that_creeps_does_so_by_all_roads() -> None:
-    """The loop of Section 3.5.1.1 of the thesis, whose creep outlasts every solver's patience."""
-    given = {"sigma0_hat": 66967.331, "sigma1_hat": 355.76}
-    model = loop_maker(Loop("iol", controller_values=given))(1e-6)  # as a map's cell
-    follow_returns(model, 0.0, 20.0, 0, np.inf, 0)
-    assert classify_attractor(model, 20.0, 20.0, False, rounds=1).kind is Kind.CREEPING
-    motion = loop_lyapunov(Loop("iol", stop=20.0, controller_values=given)).motion
-    assert motion.kind is Kind.CREEPING, motion.evidence
 
 
 @pytest.mark.ci

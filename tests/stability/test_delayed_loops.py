@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import sympy as sp
 from scipy.special import lambertw
 
 from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     Component,
     Delay,
@@ -20,43 +18,10 @@ from ballscrew.solver.component import (
     symbol,
 )
 from ballscrew.solver.errors import UserError
-from ballscrew.solver.for_tangents import with_delay_states
-from ballscrew.solver.kernel import Kernel, Model
 from ballscrew.stability.attractor import Kind
-from ballscrew.stability.lyapunov import LyapunovRun, loop_lyapunov, lyapunov
+from ballscrew.stability.lyapunov import loop_lyapunov
 
 X, LATE, GAIN = map(symbol, ("x", "late", "r"))
-
-
-@pytest.fixture(scope="module")
-def wright() -> Kernel:
-    """x' = -r x(t - 1) (1 + x): at rest up to r = pi / 2, then a cycle."""
-    return generate(
-        with_delay_states(
-            Component(
-                "wright",
-                "Wright's equation.",
-                parameters=(Parameter("r", 1.0, "1", "parameter", "test"),),
-                states=(State("x", "1", "x", -GAIN * LATE * (1 + X), 0.1),),
-                outputs=(Output("x", "1", "x", X),),
-                delays=(Delay("late", X, sp.Float(1.0), start=0.1),),
-            )
-        )
-    )
-
-
-def judged(kernel: Kernel, stop: float, **values: float) -> LyapunovRun:
-    return lyapunov(lambda tolerance: Model(kernel, values, tolerance), stop, 1e-9)
-
-
-@pytest.mark.prove
-def test_beyond_the_border_it_is_a_cycle_with_one_exponent_of_zero(wright: Kernel) -> None:
-    run = judged(wright, 60.0, r=1.8)
-    assert run.motion.kind is Kind.CYCLE
-    assert run.motion.limit is not None
-    assert run.motion.period == pytest.approx(4.1, abs=0.2)
-    assert abs(run.motion.limit[0]) < 1e-4
-    assert run.motion.limit[1] < -0.05
 
 
 def parts() -> tuple[Component, Component]:

@@ -7,7 +7,6 @@ import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
 
-from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.plant.classical import classical, with_sticking
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
@@ -21,7 +20,6 @@ from ballscrew.solver.component import (
 from ballscrew.solver.kernel import Model
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.classify import classify_attractor
-from ballscrew.stability.lyapunov import loop_maker
 
 KP, KI, KD = 20.0, 40.0, 6.0
 FC, VS, SIGMA2 = 1.0, 0.05, 0.4
@@ -81,29 +79,3 @@ def test_period_and_amplitude_of_hunting_are_those_of_an_event_driven_solver() -
     period = float(np.mean(turns[2:, 0] - turns[:-2, 0]))
     assert found.period == pytest.approx(period, rel=1e-6)
     assert found.amplitude["x"] == pytest.approx(float(np.mean(np.abs(turns[:, 1]))), rel=1e-6)
-
-
-@pytest.mark.ci
-def test_a_block_that_hunts_is_nowhere_at_rest_however_near_it_passes_to_an_equilibrium() -> None:
-    """Of these phases, some were an isolated fixed point of sliding, others a line of sticking."""
-    gains = {"kp": 42.0, "ki": 185.0, "kd": 11.6}
-    values = {"Fc": 1.0, "Fs": 1.375, "Vs": 0.013, "sigma2": 0.0}
-    model = Model(generate(loop(**gains)), values, 1e-9)
-    time = 91.0
-    model.advance(0.0, time)
-    for _ in range(30):
-        model.advance(time, time + 0.1)
-        time += 0.1
-        kept = model.x.copy(), model.u.copy()
-        found = classify_attractor(model, time, 90.0, exponents=False, rounds=1)
-        assert found.kind is Kind.CYCLE, found.evidence
-        model.x[:], model.u[:] = kept
-
-
-@pytest.mark.ci
-def test_a_block_that_sticks_while_its_integral_fills_is_not_at_rest() -> None:
-    given = {"Fc": 1.0, "Fs": 40.0, "Vs": 1e-3}
-    loop = Loop("pid", "plant_classical", plant_values=given, controller_values={"Ki": 3000.0})
-    model = loop_maker(loop)(1e-7)
-    found = classify_attractor(model, 0.0, 60.0, exponents=False, rounds=3)
-    assert found.kind is Kind.CYCLE, found.evidence

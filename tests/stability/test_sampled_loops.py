@@ -9,7 +9,6 @@ import sympy as sp
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
-    TIME,
     Component,
     DiscreteState,
     Output,
@@ -79,21 +78,6 @@ def test_an_invariant_circle_is_a_cycle_that_no_sampling_period_divides() -> Non
     assert run.motion.period == pytest.approx(6.0 * PERIOD, rel=0.1)  # the sixth root of one
     assert run.motion.limit is not None
     assert abs(run.motion.limit[0]) * PERIOD < 1e-3
-
-
-@pytest.mark.parametrize("decay", [1.0, 0.02])
-def test_a_loop_locked_to_105_samples_with_13_swings_is_a_cycle_of_so_many(decay: float) -> None:
-    """A lag that a sampled law feeds back, under a force of 13 turns in 105 samples: linear."""
-    x, h, turn = symbol("x"), symbol("h"), 2 * np.pi * 13 / (105 * PERIOD)
-    drive = sp.cos(turn * TIME) + sp.cos(2 * turn * TIME)
-    found = judged(kernel({"x": symbol("r") * (h - x) + drive}, {"h": -x / 2}), 100.0, r=decay)
-    assert found.motion.kind is Kind.CYCLE, found.motion.evidence
-    assert found.motion.period == pytest.approx(105 * PERIOD, rel=1e-9)
-    # from sample to sample x becomes e x + (1 - e) h, with h of the sample before halved
-    e = np.exp(-decay * PERIOD)
-    factor = e - (1 - e) / 2
-    assert found.motion.limit is not None
-    assert found.motion.limit[0] == pytest.approx(np.log(factor) / PERIOD, rel=1e-6)
 
 
 def test_a_mass_under_a_sampled_law_loses_stability_where_its_map_does() -> None:

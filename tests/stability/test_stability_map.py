@@ -9,7 +9,6 @@ import sys
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from dask_cluster import cluster
 from scipy.integrate import solve_ivp
 from waiting import wait_for
 
@@ -230,42 +229,6 @@ def test_a_killed_map_is_resumed_with_nothing_lost_and_the_same_table(whole, tmp
     plain = [cells for cells in ran if len(cells) == 2][: 10 - len(kept)]
     assert len(plain) == 10 - len(kept)  # what was kept is not computed again
     assert pq.read_table(tmp_path / "map.parquet").equals(pq.read_table(folder / "map.parquet"))
-
-
-@pytest.mark.prove
-@pytest.mark.filterwarnings("ignore")
-def test_a_dask_worker_killed_in_the_middle_changes_nothing(whole, tmp_path, monkeypatch):
-    folder, _ = whole
-    monkeypatch.setattr(stability_map, "CHUNK", 2)
-    seen = []
-
-    with cluster(tmp_path) as (workers, processes):
-
-        def kill_one(done, total):
-            seen.append(done)
-            if len(seen) == 1:
-                processes[0].kill()
-
-        make_map(gamma(), tmp_path / "out", workers, progress=kill_one)
-        assert processes[1].poll() is None
-    assert len(seen) >= 10
-    ours, theirs = (pq.read_table(f / "map.parquet") for f in (tmp_path / "out", folder))
-    assert ours.equals(theirs)
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("sigma0_hat=2:1:5", "lower one first"),
-        ("sigma0_hat=0:inf:5", "finite"),
-        ("R=1:2:3", "both sides"),
-        ("design.sigma0=1:2:3", "only nctf"),
-    ],
-)
-def test_axes_that_make_no_sense_say_why(text, words):
-    with pytest.raises(UserError, match=words):
-        read_axis(text, Loop("iol"))
 
 
 @pytest.mark.ci

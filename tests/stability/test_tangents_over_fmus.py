@@ -6,7 +6,6 @@ import pytest
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
 from ballscrew.orchestration.loop.catalogue import fmu
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
-from ballscrew.solver.errors import FmuError
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.stability.tangents_over_fmus import follow_over_fmus
@@ -69,28 +68,3 @@ def test_every_exponent_converges_with_the_communication_step(over_fmus):
         errors.append(np.abs(run.exponents - reference.exponents))
     assert np.all(errors[1] < 0.5 * errors[0])
     assert np.all(errors[2] < 0.5 * errors[1])
-
-
-@pytest.mark.ci
-def test_a_controller_without_tangents_is_probed_and_the_loss_is_said(over_fmus):
-    run, reference = over_fmus("iol", 0.5, 1e-3, ports=False), whole("iol", 0.5)
-    assert run.method == "probed by differences"
-    assert "digits" in run.accuracy
-    assert worst(run, reference) < 3.0
-
-
-@pytest.mark.ci
-def test_steps_that_are_too_long_at_their_shortest_are_counted_and_said(over_fmus):
-    run = over_fmus("iol", 0.05, 0.05, accuracy=1e-9)
-    assert 0 < run.unmet < len(run.time)
-    assert f"{run.unmet} of {len(run.time) - 1} steps had the shortest length" in run.accuracy
-
-
-@pytest.mark.ci
-def test_too_few_tangents_are_refused_with_the_number_needed(fmus):
-    plant = FmuInstance(fmu("plant", tangents=1), "plant")
-    controller = FmuInstance(fmus["iol"], "iol")
-    with pytest.raises(FmuError, match="export it with 4"):
-        follow_over_fmus(plant, controller, GOAL, 1.0, 1e-3)
-    plant.close()
-    controller.close()

@@ -92,17 +92,6 @@ def van_der_pol() -> Kernel:
 
 
 @cache
-def slow_and_fading() -> Kernel:
-    """Van der Pol's oscillator, and a separate decaying state."""
-    x, v, z, mu = (symbol(n) for n in ("x", "v", "z", "mu"))
-    return _kernel(
-        "slow_and_fading",
-        {"x": (v, 0.0), "v": (mu * (1 - x**2) * v - x, 0.0), "z": (-z, 1.0)},
-        {"mu": 0.004},
-    )
-
-
-@cache
 def torus() -> Kernel:
     """Two independent Van der Pol oscillators, whose frequencies have no common period."""
     a, b, c, d, mu, w = (symbol(n) for n in ("a", "b", "c", "d", "mu", "w"))
@@ -133,14 +122,6 @@ def two_circles() -> Kernel:
         },
         {"w": float(np.sqrt(2.0))},
     )
-
-
-@cache
-def driven_van_der_pol() -> Kernel:
-    mu, force, w = symbol("mu"), symbol("force"), symbol("w")
-    rate = mu * (1 - x**2) * v - x + force * sp.cos(w * TIME)
-    given = {"mu": 0.5, "force": 0.3, "w": 1.3}
-    return _kernel("driven_van_der_pol", {"x": (v, 1.0), "v": (rate, 0.0)}, given)
 
 
 HARMONICS = 6
