@@ -23,12 +23,12 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (2781, 2279),
     "ballscrew": (3838, 3135),
     "gallery": (2729, 2355),
-    "measurement": (13464, 11377),
+    "measurement": (13461, 11374),
     "proofs": (12906, 11539),
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (26920, 25695),
+    "tests": (26891, 25667),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -81,8 +81,7 @@ def identify_files(
 
     The mass of files is that of `told` if it is not given; True: it is fitted.
     """
-    fixed, (mapping, units, lead) = dict(fixed or {}), columns
-    check_held(law, fixed, offset)
+    mapping, units, lead = columns
     if told:
         told = told.checked().with_lead(lead)
         lead = lead or told.lead

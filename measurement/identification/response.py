@@ -23,8 +23,6 @@ from ..records.units import UNITS
 from .intervals import CONFIDENCE, Interval, is_narrow
 
 Vector = npt.NDArray[np.float64]
-_SEGMENTS = 8  # record length over segment length; with half overlap, 15 averages
-_COHERENT = 0.7  # least coherence of a used frequency
 _BAND = np.log(1.3)  # of the frequency ratios to the peak that are fitted
 
 
@@ -41,7 +39,7 @@ class Response:
 
     @property
     def coherent(self) -> npt.NDArray[np.bool_]:
-        return self.coherence > _COHERENT
+        return self.coherence > 0.7
 
     @property
     def highest(self) -> float:  # Hz
@@ -74,7 +72,7 @@ def frequency_response(record: Record) -> Response:
     name = next(n for n in ("force", "u", "i") if n in record.signals)
     kind = {"force": "force", "i": "current"}.get(name, record.command)
     given, moved = record.signals[name][:-1], np.diff(record.x)
-    how = {"fs": 1.0 / record.step, "nperseg": max(len(given) // _SEGMENTS, 50)}
+    how = {"fs": 1.0 / record.step, "nperseg": max(len(given) // 8, 50)}  # 15 averages
     if len(given) < 400 or not np.ptp(given) > 0 or not np.ptp(moved) > 0:
         raise BadRecord(f"{record.name}: expected 400 samples with changing {name} and x")
     frequency, cross = csd(given, moved, **how)

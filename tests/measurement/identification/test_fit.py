@@ -22,8 +22,6 @@ from ballscrew.measurement.identification.fit import fit_along
 from ballscrew.measurement.identification.fitted_law import LAWS, assumed_damping, claim_of
 from ballscrew.measurement.identification.identify import identify
 from ballscrew.measurement.identification.law_along_record import LawValues, friction_along, score
-from ballscrew.measurement.identification.layout import lay_out
-from ballscrew.measurement.identification.likelihood import Climb, Problem
 from ballscrew.plant.lugre import lugre
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ballscrew.solver.component import symbol
@@ -257,16 +255,3 @@ def test_why_a_parameter_is_not_known_is_computed():
     forwards = identify([one_way], "directional_lugre").parameters
     assert forwards["sigma1_neg"].because == "there is no motion backwards"
     assert "motion forwards" not in forwards["sigma1_pos"].because
-
-
-def test_truth_is_nearly_the_most_likely_point_without_noise():
-    """Guards the whole chain: layout, law, delay, likelihood agree on clean records."""
-    random = np.random.default_rng(0)
-    trials = [sine_velocity(1e-3, 0.5, 6.0), slow_load(1.5e-5)]
-    records = [record_of(t, "lugre", LUGRE, random, noise=0.02) for t in trials]
-    course = lay_out(records)
-    law = LAWS["lugre"]
-    truth = np.array([LUGRE[n] for n in law.parameters])
-    climb = Climb(Problem(course, law), law.coordinates_of(truth))
-    residual = course.force - climb.force()
-    assert residual.std() < 1.1 * math.hypot(0.02, 0.089 / math.sqrt(12))

@@ -165,14 +165,6 @@ def test_a_record_with_gaps_is_its_pieces(tmp_path):
     assert note.endswith("into 2 pieces of at least 1 s; 2 % of its samples are in shorter ones")
 
 
-@pytest.mark.ci
-def test_a_record_whose_pieces_are_all_too_short_is_refused(tmp_path):
-    keep = np.r_[0:500, 600:1100, 1200:1700]
-    path = write(tmp_path / "a.csv", {n: v[keep] for n, v in MOTION.items()})
-    with pytest.raises(BadRecord, match=r"a gap of 0.101 s .* divide the record into pieces"):
-        read(path)
-
-
 def columns(n=100):
     time = 0.005 * np.arange(n)
     x = 1e-3 * (1 - np.cos(time))

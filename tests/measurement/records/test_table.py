@@ -84,13 +84,6 @@ def test_a_controllers_export_has_its_names_units_and_line_numbers(tmp_path):
     assert table.row(0) == 8
 
 
-def test_units_stand_in_brackets_after_names_or_below_them(tmp_path):
-    below = read_table(write(tmp_path, "t;u;x\n[ms];[V];[mm]\n" + body(";")))
-    beside = read_table(write(tmp_path, "t [ms];u (V);x [mm]\n" + body(";")))
-    assert below.units == beside.units == {"t": "ms", "u": "V", "x": "mm"}
-    assert list(below.columns) == list(beside.columns) == ["t", "u", "x"]
-
-
 def test_columns_that_differ_by_their_brackets_alone_keep_them_and_their_units(tmp_path):
     table = read_table(write(tmp_path, "t [s];x [mm];x [in]\n" + body(";")))
     assert table.units == {"t": "s", "x [mm]": "mm", "x [in]": "in"}
@@ -253,13 +246,6 @@ def of_two(tmp_path, names):
     """Two tables of a file, each with a time of its own."""
     rows = [f"{k}.0\t{k + 1}.0\t{2 * k}.0\t{k + 5}.0" for k in range(4)]
     return read_tables(write(tmp_path, "\n".join([names, *rows, ""])))
-
-
-def test_the_one_table_that_has_the_columns_is_taken(tmp_path):
-    tables = of_two(tmp_path, "t\tx\tt\tu")
-    for name, values in (("x", [1, 2, 3, 4]), ("u", [5, 6, 7, 8])):
-        found = choose(tables, {"t": "time"}, ["time", name], [("time",), (name,)])
-        np.testing.assert_array_equal(found.columns[name], values)
 
 
 def test_tables_of_one_name_are_numbered_and_which_one_is_meant_is_asked(tmp_path):
