@@ -114,9 +114,9 @@ def motion(
 
 @cache
 def _run(plant: str, stop: float, step: float, values: Any, law: str, goal: Any, gains: Any) -> Any:
-    given = {"plant_values": dict(values), "controller_values": dict(gains)}
+    given: dict[str, Any] = {"plant_values": dict(values), "controller_values": dict(gains)}
     coupling = ballscrew.Coupling("monolithic")
-    grid = {"stop": stop, "step": step, "coupling": coupling}
+    grid: dict[str, Any] = {"stop": stop, "step": step, "coupling": coupling}
     return ballscrew.run(law, plant, reference=goal, **grid, **given).run
 
 
@@ -134,7 +134,7 @@ def exponents(
 
 @cache
 def _exponents(plant: str, stop: float, values: Any, law: str, goal: Any, gains: Any) -> Any:
-    given = {"plant_values": dict(values), "controller_values": dict(gains)}
+    given: dict[str, Any] = {"plant_values": dict(values), "controller_values": dict(gains)}
     return ballscrew.lyapunov(law, plant, stop=stop, reference=goal, **given)
 
 

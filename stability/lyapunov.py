@@ -117,7 +117,7 @@ class LyapunovRun:
     @property
     def note(self) -> str:
         """What minus infinity means here; empty if no exponent or limit is minus infinity."""
-        limits = [] if self.motion.limit is None else self.motion.limit
+        limits = [] if self.motion.limit is None else self.motion.limit.tolist()
         if not np.isneginf([*self.exponents, *limits]).any():
             return ""
         where = "within one sample" if self.sample_time else "at an event, such as sticking"
