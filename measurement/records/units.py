@@ -84,7 +84,7 @@ def conversion(
     if lead is None:
         raise BadRecord(
             f"unit {column}={text}: the conversion along the screw depends on "
-            "its lead; use lead METRES, or give p (turns per metre) in params"
+            "its lead; give lead in metres, or p (turns per metre) in params"
         )
     per_metre = 2 * math.pi / lead
     return factor * (per_metre if quantity == "torque" else 1.0 / per_metre), quantity

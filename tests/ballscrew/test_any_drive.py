@@ -227,7 +227,7 @@ def test_the_next_record_of_an_identified_machine_is_compared_and_diagnosed(iden
     ("given", "said"),
     [
         ({"units": {}}, "use unit time= with one of s, ms, us, min, or with "),
-        ({"lead": None}, "use lead METRES, or give p (turns per metre) in params"),
+        ({"lead": None}, "give lead in metres, or p (turns per metre) in params"),
         ({"mapping": {"t": "time"}}, "use map theirs=force"),
         ({"params": "none.toml"}, "none.toml: cannot be read"),
     ],

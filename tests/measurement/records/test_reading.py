@@ -81,7 +81,7 @@ def test_the_current_alone_is_a_command_and_a_force_is_one(tmp_path):
         ({"x": "inch"}, "expected one of m, cm, mm, um, nm, in, ft, rad, deg, rev, or a number"),
         ({"x": "0*m"}, "unit x=0[*]m: expected one of m"),
         ({"speed": "rpm"}, "columns are time, u, x"),
-        ({"x": "deg"}, "use lead METRES"),
+        ({"x": "deg"}, "give lead in metres"),
     ],
 )
 def test_units_that_make_no_sense_are_refused(tmp_path, units, words):
