@@ -64,9 +64,8 @@ def write_system(
     )
     ports = f"<ssd:Connectors>{ports}</ssd:Connectors>" if inputs else ""
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr(
-            "SystemStructure.ssd", SSD.format(inputs=ports, elements=listed, connections=joined)
-        )
+        ssd = SSD.format(inputs=ports, elements=listed, connections=joined)
+        archive.writestr("SystemStructure.ssd", ssd)
         for fmu in sorted(set(elements.values())):
             archive.write(fmu, f"resources/{fmu.name}")
     return path

@@ -122,7 +122,7 @@ def _rows(folder):
         (("--map", "pos=x", "--map", "v=u"), "--map v=u has the same name as plant's port 'u'"),
         (("--map", "pos=x", "--map", "v=x_d"), "has the same name as a column of the results"),
         (("--map", "pos=x", "--map", "Hand.spin=v"), "controller has no port 'spin'"),
-        (("--map", "pos=x", "--set", "Hnd.Kp=1"), "controller.NAME=VALUE or Hand.NAME=VALUE"),
+        (("--map", "pos=x", "--set", "Hnd.Kp=1"), "plant.NAME=VALUE, Hand.NAME=VALUE"),
         (("--map", "posi=x"), "neither side has a port 'posi'; nearest: pos"),
     ],
 )

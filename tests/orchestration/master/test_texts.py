@@ -71,7 +71,8 @@ def system(path, worded, values=""):
         for a, x, b, y in ends
     )
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("SystemStructure.ssd", SSD.format(elements=elements, connections=wires))
+        ssd = SSD.format(inputs="", elements=elements, connections=wires)
+        archive.writestr("SystemStructure.ssd", ssd)
         archive.write(fmu("plant"), "resources/axis.fmu")
         archive.write(worded, "resources/ctl.fmu")
     return path
