@@ -72,7 +72,7 @@ class Exponents(Result, LyapunovRun):
 
         figures = self.figures()
         _, errors, _, limit_errors = (figures.pop(f"{n}_bits_per_s") for n in _LISTS)
-        limits = [] if self.motion.limit is None else self.motion.limit
+        limits = [] if self.motion.limit is None else self.motion.limit.tolist()
         rows = [
             (
                 f"{k + 1}",
