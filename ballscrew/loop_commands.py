@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json(figures)
     else:
-        _print_figures(figures, units_of_figures(result.run.units), options.out)
+        _print_figures(figures, units_of_figures(result.run), options.out)
     if not result.trusted:
         warn(f"{figures['verdict']}: {figures['verdict_reason']}")
         if figures["advice"]:
@@ -119,7 +119,7 @@ def swap(options: argparse.Namespace) -> int:
     if options.json:
         print_json(rows)
     else:
-        print(_comparison_table(rows, units_of_figures(result.results[0].run.units)))
+        print(_comparison_table(rows, units_of_figures(result.results[0].run)))
         files = ["report.html", "comparison.csv", "comparison.json", "comparison.png"]
         print(f"{', '.join([*files, 'parameters.toml', *result.trajectories])} in {options.out}")
     for r, figures in zip(result.results, rows, strict=True):
@@ -153,7 +153,7 @@ def _print_figures(figures: dict[str, Any], units: Mapping[str, str], folder: Pa
     for name in (n for n in shown if n not in other):
         value = figures.get(name)
         told = value is not None and math.isfinite(value)
-        rows.append((labels[name], f"{value:.6g} {units[name]}" if told else "-"))
+        rows.append((labels[name], f"{value:.6g} {units[name]}".rstrip() if told else "-"))
     rows.append(("coupling", f"{figures['coupling']} ({figures['coupling_reason']})"))
     rows.append(("communication steps", figures["macro_steps"]))
     if tried := figures["steps_tried"]:

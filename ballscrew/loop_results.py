@@ -58,7 +58,7 @@ class RunResult(Result, ClosedLoopResult):
 
     def tables(self) -> list[Table]:
         figures = {n: v for n, v in self.figures().items() if n not in ("controller", "notes")}
-        units = units_of_figures(self.run.units)
+        units = units_of_figures(self.run)
         return [figures_table("metrics.json", figures, units), *values_of(self.loop)]
 
     def to_pandas(self) -> Any:
@@ -99,7 +99,7 @@ class Comparison(Result, SwapResult):
     def tables(self) -> list[Table]:
         rows = []
         for r in self.results:
-            figures, units = r.figures(), units_of_figures(r.run.units)
+            figures, units = r.figures(), units_of_figures(r.run)
             rows.append(tuple(told(figures.get(c), units.get(c, "")) for c in COLUMNS))
         columns = tuple(c.replace("_", " ") for c in COLUMNS)
         first, *others = (values_of(r.loop) for r in self.results)

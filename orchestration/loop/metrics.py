@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -22,8 +21,7 @@ PARTS = 8  # of a step, in which the set-point is looked at
 class Metrics:
     """Figures of merit; None if the run does not define one."""
 
-    # largest magnitude of the command, a voltage [V] unless the plant has another unit, as far as
-    # the plant's limit lets it through, and its time [s]
+    # largest magnitude of the command that the limit of the plant passes, in its unit; its time [s]
     peak_voltage: float
     peak_voltage_time: float
     # time after which the error stays within 2 % of the step [s]; None if it does not, or if the
@@ -42,19 +40,16 @@ class Metrics:
         return asdict(self)
 
 
-def units_of_figures(units: Mapping[str, str]) -> dict[str, str]:
-    """The unit of each figure of a run, from those of ``x`` and ``u``, else those of the axis."""
-    x, u = units.get("x") or "m", units.get("u") or "V"
+def units_of_figures(run: LoopRun) -> dict[str, str]:
+    """The unit of each figure of a run; where ``x`` and ``u`` have none, those of the axis."""
+    x, u = run.units.get("x") or "m", run.units.get("u") or "V"
+    residual = max(run.residual_max, key=lambda n: run.residual_max[n], default="u")
     return {
+        **dict.fromkeys(("overshoot", "steady_state_error", "rms_error", "largest_error"), x),
+        **dict.fromkeys(("peak_voltage_time", "settling_time_2pct"), "s"),
         "peak_voltage": u,
-        "peak_voltage_time": "s",
-        "settling_time_2pct": "s",
-        "overshoot": x,
-        "steady_state_error": x,
         "iae": f"{x}*s",
-        "rms_error": x,
-        "largest_error": x,
-        "coupling_residual_max": u,
+        "coupling_residual_max": u if residual == "u" else run.units.get(residual, ""),
     }
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.loop.metrics import metrics
+from ballscrew.orchestration.loop.metrics import metrics, units_of_figures
 from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.loop_run import LoopRun
 from ballscrew.orchestration.master.verdict import Verdict
@@ -61,3 +61,9 @@ def test_what_a_run_does_not_define_is_none():
     assert moving.settling_time_2pct is None
     assert moving.overshoot is None
     assert moving.iae == 0.0
+
+
+def test_the_residual_has_the_unit_of_its_command():
+    run = course(*np.ones((3, 2)), 1.0)
+    run.residual_max["P"], run.units["P"] = 1.0, "W"
+    assert units_of_figures(run)["coupling_residual_max"] == "W"
