@@ -10,7 +10,6 @@ from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
 
-import distributed
 import pytest
 from dask_cluster import cluster
 from waiting import wait_for
@@ -36,8 +35,8 @@ def test_a_scheduler_without_a_worker_is_told_within_fifteen_seconds(monkeypatch
         sync=lambda *call, **how: {"workers": {}},
         close=lambda timeout: closed.set(),
     )
-    monkeypatch.setattr(distributed, "Client", lambda *a, **k: client)
-    monkeypatch.setattr(distributed, "as_completed", lambda *a, **k: iter(closed.wait, True))
+    monkeypatch.setattr("distributed.Client", lambda *a, **k: client)
+    monkeypatch.setattr("distributed.as_completed", lambda *a, **k: iter(closed.wait, True))
     listening = SimpleNamespace(close=lambda: None)
     monkeypatch.setattr(workers_module.socket, "create_connection", lambda *a: listening)
     identity = asyncio.sleep(0, {"type": "Scheduler"})
