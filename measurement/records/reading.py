@@ -155,23 +155,9 @@ def read_drive_records(
     units: Mapping[str, str] | None = None,
     lead: float | None = None,
 ) -> list[Record]:
-    """Read the records of one study, each at its own rate.
+    """Read records of a drive, each at its own rate; `ballscrew.read_drive_records` has more.
 
-    Parameters
-    ----------
-    paths : iterable of Path or str
-        Files of any known format, rig folders with ``record.csv``, or folders of such.
-    mapping : mapping of str to str, optional
-        Names of columns, from the name in the file to our name.
-    units : mapping of str to str, optional
-        Unit of a column (our name), such as ``2.5e-6*m``; default: the unit in the file, else SI.
-    lead : float, optional
-        Lead of the screw, travel per turn [m], to convert angles and torques.
-
-    Raises
-    ------
-    BadRecord
-        If a file is not a record; in one line, with the reason.
+    A path may also be a folder of rig folders; a unit may have a factor, such as ``2.5e-6*m``.
     """
     read = (_read(p, DRIVE_RECORD, mapping, units, lead) for p in _expanded(paths))
     return [record for records in read for record in records]
