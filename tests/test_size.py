@@ -19,7 +19,7 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1821, 1546),
     "controllers": (1281, 1038),
     "fmus": (5128, 4599),
-    "orchestration": (12183, 10587),
+    "orchestration": (12070, 10487),
     "stability": (2781, 2279),
     "ballscrew": (3838, 3135),
     "gallery": (2729, 2355),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (26894, 25670),
+    "tests": (26815, 25594),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

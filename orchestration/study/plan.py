@@ -24,7 +24,6 @@ from ..loop.reference_motions import read_motion
 from ..master.reference_signal import Reference
 from .figures import NAMES
 from .loop import STEP
-from .statistics import sobol_shares
 
 VERSION = 1
 MOST, MOST_SEED = 100_000, 2**63 - 1  # of a number of plants, candidates, tunings or points
@@ -161,9 +160,6 @@ class Plan:
     count: float = 1 / 512_000  # of the position sensor, for figures in counts [m]
     tolerance: float = 1e-6  # relative, of the solver
     seed: int = 1
-    # points of the sample for Sobol indices; 0 for none. Each controller then runs ``sobol
-    # (variations + 2)`` times at each judged duty
-    sobol: int = 0
 
     @property
     def tuning_duties(self) -> tuple[Duty, ...]:
@@ -200,12 +196,7 @@ class Plan:
             for end in variation.ends:
                 rows.append(self.nominal)
                 rows[-1][k] = end
-        sobol = [self.sobol_draws()] if self.sobol else []
-        return np.vstack([*rows, self.draws("tune"), self.draws("judge"), *sobol])
-
-    def sobol_draws(self) -> npt.NDArray[np.float64]:
-        """The plants of the Sobol indices, see `sobol_shares`; raises `UserError` without SALib."""
-        return self.drawn(sobol_shares(self.sobol, len(self.variations), self.seed))
+        return np.vstack([*rows, self.draws("tune"), self.draws("judge")])
 
     def to_json(self) -> str:
         return json.dumps(asdict(self), sort_keys=True)
@@ -251,7 +242,6 @@ def _plan(table: dict[str, Any], machine: Mapping[str, float]) -> Plan:
         entrants=tuple(_entrant(n, c, own if machine else None) for n, c in controllers.items()),
         duties=tuple(_duty(k, duty, machine) for k, duty in enumerate(duties)),
         variations=given.pop("vary", ()),
-        sobol=given.pop("sensitivity", {}).get("sobol", 0),
         **{"plant": "plant", **given},
     )
     for fault in _faults(plan):
@@ -324,10 +314,6 @@ def _faults(plan: Plan) -> Iterator[str]:
     for duty in plan.tuning_duties:
         if not duty.signal().values.any():
             yield f"duty {duty.name} has no motion and cannot be used for tuning"
-    if plan.sobol & (plan.sobol - 1):
-        yield f"sensitivity: sobol is {plan.sobol}, expected a power of two"
-    if plan.sobol and not plan.variations:
-        yield "sensitivity: nothing is varied; add a [[vary]], or leave out sobol"
     judged = plan.tuning.seeds * len(plan.judged_duties) * plan.plants
     tuned = plan.tuning.seeds * 2 * plan.tuning.budget * (plan.tuning.plants + 1)
     runs = len(plan.entrants) * (judged + len(plan.tuning_duties) * tuned)
@@ -411,7 +397,6 @@ _READERS: dict[str, toml.Reader] = {
     "plant": toml.as_text,
     "vary": lambda where, given: tuple(map(_variation, toml.as_list(where, given))),
     "tuning": _tuning,
-    "sensitivity": partial(toml.as_record, readers={"sobol": toml.as_whole(2, MOST)}),
     "instruments": toml.as_texts,
     **dict.fromkeys(("period", "command_limit", "count", "tolerance"), toml.as_finite),
     "plants": toml.as_whole(2, MOST),

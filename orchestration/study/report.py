@@ -35,7 +35,6 @@ def tables_of(study: StudyResult) -> list[Table]:
         *_differences(study),
         _tunings(study),
         _sensitivities(study),
-        *_sobol(study),
     ]
 
 
@@ -138,25 +137,3 @@ def _sensitivities(study: StudyResult) -> Table:
     ]
     columns = ("controller", "foremost", "coefficients", "variance explained")
     return Table("What each is most sensitive to", columns, rows)
-
-
-def _sobol(study: StudyResult) -> Iterator[Table]:
-    if not study.sobol:
-        return
-    rows = []
-    for name, of_duties in study.sobol.items():
-        for duty, indices in of_duties.items():
-            for varied, i in indices.items():
-                first, total = (
-                    f"{value:.2f} +- {within:.2f}"
-                    for value, within in ((i.first, i.first_within), (i.total, i.total_within))
-                )
-                rows.append((name, duty, varied, first, total))
-            if not indices:
-                rows.append((name, duty, "a run failed", "", ""))
-    says = (
-        f"Share of the variance of the error's logarithm, from {study.plan.sobol} points and one "
-        "noise, with 90 % intervals. A wide interval needs more points."
-    )
-    columns = ("controller", "duty", "varied", "alone", "with others")
-    yield Table("Sobol indices of the rms error", columns, rows, says=says)

@@ -20,7 +20,6 @@ from .statistics import (
     Difference,
     Mean,
     Sensitivity,
-    SobolIndex,
     compare,
     mean_over_plants,
     sensitivity,
@@ -77,9 +76,6 @@ class StudyResult:
     differences: dict[str, dict[tuple[str, str], Difference]]
     sensitivities: dict[str, Sensitivity]  # of the rms error, by controller
     checks: dict[Run, FmuCheck]  # runs that were repeated over FMUs
-    # Sobol indices of the rms error by controller, duty and variation; empty if not requested, and
-    # for a duty with a failed run
-    sobol: dict[str, dict[str, dict[str, SobolIndex]]] = field(default_factory=dict)
     # by duty and controller, for the nominal plant with the tuning of least cost
     courses: dict[str, dict[str, Shown]] = field(default_factory=dict, repr=False)
 
@@ -166,10 +162,6 @@ class StudyResult:
                 for duty, pairs in self.differences.items()
             },
             "sensitivities": {n: asdict(s) for n, s in self.sensitivities.items()},
-            "sobol": {
-                name: {d: {v: asdict(i) for v, i in of.items()} for d, of in of_duty.items()}
-                for name, of_duty in self.sobol.items()
-            },
             "over_fmus": [r._asdict() | asdict(c) for r, c in self.checks.items()],
             "hunting": each(self.hunting),
             "intervals": each(lambda e, d: {n: asdict(self.interval(n, e, d)) for n in MEASURED}),
@@ -182,7 +174,6 @@ def concluded(
     tunings: Mapping[str, list[Tuned]],
     figures: Mapping[str, Array],
     checks: dict[Run, FmuCheck],
-    sobol: dict[str, dict[str, dict[str, SobolIndex]]],
     courses: dict[str, dict[str, Shown]],
 ) -> StudyResult:
     """The result of a study from its runs."""
@@ -213,7 +204,6 @@ def concluded(
         differences,
         {n: _sensitivity(plan, errors[e], failed[e]) for e, n in enumerate(names)},
         checks,
-        sobol,
         courses,
     )
 

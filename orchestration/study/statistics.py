@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
-from ...solver.errors import UserError
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -106,9 +103,6 @@ def _variance_of_mean(values: Matrix) -> float:
     return float(np.var(values, ddof=1) / len(values)) if len(values) > 1 else 0.0
 
 
-RESAMPLES = 200  # of the bootstrap of the intervals
-
-
 @dataclass(frozen=True)
 class Sensitivity:
     """Standardized regression coefficients of a figure's logarithm."""
@@ -145,50 +139,3 @@ def sensitivity(factors: Matrix, figure: Vector, names: list[str]) -> Sensitivit
     coefficients = dict.fromkeys(names, 0.0)
     coefficients |= {names[k]: float(c) for k, c in zip(varied, found, strict=True)}
     return Sensitivity(coefficients, float(1 - np.mean(left**2)))
-
-
-@dataclass(frozen=True)
-class SobolIndex:
-    """Share of the variance of a figure's logarithm that comes from one variation."""
-
-    first: float  # alone; and with all its interactions with others
-    first_within: float  # half the width of their 90 % intervals, by a bootstrap over the sample
-    total: float
-    total_within: float
-
-
-def sobol_shares(count: int, inputs: int, seed: int) -> Matrix:
-    """Points of the unit cube, shape (count (inputs + 2), inputs), in SALib's order.
-
-    A scrambled sequence after Sobol in the scheme of A. Saltelli et al., Computer Physics
-    Communications 181, 259 (2010). Raises `UserError` if SALib is not installed.
-    """
-    try:
-        from SALib.sample import sobol
-    except ImportError:
-        raise UserError("sensitivity: sobol needs SALib: pip install 'ballscrew[sobol]'") from None
-    points = sobol.sample(_problem(inputs), count, calc_second_order=False, seed=seed)
-    return np.asarray(points, dtype=np.float64)
-
-
-def sobol_indices(figure: Vector, names: list[str], seed: int) -> dict[str, SobolIndex]:
-    """Indices of the logarithm of a positive figure at the points of `sobol_shares`, by name.
-
-    Empty if a run has no such figure, all zero if it does not change.
-    """
-    from SALib.analyze import sobol
-
-    if not np.isfinite(figure).all():
-        return {}
-    logarithm = np.log(figure)
-    if not np.ptp(logarithm) > 1e-12:
-        return {name: SobolIndex(0.0, 0.0, 0.0, 0.0) for name in names}
-    how = {"calc_second_order": False, "num_resamples": RESAMPLES, "conf_level": LEVEL}
-    found = sobol.analyze(_problem(len(names)), logarithm, seed=seed, **how)
-    rows = zip(*(found[key].tolist() for key in ("S1", "S1_conf", "ST", "ST_conf")), strict=True)
-    return {name: SobolIndex(*row) for name, row in zip(names, rows, strict=True)}
-
-
-def _problem(inputs: int) -> dict[str, Any]:
-    names = [str(k) for k in range(inputs)]
-    return {"num_vars": inputs, "names": names, "bounds": [[0.0, 1.0]] * inputs}

@@ -29,8 +29,7 @@ from ..master.reference_signal import Reference
 from .figures import NAMES
 from .loop import COMPARED, SHARE, STEP, FmuCheck, FmuLoop, StudyLoop, check_over_fmus
 from .plan import Duty, Entrant, Plan
-from .result import JUDGED_BY, SMALLEST, Array, Run, Shown, StudyResult, concluded
-from .statistics import SobolIndex, sobol_indices
+from .result import Array, Run, Shown, StudyResult, concluded
 from .tuning import Contender, Tuned
 from .workers import KeptParts, Processes
 
@@ -72,7 +71,7 @@ def do_study(
     tunings = work.tunings()
     figures = work.figures(tunings)
     checks = work.checks(tunings, figures)
-    return concluded(plan, tunings, figures, checks, work.sobol(tunings), work.courses(tunings))
+    return concluded(plan, tunings, figures, checks, work.courses(tunings))
 
 
 def contenders_of(plan: Plan) -> dict[str, Contender]:
@@ -167,33 +166,6 @@ class Work:
         table = {name: float(figures[name][place]) for name in COMPARED}
         return c.loop, fmus, values, duty, plan.tolerance, table
 
-    def sobol(self, tunings: Tunings) -> dict[str, dict[str, dict[str, SobolIndex]]]:
-        """Indices of the error by controller, duty and variation; empty if not requested.
-
-        For the tuning of least cost, with one noise: the figure then depends on the plant only.
-        """
-        if not self.plan.sobol:
-            return {}
-        draws = self.plan.sobol_draws()
-        firsts = range(0, len(draws), CHUNK)
-        jobs = {
-            f"sobol-{k}-{d}-{first}.json": (*best, draws[first : first + CHUNK])
-            for (k, d), best in self._best(tunings)
-            for first in firsts
-        }
-        done = self._done(jobs, _errors_on, "Sobol indices")
-        names = [v.name for v in self.plan.variations]
-
-        def indices(k: int, d: int) -> dict[str, SobolIndex]:
-            errors = [e for first in firsts for e in done[f"sobol-{k}-{d}-{first}.json"]]
-            return sobol_indices(np.maximum(errors, SMALLEST), names, self.plan.seed)
-
-        duties = list(enumerate(self.plan.judged_duties))
-        return {
-            name: {duty.name: indices(k, d) for d, duty in duties}
-            for k, name in enumerate(self.contenders)
-        }
-
     def courses(self, tunings: Tunings) -> dict[str, dict[str, Shown]]:
         """Each judged duty on the nominal plant, by every controller with its best tuning."""
         jobs = {f"course-{k}-{d}.json": best for (k, d), best in self._best(tunings)}
@@ -250,14 +222,6 @@ def _judged(
     draws = contender.plan.draws("judge")
     runs = (contender.run(gains, duty, draws[p], FIRST_JUDGED + p) for p in plants)
     return [[float(getattr(found, n)) for n in NAMES] for _, found in runs]
-
-
-def _errors_on(
-    contender: Contender, gains: Mapping[str, float], duty: Duty, draws: Array
-) -> list[float]:
-    """The error that controllers are judged by on each of these plants; NaN if a run failed."""
-    runs = (contender.run(gains, duty, drawn, NOT_JUDGED) for drawn in draws)
-    return [float(getattr(found, JUDGED_BY)) for _, found in runs]
 
 
 def _shown(contender: Contender, gains: Mapping[str, float], duty: Duty) -> dict[str, list[float]]:

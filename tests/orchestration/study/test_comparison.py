@@ -1,9 +1,10 @@
-"""Means over plants and who can be told apart: rates over random figures of known laws."""
+"""Means over plants and who can be told apart: rates over random figures of known laws;
+what an error depends on."""
 
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.study.statistics import compare, mean_over_plants
+from ballscrew.orchestration.study.statistics import compare, mean_over_plants, sensitivity
 
 pytestmark = pytest.mark.ci
 
@@ -92,3 +93,23 @@ def test_a_figure_that_a_run_does_not_have_has_no_mean_and_one_that_is_always_eq
     assert np.isnan(mean_over_plants(np.array([[1.0, np.inf, 2.0]]), False).mean)
     steady = mean_over_plants(np.full((2, 4), 3.0), True)
     assert (steady.low, steady.high) == pytest.approx((3.0, 3.0))
+
+
+def test_coefficients_are_those_of_the_linear_law():
+    random = np.random.default_rng(1)
+    factors = random.random((4000, 3))
+    log = 3 * factors[:, 0] - 4 * factors[:, 1]
+    found = sensitivity(factors, np.exp(log), ["a", "b", "c"])
+    assert found.coefficients == {
+        "a": pytest.approx(0.6, abs=0.02),
+        "b": pytest.approx(-0.8, abs=0.02),
+        "c": pytest.approx(0.0, abs=0.02),
+    }
+    assert found.explained == pytest.approx(1.0, abs=1e-6)
+    assert found.foremost == "b"
+
+
+def test_what_is_not_linear_is_said_to_be_explained_badly():
+    factors = np.linspace(-1, 1, 101)[:, None]
+    found = sensitivity(factors, np.exp(factors[:, 0] ** 2), ["a"])
+    assert found.explained == pytest.approx(0.0, abs=1e-9)

@@ -97,8 +97,6 @@ VARY = 'parameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]'
         (VARY, "temperature = [0, 40]", "no coeff"),
         ("[[duty]]", f"[[vary]]\n{VARY}\n[[duty]]", "vary the same parameters; remove"),
         ('"Fc", "Fs"', '"Fc", "Fz"', "vary: no parameter 'Fz'; there are Fc, Fs"),
-        ("budget = 7", "budget = 7\n[sensitivity]\nsobol = 12", "12, expected a power of two"),
-        (f"[[vary]]\n{VARY}", "[sensitivity]\nsobol = 8", "nothing is varied; add"),
     ],
 )
 def test_bad_studies_are_refused_in_one_line(tmp_path, capsys, old, new, message):
@@ -117,7 +115,6 @@ def test_the_studies_of_the_manual_are_read(tmp_path):
     plan = plan_of(tmp_path, page.split("```toml\n")[1].partition("```")[0])
     assert plan.duties[-1].plant == {"load_force": -5.0, "load_time": 0.3}
     assert [v.distribution for v in plan.variations] == ["uniform", "uniform", "temperature"]
-    assert plan.sobol == 64
     loop = StudyLoop(loop_kernel(plan.plant, "pid"))
     Contender(plan, plan.entrants[0], loop).check_plants()
     assert read_plan(DOCS / "examples" / "swap_study.toml").entrants

@@ -38,7 +38,7 @@ def study(errors, costs, failed=()):
         n: [Tuned({"Kp": 1.5}, cost, 1.0, doubled, 200) for cost, doubled in costs[n]]
         for n in names
     }
-    return concluded(plan, tunings, figures, {}, {}, {})
+    return concluded(plan, tunings, figures, {}, {})
 
 
 FINE = [(0.1, 0.099), (0.101, 0.1)]
@@ -77,7 +77,7 @@ def test_two_tunings_of_which_one_failed_cannot_tell_and_the_words_say_so():
     found = study(ERRORS, {"p_pi": FINE, "pid": FINE})
     figures = {n: f.copy() for n, f in found.figures.items()}
     figures["rms_error"][1, 1] *= 1e4  # the second tuning of pid
-    found = concluded(found.plan, found.tunings, figures, {}, {}, {})
+    found = concluded(found.plan, found.tunings, figures, {}, {})
     answer = next(a for a in found.answers if a.duty == "move")
     assert (answer.best, answer.unclear) == (("p_pi",), ("pid",))
     assert "at 4 of them 2 tunings on 8 plants cannot tell whether" in sentence(found)
