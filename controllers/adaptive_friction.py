@@ -20,8 +20,7 @@ import sympy as sp
 
 from ..plant.axis import axis
 from ..solver.component import Component, Parameter, State, symbol
-from .limited import voltage_output
-from .linearization import measurements_of
+from .limited import voltage_law
 from .pid import PID_VOLTAGE, pid_integral, pid_parameters
 from .pid import TUNABLE as PID_TUNABLE
 
@@ -43,39 +42,21 @@ def adaptive_friction() -> Component:
     command = PID_VOLTAGE + estimate * sign * symbol("R") / per_ampere
     model = {p.name: p for p in axis().all_parameters}
     slow_speed = model["Fc"].default / model["sigma2"].default
-    return Component(
-        name="adaptive_friction",
-        description="Position PID with adaptive compensation of Coulomb friction",
-        parameters=(
+    meaning = "decay of the estimate's error by the distance that the block slides"
+    left = "2 % are left after the nominal step of 8 cm"
+    smooth = "speed at which the smooth sign is 0.71"
+    least = "Fc/sigma2: the compensation undoes no more damping than viscous friction gives"
+    learned = rate * v * (force - estimate * sign)
+    about = "estimated friction and the part that the speed explains"
+    return voltage_law(
+        "adaptive_friction",
+        "Position PID with adaptive compensation of Coulomb friction",
+        (
             *pid_parameters(),
-            Parameter(
-                "rate",
-                LEARNING,
-                "1/m",
-                "decay of the estimate's error by the distance that the block slides",
-                "2 % are left after the nominal step of 8 cm",
-                minimum=0.0,
-            ),
-            Parameter(
-                "slow",
-                slow_speed,
-                "m/s",
-                "speed at which the smooth sign is 0.71",
-                "Fc/sigma2: the compensation undoes no more damping than viscous friction gives",
-                minimum=1e-9,
-            ),
+            Parameter("rate", LEARNING, "1/m", meaning, left, minimum=0.0),
+            Parameter("slow", slow_speed, "m/s", smooth, least, minimum=1e-9),
             *(model[n] for n in _MODEL),
         ),
-        inputs=measurements_of(axis()),
-        states=(
-            pid_integral(command),
-            State(
-                "y",
-                "N",
-                "estimated friction and the part that the speed explains",
-                rate * v * (force - estimate * sign),
-                nominal=1.0,
-            ),
-        ),
-        outputs=(voltage_output(command),),
+        command,
+        (pid_integral(command), State("y", "N", about, learned, nominal=1.0)),
     )

@@ -64,25 +64,15 @@ def acceleration_forward() -> float:
 def feed_forward_parameters() -> tuple[Parameter, ...]:
     """Kvff, Kaff, Kfff and Vff; defaults are those of the nominal axis."""
     plant = rigid_axis()
-    inverse = "inverse of the nominal axis"
+    inverse, of_coulomb = "inverse of the nominal axis", "the nominal axis: Fc R/(kt 2 pi p)"
+    coulomb = nominal("Fc") / plant.force_per_volt
+    meaning = "desired speed at which the feed-forward of friction is 0.71 of Kfff"
+    source = "the Stribeck velocity Vs: below this speed the bristles determine friction"
     return (
         Parameter("Kvff", 1 / plant.speed_per_volt, "V*s/m", "velocity feed-forward", inverse),
         Parameter("Kaff", acceleration_forward(), "V*s^2/m", "acceleration feed-forward", inverse),
-        Parameter(
-            "Kfff",
-            nominal("Fc") / plant.force_per_volt,
-            "V",
-            "feed-forward of Coulomb friction",
-            "the nominal axis: Fc R/(kt 2 pi p)",
-        ),
-        Parameter(
-            "Vff",
-            nominal("Vs"),
-            "m/s",
-            "desired speed at which the feed-forward of friction is 0.71 of Kfff",
-            "the Stribeck velocity Vs: below this speed the bristles determine friction",
-            minimum=1e-9,
-        ),
+        Parameter("Kfff", coulomb, "V", "feed-forward of Coulomb friction", of_coulomb),
+        Parameter("Vff", nominal("Vs"), "m/s", meaning, source, minimum=1e-9),
     )
 
 

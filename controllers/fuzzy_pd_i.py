@@ -14,11 +14,9 @@ import math
 
 import sympy as sp
 
-from ..plant.axis import axis
 from ..plant.instruments import NOMINAL_VOLTAGE
 from ..solver.component import Component, Parameter, symbol
-from .limited import U_MAX, ramp, tracked_integral, tracking_time, voltage_output
-from .linearization import measurements_of
+from .limited import U_MAX, ramp, tracked_integral, tracking_time, voltage_law
 from .rigid_axis import rigid_axis
 
 SETS = ("negative large", "negative small", "zero", "positive small", "positive large")
@@ -74,41 +72,15 @@ def fuzzy_pd_i() -> Component:
     command = symbol("full") * surface + symbol("w")
     top = NOMINAL_VOLTAGE * rigid_axis().speed_per_volt
     integral, tracking = integral_gain(top)
-    return Component(
-        name="fuzzy_pd_i",
-        description="Fuzzy PD with an integral",
-        parameters=(
-            Parameter(
-                "range_e",
-                ERROR_RANGE,
-                "m",
-                "error from which on it is wholly large",
-                "a quarter of the nominal step",
-                minimum=1e-9,
-            ),
-            Parameter(
-                "range_v",
-                top,
-                "m/s",
-                "speed from which on it is wholly large",
-                "steady speed under 36 V",
-                minimum=1e-9,
-            ),
-            Parameter(
-                "full", NOMINAL_VOLTAGE, "V", "command of the largest conclusion", "Table 2.1"
-            ),
-            Parameter(
-                "Ki",
-                integral,
-                "V/(m*s)",
-                "integral gain",
-                "SIMC integral time of the PD that the rules are near zero",
-                minimum=0.0,
-            ),
-            tracking_time(tracking, "sqrt(Ti Td) of the same PD"),
-            U_MAX,
-        ),
-        inputs=measurements_of(axis()),
-        states=(tracked_integral(symbol("Ki") * of_error[2] * error, command),),
-        outputs=(voltage_output(command),),
+    large, quarter = "from which on it is wholly large", "a quarter of the nominal step"
+    near_zero = "SIMC integral time of the PD that the rules are near zero"
+    parameters = (
+        Parameter("range_e", ERROR_RANGE, "m", f"error {large}", quarter, minimum=1e-9),
+        Parameter("range_v", top, "m/s", f"speed {large}", "steady speed under 36 V", minimum=1e-9),
+        Parameter("full", NOMINAL_VOLTAGE, "V", "command of the largest conclusion", "Table 2.1"),
+        Parameter("Ki", integral, "V/(m*s)", "integral gain", near_zero, minimum=0.0),
+        tracking_time(tracking, "sqrt(Ti Td) of the same PD"),
+        U_MAX,
     )
+    state = tracked_integral(symbol("Ki") * of_error[2] * error, command)
+    return voltage_law("fuzzy_pd_i", "Fuzzy PD with an integral", parameters, command, (state,))

@@ -16,11 +16,9 @@ that loop does not come to rest.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from ..plant.ball_screw import ball_screw
 from ..solver.component import Component, Parameter, State, symbol
-from .limited import U_MAX, limit, voltage_output
+from .limited import U_MAX, limit, voltage_law
 from .linearization import TUNABLE as IOL_TUNABLE
 from .linearization import estimates_of, input_output_linearization
 
@@ -40,27 +38,19 @@ def iol_observed() -> Component:
     believed = {**hats, **observed, symbol("u"): limit(command)}
     rates = {s.name: plant.derivative(s.name).xreplace(believed) for s in plant.all_states}
     rates["x"] += symbol("l") * (symbol("x") - symbol("x_hat"))
-    return replace(
-        known,
-        name="iol_observed",
-        description="Input-output linearization with an observer, on the position alone",
-        parameters=(
-            *known.parameters,
-            Parameter(
-                "l",
-                POLE,
-                "1/s",
-                "correction of the observed position by the measured one",
-                f"observer pole at {-POLE:g} 1/s",
-                minimum=0.0,
-            ),
-            U_MAX,
-        ),
-        states=tuple(
+    meaning = "correction of the observed position by the measured one"
+    correction = Parameter(
+        "l", POLE, "1/s", meaning, f"observer pole at {-POLE:g} 1/s", minimum=0.0
+    )
+    return voltage_law(
+        "iol_observed",
+        "Input-output linearization with an observer, on the position alone",
+        (*known.parameters, correction, U_MAX),
+        command,
+        tuple(
             State(
-                s.name + "_hat", s.unit, "observed " + s.meaning, rates[s.name], nominal=s.nominal
+                f"{s.name}_hat", s.unit, f"observed {s.meaning}", rates[s.name], nominal=s.nominal
             )
             for s in plant.all_states
         ),
-        outputs=(voltage_output(command),),
     )

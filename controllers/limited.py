@@ -1,4 +1,4 @@
-"""The voltage limit of controllers, and their anti-windup.
+"""What controllers of the axis share: measurements, the voltage limit, and anti-windup.
 
 An integral ``w`` [V] has anti-windup by back-calculation: the part of the command beyond the limit,
 divided by the tracking time `Tt`, is added to its rate. Source: K. J. Astrom and T. Hagglund,
@@ -9,19 +9,45 @@ from __future__ import annotations
 
 import sympy as sp
 
+from ..plant.axis import axis
 from ..plant.instruments import NOMINAL_VOLTAGE
 from ..plant.instruments.amplifier import clip
-from ..solver.component import Output, Parameter, State, symbol
+from ..solver.component import Component, Input, Output, Parameter, State, symbol
 
+_SOURCE = "Table 2.1: the nominal amplifier"
 U_MAX = Parameter(
-    "u_max",
-    NOMINAL_VOLTAGE,
-    "V",
-    "largest magnitude of the command",
-    "Table 2.1: the nominal amplifier",
-    minimum=1e-3,
-    maximum=1e6,
+    "u_max", NOMINAL_VOLTAGE, "V", "largest magnitude of the command", _SOURCE, 1e-3, 1e6
 )
+
+
+def measurements_of(plant: Component) -> tuple[Input, ...]:
+    """Controller inputs for all signals on which a law may act, and the set-point `x_d`.
+
+    Every controller has them all, used or not, so that controllers can be exchanged without new
+    connections.
+    """
+    (command,) = plant.inputs
+    outputs = [plant.output(name) for name in command.law]
+    return (
+        *(
+            Input(o.name, o.unit, "measured " + o.meaning, nominal=o.nominal, role="measurement")
+            for o in outputs
+        ),
+        Input("x_d", "m", "desired position", nominal=0.1, role="reference"),
+    )
+
+
+def voltage_law(
+    name: str,
+    description: str,
+    parameters: tuple[Parameter, ...],
+    command: sp.Expr,
+    states: tuple[State, ...] = (),
+    derivatives: tuple[Input, ...] = (),
+) -> Component:
+    """A controller of the axis: the output `u` [V] is its command, limited by `u_max`."""
+    inputs = (*measurements_of(axis()), *derivatives)
+    return Component(name, description, parameters, inputs, states, (voltage_output(command),))
 
 
 def limit(command: sp.Expr) -> sp.Expr:

@@ -12,8 +12,8 @@ from dataclasses import replace
 import sympy as sp
 
 from ..plant.ball_screw import ball_screw
-from ..solver.component import Component, ForceTerm, Input, Parameter, symbol
-from .limited import plain_output
+from ..solver.component import Component, ForceTerm, Parameter, symbol
+from .limited import measurements_of, plain_output
 
 POLES = (-5.0, -6.0, -7.0)
 
@@ -39,32 +39,29 @@ def input_output_linearization(acceleration: str = "estimated") -> Component:
     plant = ball_screw()
     friction = next(t for t in plant.terms if t.name == "friction")
     hats, estimates, sharpness = estimates_of(friction)
-    x, u = symbol("x"), symbol("u")
+    x, x_d, u = map(symbol, ("x", "x_d", "u"))
 
     acceleration_true = plant.derivative("v")
     states = [symbol(s.name) for s in plant.all_states]
     jerk = sum(sp.diff(acceleration_true, s) * plant.derivative(s.name) for s in states)
     drift, gain = jerk.subs(u, 0), sp.diff(jerk, u)
     measured = acceleration_true if acceleration == "true" else acceleration_true.xreplace(hats)
-    demand = (
-        -symbol("k2") * measured - symbol("k1") * symbol("v") - symbol("k0") * (x - symbol("x_d"))
-    )
+    demand = -symbol("k2") * measured - symbol("k1") * symbol("v") - symbol("k0") * (x - x_d)
     law = (demand - drift.xreplace(hats)) / gain
 
     k0, k1, k2 = gains_from_poles(POLES)
     source = "Eq. 3.21: poles at -5, -6, -7 1/s"
-    parameters = (
-        Parameter("k0", k0, "1/s^3", "gain on the position error", source, minimum=0.0),
-        Parameter("k1", k1, "1/s^2", "gain on the velocity", source, minimum=0.0),
-        Parameter("k2", k2, "1/s", "gain on the acceleration", source, minimum=0.0),
-        *estimates,
-        *plant.parameters,
-        *(friction.parameters if acceleration == "true" else (sharpness,)),
-    )
     return Component(
         name="iol" if acceleration == "estimated" else "iol_true_acceleration",
         description="Input-output linearization with estimated friction parameters",
-        parameters=parameters,
+        parameters=(
+            Parameter("k0", k0, "1/s^3", "gain on the position error", source, minimum=0.0),
+            Parameter("k1", k1, "1/s^2", "gain on the velocity", source, minimum=0.0),
+            Parameter("k2", k2, "1/s", "gain on the acceleration", source, minimum=0.0),
+            *estimates,
+            *plant.parameters,
+            *(friction.parameters if acceleration == "true" else (sharpness,)),
+        ),
         inputs=measurements_of(plant),
         outputs=(plain_output(law),),
     )
@@ -87,23 +84,6 @@ def estimates_of(
             replace(p, name=p.name + "_hat", meaning="estimate of the " + p.meaning) for p in known
         ),
         sharpness,
-    )
-
-
-def measurements_of(plant: Component) -> tuple[Input, ...]:
-    """Controller inputs for all signals on which a law may act, and the set-point `x_d`.
-
-    Every controller has them all, used or not, so that controllers can be exchanged without new
-    connections.
-    """
-    (command,) = plant.inputs
-    outputs = [plant.output(name) for name in command.law]
-    return (
-        *(
-            Input(o.name, o.unit, "measured " + o.meaning, nominal=o.nominal, role="measurement")
-            for o in outputs
-        ),
-        Input("x_d", "m", "desired position", nominal=0.1, role="reference"),
     )
 
 

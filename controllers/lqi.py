@@ -24,14 +24,12 @@ from ..plant.axis import axis
 from ..plant.ball_screw import ball_screw, bare_ball_screw
 from ..plant.instruments import NOMINAL_VOLTAGE
 from ..solver.component import Component, ForceTerm, Parameter, symbol
-from .limited import U_MAX, tracked_integral, tracking_time, voltage_output
-from .linearization import measurements_of
+from .limited import U_MAX, tracked_integral, tracking_time, voltage_law
 
 Matrix = npt.NDArray[np.float64]
 
 LARGEST_ERROR = 0.05  # m
 LARGEST_INTEGRAL = 0.025  # m*s
-TRACKING = 0.1  # s
 STATES = ("x", "v", "i")
 
 TUNABLE = {"Kx": (50.0, 5e4), "Kv": (0.0, 500.0), "Kc": (-50.0, 50.0), "Ki": (0.0, 5e4)}
@@ -93,20 +91,17 @@ def lqi() -> Component:
     command = (
         symbol("Kx") * error - symbol("Kv") * symbol("v") - symbol("Kc") * symbol("i") + symbol("w")
     )
-    return Component(
-        name="lqi",
-        description="LQ state feedback of position, velocity and current with integral action",
-        parameters=(
+    return voltage_law(
+        "lqi",
+        "LQ state feedback of position, velocity and current with integral action",
+        (
             Parameter("Kx", gains[0], "V/m", "gain on the position error", source),
             Parameter("Kv", gains[1], "V*s/m", "gain on the velocity", source),
             Parameter("Kc", gains[2], "V/A", "gain on the current", source),
             Parameter("Ki", gains[3], "V/(m*s)", "gain on the integral of the error", source),
-            tracking_time(
-                TRACKING, "an eighth of Kx/Ki; 0.5 s lets the nominal step overshoot by 8 mm"
-            ),
+            tracking_time(0.1, "an eighth of Kx/Ki; 0.5 s lets the nominal step overshoot by 8 mm"),
             U_MAX,
         ),
-        inputs=measurements_of(axis()),
-        states=(tracked_integral(symbol("Ki") * error, command),),
-        outputs=(voltage_output(command),),
+        command,
+        (tracked_integral(symbol("Ki") * error, command),),
     )

@@ -16,8 +16,7 @@ from ..plant.axis import axis
 from ..solver.component import Component, Parameter, State, symbol
 from ..solver.kernel import Model, Vector
 from ..solver.stored import stored_kernel
-from .limited import plain_output
-from .linearization import measurements_of
+from .limited import measurements_of, plain_output
 
 STEP_VOLTAGE = 30.0  # V, 85 % of the motor's nominal voltage
 NATURAL_FREQUENCY = 3.0  # 1/s
@@ -47,12 +46,8 @@ class NctfDesign:
 
     def parameters(self) -> dict[str, float]:
         """The controller's parameters by name."""
-        return {
-            "h": self.speed,
-            "c": self.coefficient,
-            "Kp": self.proportional,
-            "Ki": self.integral,
-        }
+        values = self.speed, self.coefficient, self.proportional, self.integral
+        return dict(zip(("h", "c", "Kp", "Ki"), values, strict=True))
 
 
 def _gains(speed: float, stopping_time: float) -> tuple[float, float]:

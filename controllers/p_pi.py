@@ -12,11 +12,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..plant.axis import axis
 from ..solver.component import Component, Parameter, symbol
 from .feed_forward import REFERENCES, acceleration_forward
-from .limited import U_MAX, tracked_integral, tracking_time, voltage_output
-from .linearization import measurements_of
+from .limited import U_MAX, tracked_integral, tracking_time, voltage_law
 from .rigid_axis import rigid_axis
 
 VELOCITY_TIME = 0.11
@@ -70,11 +68,6 @@ def p_pi() -> Component:
     velocity_error = symbol("Kx") * (symbol("x_d") - symbol("x")) + v_d - symbol("v")
     forward = symbol("Fv") * v_d + symbol("Fa") * a_d
     command = symbol("Kp") * velocity_error + symbol("w") + forward
-    return Component(
-        name="p_pi",
-        description="Position P and velocity PI in cascade, with feed-forward",
-        parameters=parameters,
-        inputs=(*measurements_of(axis()), *REFERENCES),
-        states=(tracked_integral(symbol("Ki") * velocity_error, command),),
-        outputs=(voltage_output(command),),
-    )
+    states = (tracked_integral(symbol("Ki") * velocity_error, command),)
+    description = "Position P and velocity PI in cascade, with feed-forward"
+    return voltage_law("p_pi", description, parameters, command, states, REFERENCES)

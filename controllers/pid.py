@@ -16,8 +16,7 @@ import sympy as sp
 from ..plant.axis import axis
 from ..plant.instruments.sample_and_hold import PERIOD
 from ..solver.component import Component, DiscreteState, Parameter, State, symbol
-from .limited import U_MAX, plain_output, tracked_integral, tracking_time
-from .linearization import measurements_of
+from .limited import U_MAX, measurements_of, plain_output, tracked_integral, tracking_time
 from .rigid_axis import rigid_axis
 
 CLOSED_LOOP_TIME = 0.6

@@ -12,10 +12,8 @@ a constant disturbance ``d`` [V], ``d - d_hat`` decays with the pole ``-1/Tq``.
 
 from __future__ import annotations
 
-from ..plant.axis import axis
 from ..solver.component import Component, Parameter, State, symbol
-from .limited import limit, voltage_output
-from .linearization import measurements_of
+from .limited import limit, voltage_law
 from .pid import PID_VOLTAGE, pid_integral, pid_parameters
 from .pid import TUNABLE as PID_TUNABLE
 from .rigid_axis import model_parameters, rigid_axis
@@ -33,25 +31,16 @@ def pid_dob() -> Component:
     disturbance = symbol("q") + lag / (b * time) * speed
     command = PID_VOLTAGE - disturbance
     rate = ((1 - lag / time) * speed / b - limit(command) - symbol("q")) / time
-    return Component(
-        name="pid_dob",
-        description="Position PID with a disturbance observer",
-        parameters=(
-            *pid_parameters(),
-            *model_parameters(),
-            Parameter(
-                "Tq",
-                FILTER_RATIO * rigid_axis().electrical_time,
-                "s",
-                "time constant of the observer's filter",
-                f"{FILTER_RATIO:g} L/R: slow against what the model leaves out",
-                minimum=1e-6,
-            ),
-        ),
-        inputs=measurements_of(axis()),
-        states=(
+    default = FILTER_RATIO * rigid_axis().electrical_time
+    source = f"{FILTER_RATIO:g} L/R: slow against what the model leaves out"
+    slow = Parameter("Tq", default, "s", "time constant of the observer's filter", source, 1e-6)
+    return voltage_law(
+        "pid_dob",
+        "Position PID with a disturbance observer",
+        (*pid_parameters(), *model_parameters(), slow),
+        command,
+        (
             pid_integral(command),
             State("q", "V", "filtered part of the estimated disturbance", rate, nominal=1.0),
         ),
-        outputs=(voltage_output(command),),
     )

@@ -18,11 +18,10 @@ from __future__ import annotations
 
 import sympy as sp
 
-from ..plant.axis import axis
 from ..plant.ball_screw import ball_screw
 from ..solver.component import Component, Parameter, State, symbol
-from .limited import ramp, voltage_output
-from .linearization import estimates_of, measurements_of
+from .limited import ramp, voltage_law
+from .linearization import estimates_of
 from .pid import ERROR, PID_VOLTAGE, pid_integral, pid_parameters, simc
 from .pid import TUNABLE as PID_TUNABLE
 from .rigid_axis import nominal, rigid_axis
@@ -47,35 +46,22 @@ def pid_lugre() -> Component:
     command = PID_VOLTAGE + force / symbol("force_per_volt")
     plant = rigid_axis()
     k = simc().integral * plant.force_per_volt / nominal("sigma0")
-    used = [p for p in estimates if p.name != "sigma2_hat"]
-    return Component(
-        name="pid_lugre",
-        description="Position PID with friction compensation by a LuGre observer",
-        parameters=(
+    same = "adds at rest as much integral action as the PID has: Ki kt 2 pi p/(R sigma0)"
+    at_rest = "force of the motor that stands still under one volt"
+    source = "the plant's parameters: kt 2 pi p/R"
+    return voltage_law(
+        "pid_lugre",
+        "Position PID with friction compensation by a LuGre observer",
+        (
             *pid_parameters(),
-            Parameter(
-                "k",
-                k,
-                "1/s",
-                "correction of the observer by the position error",
-                "adds at rest as much integral action as the PID has: Ki kt 2 pi p/(R sigma0)",
-                minimum=0.0,
-            ),
-            Parameter(
-                "force_per_volt",
-                plant.force_per_volt,
-                "N/V",
-                "force of the motor that stands still under one volt",
-                "the plant's parameters: kt 2 pi p/R",
-                minimum=1e-9,
-            ),
-            *used,
+            Parameter("k", k, "1/s", "correction of the observer by the position error", same, 0.0),
+            Parameter("force_per_volt", plant.force_per_volt, "N/V", at_rest, source, minimum=1e-9),
+            *(p for p in estimates if p.name != "sigma2_hat"),
             sharpness,
         ),
-        inputs=measurements_of(axis()),
-        states=(
+        command,
+        (
             pid_integral(command),
             State("z_hat", "m", "estimated bristle deflection", rate, nominal=bristles.nominal),
         ),
-        outputs=(voltage_output(command),),
     )

@@ -7,12 +7,12 @@ exceeds it, the command is zero. The axis never comes to rest: it oscillates aro
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import sympy as sp
 
-from ..plant.axis import axis
 from ..solver.component import Component, Event, Mode, Parameter, symbol
-from .limited import U_MAX, limit, voltage_output
-from .linearization import measurements_of
+from .limited import U_MAX, limit, voltage_law
 
 TUNABLE = {"level": (0.5, 36.0), "width": (1e-6, 5e-3)}
 
@@ -22,30 +22,14 @@ def relay() -> Component:
     error, width = symbol("x_d") - symbol("x"), symbol("width")
     forward = Event("forward", error - width, direction=1, next_mode="forward")
     backward = Event("backward", error + width, direction=-1, next_mode="backward")
-    return Component(
-        name="relay",
-        description="Relay with hysteresis on the position",
-        parameters=(
-            Parameter(
-                "level",
-                15.0,
-                "V",
-                "magnitude of the command",
-                "half of the open-loop step of Section 3.4.2.1",
-                minimum=0.0,
-            ),
-            Parameter(
-                "width",
-                1e-4,
-                "m",
-                "half width of the hysteresis",
-                "a thousandth of the travel",
-                minimum=0.0,
-            ),
-            U_MAX,
-        ),
-        inputs=measurements_of(axis()),
-        outputs=(voltage_output(sp.Integer(0)),),
+    half, share = "half of the open-loop step of Section 3.4.2.1", "a thousandth of the travel"
+    parameters = (
+        Parameter("level", 15.0, "V", "magnitude of the command", half, minimum=0.0),
+        Parameter("width", 1e-4, "m", "half width of the hysteresis", share, minimum=0.0),
+        U_MAX,
+    )
+    return replace(
+        voltage_law("relay", "Relay with hysteresis on the position", parameters, sp.Integer(0)),
         modes=(
             Mode("off", outputs={"u": sp.Integer(0)}, events=(forward, backward)),
             Mode("forward", outputs={"u": limit(symbol("level"))}, events=(backward,)),

@@ -55,16 +55,9 @@ def rigid_axis(plant_parameters: Mapping[str, float] | None = None) -> RigidAxis
 
 def model_parameters() -> tuple[Parameter, Parameter]:
     """``b`` and ``lag`` of the nominal axis, as parameters of a law that uses them."""
-    axis_ = rigid_axis()
+    rigid, steady = rigid_axis(), "steady speed of the axis under one volt"
     source = "the plant's equations, rigid and without Coulomb friction"
     return (
-        Parameter(
-            "b",
-            axis_.speed_per_volt,
-            "m/(s*V)",
-            "steady speed of the axis under one volt",
-            source,
-            minimum=1e-9,
-        ),
-        Parameter("lag", axis_.lag, "s", "time constant of its speed", source, minimum=1e-9),
+        Parameter("b", rigid.speed_per_volt, "m/(s*V)", steady, source, minimum=1e-9),
+        Parameter("lag", rigid.lag, "s", "time constant of its speed", source, minimum=1e-9),
     )

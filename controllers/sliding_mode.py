@@ -14,11 +14,9 @@ decays with ``slope``.
 
 from __future__ import annotations
 
-from ..plant.axis import axis
 from ..plant.instruments.amplifier import saturate
 from ..solver.component import Component, Parameter, symbol
-from .limited import U_MAX, voltage_output
-from .linearization import measurements_of
+from .limited import U_MAX, voltage_law
 from .rigid_axis import model_parameters, nominal, rigid_axis
 
 _B, _LAG, _SLOPE, _SPEED = map(symbol, ("b", "lag", "slope", "v"))
@@ -41,17 +39,9 @@ TUNABLE = {"slope": (0.5, 50.0), "level": (0.22, 36.0), "layer": (1e-4, 1.0)}
 
 def surface_parameters() -> tuple[Parameter, ...]:
     """``slope`` and the model of the rigid axis."""
-    return (
-        Parameter(
-            "slope",
-            5.0,
-            "1/s",
-            "decay of the position error on the sliding surface",
-            "the slowest pole of Eq. 3.21, -5 1/s",
-            minimum=1e-6,
-        ),
-        *model_parameters(),
-    )
+    meaning = "decay of the position error on the sliding surface"
+    source = "the slowest pole of Eq. 3.21, -5 1/s"
+    return (Parameter("slope", 5.0, "1/s", meaning, source, minimum=1e-6), *model_parameters())
 
 
 def sliding_mode() -> Component:
@@ -61,29 +51,13 @@ def sliding_mode() -> Component:
     pole = FASTEST_SHARE / plant.electrical_time
     layer = plant.speed_per_volt / plant.lag * level / pole
     command = EQUIVALENT_VOLTAGE - symbol("level") * saturate(SURFACE / symbol("layer"), 1)
-    return Component(
-        name="sliding_mode",
-        description="Sliding mode control with a boundary layer",
-        parameters=(
-            *surface_parameters(),
-            Parameter(
-                "level",
-                level,
-                "V",
-                "magnitude of the switched part",
-                f"{LEVEL_RATIO:g} times what static friction takes: Fs R/(kt 2 pi p)",
-                minimum=0.0,
-            ),
-            Parameter(
-                "layer",
-                layer,
-                "m/s",
-                "half width of the boundary layer",
-                f"pole of {FASTEST_SHARE:g} R/L within it",
-                minimum=1e-9,
-            ),
-            U_MAX,
-        ),
-        inputs=measurements_of(axis()),
-        outputs=(voltage_output(command),),
+    times = f"{LEVEL_RATIO:g} times what static friction takes: Fs R/(kt 2 pi p)"
+    within = f"pole of {FASTEST_SHARE:g} R/L within it"
+    parameters = (
+        *surface_parameters(),
+        Parameter("level", level, "V", "magnitude of the switched part", times, minimum=0.0),
+        Parameter("layer", layer, "m/s", "half width of the boundary layer", within, minimum=1e-9),
+        U_MAX,
     )
+    description = "Sliding mode control with a boundary layer"
+    return voltage_law("sliding_mode", description, parameters, command)

@@ -15,11 +15,9 @@ from __future__ import annotations
 
 import sympy as sp
 
-from ..plant.axis import axis
 from ..plant.instruments.amplifier import saturate
 from ..solver.component import Component, Parameter, symbol
-from .limited import U_MAX, tracked_integral, tracking_time, voltage_output
-from .linearization import measurements_of
+from .limited import U_MAX, tracked_integral, tracking_time, voltage_law
 from .rigid_axis import nominal, rigid_axis
 from .sliding_mode import (
     EQUIVALENT_VOLTAGE,
@@ -55,34 +53,22 @@ def super_twisting() -> Component:
     root = symbol("k1") * sp.sqrt(symbol("C")) * smoothed_root(SURFACE, symbol("layer"))
     rate = symbol("k2") * symbol("C") * switched
     command = EQUIVALENT_VOLTAGE - VOLTS_PER_RATE * root + symbol("w")
-    source = "Levant (2003)"
-    return Component(
-        name="super_twisting",
-        description="Super-twisting sliding mode control, smoothed at the surface",
-        parameters=(
+    source, bent = "Levant (2003)", "bristles that bend at the Stribeck velocity: sigma0 Vs/m"
+    within = f"natural frequency of {FASTEST_SHARE:g} R/L within it"
+    return voltage_law(
+        "super_twisting",
+        "Super-twisting sliding mode control, smoothed at the surface",
+        (
             *surface_parameters(),
-            Parameter(
-                "C",
-                bound,
-                "m/s^3",
-                "bound of the rate of what disturbs ds/dt",
-                "bristles that bend at the Stribeck velocity: sigma0 Vs/m",
-                minimum=1e-9,
-            ),
+            Parameter("C", bound, "m/s^3", "bound of the rate of what disturbs ds/dt", bent, 1e-9),
             Parameter("k1", ROOT_GAIN, "1", "gain on the root of s, by sqrt(C)", source),
             Parameter("k2", INTEGRAL_GAIN, "1", "gain on the integral of its sign, by C", source),
             Parameter(
-                "layer",
-                layer,
-                "m/s",
-                "where the root and the sign are linear",
-                f"natural frequency of {FASTEST_SHARE:g} R/L within it",
-                minimum=1e-12,
+                "layer", layer, "m/s", "where the root and the sign are linear", within, 1e-12
             ),
             tracking_time(1e-2, "short against the surface's time constant, 1/slope"),
             U_MAX,
         ),
-        inputs=measurements_of(axis()),
-        states=(tracked_integral(-VOLTS_PER_RATE * rate, command),),
-        outputs=(voltage_output(command),),
+        command,
+        (tracked_integral(-VOLTS_PER_RATE * rate, command),),
     )

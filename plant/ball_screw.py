@@ -22,6 +22,7 @@ from .modified_lugre import modified_lugre
 
 # Table 3.1 prints the speed constant, 255 rpm/V; the back-EMF constant is its inverse.
 _BACK_EMF = 1 / (255 * 2 * math.pi / 60)
+_ROTOR = "rotor inertia, reflected through the screw; Table 2.1 gives 4.2e-7, the thesis omits it"
 
 PARAMETERS = (
     Parameter("kt", 37.4e-3, "N*m/A", "torque constant", "Table 3.1", minimum=1e-9),
@@ -32,15 +33,7 @@ PARAMETERS = (
     Parameter("R", 21.4, "ohm", "terminal resistance", "Table 3.1", minimum=1e-9),
     Parameter("p", 1000.0, "1/m", "revolutions of the screw per metre", "Table 3.1", minimum=1e-3),
     Parameter("m", 1.0, "kg", "mass of the block", "Table 2.1", minimum=1e-6),
-    Parameter(
-        "Jm",
-        0.0,
-        "kg*m^2",
-        "rotor inertia, reflected through the screw; Table 2.1 gives 4.2e-7, the thesis omits it",
-        "Section 3.3",
-        minimum=0.0,
-        nominal=4.2e-7,
-    ),
+    Parameter("Jm", 0.0, "kg*m^2", _ROTOR, "Section 3.3", minimum=0.0, nominal=4.2e-7),
 )
 
 
@@ -65,19 +58,14 @@ def bare_ball_screw(
     )
     u, x, v, i = map(symbol, ("u", "x", "v", "i"))
     angle_per_length = 2 * sp.pi * p
+    current_rate = (u - resistance * i - ke * angle_per_length * v) / inductance
     motor = ForceTerm("motor", kt * angle_per_length * i, "motor torque through the screw")
     friction_term = friction(v)
     acted_on = acted_on_of(friction_term)
     states = (
         State("x", "m", "position of the block", v, nominal=1e-3),
         State("v", "m/s", "velocity of the block", nominal=1e-3),
-        State(
-            "i",
-            "A",
-            "armature current",
-            (u - resistance * i - ke * angle_per_length * v) / inductance,
-            nominal=1e-2,
-        ),
+        State("i", "A", "armature current", current_rate, nominal=1e-2),
     )
     outputs = (
         Output("x", "m", "position of the block", x, nominal=0.1),

@@ -16,20 +16,13 @@ from ..solver.component import ForceTerm, Output, Parameter, State, symbol
 from .law import Claims, friction_term
 
 _SOURCE = "Table 2.7, row 6"
+_SHARE = "distance constant of the fast part, in that of the slow one"
 
 PARAMETERS = (
     Parameter("f1", 19.875, "N", "strength of the fast part", _SOURCE, minimum=1e-9),
     Parameter("f2", 17.8227, "N", "strength of the slow part", _SOURCE, minimum=0.0),
     Parameter("eps_f", 0.000121, "m", "distance constant of the slow part", _SOURCE, minimum=1e-9),
-    Parameter(
-        "eta",
-        0.9063,
-        "1",
-        "distance constant of the fast part, in that of the slow one",
-        _SOURCE,
-        minimum=1e-6,
-        maximum=1.0,
-    ),
+    Parameter("eta", 0.9063, "1", _SHARE, _SOURCE, minimum=1e-6, maximum=1.0),
 )
 
 _F1, _F2, _EPS, _ETA = map(symbol, ("f1", "f2", "eps_f", "eta"))

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ..solver.component import Component, Event, ForceTerm, Mode, Output, symbol
+from ..solver.component import Component, Event, ForceTerm, Mode, Output, Parameter, symbol
 from ..solver.errors import ContractError
 from .law import Claims
 from .lugre import PARAMETERS, stribeck
@@ -23,25 +23,22 @@ USED = ("sigma2", "Fc", "Fs", "Vs")
 
 def classical(velocity: sp.Expr) -> ForceTerm:
     """The friction term of a body that moves with `velocity` [m/s]; needs `with_sticking`."""
-    term = ForceTerm(
-        name="friction",
-        force=-sliding(velocity, sp.sign(velocity)),
-        meaning="classical friction, opposing motion",
-        parameters=tuple(p for p in PARAMETERS if p.name in USED),
+    used = tuple(p for p in PARAMETERS if p.name in USED)
+    return sticking_term("classical friction", sliding(velocity, sp.sign(velocity)), used)
+
+
+def sticking_term(kind: str, force: sp.Expr, parameters: tuple[Parameter, ...]) -> ForceTerm:
+    """The term of a law that sticks, whose `force` [N] is positive if it opposes motion in +x."""
+    return with_outputs(
+        ForceTerm("friction", -force, f"{kind}, opposing motion", parameters=parameters)
     )
-    return with_outputs(term)
 
 
 def with_outputs(term: ForceTerm) -> ForceTerm:
     """A term of friction that sticks, with the outputs of its modes."""
-    return replace(
-        term,
-        outputs=(
-            *term.outputs,
-            Output("friction", "N", "friction force, opposing motion", -term.force, nominal=1.0),
-            Output("stuck", "1", "one while the body sticks, else zero", sp.Integer(0)),
-        ),
-    )
+    friction = Output("friction", "N", "friction force, opposing motion", -term.force, nominal=1.0)
+    stuck = Output("stuck", "1", "one while the body sticks, else zero", sp.Integer(0))
+    return replace(term, outputs=(*term.outputs, friction, stuck))
 
 
 def sliding(velocity: sp.Expr, direction: sp.Expr) -> sp.Expr:

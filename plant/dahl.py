@@ -17,19 +17,12 @@ from ..solver.component import ForceTerm, Parameter, State, symbol
 from .law import Claims, friction_term
 
 ROUNDING = sp.Float("1e-6")
+_EXPONENT = "exponent; 1 is the usual one, below it F meets Fc after a finite way"
 
 PARAMETERS = (
     Parameter("sigma", 87750.0, "N/m", "slope dF/dx at F = 0", "Table 2.5, nominal", minimum=1e-3),
     Parameter("Fc", 2.0, "N", "Coulomb friction", "Table 2.5, nominal", minimum=1e-9),
-    Parameter(
-        "alpha",
-        1.0,
-        "1",
-        "exponent; 1 is the usual one, below it F meets Fc after a finite way",
-        "Section 2.3.2.1",
-        minimum=0.0,
-        maximum=10.0,
-    ),
+    Parameter("alpha", 1.0, "1", _EXPONENT, "Section 2.3.2.1", minimum=0.0, maximum=10.0),
 )
 
 CLAIMS = Claims(

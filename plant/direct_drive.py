@@ -54,15 +54,14 @@ def bare_direct_drive(
     """The drive of `direct_drive` before sticking is added, so that forces can be added."""
     x, v = symbol("x"), symbol("v")
     term = friction(v)
+    law = ("x", "v", *acted_on_of(term))
+    force = ForceTerm("drive", symbol("gain") * symbol("u"), "force of the drive")
+    offset = ForceTerm("offset", -symbol("offset"), "constant force")
     return Component(
         name=name,
         description="Direct drive: a force on a sliding block with " + term.meaning.split(",")[0],
         parameters=PARAMETERS,
-        inputs=(
-            Input(
-                "u", "V", "command of the drive", nominal=10.0, law=("x", "v", *acted_on_of(term))
-            ),
-        ),
+        inputs=(Input("u", "V", "command of the drive", nominal=10.0, law=law),),
         states=(
             State("x", "m", "position of the body", v, nominal=1e-3),
             State("v", "m/s", "velocity of the body", nominal=1e-3),
@@ -72,17 +71,7 @@ def bare_direct_drive(
             Output("v", "m/s", "velocity of the body", v, nominal=0.1),
             *inner_outputs(term),
         ),
-        balances=(
-            ForceBalance(
-                "v",
-                symbol("m"),
-                (
-                    ForceTerm("drive", symbol("gain") * symbol("u"), "force of the drive"),
-                    ForceTerm("offset", -symbol("offset"), "constant force"),
-                    term,
-                ),
-            ),
-        ),
+        balances=(ForceBalance("v", symbol("m"), (force, offset, term)),),
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sympy as sp
 
 from ..solver.component import ForceTerm, symbol
-from .classical import USED, sliding, with_outputs
+from .classical import USED, sliding, sticking_term
 from .directional_lugre import PARAMETERS, one_way
 from .law import Claims
 
@@ -27,10 +27,5 @@ CLAIMS = Claims(steady_state=_friction(symbol("v")), stiffness=None)
 
 def directional_classical(velocity: sp.Expr) -> ForceTerm:
     """The friction term of a body that moves with `velocity` [m/s]; needs `with_sticking`."""
-    term = ForceTerm(
-        name="friction",
-        force=-_friction(velocity),
-        meaning="classical friction that differs by direction, opposing motion",
-        parameters=tuple(p for p in PARAMETERS if p.name.partition("_")[0] in USED),
-    )
-    return with_outputs(term)
+    used = tuple(p for p in PARAMETERS if p.name.partition("_")[0] in USED)
+    return sticking_term("classical friction that differs by direction", _friction(velocity), used)

@@ -13,18 +13,14 @@ import sympy as sp
 from ..solver.component import ForceTerm, Parameter, State, symbol
 from .law import Claims, friction_term
 
+_DAMPING = "Table 3.1; 2 sqrt(sigma0 m) - sigma2 by Eq. 2.17"
+
+_DAMPING = "Table 3.1; 2 sqrt(sigma0 m) - sigma2 by Eq. 2.17"
 PARAMETERS = (
     Parameter(
         "sigma0", 66967.231, "N/m", "stiffness of the bristles", "Tables 2.9 and 3.1", minimum=1e-3
     ),
-    Parameter(
-        "sigma1",
-        344.56,
-        "N*s/m",
-        "damping of the bristles",
-        "Table 3.1; 2 sqrt(sigma0 m) - sigma2 by Eq. 2.17",
-        minimum=0.0,
-    ),
+    Parameter("sigma1", 344.56, "N*s/m", "damping of the bristles", _DAMPING, minimum=0.0),
     Parameter(
         "sigma2", 173.0, "N*s/m", "viscous friction coefficient", "Tables 2.3 and 3.1", minimum=0.0
     ),

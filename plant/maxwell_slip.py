@@ -63,16 +63,14 @@ def _names(stem: str) -> list[str]:
 
 
 _TANGENTS = "tangents to the LuGre law's slow loading curve"
+_STIFFNESS, _SOURCE = _DEFAULT["sigma0"] / ELEMENTS, f"Table 2.9: sigma0/{ELEMENTS}"
+_ATTRACTION = "attraction: how fast slipping elements follow the Stribeck curve"
+_RATE = "sigma0 Vs: the rate of the LuGre law at the Stribeck velocity"
 
 PARAMETERS = (
     *(
         Parameter(
-            name,
-            _DEFAULT["sigma0"] / ELEMENTS,
-            "N/m",
-            f"stiffness of element {name[1:]}",
-            f"Table 2.9: sigma0/{ELEMENTS}",
-            minimum=1e-3,
+            name, _STIFFNESS, "N/m", f"stiffness of element {name[1:]}", _SOURCE, minimum=1e-3
         )
         for name in _names("k")
     ),
@@ -87,14 +85,7 @@ PARAMETERS = (
         )
         for name, share in zip(_names("alpha"), _shares(ELEMENTS), strict=True)
     ),
-    Parameter(
-        "C",
-        _DEFAULT["sigma0"] * _DEFAULT["Vs"],
-        "N/s",
-        "attraction: how fast slipping elements follow the Stribeck curve",
-        "sigma0 Vs: the rate of the LuGre law at the Stribeck velocity",
-        minimum=0.0,
-    ),
+    Parameter("C", _DEFAULT["sigma0"] * _DEFAULT["Vs"], "N/s", _ATTRACTION, _RATE, minimum=0.0),
     *(p for p in LUGRE if p.name in ("sigma2", "Fc", "Fs", "Vs")),
 )
 

@@ -75,16 +75,11 @@ def with_load_on_spring(plant: Component) -> Component:
     pull = joint_force(load, spring=True, gap=False).xreplace(
         {symbol(old): symbol(new) for old, new in named.items()}
     )
-    spring = ForceTerm(
-        "load",
-        -pull,
-        "a load behind a spring",
-        states=(
-            State("xl", "m", "position of the load", symbol("vl"), nominal=1e-3),
-            State("vl", "m/s", "velocity of the load", pull / load, nominal=1e-3),
-        ),
-        parameters=(LOAD_STIFFNESS,),
+    states = (
+        State("xl", "m", "position of the load", symbol("vl"), nominal=1e-3),
+        State("vl", "m/s", "velocity of the load", pull / load, nominal=1e-3),
     )
+    spring = ForceTerm("load", -pull, "a load behind a spring", states, (LOAD_STIFFNESS,))
     before = ForceBalance("v", sp.expand(whole.inertia - load), (*whole.terms, spring))
     return replace(plant, balances=(before,))
 
@@ -101,18 +96,12 @@ def _joined(plant: Component, spring: bool, gap: bool) -> Component:
         "v": ForceTerm("joint", -pull, "what joins the two, on the encoder's side"),
         "vb": ForceTerm("joint", pull, "what joins the two, on the block"),
     }
-    wanted = [
-        p for p, there in ((STIFFNESS, spring), (GAP, gap), (SIDES, gap and not spring)) if there
-    ]
-    others = [p for p in apart.parameters if p.name not in {STIFFNESS.name, GAP.name, SIDES.name}]
-    return replace(
-        apart,
-        parameters=(*others, *wanted),
-        balances=tuple(
-            replace(b, terms=(*(t for t in b.terms if t.name != "joint"), joint[b.state]))
-            for b in apart.balances
-        ),
-    )
+    there = {STIFFNESS: spring, GAP: gap, SIDES: gap and not spring}
+    others = [p for p in apart.parameters if p.name not in {own.name for own in there}]
+    parameters = (*others, *(p for p, wanted in there.items() if wanted))
+    terms = {b.state: [t for t in b.terms if t.name != "joint"] for b in apart.balances}
+    balances = [replace(b, terms=(*terms[b.state], joint[b.state])) for b in apart.balances]
+    return replace(apart, parameters=parameters, balances=tuple(balances))
 
 
 def joint_force(block: sp.Expr, spring: bool, gap: bool) -> sp.Expr:
@@ -147,18 +136,15 @@ def _parted(plant: Component) -> Component:
     moved = {symbol("x"): symbol("xb"), symbol("v"): symbol("vb")}
     near = tuple(t for t in whole.terms if t.name in ENCODER_SIDE)
     far = tuple(replaced(t, moved) for t in whole.terms if t.name not in ENCODER_SIDE)
+    where = "of the block behind the joint"
+    position = State("xb", "m", f"position {where}", symbol("vb"), nominal=1e-3)
+    velocity = State("vb", "m/s", f"velocity {where}", nominal=1e-3)
+    shown = Output("xb", "m", f"position {where}", symbol("xb"), nominal=0.1)
     return replace(
         plant,
         description=f"{plant.description}, in two bodies",
-        states=(
-            *plant.states,
-            State("xb", "m", "position of the block behind the joint", symbol("vb"), nominal=1e-3),
-            State("vb", "m/s", "velocity of the block behind the joint", nominal=1e-3),
-        ),
-        outputs=(
-            *plant.outputs,
-            Output("xb", "m", "position of the block behind the joint", symbol("xb"), nominal=0.1),
-        ),
+        states=(*plant.states, position, velocity),
+        outputs=(*plant.outputs, shown),
         balances=(
             ForceBalance("v", sp.expand(whole.inertia - block), near),
             ForceBalance("vb", block, far),

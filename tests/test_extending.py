@@ -72,27 +72,20 @@ def glass_scale():
 """
 
 CONTROLLER = """
-from ..plant.axis import axis
-from ..solver.component import Component, Parameter, symbol
-from .limited import U_MAX, voltage_output
-from .linearization import measurements_of
+from ..solver.component import Parameter, symbol
+from .limited import U_MAX, voltage_law
 
 TUNABLE = {"Kp": (50.0, 5e4), "Kd": (0.0, 500.0)}
 
 
 def soft_pd():
     command = symbol("Kp") * (symbol("x_d") - symbol("x")) - symbol("Kd") * symbol("v")
-    return Component(
-        name="soft_pd",
-        description="Proportional, with velocity feedback",
-        parameters=(
-            Parameter("Kp", 400.0, "V/m", "proportional gain", "a test"),
-            Parameter("Kd", 20.0, "V*s/m", "gain on the velocity", "a test"),
-            U_MAX,
-        ),
-        inputs=measurements_of(axis()),
-        outputs=(voltage_output(command),),
+    parameters = (
+        Parameter("Kp", 400.0, "V/m", "proportional gain", "a test"),
+        Parameter("Kd", 20.0, "V*s/m", "gain on the velocity", "a test"),
+        U_MAX,
     )
+    return voltage_law("soft_pd", "Proportional, with velocity feedback", parameters, command)
 """
 
 COUPLING = '''

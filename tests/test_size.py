@@ -16,8 +16,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
     "solver": (6372, 5554),
-    "plant": (1821, 1546),
-    "controllers": (1281, 1038),
+    "plant": (1590, 1314),
+    "controllers": (1112, 868),
     "fmus": (5128, 4599),
     "orchestration": (12070, 10487),
     "stability": (2781, 2279),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (26815, 25594),
+    "tests": (26808, 25587),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

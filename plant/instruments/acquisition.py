@@ -23,25 +23,19 @@ def sampling_period() -> Parameter:
 def load_cell() -> Component:
     """Force between screw side and block, measured by the load cell and its converter."""
     resolution, capacity = symbol("resolution"), symbol("capacity")
+    noise = Input("noise", "N", "noise before the converter", nominal=0.03)
     # also before quantization: compiled code counts the steps in 64 bits
     felt = saturate(symbol("force") + symbol("noise"), 2 * capacity)
-    steps = sp.floor(felt / resolution + sp.Rational(1, 2))
+    read = saturate(sp.floor(felt / resolution + sp.Rational(1, 2)) * resolution, capacity)
     return Component(
         name="load_cell",
         description="Load cell: whole steps of its resolution, within its capacity",
         parameters=(
             Parameter("resolution", 0.089, "N", "smallest step", "Table 2.1", minimum=1e-9),
-            Parameter(
-                "capacity", 44.5, "N", "end of the range, either sign", "Table 2.1", minimum=0.0
-            ),
+            Parameter("capacity", 44.5, "N", "end of the range, either sign", "Table 2.1", 0.0),
         ),
-        inputs=(
-            Input("force", "N", "force on the block"),
-            Input("noise", "N", "noise before the converter", nominal=0.03),
-        ),
-        outputs=(
-            Output("force_read", "N", "force by the cell", saturate(steps * resolution, capacity)),
-        ),
+        inputs=(Input("force", "N", "force on the block"), noise),
+        outputs=(Output("force_read", "N", "force by the cell", read),),
     )
 
 
@@ -81,33 +75,18 @@ def low_pass(name: str, unit: str, meaning: str, cutoff: float, source: str) -> 
     b = w**2 * scale
     a1, a2 = 2 * (w**2 - 1) * scale, (1 - 2 * damping * w + w**2) * scale
     filtered = b * signal + symbol("s1")
+    first = 2 * b * signal - a1 * filtered + symbol("s2")
+    lost, butterworth = "frequency where 3 dB are lost", "Butterworth; the thesis says second order"
     return Component(
         name=name,
         description="Second-order low-pass filter, " + meaning,
         parameters=(
-            Parameter(
-                "cutoff",
-                cutoff,
-                "1/s",
-                "frequency where 3 dB are lost",
-                source,
-                minimum=1e-3,
-                maximum=0.45 / SAMPLE_TIME,
-            ),
-            Parameter(
-                "damping",
-                0.5**0.5,
-                "1",
-                "damping ratio",
-                "Butterworth; the thesis says second order",
-                minimum=1e-3,
-            ),
+            Parameter("cutoff", cutoff, "1/s", lost, source, 1e-3, 0.45 / SAMPLE_TIME),
+            Parameter("damping", 0.5**0.5, "1", "damping ratio", butterworth, minimum=1e-3),
         ),
         inputs=(Input("signal", unit, meaning),),
         discrete=(
-            DiscreteState(
-                "s1", unit, "first memory", 2 * b * signal - a1 * filtered + symbol("s2")
-            ),
+            DiscreteState("s1", unit, "first memory", first),
             DiscreteState("s2", unit, "second memory", b * signal - a2 * filtered),
             DiscreteState("held", unit, "filtered " + meaning, filtered),
         ),

@@ -12,34 +12,17 @@ import sympy as sp
 from ...solver.component import Component, Parameter, symbol
 from . import NOMINAL_VOLTAGE, UNLIMITED
 
+_OF_VOLTAGE = "amplifier voltage limit, either sign; 1e6: none"
+_OF_CURRENT = "amplifier current limit, either sign; 1e6: none"
+_VOLTAGE = "36 V nominal in Table 2.1, none in the thesis' simulations"
+_TIME = "time constant with which the current meets its limit"
+_TYPICAL = "typical of a servo amplifier's current loop"
 PARAMETERS = (
     Parameter(
-        "voltage_limit",
-        UNLIMITED,
-        "V",
-        "amplifier voltage limit, either sign; 1e6: none",
-        "36 V nominal in Table 2.1, none in the thesis' simulations",
-        minimum=0.0,
-        maximum=UNLIMITED,
-        nominal=NOMINAL_VOLTAGE,
+        "voltage_limit", UNLIMITED, "V", _OF_VOLTAGE, _VOLTAGE, 0.0, UNLIMITED, NOMINAL_VOLTAGE
     ),
-    Parameter(
-        "current_limit",
-        UNLIMITED,
-        "A",
-        "amplifier current limit, either sign; 1e6: none",
-        "none in the thesis",
-        minimum=0.0,
-        maximum=UNLIMITED,
-    ),
-    Parameter(
-        "current_limit_time",
-        1e-4,
-        "s",
-        "time constant with which the current meets its limit",
-        "typical of a servo amplifier's current loop",
-        minimum=1e-6,
-    ),
+    Parameter("current_limit", UNLIMITED, "A", _OF_CURRENT, "none in the thesis", 0.0, UNLIMITED),
+    Parameter("current_limit_time", 1e-4, "s", _TIME, _TYPICAL, minimum=1e-6),
 )
 
 

@@ -40,15 +40,11 @@ def with_command_behind(
     told = [q / scale**k for k, q in enumerate(parts)]
     left = u - parts[0] - sp.Add(*[c * r for c, r in zip(coefficients, told[1:], strict=False)])
     rates = [*(q / scale for q in parts[1:]), left * scale ** (order - 1) / coefficients[-1]]
+    meaning = "command behind its filter"
+    meanings = [meaning, *(f"{meaning}, rate {k} by its time" for k in range(1, order))]
     behind = [
-        State(
-            name,
-            unit,
-            "command behind its filter" + (f", rate {k} by its time" if k else ""),
-            rate,
-            nominal=10.0,
-        )
-        for k, (name, rate) in enumerate(zip(names, rates, strict=True))
+        State(name, unit, words, rate, nominal=10.0)
+        for name, words, rate in zip(names, meanings, rates, strict=True)
     ]
     held = plant.equations_with({u: parts[0]})
     held["states"] = (*held["states"], *behind)

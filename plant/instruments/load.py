@@ -11,12 +11,8 @@ from ...solver.component import TIME, Component, ForceTerm, Output, Parameter, s
 _PROFILE = (
     Parameter("load_force", 0.0, "N", "force that is reached", "none unless given"),
     Parameter("load_time", 0.1, "s", "when it begins to rise", "example value", minimum=0.0),
-    Parameter(
-        "load_rise", 1e-3, "s", "how long it rises", "example value: nearly a step", minimum=1e-9
-    ),
-    Parameter(
-        "load_amplitude", 0.0, "N", "amplitude of a sine beside", "none unless given", minimum=0.0
-    ),
+    Parameter("load_rise", 1e-3, "s", "how long it rises", "example value: nearly a step", 1e-9),
+    Parameter("load_amplitude", 0.0, "N", "amplitude of a sine beside", "none unless given", 0.0),
     Parameter("load_frequency", 10.0, "1/s", "its frequency", "example value", minimum=0.0),
     Parameter("load_phase", 0.0, "rad", "its phase at t = 0", "example value"),
 )
@@ -43,20 +39,13 @@ def with_load(plant: Component, balance: str = "v") -> Component:
     )
     turn = 2 * sp.pi * symbol("load_frequency") * TIME + symbol("load_phase")
     load = force * share + symbol("load_amplitude") * sp.sin(turn)
-    term = ForceTerm(
-        "load",
-        load,
-        "force of the machine on the axis",
-        parameters=_PROFILE,
-        outputs=(Output("load", "N", "force of the machine on the axis", load),),
-    )
+    meaning = "force of the machine on the axis"
+    shown = Output("load", "N", meaning, load)
+    term = ForceTerm("load", load, meaning, parameters=_PROFILE, outputs=(shown,))
     loaded = plant.with_force(term, balance)
     more = sp.Piecewise((0, symbol("payload_time") > TIME), (symbol("payload"), True))
-    return replace(
-        loaded,
-        parameters=(*loaded.parameters, *_PAYLOAD),
-        balances=tuple(
-            replace(b, inertia=b.inertia + more) if b.state == balance else b
-            for b in loaded.balances
-        ),
-    )
+    heavier = [
+        replace(b, inertia=b.inertia + more) if b.state == balance else b for b in loaded.balances
+    ]
+    parameters = (*loaded.parameters, *_PAYLOAD)
+    return replace(loaded, parameters=parameters, balances=tuple(heavier))

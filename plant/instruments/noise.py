@@ -17,15 +17,8 @@ MULTIPLIERS = (40014, 40692)
 SPREAD = (2021657, 1487629)
 """Factor of a seed, so that consecutive seeds begin far apart."""
 
-SEED = Parameter(
-    "seed",
-    1.0,
-    "1",
-    "which noise: a whole number",
-    "any will do; give two instruments two numbers",
-    minimum=1.0,
-    maximum=2.0**31,
-)
+_ANY = "any will do; give two instruments two numbers"
+SEED = Parameter("seed", 1.0, "1", "which noise: a whole number", _ANY, 1.0, 2.0**31)
 
 
 def white_noise() -> tuple[DiscreteState, ...]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ...solver.component import Component, DiscreteState, Mode, Output, Parameter, symbol
+from ...solver.component import Component, DiscreteState, Input, Mode, Output, Parameter, symbol
 from ...solver.errors import ContractError
 
 PERIOD = Parameter("sample_time", 1e-3, "s", "sampling period", "a common servo rate", minimum=1e-6)
@@ -39,31 +39,15 @@ def sampled(controller: Component, period: Parameter = PERIOD, delay: int = 0) -
     read = [i for i in controller.inputs if symbol(i.name) in used]
     held = {symbol(i.name): symbol(f"{i.name}_read") for i in read}
     fields = controller.equations_with(held)
+    outputs = [replace(o, value=values[o.name]) for o in controller.all_outputs]
+    kept = [state for o in outputs for state in _held(o, int(delay))]
     return replace(
         controller,
         name=f"{controller.name}_sampled",
         description=f"{controller.description}; sampled, its output held between samples",
         states=fields["states"],
         balances=fields["balances"],
-        discrete=(
-            *(
-                DiscreteState(
-                    f"{i.name}_read",
-                    i.unit,
-                    f"{i.meaning}, at the last sample",
-                    symbol(i.name),
-                    i.start,
-                    i.nominal,
-                )
-                for i in read
-            ),
-            *looked_at,
-            *(
-                state
-                for o in controller.all_outputs
-                for state in _held(replace(o, value=values[o.name]), int(delay))
-            ),
-        ),
+        discrete=(*(_read(i) for i in read), *looked_at, *kept),
         outputs=tuple(replace(o, value=symbol(f"{o.name}_held")) for o in controller.outputs),
         sample_time=period,
         modes=(),
@@ -100,6 +84,11 @@ def _by_mode(controller: Component) -> tuple[dict[str, sp.Expr], tuple[DiscreteS
     }
     number = after(lambda m: sp.Integer(names.index(m.name)))
     return outputs, (DiscreteState("mode", "1", "number of the mode", number),)
+
+
+def _read(i: Input) -> DiscreteState:
+    meaning = f"{i.meaning}, at the last sample"
+    return DiscreteState(f"{i.name}_read", i.unit, meaning, symbol(i.name), i.start, i.nominal)
 
 
 def _held(output: Output, delay: int) -> tuple[DiscreteState, ...]:

@@ -18,31 +18,19 @@ def velocity_estimate() -> Component:
     period, x, held = symbol("sample_time"), symbol("x"), symbol("v_held")
     difference = symbol("begun") * (x - symbol("x_last")) / period
     share = 1 - sp.exp(-2 * sp.pi * symbol("cutoff") * period)
+    after = held + share * (difference - held)
+    meaning = "cutoff frequency of the filter; 1e6: no filter"
     return Component(
         name="velocity_estimate",
         description="Velocity by backward differences of positions, filtered",
         parameters=(
-            Parameter(
-                "cutoff",
-                UNLIMITED,
-                "1/s",
-                "cutoff frequency of the filter; 1e6: no filter",
-                "none unless given",
-                minimum=1e-3,
-                maximum=UNLIMITED,
-            ),
+            Parameter("cutoff", UNLIMITED, "1/s", meaning, "none unless given", 1e-3, UNLIMITED),
         ),
         inputs=(Input("x", "m", "measured position", nominal=0.1),),
         discrete=(
             DiscreteState("begun", "1", "whether there is a position before", sp.Integer(1)),
             DiscreteState("x_last", "m", "position at the last sample", x, nominal=0.1),
-            DiscreteState(
-                "v_held",
-                "m/s",
-                "velocity since the last sample",
-                held + share * (difference - held),
-                nominal=0.1,
-            ),
+            DiscreteState("v_held", "m/s", "velocity since the last sample", after, nominal=0.1),
         ),
         outputs=(Output("v_measured", "m/s", "estimated velocity", held, nominal=0.1),),
         sample_time=PERIOD,

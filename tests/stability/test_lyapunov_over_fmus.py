@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 from third_party_fmus import STATE_FEEDBACK_PORTS, proportional, state_feedback
 
-from ballscrew.controllers.linearization import measurements_of
+from ballscrew.controllers.limited import measurements_of
 from ballscrew.fmus.native.export import write_native
 from ballscrew.orchestration.loop.catalogue import catalogued_model
 from ballscrew.orchestration.loop.loop import Loop

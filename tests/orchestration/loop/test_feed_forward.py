@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ballscrew.controllers.linearization import measurements_of
+from ballscrew.controllers.limited import measurements_of
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import native_model
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
