@@ -80,7 +80,7 @@ def step_cost(
     for _ in range(3):
         p, c = (open_fmu(path, path.stem, isolate) for path in (plant, controller))
         sides = Sides(p, c, goal, seconds, Coupling.INTERFACE_JACOBIAN, int(corrected))
-        main = sides.main(played=False)
+        main = sides.main()
         record = Record(main, goal, (0,))
         began = perf_counter()
         stop = march_on([main], Clock(seconds, h), record)
@@ -137,7 +137,7 @@ def chain_cost(chain: TimedChain, judged: bool = False) -> float:
         if judged:
             run_loop(sides, chain.step)
         else:
-            main = sides.main(played=False)
+            main = sides.main()
             record = Record(main, still, ())
             began = perf_counter()
             stop = march_on([main], Clock(chain.stop, chain.step), record)

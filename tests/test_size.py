@@ -19,7 +19,7 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1590, 1314),
     "controllers": (1112, 868),
     "fmus": (5128, 4599),
-    "orchestration": (12070, 10487),
+    "orchestration": (11802, 10234),
     "stability": (2781, 2279),
     "ballscrew": (3838, 3135),
     "gallery": (2729, 2355),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (26808, 25587),
+    "tests": (26761, 25542),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

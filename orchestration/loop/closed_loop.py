@@ -101,7 +101,6 @@ def joined_pair(loop: Loop) -> Iterator[Joined]:
             notes=(*loop.notes, *notes, *units.notes),
             limit_option=_LIMIT_OPTION,
             sampled=sampled,
-            may_try=True,
         )
 
 

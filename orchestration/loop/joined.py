@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -48,15 +47,13 @@ class Joined:
     notes: tuple[str, ...]
     limit_option: str  # how the user gives the plant a limit of its command
     sampled: Mapping[str, float]  # periods of FMUs that are stepped at their samples only [s]
-    may_try: bool = False  # whether compiled code may try steps, see `played`
 
     def run_at(
         self,
         how: HowCoupled,
         step: float,
         progress: Progress | None = None,
-        look_again: bool = True,
-        tries: bool = False,
+        look_again: bool | Callable[[LoopRun], bool] = True,
     ) -> LoopRun:
         """Run both sides once; for another run they are `reopened`."""
         self._check_states(step)
@@ -71,7 +68,7 @@ class Joined:
             self.names,
             self.wiring,
         )
-        run = run_loop(sides, step, progress=progress, look_again=look_again, tries=tries)
+        run = run_loop(sides, step, progress=progress, look_again=look_again)
         return limited(self.finish(run), self.values[self.main])
 
     def run(
@@ -91,10 +88,10 @@ class Joined:
         with contextlib.ExitStack() as opened:
             unused = [self]
 
-            def run_at(step: float, look_again: bool, tries: bool = False) -> LoopRun:
+            def run_at(step: float, look_again: bool | Callable[[LoopRun], bool]) -> LoopRun:
                 opened.close()  # what the run before has opened
                 joined = unused.pop() if unused else opened.enter_context(self._reopened())
-                return joined.run_at(how, step, progress, look_again, tries)
+                return joined.run_at(how, step, progress, look_again)
 
             choice = None
             if how.step is not None or how.adaptive:
@@ -102,11 +99,10 @@ class Joined:
             elif own:
                 run, choice = only_step(run_at(own, True), own)
             else:
-                try_at = partial(run_at, tries=True) if self.may_try else None
                 # a call of an FMU in its own process takes much longer
                 slow = any(isinstance(f, IsolatedInstance) for f in self.fmus.values())
                 most = MOST_OF_ISOLATED if slow else MOST
-                run, choice = choose_step(run_at, first, try_at, most)
+                run, choice = choose_step(run_at, first, most)
         step = choice.step if choice else step
         return run, choice, (*self.notes, *states, *self._notes_on(run, step))
 

@@ -29,8 +29,8 @@ ASKED_LAW = ct.CFUNCTYPE(ct.c_int, ct.c_double, ct.c_double, ct.c_void_p, ct.c_v
 ASKED_ADVANCE = ct.CFUNCTYPE(ct.c_int, ct.c_double, ct.c_double, ct.c_void_p)
 
 _FOLDER = Path(__file__).parent / "c"
-_SOURCES = ("calls.h", "coupling.c", "clock.c", "joint_step.c", "played.c", "group.c", "master.c")
-_SIZED = ("Pair", "Course", "Clock", "Joint", "Trail", "Played", "Group", "Member")
+_SOURCES = ("calls.h", "coupling.c", "clock.c", "joint_step.c", "group.c", "master.c")
+_SIZED = ("Pair", "Course", "Clock", "Joint", "Trail", "Group", "Member")
 
 
 class CallFailed(Exception):

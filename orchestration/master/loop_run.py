@@ -46,7 +46,6 @@ class LoopRun:
     limit: float = math.inf  # largest command that the plant lets through, in the command's unit
     # the same with points between the communication points, where equations are solved
     between: LoopRun | None = None
-    played: bool = False  # whether compiled code replaced the FMUs, see `run_loop`
 
     @property
     def judged(self) -> dict[str, Vector]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,6 @@ from .algebraic_loop import with_ring_named
 from .coupling import Answer, CoupledPair
 from .loop_run import LoopRun
 from .march import Clock, Progress, Record, Stop, march_on
-from .played import can_be_played
 from .second_look import Setting, with_second_look
 from .sides import Sides, step_that_meets
 from .verdict import ACCURACY, Verdict, scales, verdict_of
@@ -27,8 +26,7 @@ def run_loop(
     step: float,
     *,
     progress: Progress | None = None,
-    look_again: bool = True,
-    tries: bool = False,
+    look_again: bool | Callable[[LoopRun], bool] = True,
 ) -> LoopRun:
     """Run a closed loop of two FMU instances.
 
@@ -39,10 +37,8 @@ def run_loop(
         Communication step [s]; for an adaptive run the longest step.
     progress : function, optional
         Called repeatedly with the present time.
-    look_again : bool
+    look_again : bool or function of the run
         Whether an unclear verdict is checked by runs with finer steps.
-    tries : bool
-        Whether compiled code may replace the FMUs, see `played.py`; the numbers are the same.
 
     Returns
     -------
@@ -56,8 +52,7 @@ def run_loop(
         If the rows of all steps do not fit.
     """
     plant, controller, wiring = sides.plant, sides.controller, sides.wiring
-    played = tries and can_be_played(plant) and can_be_played(controller)
-    main = sides.main(played)
+    main = sides.main()
     step, reason = _meet_samples(main, step, sides.reason_of(main))
     varies = all(getattr(side, "steps_vary", True) for side in (plant, controller))
     breaks = sides.reference.jumps(wiring.orders) if varies else np.zeros(0)
@@ -72,7 +67,7 @@ def run_loop(
         for co_run in co_runs:
             co_run.close()
     first = _concluded(sides, [main, *co_runs], record, clock, why)
-    first = replace(first, coupling_reason=reason, played=played)
+    first = replace(first, coupling_reason=reason)
     if wiring.is_empty and first.verdict.trusted:
         own = (
             f"there is no coupling; this run does not check how accurate {plant.name}'s own "
@@ -80,7 +75,8 @@ def run_loop(
         )
         return replace(first, verdict=replace(first.verdict, reason=own))
     ended = why.reason or any(pair.failure for pair in co_runs)
-    if look_again and not sides.adaptive and not ended:
+    asked = look_again if isinstance(look_again, bool) else look_again(first)
+    if asked and not sides.adaptive and not ended:
         # in a network the reverse order may be wrong where the run is right
         judges = co_runs[-1:] if wiring.network else co_runs[:1]
         judges = judges if sides.reversible else co_runs

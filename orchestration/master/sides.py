@@ -15,11 +15,19 @@ from ..fmu.group import Group, initialize
 from ..fmu.wiring import UNWIRED, Wiring, wire
 from .coupling import Answer, CoupledPair
 from .couplings import Coupling
-from .played import reopened_to_judge
 from .reference_signal import Reference
 
 Vector = npt.NDArray[np.float64]
 Reopen = Callable[[Instance], Instance]
+
+
+def _reopened(part: Instance) -> Instance:
+    return part.reopened()
+
+
+def _turned(part: Instance) -> Instance:
+    """Opened again; the steps of a group begin with the reverse order."""
+    return part.reopened(True) if isinstance(part, Group) else part.reopened()
 
 
 @dataclass
@@ -102,15 +110,15 @@ class Sides:
             "command is held"
         )
 
-    def opened(self, reopen: Reopen = lambda part: part.reopened()) -> tuple[Instance, Instance]:
+    def opened(self, reopen: Reopen = _reopened) -> tuple[Instance, Instance]:
         """Plant and controller, opened again by this function and initialized together."""
         p, c = reopen(self.plant), reopen(self.controller)
         initialize(p, c, self.wiring, self.values, self.stop, self.start)
         return p, c
 
-    def main(self, played: bool) -> CoupledPair:
-        """The loop of the run: these instances themselves, or compiled code that plays them."""
-        p, c = self.opened(reopened_to_judge if played else lambda part: part)
+    def main(self) -> CoupledPair:
+        """The loop of the run: these instances themselves."""
+        p, c = self.opened(lambda part: part)
         averaged = self.scheme.law or self.corrected
         return CoupledPair(p, c, self.wiring, self.scheme, self.corrected, averaged, self.start)
 
@@ -120,7 +128,7 @@ class Sides:
         averaged: bool,
         parts: int = 1,
         scheme: Coupling | None = None,
-        reopen: Reopen = reopened_to_judge,
+        reopen: Reopen = _reopened,
     ) -> CoupledPair:
         """Open the loop again at its start, to judge the run; each step in so many parts."""
         p, c = self.opened(reopen)
@@ -143,7 +151,7 @@ class Sides:
         tangent = self.scheme.law
         if not self.reversible:
             return [self.again(False, tangent, parts) for parts in (2, 4)]
-        reopen = _turned if self.wiring.network else reopened_to_judge
+        reopen = _turned if self.wiring.network else _reopened
         other = self.again(not main.corrected, not tangent, reopen=reopen)
         if not curved:
             return [other]
@@ -165,11 +173,6 @@ class Sides:
             return pair
 
         return opened
-
-
-def _turned(part: Instance) -> Instance:
-    """Opened again; the steps of a group begin with the reverse order."""
-    return part.reopened(True) if isinstance(part, Group) else part.reopened()
 
 
 def step_that_meets(period: float, step: float) -> float:

@@ -4,9 +4,6 @@ Each run has its own verdict, from its co-run. If that is not enough, successive
 if a halving moves the outputs by a share q < 0.7 of the change by the previous halving, all later
 changes add up to q / (1 - q) of the last change. If outputs jump, this is not sufficient, and the
 last run gets a second look, see `second_look`.
-
-Compiled code tries the shorter steps if it can play the FMUs, see `played`; then the FMUs
-themselves repeat the first run that is close enough to the last one.
 """
 
 from __future__ import annotations
@@ -25,7 +22,7 @@ from .verdict import ACCURACY, Verdict, scales
 
 # Communication steps of a run. Numbers, not seconds: so no result depends on the computer.
 MOST, MOST_OF_ISOLATED = 400_000, 40_000
-RunAt = Callable[[float, bool], LoopRun]
+RunAt = Callable[[float, Callable[[LoopRun], bool]], LoopRun]
 CONVERGES = 0.7  # largest ratio of two successive differences
 LEVELS = 12
 
@@ -40,29 +37,24 @@ class StepChoice:
 
 
 def choose_step(
-    run_at: RunAt, first: float = FIRST_STEP, try_at: RunAt | None = None, most: int = MOST
+    run_at: RunAt, first: float = FIRST_STEP, most: int = MOST
 ) -> tuple[LoopRun, StepChoice]:
     """Run with decreasing steps, from `first` [s] on, until a run can be trusted.
 
-    `run_at` runs with a step; its bool: whether an unclear verdict is checked by finer runs.
-    `try_at` is for steps that are only tried: `run_at` repeats the chosen run if it was `played`.
-    No run has more than `most` steps, except the first.
-    Returns the last run, or the first one that is close enough to it, with the verdict of all.
+    `run_at` runs with a step; its function tells whether that run needs a second look.
+    No run has more than `most` steps, except the first. Returns the last run, with the verdict of
+    all.
     """
     tried = _Tried(first)
     while True:
-        run, bound = tried.next(try_at if try_at and tried.runs else run_at)
+        run = tried.next(run_at)
         count = len(tried.runs)
         if run.verdict.trusted:
-            number = count - 1
-            if run.played and bound:  # a longer step costs less, and may be close enough
-                number, run = tried.first_near(bound)
             why = "the first step that was tried" if count == 1 else f"of {count} tried"
-            return tried.chosen(number, run, f"{why}, the first whose run is trusted", run_at)
+            return run, tried.choice(f"{why}, the first whose run is trusted")
         if ended := tried.ended(most):
             run = replace(run, verdict=replace(run.verdict, advice=ended))
-            why = f"the last of {count} tried: {ended}"
-            return tried.chosen(count - 1, run, why, run_at)
+            return run, tried.choice(f"the last of {count} tried: {ended}")
 
 
 class _Tried:
@@ -71,54 +63,35 @@ class _Tried:
     def __init__(self, first: float) -> None:
         self._first = first
         self.runs: list[LoopRun] = []
-        self._words: list[str] = []
         self._moved = [np.inf]
 
     def _step(self, number: int) -> float:
         return self._first * 0.5**number
 
-    def next(self, at: RunAt) -> tuple[LoopRun, Mapping[str, float] | None]:
-        """Run with the next step; also the bound of its error if the halvings converge."""
-        step, bound = self._step(len(self.runs)), None
-        # a run is trusted only after a second look if its first verdict is not clear
-        run = at(step, not self.runs)
+    def next(self, run_at: RunAt) -> LoopRun:
+        """Run with the next step; its verdict is that of the halvings if they are enough."""
+        run = run_at(self._step(len(self.runs)), self._is_open)
         if self.runs:
-            apart = _differences(self.runs[-1], run)
-            moved, worst = max((share, name) for name, (_, share) in apart.items())
-            said = f"({worst}: {apart[worst][0]:.2g})"
-            verdict = _judged_by_halving(run, apart, moved, said, self._moved[-1], step)
-            may_wait = run.played and moved <= min(ACCURACY, CONVERGES * self._moved[-1])
-            if verdict is not None and not _jumps(run):
-                bound, run = verdict.error_estimate, replace(run, verdict=verdict)
-            elif verdict is None and run.verdict.trusted and may_wait and not _jumps(run):
-                # the next halving will probably decide, and costs less than a second look
-                text = f"halving the step to {step:g} s moved {worst} by {100 * moved:.2g} %"
-                open_ = replace(run.verdict, trusted=False, reason=text, advice=UNBOUNDED)
-                run = replace(run, verdict=open_)
-            elif verdict is not None or run.verdict.trusted:
-                run = at(step, True)
+            moved, verdict = self._halved(run)
             self._moved.append(moved)
+            if verdict is not None and not _jumps(run):
+                run = replace(run, verdict=verdict)
         self.runs.append(run)
-        self._words.append(run.verdict.word)
-        return run, bound
+        return run
 
-    def first_near(self, bound: Mapping[str, float]) -> tuple[int, LoopRun]:
-        """The first run that is close enough to the last, whose error has this bound."""
-        last = self.runs[-1]
-        for number, run in enumerate(self.runs[:-1]):
-            apart = _differences(run, last)
-            estimate = {name: size + bound[name] for name, (size, _) in apart.items()}
-            shares = {n: size / float(scales(last.judged[n])) for n, size in estimate.items()}
-            worst = max(shares, key=lambda name: shares[name])
-            if shares[worst] <= ACCURACY and not _jumps(run):
-                text = (
-                    f"runs with steps down to {self._step(len(self.runs) - 1):g} s converge; the "
-                    f"largest estimated error is in {worst} by {estimate[worst]:.2g}, "
-                    f"{100 * shares[worst]:.2g} % of its range"
-                )
-                verdict = Verdict(True, text, "", estimate, run.verdict.contraction)
-                return number, replace(run, verdict=verdict)
-        return len(self.runs) - 1, last
+    def _is_open(self, run: LoopRun) -> bool:
+        """Whether a run needs a second look: trusted by a first estimate only, or it jumps."""
+        if not self.runs:
+            return True
+        _, verdict = self._halved(run)
+        return run.verdict.trusted if verdict is None else _jumps(run)
+
+    def _halved(self, run: LoopRun) -> tuple[float, Verdict | None]:
+        """What the last halving moved, as a share, and the verdict of all halvings, if any."""
+        apart, step = _differences(self.runs[-1], run), self._step(len(self.runs))
+        moved, worst = max((share, name) for name, (_, share) in apart.items())
+        said = f"({worst}: {apart[worst][0]:.2g})"
+        return moved, _judged_by_halving(run, apart, moved, said, self._moved[-1], step)
 
     def ended(self, most: int) -> str:
         """Why a shorter step would not help, or has too many steps; empty if it may help."""
@@ -145,20 +118,10 @@ class _Tried:
             )
         return ""
 
-    def chosen(
-        self, number: int, run: LoopRun, reason: str, run_at: RunAt
-    ) -> tuple[LoopRun, StepChoice]:
-        """Take a run; if it was played, the FMUs do it, and keep its verdict if all is equal."""
-        step = self._step(number)
-        if run.played:
-            played, run = run, run_at(step, False)
-            same = len(run.time) == len(played.time) and all(
-                np.array_equal(values, played.outputs[name]) for name, values in run.outputs.items()
-            )
-            run = replace(run, verdict=played.verdict) if same else run_at(step, True)
-        self._words[number] = run.verdict.word
-        steps = map(self._step, range(len(self._words)))
-        return run, StepChoice(step, reason, tuple(zip(steps, self._words, strict=True)))
+    def choice(self, reason: str) -> StepChoice:
+        """The last step, with all tried ones."""
+        tried = tuple((self._step(k), run.verdict.word) for k, run in enumerate(self.runs))
+        return StepChoice(tried[-1][0], reason, tried)
 
 
 def _jumps(run: LoopRun) -> bool:

@@ -8,7 +8,6 @@
 enum { GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED };
 
 #include "joint_step.c"
-#include "played.c"
 #include "group.c"
 
 /* A loop and its record. */
@@ -276,4 +275,4 @@ API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Cours
 
 /* The size of the records, which `compiled.py` reads from these sources. */
 API const int64_t master_size = sizeof(Pair) + sizeof(Course) + sizeof(Clock) + sizeof(Joint) +
-                                sizeof(Trail) + sizeof(Played) + sizeof(Group) + sizeof(Member);
+                                sizeof(Trail) + sizeof(Group) + sizeof(Member);
