@@ -22,65 +22,18 @@ NEXT_STEP, ACCEPTED, REJECTED, REACHED, EVENTS, STATUS, LAST_ERROR = range(7)
 INFO_SIZE = 7
 FUNCTIONS = "rhs jac out sample indicate spread kind react slopes delayed".split()
 EITHER, CHANGES_MODE, RESETS = range(3)  # kinds of events
-# a history of delayed signals, see ``c/delays.c``
-ROOM, COUNT, END, DISTURBED, DURATIONS = range(5)
-PIECES = 5
-FIRST_ROOM = 32  # steps
-STAGES = 8  # of the stiff stepper
+ROOM = 0  # place in a history of delayed signals: the steps that it has room for
+FIRST_ROOM = 32
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 # libraries for other platforms have these in their names, see `library`
 LIBRARY = f"libcore{SUFFIX}"
-_OPERATION_SIZE = 10  # bytes
-_HEAD = 6 + 2 * len(FUNCTIONS)  # numbers
+_DELAYS = 3  # place of their number in tapes
 
 _At = ct.c_void_p
 
 
-class _Tape(ct.Structure):
-    _fields_ = (("operations", _At), ("constants", _At), ("constant_count", ct.c_int32))
-
-
-class _Equations(ct.Structure):
-    _fields_ = tuple((name, _Tape) for name in FUNCTIONS)
-
-
-class _System(ct.Structure):
-    _fields_ = (
-        ("states", ct.c_int32),
-        ("held", ct.c_int32),
-        ("events", ct.c_int32),
-        ("equations", _At),
-        *((name, _At) for name in FUNCTIONS),
-        ("delays", _At),
-    )
-
-
-class _Delays(ct.Structure):
-    _fields_ = (
-        ("count", ct.c_int32),
-        ("first", ct.c_int32),
-        ("plain", _System),
-        *((name, _At) for name in ("history", "told", "node")),
-    )
-
-
-class _Work(ct.Structure):
-    _fields_ = (
-        *(
-            (name, _At)
-            for name in (
-                "jacobian w k stage slope by_time alone end first middle g before left inverse "
-                "lower upper lower_end rows counts below pivots fired"
-            ).split()
-        ),
-        ("found", ct.c_int32),
-        ("known", ct.c_int32),
-        ("note", _At),
-    )
-
-
 class _Instance(ct.Structure):
-    _fields_ = tuple((name, _At) for name in ("system", "work", "x", "u", "y", "p", "atol", "info"))
+    _fields_ = tuple((name, _At) for name in ("solver", "x", "u", "y", "p", "atol", "info"))
 
 
 class Walk(ct.Structure):
@@ -118,28 +71,25 @@ class Crossings(ct.Structure):
     )
 
 
-_EVALUATED = ct.CFUNCTYPE(None, _At, ct.c_double, _At, _At, _At, _At)
-_LINEARIZED = ct.CFUNCTYPE(None, _At, ct.c_double, _At, _At, _At, _At, _At)
-_NUMBER, _WHOLE = ct.c_double, ct.c_int
-_SIGNATURES: dict[str, tuple[Any, ...]] = {
-    "play_tapes": (_At, _At),
-    "lay_work": (_At, _WHOLE, _WHOLE, _At),
-    "lay_delays": (_At, _At, _WHOLE, _WHOLE, _At),
-    "settle": (_At, _NUMBER, *[_At] * 5),
-    "integrate": (_At, _NUMBER, _NUMBER, *[_At] * 4, _NUMBER, _At, _At, _WHOLE),
-    "step": (_At, _NUMBER, _NUMBER, _NUMBER, _WHOLE),
-    "output": (_At, _NUMBER),
+_NUMBER, _WHOLE, _SIZE = ct.c_double, ct.c_int, ct.c_int64
+_WHERE = (_At, _NUMBER, _At, _At, _At)
+_SIGNATURES: dict[str, tuple[Any, ...]] = {  # what a function returns, and its arguments
+    "size": (_SIZE, _At),
+    "make": (None, _At, _At, _At),
+    "history_size": (_SIZE, _At, _SIZE),
+    "remember": (None, _At, _At),
+    **dict.fromkeys(("rhs", "out", "sample", "indicate"), (None, *_WHERE, _At)),
+    "jac": (None, *_WHERE, _At, _At),
+    "settle": (_WHOLE, *_WHERE, _At),
+    "integrate": (_WHOLE, _At, _NUMBER, _NUMBER, *[_At] * 4, _NUMBER, _At, _WHOLE),
+    "step": (_WHOLE, _At, _NUMBER, _NUMBER, _NUMBER, _WHOLE),
+    "output": (None, _At, _NUMBER),
     "trajectory": (
-        *[_At, _At, _WHOLE] * 3,
-        _At,
-        *[_WHOLE] * 2,
-        *[_At] * 3,
-        _NUMBER,
-        *[_At] * 2,
-        _WHOLE,
+        *(_WHOLE, _At, _WHOLE, _NUMBER, _At, _WHOLE, _At, _At, _WHOLE, _At, _At, _WHOLE),
+        *(_At, _WHOLE, _WHOLE, _At, _At, _At, _NUMBER, _At, _WHOLE),
     ),
-    "spectrum": (_At, _At, _WHOLE, _At),
-    "returns": (_At, _At, _WHOLE, _At),
+    "spectrum": (_WHOLE, _At, _At, _WHOLE, _At),
+    "returns": (_WHOLE, _At, _At, _WHOLE, _At),
 }
 
 
@@ -155,11 +105,9 @@ def library() -> Any:
         If no file can be loaded on this platform.
     """
     loaded = _first_loaded(Path(__file__).parent / "c")
-    for name, types in _SIGNATURES.items():
+    for name, (result, *types) in _SIGNATURES.items():
         function = getattr(loaded, f"core_{name}")
-        function.argtypes = types
-        silent = ("play_tapes", "lay_work", "lay_delays", "output")
-        function.restype = None if name in silent else _WHOLE
+        function.restype, function.argtypes = result, types
     return loaded
 
 
@@ -175,9 +123,7 @@ def _first_loaded(folder: Path) -> Any:
 
 @cache
 def _compiled(path: str) -> Any:
-    loaded = ct.CDLL(path)
-    loaded.fill_system.argtypes, loaded.fill_system.restype = (_At,), None
-    return loaded
+    return ct.CDLL(path)
 
 
 def at(array: Any) -> int:
@@ -191,26 +137,6 @@ def at(array: Any) -> int:
             if array.flags.c_contiguous:
                 return int(array.ctypes.data)
     raise TypeError(f"the core takes floats without gaps, not {array.dtype}, {array.strides}")
-
-
-def new_history(delays: int, held: int) -> Any:
-    """An empty history, with room for some steps."""
-    history = np.zeros(DURATIONS + delays + held + FIRST_ROOM * step_size(delays))
-    history[ROOM] = FIRST_ROOM
-    return history
-
-
-def roomier(history: Any, delays: int, held: int) -> Any:
-    """The same history with twice as much room."""
-    more = np.zeros(len(history) + int(history[ROOM]) * step_size(delays))
-    more[: len(history)] = history
-    more[ROOM] = 2 * history[ROOM]
-    return more
-
-
-def step_size(delays: int) -> int:
-    """Numbers that a step stores in a history."""
-    return 2 + (PIECES + 1) * delays
 
 
 class System:
@@ -236,84 +162,61 @@ class System:
     def __init__(self, tapes: bytes, equations: str = "") -> None:
         self._core = library()
         # numbers are aligned to eight bytes
-        data = np.frombuffer(tapes + bytes(-len(tapes) % 8)).copy()
-        start = data.ctypes.data
-        head = data.view(np.int32)[:_HEAD].tolist()
-        self.states, self.held, self.events, self.delays, first = head[:5]
-        sizes = list(zip(head[5:-1:2], head[6::2], strict=True))
-        constants = start + 4 * _HEAD
-        operations = constants + 8 * sum(count for _, count in sizes)
-        parts = []
-        for length, count in sizes:
-            parts.append(_Tape(operations, constants, count))
-            operations, constants = operations + _OPERATION_SIZE * length, constants + 8 * count
-        self._equations = _Equations(*parts)
-        self._system = _System(self.states, self.held, self.events)
-        self.address = ct.addressof(self._system)
-        self._core.core_play_tapes(self.address, ct.addressof(self._equations))
-        if equations:
-            _compiled(equations).fill_system(self.address)
-        n = self.states
-        self._delays = _Delays()
-        signals = np.zeros(4 * self.delays + n)
+        self._tapes = np.frombuffer(tapes + bytes(-len(tapes) % 8)).copy()
+        tapes_at = at(self._tapes)
+        self._memory = np.zeros(int(self._core.core_size(tapes_at)) // 8)
+        self.address = at(self._memory)
+        fill = ct.cast(_compiled(equations).fill_system, _At) if equations else None
+        self._core.core_make(self.address, tapes_at, fill)
+        self.delays = int(self._tapes.view(np.int32)[_DELAYS])
         self.history: Any = np.zeros(0)
-        if self.delays:
-            self._core.core_lay_delays(
-                self.address, ct.addressof(self._delays), self.delays, first, at(signals)
-            )
-            self.forget()
-        memory = np.zeros(4 * n * n + (STAGES + 11) * n + 3 * self.events + 2)
-        self._work = _Work()
-        self._work_address = ct.addressof(self._work)
-        self._core.core_lay_work(self._work_address, n, self.events, at(memory))
-        self._read_by_the_core = (data, memory, signals)
-        self._rhs, self._out, self._sample, self._indicate = (
-            _EVALUATED(getattr(self._system, name)) for name in ("rhs", "out", "sample", "indicate")
-        )
-        self._jac = _LINEARIZED(self._system.jac)
+        self.forget()
 
     def forget(self) -> None:
         """Clear the history: delayed signals have their start values."""
-        if self.delays:
-            self.remember(new_history(self.delays, self.held))
+        self.remember(self._history(FIRST_ROOM))
 
     def remember(self, history: Any) -> None:
         """Set the history of delayed signals from a copy of `history`."""
         if self.delays:
             self.history = history.copy()
-            self._delays.history = at(self.history)
+            self._core.core_remember(self.address, at(self.history))
 
     def make_room(self) -> None:
         """Double the room of the history."""
-        self.remember(roomier(self.history, self.delays, self.held))
+        more = self._history(2 * int(self.history[ROOM]))
+        more[ROOM + 1 : len(self.history)] = self.history[ROOM + 1 :]
+        self.remember(more)
+
+    def _history(self, room: int) -> Any:
+        """An empty history with room for so many steps."""
+        history = np.zeros(int(self._core.core_history_size(self.address, room)))
+        history[ROOM] = room
+        return history
 
     def rhs(self, t: float, x: Any, u: Any, p: Any, dx: Any) -> None:
         """Write the derivatives, shape (states,)."""
-        self._rhs(self.address, t, at(x), at(u), at(p), at(dx))
+        self._core.core_rhs(self.address, t, at(x), at(u), at(p), at(dx))
 
     def jac(self, t: float, x: Any, u: Any, p: Any, jacobian: Any, by_time: Any) -> None:
         """Write the derivatives' slopes by the states, (states, states), and by time."""
-        self._jac(self.address, t, at(x), at(u), at(p), at(jacobian), at(by_time))
+        self._core.core_jac(self.address, t, at(x), at(u), at(p), at(jacobian), at(by_time))
 
     def out(self, t: float, x: Any, u: Any, p: Any, y: Any) -> None:
         """Write the outputs."""
-        self._out(self.address, t, at(x), at(u), at(p), at(y))
+        self._core.core_out(self.address, t, at(x), at(u), at(p), at(y))
 
     def sample(self, t: float, x: Any, u: Any, p: Any, d: Any) -> None:
         """Write the next discrete states."""
-        self._sample(self.address, t, at(x), at(u), at(p), at(d))
+        self._core.core_sample(self.address, t, at(x), at(u), at(p), at(d))
 
     def indicate(self, t: float, x: Any, u: Any, p: Any, g: Any) -> None:
         """Write the indicators of the present mode, shape (events,)."""
-        self._indicate(self.address, t, at(x), at(u), at(p), at(g))
+        self._core.core_indicate(self.address, t, at(x), at(u), at(p), at(g))
 
     def settle(self, t: float, x: Any, u: Any, p: Any, info: Any) -> int:
         """Handle every event that is due now; return `DONE` or `CHATTER`."""
-        return int(
-            self._core.core_settle(
-                self.address, t, at(x), at(u), at(p), self._work_address, at(info)
-            )
-        )
+        return int(self._core.core_settle(self.address, t, at(x), at(u), at(p), at(info)))
 
     def advance(  # noqa: PLR0913
         self,
@@ -355,8 +258,7 @@ class System:
         while True:
             status = int(
                 self._core.core_integrate(
-                    *(self.address, t0, t1, *map(at, (x, u, p, atol)), rtol),
-                    *(self._work_address, at(info), max_steps),
+                    *(self.address, t0, t1, *map(at, (x, u, p, atol)), rtol, at(info), max_steps)
                 )
             )
             if status != NO_ROOM:
@@ -366,11 +268,7 @@ class System:
 
     def instance(self, x: Any, u: Any, p: Any, y: Any, atol: Any, info: Any) -> Instance:
         """The system with fixed memory; see `advance` and `out`."""
-        return Instance(
-            self,
-            _Instance(self.address, self._work_address, *map(at, (x, u, y, p, atol, info))),
-            info,
-        )
+        return Instance(self, _Instance(self.address, *map(at, (x, u, y, p, atol, info))), info)
 
     def trajectory(  # noqa: PLR0913
         self,
@@ -401,18 +299,23 @@ class System:
         """
         within, after = given or (None, None)
         sampled, first, count = samples
-        return int(
-            self._core.core_trajectory(
-                *(self.address, at(times), len(times)),
-                *(at(states), at(outputs), outputs.shape[1]),
-                None if within is None else at(within),
-                None if after is None else at(after),
-                0 if within is None else within.shape[1],
-                None if sampled is None else sampled.ctypes.data,
-                *(first, count, *map(at, (u, p, atol)), rtol),
-                *(self._work_address, at(info), max_steps),
+        row, t = 0, times[0]
+        while True:
+            row = int(
+                self._core.core_trajectory(
+                    *(self.address, row, t, at(times), len(times)),
+                    *(at(states), at(outputs), outputs.shape[1]),
+                    None if within is None else at(within),
+                    None if after is None else at(after),
+                    0 if within is None else within.shape[1],
+                    None if sampled is None else sampled.ctypes.data,
+                    *(first, count, *map(at, (u, p, atol)), rtol, at(info), max_steps),
+                )
             )
-        )
+            if row == len(times) or info[STATUS] != NO_ROOM:
+                return row
+            self.make_room()
+            t = info[REACHED]
 
     def spectrum(self, walk: Walk, explicitly: bool, info: Any) -> int:
         """Follow state and tangents; return the number of rows reached."""

@@ -336,8 +336,6 @@ class Model:
             If the tolerance cannot be met.
         """
         grid = np.ascontiguousarray(times, dtype=float)
-        if self.kernel.delays:
-            return self._simulated_by_rows(grid, given, sampled)
         states = np.empty((len(grid), len(self.x)))
         states[0] = self.x
         outputs = np.empty((len(grid), len(self.kernel.outputs)))
@@ -352,29 +350,6 @@ class Model:
             error.so_far = self._trajectory(grid[:done], states[:done], outputs[:done])
             raise error
         self.x[:] = states[-1]
-        return self._trajectory(grid, states, outputs)
-
-    def _simulated_by_rows(
-        self, grid: Vector, given: tuple[Matrix, Matrix] | None, sampled: Flags | None
-    ) -> Trajectory:
-        """As `simulate`; a history may need more room between two steps."""
-        states = np.empty((len(grid), len(self.x)))
-        outputs = np.empty((len(grid), len(self.kernel.outputs)))
-        for row, t in enumerate(grid):
-            if given and row > 0:
-                self.u[: given[0].shape[1]] = given[0][row]
-            if row > 0 and t > grid[row - 1]:
-                try:
-                    self.advance(grid[row - 1], t)
-                except IntegrationError as error:
-                    error.so_far = self._trajectory(grid[:row], states[:row], outputs[:row])
-                    raise
-            if given:
-                self.u[: given[1].shape[1]] = given[1][row]
-            if sampled is not None and sampled[row]:
-                self.sample(t)
-            states[row] = self.x
-            self.system.out(t, self.x, self.u, self.p, outputs[row])
         return self._trajectory(grid, states, outputs)
 
     def _trajectory(self, grid: Vector, states: Matrix, outputs: Matrix) -> Trajectory:

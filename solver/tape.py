@@ -12,7 +12,8 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -154,6 +155,142 @@ def functions(source: str) -> dict[str, ast.FunctionDef]:
     return {n.name: n for n in ast.parse(source).body if isinstance(n, ast.FunctionDef)}
 
 
+V = TypeVar("V")  # what stands for a number: a register, or text
+
+
+class Reader(Generic[V]):
+    """Reads the text of a generated function; a subclass says what becomes of its parts.
+
+    Parameters
+    ----------
+    width : int
+        Columns of matrices.
+    names : dict of str to V
+        Numbers that are given by name.
+    sizes : dict of str to int, optional
+        For a text that may be wrong: lengths of the vectors that are given to it.
+    """
+
+    def __init__(
+        self, width: int, names: dict[str, V], sizes: dict[str, int] | None = None
+    ) -> None:
+        self.width, self.names, self.sizes = width, names, sizes
+
+    def constant(self, value: float) -> V:
+        raise NotImplementedError
+
+    def emit(self, operation: str, *operands: V) -> V:
+        """The result of one of the operations of `a`, `b` and `c`."""
+        raise NotImplementedError
+
+    def call(self, name: str, arguments: list[V]) -> V:
+        """A function of `OF_ONE` or `OF_TWO`."""
+        raise NotImplementedError
+
+    def load(self, vector: str, index: int) -> V:
+        raise NotImplementedError
+
+    def store(self, vector: str, index: int, value: V) -> None:
+        raise NotImplementedError
+
+    def named(self, name: str, value: V) -> V:
+        """What stands for a number from its assignment on."""
+        raise NotImplementedError
+
+    def branch(self, test: V, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
+        raise NotImplementedError
+
+    def end(self, value: V | None) -> None:
+        raise NotImplementedError
+
+    # -- statements ------------------------------------------------------------------------------
+
+    def block(self, statements: list[ast.stmt]) -> None:
+        for s in statements:
+            if isinstance(s, ast.Assign) and len(s.targets) == 1:
+                target, value = s.targets[0], self.value(s.value)
+                if isinstance(target, ast.Name):
+                    self.names[target.id] = self.named(target.id, value)
+                else:
+                    self.store(*self._place(target), value)
+            elif isinstance(s, ast.If):
+                self.branch(self.value(s.test), s.body, s.orelse)
+            elif isinstance(s, ast.Return):
+                self.end(self.value(s.value) if s.value else None)
+            elif not isinstance(s, ast.Pass):
+                raise _unknown(s)
+
+    def _place(self, target: ast.expr) -> tuple[str, int]:
+        if not isinstance(target, ast.Subscript) or not isinstance(target.value, ast.Name):
+            raise _unknown(target)
+        at, name = target.slice, target.value.id
+        if self.sizes is not None:
+            size = self.sizes.get(name, 0)
+            if not isinstance(at, ast.Constant) or at.value not in range(size):
+                raise _unknown(target)
+        if isinstance(at, ast.Tuple):
+            row, column = (int(ast.literal_eval(part)) for part in at.elts)
+            return name, row * self.width + column
+        return name, int(ast.literal_eval(at))
+
+    # -- expressions -----------------------------------------------------------------------------
+
+    def value(self, e: ast.expr) -> V:
+        if isinstance(e, ast.Constant) and isinstance(e.value, bool | int | float):
+            return self.constant(e.value)
+        if isinstance(e, ast.Name) and e.id in self.names:
+            return self.names[e.id]
+        if isinstance(e, ast.Subscript):
+            return self.load(*self._place(e))
+        if isinstance(e, ast.BinOp) and type(e.op) in _BINARY:
+            return self.emit(_BINARY[type(e.op)], self.value(e.left), self.value(e.right))
+        if isinstance(e, ast.UnaryOp) and not isinstance(e.op, ast.Invert):
+            inner = self.value(e.operand)
+            if isinstance(e.op, ast.UAdd):
+                return inner
+            return self.emit("NOT" if isinstance(e.op, ast.Not) else "NEGATE", inner)
+        if isinstance(e, ast.BoolOp):
+            return self._joined("AND" if isinstance(e.op, ast.And) else "OR", e.values, self.truth)
+        if isinstance(e, ast.Compare) and all(type(op) in _COMPARED for op in e.ops):
+            return self._compared(e)
+        if isinstance(e, ast.IfExp):
+            test, yes, no = self.value(e.test), self.value(e.body), self.value(e.orelse)
+            return self.emit("SELECT", yes, no, test)
+        if isinstance(e, ast.Attribute) and ast.unparse(e.value) == "math" and e.attr in CONSTANTS:
+            return self.constant(CONSTANTS[e.attr])
+        if isinstance(e, ast.Call) and not e.keywords and ast.unparse(e.func) in _FUNCTIONS:
+            return self._called(e)
+        raise _unknown(e)
+
+    def truth(self, e: ast.expr) -> V:
+        return self.value(e)
+
+    def _joined(self, operation: str, parts: list[ast.expr], value: Callable[[ast.expr], V]) -> V:
+        found = value(parts[0])
+        for part in parts[1:]:
+            found = self.emit(operation, found, value(part))
+        return found
+
+    def _compared(self, e: ast.Compare) -> V:
+        sides = [self.value(part) for part in (e.left, *e.comparators)]
+        found: V | None = None
+        for op, left, right in zip(e.ops, sides, sides[1:], strict=False):
+            operation, exchanged = _COMPARED[type(op)]
+            one = self.emit(operation, *((right, left) if exchanged else (left, right)))
+            found = one if found is None else self.emit("AND", found, one)
+        assert found is not None
+        return found
+
+    def _called(self, e: ast.Call) -> V:
+        called = ast.unparse(e.func)
+        if called in ("min", "max") and e.args:
+            return self._joined("LARGER" if called == "max" else "SMALLER", e.args, self.value)
+        name = "fabs" if called == "abs" else called.removeprefix("math.")
+        if len(e.args) != (1 if name in OF_ONE else 2 if name in OF_TWO else -1):
+            raise _unknown(e)
+        return self.call(name, [self.value(a) for a in e.args])
+
+
 @dataclass
 class _Line:
     """An operation on values that are numbered in order."""
@@ -165,15 +302,15 @@ class _Line:
     c: int = 0
 
 
-@dataclass
-class _Recorder:
-    width: int
-    sizes: dict[str, int] | None  # lengths of the vectors that are given to it, if to be checked
-    names: dict[str, int]
-    lines: list[_Line] = field(default_factory=list)
-    constants: dict[str, tuple[int, float]] = field(default_factory=dict)
-    logical: set[int] = field(default_factory=set)  # values that are 0 or 1
-    values: int = _GIVEN
+class _Recorder(Reader[int]):
+    """Records operations; a number is that of its value."""
+
+    def __init__(self, width: int, names: dict[str, int], sizes: dict[str, int] | None) -> None:
+        super().__init__(width, names, sizes)
+        self.lines: list[_Line] = []
+        self.constants: dict[str, tuple[int, float]] = {}
+        self.logical: set[int] = set()  # values that are 0 or 1
+        self.values = _GIVEN
 
     def constant(self, value: float) -> int:
         key = float(value).hex()
@@ -188,127 +325,48 @@ class _Recorder:
         self.values += 1
         return self.values - 1
 
-    def emit(self, operation: str, a: int = 0, b: int = 0, c: int = 0) -> int:
+    def emit(self, operation: str, *operands: int) -> int:
         to = self._new()
-        self.lines.append(_Line(operation, to, a, b, c))
-        if operation in _LOGICAL or (operation == "SELECT" and {a, b} <= self.logical):
+        self.lines.append(_Line(operation, to, *operands))
+        if operation in _LOGICAL or (operation == "SELECT" and {*operands[:2]} <= self.logical):
             self.logical.add(to)
         return to
 
-    # -- statements ------------------------------------------------------------------------------
+    def call(self, name: str, arguments: list[int]) -> int:
+        if name in OF_ONE:
+            return self.emit("CALL_1", arguments[0], 0, OF_ONE.index(name))
+        return self.emit("CALL_2", *arguments, OF_TWO.index(name))
 
-    def block(self, statements: list[ast.stmt]) -> None:
-        for s in statements:
-            if isinstance(s, ast.Assign) and len(s.targets) == 1:
-                target, value = s.targets[0], self.value(s.value)
-                if isinstance(target, ast.Name):
-                    self.names[target.id] = value
-                else:
-                    vector, index = self._place(target)
-                    self.lines.append(_Line("STORE", -1, vector, index, value))
-            elif isinstance(s, ast.If):
-                skip, end = _Line("JUMP_UNLESS", c=self.value(s.test)), _Line("JUMP")
-                before = dict(self.names)
-                self.lines.append(skip)
-                self.block(s.body)
-                names, self.names = self.names, dict(before)
-                if s.orelse:
-                    self.lines.append(end)
-                skip.a = len(self.lines)
-                self.block(s.orelse)
-                end.a = len(self.lines)
-                # a value of one branch only is not there after it
-                same = before.items() & names.items() & self.names.items()
-                self.names = dict(same)
-            elif isinstance(s, ast.Return):
-                value = self.value(s.value) if s.value else self.constant(0.0)
-                self.lines.append(_Line("RETURN", c=value))
-            elif not isinstance(s, ast.Pass):
-                raise _unknown(s)
+    def load(self, vector: str, index: int) -> int:
+        return self.emit("LOAD", _VECTORS[vector], index)
 
-    def _place(self, target: ast.expr) -> tuple[int, int]:
-        if not isinstance(target, ast.Subscript) or not isinstance(target.value, ast.Name):
-            raise _unknown(target)
-        at, name = target.slice, target.value.id
-        if self.sizes is not None:
-            size = self.sizes.get(name, 0)
-            if not isinstance(at, ast.Constant) or at.value not in range(size):
-                raise _unknown(target)
-        if isinstance(at, ast.Tuple):
-            row, column = (int(ast.literal_eval(part)) for part in at.elts)
-            return _VECTORS[name], row * self.width + column
-        return _VECTORS[name], int(ast.literal_eval(at))
+    def store(self, vector: str, index: int, value: int) -> None:
+        self.lines.append(_Line("STORE", -1, _VECTORS[vector], index, value))
 
-    # -- expressions -----------------------------------------------------------------------------
+    def named(self, name: str, value: int) -> int:
+        return value
 
-    def value(self, e: ast.expr) -> int:
-        if isinstance(e, ast.Constant) and isinstance(e.value, bool | int | float):
-            return self.constant(e.value)
-        if isinstance(e, ast.Name) and e.id in self.names:
-            return self.names[e.id]
-        if isinstance(e, ast.Subscript):
-            vector, index = self._place(e)
-            to = self._new()
-            self.lines.append(_Line("LOAD", to, vector, index))
-            return to
-        if isinstance(e, ast.BinOp) and type(e.op) in _BINARY:
-            return self.emit(_BINARY[type(e.op)], self.value(e.left), self.value(e.right))
-        if isinstance(e, ast.UnaryOp):
-            if isinstance(e.op, ast.Invert):
-                raise _unknown(e)
-            inner = self.value(e.operand)
-            if isinstance(e.op, ast.UAdd):
-                return inner
-            return self.emit("NOT" if isinstance(e.op, ast.Not) else "NEGATE", inner)
-        if isinstance(e, ast.BoolOp):
-            return self._joined("AND" if isinstance(e.op, ast.And) else "OR", e.values, self._truth)
-        if isinstance(e, ast.Compare):
-            return self._compared(e)
-        if isinstance(e, ast.IfExp):
-            test, yes, no = self.value(e.test), self.value(e.body), self.value(e.orelse)
-            return self.emit("SELECT", yes, no, test)
-        if isinstance(e, ast.Attribute) and ast.unparse(e.value) == "math" and e.attr in CONSTANTS:
-            return self.constant(CONSTANTS[e.attr])
-        if isinstance(e, ast.Call) and not e.keywords and ast.unparse(e.func) in _FUNCTIONS:
-            return self._called(e)
-        raise _unknown(e)
+    def branch(self, test: int, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
+        skip, end = _Line("JUMP_UNLESS", c=test), _Line("JUMP")
+        before = dict(self.names)
+        self.lines.append(skip)
+        self.block(yes)
+        names, self.names = self.names, dict(before)
+        if no:
+            self.lines.append(end)
+        skip.a = len(self.lines)
+        self.block(no)
+        end.a = len(self.lines)
+        # a value of one branch only is not there after it
+        self.names = dict(before.items() & names.items() & self.names.items())
 
-    def _joined(
-        self, operation: str, parts: list[ast.expr], value: Callable[[ast.expr], int]
-    ) -> int:
-        found = value(parts[0])
-        for part in parts[1:]:
-            found = self.emit(operation, found, value(part))
-        return found
+    def end(self, value: int | None) -> None:
+        self.lines.append(_Line("RETURN", c=self.constant(0.0) if value is None else value))
 
-    def _truth(self, e: ast.expr) -> int:
+    def truth(self, e: ast.expr) -> int:
         if (value := self.value(e)) not in self.logical:
             raise _unknown(e)  # of two numbers, ``and`` and ``or`` take one
         return value
-
-    def _compared(self, e: ast.Compare) -> int:
-        sides = [self.value(part) for part in (e.left, *e.comparators)]
-        found = -1
-        for op, left, right in zip(e.ops, sides, sides[1:], strict=False):
-            if type(op) not in _COMPARED:
-                raise _unknown(e)
-            operation, exchanged = _COMPARED[type(op)]
-            one = self.emit(operation, *((right, left) if exchanged else (left, right)))
-            found = one if found < 0 else self.emit("AND", found, one)
-        return found
-
-    def _called(self, e: ast.Call) -> int:
-        called = ast.unparse(e.func)
-        if called in ("min", "max") and e.args:
-            return self._joined("LARGER" if called == "max" else "SMALLER", e.args, self.value)
-        name = "fabs" if called == "abs" else called.removeprefix("math.")
-        arguments = [self.value(a) for a in e.args]
-        if name in OF_ONE and len(arguments) == 1:
-            return self.emit("CALL_1", arguments[0], 0, OF_ONE.index(name))
-        if name in OF_TWO and len(arguments) == 2:
-            first, second = arguments
-            return self.emit("CALL_2", first, second, OF_TWO.index(name))
-        raise _unknown(e)
 
 
 def _unknown(node: ast.stmt | ast.expr) -> ContractError:
@@ -337,21 +395,19 @@ def record(function: ast.FunctionDef, width: int, sizes: Mapping[str, int] | Non
     """
     given = {argument.arg for argument in function.args.args}
     own = None if sizes is None else {n: size for n, size in sizes.items() if n in given}
-    recorder = _Recorder(width, own, {n: k for k, n in enumerate("tk") if n in given})
-    if own is not None and function.name in _RESULTS:
+    recorder = _Recorder(width, {n: k for k, n in enumerate("tk") if n in given}, own)
+    if own is not None and (result := _RESULTS.get(function.name)):
         zero = recorder.constant(0.0)
-        for k in range(own.get(_RESULTS[function.name], 0)):
-            recorder.lines.append(_Line("STORE", -1, _VECTORS[_RESULTS[function.name]], k, zero))
+        for k in range(own.get(result, 0)):
+            recorder.store(result, k, zero)
     recorder.block(function.body)
-    recorder.lines.append(_Line("RETURN", c=recorder.constant(0.0)))
+    recorder.end(None)
     registers = _registers(recorder)
     operations = np.zeros(len(recorder.lines), _OPERATION)
     for k, line in enumerate(recorder.lines):
         fields = {"a": line.a, "b": line.b, "c": line.c}
         for name in _READS.get(line.operation, "ab"):
             fields[name] = registers[fields[name]]
-        if line.operation == "LOAD":
-            fields["c"] = registers[line.to]
         if line.operation in ("JUMP", "JUMP_UNLESS"):
             fields["b"], fields["a"] = divmod(line.a, 65536)
         to = registers[line.to] if line.to >= 0 else 0

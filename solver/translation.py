@@ -16,8 +16,7 @@ from importlib import resources
 from . import kernel_cache
 from .compilers import CompilerFailed, compile_library, compiler_for, own_platform
 from .core import FUNCTIONS
-from .errors import ContractError
-from .tape import CONSTANTS, OF_ONE, OF_TWO, functions
+from .tape import OF_ONE, Reader, functions
 
 _GIVEN = "const System *self, double t, const double *x, const double *u, const double *p"
 _HEADS = {
@@ -35,24 +34,25 @@ _HEADS = {
 }
 _CHEAP = ("ceil", "fabs", "floor", "sqrt")
 _OTHER_NAME = {"gamma": "tgamma"}
-_OPERATORS: dict[type[ast.AST], str] = {
-    ast.Add: "+",
-    ast.Sub: "-",
-    ast.Mult: "*",
-    ast.Div: "/",
-    ast.Lt: "<",
-    ast.LtE: "<=",
-    ast.Gt: ">",
-    ast.GtE: ">=",
-    ast.Eq: "==",
-    ast.NotEq: "!=",
-    ast.And: "&&",
-    ast.Or: "||",
-    ast.USub: "-",
-    ast.UAdd: "+",
-    ast.Not: "!",
+_OPERATIONS = {
+    "ADD": "({} + {})",
+    "SUBTRACT": "({} - {})",
+    "MULTIPLY": "({} * {})",
+    "DIVIDE": "({} / {})",
+    "NEGATE": "(-{})",
+    "POWER": "pow({}, {})",
+    "MODULO": "modulo({}, {})",
+    "LESS": "({} < {})",
+    "LESS_EQUAL": "({} <= {})",
+    "EQUAL": "({} == {})",
+    "NOT_EQUAL": "({} != {})",
+    "AND": "({} && {})",
+    "OR": "({} || {})",
+    "NOT": "(!{})",
+    "LARGER": "larger({}, {})",
+    "SMALLER": "smaller({}, {})",
+    "SELECT": "({2} ? {0} : {1})",
 }
-
 _TAIL = """
 #ifdef _WIN32
 __declspec(dllexport)
@@ -97,6 +97,53 @@ def compile_equations(module: str, source: str, states: int) -> bool:
     return True
 
 
+class _Writer(Reader[str]):
+    """Writes lines of C; a number is its text."""
+
+    def __init__(self, width: int, names: dict[str, str]) -> None:
+        super().__init__(width, names)
+        self.lines: list[str] = []
+        self.indent = "    "
+
+    def constant(self, value: float) -> str:
+        if isinstance(value, bool):
+            return str(int(value))
+        return repr(value) if math.isfinite(value) else "HUGE_VAL"
+
+    def emit(self, operation: str, *operands: str) -> str:
+        return _OPERATIONS[operation].format(*operands)
+
+    def call(self, name: str, arguments: list[str]) -> str:
+        return f"{_OTHER_NAME.get(name, name)}({', '.join(arguments)})"
+
+    def load(self, vector: str, index: int) -> str:
+        return f"{vector}[{index}]"
+
+    def store(self, vector: str, index: int, value: str) -> None:
+        self.line(f"{vector}[{index}] = {value};")
+
+    def named(self, name: str, value: str) -> str:
+        self.line(f"const double {name} = {value};")
+        return name
+
+    def branch(self, test: str, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
+        outside = self.indent
+        self.line(f"if ({test}) {{")
+        self.indent += "    "
+        self.block(yes)
+        if no:
+            self.lines.append(f"{outside}}} else {{")
+            self.block(no)
+        self.indent = outside
+        self.line("}")
+
+    def end(self, value: str | None) -> None:
+        self.line(f"return {value};" if value else "return;")
+
+    def line(self, text: str) -> None:
+        self.lines.append(self.indent + text)
+
+
 def in_c(function: ast.FunctionDef, width: int, name: str = "") -> str:
     """One generated function in C.
 
@@ -107,18 +154,15 @@ def in_c(function: ast.FunctionDef, width: int, name: str = "") -> str:
         Columns of matrices.
     name : str, optional
         Name in C, if different.
-
-    Raises
-    ------
-    ContractError
-        If it contains something for which C has no function.
     """
     head = _HEADS[function.name]
     if name:
         head = head.replace(f" {function.name}(", f" {name}(")
     lines = [f"static {head}", "{"]
     lines += [f"    (void)({a});" for a in ("self", *(a.arg for a in function.args.args))]
-    body = "\n".join(_block(function.body, width, "    "))
+    writer = _Writer(width, {"t": "t", "k": "k"})
+    writer.block(function.body)
+    body = "\n".join(writer.lines)
     calls = Counter(re.findall(r"\b(\w+)\(", body))
     for called in sorted(set(OF_ONE).difference(_CHEAP, _OTHER_NAME)):
         if calls[called] > 1:
@@ -129,103 +173,6 @@ def in_c(function: ast.FunctionDef, width: int, name: str = "") -> str:
 
 def expression_in_c(text: str) -> str:
     """One generated expression in C."""
-    return _expression(ast.parse(text, mode="eval").body, 1)
-
-
-def _block(statements: list[ast.stmt], width: int, indent: str) -> list[str]:
-    lines: list[str] = []
-    for s in statements:
-        if isinstance(s, ast.Assign):
-            (target,) = s.targets
-            left = _expression(target, width)
-            declared = f"const {_type(s.value)} " if isinstance(target, ast.Name) else ""
-            lines.append(f"{indent}{declared}{left} = {_expression(s.value, width)};")
-        elif isinstance(s, ast.If):
-            lines.append(f"{indent}if ({_expression(s.test, width)}) {{")
-            lines += _block(s.body, width, indent + "    ")
-            if s.orelse:
-                lines.append(f"{indent}}} else {{")
-                lines += _block(s.orelse, width, indent + "    ")
-            lines.append(f"{indent}}}")
-        elif isinstance(s, ast.Return):
-            value = f" {_expression(s.value, width)}" if s.value else ""
-            # kinds of events are whole numbers
-            lines.append(f"{indent}return{value.removesuffix('.0')};")
-        elif not isinstance(s, ast.Pass):
-            raise _untranslated(s)
-    return lines
-
-
-def _type(value: ast.expr) -> str:
-    logical = isinstance(value, ast.Compare | ast.BoolOp) or (
-        isinstance(value, ast.UnaryOp) and isinstance(value.op, ast.Not)
-    )
-    return "int" if logical else "double"
-
-
-def _expression(e: ast.expr, width: int) -> str:
-    def inner(part: ast.expr) -> str:
-        return _expression(part, width)
-
-    if isinstance(e, ast.Constant) and isinstance(e.value, bool):
-        return str(int(e.value))
-    if isinstance(e, ast.Constant) and isinstance(e.value, int | float):
-        return _number(e.value)
-    if isinstance(e, ast.Name):
-        return e.id
-    if isinstance(e, ast.Subscript):
-        at = e.slice
-        if isinstance(at, ast.Tuple):
-            row, column = (int(ast.literal_eval(part)) for part in at.elts)
-            return f"{inner(e.value)}[{row * width + column}]"
-        return f"{inner(e.value)}[{inner(at)}]"
-    if isinstance(e, ast.BinOp) and isinstance(e.op, ast.Pow):
-        return f"pow({inner(e.left)}, {inner(e.right)})"
-    if isinstance(e, ast.BinOp) and isinstance(e.op, ast.Mod):
-        return f"modulo({inner(e.left)}, {inner(e.right)})"
-    if isinstance(e, ast.BinOp) and type(e.op) in _OPERATORS:
-        return f"({inner(e.left)} {_OPERATORS[type(e.op)]} {inner(e.right)})"
-    if isinstance(e, ast.UnaryOp) and type(e.op) in _OPERATORS:
-        return f"({_OPERATORS[type(e.op)]}{inner(e.operand)})"
-    if isinstance(e, ast.BoolOp):
-        return "(" + f" {_OPERATORS[type(e.op)]} ".join(map(inner, e.values)) + ")"
-    if isinstance(e, ast.Compare) and all(type(o) in _OPERATORS for o in e.ops):
-        parts = [e.left, *e.comparators]
-        pairs = [
-            f"({inner(a)} {_OPERATORS[type(o)]} {inner(b)})"
-            for a, o, b in zip(parts, e.ops, parts[1:], strict=False)
-        ]
-        return pairs[0] if len(pairs) == 1 else f"({' && '.join(pairs)})"
-    if isinstance(e, ast.IfExp):
-        return f"({inner(e.test)} ? {inner(e.body)} : {inner(e.orelse)})"
-    if isinstance(e, ast.Attribute) and ast.unparse(e.value) == "math" and e.attr in CONSTANTS:
-        return _number(CONSTANTS[e.attr])
-    if isinstance(e, ast.Call) and not e.keywords:
-        return _call(e, list(map(inner, e.args)))
-    raise _untranslated(e)
-
-
-def _number(value: float) -> str:
-    return repr(value) if math.isfinite(value) else "HUGE_VAL"
-
-
-def _call(e: ast.Call, arguments: list[str]) -> str:
-    called = ast.unparse(e.func)
-    if called == "abs":
-        return f"fabs({arguments[0]})"
-    if called in ("min", "max") and arguments:
-        text = arguments[0]
-        for other in arguments[1:]:
-            text = f"{'larger' if called == 'max' else 'smaller'}({text}, {other})"
-        return text
-    name = called.removeprefix("math.") if called.startswith("math.") else ""
-    if name in OF_ONE or name in OF_TWO:
-        return f"{_OTHER_NAME.get(name, name)}({', '.join(arguments)})"
-    raise _untranslated(e)
-
-
-def _untranslated(node: ast.AST) -> ContractError:
-    return ContractError(
-        f"{ast.unparse(node)!r} in its equations has no counterpart in C; export it without "
-        "--native"
-    )
+    expression = ast.parse(text, mode="eval").body
+    names = {e.id: e.id for e in ast.walk(expression) if isinstance(e, ast.Name)}
+    return _Writer(1, names).value(expression)

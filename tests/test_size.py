@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (6372, 5554),
+    "solver": (6302, 5476),
     "plant": (1590, 1314),
     "controllers": (1112, 868),
     "fmus": (5128, 4599),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (26761, 25542),
+    "tests": (26753, 25534),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -9,7 +9,7 @@ enum {
     LESS, LESS_EQUAL, EQUAL, NOT_EQUAL, AND, OR, NOT,
     LARGER, SMALLER, SELECT, /* a where c is not 0, else b */
     CALL_1, CALL_2,          /* function number c of one argument, of two */
-    LOAD, STORE,             /* element b of vector a; from or to register c */
+    LOAD, STORE,             /* element b of vector a; to it from register c */
     JUMP, JUMP_UNLESS,       /* to operation a + 65536 b; unless c */
     RETURN,                  /* c */
     DIFFERENCES              /* instead of a Jacobian; the constants are sizes of the states */
@@ -73,7 +73,7 @@ static double play(const Tape *tape, double t, int event, double *const vectors[
         case SELECT: r[o->to] = r[o->c] != 0.0 ? r[o->a] : r[o->b]; break;
         case CALL_1: r[o->to] = OF_ONE[o->c](r[o->a]); break;
         case CALL_2: r[o->to] = OF_TWO[o->c](r[o->a], r[o->b]); break;
-        case LOAD: r[o->c] = vectors[o->a][o->b]; break;
+        case LOAD: r[o->to] = vectors[o->a][o->b]; break;
         case STORE: vectors[o->a][o->b] = r[o->c]; break;
         case JUMP: o = tape->operations + o->a + 65536 * o->b - 1; break;
         case JUMP_UNLESS:

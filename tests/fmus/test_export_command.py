@@ -1,6 +1,5 @@
 """``ballscrew export`` as a person uses it: parts, native parts and loops."""
 
-import ast
 import importlib.util
 import stat
 import subprocess
@@ -19,8 +18,6 @@ from ballscrew.fmus.native.export import NativeFmu
 from ballscrew.orchestration.loop import catalogue
 from ballscrew.orchestration.loop.catalogue import NAMES, NATIVE, READABLE, fmu, ready_fmu
 from ballscrew.solver import compilers
-from ballscrew.solver.errors import ContractError
-from ballscrew.solver.translation import in_c
 
 
 def export(*arguments):
@@ -126,13 +123,6 @@ def test_an_output_that_cannot_be_written_is_one_line(native, tmp_path, capsys, 
     heard = capsys.readouterr().err
     assert heard.startswith("ballscrew: cannot write")
     assert heard.count("\n") == 1
-
-
-def test_an_equation_that_c_has_no_function_for_is_named():
-    text = "def out(t, x, u, p, y):\n    y[0] = u[0] // 2.0"
-    function = ast.parse(text).body[0]
-    with pytest.raises(ContractError, match=r"'u\[0\] // 2.0' in its equations has no"):
-        in_c(function, 1)
 
 
 @pytest.mark.parametrize(
