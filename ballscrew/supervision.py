@@ -26,7 +26,6 @@ from .orchestration.fmu.operating_system import (
     fork,
     hold_interrupts,
     lock,
-    lock_if_left,
     outcome,
 )
 from .printable import printable
@@ -114,7 +113,7 @@ def _remove_what_is_left(place: Path) -> None:
         if folder.suffix == _NEW:  # not locked yet
             continue
         with contextlib.suppress(OSError):  # removed, another user's folder, or locked
-            descriptor = lock_if_left(folder)
+            descriptor = lock(folder, left=True)
             _remove(folder)
             os.close(descriptor)
 

@@ -122,8 +122,9 @@ EQUIVALENT = {
         "if [k + m == 1 -> False]:": "the general case gives the same product",
     },
     "orchestration/fmu/isolated.py": {
-        "self._saved += [1 -> 2]": "names of states only have to differ",
+        "self._made += [1 -> 2]": "numbers of states only have to differ",
         "self._changes [+= -> -=] 1": "only whether the count has changed is compared",
+        "self._changes [+= -> -=] call[0] != 'read'": "only whether it has changed is compared",
     },
     "orchestration/master/step_choice.py": {
         "of_first = np.zeros([2 -> 3])": "replaced after the first run, before it is used",

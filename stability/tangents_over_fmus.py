@@ -28,8 +28,7 @@ from ..fmus.ports import tangent_port
 from ..orchestration.fmu.fmu_instance import FmuInstance, StepFailed
 from ..orchestration.fmu.group import initialize
 from ..orchestration.fmu.isolated import IsolatedInstance
-from ..orchestration.fmu.port_units import convert
-from ..orchestration.fmu.wiring import PLANT, Wiring, names_on, wire
+from ..orchestration.fmu.wiring import PLANT, Wiring, convert, names_on, wire
 from ..orchestration.master.compiled import (
     DIVERGES,
     GOES_ON,

@@ -13,16 +13,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ...fmus.process_end import end_cleanly
-from ...fmus.reading import WHOLE, UnpackedFmu
+from ...fmus.reading import WHOLE, NumberVariable, UnpackedFmu
 
 Vector = npt.NDArray[np.float64]
+Types = dict[str, tuple[str, npt.DTypeLike]]
+"""By type: the name of its calls after the verb, and how its values are kept."""
 
 # fmi2DoStep, and the functions of saved states in both versions
 STEP = ctypes.CFUNCTYPE(
     ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int
 )
 STATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
-_LOGGED: dict[int, str] = {}
 OK, DISCARD, ERROR, FATAL = 1, 2, 3, 4  # of a call; a warning counts as OK
 END = "requested the end of the simulation at t = {:g} s"
 
@@ -35,65 +36,28 @@ class Refused(RuntimeError):
         self.status = status
 
 
-def last_words(log: int) -> str:
-    """The last error that the instance with this number logged."""
-    return _LOGGED.get(log, "")
-
-
-def forget(log: int) -> None:
-    _LOGGED.pop(log, None)
-
-
-def _heard(log: int, status: int, text: bytes | None) -> None:
-    if status > DISCARD and text:
-        _LOGGED[log] = text.decode("utf-8", "replace").strip()
-
-
 class Ports:
-    """Variables of one type, to be set or read in one call.
-
-    Parameters
-    ----------
-    names : sequence of str
-    type : str
-        One of FMI's.
-    function : str
-        Name of the call after its verb.
-    kind : dtype
-        Of its values.
-    references : sequence of int
-    """
+    """Variables of one type, to be set or read in one call."""
 
     def __init__(
-        self,
-        names: Sequence[str],
-        type: str,
-        function: str,
-        kind: npt.DTypeLike,
-        references: Sequence[int],
+        self, variables: Sequence[NumberVariable], function: str, kind: npt.DTypeLike
     ) -> None:
-        self.names, self.function = names, function
-        self._type = type
-        self._whole = type in WHOLE
-        self.references = (ctypes.c_uint * len(names))(*references)
-        self.values = np.zeros(len(names), dtype=kind)
+        self.names = [v.name for v in variables]
+        self.function = function
+        self.references = (ctypes.c_uint * len(variables))(*(v.reference for v in variables))
+        self.values = np.zeros(len(variables), dtype=kind)
         pointer = ctypes.POINTER(np.ctypeslib.as_ctypes_type(self.values.dtype))
         self.pointer = self.values.ctypes.data_as(pointer)
+        self._type = variables[0].type
         # the first number above the largest
         self._low, self._end = 0.0, 2.0
-        if self._whole and type != "Boolean":
+        if self._type in WHOLE and self._type != "Boolean":
             size = np.iinfo(self.values.dtype)
             self._low, self._end = float(size.min), float(size.max) + 1.0
 
     def put(self, values: Vector) -> None:
-        """Store checked values for the next call.
-
-        Raises
-        ------
-        Refused
-            If a value of an integer type is not a whole number, or out of the type's range.
-        """
-        if self._whole:
+        """Store values for the next call; raises `Refused` if the type does not hold one."""
+        if self._type in WHOLE:
             fit = (values == np.rint(values)) & (values >= self._low) & (values < self._end)
             if not fit.all():
                 at = int(np.argmin(fit))
@@ -106,19 +70,14 @@ class Ports:
 
 
 class Fmi2:
-    """An instance of an FMI 2.0 FMU.
-
-    Parameters
-    ----------
-    fmu : UnpackedFmu
-    name : str
-    log : int
-        Number under which its last error is kept.
+    """The calls of one FMU of FMI 2.0; `open` makes the instance.
 
     Attributes
     ----------
     component : c_void_p
     library : CDLL
+    words : str
+        The last error that it logged.
     ended : str
         When it requested the end of the simulation; empty if it did not.
     integrator : Integrator or None
@@ -127,18 +86,27 @@ class Fmi2:
 
     _VERSION = "fmi2"
     _STATE = "FMUstate"
-    _TYPES: ClassVar[dict[str, tuple[str, npt.DTypeLike]]] = {
+    _TYPES: ClassVar[Types] = {
         "Real": ("Real", np.float64),
         "Integer": ("Integer", np.int32),
         "Enumeration": ("Integer", np.int32),
         "Boolean": ("Boolean", np.int32),
     }
 
-    def __init__(self, fmu: UnpackedFmu, name: str, log: int) -> None:
+    def __init__(self, fmu: UnpackedFmu, name: str) -> None:
         self._description = fmu.description
-        self.ended = ""
+        self._told = {
+            "guid": fmu.description.guid,
+            "unzipDirectory": str(fmu.folder),
+            "modelIdentifier": fmu.description.identifier,
+            "instanceName": name,
+        }
+        self.words = self.ended = ""
         self.integrator: Any = None
-        self._fmu = self._instantiated(fmu, name, log)
+
+    def open(self) -> None:
+        """Make the instance; what is raised says why it cannot be made, if `words` do not."""
+        self._fmu = self._instantiated()
         self.library = self._fmu.dll
         end_cleanly(Path(self.library._name))
         self.component = ctypes.c_void_p(self._fmu.component)
@@ -147,35 +115,37 @@ class Fmi2:
             for verb in ("Get", "Set", "Free")
         )
 
-    def _instantiated(self, fmu: UnpackedFmu, name: str, log: int) -> Any:
+    def _instantiated(self) -> Any:
         from fmpy import calloc, fmi2, free
 
         callbacks = fmi2.fmi2CallbackFunctions()
-        callbacks.logger = _logger()
+        callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._hear)
         callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
         callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
-        callbacks.componentEnvironment = log
         kind = fmi2.FMU2Model if self._description.exchanges else fmi2.FMU2Slave
-        instance = kind(**_told(fmu, name))
+        instance = kind(**self._told)
         instance.instantiate(callbacks=callbacks, loggingOn=True)
         return instance
 
-    def ports(self, names: Sequence[str], type: str, references: Sequence[int]) -> Ports:
-        function, kind = self._TYPES[type]
-        return Ports(names, type, function, kind, references)
+    def _hear(self, *told: Any) -> None:
+        """Both versions' callback for a log message: it ends with status, category and text."""
+        status, text = told[-3], told[-1]
+        if status > DISCARD and text:
+            self.words = text.decode("utf-8", "replace").strip()
+
+    def ports(self, variables: Sequence[NumberVariable]) -> Ports:
+        return Ports(variables, *self._TYPES[variables[0].type])
 
     def transfer(self, verb: str, ports: Ports) -> int:
         """Set or get; the FMI status."""
         call = getattr(self.library, f"{self._VERSION}{verb}{ports.function}")
-        arguments = [ports.references, len(ports.references), ports.pointer]
-        return int(call(self.component, *arguments, *self._tail(ports)))
-
-    def _tail(self, ports: Ports) -> list[int]:
-        return []
+        count = len(ports.references)
+        counted = [count] if self._VERSION == "fmi3" else []  # of values
+        return int(call(self.component, ports.references, count, ports.pointer, *counted))
 
     def text(self, reference: int) -> str:
         (text,) = self._fmu.getString([reference])
-        return str(text.decode("utf-8", "replace"))
+        return text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
 
     def set_text(self, reference: int, text: str) -> None:
         self._fmu.setString([reference], [text])
@@ -192,13 +162,10 @@ class Fmi2:
         """Leave initialization mode."""
         self._fmu.exitInitializationMode()
         if self._description.exchanges:
-            self.integrator = self._integrator()
+            from .model_exchange import Integrator
 
-    def _integrator(self) -> Any:
-        from .model_exchange import Integrator
-
-        states, indicators = self._sizes()
-        return Integrator(self._fmu, states, indicators, bool(self._description.names("input")))
+            has_inputs = bool(self._description.names("input"))
+            self.integrator = Integrator(self._fmu, *self._sizes(), has_inputs)
 
     def _sizes(self) -> tuple[int, int]:
         """Numbers of states and event indicators."""
@@ -223,12 +190,7 @@ class Fmi2:
         return STEP(("fmi2DoStep", self.library))
 
     def step(self, t: float, h: float) -> int:
-        """Move from t to t + h, if the simulation was not ended there; the FMI status.
-
-        Raises
-        ------
-        Refused
-        """
+        """Move from t to t + h; the FMI status. Raises `Refused` if the simulation was ended."""
         if self.ended:
             raise Refused(self.ended, DISCARD)
         if self.integrator is None:
@@ -266,11 +228,11 @@ class Fmi2:
 
 
 class Fmi3(Fmi2):
-    """An instance of an FMI 3.0 FMU; of co-simulation without event mode and early return."""
+    """The calls of one FMU of FMI 3.0; of co-simulation without event mode and early return."""
 
     _VERSION = "fmi3"
     _STATE = "FMUState"
-    _TYPES: ClassVar[dict[str, tuple[str, npt.DTypeLike]]] = {
+    _TYPES: ClassVar[Types] = {
         "Float64": ("Float64", np.float64),
         "Float32": ("Float32", np.float32),
         "Boolean": ("Boolean", np.bool_),
@@ -282,23 +244,13 @@ class Fmi3(Fmi2):
         },
     }
 
-    def _instantiated(self, fmu: UnpackedFmu, name: str, log: int) -> Any:
+    def _instantiated(self) -> Any:
         from fmpy import fmi3
 
-        def heard(_: Any, status: int, __: bytes, text: bytes) -> None:
-            _heard(log, status, text)
-
         kind = fmi3.FMU3Model if self._description.exchanges else fmi3.FMU3Slave
-        instance = kind(**_told(fmu, name))
-        instance.instantiate(loggingOn=True, logMessage=heard)
+        instance = kind(**self._told)
+        instance.instantiate(loggingOn=True, logMessage=self._hear)
         return instance
-
-    def _tail(self, ports: Ports) -> list[int]:
-        return [len(ports.references)]
-
-    def text(self, reference: int) -> str:
-        (text,) = self._fmu.getString([reference])
-        return str(text)
 
     def set_up(self, stop: float) -> None:
         pass
@@ -318,23 +270,3 @@ class Fmi3(Fmi2):
                 f"stopped at t = {reached:g} s although early return is not allowed", DISCARD
             )
         return 0
-
-
-def _told(fmu: UnpackedFmu, name: str) -> dict[str, str]:
-    return {
-        "guid": fmu.description.guid,
-        "unzipDirectory": str(fmu.folder),
-        "modelIdentifier": fmu.description.identifier,
-        "instanceName": name,
-    }
-
-
-@functools.cache
-def _logger() -> Any:
-    """The logger of FMUs of FMI 2.0: it keeps the last error of each instance."""
-    from fmpy import fmi2
-
-    def log(environment: int, _name: bytes, status: int, _category: bytes, text: bytes) -> None:
-        _heard(environment or 0, status, text)
-
-    return fmi2.fmi2CallbackLoggerTYPE(log)

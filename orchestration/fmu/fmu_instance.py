@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import itertools
 import math
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Protocol, TypeAlias
@@ -17,33 +15,21 @@ import numpy as np
 import numpy.typing as npt
 
 from ...fmus.ports import law_ports
-from ...fmus.reading import SETTABLE, Description, NumberVariable, UnpackedFmu, unpack
+from ...fmus.reading import SETTABLE, Description, UnpackedFmu, unpack
 from ...solver.errors import FmuError, UserError
-from .fmi_versions import (
-    DISCARD,
-    END,
-    ERROR,
-    FATAL,
-    OK,
-    Fmi2,
-    Fmi3,
-    Ports,
-    Refused,
-    forget,
-    last_words,
-)
+from .fmi_versions import DISCARD, END, ERROR, FATAL, OK, Fmi2, Fmi3, Ports, Refused
 
 Vector = npt.NDArray[np.float64]
 
 ENTRY_POINTS = "component set_real get_real do_step get_state set_state free_state".split()
-_LOG_NUMBERS = itertools.count(1)
-
-Value: TypeAlias = "float | str"
-"""Value of a parameter: a number, or the text of a String."""
-
 SAMPLE_TIME = "sample_time"
 AS_PRINTED = 1e-6  # of a start value: what a tool that prints few digits may change
 SHORTER = "it needs shorter steps: use a smaller --step"
+
+Value: TypeAlias = "float | str"
+"""Value of a parameter: a number, or the text of a String."""
+Writer: TypeAlias = Callable[[Vector], None]
+Reader: TypeAlias = Callable[[], Vector]
 
 
 class StepFailed(UserError, RuntimeError):
@@ -63,17 +49,13 @@ class StepFailed(UserError, RuntimeError):
         )
 
 
-Writer: TypeAlias = Callable[[Vector], None]
-Reader: TypeAlias = Callable[[], Vector]
-
-
 class Instance(Protocol):
     """Interface of any participant in a loop.
 
     Rules for an implementation: between `enter_initialization` and `leave_initialization`
     inputs can be set and outputs read repeatedly; `step` moves from t to t + h with its inputs
     held; after `restore` it continues exactly as after `save`; `reopened` is a new instance of
-    the same FMU.
+    the same FMU. What fails raises `StepFailed`.
     """
 
     name: str
@@ -97,8 +79,27 @@ class Instance(Protocol):
     def reopened(self) -> Instance: ...
     def close(self) -> None: ...
 
+    def initialize(self, values: Mapping[str, Value], stop: float) -> None:
+        """Go through initialization alone."""
+        self.enter_initialization(values, stop)
+        self.leave_initialization()
 
-class AnyFmu:
+
+class Wrapped:
+    """An instance with something changed; the rest is passed on to it."""
+
+    def __init__(self, instance: Instance) -> None:
+        self._instance = instance
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._instance, name)
+
+    def initialize(self, values: Mapping[str, Value], stop: float) -> None:
+        self.enter_initialization(values, stop)
+        self.leave_initialization()
+
+
+class AnyFmu(Instance):
     """Common part of FMU instances in this or another process.
 
     Attributes
@@ -119,26 +120,18 @@ class AnyFmu:
         else:
             self._fmu = unpack(source)
             self._clean = weakref.finalize(self, self._fmu.remove)
-        self.name = name
-        description = self.description
-        self.inputs: Sequence[str] = inputs_of(description)
-        self.outputs: Sequence[str] = description.names("output")
-        self.parameters: Sequence[str] = description.names("parameter")
-        self.can_save = description.saves_state
-        self.steps_vary = description.steps_vary
+        self.name, self.path = name, self._fmu.path
+        self.description: Description = self._fmu.description
+        self._variables = self.description.by_name
+        self.outputs = self.description.names("output")
+        self.parameters: Sequence[str] = self.description.names("parameter")
+        inputs = self.description.names("input")
+        # the law's ramp counts from the start of a communication step: model exchange has none
+        law = law_ports(inputs, inputs, self.outputs) if self.description.exchanges else set[str]()
+        self.inputs = [n for n in inputs if n not in law]
+        self.can_save = self.description.saves_state
+        self.steps_vary = self.description.steps_vary
         self.sample_time, self.stop = 0.0, math.inf
-
-    @property
-    def description(self) -> Description:
-        return self._fmu.description
-
-    @property
-    def path(self) -> Path:
-        return self._fmu.path
-
-    @cached_property
-    def _variables(self) -> Mapping[str, NumberVariable]:
-        return self.description.by_name
 
     def nominal(self, name: str) -> float:
         return self._variables[name].nominal
@@ -156,11 +149,6 @@ class AnyFmu:
         told = self._variables[name].initially_from
         return self.inputs if told is None else told
 
-    def initialize(self, values: Mapping[str, Value], stop: float) -> None:
-        """Go through initialization alone, see `FmuInstance.enter_initialization`."""
-        self.enter_initialization(values, stop)
-        self.leave_initialization()
-
     def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
         """Set parameters and start values, enter initialization mode, and set inputs there.
 
@@ -173,19 +161,19 @@ class AnyFmu:
             If the FMU rejects them.
         """
         self.enter(values, stop)
-        numbers = {*self.parameters} & self._variables.keys()
-        given = {n: float(value) for n, value in values.items() if n in numbers}
-        told = {n: start for n, start in self._starts.items() if n not in values}
+        settable = (v for v in self._variables.values() if v.causality in SETTABLE)
+        told = {v.name: v.start for v in settable if v.start is not None and v.name not in values}
         had = self._unlike(told)
         if had:
             self.writer(list(had))(np.array([told[n] for n in had]))
+        given = {n: float(values[n]) for n in self.parameters if n in values}
         kept = self._unlike({n: told[n] for n in had} | given)
-        self.kept = {n: value for n, value in kept.items() if n in numbers}
+        self.kept = {n: value for n, value in kept.items() if n in self.parameters}
         self.notes = [
             f"{self.path.name} starts with {name} = {value:g}, but its description says "
             f"{told[name]:g}: {'this cannot be set' if name in kept else 'this was set'}"
             for name, value in had.items()
-            if name in numbers
+            if name in self.parameters
         ]
         self.notes += [
             f"{self.path.name} has {name} = {value:g}: it does not take the given {given[name]:g}"
@@ -193,30 +181,13 @@ class AnyFmu:
             if name in given
         ]
 
-    @cached_property
-    def _starts(self) -> dict[str, float]:
-        """Start values of the description that can be set."""
-        described = self.description.variables
-        return {
-            v.name: v.start for v in described if v.causality in SETTABLE and v.start is not None
-        }
-
     def _unlike(self, told: Mapping[str, float]) -> dict[str, float]:
         """Present values of those that are not as told."""
         found = zip(told, self.reader(list(told))().tolist(), strict=True) if told else ()
         return {n: v for n, v in found if not math.isclose(v, told[n], rel_tol=AS_PRINTED)}
 
     def enter(self, values: Mapping[str, Value], stop: float) -> None:
-        raise NotImplementedError
-
-    def writer(self, names: Sequence[str]) -> Writer:
-        raise NotImplementedError
-
-    def reader(self, names: Sequence[str]) -> Reader:
-        raise NotImplementedError
-
-    def leave_initialization(self) -> None:
-        raise NotImplementedError
+        """As `enter_initialization`, except for start values of the description."""
 
 
 class FmuInstance(AnyFmu):
@@ -227,8 +198,6 @@ class FmuInstance(AnyFmu):
     source : path-like or UnpackedFmu
     name : str
         Instance name; also the name of the FMU in messages.
-    calls : class, optional
-        Interface for the calls. Default: its library, by its version of FMI.
 
     Raises
     ------
@@ -236,27 +205,22 @@ class FmuInstance(AnyFmu):
         If the file is not an FMU that can run here.
     """
 
-    def __init__(
-        self, source: Path | str | UnpackedFmu, name: str, calls: type[Fmi2] | None = None
-    ) -> None:
+    def __init__(self, source: Path | str | UnpackedFmu, name: str) -> None:
         super().__init__(source, name)
         self._given: Mapping[str, Value] = {}
-        self._log = next(_LOG_NUMBERS)
         self._status = 0  # the worst so far
+        self._fmi = (Fmi2 if self.description.fmi == 2 else Fmi3)(self._fmu, name)
         try:
-            usual = Fmi2 if self.description.fmi == 2 else Fmi3
-            self._fmi = (calls or usual)(self._fmu, name, self._log)
-        except Exception as error:
+            self._fmi.open()
+        except BaseException as error:
             self._clean()
-            reason = last_words(self._log) or str(error)
-            raise FmuError(f"{self._fmu.path}: cannot be instantiated: {reason}") from error
-        except BaseException:
-            self._clean()
-            raise
+            if not isinstance(error, Exception):
+                raise
+            reason = self._fmi.words or str(error)
+            raise FmuError(f"{self.path}: cannot be instantiated: {reason}") from error
         self._open = True
 
     def enter(self, values: Mapping[str, Value], stop: float) -> None:
-        """As `enter_initialization`, except for start values of the description."""
         self.stop = stop
         self._given = {name: v for name, v in values.items() if name in self.inputs}
         with self._initializing():
@@ -285,8 +249,8 @@ class FmuInstance(AnyFmu):
         for name, value in values.items():
             if isinstance(value, str):
                 self._fmi.set_text(self.description.strings[name], value)
-                continue
-            self.writer([name])(np.array([value], dtype=float))
+            else:
+                self.writer([name])(np.array([value], dtype=float))
 
     @contextlib.contextmanager
     def _initializing(self) -> Iterator[None]:
@@ -300,10 +264,8 @@ class FmuInstance(AnyFmu):
 
     def message(self) -> str:
         """The FMU's error message: for our FMUs from their String, for others from their log."""
-        reference = self._fmu.description.message_reference
-        if reference is None:
-            return last_words(self._log)
-        return self._fmi.text(reference)
+        reference = self.description.message_reference
+        return self._fmi.words if reference is None else self._fmi.text(reference)
 
     def writer(self, names: Sequence[str]) -> Writer:
         parts = self._ports(names)
@@ -334,20 +296,17 @@ class FmuInstance(AnyFmu):
 
     def _ports(self, names: Sequence[str]) -> list[tuple[slice | list[int], Ports]]:
         """Places and ports, one for each type."""
-        types = dict.fromkeys(self._variables[n].type for n in names)
+        types = [self._variables[n].type for n in names]
         parts: list[tuple[slice | list[int], Ports]] = []
-        for kind in types:
-            places = [k for k, n in enumerate(names) if self._variables[n].type == kind]
-            own = [names[k] for k in places]
-            ports = self._fmi.ports(own, kind, self.references(own))
-            parts.append((places if len(types) > 1 else slice(None), ports))
+        for kind in dict.fromkeys(types):
+            places = [k for k, found in enumerate(types) if found == kind]
+            ports = self._fmi.ports([self._variables[names[k]] for k in places])
+            parts.append((places if len(places) < len(names) else slice(None), ports))
         return parts
 
     def step(self, t: float, h: float) -> None:
         try:
             status = self._fmi.step(t, h)
-        except StepFailed:
-            raise
         except Exception as error:
             status = getattr(error, "status", FATAL)
             raise self.failed(status, str(error).rstrip(".")) from error
@@ -365,6 +324,16 @@ class FmuInstance(AnyFmu):
             self._fmi.ended = words[DISCARD] = END.format(reached)
         return self.failed(status, words.get(status, f"the step ended with FMI status {status}"))
 
+    def failed(self, status: int, what: str) -> StepFailed:
+        """The error for a call that ended with this status, with the FMU's own message."""
+        self._status = max(self._status, status)
+        reason = self.message() if status < FATAL else self._fmi.words
+        advice = SHORTER if status == DISCARD and not self._fmi.ended else ""
+        if reason.startswith(f"{self.name}: "):  # ours put the instance's name first
+            return StepFailed(reason, advice)
+        text = f"{what}{': ' if reason else ''}{' '.join(reason.split())}"
+        return StepFailed(f"{self.name} ({self.path.name}): {text}", advice)
+
     def save(self) -> Any:
         state = ctypes.c_void_p()
         status = self._fmi.get_state(self._fmi.component, ctypes.addressof(state))
@@ -378,6 +347,9 @@ class FmuInstance(AnyFmu):
         if status > OK:
             raise self.failed(status, "cannot restore its state")
         self._fmi.place = place
+
+    def release(self, state: Any) -> None:
+        self._fmi.free_state(self._fmi.component, ctypes.addressof(state[0]))
 
     def is_compiled(self, names: Sequence[str]) -> bool:
         """Whether compiled code can call its functions directly for these ports."""
@@ -396,22 +368,8 @@ class FmuInstance(AnyFmu):
         """Value references of variables."""
         return [self._variables[n].reference for n in names]
 
-    def failed(self, status: int, what: str) -> StepFailed:
-        """The error for a call that ended with this status, with the FMU's own message."""
-        self._status = max(self._status, status)
-        reason = self.message() if status < FATAL else last_words(self._log)
-        advice = SHORTER if status == DISCARD and not self._fmi.ended else ""
-        if reason.startswith(f"{self.name}: "):  # ours put the instance's name first
-            return StepFailed(reason, advice)
-        whose = f"{self.name} ({self._fmu.path.name})"
-        text = f"{whose}: {what}{': ' if reason else ''}{' '.join(reason.split())}"
-        return StepFailed(text, advice)
-
-    def release(self, state: Any) -> None:
-        self._fmi.free_state(self._fmi.component, ctypes.addressof(state[0]))
-
-    def reopened(self, calls: type[Fmi2] | None = None) -> FmuInstance:
-        other = FmuInstance(self._fmu, self.name, calls)
+    def reopened(self) -> FmuInstance:
+        other = FmuInstance(self._fmu, self.name)
         other.sample_time, other.can_save = self.sample_time, self.can_save
         return other
 
@@ -419,7 +377,6 @@ class FmuInstance(AnyFmu):
         if not self._open:
             return
         self._open = False
-        forget(self._log)
         self._clean()
         if self._status >= FATAL:
             return  # FMI allows no call any more
@@ -428,13 +385,3 @@ class FmuInstance(AnyFmu):
             if self._status <= OK:
                 self._fmi.terminate()
         self._fmi.free()
-
-
-def inputs_of(description: Description) -> list[str]:
-    """Inputs that a master drives: not the feedback law's of model exchange.
-
-    The law's ramp counts from the start of a communication step: model exchange has none.
-    """
-    inputs = description.names("input")
-    law = law_ports(inputs, inputs, description.names("output"))
-    return [n for n in inputs if not description.exchanges or n not in law]

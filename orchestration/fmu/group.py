@@ -10,9 +10,9 @@ newest values of the FMUs before it, and values that are computed only then are 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,8 +26,7 @@ STALE, BACK = range(2)  # flags, see `Group`
 SWEEPS = 3  # enough for a ring that is not an algebraic loop
 
 
-@dataclass(frozen=True)
-class Feed:
+class Feed(NamedTuple):
     """Source of a member's input."""
 
     source: str  # a member's output as ``member.port``, or an input of the group
@@ -74,7 +73,7 @@ def initialize(
     both.leave_initialization()
 
 
-class Group:
+class Group(Instance):
     """Connected FMU instances as one FMU instance.
 
     They are stepped one after the other, each with the newest values of those before it: in the
@@ -114,68 +113,55 @@ class Group:
         inputs: Sequence[str],
         turned: bool = False,
     ) -> None:
-        self.name = name
-        self._turned = turned
-        self.inputs: Sequence[str] = list(inputs)
+        self.name, self.inputs, self._turned = name, list(inputs), turned
         self.can_save = all(p.can_save for p in members.values())
         self.steps_vary = all(getattr(p, "steps_vary", True) for p in members.values())
         self.sample_time, self.stop = 0.0, math.inf
         self._feeds = list(feeds)
-        at_once = {m for m, p in members.items() if any(map(p.follows_at_once, p.outputs))}
-        order = _in_order(list(members), feeds, at_once)
+        self._at_once = {m for m, p in members.items() if any(map(p.follows_at_once, p.outputs))}
+        # member and port of each output, and of what each input feeds
+        self._ports = {f"{m}.{y}": [(m, y)] for m, p in members.items() for y in p.outputs}
+        of_inputs = {n: [(f.member, f.port) for f in feeds if f.source == n] for n in inputs}
+        order = self._in_order(list(members), self._at_once)
         self._members = {m: members[m] for m in order}
-        self.outputs: Sequence[str] = [
-            f"{m}.{port}" for m, p in self._members.items() for port in p.outputs
-        ]
+        self.outputs = [f"{m}.{y}" for m, p in self._members.items() for y in p.outputs]
         self.place = {n: k for k, n in enumerate([*self.inputs, *self.outputs])}
+        # places of the outputs that feed their own member or an earlier one
+        before = {m: order[k:] for k, m in enumerate(order)}
+        back = {f.source for f in feeds if self._source(f) in before[f.member]}
+        self._ring = sorted(self.place[source] for source in back)
+        self._ports |= of_inputs
         self.values = np.zeros(len(self.place))
         self.parts: list[Member] = []
         self.there: list[Member] = []
         self.back: list[Member] = []
-        self.lags = False
-        self._initializing = False
+        self.lags = self._initializing = False
         self.flags = np.ones(2, dtype=np.int64)
 
+    def _source(self, feed: Feed) -> str:
+        """The member that a feed comes from; empty for an input of the group."""
+        return "" if feed.source in self.inputs else self._ports[feed.source][0][0]
+
     def nominal(self, name: str) -> float:
-        if name in self.inputs:
-            fed = next(f for f in self._feeds if f.source == name)
-            return self._members[fed.member].nominal(fed.port)
-        member, port = self._split(name)
+        member, port = self._ports[name][0]
         return self._members[member].nominal(port)
 
     def is_real(self, name: str) -> bool:
-        if name in self.inputs:
-            fed = [f for f in self._feeds if f.source == name]
-            return all(self._members[f.member].is_real(f.port) for f in fed)
-        member, port = self._split(name)
-        return self._members[member].is_real(port)
+        return all(self._members[member].is_real(port) for member, port in self._ports[name])
 
     def follows_at_once(self, name: str) -> bool:
-        member, port = self._split(name)
+        member, port = self._ports[name][0]
         return self._members[member].follows_at_once(port)
 
-    def _split(self, name: str) -> tuple[str, str]:
-        """Member and port; either may have dots in its name."""
-        for member in self._members:
-            if name.startswith(member + "."):
-                return member, name[len(member) + 1 :]
-        raise KeyError(name)
-
     def initially_from(self, name: str) -> Sequence[str]:
-        member, port = self._split(name)
-        ports, found, waiting = {(member, port)}, set(), [(member, port)]
-        while waiting:
-            member, port = waiting.pop()
-            inputs = self._members[member].initially_from(port)
-            for feed in self._feeds:
-                if feed.member != member or feed.port not in inputs:
-                    continue
-                if feed.source in self.inputs:
-                    found.add(feed.source)
-                elif (before := self._split(feed.source)) not in ports:
-                    ports.add(before)
-                    waiting.append(before)
-        return sorted(found)
+        sources = [name]
+        for source in sources:  # it grows meanwhile
+            if source not in self.inputs:
+                member, port = self._ports[source][0]
+                ports = self._members[member].initially_from(port)
+                found = (f.source for f in self._feeds if f.member == member and f.port in ports)
+                sources += [s for s in dict.fromkeys(found) if s not in sources]
+        return [n for n in self.inputs if n in sources]
 
     def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
         """Let every member enter the mode; values are named ``member.variable``."""
@@ -186,18 +172,14 @@ class Group:
             own = {k[len(name) + 1 :]: v for k, v in values.items() if k.startswith(name + ".")}
             instance.enter_initialization(own, stop)
             feeds = [f for f in self._feeds if f.member == name]
-            end = begin + len(instance.outputs)
-            self.parts.append(
-                Member(
-                    instance,
-                    feeds,
-                    instance.writer([f.port for f in feeds]),
-                    instance.reader(instance.outputs),
-                    np.array([self.place[f.source] for f in feeds], dtype=np.intp),
-                    slice(begin, end),
-                )
+            write, read = (
+                instance.writer([f.port for f in feeds]),
+                instance.reader(instance.outputs),
             )
-            begin = end
+            sources = np.array([self.place[f.source] for f in feeds], dtype=np.intp)
+            outputs = slice(begin, begin + len(instance.outputs))
+            self.parts.append(Member(instance, feeds, write, read, sources, outputs))
+            begin = outputs.stop
         self._initializing = True
         self.flags[STALE] = True
 
@@ -213,67 +195,77 @@ class Group:
         self.flags[STALE] = False
         self._choose_steps()
         # the shortest: every communication step then ends at samples of the fastest member
-        self.sample_time = min(
-            (p.sample_time for p in self._members.values() if p.sample_time > 0), default=0.0
-        )
+        periods = [p.sample_time for p in self._members.values() if p.sample_time > 0]
+        self.sample_time = min(periods, default=0.0)
 
     def _choose_steps(self) -> None:
         """Choose the orders of the steps; the sampled members are known now."""
-        at_once = {m for m, p in self._members.items() if any(map(p.follows_at_once, p.outputs))}
-        hard = at_once | {m for m, p in self._members.items() if p.sample_time > 0}
-        order = _in_order(list(self._members), self._feeds, hard)
-        back = _reversed(order, self._feeds, hard)
-        parts = dict(self._named_parts())
+        hard = self._at_once | {m for m, p in self._members.items() if p.sample_time > 0}
+        order = self._in_order(list(self._members), hard)
+        back = self._reversed(order, hard)
+        parts = dict(zip(self._members, self.parts, strict=True))
         self.there, self.back = [parts[m] for m in order], [parts[m] for m in back]
         self.flags[BACK] = self._turned
         # a part with direct feedthrough that is stepped before its source has an outdated output
         self.lags = any(
-            f.member in at_once
-            and f.source not in self.inputs
-            and way.index(self._split(f.source)[0]) > way.index(f.member)
+            way.index(source) > way.index(f.member)
             for f in self._feeds
+            if f.member in self._at_once and (source := self._source(f))
             for way in (order, back)
         )
 
+    def _in_order(self, members: list[str], hard: set[str]) -> list[str]:
+        """Order the members so that each comes after the members that feed it.
+
+        A ring is cut at the first member in the list that waits for no `hard` member.
+        """
+        left, ordered = list(members), list[str]()
+        while left:
+            waits = {m: self._feeders(m) - {*ordered} for m in left}
+            ready = [m for m in left if not waits[m]] + [m for m in left if not waits[m] & hard]
+            ordered.append([*ready, left[0]][0])
+            left.remove(ordered[-1])
+        return ordered
+
+    def _reversed(self, order: list[str], hard: set[str]) -> list[str]:
+        """The reverse order, but each member after the `hard` members that feed it."""
+        left, ordered = order[::-1], list[str]()
+        while left:
+            ready = [m for m in left if self._feeders(m) & hard <= {*ordered}]
+            ordered.append([*ready, left[-1]][0])
+            left.remove(ordered[-1])
+        return ordered
+
+    def _feeders(self, member: str) -> set[str]:
+        return {self._source(f) for f in self._feeds if f.member == member} - {member, ""}
+
     def _settle(self) -> None:
         """Set inputs and read outputs in the order in which they depend on each other."""
-        missing = {name: dict.fromkeys(part.instance.outputs) for name, part in self._named_parts()}
+        known = np.isfinite(self.values)
+        known[len(self.inputs) :] = False
         ring = False
-        while any(missing.values()):
-            found = [self._read(name, part, missing, False) for name, part in self._named_parts()]
-            if not any(found):  # a ring: begin with the present outputs of one member
-                ring = True
-                name, part = next((n, p) for n, p in self._named_parts() if missing[n])
-                self._read(name, part, missing, True)
+        while not known[len(self.inputs) :].all():
+            if not sum(self._read(part, known) for part in self.parts):
+                ring = True  # begin with the present outputs of one member
+                self._read(next(p for p in self.parts if not known[p.outputs].all()), known, True)
         if ring:
             self._iterate()
 
-    def _named_parts(self) -> Iterable[tuple[str, Member]]:
-        return zip(self._members, self.parts, strict=True)
-
-    def _read(
-        self, name: str, part: Member, missing: Mapping[str, dict[str, None]], all_: bool
-    ) -> bool:
-        """Read a member's missing outputs that need no others, or all; return whether any was."""
-        waits = {f.port for f in part.feeds if not self._is_known(f.source, missing)}
+    def _read(self, part: Member, known: npt.NDArray[np.bool_], all_: bool = False) -> int:
+        """Read outputs of a member that are not known and need no others, or all; their number."""
+        outputs, first = part.instance.outputs, part.outputs.start
+        waits = {f.port for f, k in zip(part.feeds, known[part.sources], strict=True) if not k}
         ready = [
-            port
-            for port in missing[name]
-            if all_ or waits.isdisjoint(part.instance.initially_from(port))
+            (first + k, y)
+            for k, y in enumerate(outputs)
+            if not known[first + k] and (all_ or waits.isdisjoint(part.instance.initially_from(y)))
         ]
         if ready:
             self._feed(part)
-            values = part.instance.reader(ready)()
-            self.values[[self.place[f"{name}.{port}"] for port in ready]] = values
-            for port in ready:
-                del missing[name][port]
-        return bool(ready)
-
-    def _is_known(self, source: str, missing: Mapping[str, dict[str, None]]) -> bool:
-        if source in self.inputs:
-            return bool(np.isfinite(self.values[self.place[source]]))
-        member, port = self._split(source)
-        return port not in missing[member]
+            places = [place for place, _ in ready]
+            self.values[places] = part.instance.reader([y for _, y in ready])()
+            known[places] = True
+        return len(ready)
 
     def _iterate(self) -> None:
         """Feed and read all members until nothing changes; solve a ring that does not settle.
@@ -283,56 +275,38 @@ class Group:
         StepFailed
             If it has no solution.
         """
-        ring = self._ring()
-        for _ in range(SWEEPS):
-            before = self.values[ring]
-            self._sweep()
-            if self._agree(before, ring):
-                return
-        before = self.values[ring]
+        ring = self._ring
         names = [n for n, place in self.place.items() if place in ring]
-        if np.isfinite(before).all() and all(map(self.is_real, names)):
-            self._solve(ring)
-            before = self.values[ring]
-            self._sweep()
-        if not self._agree(before, ring):
-            missed = np.max(np.abs(self.values[ring] - before))
-            raise StepFailed(
-                f"the algebraic loop through {', '.join(names)} has no solution at the "
-                f"start: inputs and outputs differ by {missed:.3g}",
-                "each of its FMUs has direct feedthrough: check signs and "
-                "gains, or add a delay to the loop",
-            )
-
-    def _ring(self) -> list[int]:
-        """Places of the outputs that feed their own member or an earlier one."""
-        order = list(self._members)
-        back = {
-            self.place[f.source]
-            for f in self._feeds
-            if f.source not in self.inputs
-            and order.index(self._split(f.source)[0]) >= order.index(f.member)
-        }
-        return sorted(back)
-
-    def _agree(self, before: Vector, ring: Sequence[int]) -> bool:
-        after = self.values[ring]
-        names = [*self.inputs, *self.outputs]
-        size = np.maximum(np.abs(after), [self.nominal(names[place]) for place in ring])
-        same = np.abs(after - before) <= SETTLED * size
-        return bool(np.all(same | ~np.isfinite(after)))
-
-    def _solve(self, ring: Sequence[int]) -> None:
-        from scipy.optimize import root
+        nominal = np.array([self.nominal(n) for n in names])
 
         def missed(values: Vector) -> Vector:
+            """What a sweep from these values of the ring changes in them."""
             self.values[ring] = values
             self._sweep()
             change: Vector = self.values[ring] - values
             return change
 
+        def settled(change: Vector) -> bool:
+            after = self.values[ring]
+            small = np.abs(change) <= SETTLED * np.maximum(np.abs(after), nominal)
+            return bool(np.all(small | ~np.isfinite(after)))
+
+        for _ in range(SWEEPS):
+            if settled(missed(self.values[ring])):
+                return
+        if not (np.isfinite(self.values[ring]).all() and all(map(self.is_real, names))):
+            return
+        from scipy.optimize import root
+
         with np.errstate(all="ignore"):
-            self.values[ring] = root(missed, self.values[ring], options={"xtol": 1e-14}).x
+            values = root(missed, self.values[ring], options={"xtol": 1e-14}).x
+        if not settled(change := missed(values)):
+            raise StepFailed(
+                f"the algebraic loop through {', '.join(names)} has no solution at the "
+                f"start: inputs and outputs differ by {np.max(np.abs(change)):.3g}",
+                "each of its FMUs has direct feedthrough: check signs and "
+                "gains, or add a delay to the loop",
+            )
 
     def _sweep(self) -> None:
         """Feed one member after the other, and read its outputs."""
@@ -390,8 +364,7 @@ class Group:
         return states, self.values.copy(), self.flags.copy()
 
     def restore(self, state: Any) -> None:
-        states, values, flags = state
-        self.values[:], self.flags[:] = values, flags
+        states, self.values[:], self.flags[:] = state
         for part, saved in zip(self.parts, states, strict=True):
             part.instance.restore(saved)
 
@@ -406,39 +379,3 @@ class Group:
     def close(self) -> None:
         for instance in self._members.values():
             instance.close()
-
-
-def _in_order(members: list[str], feeds: Sequence[Feed], hard: set[str]) -> list[str]:
-    """Order the members so that each comes after the members that feed it.
-
-    A ring is cut at the first member in the list that waits for no `hard` member.
-    """
-    waiting = {m: _feeders(m, members, feeds) for m in members}
-    ordered: list[str] = []
-    while waiting:
-        done = set(ordered)
-        ready = [m for m, needs in waiting.items() if needs <= done]
-        ready += [m for m, needs in waiting.items() if needs & hard <= done]
-        ordered.append(ready[0] if ready else next(iter(waiting)))
-        del waiting[ordered[-1]]
-    return ordered
-
-
-def _reversed(order: list[str], feeds: Sequence[Feed], hard: set[str]) -> list[str]:
-    """The reverse order, but each member after the `hard` members that feed it."""
-    left, ordered = order[::-1], list[str]()
-    while left:
-        needs = {m: _feeders(m, order, feeds) & hard for m in left}
-        ready = [m for m in left if needs[m] <= set(ordered)]
-        ordered.append(ready[0] if ready else left[-1])
-        left.remove(ordered[-1])
-    return ordered
-
-
-def _feeders(member: str, members: list[str], feeds: Sequence[Feed]) -> set[str]:
-    return {
-        other
-        for other in members
-        for f in feeds
-        if f.member == member and other != member and f.source.startswith(other + ".")
-    }

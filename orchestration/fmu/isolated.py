@@ -64,14 +64,17 @@ class IsolatedInstance(AnyFmu):
         self.time_limit = time_limit
         self._waiting: list[tuple[Any, ...]] = []
         self._changes = 0  # number of calls that may have changed outputs
-        self._bound = self._saved = 0
+        self._made = 0  # number of writers, readers and states in the other process
         self._stepping = False
         self._dead = ""
-        self._printed = _Printed()
         folder = self._fmu.folder
-        self._socket, self._process, held = start_host(__name__, folder, self._printed.descriptor)
+        self._socket, self._process, held = start_host(__name__, folder)
         self._socket.settimeout(time_limit)
         self._end = weakref.finalize(self, _ended, self._process, self._socket, held)
+        self._printed = bytearray()
+        told = self._process.stdout, self._printed
+        self._listener = threading.Thread(target=_keep_end, args=told, daemon=True)
+        self._listener.start()
         try:
             self._ask("open", str(self.path), str(folder), self.description.to_dict(), name)
         except BaseException as error:
@@ -79,26 +82,24 @@ class IsolatedInstance(AnyFmu):
             self._clean()
             if isinstance(error, StepFailed):
                 raise FmuError(f"{self.path}: cannot be instantiated: {error}") from error
-            if isinstance(error, FmuError) and (words := self._printed.last_line()):
+            if isinstance(error, FmuError) and (words := self._last_line()):
                 raise FmuError(f"{error}; its last output: {words}") from error
             raise
 
     def enter(self, values: Mapping[str, Value], stop: float) -> None:
-        """As `FmuInstance.enter`; raises `StepFailed`, also if its process ends."""
         self.stop = stop
-        self._ask("enter_initialization", dict(values), stop)
+        self._ask("do", "enter", dict(values), stop)
 
     def leave_initialization(self) -> None:
-        """As `FmuInstance.leave_initialization`; raises `StepFailed`, also if its process ends."""
-        (told,) = self._numbers([self._ask("leave_initialization")], ["its sample time"])
+        (told,) = self._numbers([self._ask("do", "leave_initialization")], ["its sample time"])
         self.sample_time = float(told) or self.sample_time
 
     def writer(self, names: Sequence[str]) -> Writer:
-        number = self._bind("bind_writer", names)
+        number = self._make("writer", list(names))
         return lambda values: self._tell("write", number, np.asarray(values, dtype=float).tolist())
 
     def reader(self, names: Sequence[str]) -> Reader:
-        number = self._bind("bind_reader", names)
+        number = self._make("reader", list(names))
         known, read_after = np.zeros(0), -1
 
         def read() -> Vector:
@@ -119,27 +120,20 @@ class IsolatedInstance(AnyFmu):
                 return numbers
         raise self._lost(f"gave no numbers for {', '.join(names)}")
 
-    def _bind(self, call: str, names: Sequence[str]) -> int:
-        self._bound += 1
-        self._tell(call, self._bound, list(names))
-        return self._bound
-
     def step(self, t: float, h: float) -> None:
         """Move on; a failure shows when something is read."""
-        self._tell("step", t, h)
+        self._tell("do", "step", t, h)
         self._stepping = True
 
     def save(self) -> Any:
-        self._saved += 1
-        self._tell("save", self._saved)
-        return self._saved
+        return self._make("save")
 
     def restore(self, state: Any) -> None:
-        self._tell("restore", state)
+        self._tell("give", "restore", state)
 
     def release(self, state: Any) -> None:
         if not self._dead:
-            self._tell("release", state)
+            self._tell("give", "release", state)
 
     def reopened(self) -> IsolatedInstance:
         other = IsolatedInstance(self._fmu, self.name, self.time_limit)
@@ -150,29 +144,34 @@ class IsolatedInstance(AnyFmu):
         if self._end.alive and not self._dead:
             self._socket.settimeout(min(self.time_limit, _FAREWELL))
             with contextlib.suppress(OSError, StepFailed, FmuError):
-                self._ask("close")
+                self._ask("do", "close")
+                self._socket.shutdown(socket.SHUT_WR)
                 self._process.wait(_FAREWELL)
         self._end()
         self._clean()
 
+    def _make(self, *call: Any) -> int:
+        self._made += 1
+        self._tell("make", self._made, *call)
+        return self._made
+
     def _tell(self, *call: Any) -> None:
-        self._changes += call[0] != "read"
+        self._changes += 1
         self._waiting.append(call)
 
     def _ask(self, *call: Any) -> Any:
         """Send everything that waits and this call; return its answer."""
         if self._dead:
             raise StepFailed(self._dead)
-        self._tell(*call)
-        line = json.dumps(self._waiting).encode() + b"\n"
+        self._changes += call[0] != "read"
+        line = json.dumps([*self._waiting, call]).encode() + b"\n"
         self._waiting.clear()
         try:
             self._socket.sendall(line)
             status, result = json.loads(self._received())
         except TimeoutError:
-            limit = f"{self.time_limit:g} s"
-            name = "step" if self._stepping else call[0]
-            what = f"did not answer the call {name} within {limit}"
+            name = "step" if self._stepping else call[1] if call[0] == "do" else call[0]
+            what = f"did not answer the call {name} within {self.time_limit:g} s"
             raise self._lost(what, "if it is only slow, use a longer --time-limit") from None
         except (OSError, EOFError):
             raise self._lost(self._how_it_ended()) from None
@@ -201,7 +200,7 @@ class IsolatedInstance(AnyFmu):
     def _lost(
         self, how: str, advice: str = "test this FMU alone: the error is in the FMU itself"
     ) -> StepFailed:
-        self._dead = f"{self.name} ({self._fmu.path.name}) {how}"
+        self._dead = f"{self.name} ({self.path.name}) {how}"
         end_host(self._process)
         return StepFailed(self._dead, advice)
 
@@ -210,29 +209,28 @@ class IsolatedInstance(AnyFmu):
             self._process.wait(_FAREWELL)
         code = self._process.returncode
         how = "closed the connection" if code is None else how_ended(code)
-        last = self._printed.last_line()
+        last = self._last_line()
         return f"{how}; its last output: {last}" if last else how
 
-
-class _Printed:
-    """The end of a process's output, read continuously, so that no disk or pipe is filled."""
-
-    def __init__(self) -> None:
-        self._end = b""
-        reading, self.descriptor = os.pipe()
-        self._reader = threading.Thread(target=self._read, args=(reading,), daemon=True)
-        self._reader.start()
-
-    def _read(self, descriptor: int) -> None:
-        with open(descriptor, "rb", buffering=0) as stream:
-            while data := stream.read(1 << 16):
-                self._end = (self._end + data)[-_KEPT:]
-
-    def last_line(self) -> str:
-        """The last line of a process that has ended."""
-        self._reader.join(_FAREWELL)
-        lines = self._end.decode("utf-8", "replace").split("\n")
+    def _last_line(self) -> str:
+        """The last line that it printed; it has ended."""
+        self._listener.join(_FAREWELL)
+        lines = self._printed.decode("utf-8", "replace").split("\n")
         return next((line.strip()[:200] for line in reversed(lines) if line.strip()), "")
+
+
+def _keep_end(stream: Any, printed: bytearray) -> None:
+    """Read a process's output continuously, so that no disk or pipe is filled, and keep its end."""
+    with stream:
+        while data := stream.read(_AT_ONCE):
+            printed += data
+            del printed[:-_KEPT]
+
+
+def _ended(process: subprocess.Popen[bytes], *files: Any) -> None:
+    end_host(process)
+    for file in files:
+        file.close()
 
 
 def open_fmu(
@@ -252,12 +250,6 @@ def open_fmu(
     return IsolatedInstance(path, name, time_limit)
 
 
-def _ended(process: subprocess.Popen[bytes], *files: Any) -> None:
-    end_host(process)
-    for file in files:
-        file.close()
-
-
 # -- the other process ---------------------------------------------------------------------------
 
 
@@ -267,8 +259,6 @@ def main(connection: socket.socket) -> None:
     with contextlib.suppress(OSError):
         for line in connection.makefile("rb"):
             connection.sendall(json.dumps(_answer(host, line)).encode() + b"\n")
-            if host.closed:
-                break
     # Without the interpreter's own end, in which a third-party library may still crash.
     os._exit(0)
 
@@ -289,49 +279,30 @@ def _answer(host: _Host, line: bytes) -> tuple[int, Any]:
 
 
 class _Host:
-    """The FMU as the calls of `IsolatedInstance` use it."""
+    """The FMU, and by number what was made of it: writers, readers and saved states."""
 
     def __init__(self) -> None:
-        self.closed = False
-        self._bound: dict[int, Any] = {}
-        self._states: dict[int, Any] = {}
+        self._made: dict[int, Any] = {}
 
     def open(self, path: str, folder: str, description: dict[str, Any], name: str) -> None:
         unpacked = UnpackedFmu(Path(path), Description.from_dict(description), Path(folder))
         self._fmu = FmuInstance(unpacked, name)
 
-    def enter_initialization(self, values: dict[str, Value], stop: float) -> None:
-        self._fmu.enter(values, stop)
-
-    def leave_initialization(self) -> float:
-        self._fmu.leave_initialization()
+    def do(self, call: str, *arguments: Any) -> float:
+        getattr(self._fmu, call)(*arguments)
         return self._fmu.sample_time
 
-    def bind_writer(self, number: int, names: list[str]) -> None:
-        self._bound[number] = self._fmu.writer(names)
-
-    def bind_reader(self, number: int, names: list[str]) -> None:
-        self._bound[number] = self._fmu.reader(names)
+    def make(self, number: int, call: str, *arguments: Any) -> None:
+        self._made[number] = getattr(self._fmu, call)(*arguments)
 
     def write(self, number: int, values: list[float]) -> None:
-        self._bound[number](np.array(values, dtype=float))
+        self._made[number](np.array(values, dtype=float))
 
     def read(self, number: int) -> list[float]:
-        values: list[float] = self._bound[number]().tolist()
+        values: list[float] = self._made[number]().tolist()
         return values
 
-    def step(self, t: float, h: float) -> None:
-        self._fmu.step(t, h)
-
-    def save(self, number: int) -> None:
-        self._states[number] = self._fmu.save()
-
-    def restore(self, number: int) -> None:
-        self._fmu.restore(self._states[number])
-
-    def release(self, number: int) -> None:
-        self._fmu.release(self._states.pop(number))
-
-    def close(self) -> None:
-        self.closed = True
-        self._fmu.close()
+    def give(self, call: str, number: int) -> None:
+        """Give a state back, to be restored or released."""
+        state = self._made[number] if call == "restore" else self._made.pop(number)
+        getattr(self._fmu, call)(state)

@@ -13,23 +13,25 @@ This module imports little, and nothing of this package: the command runs it fir
 from __future__ import annotations
 
 import contextlib
+import mmap
 import os
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 if TYPE_CHECKING:
     import socket
     from concurrent.futures import ProcessPoolExecutor
-    from pathlib import Path
     from subprocess import Popen
 
 _LOCK = ".lock"  # if a folder itself cannot be locked
 _ADOPT = 36  # PR_SET_CHILD_SUBREAPER: orphans of children become children
 _PAUSE = 0.05  # s, between two checks of a lock of another process
-_PAGE = 4096  # bytes of a text; written in one call, which a kill does not interrupt
+_TEXTS, _PAGE = 3, 4096  # number of texts, and bytes of each
+_CGROUPS = Path("/sys/fs/cgroup")
 
 
 # -- locks ---------------------------------------------------------------------------------------
@@ -45,10 +47,16 @@ def locked(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def lock(folder: Path) -> int:
+def lock(folder: Path, left: bool = False) -> int:
     """Wait for a folder and lock it; without effect on a file system without locks.
 
     The lock ends when all processes that have the returned descriptor have closed it, or ended.
+
+    Raises
+    ------
+    OSError
+        For a folder that a process has `left` behind (Linux only), if it is a link, belongs to
+        another user, or is locked by a running process.
     """
     if sys.platform == "win32":
         import msvcrt
@@ -62,30 +70,15 @@ def lock(folder: Path) -> int:
                 time.sleep(_PAUSE)
     import fcntl
 
-    descriptor = os.open(folder, os.O_RDONLY)
-    with contextlib.suppress(OSError):
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-    return descriptor
-
-
-def lock_if_left(folder: Path) -> int:
-    """Lock a folder that a process of this user has left behind; Linux only.
-
-    Raises
-    ------
-    OSError
-        If it is a link, belongs to another user, or is locked by a running process.
-    """
-    import fcntl
-
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    descriptor = os.open(folder, os.O_RDONLY | (os.O_DIRECTORY | os.O_NOFOLLOW if left else 0))
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if os.fstat(descriptor).st_uid != os.geteuid():
+        if left and os.fstat(descriptor).st_uid != os.geteuid():
             raise PermissionError(f"{folder} belongs to another user")
-    except BaseException:
-        os.close(descriptor)
-        raise
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (fcntl.LOCK_NB if left else 0))
+    except OSError:
+        if left:
+            os.close(descriptor)
+            raise
     return descriptor
 
 
@@ -98,12 +91,9 @@ def can_supervise() -> bool:
 
 
 def hold_interrupts() -> set[signal.Signals]:
-    """Block the signals that request an end until there is a handler for them, see `outcome`.
+    """Block the signals that request an end, until `outcome` waits for them.
 
-    Returns
-    -------
-    set of Signals
-        SIGINT and SIGTERM, without ignored ones.
+    Returns SIGINT and SIGTERM, without ignored ones.
     """
     signals = {n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN}
     signal.pthread_sigmask(signal.SIG_BLOCK, signals)
@@ -113,10 +103,8 @@ def hold_interrupts() -> set[signal.Signals]:
 def fork(signals: set[signal.Signals]) -> int:
     """Fork a child that ends with this process; `outcome` waits for it.
 
-    Returns
-    -------
-    int
-        0 in the child, which leaves the `signals` to its parent; the child's number in the parent.
+    Returns 0 in the child, which leaves the `signals` to its parent; the child's number in the
+    parent.
     """
     import ctypes
 
@@ -158,12 +146,11 @@ def outcome(child: int, signals: set[signal.Signals]) -> tuple[int, str]:
 
 def _end_children() -> None:
     """End all that the command has started; what a parent leaves behind is adopted here."""
-    while children := [n for n in os.listdir("/proc") if n.isdigit() and _is_child(n)]:
+    while children := [int(n) for n in os.listdir("/proc") if n.isdigit() and _is_child(n)]:
         for child in children:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(int(child), signal.SIGKILL)
-            with contextlib.suppress(ChildProcessError):
-                os.waitpid(int(child), 0)
+            with contextlib.suppress(ProcessLookupError, ChildProcessError):
+                os.kill(child, signal.SIGKILL)
+                os.waitpid(child, 0)
 
 
 def _is_child(process: str) -> bool:
@@ -173,27 +160,19 @@ def _is_child(process: str) -> bool:
 
 
 class Told:
-    """Short texts by number, which the other process of a fork reads.
-
-    On Linux they are in a file in memory, each in its own page, so that they are always complete.
-    """
+    """Short texts by number, which the other process of a fork reads."""
 
     def __init__(self) -> None:
-        self._file = os.memfd_create("told") if sys.platform.startswith("linux") else -1
-        self._texts: dict[int, bytes] = {}
+        self._pages = mmap.mmap(-1, _TEXTS * _PAGE)
 
     def say(self, number: int, text: bytes) -> None:
         """Replace a text."""
-        if self._file >= 0:
-            os.pwrite(self._file, text[:_PAGE].ljust(_PAGE, b"\0"), number * _PAGE)
-        else:
-            self._texts[number] = text
+        begin = number * _PAGE
+        self._pages[begin : begin + _PAGE] = text[:_PAGE].ljust(_PAGE, b"\0")
 
     def heard(self, number: int) -> bytes:
         """A text; empty if it was never set."""
-        if self._file >= 0:
-            return os.pread(self._file, _PAGE, number * _PAGE).rstrip(b"\0")
-        return self._texts.get(number, b"")
+        return self._pages[number * _PAGE : (number + 1) * _PAGE].rstrip(b"\0")
 
 
 # -- processes that end with the one that started them -------------------------------------------
@@ -242,22 +221,19 @@ def pool(processes: int) -> ProcessPoolExecutor:
     from concurrent.futures import ProcessPoolExecutor
 
     # Python's own process that cleans up after a killed one prints messages for the user
-    quiet = "ignore:resource_tracker"
-    told = os.environ.get("PYTHONWARNINGS", "").split(",")
-    if quiet not in told:
-        os.environ["PYTHONWARNINGS"] = ",".join([*filter(None, told), quiet])
+    warnings, quiet = os.environ.get("PYTHONWARNINGS", ""), "ignore:resource_tracker"
+    if quiet not in warnings.split(","):
+        os.environ["PYTHONWARNINGS"] = f"{warnings},{quiet}".lstrip(",")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the workers are the threads
-    return ProcessPoolExecutor(
-        processes, multiprocessing.get_context("spawn"), initializer=_end_with_parent
-    )
+    spawned = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(processes, spawned, initializer=_end_with_parent)
 
 
 def _end_with_parent() -> None:
     import multiprocessing
 
     parent = multiprocessing.parent_process()
-    if parent is None:
-        raise RuntimeError("this process was not started by multiprocessing")
+    assert parent is not None  # in a worker
     if sys.platform.startswith("linux"):
         end_when_closed(parent.sentinel)
     else:  # not a pipe everywhere
@@ -267,59 +243,44 @@ def _end_with_parent() -> None:
 # -- a process that runs foreign code ------------------------------------------------------------
 
 
-def start_host(
-    module: str, folder: Path, prints: int
-) -> tuple[socket.socket, Popen[bytes], BinaryIO]:
+def start_host(module: str, folder: Path) -> tuple[socket.socket, Popen[bytes], BinaryIO]:
     """Start a fresh interpreter that runs ``main(connection)`` of a module of this package.
 
-    It works in `folder`, does not get Ctrl-C, and has no modules of the user on its path. `prints`
-    is the descriptor for its output, which is closed here. Returns the other end of the connection,
-    the process, and a file: when it is closed, at the latest at the end of this process, the host
-    ends; on Linux with all processes that it has started itself.
+    It works in `folder`, does not get Ctrl-C, and has no modules of the user on its path. Returns
+    the other end of the connection, the process, whose output is its `stdout`, and a file: when it
+    is closed, at the latest at the end of this process, the host ends; on Linux with all processes
+    that it has started itself.
     """
     import socket
     import subprocess
-    from pathlib import Path
 
     where = str(Path(__file__).parents[3])  # of the package: the last folder of the host's path
-
-    def started(descriptors: list[int], **how: Any) -> Popen[bytes]:
-        code = (
-            f"import sys; sys.path.append({where!r}); "
-            f"from {__name__} import host_connection; "
-            f"connection = host_connection({descriptors}); "
-            f"from {module} import main; main(connection)"
-        )
-        command = [sys.executable, "-P", "-c", code]
-        return subprocess.Popen(command, stdout=prints, stderr=prints, cwd=folder, **how)
-
     ours, theirs = socket.socketpair()
-    try:
+    how: dict[str, Any] = {"stdin": subprocess.PIPE}
+    if sys.platform == "win32":
+        how["creationflags"] = subprocess.CREATE_NEW_PROCESS_GROUP
+    else:
+        until, held = os.pipe()
+        descriptors = [theirs.fileno(), until]
+        how = {"stdin": subprocess.DEVNULL, "start_new_session": True, "pass_fds": descriptors}
+    code = (
+        f"import sys; sys.path.append({where!r}); from {__name__} import host_connection; "
+        f"connection = host_connection({how.get('pass_fds')}); "
+        f"from {module} import main; main(connection)"
+    )
+    how |= {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "bufsize": 0, "cwd": folder}
+    process = subprocess.Popen([sys.executable, "-P", "-c", code], **how)
+    with theirs:
         if sys.platform == "win32":
-            alone = subprocess.CREATE_NEW_PROCESS_GROUP
-            process = started([], stdin=subprocess.PIPE, creationflags=alone)
             assert process.stdin is not None
             share = theirs.share(process.pid)
             process.stdin.write(len(share).to_bytes(4, "little") + share)
-            process.stdin.flush()
             return ours, process, process.stdin
-        until, held = os.pipe()
-        try:
-            process = started(
-                [theirs.fileno(), until],
-                stdin=subprocess.DEVNULL,
-                pass_fds=[theirs.fileno(), until],
-                start_new_session=True,
-            )
-        finally:
-            os.close(until)
-        return ours, process, open(held, "wb", buffering=0)
-    finally:
-        theirs.close()
-        os.close(prints)
+    os.close(until)
+    return ours, process, open(held, "wb", buffering=0)
 
 
-def host_connection(descriptors: list[int]) -> socket.socket:
+def host_connection(descriptors: list[int] | None) -> socket.socket:
     """The host's end of the connection of `start_host`; the host ends with its parent."""
     import socket
 
@@ -328,6 +289,7 @@ def host_connection(descriptors: list[int]) -> socket.socket:
         connection: socket.socket = socket.fromshare(sys.stdin.buffer.read(size))
         end_when_closed(0)
         return connection
+    assert descriptors is not None
     theirs, until = descriptors
     end_when_closed(until, whole_group=True)
     return socket.socket(fileno=theirs)
@@ -335,10 +297,10 @@ def host_connection(descriptors: list[int]) -> socket.socket:
 
 def end_host(process: Popen[bytes]) -> None:
     """End a process of `start_host`, and its child processes."""
-    import subprocess
-
     if process.poll() is None:
         if sys.platform == "win32":
+            import subprocess
+
             tree = ["taskkill", "/F", "/T", "/PID", str(process.pid)]
             subprocess.run(tree, capture_output=True, check=False)
             process.kill()  # no effect if it has ended
@@ -367,33 +329,51 @@ def _signal_name(number: int) -> str:
 # -- memory --------------------------------------------------------------------------------------
 
 
-def address_space() -> int | None:
-    """Largest size that this process may have [bytes]; None if there is no limit."""
+def available_memory() -> int | None:
+    """Bytes that this process can still get; None if the system does not report it."""
     if sys.platform == "win32":
-        return None
+        import ctypes
+        import struct
+
+        status = struct.Struct("II7Q")  # MEMORYSTATUSEX
+        buffer = ctypes.create_string_buffer(status.pack(status.size, *[0] * 8), status.size)
+        ctypes.windll.kernel32.GlobalMemoryStatusEx(buffer)
+        _, _, _, free, _, free_pages, *_ = status.unpack(buffer.raw)
+        return min(free, free_pages) or None
     import resource
 
+    rooms = [1024 * n for n in _numbers(Path("/proc/meminfo"), "MemAvailable:")]
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    return None if limit == resource.RLIM_INFINITY else limit
+    if limit != resource.RLIM_INFINITY:
+        rooms += [limit - n * resource.getpagesize() for n in _numbers(Path("/proc/self/statm"))]
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/cgroup").read_text("ascii").splitlines():
+            rooms += _of_the_cgroups(*line.split(":", 2)[1:])
+    return max(0, min(rooms)) if rooms else None
 
 
-def free_memory() -> int | None:
-    """Free memory of Windows [bytes]; None on other systems: see ``/proc``."""
-    if sys.platform != "win32":
-        return None
-    import ctypes
+def _of_the_cgroups(kinds: str, path: str) -> Iterator[int]:
+    """Yield the bytes that a control group of this process, and its parents, leave for it."""
+    top, names = _CGROUPS, ("memory.max", "memory.current", "inactive_file")
+    if kinds:  # version 1
+        top /= "memory"
+        names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+        if "memory" not in kinds.split(","):
+            return
+    group = top / path.strip("/")
+    for place in (group, *(p for p in group.parents if p.is_relative_to(top))):
+        # cached files are released when a group is short of memory
+        cached = sum(_numbers(place / "memory.stat", names[2]))
+        for limit in _numbers(place / names[0]):  # none if it is ``max``
+            yield from (limit - used + cached for used in _numbers(place / names[1]))
 
-    class Status(ctypes.Structure):
-        """MEMORYSTATUSEX."""
 
-        _fields_ = (
-            ("length", ctypes.c_uint32),
-            ("load", ctypes.c_uint32),
-            *((name, ctypes.c_uint64) for name in "total free pages free_pages".split()),
-            *((name, ctypes.c_uint64) for name in "space free_space extended".split()),
-        )
-
-    status = Status(length=ctypes.sizeof(Status))
-    if not ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status)):
-        return None
-    return min(int(status.free), int(status.free_pages))
+def _numbers(path: Path, name: str = "") -> list[int]:
+    """The number after a name, or at the start of a file; empty if there is none."""
+    with contextlib.suppress(OSError):
+        for line in path.read_text("ascii").splitlines():
+            first, *others = line.split()
+            number = first if not name else others[0] if first == name else ""
+            if number:
+                return [int(number)] if number.isdigit() else []
+    return []

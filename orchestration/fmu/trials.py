@@ -1,37 +1,39 @@
-"""What a third-party FMU does, found out by trials: FMI does not tell, or the FMU tells it wrongly.
+"""What a third-party FMU does, found out by trials; a controller stepped at its samples only.
 
-A controller that computes its outputs in its steps only is run as a digital one: shorter
-communication steps would make another controller of it. Saved states that are not really restored
-are not used.
+FMI does not tell it, or the FMU tells it wrongly. A controller that computes its outputs in its
+steps only is run as a digital one: shorter communication steps would make another controller of it.
+Saved states that are not really restored are not used.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from ...fmus.made_here import is_ours
+from ...fmus.ports import law_ports
 from ...fmus.reading import Description
 from ...solver.errors import FmuError
-from .fmu_instance import SAMPLE_TIME, FmuInstance, Reader, StepFailed, Value
-from .isolated import IsolatedInstance
+from .fmu_instance import SAMPLE_TIME, AnyFmu, Instance, StepFailed, Value, Wrapped, Writer
 
 Vector = npt.NDArray[np.float64]
-Fmu = FmuInstance | IsolatedInstance
+Kind = TypeVar("Kind", bound=Instance)
 
 _MOVED = 1e-3  # of its size, by which an input moves
 _SHORT = 1e-3  # of a step
 STEPS = 8  # before the state is saved, and after
 SAME = 1e-5  # of an output's size: largest difference of two passes, since solvers restart
+CLOSE = 1e-6  # of a period: times closer than this are the same
 _TRIED: dict[tuple[str, int, int], bool] = {}  # by path, time and size of the file
 
 
 def answers_in_steps(
     fmu: Description,
-    opened: Callable[[], Fmu],
+    opened: Callable[[], AnyFmu],
     values: Mapping[str, float],
     stop: float,
     step: float,
@@ -50,7 +52,7 @@ def answers_in_steps(
     stop, step : float
         End of the run and communication step [s].
     """
-    if SAMPLE_TIME in (v.name for v in fmu.variables):
+    if SAMPLE_TIME in fmu.by_name:
         return False  # its parameter for the period is known, and read at initialization
     declared = any(v.sampled and v.causality == "output" for v in fmu.variables)
     if not declared and (fmu.saves_state or not fmu.steps_vary):
@@ -60,7 +62,7 @@ def answers_in_steps(
     return whole > 0.0 and _moved(opened(), values, stop, short) > 0.5 * whole
 
 
-def _moved(probe: Fmu, values: Mapping[str, float], stop: float, step: float) -> float:
+def _moved(probe: AnyFmu, values: Mapping[str, float], stop: float, step: float) -> float:
     """How far outputs move in a step after inputs have moved; 0 if they follow inputs at once."""
     try:
         probe.initialize({n: v for n, v in values.items() if n in probe.parameters}, stop)
@@ -78,7 +80,9 @@ def _moved(probe: Fmu, values: Mapping[str, float], stop: float, step: float) ->
         probe.close()
 
 
-def check_state(fmu: Fmu, values: Mapping[str, Value], stop: float, step: float) -> tuple[str, ...]:
+def check_state(
+    fmu: AnyFmu, values: Mapping[str, Value], stop: float, step: float
+) -> tuple[str, ...]:
     """Do not use an FMU's saved states if it does not really restore them; return a note on it.
 
     A new instance is tried, with the given parameters.
@@ -95,37 +99,22 @@ def check_state(fmu: Fmu, values: Mapping[str, Value], stop: float, step: float)
     return (
         f"{fmu.path.name} declares that it can save its state but does not restore it correctly: "
         "it runs without saved states (pythonfmu build --handle-state saves only registered "
-        "variables: "
-        "register all variables that do_step changes)",
+        "variables: register all variables that do_step changes)",
     )
 
 
-class _NotKept(Exception):
-    """A state was not saved or not restored."""
-
-
-def _done(call: Callable[[], Any], read: Reader) -> Any:
-    try:
-        result = call()
-        read()  # a process of its own answers only now
-    except StepFailed as error:
-        raise _NotKept from error
-    return result
-
-
-def _comes_back(fmu: Fmu, values: Mapping[str, Value], stop: float, step: float) -> bool:
+def _comes_back(fmu: AnyFmu, values: Mapping[str, Value], stop: float, step: float) -> bool:
     """Whether steps from a saved state give the same results twice; True if they are impossible."""
     about = fmu.description
-    free = min(step, stop / (2 * STEPS + 1))
-    h = free if about.steps_vary else about.step_size or step
+    h = min(step, stop / (2 * STEPS + 1)) if about.steps_vary else about.step_size or step
     inputs = [name for name in fmu.inputs if fmu.is_real(name)]
     sizes = np.array([fmu.nominal(name) for name in inputs])
-    random = np.random.default_rng(0)
-    moves = sizes * random.uniform(0.5, 1.0, (2 * STEPS, len(inputs)))
+    moves = sizes * np.random.default_rng(0).uniform(0.5, 1.0, (2 * STEPS, len(inputs)))
     try:
         trial = fmu.reopened()
     except FmuError:
         return True
+    saving = False  # or restoring, which a failure is then of
     try:
         trial.initialize(values, stop)
         write, read = trial.writer(inputs), trial.reader(trial.outputs)
@@ -140,16 +129,93 @@ def _comes_back(fmu: Fmu, values: Mapping[str, Value], stop: float, step: float)
             return np.array(rows)
 
         passed(0)
-        state = _done(trial.save, read)
-        once = passed(STEPS)
-        _done(lambda: trial.restore(state), read)
-        again = passed(STEPS)
+        saving = True
+        state, _ = trial.save(), read()  # a process of its own answers only when it is read
+        saving, once = False, passed(STEPS)
+        saving = True
+        trial.restore(state)
+        read()
+        saving, again = False, passed(STEPS)
         trial.release(state)
-    except _NotKept:
-        return False
     except StepFailed:
-        return True  # the run itself will report the error
+        return not saving  # any other error is reported by the run itself
     finally:
         trial.close()
     allowed = SAME * np.abs(once).max(axis=0, initial=0.0)
     return bool(np.all((np.abs(again - once) <= allowed) | ~np.isfinite(once)))
+
+
+def sampled_every(instance: Kind, period: float) -> Kind:
+    """The instance as a digital controller, stepped every `period` [s] for any steps of its master.
+
+    At each sample it gets the signals and makes a step as long as the sampling period. Its outputs
+    after this step are applied from the sample on, and held until the next one. The instance is not
+    initialized yet.
+    """
+    return cast("Kind", _Sampled(instance, period))
+
+
+class _Sampled(Wrapped):
+    steps_vary = True  # the steps of the master are not those of the FMU
+
+    def __init__(self, instance: Instance, period: float) -> None:
+        super().__init__(instance)
+        self.sample_time = period
+        # a feedback law between samples is not applied by a digital controller
+        law = law_ports(instance.outputs, instance.outputs, instance.inputs)
+        self.outputs = [name for name in instance.outputs if name not in law]
+        self._initialized = False
+        self._samples = 0
+        self._given: dict[int, tuple[Writer, Vector]] = {}
+
+    @property
+    def can_save(self) -> bool:
+        return self._instance.can_save
+
+    @can_save.setter
+    def can_save(self, can: bool) -> None:
+        self._instance.can_save = can
+
+    def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
+        """As for the FMU itself, but the stop time is the end of a period."""
+        last = math.ceil(stop / self.sample_time - CLOSE) * self.sample_time
+        self._instance.enter_initialization(values, last)
+
+    def leave_initialization(self) -> None:
+        self._instance.leave_initialization()
+        self._initialized = True
+
+    def writer(self, names: Sequence[str]) -> Writer:
+        write = self._instance.writer(names)
+        number = id(write)
+
+        def keep(values: Vector) -> None:
+            if not self._initialized:
+                write(values)
+                return
+            self._given.pop(number, None)  # the last written values are passed on last
+            self._given[number] = write, np.array(values, dtype=float)
+
+        return keep
+
+    def step(self, t: float, h: float) -> None:
+        period = self.sample_time
+        while self._samples * period < t + h - CLOSE * period:
+            for write, values in self._given.values():
+                write(values)
+            self._instance.step(self._samples * period, period)
+            self._samples += 1
+
+    def save(self) -> Any:
+        return self._instance.save(), self._samples, dict(self._given)
+
+    def restore(self, state: Any) -> None:
+        inner, self._samples, given = state
+        self._given = dict(given)
+        self._instance.restore(inner)
+
+    def release(self, state: Any) -> None:
+        self._instance.release(state[0])
+
+    def reopened(self) -> _Sampled:
+        return _Sampled(self._instance.reopened(), self.sample_time)

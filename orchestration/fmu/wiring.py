@@ -1,18 +1,41 @@
-"""Connections: ports matched by name, or as mapped by the user."""
+"""Connections of a plant and a controller: which ports are joined, and the units of their values.
+
+Ports are matched by name, or as mapped by the user. If both sides of a connection declare units in
+base units, values are converted; if that is impossible, they are rejected; if one side declares
+nothing, values are not converted. The conversions of the law's gains and rates, and of tangents,
+follow from those of the signals and commands that they belong to.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeVar, cast
 
-from ...fmus.ports import gain_port, law_ports, rate_port, reference_port
-from ...solver.errors import CouplingError, nearest
+import numpy as np
+import numpy.typing as npt
+
+from ...fmus.ports import (
+    gain_port,
+    law_ports,
+    rate_port,
+    reference_port,
+    tangent_port,
+    tangent_states,
+)
+from ...fmus.units import Unit, conversion
+from ...solver.errors import CouplingError, FmuError, nearest
 from ...solver.set_point import DERIVATIVES, SET_POINT, set_point_orders
-from .fmu_instance import AnyFmu, Instance
+from .fmu_instance import AnyFmu, Instance, Reader, Wrapped, Writer
 
 PLANT, CONTROLLER = "plant", "controller"
 POSITION = "x"  # the output that a set-point is compared with
 COLUMNS = ("time", SET_POINT)  # of the results, in addition to the plant's
+Scale = tuple[float, float]
+"""Factor and offset: result = factor * value + offset."""
+AS_IS: Scale = (1.0, 0.0)
+Kind = TypeVar("Kind", bound=Instance)
+Fmu = TypeVar("Fmu", bound=AnyFmu)
 
 
 @dataclass(frozen=True)
@@ -46,45 +69,38 @@ class Wiring:
     def check_given(
         self, plant_values: Collection[str], controller_values: Collection[str]
     ) -> None:
-        """Make sure that no input is given a value that a connection drives.
-
-        Raises
-        ------
-        CouplingError
-        """
-        of_plant = {port for _, port in self.commands}
-        of_controller = {*(port for _, port in self.signals), *self.references}
-        for side, driven, given in (
-            (PLANT, of_plant, plant_values),
-            (CONTROLLER, of_controller, controller_values),
-        ):
-            for name in sorted(driven.intersection(given)):
-                raise CouplingError(
-                    f"{side}.{name} is an input that is connected in the loop; expected a "
-                    "parameter or an input that is not connected"
-                )
+        """Raise `CouplingError` if an input that a connection drives is given a value."""
+        driven = [f"{PLANT}.{port}" for _, port in self.commands]
+        driven += [f"{CONTROLLER}.{port}" for _, port in self.signals]
+        driven += [f"{CONTROLLER}.{port}" for port in self.references]
+        given = {f"{PLANT}.{n}" for n in plant_values}
+        given |= {f"{CONTROLLER}.{n}" for n in controller_values}
+        for name in sorted(given.intersection(driven)):
+            raise CouplingError(
+                f"{name} is an input that is connected in the loop; expected a parameter or an "
+                "input that is not connected"
+            )
 
     def plant_law(self) -> list[str]:
         """The plant's inputs except the commands, in the order in which a law is written.
 
         Gains, one row for each command, references likewise, and rates.
         """
-        commands, signals = [c for _, c in self.commands], [s for s, _ in self.signals]
-        gains = [gain_port(c, s) for c in commands for s in signals]
-        references = [reference_port(c, s) for c in commands for s in signals]
-        return [*gains, *references, *map(rate_port, commands)]
+        pairs = [(c, s) for _, c in self.commands for s, _ in self.signals]
+        rates = [rate_port(c) for _, c in self.commands]
+        return [port(*pair) for port in (gain_port, reference_port) for pair in pairs] + rates
 
     def controller_law(self) -> list[str]:
-        """The controller's outputs except the commands, in the order in which a law is read.
-
-        Gains, one row for each command, and rates.
-        """
-        commands, signals = [c for c, _ in self.commands], [s for _, s in self.signals]
-        return [*(gain_port(c, s) for c in commands for s in signals), *map(rate_port, commands)]
+        """The controller's outputs except the commands: gains, one row for each command, rates."""
+        pairs = [(c, s) for c, _ in self.commands for _, s in self.signals]
+        return [gain_port(*pair) for pair in pairs] + [rate_port(c) for c, _ in self.commands]
 
 
 UNWIRED = Wiring((), (), (), accepts_law=False, reports_law=False)
 """Stands for connections that are still to be found, by `wire`."""
+
+
+# -- ports by name -------------------------------------------------------------------------------
 
 
 def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | None = None) -> Wiring:
@@ -103,31 +119,28 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
         name of the mapping is no port, two ports would have one name, or the set-point is not
         given.
     """
-    mapping = dict(mapping or {})
+    mapping = mapping or {}
     _check_mapping(plant, controller, mapping)
     on_plant = names_on(PLANT, [*plant.outputs, *plant.inputs], mapping)
-    on_controller = names_on(CONTROLLER, [*controller.inputs, *controller.outputs], mapping)
-    plant_outputs = {on_plant[n]: n for n in plant.outputs}
+    ours = names_on(CONTROLLER, [*controller.inputs, *controller.outputs], mapping)
+    measured = {on_plant[n]: n for n in plant.outputs}
     law = law_ports(plant.inputs, plant.inputs, plant.outputs)
     needed = {on_plant[n]: n for n in plant.inputs if n not in law}
-    commands = tuple(
-        (n, needed[on_controller[n]]) for n in controller.outputs if on_controller[n] in needed
-    )
+    commands = tuple((n, needed[ours[n]]) for n in controller.outputs if ours[n] in needed)
     # beside x_d these are the set-point's, also if the plant has such outputs, except if mapped
-    named = set_point_orders([on_controller[n] for n in controller.inputs])
-    own = [n for n, order in named.items() if order]
+    own = [
+        n for n, order in set_point_orders([ours[n] for n in controller.inputs]).items() if order
+    ]
     signals = tuple(
-        (plant_outputs[on_controller[n]], n)
+        (measured[ours[n]], n)
         for n in controller.inputs
-        if on_controller[n] in plant_outputs and (n not in own or on_controller[n] != n)
+        if ours[n] in measured and (n not in own or ours[n] != n)
     )
-    driven = {theirs for _, theirs in commands}
-    missing = [n for n in needed.values() if n not in driven]
+    missing = [n for n in needed.values() if n not in {theirs for _, theirs in commands}]
     if missing and not commands:
         raise CouplingError(
             f"nothing is connected to the input {missing[0]!r} of {plant.name}: {controller.name} "
-            "has the "
-            f"outputs {', '.join(controller.outputs) or 'none'}"
+            f"has the outputs {', '.join(controller.outputs) or 'none'}"
             f"{nearest(missing[0], controller.outputs)}; use --map theirs=ours"
         )
     if not signals and (controller.inputs or controller.outputs):
@@ -137,19 +150,24 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
             f"{', '.join(plant.outputs)}; use --map theirs=ours"
         )
     connected = {theirs for _, theirs in signals}
-    free = {on_controller[n]: n for n in controller.inputs if n not in connected}
+    free = {ours[n]: n for n in controller.inputs if n not in connected}
     taken = set_point_orders([*free])
     if free and not taken:
         raise CouplingError(
             f"{controller.name} has the inputs {', '.join(free.values())} that are not connected "
             f"to {plant.name}; give the set-point, such as --map {min(free.values())}={SET_POINT}"
         )
-    references, orders = tuple(free[n] for n in taken), tuple(taken.values())
-    unconnected = tuple(n for n in free.values() if n not in references)
-    acting = {c for c, _ in commands}
-    others = tuple(n for n in plain_outputs(controller) if n not in acting)
+    references, acting = tuple(free[n] for n in taken), {c for c, _ in commands}
     wiring = Wiring(
-        commands, signals, references, False, False, unconnected, orders, tuple(missing), others
+        commands,
+        signals,
+        references,
+        accepts_law=False,
+        reports_law=False,
+        unconnected=tuple(n for n in free.values() if n not in references),
+        orders=tuple(taken.values()),
+        of_plant=tuple(missing),
+        others=tuple(n for n in plain_outputs(controller) if n not in acting),
     )
     return replace(
         wiring,
@@ -198,17 +216,13 @@ def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, 
         PLANT: [*plant.outputs, *plant.inputs],
         CONTROLLER: [*controller.inputs, *controller.outputs],
     }
+    both = [*ports[PLANT], *ports[CONTROLLER]]
     for theirs in mapping:
         side, _, own = theirs.partition(".")
-        if theirs in ports[PLANT] or theirs in ports[CONTROLLER]:
-            continue
-        if side not in ports:
-            everything = {*ports[PLANT], *ports[CONTROLLER]}
-            raise CouplingError(
-                f"--map: neither side has a port {theirs!r}{nearest(theirs, everything)}"
-            )
-        if own not in ports[side]:
-            raise CouplingError(f"--map: {side} has no port {own!r}{nearest(own, ports[side])}")
+        has, name = (f"{side} has no", own) if side in ports else ("neither side has a", theirs)
+        known = ports.get(side, both)
+        if theirs not in both and name not in known:
+            raise CouplingError(f"--map: {has} port {name!r}{nearest(name, known)}")
     for side, group, taken in (
         (PLANT, ports[PLANT], COLUMNS),
         (CONTROLLER, controller.inputs, ()),
@@ -216,12 +230,153 @@ def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, 
     ):
         called = names_on(side, group, mapping)
         for theirs, ours in called.items():
-            if ours == theirs:
-                continue
             others = [n for n, name in called.items() if name == ours and n != theirs]
-            if others or ours in taken:
+            if ours != theirs and (others or ours in taken):
                 whose = f"{side}'s port {others[0]!r}" if others else "a column of the results"
                 raise CouplingError(
-                    f"--map {theirs}={ours} has the same name as {whose}; map "
-                    "one of them to an unused name"
+                    f"--map {theirs}={ours} has the same name as {whose}; map one of them to an "
+                    "unused name"
                 )
+
+
+# -- units ---------------------------------------------------------------------------------------
+
+
+class PortUnits(NamedTuple):
+    """What the results need of the units of both sides."""
+
+    set_point: Scale  # from its SI unit to the unit of the plant's position
+    commands: dict[str, str]  # unit of each driven input of the plant: its own, else the other's
+    notes: tuple[str, ...]
+
+
+def convert(
+    plant: AnyFmu, controller: Fmu, wiring: Wiring, mapping: Mapping[str, str] | None = None
+) -> tuple[Fmu, PortUnits]:
+    """The controller with its ports in the plant's units, or unchanged; and the conversions.
+
+    Raises
+    ------
+    CouplingError
+        If the units of two ports that are joined cannot be converted.
+    """
+    p, c = plant.description, controller.description
+    scales: dict[str, Scale] = {}
+    one_sided = []  # ports whose unit only one side gives, with that unit
+    joined: list[tuple[str, AnyFmu, str, AnyFmu, str]] = [
+        *((theirs, plant, ours, controller, theirs) for ours, theirs in wiring.signals),
+        *((theirs, controller, theirs, plant, ours) for theirs, ours in wiring.commands),
+    ]
+    for port, giver, source, taker, target in joined:
+        given, taken = giver.description.unit(source), taker.description.unit(target)
+        scales[port], only = AS_IS, given or taken
+        if given is not None and taken is not None:
+            where = f"{giver.name}.{source} to {taker.name}.{target}"
+            try:
+                scales[port] = conversion(given, taken, where)
+            except FmuError as error:
+                raise CouplingError(str(error)) from error
+        elif only is not None and not only.is_plain:
+            one_sided.append(f"{port} [{only.name}]")
+    one_sided += _add_set_points(scales, plant, controller, wiring)
+    for u, _ in wiring.commands:
+        scales[rate_port(u)] = scales[u][0], 0.0
+        scales |= {gain_port(u, y): (scales[u][0] * scales[y][0], 0.0) for _, y in wiring.signals}
+    tangents = range(1, tangent_states(list(controller.parameters))[1] + 1)
+    scales |= {tangent_port(n, k): (f, 0.0) for n, (f, _) in [*scales.items()] for k in tangents}
+    told = ", ".join(one_sided)
+    note = f"only one side gives the unit of {told}: these values are not converted"
+    commands = {ours: p.by_name[ours].unit or c.by_name[n].unit for n, ours in wiring.commands}
+    in_results = _of_results(plant, controller, wiring, mapping or {})
+    return converted(controller, scales), PortUnits(in_results, commands, (note,) if told else ())
+
+
+def _add_set_points(
+    scales: dict[str, Scale], plant: AnyFmu, controller: AnyFmu, wiring: Wiring
+) -> list[str]:
+    """Add conversions of set-points; return those without a defined unit if others are not SI."""
+    measured = [plant.description.unit(ours) for ours, _ in wiring.signals]
+    own = [controller.description.unit(theirs) for _, theirs in wiring.signals]
+    others = any(u is not None and u.factor != 1.0 for u in (*measured, *own))
+    untold = []
+    for name, order in zip(wiring.references, wiring.orders, strict=True):
+        unit = controller.description.unit(name)
+        if unit is None or unit.exponents is None:
+            untold += [f"{name} (the set-point)"] if others or unit is not None else []
+            continue
+        scales[name] = from_si(unit, order)
+        known = [m.exponents for m in measured if m is not None and m.exponents is not None]
+        if order == 0 and len(known) == len(measured) and known and unit.exponents not in known:
+            names = ", ".join(m.name for m in measured if m is not None)
+            raise CouplingError(
+                f"{controller.name}.{name} has the set-point in {unit.name!r}, but no signal that "
+                f"{controller.name} measures is of this quantity: it measures values in {names}"
+            )
+    return untold
+
+
+def _of_results(
+    plant: AnyFmu, controller: AnyFmu, wiring: Wiring, mapping: Mapping[str, str]
+) -> Scale:
+    called = names_on(PLANT, plant.description.names("output"), mapping)
+    position = next((plant.description.unit(n) for n, o in called.items() if o == POSITION), None)
+    compared = [y for ours, y in wiring.signals if called[ours] == POSITION]
+    goals = [n for n, order in zip(wiring.references, wiring.orders, strict=True) if order == 0]
+    return scale_of_results(position, [controller.description.unit(n) for n in goals + compared])
+
+
+def from_si(unit: Unit, order: int = 0) -> Scale:
+    """Conversion from SI units to a unit, also for a derivative by time of this order."""
+    return 1.0 / unit.factor, 0.0 if order or unit.relative else -unit.offset / unit.factor
+
+
+def scale_of_results(position: Unit | None, told: Sequence[Unit | None]) -> Scale:
+    """From the set-point's SI unit to the one of the plant's position, as `LoopRun.scale`.
+
+    The controller's units of the set-point and of the position that it compares are `told`; if none
+    of them fits, the set-point is not converted.
+    """
+    if position is None or position.exponents is None:
+        return AS_IS
+    fits = any(unit and unit.exponents == position.exponents for unit in told)
+    return from_si(position) if fits else AS_IS
+
+
+def converted(instance: Kind, scales: Mapping[str, Scale]) -> Kind:
+    """The instance with its ports in other units; itself if nothing changes.
+
+    Parameters
+    ----------
+    instance : Instance
+    scales : mapping of str to Scale
+        By port: of inputs from the given unit to its own, of outputs from its own to the given.
+        Parameters and start values stay in its own units.
+    """
+    changed = {name: scale for name, scale in scales.items() if scale != AS_IS}
+    return cast("Kind", _Converted(instance, changed)) if changed else instance
+
+
+class _Converted(Wrapped):
+    def __init__(self, instance: Instance, scales: Mapping[str, Scale]) -> None:
+        super().__init__(instance)
+        self._scales = scales
+
+    def nominal(self, name: str) -> float:
+        factor = abs(self._scales.get(name, AS_IS)[0])
+        own = self._instance.nominal(name)
+        return own / (factor or 1.0) if name in self._instance.inputs else own * factor
+
+    def _arrays(self, names: Sequence[str]) -> npt.NDArray[np.float64]:
+        """Factors and offsets."""
+        return np.array([self._scales.get(name, AS_IS) for name in names]).reshape(-1, 2).T
+
+    def writer(self, names: Sequence[str]) -> Writer:
+        write, (factors, offsets) = self._instance.writer(names), self._arrays(names)
+        return lambda values: write(factors * values + offsets)
+
+    def reader(self, names: Sequence[str]) -> Reader:
+        read, (factors, offsets) = self._instance.reader(names), self._arrays(names)
+        return lambda: factors * read() + offsets
+
+    def reopened(self) -> _Converted:
+        return _Converted(self._instance.reopened(), self._scales)

@@ -19,10 +19,17 @@ from ...solver.set_point import SET_POINT
 from ..fmu.fmu_instance import StepFailed
 from ..fmu.isolated import open_fmu
 from ..fmu.limits import FIRST_STEP
-from ..fmu.port_units import PortUnits, convert
-from ..fmu.trials import answers_in_steps
-from ..fmu.wiring import CONTROLLER, PLANT, Wiring, names_on, wire, with_aliases
-from ..fmu.wrappers import sampled_every
+from ..fmu.trials import answers_in_steps, sampled_every
+from ..fmu.wiring import (
+    CONTROLLER,
+    PLANT,
+    PortUnits,
+    Wiring,
+    convert,
+    names_on,
+    wire,
+    with_aliases,
+)
 from ..master.couplings import Coupling
 from ..master.loop_run import LoopRun
 from ..master.march import Progress

@@ -20,9 +20,17 @@ from ..fmu.fmu_instance import SAMPLE_TIME, Instance, Value
 from ..fmu.group import Feed, Group
 from ..fmu.isolated import open_fmu
 from ..fmu.limits import check_step
-from ..fmu.port_units import from_si, scale_of_results
-from ..fmu.wiring import CONTROLLER, POSITION, Wiring, plain_outputs
-from ..fmu.wrappers import AS_IS, Scale, converted
+from ..fmu.wiring import (
+    AS_IS,
+    CONTROLLER,
+    POSITION,
+    Scale,
+    Wiring,
+    converted,
+    from_si,
+    plain_outputs,
+    scale_of_results,
+)
 from ..master.couplings import Coupling
 from ..master.loop_run import LoopRun
 from ..master.reference_signal import Reference

@@ -186,10 +186,10 @@ def answering(monkeypatch):
     with contextlib.ExitStack() as opened:
 
         def put(answer):
-            def start(module, folder, prints, before=()):
-                os.close(prints)
+            def start(module, folder):
                 ours, theirs = socket.socketpair()
-                process = subprocess.Popen(["sleep", "60"], start_new_session=True)
+                how = {"start_new_session": True, "stdout": subprocess.PIPE}
+                process = subprocess.Popen(["sleep", "60"], **how)
                 opened.callback(process.wait)
                 opened.callback(process.kill)
 

@@ -6,7 +6,7 @@ from third_party_fmus import proportional
 
 import ballscrew
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
-from ballscrew.orchestration.fmu.wrappers import sampled_every
+from ballscrew.orchestration.fmu.trials import sampled_every
 
 PERIOD = 2e-3
 MINE = """
