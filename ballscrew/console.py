@@ -17,7 +17,7 @@ from .supervision import tell, tell_kept
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from .orchestration.loop.page import Table
+    from .orchestration.loop.shown import Table
 
 TRUSTED, NOT_TRUSTED, BAD_REQUEST, INTERNAL = 0, 1, 2, 70  # exit codes
 
@@ -75,7 +75,7 @@ def print_notes(notes: Iterable[str], as_json: bool = False) -> None:
     if not notes:
         return
     from .orchestration.loop.parameter_file import TURNS
-    from .orchestration.loop.shown_units import words_for
+    from .orchestration.loop.shown import words_for
 
     words = words_for(notes)
     for note in notes:

@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         (loop,) = loops_of(options, [options.controller], **coupled(options))
     prepare_folder(options.out, [options.params, options.reference])
-    from .orchestration.loop.metrics import units_of_figures
+    from .orchestration.loop.closed_loop import units_of_figures
 
     with Progress(loop.stop) as progress:
         result = api.run(loop, progress=progress)
@@ -110,7 +110,7 @@ def run(options: argparse.Namespace) -> int:
 def swap(options: argparse.Namespace) -> int:
     loops = loops_of(options, options.controllers, options.noise, **coupled(options))
     prepare_folder(options.out, [options.params, options.reference])
-    from .orchestration.loop.metrics import units_of_figures
+    from .orchestration.loop.closed_loop import units_of_figures
 
     with Progress(loops[0].stop) as progress:
         result = api.swap(loops, progress=lambda name, t: progress(t, name))

@@ -6,9 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from .orchestration.loop.closed_loop import COLUMNS, ClosedLoopResult, SwapResult
-from .orchestration.loop.metrics import units_of_figures
-from .orchestration.loop.page import Table
+from .orchestration.loop.closed_loop import COLUMNS, ClosedLoopResult, SwapResult, units_of_figures
+from .orchestration.loop.shown import Table
 from .result import Result, figures_table, table_of, told, values_of
 
 if TYPE_CHECKING:

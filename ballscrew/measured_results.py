@@ -12,7 +12,7 @@ from .measurement.diagnosis.compared import ALL, Compared, Left
 from .measurement.diagnosis.diagnosis import ANSWERED, Diagnosis
 from .measurement.identification.identification import Identification
 from .measurement.rig.record import TrialRecord
-from .orchestration.loop.page import Table
+from .orchestration.loop.shown import Table
 from .result import Result, table_of
 from .solver.files import write_table
 

@@ -9,9 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from .orchestration.loop.loop import Loop, SystemLoop
-from .orchestration.loop.page import REPORT, Table, page
-from .orchestration.loop.pictures import drawing, in_words, write_figure
-from .orchestration.loop.shown_units import page_in_turning_units, quantity, words_for
+from .orchestration.loop.pictures import drawing, in_words, inline, write_figure
+from .orchestration.loop.shown import (
+    REPORT,
+    Table,
+    page,
+    page_in_turning_units,
+    quantity,
+    words_for,
+)
 from .solver.files import write_atomically
 
 if TYPE_CHECKING:
@@ -97,8 +103,9 @@ class Result:
 
     def report(self, command: str = "", figures: Mapping[str, Any] | None = None) -> str:
         """The page as text, with these pictures or with all."""
+        figures = self._figures() if figures is None else figures
         text = page(
-            self._figures() if figures is None else figures,
+            {name: inline(figure) for name, figure in figures.items()},
             kind=self.function.rpartition(".")[2],
             badge=self.badge,
             good=self.good,

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .orchestration.loop.page import REPORT, Table
 from .orchestration.loop.pictures import drawing
 from .orchestration.loop.run_folder import write_run
-from .orchestration.loop.shown_units import length
+from .orchestration.loop.shown import REPORT, Table, length
 from .orchestration.study.result import StudyResult
 from .orchestration.study.tune import TunedController
 from .result import Result, figures_table, table_of, values_of, write_page
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from .orchestration.loop.linear_loop import Margins
+    from .orchestration.loop.machine import Margins
 
     Vector = npt.NDArray[np.float64]
 

@@ -23,13 +23,6 @@ CONTROLLERS = {
 }
 # used instead of a controller for a plant without inputs; not to be listed, exported or compared
 ALONE = {"none": "ballscrew.controllers.none:none"}
-FORMER = {
-    "iol_sampled": "iol+sampled",
-    "nctf_sampled": "nctf+sampled, with sample_time=5e-5",
-    "pid_encoder": "pid_sampled+position_encoder, with position_encoder_resolution=1.953125e-6 and "
-    "both position_encoder_..._harmonic=0",
-}
-"""Names of former versions, and what takes their place."""
 
 
 def tunable(name: str) -> dict[str, tuple[float, float]]:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import ballscrew
-from ballscrew.orchestration.loop.shown_units import length, shown_unit
+from ballscrew.orchestration.loop.shown import length, shown_unit
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "swap-study.md"

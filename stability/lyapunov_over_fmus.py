@@ -162,10 +162,9 @@ def _opened(loop: Loop) -> Iterator[_Parts]:
             tangents += len(tangent_states(list(file.parameters))[0]) or 1
             instances[side] = file
         for side in sides.keys() - instances.keys():
-            ready = ready_fmu(sides[side].name, tangents)
-            named = FmuInstance(ready.path, side)
+            path, builds[side] = ready_fmu(sides[side].name, tangents)
+            instances[side] = named = FmuInstance(path, side)
             opened.callback(named.close)
-            instances[side], builds[side] = named, ready.build
         told = f"{builds['plant']} variational FMUs"
         if builds["plant"] != builds["controller"]:
             told = f"plant: {builds['plant']} FMU, controller: {builds['controller']} FMU"

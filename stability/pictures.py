@@ -17,7 +17,7 @@ from ..orchestration.loop.pictures import (
     new_figure,
     write_figure,
 )
-from ..orchestration.loop.shown_units import labelled, shown_unit
+from ..orchestration.loop.shown import labelled, shown_unit
 from ..solver.files import read_table, table_path
 from ..solver.kernel import PLANT
 from .attractor import Kind

@@ -17,18 +17,18 @@ ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
     "solver": (6302, 5476),
     "plant": (1590, 1314),
-    "controllers": (1112, 868),
+    "controllers": (1105, 861),
     "fmus": (5128, 4599),
-    "orchestration": (11494, 9988),
-    "stability": (2780, 2278),
-    "ballscrew": (3837, 3134),
+    "orchestration": (11136, 9714),
+    "stability": (2779, 2277),
+    "ballscrew": (3842, 3139),
     "gallery": (2729, 2355),
-    "measurement": (13448, 11374),
+    "measurement": (13449, 11375),
     "proofs": (12907, 11540),
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (26753, 25534),
+    "tests": (26631, 25418),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
-from ...orchestration.loop.shown_units import shown_unit
+from ...orchestration.loop.shown import shown_unit
 from .compared import MODEL, Compared
 
 Vector = npt.NDArray[np.float64]

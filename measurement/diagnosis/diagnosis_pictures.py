@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...orchestration.loop.pictures import COLOURS, STYLE, new_figure
-from ...orchestration.loop.shown_units import shown_unit
+from ...orchestration.loop.shown import shown_unit
 from .diagnosis import Curves, Diagnosis
 
 Vector = npt.NDArray[np.float64]

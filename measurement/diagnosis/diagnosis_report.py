@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ...orchestration.loop.page import Table
+from ...orchestration.loop.shown import Table
 from . import report_words as words
 from .causes import CAUSES
 from .diagnosis import Diagnosis, FoundCause, SuspectFound

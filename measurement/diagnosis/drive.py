@@ -211,7 +211,7 @@ def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
     known = {p.name: p for plant in plants for p in plant.all_parameters}
     elsewhere = [p.name for p in AMPLIFIER]
     elsewhere += [s.name + START for plant in plants for s in plant.all_states]
-    numbers, _ = file.plant_values(known, elsewhere)
+    numbers = file.plant_values(known, elsewhere)
     file.check_complete({p.name: p for p in plants[-1].all_parameters}, numbers)
     values = {p.name: numbers.get(p.name, p.default) for p in plants[-1].all_parameters}
     ways = [Drive(file.kind, name, {}).parameters for name in laws]

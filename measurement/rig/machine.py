@@ -158,7 +158,7 @@ class Machine:
         others = Part(told.plant_name).parameters
         if (told.law or self.law) == self.law:  # only initial states are ignored: it begins at rest
             others = {n: p for n, p in others.items() if n.endswith("_start")}
-        values, _ = told.plant_values(plant, others)
+        values = told.plant_values(plant, others)
         told.check_complete(plant, {*values, *of_part(PLANT, own)})
         found = {f"{PLANT}.{n}": v for n, v in values.items()}
         for part, given in told.rig.items():

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...orchestration.loop.parameter_file import ParameterFile, Value, list_used
+from ...orchestration.loop.loop import list_used
+from ...orchestration.loop.parameter_file import ParameterFile, Value
 from ...plant.instruments.capacitance_sensor import PER_PICOFARAD
 from ...solver.component import in_units
 from ...solver.errors import BadParameter

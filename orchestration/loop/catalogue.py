@@ -13,23 +13,24 @@ import hashlib
 import importlib
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from ... import fmus, solver
-from ...controllers import ALONE, CONTROLLERS, FORMER
+from ...controllers import ALONE, CONTROLLERS
 from ...fmus.carried_runtime import carried_runtime
 from ...fmus.made_here import is_kept, keep
 from ...plant import NOMINAL, PLANTS
-from ...plant.instruments import INSTRUMENTS, UNLIMITED, PartName
+from ...plant.instruments import INSTRUMENTS, UNITS, UNLIMITED, PartName
 from ...solver import kernel_cache
 from ...solver.compilers import CompilerFailed, compiler_for, own_platform
 from ...solver.component_file import load_component, names_file
 from ...solver.errors import ContractError, UnknownName, did_you_mean
 from ...solver.kernel import Kernel
+from ...solver.set_point import START_VALUE
 from ...solver.stored import fingerprint, stored_kernel
 
 if TYPE_CHECKING:
@@ -41,15 +42,16 @@ NAMES = {**PLANTS, **CONTROLLERS, **INSTRUMENTS}
 _EXPORT, _VARIATIONAL = "ballscrew.fmus.export", "ballscrew.fmus.variational"
 _NATIVE = "ballscrew.fmus.native.export"
 _CONNECT = "ballscrew.solver.interconnect"
-_MEASURED = "ballscrew.plant.instruments.measured_through"
-_SAMPLED = "ballscrew.plant.instruments.sample_and_hold"
-_INSTRUMENTS = "ballscrew.plant.instruments"
-_OF_MOTOR = {"A", "ohm", "H"}
+_ADDED = (
+    "ballscrew.controllers.feed_forward",
+    "ballscrew.plant.instruments",
+    "ballscrew.plant.instruments.measured_through",
+    "ballscrew.plant.instruments.sample_and_hold",
+)
 NATIVE, READABLE = "native", "readable"
 LIMIT = "voltage_limit"  # the plant's parameter, for any unit of its command
 AMPLIFIER = "current_limit"  # a plant that has it is driven by volts, through an amplifier
 OWN_LIMIT = "u_max"  # parameters of a controller for the limit of the nominal amplifier, in volts
-_FORWARD = "ballscrew.controllers.feed_forward"
 
 
 def has_equations(part: str) -> bool:
@@ -61,14 +63,8 @@ def has_equations(part: str) -> bool:
 def component(part: str | Component) -> Component:
     """The component of a part; it is made if the part is a name of the catalogue.
 
-    Instruments of a sampled controller are sampled with it.
-
-    Raises
-    ------
-    UnknownName
-    ContractError
-        For a user's file that cannot be used, instruments that do not fit the controller, or a
-        controller that cannot be sampled or have feed-forward.
+    Raises `UnknownName`, and `ContractError` for a user's file that cannot be used, instruments
+    that do not fit the controller, or a controller that cannot be sampled or have feed-forward.
     """
     if not isinstance(part, str):
         return part
@@ -77,7 +73,7 @@ def component(part: str | Component) -> Component:
         return _in_units(component(named.plain), named.units)
     if named.sampled or named.instruments:
         law = component(str(PartName(named.bare, named.feed_forward)))
-        return put_into_practice(law, named.sampled, named.instruments)
+        return _in_practice(law, named.sampled, named.instruments)
     if named.feed_forward:
         from ...controllers.feed_forward import with_feed_forward
 
@@ -102,56 +98,40 @@ def in_units_of(part: str, plant: str) -> str:
 
 def _in_units(part: Component, units: Sequence[str]) -> Component:
     """A part in the units of a drive; a part with values of a motor has no other command."""
-    from ...plant.instruments import UNITS
-
-    words: dict[str, str] = {}
-    for name in units:
-        words |= UNITS[name]
-    of_motor = [
-        p.name for p in part.all_parameters if _OF_MOTOR & {*re.findall("[A-Za-z]+", p.unit)}
-    ]
+    words = {own: other for name in units for own, other in UNITS[name].items()}
+    of_motor = [p.name for p in part.all_parameters if re.search(r"\b(A|ohm|H)\b", p.unit)]
     if of_motor and "V" in words:
         raise ContractError(
             f"{part.name} is made for the voltage of a motor, see its {of_motor[0]}, but the "
             f"command of the drive is a {units[-1]}; expected a part without such values"
         )
-    told = part.in_units(words)
-    if "V" in words and any(p.name == OWN_LIMIT for p in told.all_parameters):
-        told = told.with_defaults(
-            {OWN_LIMIT: UNLIMITED}, "none: the limit of the machine is not known"
-        )
-    return told
+    made = part.in_units(words)
+    if "V" in words and any(p.name == OWN_LIMIT for p in made.all_parameters):
+        none = "none: the limit of the machine is not known"
+        made = made.with_defaults({OWN_LIMIT: UNLIMITED}, none)
+    return made
 
 
-def put_into_practice(
-    controller: Component, is_sampled: bool, instruments: Sequence[str]
-) -> Component:
-    """The controller, sampled if requested, with the instruments of these names.
-
-    Raises
-    ------
-    ContractError
-    """
+def _in_practice(law: Component, is_sampled: bool, instruments: Sequence[str]) -> Component:
+    """The controller, sampled if requested, with instruments, which are sampled with it."""
     from ...plant.instruments.measured_through import measured_through
     from ...plant.instruments.sample_and_hold import sampled
 
     if is_sampled:
-        if not {"measurement", "reference"} & {i.role for i in controller.inputs}:
+        if not {"measurement", "reference"} & {i.role for i in law.inputs}:
             raise ContractError(
-                f"{controller.name} cannot be sampled: none of its inputs has the role measurement "
+                f"{law.name} cannot be sampled: none of its inputs has the role measurement "
                 "or reference, as those of a controller have"
             )
-        controller = sampled(controller)
-    if not instruments:
-        return controller
+        law = sampled(law)
     parts = [component(name) for name in instruments]
-    if controller.sample_time:
-        period = controller.sample_time.default
+    if law.sample_time:
+        period = law.sample_time.default
         parts = [
             replace(i, sample_time=replace(i.sample_time, default=period)) if i.sample_time else i
             for i in parts
         ]
-    return measured_through(controller, parts)
+    return measured_through(law, parts) if parts else law
 
 
 def name_of(part: str | Component) -> str:
@@ -169,27 +149,16 @@ def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
     For a component that is not in the catalogue, the name contains a hash of its equations. Raises
     as `component` does.
     """
-    named = PartName.of(part) if isinstance(part, str) else None
-    if named is None or names_file(named.bare):
+    if not isinstance(part, str) or names_file(PartName.of(part).bare):
         made = component(part)
         return f"{made.name}_{made.digest}", ()
+    named = PartName.of(part)
     modules = [_place_of(n).partition(":")[0] for n in (named.bare, *named.instruments)]
-    name = named.bare
-    if named.feed_forward:
-        name, modules = f"feed_forward_{name}", [*modules, _FORWARD]
-    if named.sampled:
-        name, modules = f"sampled_{name}", [*modules, _SAMPLED]
-    if named.instruments:
-        name, modules = "_behind_".join([name, *named.instruments]), [*modules, _MEASURED]
-    if named.units:
-        name, modules = "_in_".join([name, *named.units]), [*modules, _INSTRUMENTS]
-    return name, tuple(modules)
+    return part.replace("+", "_with_"), (*modules, *_ADDED)
 
 
 def _place_of(name: str) -> str:
     """``module:function`` of a name of the catalogue."""
-    if name in FORMER:
-        raise UnknownName(f"no component {name!r}; use {FORMER[name]}")
     if name not in NAMES | ALONE:
         hint = did_you_mean(name, NAMES)
         raise UnknownName(f"no component {name!r}{hint}; there are {', '.join(NAMES)}")
@@ -212,13 +181,8 @@ def fmu_component(part: str | Component, plant: str = "", tangents: int = 0) -> 
 def fmu_kernel(part: str | Component, plant: str = "", tangents: int = 0) -> Kernel:
     """The compiled component of a part, from disk if available.
 
-    Parameters
-    ----------
-    part : str or Component
-    plant : str
-        If given, the whole closed loop of this plant and the part, a controller; empty: no loop.
-    tangents : int
-        Number of tangents of the part, instead of the ports of the feedback law.
+    With a `plant`, it is the whole closed loop of this and the part, a controller; with `tangents`
+    the part has as many of them, in place of the ports of the feedback law.
     """
     name, modules = kept_as(part)
     made_by = _EXPORT
@@ -232,13 +196,31 @@ def fmu_kernel(part: str | Component, plant: str = "", tangents: int = 0) -> Ker
     )
 
 
-def fmu(part: str | Component, plant: str = "", tangents: int = 0) -> Path:
-    """Path of the FMU of `fmu_kernel` in the user's cache; exported if it does not exist yet.
+def partials_kernel(part: str) -> Kernel:
+    """The partial derivatives of a part; of a sampled one, of the next values of its states."""
 
-    Raises
-    ------
-    UnknownName, ContractError, FmuError
-    """
+    def make() -> Component:
+        from ...fmus.native.partials import partials
+        from ...solver.component import State
+        from ...solver.for_tangents import dithered_average
+
+        made = dithered_average(component(part))
+        if (period := made.sample_time) is not None:
+            next_values = tuple(
+                State(d.name, d.unit, d.meaning, d.update, d.start, d.nominal)
+                for d in made.discrete
+            )
+            known = (*made.parameters, period)
+            states = (*made.states, *next_values)
+            made = replace(made, states=states, discrete=(), sample_time=None, parameters=known)
+        return partials(made)
+
+    name, modules = kept_as(part)
+    return stored_kernel(f"linear_{name}", make, __name__, *modules)
+
+
+def fmu(part: str | Component, plant: str = "", tangents: int = 0) -> Path:
+    """Path of the FMU of `fmu_kernel` in the user's cache; exported if it does not exist yet."""
     return stored_fmu(fmu_kernel(part, plant, tangents))
 
 
@@ -279,20 +261,12 @@ def catalogued_model(part: str | Component, plant: str = "", tangents: int = 0) 
     return NativeModel(kernel, stored_kernel(stored, make))
 
 
-@dataclass(frozen=True)
-class ReadyFmu:
-    """An FMU in the user's cache; `build` is `NATIVE` or `READABLE`."""
-
-    path: Path
-    build: str
-
-
-def ready_fmu(name: str, tangents: int = 0) -> ReadyFmu:
-    """As `fmu`, but a native FMU if there is a C compiler; for runs of this program."""
+def ready_fmu(name: str, tangents: int = 0) -> tuple[Path, str]:
+    """As `fmu`, and its build: `NATIVE` if there is a C compiler, else `READABLE`."""
     try:
-        return ReadyFmu(_native_fmu(name, tangents), NATIVE)
+        return _native_fmu(name, tangents), NATIVE
     except CompilerFailed:
-        return ReadyFmu(fmu(name, tangents=tangents), READABLE)
+        return fmu(name, tangents=tangents), READABLE
 
 
 def _native_fmu(name: str, tangents: int) -> Path:
@@ -325,15 +299,9 @@ def loop(controller: str | Component, plant: str = "plant") -> Component:
     """The whole closed loop of a plant and a controller, as one component.
 
     It is named after the controller, ``<name>_loop``, and its set-point starts at `START_VALUE`.
-
-    Raises
-    ------
-    UnknownName
-    ContractError
-        If a part is invalid, or the two cannot be connected.
+    Raises `UnknownName`, `ContractError`.
     """
     from ...solver.interconnect import connect
-    from ...solver.set_point import START_VALUE
 
     law = component(controller)
     whole = connect(component(plant), law)

@@ -5,29 +5,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
+from typing import Any, TypeAlias, TypedDict, Unpack
 
 from ...controllers import CONTROLLERS
+from ...fmus.interface import START, TOLERANCE
 from ...plant import DESCRIBED
 from ...plant.instruments import PartName
 from ...solver.errors import BadParameter
 from ...solver.kernel import CONTROLLER, PLANT
 from ...solver.set_point import START_VALUE
-from ..fmu.limits import (
-    TIME_LIMIT,
-    as_number,
-    check_corrections,
-    check_length,
-    check_step,
-    check_time_limit,
-)
+from ..fmu import limits
 from ..master.couplings import Coupling, coupling_named
 from ..master.reference_signal import Reference
 from .catalogue import in_units_of
-from .parameter_file import FMU, ParameterFile, list_used
+from .parameter_file import FMU, Known, ParameterFile, Value, check_values
+from .parameter_file import Values as FileValues
 from .parts import Part, PartLike, in_practice, readable, resolve_controller, resolve_plant
 from .reference_motions import read_set_point
 
@@ -58,32 +54,36 @@ class HowCoupled:
     corrections: int | None = None
     adaptive: bool = False
     isolate: bool | None = None
-    time_limit: float = TIME_LIMIT
+    time_limit: float = limits.TIME_LIMIT
 
-    def _resolve(self, **given: Any) -> None:
-        for name, value in given.items():
+    def _set(self, **resolved: Any) -> None:
+        for name, value in resolved.items():
             object.__setattr__(self, name, value)
 
-    def _resolve_coupling(self, stop: float | None) -> None:
+    def _set_coupling(self, stop: float | None, how: Mapping[str, Any]) -> None:
         """Check how it is coupled over a motion of this length [s]; None: not known yet."""
-        self._resolve(
+        self._set(**vars(HowCoupled(**how)))
+        self._set(
             coupling=coupling_named("coupling", self.coupling),
-            corrections=check_corrections("corrections", self.corrections),
-            time_limit=check_time_limit("time_limit", self.time_limit),
+            corrections=limits.check_corrections("corrections", self.corrections),
+            time_limit=limits.check_time_limit("time_limit", self.time_limit),
         )
         if self.step is not None:
-            self._resolve(step=check_step("step", self.step, stop))
+            self._set(step=limits.check_step("step", self.step, stop))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Loop(HowCoupled):
     """A plant and its controller around a set-point, and how they are coupled.
+
+    The attributes have the names of the parameters; `controller` and `plant` are of the class
+    `Part`, `reference` is a `Reference`.
 
     Parameters
     ----------
     controller, plant : str, path-like, Component or Part
-        A name of the catalogue, a file's function (``mine.py:pi``), the path of an FMU, or, in
-        Python, a component. The controller ``none`` is for a plant without inputs.
+        A name of the catalogue, a file's function (``mine.py:pi``), the path of an FMU, or a
+        component. The controller ``none`` is for a plant without inputs.
     reference : float, str, path-like or Reference
         Set-point [m], or set-point over time: a motion such as
         ``"move:distance=0.02,speed=0.1"``, the path of a table, or a `Reference`.
@@ -99,8 +99,7 @@ class Loop(HowCoupled):
         Notes from before the run, added to those of the run.
     sampled : float, optional
         Sampling period of the controller [s]: it reads at its samples and holds its commands. A
-        controller with equations becomes ``pid+sampled``; an FMU is stepped only at its samples, by
-        one period each.
+        controller with equations becomes ``pid+sampled``; an FMU is stepped only at its samples.
     step : float, optional
         Communication step [s]; default: halved until the run is trusted.
     coupling : str or Coupling, optional
@@ -114,12 +113,6 @@ class Loop(HowCoupled):
         Whether each FMU runs in its own process. Default: FMUs not written by this program.
     time_limit : float
         Time limit of one call of an FMU in its own process [s].
-
-    Attributes
-    ----------
-    controller, plant : Part
-    reference : Reference
-    coupling : Coupling or None
 
     Raises
     ------
@@ -135,64 +128,62 @@ class Loop(HowCoupled):
     """
 
     controller: Part
-    plant: Part = field(default_factory=lambda: Part("plant"))
-    reference: Reference = field(default_factory=lambda: Reference.constant(START_VALUE))
-    stop: float = STOP
-    plant_values: Values = field(default_factory=dict)
-    controller_values: Values = field(default_factory=dict)
-    mapping: Mapping[str, str] = field(default_factory=dict)
-    told: ParameterFile | None = None
-    notes: tuple[str, ...] = ()
-    sampled: float | None = None
+    plant: Part
+    reference: Reference
+    stop: float
+    plant_values: Values
+    controller_values: Values
+    mapping: Mapping[str, str]
+    told: ParameterFile | None
+    notes: tuple[str, ...]
+    sampled: float | None
 
-    if TYPE_CHECKING:
-
-        def __init__(  # noqa: PLR0913
-            self,
-            controller: PartLike,
-            plant: PartLike = ...,
-            reference: ReferenceLike = ...,
-            stop: float = ...,
-            plant_values: Values | None = ...,
-            controller_values: Values | None = ...,
-            mapping: Mapping[str, str] | None = ...,
-            told: ParameterFile | None = ...,
-            notes: tuple[str, ...] = ...,
-            sampled: float | None = ...,
-            **how: Unpack[_How],
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        plant = resolve_plant(self.plant)
-        self._resolve(
-            controller=Part(in_units_of(resolve_controller(self.controller).name, plant.name)),
-            plant=plant,
-            reference=as_reference(self.reference),
-            stop=check_length("stop", self.stop),
-            plant_values=_numbers("plant_values", self.plant_values),
-            controller_values=_numbers("controller_values", self.controller_values),
-            mapping=dict(self.mapping or {}),
+    def __init__(  # noqa: PLR0913
+        self,
+        controller: PartLike,
+        plant: PartLike = "plant",
+        reference: ReferenceLike = START_VALUE,
+        stop: float = STOP,
+        plant_values: Values | None = None,
+        controller_values: Values | None = None,
+        mapping: Mapping[str, str] | None = None,
+        told: ParameterFile | None = None,
+        notes: tuple[str, ...] = (),
+        sampled: float | None = None,
+        **how: Unpack[_How],
+    ) -> None:
+        moved, own = resolve_plant(plant), resolve_controller(controller)
+        self._set(
+            controller=Part(in_units_of(own.name, moved.name)),
+            plant=moved,
+            reference=as_reference(reference),
+            stop=limits.check_length("stop", stop),
+            plant_values=_numbers("plant_values", plant_values),
+            controller_values=_numbers("controller_values", controller_values),
+            mapping=dict(mapping or {}),
+            told=told,
+            sampled=sampled,
         )
         if self.reference.measure:
             theirs = {ours: n for n, ours in self.mapping.items()}.get("x", "x")
-            self.reference.check_measure(plant.unit_of(theirs.removeprefix("plant.")))
-        still = (n for n in self.reference.notes(self.stop) if n not in self.notes)
-        self._resolve(notes=(*self.notes, *still))
-        self._resolve_coupling(self.stop)
-        if self.sampled is not None:
-            self._resolve_sampled(check_length("sampled", self.sampled))
+            self.reference.check_measure(moved.unit_of(theirs.removeprefix("plant.")))
+        still = (n for n in self.reference.notes(self.stop) if n not in notes)
+        self._set(notes=(*notes, *still))
+        self._set_coupling(self.stop, how)
+        if sampled is not None:
+            self._set_sampled(limits.check_length("sampled", sampled))
 
-    def _resolve_sampled(self, period: float) -> None:
+    def _set_sampled(self, period: float) -> None:
         if period > self.stop:
             raise BadParameter(f"sampled is {period:g} s, expected at most stop, {self.stop:g} s")
-        self._resolve(sampled=period)
+        self._set(sampled=period)
         if self.controller.is_none:
             raise BadParameter("sampled is for a loop with a controller, and there is none")
         if self.controller.has_equations:
             part, own, notes = in_practice(self.controller, period, noise=False)
             values = {**self.controller_values, **own}
             notes = *self.notes, *notes
-            self._resolve(controller=part, controller_values=values, notes=notes, sampled=None)
+            self._set(controller=part, controller_values=values, notes=notes, sampled=None)
 
     @property
     def label(self) -> str:
@@ -219,14 +210,18 @@ class Loop(HowCoupled):
         return float(self.reference.values[0])
 
     def check_values(self) -> None:
-        """Check that both parts have the given parameters, in range.
-
-        Raises
-        ------
-        BadParameter, FmuError
-        """
+        """Raise `BadParameter` or `FmuError` if a part does not have a parameter, or its range."""
         self.plant.check_values("plant", self.plant_values)
         self.controller.check_values("controller", self.controller_values)
+
+    def with_kept(self, kept: Mapping[str, Values]) -> Loop:
+        """The loop with the values that its FMUs, by their names, have in place of the given."""
+        plant, own = ({**kept.get(n, {})} for n in ("plant", "controller"))
+        return replace(
+            self,
+            plant_values={**self.plant_values, **plant},
+            controller_values={**self.controller_values, **own},
+        )
 
     def parameters(self) -> ParameterFile:
         """All parameters used, as a parameter file that the next command can read.
@@ -234,40 +229,35 @@ class Loop(HowCoupled):
         Values that are unchanged from `told` keep their interval and source.
         """
         told, source = self.told or ParameterFile(), "given to this run"
-        plant, values = self.plant, self.plant_values
-        known = plant.settable(values)
-        found = list_used(known, values, {**told.plant, **told.found}, source)
-        kind, law, own = FMU, "", set(known)
-        base, units = plant.named.plain, plant.named.units
-        command = told.command
-        if base in DESCRIBED:
-            (kind, law), command = DESCRIBED[base], "+".join(units)
+        plant, controller = self.plant, self.controller
+        known = plant.settable(self.plant_values)
+        found = list_used(known, self.plant_values, {**told.plant, **told.found}, source)
+        of_controller = list_used(
+            controller.settable(self.controller_values),
+            self.controller_values,
+            told.controllers.get(table_of(told, controller), {}),
+            source,
+        )
+        (kind, law), command, own = (FMU, ""), told.command, set(known)
+        if plant.named.plain in DESCRIBED:
+            (kind, law), command = DESCRIBED[plant.named.plain], "+".join(plant.named.units)
         elif self.told is not None and set(told.plant) <= own:
             kind, law, own = told.kind, told.law, set(told.plant)
             if kind != FMU:
                 own |= set(Part(told.plant_name).parameters)
-        described = list_used(
-            self.controller.settable(self.controller_values),
-            self.controller_values,
-            told.controllers.get(table_of(told, self.controller), {}),
-            source,
-        )
-        return replace(
-            told,
-            path=None,
+        return ParameterFile(
             kind=kind,
             command=command,
             law=law,
             plant={n: v for n, v in found.items() if n in own},
             found={n: v for n, v in found.items() if n not in own},
-            controllers={**told.controllers, self.controller.label: described},
-            tolerance={},
-            not_identified={},
-            diagnosis=None,
+            controllers={**told.controllers, controller.label: of_controller},
+            rig=told.rig,
+            turns=told.turns,
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class SystemLoop(HowCoupled):
     """The closed loop that an .ssp describes.
 
@@ -288,38 +278,37 @@ class SystemLoop(HowCoupled):
     """
 
     system: Path | str
-    reference: Reference | None = None
-    stop: float | None = None
-    values: SystemValues = field(default_factory=dict)
+    reference: Reference | None
+    stop: float | None
+    values: SystemValues
 
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            system: Path | str,
-            reference: ReferenceLike | None = ...,
-            stop: float | None = ...,
-            values: SystemValues | None = ...,
-            **how: Unpack[_How],
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        texts = {n: v for n, v in (self.values or {}).items() if isinstance(v, str)}
-        numbers = {n: v for n, v in (self.values or {}).items() if not isinstance(v, str)}
-        self._resolve(values=_numbers("values", numbers) | texts)
-        if self.reference is not None:
-            self._resolve(reference=as_reference(self.reference))
-        if self.stop is not None:
-            self._resolve(stop=check_length("stop", self.stop))
-        self._resolve_coupling(self.stop)
+    def __init__(
+        self,
+        system: Path | str,
+        reference: ReferenceLike | None = None,
+        stop: float | None = None,
+        values: SystemValues | None = None,
+        **how: Unpack[_How],
+    ) -> None:
+        texts = {n: v for n, v in (values or {}).items() if isinstance(v, str)}
+        numbers = {n: v for n, v in (values or {}).items() if not isinstance(v, str)}
+        self._set(
+            system=system,
+            reference=None if reference is None else as_reference(reference),
+            stop=None if stop is None else limits.check_length("stop", stop),
+            values=_numbers("values", numbers) | texts,
+        )
+        self._set_coupling(self.stop, how)
 
     @property
     def label(self) -> str:
         """Its name in tables and pictures."""
         return readable(Path(self.system).stem)
 
-    def parameters(self) -> None:
-        """None: the elements of an .ssp and their values are in the file."""
+    def with_kept(self, kept: Mapping[str, Values]) -> SystemLoop:
+        """The loop with the values that its FMUs, by their names, have in place of the given."""
+        found = {f"{e}.{n}": v for e, values in kept.items() for n, v in values.items()}
+        return replace(self, values={**self.values, **found})
 
 
 def table_of(file: ParameterFile, controller: Part) -> str:
@@ -337,13 +326,33 @@ def as_reference(given: ReferenceLike) -> Reference:
         return given
     if isinstance(given, str | Path):
         return read_set_point(str(given))
-    return Reference.constant(as_number("reference", given))
+    return Reference.constant(limits.as_number("reference", given))
 
 
 def _numbers(what: str, values: Values | None) -> dict[str, float]:
     if not isinstance(values or {}, Mapping):
         raise BadParameter(f"{what} is {values!r}, expected a mapping of names to numbers")
-    return {n: as_number(f"{what}[{n!r}]", v) for n, v in (values or {}).items()}
+    return {n: limits.as_number(f"{what}[{n!r}]", v) for n, v in (values or {}).items()}
+
+
+def list_used(
+    known: Known, values: Mapping[str, float], told: FileValues, source: str
+) -> dict[str, Value]:
+    """All parameters of a part with the values that they had, as a parameter file lists them.
+
+    Initial states and the solver's tolerance are listed only if they are among `values`. What a
+    file has and is not changed keeps its interval and source; others have `source`.
+    """
+    found = {}
+    for name, p in known.items():
+        if name in values:
+            said = told.get(name)
+            if said is None or said.value != values[name]:
+                said = Value(values[name], source=source)
+            found[name] = replace(said, unit=p.unit)
+        elif not name.endswith(START) and name != TOLERANCE and math.isfinite(p.default):
+            found[name] = Value(p.default, p.unit, None, p.source)
+    return found
 
 
 def file_values(
@@ -354,15 +363,21 @@ def file_values(
 ) -> tuple[str, dict[str, float], dict[str, dict[str, float]], list[str]]:
     """The plant to run, the values of a file for it and each controller, and what is not used.
 
-    The plant is the requested one, else that of the file; `given` are names of its values that are
-    given elsewhere. Raises `BadParameters`.
+    The plant is the requested one, else that of the file; `given` are its values from elsewhere.
     """
     plant = plant_of(told, plant)
     if told is None:
         return plant, {}, {name: {} for name in controllers}, []
     values = for_plant(told, plant, given)
     values_of = {n: for_controller(told, in_units_of(n, plant)) for n in controllers}
-    return plant, values, values_of, [*aside(told, values, plant), *_unknown(told, controllers)]
+    parts = [Part(c) for c in controllers]
+    known = {*CONTROLLERS, *(p.label for p in parts), *(table_of(told, p) for p in parts)}
+    unknown = [
+        f"{told.path}: [controller.{name}]: no controller of this name runs here; left aside"
+        for name in told.controllers
+        if name not in known
+    ]
+    return plant, values, values_of, [*aside(told, values, plant), *unknown]
 
 
 def plant_of(told: ParameterFile | None, plant: str | None) -> str:
@@ -389,10 +404,10 @@ def for_plant(told: ParameterFile, plant: str, given: Collection[str] = ()) -> d
     """The file's values for a plant; with `given` there is no gap, see `check_complete`."""
     known = Part(plant).parameters
     if told.kind == FMU:
-        return told.plant_values(known)[0]
+        return told.plant_values(known)
     own = Part(told.plant_name).parameters
     # a file of another law has values that this plant does not use
-    values, _ = told.plant_values(known, own if told.law and told.plant_name != plant else ())
+    values = told.plant_values(known, own if told.law and told.plant_name != plant else ())
     needed = known if PartName.of(plant).plain in DESCRIBED else known.keys() & own.keys()
     told.check_complete({n: known[n] for n in needed}, {*values, *given})
     return values
@@ -401,7 +416,9 @@ def for_plant(told: ParameterFile, plant: str, given: Collection[str] = ()) -> d
 def for_controller(told: ParameterFile, name: str) -> dict[str, float]:
     """The file's values for a controller."""
     part = Part(name)
-    return told.controller_values(table_of(told, part), part.parameters)
+    table = table_of(told, part)
+    where = f"{told.path}: [controller.{table}]"
+    return check_values(told.controllers.get(table, {}), part.parameters, where)
 
 
 def aside(told: ParameterFile, values: Collection[str], plant: str) -> list[str]:
@@ -409,14 +426,3 @@ def aside(told: ParameterFile, values: Collection[str], plant: str) -> list[str]
     names = [n for n in (*told.plant, *told.found) if n not in values]
     said = f"{told.path}: {', '.join(names)}: {plant} has no such parameter; left aside"
     return [said] if names else []
-
-
-def _unknown(told: ParameterFile, controllers: Sequence[str]) -> list[str]:
-    """Notes on tables of controllers that do not run here and are not known."""
-    parts = [Part(c) for c in controllers]
-    known = {*CONTROLLERS, *(p.label for p in parts), *(table_of(told, p) for p in parts)}
-    return [
-        f"{told.path}: [controller.{name}]: no controller of this name runs here; left aside"
-        for name in told.controllers
-        if name not in known
-    ]

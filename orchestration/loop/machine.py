@@ -1,43 +1,191 @@
-"""Motions and gains that fit a machine.
+"""A machine, its equations linearized, and the motions and gains that fit it.
 
-All is computed from the plant's own equations, linearized about sliding at a constant speed. The
-ranges of tuned gains are in the laws' files, for the nominal axis. For another machine they are
-scaled: a gain in volts per metre is multiplied by the ratio of the commands needed for one metre at
-the same frequency.
+The matrices are the partial derivatives of the part's own equations, as in its native FMU. Margins
+and zero-order hold are those of python-control (S. Fuller et al., "The Python Control Systems
+Library", IEEE CDC (2021)), the library maintained for this since 2009.
+
+Motions and gains follow from sliding at a constant speed. The ranges of gains are in the laws'
+files, for the nominal axis; a gain in volts per metre is multiplied by the ratio of the commands
+for one metre at the same frequency.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ...controllers import CONTROLLERS, tunable
 from ...fmus.interface import TOLERANCE
+from ...fmus.native.partials import entry_of
 from ...fmus.units import base_exponents
 from ...plant.instruments import NOMINAL_VOLTAGE, UNLIMITED, PartName
 from ...solver.errors import BadParameter
 from ...solver.kernel import Model
 from .catalogue import AMPLIFIER, LIMIT, OWN_LIMIT
-from .linear_loop import Linear, Vector, linear_kernel, linearized
 from .parts import Part, resolve_controller
 
-FASTEST = 0.2  # m/s, of the reference motions; halved until the limit allows it
-HALVINGS = 12
+Vector = npt.NDArray[np.float64]
+Matrix = npt.NDArray[np.float64]
+Response = npt.NDArray[np.complex128]
+
+LOWEST, HIGHEST, POINTS = 0.1, 1e5, 2000  # of the frequency response [rad/s]
+UNSTABLE = 1e-6  # share of the fastest pole: round-off of a pole at the limit of stability
+FASTEST, HALVINGS = 0.2, 12  # m/s, of the reference motions; until the limit allows it
 FOR_SPEED, FOR_ACCELERATION = 0.5, 0.3  # shares of the limit
 RISE, JERK_TIME, CRUISE = 0.05, 0.02, 0.4  # s
 STEP_SHARE = 0.05  # of the way of a move
-SLOW, FAST = 0.2, 200.0
-"""Bandwidths of the nominal axis at the ends of the ranges of `pid.TUNABLE` [rad/s]."""
+SLOW, FAST = 0.2, 200.0  # rad/s, of the nominal axis at the ends of the ranges of `pid.TUNABLE`
 START = 20.0  # rad/s, of gains to start from
 WEIGHTS = {1: 2.0, -1: 0.25}  # of their derivative and integral parts: well damped
 LEAST = 1e-3  # of the high end of a range that begins at zero
 MODEL_AT = 100.0  # rad/s, at which inertia and damping are found
 SLOWEST_LAG = 10.0  # s, of a machine without damping
 STICTION = 100.0  # times the inverse of its sharpness: there a smooth sign is 1
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Linear equations of a part: ``dx/dt = a x + b u, y = c x + d u``.
+
+    The last states, `sampled` of them, change only at samples; their rows give the next value.
+    """
+
+    a: Matrix
+    b: Matrix
+    c: Matrix
+    d: Matrix
+    sampled: int = 0
+
+
+def linearized(
+    part: Part,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    values: Mapping[str, float],
+    at: Mapping[str, float],
+) -> Linear:
+    """The equations of a part about a state, sliding forward if the part has modes.
+
+    States and inputs that are not in `at` have their start values.
+    """
+    kernel = part.partials
+    model = Model(kernel, values)
+    states, given = ([v.name for v in of] for of in (kernel.states, kernel.inputs))
+    model.x[:] = [at.get(n, x) for n, x in zip(states, model.x, strict=True)]
+    model.u[: len(given)] = [at.get(n, u) for n, u in zip(given, model.u, strict=False)]
+    if kernel.modes:
+        model.u[-1] = kernel.modes.index("forward")
+    seen, count = [o.name for o in part.kernel.outputs], len(states)
+    table = np.zeros((count + len(seen), count + len(given)))
+    for name, value in model.outputs(0.0, model.x).items():
+        table[entry_of(name)] = value
+    u, y = [count + given.index(n) for n in inputs], [count + seen.index(n) for n in outputs]
+    x = [*range(count)]
+    a, b, c, d = (table[np.ix_(to, by)] for to, by in ((x, x), (x, u), (y, x), (y, u)))
+    return Linear(a, b, c, d, len(part.kernel.discrete))
+
+
+def open_loop(plant: Linear, controller: Linear, period: float = 0.0) -> Any:
+    """The loop from the plant's command back to it, with the sign of negative feedback.
+
+    A sampled controller has a `period` [s]; the plant is then discretized with a held command.
+    Returns a control.StateSpace.
+    """
+    import control
+
+    p = control.ss(plant.a, plant.b, plant.c, plant.d)
+    k = controller
+    if not k.sampled:
+        return -(control.ss(k.a, k.b, k.c, k.d) * p)
+    n = len(k.a) - k.sampled  # continuous states; between samples they get the sampled values
+    turn, hold = np.eye(n), np.zeros((n, k.sampled))
+    if n:
+        between = control.ss(k.a[:n, :n], k.a[:n, n:], np.eye(n), hold)
+        between = control.sample_system(between, period, "zoh")
+        turn, hold = between.A, between.B
+    # its output at a sample uses the new values of its states
+    new_x, new_y, out = k.a[n:], k.b[n:], k.c[:, n:]
+    a = np.vstack([np.hstack([turn, np.zeros((n, k.sampled))]) + hold @ new_x, new_x])
+    law = control.ss(a, np.vstack([hold @ new_y, new_y]), out @ new_x, out @ new_y + k.d, period)
+    return -(law * control.sample_system(p, period, "zoh"))
+
+
+def is_stable(loop: Any) -> bool:
+    """Whether a loop of `open_loop` is stable when it is closed."""
+    import control
+
+    poles = control.feedback(loop, 1).poles()
+    beyond = np.abs(poles) - 1 if loop.dt else poles.real / np.abs(poles).max(initial=1.0)
+    return bool((beyond <= UNSTABLE).all())
+
+
+def response_of(loop: Any, points: int = POINTS) -> tuple[Vector, Response]:
+    """Frequencies [rad/s], up to half the sampling frequency, and the loop's response there."""
+    top = math.pi / loop.dt * (1 - 1e-9) if loop.dt else HIGHEST
+    omega = np.geomspace(LOWEST, top, points)
+    at = np.exp(1j * omega * loop.dt) if loop.dt else 1j * omega
+    return omega, np.asarray(loop(at), dtype=np.complex128)
+
+
+@dataclass(frozen=True)
+class Margins:
+    """A linearized loop, broken at the plant's command.
+
+    Stuck, friction is the spring and damper of its bristles; sliding, a damper, the slope of the
+    friction curve at this speed.
+    """
+
+    state: str  # "stuck" or "sliding"
+    speed: float  # [m/s]
+    stable: bool  # whether the closed loop is stable
+    # factor by which the loop's gain may rise, and to which it may fall; infinite and 0: no limit
+    gain_margin: float
+    gain_margin_down: float
+    gain_frequency: float  # of the gain margin [Hz]; NaN without one
+    phase_margin: float  # [degrees]; NaN if there is none
+    crossover: float  # where the loop's gain is 1 [Hz]; NaN if there is none
+    sensitivity: float  # largest ``|1/(1 + L)|``, Ms
+    sensitivity_frequency: float  # [Hz]
+    frequency: Vector  # shape (m,); [Hz]
+    response: Response  # shape (m,); ``L``, see `open_loop`
+
+
+def margins_of(loop: Any, state: str, speed: float) -> Margins:
+    """Margins of a loop of `open_loop`."""
+    import control
+
+    omega, response = response_of(loop)
+    data = control.frd(response, omega, smooth=True)  # no polynomials, which lose digits here
+    found = [np.atleast_1d(f) for f in control.stability_margins(data, returnall=True)]
+    gains, phases, distances, at_gain, at_phase, at_distance = found
+    up = [(g, w) for g, w in zip(gains, at_gain, strict=True) if g > 1]
+    gain, gain_at = min(up, default=(math.inf, math.nan))
+    pairs = zip(phases, at_phase, strict=True)
+    phase, phase_at = min(pairs, key=lambda p: abs(p[0]), default=(math.nan, math.nan))
+    nearest = [*zip(distances, at_distance, strict=True)]
+    nearest += [*zip(np.abs(1 + response), omega, strict=True)]
+    distance, distance_at = min(nearest)
+    hertz = 2 * math.pi
+    return Margins(
+        state=state,
+        speed=speed,
+        stable=is_stable(loop),
+        gain_margin=float(gain),
+        gain_margin_down=float(max((g for g in gains if g < 1), default=0.0)),
+        gain_frequency=float(gain_at) / hertz,
+        phase_margin=float(phase),
+        crossover=float(phase_at) / hertz,
+        sensitivity=max(1.0, float(1 / distance)),
+        sensitivity_frequency=float(distance_at) / hertz,
+        frequency=omega / hertz,
+        response=response,
+    )
 
 
 @dataclass(frozen=True)
@@ -50,16 +198,13 @@ class Machine:
 
     @classmethod
     def of(cls, plant: Part, values: Mapping[str, float], asked: float | None) -> Machine:
-        """A plant with values and its limit, see `limit_of`.
-
-        Raises `BadParameter` if nobody gives a limit.
-        """
+        """A plant with values and its limit, see `limit_of`; `BadParameter` if it has none."""
         limit = limit_of(plant.parameters, values, asked)
         if not limit > 0:
             raise BadParameter(f"limit is {limit:g}, expected more than 0")
         if limit >= UNLIMITED:
             raise BadParameter(
-                f"{plant.label} has no limit of its command; give --limit, in the command's unit, "
+                f"{plant.label} has no limit of its command; give one, in the command's unit, "
                 f"or {LIMIT} in the parameter file"
             )
         return cls(plant, {**values, LIMIT: limit}, limit)
@@ -70,41 +215,38 @@ class Machine:
         law = next((i.law for i in self.plant.kernel.inputs if i.name == "u"), [])
         return tuple(n for n in law if n in self.plant.outputs)
 
-    def linear(self, outputs: tuple[str, ...], at: Mapping[str, float]) -> Linear:
+    def linear(self, outputs: Sequence[str], at: Mapping[str, float]) -> Linear:
         """Equations from the command to outputs about a state: sliding forward, or stuck."""
-        kernel = linear_kernel(self.plant, ["u"], outputs)
-        return linearized(kernel, ["u"], outputs, self.values, at, "forward")
+        return linearized(self.plant, ("u",), outputs, self.values, at)
 
     def sliding(self, speed: float) -> dict[str, float]:
         """States and command of steady sliding at a speed [m/s], at the position zero."""
         from scipy.integrate import solve_ivp
 
-        model = Model(linear_kernel(self.plant, ["u"], ("x",)), self.values)
+        model = Model(self.plant.kernel, self.values)
         names = [s.name for s in model.kernel.states]
         if model.kernel.modes:
             model.u[-1] = model.kernel.modes.index("forward")
-        model.x[names.index("v")] = speed
-        inner = [k for k, n in enumerate(names) if n not in ("x", "v", "held_u", "summed_of_x")]
+        v, u = names.index("v"), [i.name for i in model.kernel.inputs].index("u")
+        model.x[v] = speed
+        inner = [k for k, n in enumerate(names) if n not in ("x", "v")]
 
         def rates(_: float, state: Vector) -> Vector:
             model.x[inner] = state
             return model.derivatives(0.0, model.x)[inner]
 
         if inner:  # friction states reach their steady values within a metre
-            last = solve_ivp(
-                rates, (0.0, 1.0 / speed), model.x[inner], "BDF", rtol=1e-8, atol=1e-12
-            )
+            end = 1.0 / speed
+            last = solve_ivp(rates, (0.0, end), model.x[inner], "BDF", rtol=1e-8, atol=1e-12)
             model.x[inner] = last.y[:, -1]
-        unknown = [*inner, names.index("held_u")]
-        zero = [*inner, names.index("v")]
         for _ in range(5):  # Newton's method, for the command and the other states
-            left = model.derivatives(0.0, model.x)[zero]
-            slopes = model.jacobian(0.0, model.x)[np.ix_(zero, unknown)]
-            model.x[unknown] -= np.linalg.lstsq(slopes, left, rcond=None)[0]
-        found = dict(zip(names, model.x.tolist(), strict=True))
-        return {n: v for n, v in found.items() if not n.startswith(("held_", "summed_"))} | {
-            "u": found["held_u"]
-        }
+            near = self.linear((), {**dict(zip(names, model.x, strict=True)), "u": model.u[u]})
+            left = model.derivatives(0.0, model.x)[[*inner, v]]
+            slopes = np.column_stack([near.a[:, inner], near.b])[[*inner, v]]
+            change = np.linalg.lstsq(slopes, left, rcond=None)[0]
+            model.x[inner] -= change[:-1]
+            model.u[u] -= change[-1]
+        return {**dict(zip(names, model.x.tolist(), strict=True)), "u": float(model.u[u])}
 
     def stuck(self) -> dict[str, float]:
         """States of sticking: bristles are not bent; a smooth sign needs a small speed to be 1."""
@@ -113,15 +255,12 @@ class Machine:
 
     @cached_property
     def speed(self) -> float:
-        """Speed of the reference motions [m/s]: half of the limit drives it.
-
-        Raises `BadParameter` if the limit is not much larger than friction.
-        """
+        """Speed of the reference motions [m/s]: half of the limit drives it."""
         for k in range(HALVINGS):
             speed = FASTEST / 2**k
-            if abs(self.sliding(speed)["u"]) <= FOR_SPEED * self.limit:
+            needed = abs(self.sliding(speed)["u"])
+            if needed <= FOR_SPEED * self.limit:
                 return float(speed)
-        needed = abs(self.sliding(speed)["u"])
         raise BadParameter(
             f"the limit of the command is {self.limit:g}, but friction alone needs {needed:.3g} at "
             f"{speed:.2g} m/s; expected a limit of at least twice this"
@@ -162,13 +301,13 @@ class Machine:
         """A step, a reversing move, and another move for judging, in the form for `read_motion`."""
         v, a = self.speed, self.acceleration
         way, jerk = CRUISE * v, a / JERK_TIME
-
-        def move(distance: float, speed: float, acceleration: float) -> str:
-            numbers = f"speed={speed:g},acceleration={acceleration:g},jerk={jerk:g},dwell=0.2"
-            return f"move:distance={distance:g},{numbers}"
-
         step = f"step:size={STEP_SHARE * way:g},at=0.05"
-        return step, move(way, v, a), move(-0.6 * way, 0.5 * v, 0.5 * a)
+        there, judge = (
+            f"move:distance={share * way:g},speed={slower * v:g},acceleration={slower * a:g},"
+            f"jerk={jerk:g},dwell=0.2"
+            for share, slower in ((1.0, 1.0), (-0.6, 0.5))
+        )
+        return step, there, judge
 
 
 def limit_of(known: Container[str], values: Mapping[str, float], asked: float | None) -> float:
@@ -177,22 +316,22 @@ def limit_of(known: Container[str], values: Mapping[str, float], asked: float | 
     The requested one, else that of its values, else the nominal amplifier's 36 V if it has an
     amplifier. Others have none: a limit in volts has no meaning if the command is a force.
     """
-    given = values.get(LIMIT, UNLIMITED) if asked is None else asked
-    amplified = asked is None and given >= UNLIMITED and AMPLIFIER in known
-    return NOMINAL_VOLTAGE if amplified else given
+    if asked is not None:
+        return asked
+    given = values.get(LIMIT, UNLIMITED)
+    return NOMINAL_VOLTAGE if given >= UNLIMITED and AMPLIFIER in known else given
 
 
 def own_ranges(controller: str) -> dict[str, tuple[float, float]]:
-    """Ranges of a controller's gains: those of its law, else of its parameters with two limits.
-
-    Raises `BadParameter`, `ContractError`, `FmuError`.
-    """
+    """Ranges of a controller's gains: those of its law, else of its parameters with two limits."""
     if PartName.of(controller).bare in CONTROLLERS:
         return tunable(controller)
-    known = resolve_controller(controller).parameters.values()
-    gains = (p for p in known if p.name not in ("sample_time", TOLERANCE, OWN_LIMIT))
-    limits = {p.name: (p.minimum, p.maximum) for p in gains}
-    return {n: (a, b) for n, (a, b) in limits.items() if -math.inf < a < b < math.inf}
+    return {
+        n: (p.minimum, p.maximum)
+        for n, p in resolve_controller(controller).parameters.items()
+        if n not in ("sample_time", TOLERANCE, OWN_LIMIT)
+        and -math.inf < p.minimum < p.maximum < math.inf
+    }
 
 
 def gains_of(controller: Part) -> dict[str, tuple[float, float]]:
@@ -204,10 +343,7 @@ def gains_of(controller: Part) -> dict[str, tuple[float, float]]:
 def gain_ranges(
     controller: Part, machine: Machine
 ) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
-    """Ranges of a controller's gains for a machine, and gains for a modest bandwidth.
-
-    Raises `BadParameter` if the controller has no ranges for its gains.
-    """
+    """Ranges of a controller's gains for a machine, and gains for a modest bandwidth."""
     if controller.bare not in CONTROLLERS:  # of the user, in the user's units
         ranges, given = gains_of(controller), controller.parameters
         middle = {n: sum(r) / 2 for n, r in ranges.items()}
@@ -219,9 +355,9 @@ def gain_ranges(
     ranges, start = {}, {}
     for name, (low, high) in tunable(controller.bare).items():
         powers = base_exponents(known[name].unit)
-        volts = powers.get("kg", 0)
+        volts, amperes = powers.get("kg", 0), powers.get("A", 0)
         metres = powers.get("m", 0) - 2 * volts
-        if volts and volts + powers.get("A", 0) == 0 and volts + metres == 0:
+        if volts and amperes == -volts and metres == -volts:
             slow, fast = (
                 abs(machine.command_per_metre(w) / nominal.command_per_metre(w)) ** volts
                 for w in (SLOW, FAST)
@@ -229,25 +365,20 @@ def gain_ranges(
             seconds = powers.get("s", 0) + 3 * volts
             modest = abs(machine.command_per_metre(START)) ** volts * START**-seconds
             start[name] = modest * WEIGHTS.get(seconds, 1.0)
-        elif volts and powers.get("A", 0) == -volts and not metres:
+        elif volts and amperes == -volts and not metres:
             slow = fast = (machine.limit / nominal.limit) ** volts
         elif volts:
             slow = fast = 1.0
         else:  # lengths and speeds are scaled like those of the motions
             slow = fast = (machine.speed / nominal.speed) ** metres
-        ranges[name] = (low or LEAST * high) * slow, high * fast  # positive: logarithmic search
-        p = known[name]
-        ranges[name] = max(ranges[name][0], p.minimum), min(ranges[name][1], p.maximum)
-        start.setdefault(name, p.default * slow)
-        start[name] = float(np.clip(start[name], *ranges[name]))
+        p, low = known[name], low or LEAST * high  # positive, for a logarithmic search
+        ranges[name] = max(low * slow, p.minimum), min(high * fast, p.maximum)
+        start[name] = float(np.clip(start.get(name, p.default * slow), *ranges[name]))
     return ranges, start
 
 
 def model_values(controller: Part, machine: Machine) -> dict[str, float]:
-    """Parameters of a controller that describe its machine and are not gains.
-
-    Raises `BadParameter` if it is designed for a motor that the machine does not have.
-    """
+    """Parameters of a controller that describe its machine and are not gains."""
     known, own = controller.parameters, machine.plant.parameters
     if controller.bare not in CONTROLLERS:
         return {OWN_LIMIT: machine.limit} if OWN_LIMIT in known else {}
@@ -261,9 +392,7 @@ def model_values(controller: Part, machine: Machine) -> dict[str, float]:
         )
     of_plant = {n: machine.values.get(n, p.default) for n, p in own.items()}
     gains = tunable(controller.bare)
-    found = {"u_max": machine.limit}
-    found |= {n: of_plant[n] for n in known if n in own}
-    found |= {n: of_plant[n[:-4]] for n in known if n.endswith("_hat") and n[:-4] in own}
+    found = {"u_max": machine.limit} | of_plant | {f"{n}_hat": v for n, v in of_plant.items()}
     damping, inertia = machine.command_per_speed, machine.command_per_acceleration
     found |= {"Fv": damping, "Fa": inertia, "b": 1 / damping, "lag": inertia / damping}
     if "Kfff" in known:

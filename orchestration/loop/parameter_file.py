@@ -1,25 +1,26 @@
 """The parameter file: values with intervals, units and sources, one form for all commands.
 
 `docs/parameters.md` describes it. Only this module reads and writes it: every line is checked, and
-errors name their place.
+errors name their place. The readers of values at its end are for all TOML files, and raise
+`BadParameters`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+import sys
+import tomllib
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ...fmus.interface import START, TOLERANCE
 from ...fmus.units import base_exponents
 from ...plant import DEFAULT_LAW, LAWS, NOMINAL, TURNING, plant_of
 from ...plant.instruments import UNLIMITED
-from ...solver.errors import BadParameters
+from ...solver.errors import BadParameters, did_you_mean
 from ...solver.files import write_atomically
-from . import toml_tables as toml
 
 if TYPE_CHECKING:
     from ...solver.component import Parameter
@@ -84,10 +85,7 @@ class ParameterFile:
 
     @property
     def plant_name(self) -> str:
-        """The plant of the catalogue that the file describes.
-
-        Raises `BadParameters` if there is none.
-        """
+        """The plant of the catalogue that the file describes; else raises `BadParameters`."""
         if self.kind not in NOMINAL:
             raise BadParameters(
                 f"{self.path}: kind is {self.kind!r}, which is not a plant of the "
@@ -113,10 +111,8 @@ class ParameterFile:
         """
         if self.kind == ROTARY:
             if lead is not None:
-                raise BadParameters(
-                    f"a lead is for a screw, but {self.path} describes a rotating body "
-                    "without one; leave the lead out"
-                )
+                body = f"{self.path} describes a rotating body without one; leave the lead out"
+                raise BadParameters(f"a lead is for a screw, but {body}")
             return self.sliding()
         if lead is None or self.kind != BALL_SCREW:
             return self
@@ -142,13 +138,12 @@ class ParameterFile:
     def sliding(self) -> ParameterFile:
         """A rotating body described as a sliding one: rad for m, N*m for N, `m` for `J`.
 
-        This fits records with a lead of 2 pi; `turning` is the inverse. Raises `BadParameters` for
-        values that its plant does not have.
+        This fits records with a lead of 2 pi; `turning` is the inverse. Raises as `checked`.
         """
         self.checked()
         plant = {"m" if n == "J" else n: replace(v, unit="") for n, v in self.plant.items()}
         tolerance = {"m" if n == "J" else n: share for n, share in self.tolerance.items()}
-        command = COMMANDS[-1] if self.command == COMMANDS_OF[ROTARY][-1] else self.command
+        command = "force" if self.command == "torque" else self.command
         told = replace(self, kind=DRIVE, plant=plant, tolerance=tolerance, command=command)
         return replace(told, turns=True)
 
@@ -158,20 +153,19 @@ class ParameterFile:
             return self
         from ...solver.component import unit_in
 
-        def turned(values: Values) -> dict[str, Value]:
-            return {
+        plant, found = (
+            {
                 "J" if n == "m" else n: replace(v, unit=unit_in(v.unit, TURNING))
                 for n, v in values.items()
             }
-
-        command = COMMANDS_OF[ROTARY][-1] if self.command == COMMANDS[-1] else self.command
+            for values in (self.plant, self.found)
+        )
+        command = "torque" if self.command == "force" else self.command
         told = replace(self, kind=ROTARY, turns=False, command=command)
-        return replace(told, plant=turned(self.plant), found=turned(self.found))
+        return replace(told, plant=plant, found=found)
 
-    def plant_values(
-        self, known: Known, others: Collection[str] = ()
-    ) -> tuple[dict[str, float], list[str]]:
-        """Values for a plant with `known` parameters, checked, and names that it does not use.
+    def plant_values(self, known: Known, others: Collection[str] = ()) -> dict[str, float]:
+        """Values for a plant with `known` parameters, checked.
 
         If the file has Fc and not Fs, the break-away force is Fc. `others` are parameters of the
         plant that the file describes: one that is not known is ignored. Raises `BadParameters`.
@@ -186,7 +180,7 @@ class ParameterFile:
                 values.setdefault(breakaway, values[coulomb])
                 if speed in known and values[breakaway] == values[coulomb]:  # it has no effect
                     values.setdefault(speed, known[speed].default)
-        return values, [n for n in (*self.plant, *self.found) if n not in values]
+        return values
 
     def check_complete(self, known: Known, values: Collection[str]) -> None:
         """Raise `BadParameters` if a parameter of a machine is not among those with values.
@@ -201,30 +195,26 @@ class ParameterFile:
                     "that of another machine; give its value"
                 )
 
-    def controller_values(self, name: str, known: Known) -> dict[str, float]:
-        """Values for the controller of this name, checked; raises `BadParameters`."""
-        where = f"{self.path}: [controller.{name}]"
-        return check_values(self.controllers.get(name, {}), known, where)
-
     def text(self) -> str:
         """The file's text, TOML."""
         import tomli_w
 
-        data: dict[str, Any] = {"format": FORMAT, "kind": self.kind}
-        data |= {"command": self.command} if self.command else {}
-        data |= {"law": self.law} if self.law else {}
-        data |= {"plant": _tables(self.plant)}
-        data |= {"found": _tables(self.found)} if self.found else {}
-        for key, groups in (("controller", self.controllers), ("rig", self.rig)):
-            if any(groups.values()):
-                data[key] = {name: _tables(values) for name, values in groups.items() if values}
-        data |= {"tolerance": dict(self.tolerance)} if self.tolerance else {}
-        reasons = {name: _written(reason) for name, reason in self.not_identified.items()}
-        data |= {"not_identified": reasons} if reasons else {}
+        groups = {"controller": self.controllers, "rig": self.rig}
+        data: dict[str, Any] = {
+            "format": FORMAT,
+            "kind": self.kind,
+            "command": self.command,
+            "law": self.law,
+            "plant": _tables(self.plant),
+            "found": _tables(self.found),
+            **{k: {n: _tables(v) for n, v in group.items() if v} for k, group in groups.items()},
+            "tolerance": dict(self.tolerance),
+            "not_identified": {n: _written(why) for n, why in self.not_identified.items()},
+        }
         if self.diagnosis:
             records = [_written(name) for name in self.diagnosis.records]
             data["diagnosis"] = {**asdict(self.diagnosis), "records": records}
-        return tomli_w.dumps(data)
+        return tomli_w.dumps({n: part for n, part in data.items() if part or n == "plant"})
 
     def save(self, folder: Path | str) -> Path:
         """Write ``parameters.toml`` into `folder`; raises OSError if it cannot be written."""
@@ -236,11 +226,9 @@ class ParameterFile:
 def _tables(values: Values) -> dict[str, dict[str, Any]]:
     tables = {}
     for name, v in values.items():
-        table: dict[str, Any] = {"value": float(v.value)}
-        table |= {"unit": v.unit} if v.unit else {}
-        table |= {"interval": [float(end) for end in v.interval]} if v.interval else {}
-        table |= {"source": _written(v.source)} if v.source else {}
-        tables[name] = table
+        ends = v.interval and [float(end) for end in v.interval]
+        table = {"unit": v.unit, "interval": ends, "source": _written(v.source)}
+        tables[name] = {"value": float(v.value)} | {n: t for n, t in table.items() if t}
     return tables
 
 
@@ -249,29 +237,9 @@ def _written(text: str) -> str:
     return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
-def list_used(
-    known: Known, values: Mapping[str, float], told: Values, source: str
-) -> dict[str, Value]:
-    """All parameters of a part with the values that they had, as a parameter file lists them.
-
-    Initial states and the solver's tolerance are listed only if they are among the given `values`.
-    Those of a file that are not changed keep their interval and source; others have `source`.
-    """
-    found = {}
-    for name, p in known.items():
-        if name in values:
-            said = told.get(name)
-            kept = said is not None and said.value == values[name]
-            value = said if said is not None and kept else Value(values[name], source=source)
-            found[name] = replace(value, unit=p.unit)
-        elif not name.endswith(START) and name != TOLERANCE and math.isfinite(p.default):
-            found[name] = Value(p.default, p.unit, None, p.source)
-    return found
-
-
 def check_values(values: Values, known: Known, where: str) -> dict[str, float]:
     """The plain numbers of values whose names, units and ranges fit; else `BadParameters`."""
-    toml.check_names(where, values, known)
+    check_names(where, values, known)
     for name, v in values.items():
         p = known[name]
         if v.unit and p.unit and not _same(v.unit, p.unit):
@@ -297,21 +265,16 @@ def read_parameters(path: Path | str) -> ParameterFile:
 
     Raises `BadParameters`, in one line: what cannot be used and why.
     """
-    path = Path(path)
     try:
-        return _read(path, toml.read_toml(path))
+        given = as_record("", read_toml(Path(path)), _READERS)
+        form, kind = given.pop("format", FORMAT), given.setdefault("kind", BALL_SCREW)
+        if form != FORMAT:
+            raise BadParameters(f"format is {form!r}, expected {FORMAT!r}")
+        if "command" in given:
+            given["command"] = _command(kind, given["command"])
     except BadParameters as error:
         raise BadParameters(f"{path}: {error}") from error
-
-
-def _read(path: Path, data: dict[str, Any]) -> ParameterFile:
-    given = toml.as_record("", data, _READERS)
-    form, kind = given.pop("format", FORMAT), given.setdefault("kind", BALL_SCREW)
-    if form != FORMAT:
-        raise BadParameters(f"format is {form!r}, expected {FORMAT!r}")
-    if "command" in given:
-        given["command"] = _command(kind, given["command"])
-    return ParameterFile(path, controllers=given.pop("controller", {}), **given)
+    return ParameterFile(Path(path), controllers=given.pop("controller", {}), **given)
 
 
 def _command(kind: str, given: Any) -> str:
@@ -320,26 +283,129 @@ def _command(kind: str, given: Any) -> str:
             f"has the key command, and a plant of the kind {kind!r} has its own; remove it, or set "
             f"kind to one of {', '.join(COMMANDS_OF)}"
         )
-    command = toml.as_choice("command", given, COMMANDS_OF[kind])
+    command = as_choice("command", given, COMMANDS_OF[kind])
     return "" if command == COMMANDS[0] else command
 
 
-def _groups(where: str, given: Any) -> dict[str, Values]:
-    groups = toml.as_table(f"[{where}]", given)
-    return {name: _values(f"{where}.{name}", values) for name, values in groups.items()}
+Reader: TypeAlias = Callable[[str, Any], Any]
+"""Reads a value; the text is its place, for messages."""
 
 
-def _values(where: str, given: Any) -> dict[str, Value]:
-    found = toml.as_table(f"[{where}]", given)
-    return {name: _value(f"[{where}] {name}", value) for name, value in found.items()}
+def read_toml(path: Path) -> dict[str, Any]:
+    """The content of a file."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise BadParameters(f"cannot be read: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:  # of TOML, of UTF-8, or too many digits
+        why = "it is nested too deeply" if isinstance(error, RecursionError) else error
+        raise BadParameters(f"is not a TOML file: {why}") from error
+
+
+def _reader(kind: type, called: str) -> Reader:
+    def read(where: str, given: Any) -> Any:
+        if not isinstance(given, kind):
+            raise BadParameters(f"{where} is {given!r:.80}, expected {called}")
+        return kind(given)
+
+    return read
+
+
+as_table, as_list = _reader(dict, "a table"), _reader(list, "a list")  # copies
+as_flag, as_text = _reader(bool, "true or false"), _reader(str, "a text")
+
+
+def as_texts(where: str, given: Any) -> tuple[str, ...]:
+    return tuple(as_text(where, name) for name in as_list(where, given))
+
+
+def as_choice(where: str, given: Any, names: Iterable[str]) -> str:
+    """One of these names."""
+    names = list(names)
+    if given not in names:
+        raise BadParameters(f"{where} is {given!r}, expected one of {', '.join(names)}")
+    return str(given)
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is a finite number; an integer may have more digits than a float can hold."""
+    plain = isinstance(value, int | float) and not isinstance(value, bool)
+    return plain and abs(value) <= sys.float_info.max
+
+
+def as_finite(where: str, given: Any) -> float:
+    """A finite number."""
+    if not is_number(given):
+        shown = "a number beyond 1e308" if type(given) is int else f"{given!r:.80}"
+        raise BadParameters(f"{where} is {shown}, expected a finite number in SI units")
+    return float(given)
+
+
+def as_range(where: str, name: str, given: Any) -> tuple[float, float]:
+    """Two finite numbers, the lower one first."""
+    pair = list(given) if isinstance(given, list | tuple) else []
+    if len(pair) != 2 or not all(map(is_number, pair)):
+        raise BadParameters(f"{where}: {name} is {given!r:.80}, expected two finite numbers")
+    if not pair[0] < pair[1]:
+        raise BadParameters(
+            f"{where}: {name} is {given!r}, an empty range; give the lower bound first"
+        )
+    return float(pair[0]), float(pair[1])
+
+
+def as_numbers(where: str, given: Any) -> dict[str, float]:
+    """A table of finite numbers."""
+    return {n: as_finite(f"{where}: {n}", v) for n, v in as_table(where, given).items()}
+
+
+def as_whole(least: int, most: int) -> Reader:
+    """The reader of a whole number within limits."""
+
+    def read(where: str, given: Any) -> int:
+        number = as_finite(where, given)
+        if number != int(number) or not least <= number <= most:
+            raise BadParameters(f"{where} is {given!r}, expected a whole number, {least} to {most}")
+        return int(given)
+
+    return read
+
+
+def check_names(where: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Make sure that all names are known."""
+    known = list(known)
+    for name in given:
+        if name not in known:
+            hint = did_you_mean(name, known) or f"; there are {', '.join(known)}"
+            raise BadParameters(f"{where} there is no {name!r}{hint}".lstrip())
+
+
+def as_record(
+    where: str, given: Any, readers: Mapping[str, Reader], *required: str
+) -> dict[str, Any]:
+    """A table with known keys, each value read by its reader; `required` are there."""
+    table = as_table(where, given)
+    check_names(where, table, readers)
+    for name in required:
+        if name not in table:
+            raise BadParameters(f"{where} has no {name}")
+    return {name: readers[name](f"{where} {name}".lstrip(), v) for name, v in table.items()}
+
+
+def _table_of(read: Reader, form: str) -> Reader:
+    """The reader of a table, each value read by `read` with its place in this form."""
+
+    def read_table(where: str, given: Any) -> dict[str, Any]:
+        table = as_table(where, given)
+        return {name: read(form.format(where, name), value) for name, value in table.items()}
+
+    return read_table
 
 
 def _value(where: str, given: Any) -> Value:
     if not isinstance(given, dict):
-        return Value(toml.as_finite(where, given))
-    readers = {"value": toml.as_finite, "unit": toml.as_text, "interval": _pair}
-    readers["source"] = toml.as_text
-    value = Value(**toml.as_record(where, given, readers, "value"))
+        return Value(as_finite(where, given))
+    readers = {"value": as_finite, "unit": as_text, "interval": _pair, "source": as_text}
+    value = Value(**as_record(where, given, readers, "value"))
     low, high = value.interval or (value.value, value.value)
     if not low <= value.value <= high:
         form = f"[low, high] with the value {value.value:g} between them"
@@ -350,45 +416,34 @@ def _value(where: str, given: Any) -> Value:
 def _pair(where: str, given: Any) -> tuple[float, float]:
     """The ends of an interval, which may be infinite."""
     pair: list[Any] = given if isinstance(given, list) and len(given) == 2 else [None]
-    if not all(isinstance(end, float) or toml.is_number(end) for end in pair):
+    if not all(isinstance(end, float) or is_number(end) for end in pair):
         raise BadParameters(f"{where} is {given!r}, expected [low, high]")
     return float(pair[0]), float(pair[1])
 
 
 def _diagnosed(where: str, given: Any) -> Diagnosed:
-    def causes(where: str, given: Any) -> dict[str, dict[str, float]]:
-        found = toml.as_table(where, given)
-        return {n: toml.as_numbers(f"{where}.{n}", values) for n, values in found.items()}
-
-    def one_of(names: Iterable[str]) -> toml.Reader:
-        return partial(toml.as_choice, names=tuple(names))
-
-    readers = {
-        "records": toml.as_texts,
-        "command": one_of(COMMANDS_OF[DRIVE]),
-        "command_shift": toml.as_finite,
-        "law": one_of(LAWS),
-        "prior": toml.as_numbers,
-        "adjusted": toml.as_numbers,
-        "causes": causes,
-    }
-    return Diagnosed(**toml.as_record(f"[{where}]", given, readers, *readers))
+    return Diagnosed(**as_record(where, given, _OF_DIAGNOSIS, *_OF_DIAGNOSIS))
 
 
-def _reasons(where: str, given: Any) -> dict[str, str]:
-    return {name: str(reason) for name, reason in toml.as_table(f"[{where}]", given).items()}
-
-
-_READERS: dict[str, toml.Reader] = {
-    "format": toml.as_text,
-    "kind": partial(toml.as_choice, names=KINDS),
-    "command": toml.as_text,
-    "law": partial(toml.as_choice, names=LAWS),
-    "plant": _values,
-    "found": _values,
-    "controller": _groups,
-    "rig": _groups,
-    "tolerance": lambda where, given: toml.as_numbers(f"[{where}]", given),
-    "not_identified": _reasons,
+_law = partial(as_choice, names=(*LAWS,))
+_values = _table_of(_value, "[{}] {}")
+_groups = _table_of(_values, "{}.{}")
+_OF_DIAGNOSIS: dict[str, Reader] = {
+    "records": as_texts,
+    "command": partial(as_choice, names=COMMANDS_OF[DRIVE]),
+    "command_shift": as_finite,
+    "law": _law,
+    **dict.fromkeys(("prior", "adjusted"), as_numbers),
+    "causes": _table_of(as_numbers, "{}.{}"),
+}
+_READERS: dict[str, Reader] = {
+    "format": as_text,
+    "kind": partial(as_choice, names=KINDS),
+    "command": as_text,
+    "law": _law,
+    **dict.fromkeys(("plant", "found"), _values),
+    **dict.fromkeys(("controller", "rig"), _groups),
+    "tolerance": as_numbers,
+    "not_identified": _table_of(lambda _, reason: str(reason), ""),
     "diagnosis": _diagnosed,
 }

@@ -10,30 +10,25 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ...controllers import ALONE, CONTROLLERS, FORMER
-from ...fmus.interface import START, TOLERANCE, interface_of
+from ...controllers import ALONE, CONTROLLERS
+from ...fmus.interface import START
 from ...fmus.reading import SETTABLE, Description, read_description
+from ...fmus.system_export import SAMPLE_TIME
 from ...plant import PLANTS
 from ...plant.instruments import FEED_FORWARD, INSTRUMENTS, SAMPLED, PartName
-from ...solver.component_file import (
-    load_component,
-    name_in_memory,
-    names_file,
-    read_component,
-    remember_component,
-)
+from ...solver import component_file
 from ...solver.errors import BadParameter, ContractError, did_you_mean, nearest
 from ...solver.kernel import Kernel, ParameterInfo
 from ...solver.set_point import MEASURED
-from ..fmu.fmu_instance import SAMPLE_TIME
 from ..fmu.limits import as_number
 from . import catalogue
 
 if TYPE_CHECKING:
     from ...solver.component import Component
-    from ..fmu.fmu_instance import Value
 
+Value: TypeAlias = float | str
 SUFFIX = ".fmu"
+_ANY = -math.inf, math.inf
 
 
 @dataclass(frozen=True)
@@ -42,14 +37,9 @@ class Part:
 
     Parts with the same name are equal. Data of a Python file are those at the time when it was
     resolved, also in other processes.
-
-    Attributes
-    ----------
-    name : str
-        A name of the catalogue, a file's function (``mine.py:pi``), or the path of an FMU.
     """
 
-    name: str
+    name: str  # of the catalogue, a file's function (``mine.py:pi``), or the path of an FMU
 
     def __str__(self) -> str:
         return self.name
@@ -93,10 +83,10 @@ class Part:
         """Its compiled equations, with the ports of the feedback law."""
         return catalogue.fmu_kernel(self.name)
 
-    @property
-    def command_unit(self) -> str:
-        """Unit of the input `u` of a plant with equations; empty without one."""
-        return next((i.unit for i in self.kernel.inputs if i.name == "u"), "")
+    @cached_property
+    def partials(self) -> Kernel:
+        """The partial derivatives of its equations, see `catalogue.partials_kernel`."""
+        return catalogue.partials_kernel(self.name)
 
     @cached_property
     def description(self) -> Description:
@@ -115,11 +105,25 @@ class Part:
             return tuple(o.name for o in self.kernel.outputs)
         return tuple(self.description.names("output"))
 
+    @property
+    def command_unit(self) -> str:
+        """Unit of the input `u` of a plant with equations; empty without one."""
+        return next((i.unit for i in self.kernel.inputs if i.name == "u"), "")
+
+    def unit_of(self, output: str) -> str:
+        """Unit of an output; empty if it has none."""
+        known = self.kernel.outputs if self.has_equations else self.description.variables
+        return next((o.unit for o in known if o.name == output), "")
+
     @cached_property
     def parameters(self) -> Mapping[str, ParameterInfo]:
         """Parameters and initial states (``x_start``); the default is NaN if an FMU gives none."""
         if self.has_equations:
-            return parameters_of(self.kernel)
+            found = {p.name: p for p in self.kernel.parameters}
+            for s in (*self.kernel.states, *self.kernel.discrete):
+                about = s.start, s.unit, f"initial {s.meaning}", "start value"
+                found[s.name + START] = ParameterInfo(s.name + START, *about, *_ANY)
+            return found
         file = Path(self.name).name
         said = f"parameter of {file}", f"start value of {file}"
         described = (v for v in self.description.variables if v.causality == "parameter")
@@ -129,11 +133,14 @@ class Part:
             for v, start in starts
         }
 
-    def unit_of(self, output: str) -> str:
-        """Unit of an output; empty if it has none."""
-        if self.has_equations:
-            return next((o.unit for o in self.kernel.outputs if o.name == output), "")
-        return next((v.unit for v in self.description.variables if v.name == output), "")
+    def settable(self, values: Mapping[str, float]) -> dict[str, ParameterInfo]:
+        """Its parameters, and its inputs that are given a value."""
+        given = {
+            name: ParameterInfo(name, math.nan, "", "input", "", *_ANY)
+            for name in self.inputs
+            if name in values
+        }
+        return {**self.parameters, **given}
 
     def check_values(self, side: str, values: Mapping[str, float]) -> None:
         """Make sure that it has these parameters, and that they are in range.
@@ -141,35 +148,23 @@ class Part:
         `side` is its name in messages; raises `BadParameter`, naming the nearest.
         """
         if not self.has_equations:  # free inputs are only known after the wiring
-            check_names(side, values, settable_of(self.description))
-            as_taken(side, self.description, values)
+            taken(side, self.description, values)
             return
-        ranges = dict(interface_of(self.kernel).layout.ranges)
-        ranges.pop(TOLERANCE, None)  # a setting of the FMU's own solver
-        check_names(side, values, ranges)
+        known = self.settable(values)
+        check_names(side, values, known)
         for name, value in values.items():
-            low, high = ranges[name]
-            low, high = -math.inf if low is None else low, math.inf if high is None else high
-            _check_range(side, name, value, low, high)
-
-    def settable(self, values: Mapping[str, float]) -> dict[str, ParameterInfo]:
-        """Its parameters, and its inputs that are given a value."""
-        given = {
-            name: ParameterInfo(name, math.nan, "", "input", "", -math.inf, math.inf)
-            for name in self.inputs
-            if name in values
-        }
-        return {**self.parameters, **given}
+            _check_range(side, name, value, known[name].minimum, known[name].maximum)
 
     def __getstate__(self) -> dict[str, Any]:
         # another process may lack the file of a component, or find it edited
         base = self.bare
-        return {"name": self.name, "made": load_component(base) if names_file(base) else None}
+        made = component_file.load_component(base) if component_file.names_file(base) else None
+        return {"name": self.name, "made": made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         object.__setattr__(self, "name", state["name"])
         if state["made"] is not None:
-            remember_component(self.bare, state["made"])
+            component_file.remember_component(self.bare, state["made"])
 
 
 PartLike: TypeAlias = "str | Path | Component | Part"
@@ -189,31 +184,24 @@ def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool 
 
         if not isinstance(given, Component):
             raise BadParameter(f"{role} is {given!r}, expected a name, a path or a Component")
-        return Part(name_in_memory(given))
+        return Part(component_file.name_in_memory(given))
     name = str(given)
     base = PartName.of(name).bare
-    if names_file(base):
+    if component_file.names_file(base):
         try:
-            read_component(base)
+            component_file.read_component(base)
         except ContractError as error:
             raise ContractError(f"{role}: {error}") from error
         return Part(name)
     if base in known or (fmus and (Path(name).suffix == SUFFIX or os.path.exists(name))):
         return Part(name)
     first, *rest = name.split("+")
-    if base in FORMER:
-        raise BadParameter(f"{role} {name!r} is none of this version; use {FORMER[base]}")
     if rest and first in known:
         wrong = next((part for part in rest if part not in INSTRUMENTS), "")
+        said = f"no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}, and before them "
         if wrong in (FEED_FORWARD, SAMPLED):
-            after = "" if wrong == FEED_FORWARD else " and its feed-forward"
-            raise BadParameter(
-                f"{role} {name!r}: {wrong!r} must appear once, after {first!r}{after}"
-            )
-        raise BadParameter(
-            f"{role} {name!r}: no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}, "
-            f"and before them {FEED_FORWARD} and {SAMPLED}"
-        )
+            said = f"{wrong!r} must appear once, after {first!r}, in the order "
+        raise BadParameter(f"{role} {name!r}: {said}{FEED_FORWARD} and {SAMPLED}")
     files = "FILE.py:FUNCTION nor the path of an FMU" if fmus else "FILE.py:FUNCTION"
     raise BadParameter(
         f"{role} {name!r} is neither one of {', '.join(known)} nor {files}"
@@ -221,9 +209,9 @@ def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool 
     )
 
 
-def resolve_controller(given: PartLike, fmus: bool = True) -> Part:
+def resolve_controller(given: PartLike) -> Part:
     """As `resolve`, for a controller; ``none`` is for a plant without inputs."""
-    return resolve("controller", given, CONTROLLERS | ALONE, fmus)
+    return resolve("controller", given, CONTROLLERS | ALONE)
 
 
 def resolve_plant(given: PartLike, fmus: bool = True) -> Part:
@@ -241,11 +229,14 @@ def check_names(side: str, names: Collection[str], known: Collection[str]) -> No
 
 def settable_of(described: Description) -> list[str]:
     """Names of an FMU's parameters and inputs."""
-    return [
-        *(v.name for v in described.variables if v.causality in SETTABLE),
-        *described.strings,
-        *described.aliases,
-    ]
+    numbers = (v.name for v in described.variables if v.causality in SETTABLE)
+    return [*numbers, *described.strings, *described.aliases]
+
+
+def taken(side: str, described: Description, given: Mapping[str, Value]) -> dict[str, Value]:
+    """As `as_taken`, for parameters and inputs only."""
+    check_names(side, given, settable_of(described))
+    return as_taken(side, described, given)
 
 
 def as_taken(side: str, described: Description, given: Mapping[str, Value]) -> dict[str, Value]:
@@ -291,43 +282,6 @@ def readable(name: str) -> str:
     return os.fsencode(name).decode("utf-8", "replace")
 
 
-def parameters_of(kernel: Kernel) -> dict[str, ParameterInfo]:
-    """Parameters and initial states of a compiled component, by name."""
-    found = {p.name: p for p in kernel.parameters}
-    for s in (*kernel.states, *kernel.discrete):
-        name, meaning = s.name + START, f"initial {s.meaning}"
-        found[name] = ParameterInfo(
-            name, s.start, s.unit, meaning, "start value", -math.inf, math.inf
-        )
-    return found
-
-
-def instruments_for(controller: Component) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of all instruments that a controller can measure through, in the order of the signals.
-
-    And the signals that it measures without one. Raises `ContractError` if no instrument fits.
-    """
-    used = {str(s) for s in controller.used_symbols()}
-    measured = [
-        i.name for i in controller.inputs if i.role in ("measurement", "signal") and i.name in used
-    ]
-    wanted, given, instruments = {*measured}, set[str](), list[str]()
-    for name in reversed(INSTRUMENTS):  # an instrument may use the output of the one before it
-        instrument = catalogue.component(name)
-        outputs = {o.name.removesuffix(MEASURED) for o in instrument.outputs}
-        if outputs & wanted:
-            instruments.insert(0, name)
-            given |= outputs
-            wanted |= {i.name for i in instrument.inputs}
-    if not instruments:
-        there = ", ".join(o.name for n in INSTRUMENTS for o in catalogue.component(n).outputs)
-        raise ContractError(
-            f"{controller.name} measures {', '.join(measured) or 'nothing'}, but the instruments "
-            f"measure {there}"
-        )
-    return tuple(instruments), tuple(name for name in measured if name not in given)
-
-
 def in_practice(
     controller: Part, sampled: float | None, noise: bool
 ) -> tuple[Part, dict[str, float], tuple[str, ...]]:
@@ -349,9 +303,34 @@ def in_practice(
     if noise and named.instruments:
         raise ContractError(f"{controller} already has instruments; expected {base} alone")
     law = catalogue.component(base)
+    instruments, ideal = _instruments_for(law) if noise else (named.instruments, ())
     own = law.sample_time
-    instruments, ideal = instruments_for(law) if noise else (named.instruments, ())
-    is_sampled = named.sampled or (sampled is not None and not own)
     period = {} if sampled is None else {own.name if own else SAMPLE_TIME: sampled}
+    is_sampled = named.sampled or (sampled is not None and not own)
     notes = (f"no instrument measures {', '.join(ideal)}: the true value is used",) * bool(ideal)
     return Part(str(replace(named, sampled=is_sampled, instruments=instruments))), period, notes
+
+
+def _instruments_for(controller: Component) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of all instruments that a controller can measure through, in the order of the signals.
+
+    And the signals that it measures without one. Raises `ContractError` if no instrument fits.
+    """
+    used = {str(s) for s in controller.used_symbols()}
+    roles = "measurement", "signal"
+    measured = [i.name for i in controller.inputs if i.role in roles and i.name in used]
+    wanted, given, instruments = {*measured}, set[str](), list[str]()
+    for name in reversed(INSTRUMENTS):  # an instrument may use the output of the one before it
+        instrument = catalogue.component(name)
+        outputs = {o.name.removesuffix(MEASURED) for o in instrument.outputs}
+        if outputs & wanted:
+            instruments.insert(0, name)
+            given |= outputs
+            wanted |= {i.name for i in instrument.inputs}
+    if not instruments:
+        there = ", ".join(o.name for n in INSTRUMENTS for o in catalogue.component(n).outputs)
+        raise ContractError(
+            f"{controller.name} measures {', '.join(measured) or 'nothing'}, but the instruments "
+            f"measure {there}"
+        )
+    return tuple(instruments), tuple(name for name in measured if name not in given)

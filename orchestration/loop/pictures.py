@@ -6,12 +6,13 @@ dash.
 
 from __future__ import annotations
 
+import base64
 import io
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -21,15 +22,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ...solver.files import write_atomically
-from .shown_units import labelled, shown_unit
+from .shown import labelled, shown_unit
 
 if TYPE_CHECKING:
     from ..master.loop_run import LoopRun
     from .closed_loop import ClosedLoopResult
 
+Vector = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
+
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-MOST_POINTS = 20_000  # of a curve as lines in an SVG; beyond, it is an image inside
-SHADES = 256  # of the colours along a phase portrait
 DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (7, 2)), ":")
 STYLE: Any = {
     "axes.grid": True,
@@ -46,6 +48,10 @@ STYLE: Any = {
     "svg.hashsalt": "ballscrew",
     "figure.dpi": 110,
 }
+COLUMNS = 2000  # of a picture: more than twice as many as it has pixels across
+MOST_POINTS = 20_000  # of a curve as lines in an SVG; beyond, it is an image inside
+MOST = 60_000  # characters of a picture as lines in a page; a longer one is an image
+SHADES = 256  # of the colours along a phase portrait
 RESTING = 5e-3  # share of a signal's range within which it stays at rest
 # margins of a run's pictures, and the room between two rows [in]
 _LEFT, _RIGHT, _TOP, _BOTTOM, _BETWEEN = 0.95, 0.2, 0.4, 0.6, 0.2
@@ -67,28 +73,14 @@ _STATES = ("x", "v", "z", "i", "friction")
 _COLOUR = {"x": 0, "u": 1, "v": 2, "z": 3, "i": 4, "friction": 5}  # in all pictures of a run
 
 
-@dataclass(frozen=True)
-class Shown:
-    """A signal in pictures: its label, the factor to the displayed unit, and that unit."""
-
-    called: str
-    factor: float
-    unit: str
-
-    @property
-    def label(self) -> str:
-        return labelled(self.called, self.unit)
-
-
-def shown_signal(runs: Sequence[LoopRun], name: str) -> Shown:
-    """Label and unit of a signal of several runs, with one unit for all."""
+def _shown(name: str, *runs: LoopRun) -> tuple[str, float, str]:
+    """How a signal of several runs is called, the factor to the displayed unit, and that unit."""
     unit = runs[0].units.get(name, "") or _USUAL.get(name, "")
-    values = np.concatenate([signals_of(run)[name] for run in runs])
-    return Shown(_CALLED.get((name, unit), name), *shown_unit(values, unit))
+    values = np.concatenate([_signals(run)[name] for run in runs])
+    return _CALLED.get((name, unit), name), *shown_unit(values, unit)
 
 
-def signals_of(run: LoopRun) -> dict[str, Any]:
-    """Outputs and commands by name."""
+def _signals(run: LoopRun) -> dict[str, Any]:
     return {**run.outputs, **run.commands}
 
 
@@ -107,16 +99,34 @@ def drawing(what: str = "a picture") -> Iterator[None]:
         print(f"note: {what} could not be drawn: {why}", file=sys.stderr)
 
 
+def _as_file(figure: Any, kind: str, **how: Any) -> bytes:
+    import matplotlib as mpl
+
+    stream = io.BytesIO()
+    with mpl.rc_context(STYLE | how.pop("style", {})):
+        figure.savefig(stream, format=kind, **how)
+    return stream.getvalue()
+
+
 @drawing()
 def write_figure(figure: Any, folder: Path, stem: str) -> None:
     """Write a figure as PNG and, if ``BALLSCREW_SVG`` is set, as SVG."""
-    import matplotlib as mpl
+    write_atomically(folder / f"{stem}.png", _as_file(figure, "png"))
+    if os.environ.get("BALLSCREW_SVG"):
+        write_atomically(folder / f"{stem}.svg", _as_file(figure, "svg", metadata={"Date": None}))
 
-    for kind in ("png", "svg") if os.environ.get("BALLSCREW_SVG") else ("png",):
-        stream = io.BytesIO()
-        with mpl.rc_context(STYLE):
-            figure.savefig(stream, format=kind, metadata={"Date": None} if kind == "svg" else {})
-        write_atomically(folder / f"{stem}.{kind}", stream.getvalue())
+
+def inline(figure: Any) -> Any:
+    """A picture as part of a page: SVG, whose text stays text, or PNG if it has many points."""
+    from markupsafe import Markup
+
+    none = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    drawn = _as_file(figure, "svg", metadata=none, style={"svg.fonttype": "none"}).decode()
+    if len(drawn) <= MOST:
+        drawn = drawn[drawn.index("<svg") :]
+        return Markup(re.sub('<g id="[^"]*">', "<g>", drawn))  # a page has each id once
+    shown = base64.b64encode(_as_file(figure, "png")).decode()
+    return Markup('<img alt="" src="data:image/png;base64,{}">').format(shown)
 
 
 def in_words(figure: Any, words: Callable[[str], str]) -> Any:
@@ -138,12 +148,7 @@ def _figure_class() -> Any:
         """A figure that a notebook shows without pyplot."""
 
         def _repr_png_(self) -> bytes:
-            import matplotlib as mpl
-
-            stream = io.BytesIO()
-            with mpl.rc_context(STYLE):
-                self.savefig(stream, format="png")
-            return stream.getvalue()
+            return _as_file(self, "png")
 
     return ShownFigure
 
@@ -199,19 +204,15 @@ def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
             ((axes,),) = new("position")
             _draw_course(axes, run, "x", "position")
             if not run.alone:
-                _draw_set_point(axes, run, shown_signal([run], "x").factor, until_rest(run))
+                _draw_set_point(axes, run, _shown("x", run)[1], _until_rest(run))
             axes.legend(loc="best")
         if "u" in run.commands:
             ((axes,),) = new("voltage")
             _draw_course(axes, run, "u", "voltage")
-            when, highest, label = _peak(run, shown_signal([run], "u"))
-            axes.annotate(
-                label,
-                (when, highest),
-                xytext=(25, -6),
-                textcoords="offset points",
-                arrowprops={"arrowstyle": "-", "color": "#555555"},
-            )
+            when, highest, label = _peak(run, *_shown("u", run)[1:])
+            line = {"arrowstyle": "-", "color": "#555555"}
+            where: Any = {"xytext": (25, -6), "textcoords": "offset points"}
+            axes.annotate(label, (when, highest), **where, arrowprops=line)
         # the states of an axis, or all outputs if it is no axis
         shown = [n for n in _STATES if n in run.outputs] or list(run.outputs)
         panels = new("states", len(shown), (8, 2.0 * len(shown)))
@@ -227,24 +228,32 @@ def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
     return figures
 
 
-def _peak(run: LoopRun, how: Shown) -> tuple[float, float, str]:
+def _peak(run: LoopRun, factor: float, unit: str) -> tuple[float, float, str]:
     """Time of the largest command, its displayed value and its label."""
     peak = int(np.argmax(np.abs(run.commands["u"])))
-    when, highest = run.time[peak], how.factor * run.commands["u"][peak]
-    return when, highest, f"{highest:.1f} {how.unit} at {when:.3g} s"
+    when, highest = run.time[peak], factor * run.commands["u"][peak]
+    return when, highest, f"{highest:.1f} {unit} at {when:.3g} s"
 
 
 def _draw_course(axes: Any, run: LoopRun, name: str, label: str) -> None:
-    how, values = shown_signal([run], name), signals_of(run)[name]
-    end = until_rest(run)
+    (called, factor, unit), end = _shown(name, run), _until_rest(run)
+    colour = _COLOUR.get(name, list(_signals(run)).index(name))
+    _draw(axes, run, _signals(run)[name] * factor, end, COLOURS[colour % len(COLOURS)], label)
+    axes.set_xlabel(_time_label(end, run.time[-1]))
+    axes.set_ylabel(labelled(called, unit))
+    axes.margins(x=0.01)
+
+
+def _draw_set_point(axes: Any, run: LoopRun, factor: float, end: float) -> None:
+    _draw(axes, run, run.reference * factor, end, "#555555", "set-point", lw=1, ls=":")
+
+
+def _draw(
+    axes: Any, run: LoopRun, values: Vector, end: float, colour: str, label: str, **style: Any
+) -> None:
     moving = run.time <= end
     shown = rows_over_time(run.time[moving], values[moving])
-    colour = _COLOUR.get(name, list(signals_of(run)).index(name))
-    style = {"color": COLOURS[colour % len(COLOURS)], "label": label}
-    axes.plot(run.time[shown], values[shown] * how.factor, **style)
-    axes.set_xlabel(_time_label(end, run.time[-1]))
-    axes.set_ylabel(how.label)
-    axes.margins(x=0.01)
+    axes.plot(run.time[shown], values[shown], color=colour, label=label, **style)
 
 
 def _time_label(end: float, stop: float) -> str:
@@ -252,7 +261,7 @@ def _time_label(end: float, stop: float) -> str:
     return f"time [s]{rest}"
 
 
-def until_rest(run: LoopRun) -> float:
+def _until_rest(run: LoopRun) -> float:
     """End of a picture of a run [s]: soon after all signals rest, or the end of the run."""
     last = 0.0
     for values in (*run.outputs.values(), *run.commands.values(), run.reference):
@@ -262,20 +271,12 @@ def until_rest(run: LoopRun) -> float:
     return float(1.25 * last if 0.0 < 1.5 * last < run.time[-1] else run.time[-1])
 
 
-def _draw_set_point(axes: Any, run: LoopRun, factor: float, end: float) -> None:
-    moving = run.time <= end
-    shown = rows_over_time(run.time[moving], run.reference[moving])
-    style: dict[str, Any] = {"color": "#555555", "lw": 1, "ls": ":", "label": "set-point"}
-    axes.plot(run.time[shown], run.reference[shown] * factor, **style)
-
-
 def _draw_phase(figure: Any, axes: Any, run: LoopRun) -> None:
     from matplotlib.collections import LineCollection
 
-    position, velocity = shown_signal([run], "x"), shown_signal([run], "v")
+    (across, factor, unit), (called, of_v, unit_of_v) = _shown("x", run), _shown("v", run)
     error = run.outputs["x"] - (0.0 if run.alone else run.reference)
-    speed = run.outputs["v"] * velocity.factor
-    points = np.column_stack([error * position.factor, speed])
+    points = np.column_stack([error * factor, run.outputs["v"] * of_v])
     # colours span the motion, not the rest after it
     span = np.maximum(np.ptp(points, axis=0), 1e-12)
     moved = np.cumsum(np.hypot(*(np.diff(points, axis=0) / span).T))
@@ -284,8 +285,7 @@ def _draw_phase(figure: Any, axes: Any, run: LoopRun) -> None:
     begins = run.time[shown][:-1]
     # one line for each section of one colour
     shade = np.minimum(begins / motion_end * SHADES, SHADES - 1).astype(int)
-    ends = [*np.flatnonzero(np.diff(shade)) + 1, len(shade)]
-    strokes = list(zip([0, *ends[:-1]], ends, strict=True))
+    strokes = [*pairwise([0, *np.flatnonzero(np.diff(shade)) + 1, len(shade)])]
     lines = LineCollection(
         [points[shown[begin : end + 1]] for begin, end in strokes],
         cmap="viridis",
@@ -300,9 +300,8 @@ def _draw_phase(figure: Any, axes: Any, run: LoopRun) -> None:
     axes.autoscale_view()
     axes.plot(*points[0], "o", color=COLOURS[0], label="start")
     axes.plot(*points[-1], "X", color=COLOURS[1], ms=9, label="end")
-    across = position.called if run.alone else "position less set-point"
-    axes.set_xlabel(labelled(across, position.unit))
-    axes.set_ylabel(velocity.label)
+    axes.set_xlabel(labelled(across if run.alone else "position less set-point", unit))
+    axes.set_ylabel(labelled(called, unit_of_v))
     axes.legend(loc="best")
     figure.colorbar(lines, ax=axes, label="time [s]", extend="max")
 
@@ -315,9 +314,9 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
         figure, grid = new_figure(3, 1, (9, 9))
         position, fine, voltage = (row[0] for row in grid)
         runs = [result.run for result in results]
-        of_x, of_u = shown_signal(runs, "x"), shown_signal(runs, "u")
-        finer = 1e6 if (runs[0].units.get("x") or "m") == "m" else 1.0
-        least = "[µm], 1 nm at least" if finer > 1.0 else f"[{runs[0].units['x']}]"
+        (x, of_x, unit_of_x), (u, of_u, unit_of_u) = _shown("x", *runs), _shown("u", *runs)
+        unit = runs[0].units.get("x") or "m"
+        finer, least = (1e6, "[µm], 1 nm at least") if unit == "m" else (1.0, f"[{unit}]")
         for k, result in enumerate(results):
             run = result.run
             label = result.loop.label.replace("+", "\n+")  # long names leave no room for curves
@@ -326,22 +325,22 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
             style = {"color": COLOURS[k % len(COLOURS)], "ls": DASHES[k % len(DASHES)]}
             distance = finer * np.maximum(np.abs(run.outputs["x"] - run.reference), 1e-9)
             for axes, values in (
-                (position, run.outputs["x"] * of_x.factor),
+                (position, run.outputs["x"] * of_x),
                 (fine, distance),
-                (voltage, run.commands["u"] * of_u.factor),
+                (voltage, run.commands["u"] * of_u),
             ):
                 shown = rows_over_time(run.time, values)
                 name = label if axes is position else "_nolegend_"
                 axes.plot(run.time[shown], values[shown], label=name, **style)
-            when, highest, label = _peak(run, of_u)
+            when, highest, label = _peak(run, of_u, unit_of_u)
             voltage.plot(when, highest, "o", color=style["color"], label=label)
-        end, stop = max(map(until_rest, runs)), max(run.time[-1] for run in runs)
-        _draw_set_point(position, runs[0], of_x.factor, end)
-        position.set_ylabel(of_x.label)
+        end, stop = max(map(_until_rest, runs)), max(run.time[-1] for run in runs)
+        _draw_set_point(position, runs[0], of_x, end)
+        position.set_ylabel(labelled(x, unit_of_x))
         position.set_title("Controllers on the same plant")
         fine.set_yscale("log")
         fine.set_ylabel(f"distance to the set-point\n{least}")
-        voltage.set_ylabel(of_u.label)
+        voltage.set_ylabel(labelled(u, unit_of_u))
         voltage.set_xlabel(_time_label(end, stop))
         for axes in (position, fine, voltage):
             axes.set_xlim(-0.02 * end, end)  # changes at the start are separate from the frame
@@ -351,12 +350,6 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), title=title, fontsize=size)
         figure.align_ylabels()
     return figure
-
-
-Vector = npt.NDArray[np.float64]
-Rows = npt.NDArray[np.int64]
-
-COLUMNS = 2000  # of a picture: more than twice as many as it has pixels across
 
 
 def rows_over_time(time: Vector, values: Vector, columns: int = COLUMNS) -> Rows:
@@ -371,17 +364,13 @@ def rows_over_time(time: Vector, values: Vector, columns: int = COLUMNS) -> Rows
     kept = [
         row
         for begin, end in pairwise(begins)
-        for row in (
-            begin,
-            begin + int(np.argmin(values[begin:end])),
-            begin + int(np.argmax(values[begin:end])),
-            end - 1,
-        )
+        for inside in [values[begin:end]]
+        for row in (begin, begin + inside.argmin(), begin + inside.argmax(), end - 1)
     ]
     return np.unique(kept)
 
 
-def rows_over_plane(points: npt.NDArray[np.float64], cells: int = COLUMNS) -> Rows:
+def rows_over_plane(points: Vector, cells: int = COLUMNS) -> Rows:
     """Rows of a curve (n, 2) to draw: where it enters and leaves cells, and its extremes.
 
     They are in order; omitted rows are within a cell of the returned ones.

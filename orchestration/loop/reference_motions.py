@@ -15,6 +15,7 @@ import numpy as np
 
 from ...solver.errors import BadParameter, did_you_mean
 from ...solver.set_point import START_VALUE
+from ..fmu.limits import as_number
 from ..master.reference_signal import TERMS, Matrix, Reference, Vector
 
 PIECES = 128  # of each period of a sine
@@ -40,21 +41,19 @@ def move(
     """A jerk-limited move over a distance with its sign [m], a dwell, and the way back.
 
     The shortest move from rest to rest within limits of speed [m/s], acceleration [m/s^2] and jerk
-    [m/s^3], of at most seven phases of constant jerk. It rests for `start` before it and for
-    `dwell` at its ends [s], and comes back if `back` is 1. Raises `BadParameter` if a limit is not
-    positive.
+    [m/s^3]. It rests for `start` before it and for `dwell` at its ends [s], and comes back if
+    `back` is 1.
     """
     _positive("move", speed=speed, acceleration=acceleration, jerk=jerk)
     if back not in (0.0, 1.0):
         raise BadParameter(f"back of a move is {back:g}, expected 0 or 1")
     ramp, flat, cruise = move_times(abs(distance), speed, acceleration, jerk)
     peak = math.copysign(jerk, distance)
-    there = [(peak, ramp), (0.0, flat), (-peak, ramp), (0.0, cruise)]
-    there += [(-peak, ramp), (0.0, flat), (peak, ramp)]
+    up = [(peak, ramp), (0.0, flat), (-peak, ramp)]
+    there = [*up, (0.0, cruise), *up[::-1]]
     again = [(-j, length) for j, length in there]
     legs = [([(0.0, start)], 0.0), (there, distance), ([(0.0, dwell)], distance)]
-    legs += [(again, 0.0), ([(0.0, dwell)], 0.0)] if back else []
-    return _of_jerks(legs)
+    return _of_jerks([*legs, (again, 0.0), ([(0.0, dwell)], 0.0)] if back else legs)
 
 
 def move_times(
@@ -108,8 +107,7 @@ def sine(
     The amplitude is from end to end [m]; frequency in Hz, duration and start in s.
     """
     _positive("sine", frequency=frequency, duration=duration)
-    count = math.ceil(duration * frequency * PIECES - 1e-9)
-    _check_count(count)
+    count = _count(duration * frequency * PIECES)
     times = np.append(np.arange(count) / (PIECES * frequency), duration)
     phase = 2 * math.pi * np.append(np.arange(count) % PIECES / PIECES, duration * frequency % 1.0)
     powers = np.arange(TERMS)
@@ -122,13 +120,9 @@ def sine(
 def triangle(
     amplitude: float = 1e-3, period: float = 1.0, duration: float = 20.0, start: float = 0.0
 ) -> Reference:
-    """Forwards and backwards at constant speed between 0 and `amplitude` [m]; `period` in s.
-
-    Its velocity jumps at the turning points; the acceleration there is not fed forward.
-    """
+    """Forwards and backwards at constant speed between 0 and `amplitude` [m]; `period` in s."""
     _positive("triangle", period=period, duration=duration)
-    count = math.ceil(2 * duration / period - 1e-9)
-    _check_count(count)
+    count = _count(2 * duration / period)
     turns = np.arange(count + 1)
     rest = amplitude * (turns % 2)
     speed = 2 * amplitude / period * np.where(turns % 2 == 0, 1.0, -1.0)
@@ -142,9 +136,10 @@ def _after(start: float, times: Vector, curve: Matrix) -> Reference:
     return Reference.of_pieces(np.append(0.0, start + times), np.vstack([rest, curve]))
 
 
-def _check_count(count: int) -> None:
-    if count > MOST_POINTS:
-        raise BadParameter(f"a set-point of {count} points, expected at most {MOST_POINTS}")
+def _count(points: float) -> int:
+    if points > MOST_POINTS:
+        raise BadParameter(f"a set-point of {points:.0f} points, expected at most {MOST_POINTS}")
+    return math.ceil(points - 1e-9)
 
 
 def _positive(kind: str, **values: float) -> None:
@@ -157,10 +152,7 @@ KINDS: dict[str, Callable[..., Reference]] = {k.__name__: k for k in (step, move
 
 
 def read_motion(text: str) -> Reference | None:
-    """A set-point from ``KIND:NAME=VALUE,...``; None if the text names no kind.
-
-    Raises `BadParameter` if a name is not one of the kind's, or a value is no finite number.
-    """
+    """A set-point from ``KIND:NAME=VALUE,...``; None if the text names no kind."""
     kind, colon, rest = text.partition(":")
     if kind not in KINDS or not (colon or text in KINDS):
         return None
@@ -170,12 +162,7 @@ def read_motion(text: str) -> Reference | None:
         name, _, number = (piece.strip() for piece in part.partition("="))
         if name not in known:
             raise BadParameter(f"{text!r}: {kind} has no {name!r}; it has {', '.join(known)}")
-        try:
-            values[name] = float(number)
-        except ValueError:
-            raise BadParameter(f"{text!r}: {name} is {number!r}, expected a number") from None
-        if not math.isfinite(values[name]):
-            raise BadParameter(f"{text!r}: {name} is {number}, expected a finite number")
+        values[name] = as_number(f"{text!r}: {name}", number)
     try:
         with np.errstate(all="ignore"):
             motion = KINDS[kind](**values)

@@ -1,10 +1,10 @@
 """A folder contains the results of one run: all of them or none, and nothing of previous runs.
 
-Results are first written into a hidden folder inside. Then a list of them is put in place by one
-renaming; from this instant on, the folder holds the new run. Afterwards each file is renamed to its
+Results are first written into a hidden folder inside. A list of them is put in place by one
+renaming; from this instant on, the folder holds the new run. Then each file is renamed to its
 place, and files that only the previous run wrote are removed; if this process is killed, the next
-one finishes this. The list stays, with a digest of each file, so that our files are distinguished
-from the user's: a file that is not as we wrote it is never removed or overwritten.
+one finishes this. The list has a digest of each file: a file that is not as we wrote it is the
+user's, and is never removed or overwritten.
 """
 
 from __future__ import annotations
@@ -38,21 +38,16 @@ def write_run(folder: Path, write: Callable[[Path], None], adds: bool = False) -
     """
     hidden = _hidden(folder)
     hidden.mkdir(parents=True, exist_ok=True)
+    stage, listed = hidden / _STAGE, hidden / (_NEXT + ".part")
     with locked(hidden):
         notes = _settle(folder)
-        stage = hidden / _STAGE
         stage.mkdir()
         try:
             with naming(folder):
                 write(stage)
-                files = {
-                    path.relative_to(stage).as_posix(): _digest(path) or ""
-                    for path in sorted(stage.rglob("*"))
-                    if path.is_file()
-                }
-                if adds:
-                    files = written_files(folder) | files
-                listed = hidden / (_NEXT + ".part")
+                made = [path for path in sorted(stage.rglob("*")) if path.is_file()]
+                files = {p.relative_to(stage).as_posix(): _digest(p) or "" for p in made}
+                files = written_files(folder) | files if adds else files
                 listed.write_text(json.dumps(files, indent=1), encoding="utf-8")
         except Exception:
             shutil.rmtree(stage, ignore_errors=True)
@@ -110,12 +105,8 @@ def _settle(folder: Path) -> list[str]:
         replace(hidden / _NEXT, hidden / _WRITTEN)
     if stage.exists():
         shutil.rmtree(stage)
-    if not moved:
-        return []
-    return [
-        f"{', '.join(moved)} in {folder} {'is' if len(moved) == 1 else 'are'} changed since "
-        f"ballscrew wrote {'it' if len(moved) == 1 else 'them'}; kept, with {KEPT} after the name"
-    ]
+    said = f"{', '.join(moved)} in {folder}: not as ballscrew wrote it; kept, with {KEPT} after it"
+    return [said] if moved else []
 
 
 def _make_way(folder: Path, name: str, ours: set[str]) -> list[str]:
@@ -125,7 +116,8 @@ def _make_way(folder: Path, name: str, ours: set[str]) -> list[str]:
         there = folder / place
         fits = _digest(there) in ours if place == Path(name) else there.is_dir()
         if os.path.lexists(there) and not fits:
-            replace(there, _free_name(there))
+            free = (there.with_name(f"{there.name}{KEPT}{k or ''}") for k in range(10**6))
+            replace(there, next(p for p in free if not os.path.lexists(p)))
             moved.append(place.as_posix())
     return moved
 
@@ -137,11 +129,6 @@ def _remove(folder: Path, name: str) -> None:
     with contextlib.suppress(OSError):
         while (path := path.parent) != folder:
             path.rmdir()
-
-
-def _free_name(path: Path) -> Path:
-    names = (f"{path.name}{KEPT}{k or ''}" for k in range(10**6))
-    return next(p for n in names if not os.path.lexists(p := path.with_name(n)))
 
 
 def _digest(path: Path) -> str | None:
@@ -157,8 +144,7 @@ def _listed(path: Path) -> Files:
     try:
         files = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError):
-        return {}
-    if not isinstance(files, dict):
-        return {}
-    inside = (n for n in files if not n.startswith("/") and ".." not in Path(n).parts)
-    return {n: files[n] for n in inside if isinstance(files[n], str)}
+        files = {}
+    found = files.items() if isinstance(files, dict) else ()
+    inside = ((n, d) for n, d in found if not n.startswith("/") and ".." not in Path(n).parts)
+    return {n: digest for n, digest in inside if isinstance(digest, str)}

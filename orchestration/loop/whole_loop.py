@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.errors import CouplingError
 from ...solver.kernel import IntegrationError, Kernel, Model
 from ...solver.set_point import REFERENCES, set_point_orders
 from ...solver.stored import stored_kernel
-from ..fmu.limits import check_memory
+from ..fmu.limits import FIRST_STEP, check_memory
 from ..master.compiled import FARTHEST
 from ..master.couplings import Coupling
 from ..master.loop_run import LoopRun
-from ..master.march import Progress
 from ..master.reference_signal import ROUND_OFF, TERMS, Matrix, Reference
 from ..master.sides import step_that_meets
 from ..master.verdict import ACCURACY, Verdict
+from .catalogue import NAMES, component, kept_as
 
 if TYPE_CHECKING:
     from ...solver.component import Component
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from .loop import Loop
 
 Vector = npt.NDArray[np.float64]
+Progress = Callable[[float], None]
 
 TIGHT, LOOSE = 1e-10, 1e-8
 BETWEEN, MOST_POINTS = 1e-3, 1e6  # [s] between two points where outputs are known, and their number
@@ -39,22 +41,30 @@ def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
 
     See `inputs_between`. Raises `UnknownName`, `ContractError`.
     """
-
     return _stored_loop("loop", lambda: _whole(plant, controller), plant, controller)
 
 
 def _whole(plant: str | Component, controller: str | Component) -> Component:
+    from ...solver.component import TIME, Input, symbol
     from ...solver.interconnect import connect
-    from .catalogue import component
 
-    return _with_curves(connect(component(plant), component(controller)))
+    loop = connect(component(plant), component(controller))
+    since = TIME - symbol(STARTED)
+    curves, terms = {}, []
+    for i in (i for i in loop.inputs if i.role in REFERENCES):
+        rest: Any = 0
+        for power in reversed(range(1, TERMS)):
+            name = term_name(i.name, power)
+            terms.append(Input(name, f"{i.unit}/s^{power}", f"term {power} of {i.name}"))
+            rest = since * (symbol(name) + rest)
+        curves[symbol(i.name)] = symbol(i.name) + rest
+    started = Input(STARTED, "s", "time that the terms count from", role="internal")
+    return loop.substituted(curves, inputs=(*loop.inputs, *terms, started))
 
 
 def _stored_loop(
     kind: str, make: Callable[[], Component], plant: str | Component, controller: str | Component
 ) -> Kernel:
-    from .catalogue import kept_as
-
     (p, of_plant), (c, of_controller) = kept_as(plant), kept_as(controller)
     return stored_kernel(f"{kind}_{p}_{c}", make, __name__, *of_plant, *of_controller)
 
@@ -68,7 +78,7 @@ def held_loop_kernel(
     `ContractError` for a loop that has both.
     """
     kernel = loop_kernel(plant, controller)
-    averaged = averaged and kernel.quantized
+    averaged = averaged and bool(kernel.quantized)
     if not (kernel.discrete or kernel.delays or averaged):
         return kernel
 
@@ -83,22 +93,6 @@ def held_loop_kernel(
         return with_held_states(loop) if loop.discrete else loop
 
     return _stored_loop(f"{'averaged' if averaged else 'held'}_loop", make, plant, controller)
-
-
-def _with_curves(loop: Component) -> Component:
-    from ...solver.component import TIME, Input, symbol
-
-    since = TIME - symbol(STARTED)
-    curves, terms = {}, []
-    for i in (i for i in loop.inputs if i.role in REFERENCES):
-        rest: Any = 0
-        for power in reversed(range(1, TERMS)):
-            name = term_name(i.name, power)
-            terms.append(Input(name, f"{i.unit}/s^{power}", f"term {power} of {i.name}"))
-            rest = since * (symbol(name) + rest)
-        curves[symbol(i.name)] = symbol(i.name) + rest
-    started = Input(STARTED, "s", "time that the terms count from", role="internal")
-    return loop.substituted(curves, inputs=(*loop.inputs, *terms, started))
 
 
 def model_of(kernel: Kernel, loop: Loop, tolerance: float, system: System | None = None) -> Model:
@@ -136,69 +130,52 @@ def inputs_between(
     return times, inputs, np.isin(times, grid)
 
 
-def run_monolithic(loop: Loop, step: float, progress: Progress | None = None) -> LoopRun:
+def run_monolithic(
+    loop: Loop, step: float | None = None, progress: Progress | None = None
+) -> LoopRun:
     """Run the closed loop without FMUs, its outputs on a grid of this step [s].
 
     The run is made twice, with a hundredfold difference in tolerance; the difference of the results
     bounds the error of the looser run and determines the verdict on the tighter one. Raises
-    KeyError for a parameter that does not exist, `UserError` if the rows of all steps do not
-    fit.
+    `CouplingError`, `BadParameter`, and `UserError` if the rows of all steps do not fit.
     """
+    for part in (loop.plant, loop.controller):
+        if not part.has_equations:
+            raise CouplingError(
+                f"the monolithic coupling needs the equations of {part}, and an FMU has "
+                f"none; expected one of {', '.join(NAMES)}, and FILE.py:FUNCTION"
+            )
+    if loop.adaptive or loop.corrections or loop.mapping:
+        raise CouplingError(
+            "the monolithic coupling has no communication steps or ports; remove adaptive steps, "
+            "corrections and mapped ports"
+        )
+    loop.check_values()
     kernel = loop_kernel(loop.plant.name, loop.controller.name)
-    stop = loop.stop
+    stop, step = loop.stop, step or min(FIRST_STEP, loop.stop)
     points = stop / min(step, max(BETWEEN, stop / MOST_POINTS))
     check_memory(
         8.0 * (5 * len(kernel.outputs) + 6) * points,  # two courses, times, what is drawn
         f"{stop / step:.3g} communication steps need",
-        "use a longer --step or a shorter --stop",
+        "use longer steps or a shorter motion",
     )
-    tight = _simulate(kernel, loop, TIGHT, step, progress)
-    loose = _simulate(kernel, loop, LOOSE, step, None)
-    signals = {n: y for n, y in tight.outputs.items() if n != "u"}
-    commands = {n: y for n, y in tight.outputs.items() if n == "u"}
-    rows = np.flatnonzero(tight.is_point)
-    steps = np.diff(tight.time[rows])
-    run = LoopRun(
-        time=tight.time,
-        outputs=signals,
-        commands=commands,
-        reference=loop.reference.on(tight.time, 0),
-        coupling=Coupling.MONOLITHIC,
-        coupling_reason="as asked",
-        corrected=False,
-        residual_max=dict.fromkeys(commands, 0.0),
-        effect_rate_max=dict.fromkeys(signals, 0.0),
-        macro_steps=len(rows) - 1,
-        step_range=(float(steps.min(initial=step)), float(steps.max(initial=0.0))),
-        verdict=_verdict(tight, loose, list(signals)),
-        stopped=tight.stopped,
-        units={o.name: o.unit for o in kernel.outputs},
-        sampling_period=tight.period,
-    )
+    tight, rows = _simulate(kernel, loop, TIGHT, step, progress)
+    loose, _ = _simulate(kernel, loop, LOOSE, step, None)
+    run = replace(tight, verdict=_verdict(tight, loose))
     return replace(
         run,
         time=run.time[rows],
-        outputs={n: y[rows] for n, y in signals.items()},
-        commands={n: y[rows] for n, y in commands.items()},
+        outputs={n: y[rows] for n, y in run.outputs.items()},
+        commands={n: y[rows] for n, y in run.commands.items()},
         reference=run.reference[rows],
         between=run,
     )
 
 
-@dataclass(frozen=True)
-class _Course:
-    """Outputs until the solver stopped, which times are communication points; sampling period."""
-
-    time: Vector
-    is_point: npt.NDArray[np.bool_]
-    outputs: dict[str, Vector]
-    stopped: str
-    period: float
-
-
 def _simulate(
     kernel: Kernel, loop: Loop, tolerance: float, step: float, progress: Progress | None
-) -> _Course:
+) -> tuple[LoopRun, npt.NDArray[np.int64]]:
+    """A run with the points that are known between the communication points; rows of the latter."""
     model, stop = Model(kernel, loop.values, tolerance), loop.stop
     step = step_that_meets(model.sample_time, step)
     points = int(np.ceil(stop / step - ROUND_OFF))
@@ -207,10 +184,30 @@ def _simulate(
     finer = (grid[:-1, None] + step / parts * np.arange(parts)).ravel()
     finer = np.append(finer[finer < stop - ROUND_OFF * step], grid[-1])
     times, _ = loop.reference.between(finer, ())
-    outputs, stopped = follow(model, loop.reference, times, FARTHEST, progress)
-    rows = len(next(iter(outputs.values())))
-    is_point = np.isin(times, grid)[:rows]
-    return _Course(times[:rows], is_point, outputs, stopped, model.sample_time)
+    found, stopped = follow(model, loop.reference, times, FARTHEST, progress)
+    time = times[: len(next(iter(found.values())))]
+    rows = np.flatnonzero(np.isin(time, grid))
+    steps = np.diff(time[rows])
+    outputs = {n: y for n, y in found.items() if n != "u"}
+    commands = {n: y for n, y in found.items() if n == "u"}
+    run = LoopRun(
+        time=time,
+        outputs=outputs,
+        commands=commands,
+        reference=loop.reference.on(time, 0),
+        coupling=Coupling.MONOLITHIC,
+        coupling_reason="as asked",
+        corrected=False,
+        residual_max=dict.fromkeys(commands, 0.0),
+        effect_rate_max=dict.fromkeys(outputs, 0.0),
+        macro_steps=len(rows) - 1,
+        step_range=(float(steps.min(initial=step)), float(steps.max(initial=0.0))),
+        verdict=Verdict(False, stopped, "check the parameters"),
+        stopped=stopped,
+        units={o.name: o.unit for o in kernel.outputs},
+        sampling_period=model.sample_time,
+    )
+    return run, rows
 
 
 def follow(
@@ -258,22 +255,20 @@ def follow(
     return {o.name: course for o, course in zip(declared, courses, strict=True)}, stopped
 
 
-def _verdict(tight: _Course, loose: _Course, names: list[str]) -> Verdict:
+def _verdict(tight: LoopRun, loose: LoopRun) -> Verdict:
     rows = min(len(tight.time), len(loose.time))
-    estimate, worst, share = {}, names[0], 0.0
-    for name in names:
-        values = tight.outputs[name][:rows]
-        difference = float(np.max(np.abs(values - loose.outputs[name][:rows])))
-        estimate[name] = difference
-        span = float(np.ptp(values)) or 1.0
-        if not difference / span <= share:
-            worst, share = name, difference / span
+    estimate, worst, share = {}, next(iter(tight.outputs)), 0.0
+    for name, course in tight.outputs.items():
+        estimate[name] = float(np.max(np.abs(course[:rows] - loose.outputs[name][:rows])))
+        part = estimate[name] / (float(np.ptp(course[:rows])) or 1.0)
+        if not part <= share:
+            worst, share = name, part
     if tight.stopped or loose.stopped:
         return Verdict(False, tight.stopped or loose.stopped, "check the parameters", estimate)
     text = (
         f"a hundred times the tolerance moves no output by more than {100 * share:.2g} % of its "
         f"range ({worst}: {estimate[worst]:.2g})"
     )
-    if share <= ACCURACY:
-        return Verdict(True, text, "", estimate)
-    return Verdict(False, text, "the motion depends on round-off; shorten the run", estimate)
+    trusted = share <= ACCURACY
+    advice = "" if trusted else "the motion depends on round-off; shorten the run"
+    return Verdict(trusted, text, advice, estimate)

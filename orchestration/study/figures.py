@@ -11,7 +11,7 @@ import numpy as np
 from ...plant.instruments import UNLIMITED
 from ...solver.kernel import PLANT
 from ..loop.catalogue import LIMIT
-from ..loop.metrics import BAND, Vector, overshoot, settled_from
+from ..loop.closed_loop import BAND, Vector, overshoot, settled_from
 from ..master.reference_signal import Reference
 from .loop import AnyLoop, Course
 

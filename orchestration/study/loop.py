@@ -19,7 +19,8 @@ import numpy.typing as npt
 from ...solver import core
 from ...solver.kernel import CONTROLLER, DEFAULT_TOLERANCE, PLANT, Kernel, Model, ParameterInfo
 from ..fmu.fmu_instance import StepFailed
-from ..loop.closed_loop import joined_pair, run_closed_loop
+from ..loop.closed_loop import run_closed_loop
+from ..loop.joined import joined_pair
 from ..loop.loop import Loop
 from ..loop.whole_loop import follow
 from ..master.reference_signal import Reference

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..loop.pictures import COLOURS, DASHES, STYLE, new_figure
-from ..loop.shown_units import shown_unit
+from ..loop.shown import shown_unit
 from .result import JUDGED_BY
 
 if TYPE_CHECKING:

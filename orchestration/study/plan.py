@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ...controllers import tunable
 from ...solver.errors import BadParameter, BadParameters, ContractError, UserError
-from ..loop import toml_tables as toml
+from ..loop import parameter_file as toml
 from ..loop.catalogue import in_units_of
 from ..loop.loop import for_plant
 from ..loop.machine import Machine, gain_ranges, model_values, own_ranges

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from statistics import median
 from typing import TYPE_CHECKING
 
-from ..loop.page import Table
-from ..loop.shown_units import length, shown_unit
+from ..loop.shown import Table, length, shown_unit
 from .figures import UNITS
 from .result import JUDGED_BY, MEASURED, cannot_tell
 from .statistics import ALIKE

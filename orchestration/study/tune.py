@@ -23,18 +23,20 @@ from ...solver.errors import BadParameter
 from ...solver.files import finite_or_null, write_atomically
 from ...solver.kernel import CONTROLLER, PLANT, Kernel, Model
 from ..loop.catalogue import component
-from ..loop.linear_loop import (
+from ..loop.loop import Loop
+from ..loop.machine import (
     Linear,
+    Machine,
     Margins,
+    gain_ranges,
+    gains_of,
     is_stable,
-    linear_kernel,
     linearized,
     margins_of,
+    model_values,
     open_loop,
     response_of,
 )
-from ..loop.loop import Loop
-from ..loop.machine import Machine, gain_ranges, gains_of, model_values
 from ..loop.reference_motions import read_set_point
 from ..loop.whole_loop import follow, loop_kernel
 from ..master.reference_signal import Reference
@@ -404,11 +406,6 @@ class _TunedLoop:
         used = {str(s) for s in component(self.part.name).used_symbols()}
         return tuple(n for n in self.machine.outputs if n in used)
 
-    @cached_property
-    def _law(self) -> Kernel:
-        return linear_kernel(self.part, self._seen, ("u",))
-
     def _open(self, gains: Gains, plant: Linear, at: Mapping[str, float]) -> Any:
-        count = len(self.part.kernel.discrete)
-        law = linearized(self._law, self._seen, ("u",), self.values(gains), at, sampled=count)
+        law = linearized(self.part, self._seen, ("u",), self.values(gains), at)
         return open_loop(plant, law, self._model(gains).sample_time)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import brentq
 
-from ballscrew.orchestration.loop.metrics import metrics
+from ballscrew.orchestration.loop.closed_loop import metrics
 from thesis.claim import Claim, number
 from thesis.loops import Figures, loop_run
 from thesis.nctf import with_faster_bristles

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ballscrew.controllers.nctf import STEP_VOLTAGE, STOPPED_SPEED, design
+from ballscrew.orchestration.loop.closed_loop import metrics
 from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.orchestration.loop.metrics import metrics
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.plant.axis import axis
 from ballscrew.solver.kernel import Model

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ballscrew.controllers.nctf import STOPPED_SPEED, design
+from ballscrew.orchestration.loop.closed_loop import metrics
 from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.orchestration.loop.metrics import metrics
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.stability.lyapunov import loop_lyapunov
 from thesis.claim import Claim, number, numbers

@@ -288,7 +288,7 @@ def test_a_peak_beyond_the_nominal_amplifier_is_told(tmp_path, capsys):
     heard = capsys.readouterr()
     (note,) = json.loads(heard.out)["notes"]
     assert "more than the 36 V of the nominal amplifier, and this run has no limit" in note
-    assert "with --limit-voltage 36 the motor would get at most 36 V" in note
+    assert "with the plant's voltage_limit of 36 V the motor would get no more" in note
     assert note in heard.err
     main([*asked, "--limit-voltage", "36"])
     assert json.loads(capsys.readouterr().out)["notes"] == []

@@ -15,7 +15,6 @@ from ballscrew.orchestration.loop.catalogue import (
     kept_as,
     name_of,
 )
-from ballscrew.orchestration.loop.parts import resolve_controller
 from ballscrew.plant.instruments import PartName
 
 NAME = "pid_sampled+position_encoder"
@@ -69,20 +68,5 @@ def test_a_part_s_name_says_the_controller_and_its_instruments():
     assert has_equations(NAME)
     assert not has_equations("some+position_encoder")
     assert name_of(NAME) == NAME
-    assert kept_as(NAME)[0] == "pid_sampled_behind_position_encoder"
+    assert kept_as(NAME)[0] == "pid_sampled_with_position_encoder"
     assert fmu_kernel(NAME).name == component(NAME).name
-
-
-@pytest.mark.parametrize(
-    ("former", "now"),
-    [
-        ("iol_sampled", r"use iol\+sampled$"),
-        ("nctf_sampled", r"use nctf\+sampled, with sample_time=5e-5$"),
-        ("pid_encoder+feed_forward", r"use pid_sampled\+position_encoder, with "),
-    ],
-)
-def test_a_name_of_a_former_version_is_refused_with_what_takes_its_place(former, now):
-    with pytest.raises(ValueError, match=now):
-        resolve_controller(former)
-    with pytest.raises(KeyError, match=now):
-        component(former)

@@ -106,7 +106,8 @@ MORE = [
     (f"{SWAP} pid+position_encoder+sampled", "'sampled' must appear once, after 'pid'"),
     (f"{SWAP} pid --plant plant_loaded+sampled", "plant_loaded cannot be sampled"),
     # tuning
-    (HEAVY, "drive_lugre has no limit of its command; give --limit"),
+    (HEAVY, "drive_lugre has no limit of its command; give one"),
+    ("run --system s.ssp --plant p.fmu", "plant cannot be used with --system"),
     (f"{HEAVY} --limit 90", "the limit of the command is 90, but friction alone needs 80"),
     (f"{TUNE} --stop 1", "give reference as well"),
     (f"{TUNE} --reference step:length=1", "step has no 'length'; it has size, at"),

@@ -52,7 +52,7 @@ def test_an_input_beside_the_command_stays_at_its_start_value_or_at_one_given(tm
     loop = f"{RUN} cart_ld.fmu {GOAL} --step 1e-3 --out out"
     _, _, said = command(folder, loop)
     assert "note: nothing is connected to the input 'F_load' of cart_ld: it stays at 0" in said
-    assert "--set plant.F_load=VALUE" in said
+    assert "give it a value" in said
     free = trajectory(folder / "out")["x"][-1]
     assert free == pytest.approx(cart_position(0.5), rel=1e-3)
     code, _, said = command(folder, f"{loop} --set plant.F_load=0.5")

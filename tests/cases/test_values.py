@@ -11,7 +11,7 @@ from cases import cart_position, case, trajectory
 
 from ballscrew.orchestration.fmu.isolated import IsolatedInstance, open_fmu
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
-from ballscrew.orchestration.loop.loop import Loop
+from ballscrew.orchestration.loop.loop import Loop, SystemLoop
 from ballscrew.orchestration.loop.parameter_file import read_parameters
 
 PAIR = "--controller pd.fmu --plant cart.fmu"
@@ -103,6 +103,11 @@ def test_a_value_that_the_library_does_not_take_is_told_as_what_it_has(folder, c
     x = trajectory(folder / "out")["x"][-1]
     assert x == pytest.approx(cart_position(0.5, m=2.0), rel=2e-3)
     assert read_parameters(folder / "out" / "parameters.toml").plant["m"].value == 2.0
+    system(folder, "s.ssp")
+    loop = SystemLoop(folder / "s.ssp", stop=0.5, step=1e-3, isolate=False, values={"plant.m": 3.0})
+    result = run_closed_loop(loop)
+    assert result.loop.values == {"plant.m": 2.0}
+    assert any("it does not take the given 3" in note for note in result.notes)
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ballscrew.controllers.nctf import _stopping, design, nctf
+from ballscrew.orchestration.loop.closed_loop import metrics
 from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.orchestration.loop.metrics import metrics
 from ballscrew.orchestration.loop.whole_loop import run_monolithic
 from ballscrew.orchestration.master.reference_signal import Reference
 

@@ -153,12 +153,11 @@ def test_a_native_fmu_is_made_once_and_a_readable_one_taken_where_nothing_compil
     native, monkeypatch, tmp_path
 ):
     made = ready_fmu("pid")
-    assert made.build == NATIVE
+    assert made[1] == NATIVE
     monkeypatch.setattr(catalogue, "compiler_for", lambda _: [])
     assert ready_fmu("pid") == made  # it is there already
     monkeypatch.setenv("BALLSCREW_CACHE", str(tmp_path))
-    assert ready_fmu("pid").build == READABLE
-    assert ready_fmu("pid").path == fmu("pid")
+    assert ready_fmu("pid") == (fmu("pid"), READABLE)
 
 
 @pytest.mark.ci

@@ -53,8 +53,8 @@ def test_it_is_stepped_once_in_each_period_whatever_the_steps_and_the_end_of_the
         assert not result.run.stopped
         assert result.run.time[-1] == pytest.approx(0.05)
     continuous = ballscrew.run(proportional(tmp_path, "Theirs"), stop=0.02, step=1e-3)
-    assert any("--sampled" in note for note in continuous.notes)
-    assert not any("--sampled" in note for note in result.notes)
+    assert any("sampling period" in note for note in continuous.notes)
+    assert not any("sampling period" in note for note in result.notes)
 
 
 def test_a_restored_state_goes_on_as_the_saved_one(native):

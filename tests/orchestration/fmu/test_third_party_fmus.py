@@ -133,7 +133,7 @@ def test_what_makes_no_sense_is_one_line(hand, tmp_path, given, said):
 def test_an_input_that_nothing_drives_is_said_and_stays(hand, tmp_path):
     given = ("--map", "pos=x", *SHORT, "--setpoint", "0.05", "--out", tmp_path)
     _, _, said = command("run", "--controller", hand, *given)
-    note = "nothing is connected to the input 'load' of Hand: it stays at 0; --map load=NAME"
+    note = "nothing is connected to the input 'load' of Hand: it stays at 0; connect it, or give"
     assert f"note: {note}" in said
     figures = json.loads((tmp_path / "metrics.json").read_text())
     assert any(note in n for n in figures["notes"])

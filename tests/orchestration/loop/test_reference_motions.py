@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from ballscrew.orchestration.loop.reference_motions import (
     move,
     move_times,
-    read_motion,
     sine,
     triangle,
 )
@@ -104,18 +103,3 @@ def test_a_triangle_turns_where_it_should_and_rests_outside():
     assert not len(motion.jumps((0,)))
     assert motion.jumps((0, 1)) == pytest.approx(turns)
     assert Reference.constant(0.3).on(grid, 0).tolist() == [0.3] * 700
-
-
-def test_what_bends_within_the_steps_is_told():
-    """And what does not: the estimate of a run depends on it."""
-    none = np.zeros(0)
-    jump = read_motion("step:at=0.1003")
-    assert not jump.bends_within(1e-3, 1.0, (0,), jump.jumps((0,)))
-    assert jump.bends_within(1e-3, 1.0, (0,), none)  # for FMUs that take no other steps
-    assert not jump.bends_within(1e-3, 0.1, (0,), none)  # which this run does not reach
-    corner = Reference(np.array([0.0, 0.3, 0.5]), np.array([0.0, 0.0, 1.0]))
-    assert not corner.bends_within(0.1, 1.0, (0,), none)
-    assert corner.bends_within(0.08, 1.0, (0,), none)
-    assert not Reference.constant(0.08).bends_within(1e-3, 1.0, (0, 1), none)
-    assert sine().bends_within(1e-3, 1.0, (0,), none)
-    assert move().bends_within(1e-3, 1.0, (0,), none)

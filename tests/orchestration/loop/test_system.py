@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from instrument_loops import SIGNALS, apart, exact_course, exported
 from networks_of_parts import write_system
 from third_party_fmus import feedthrough, proportional
 
-from ballscrew.cli import main
 from ballscrew.fmus.system_export import export_system
-from ballscrew.orchestration.loop.catalogue import fmu
+from ballscrew.orchestration.loop.catalogue import component, fmu
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop, SystemLoop
 from ballscrew.orchestration.master.couplings import Coupling
@@ -94,15 +94,21 @@ def test_a_factor_on_a_connection_is_honoured(parts, tmp_path):
     )
 
 
-def test_the_command_line_exports_and_runs_systems(tmp_path, capsys):
-    assert main(["export", "--ssp", "--only", "nctf", "--out", str(tmp_path)]) == 0
-    assert capsys.readouterr().out.strip() == str(tmp_path / "nctf.ssp")
-    out = tmp_path / "out"
-    path = str(tmp_path / "nctf.ssp")
-    assert main(["run", "--system", path, "--stop", "0.1", "--out", str(out)]) == 0
-    assert (out / "trajectory.csv").read_text().startswith("time,x,v,z,i,u,")
-    assert '"controller": "nctf"' in (out / "metrics.json").read_text()
-    for more in (["--plant", "p.fmu"], ["--map", "a=b"], ["--coupling", "monolithic"]):
-        capsys.readouterr()
-        assert main(["run", "--system", path, *more, "--out", str(out)]) == 2
-        assert capsys.readouterr().err.count("\n") == 1
+@pytest.mark.parametrize("parts", [1, 2])
+def test_our_master_runs_a_sampled_loop_with_instruments_exactly(tmp_path, parts):
+    """To 1e-9 of each range, with communication steps of a period and of half of one."""
+    controller, stop = "iol+sampled", 0.05
+    instruments = ["position_encoder", "velocity_estimate", "current_sensor"]
+    path = exported(tmp_path / "loop.ssp", controller, instruments)
+    step = component(controller).sample_time.default / parts
+    values = {"plant.solver_tolerance": 1e-10}
+    result = run_closed_loop(SystemLoop(path, stop=stop, step=step, values=values))
+    course = np.column_stack([result.run.outputs[n][::parts] for n in SIGNALS])
+    exact = exact_course(controller, [component(n) for n in instruments], stop)
+    assert result.run.verdict.trusted
+    assert (apart(course, exact) < 1e-9).all()
+    # what an encoder gives is recorded of the position of then, not of a step before
+    counted = result.run.others["position_encoder.x_measured"] - result.run.outputs["x"]
+    assert np.abs(counted).max() < 1e-6 < np.abs(np.diff(result.run.outputs["x"])).max()
+    bare = exact_course(controller, [], stop)
+    assert (apart(bare, exact) > 1e-8).all()  # the instruments do something

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from ballscrew.orchestration.loop.closed_loop import run_closed_loop
+from ballscrew.orchestration.loop.closed_loop import metrics, run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.orchestration.loop.metrics import metrics
 from ballscrew.orchestration.loop.reference_motions import read_motion
 from ballscrew.orchestration.loop.whole_loop import loop_kernel, run_monolithic
 from ballscrew.orchestration.master.couplings import Coupling

@@ -1,15 +1,22 @@
-"""Units for readers: the one that suits the size of numbers, and those of a rotating body."""
+"""What a reader is shown: numbers in suitable units, tables, and a result as one page of HTML.
+
+The page has its pictures inside, and neither scripts nor links to the network. Names and units from
+other people's files are only text in it: the template and Matplotlib escape them.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
 from .parameter_file import TURNS
 
+REPORT = "report.html"
 _STEPS = ((1.0, 1.0, ""), (1e-3, 1e3, "m"), (1e-6, 1e6, "µ"), (0.0, 1e9, "n"))
 _RAD = 0.1
 _PREFIXED = re.compile(r"(?:m|A|rad)(?=$|[/*])")  # mV and mN are no usual units of drives
@@ -18,15 +25,8 @@ _PREFIXED = re.compile(r"(?:m|A|rad)(?=$|[/*])")  # mV and mN are no usual units
 def shown_unit(values: Iterable[float] | Any, unit: str) -> tuple[float, str]:
     """The factor from a unit to the one that suits the largest of some values, and that unit.
 
-    Parameters
-    ----------
-    values : array_like
-        In `unit`; values that are not finite are ignored.
-    unit : str
-        A unit that begins with m, A or rad gets a prefix; "1" means no unit.
+    Values that are not finite are ignored; "1" means no unit.
 
-    Examples
-    --------
     >>> shown_unit([0.02, -0.08], "m"), shown_unit([3e-6], "m/s"), shown_unit([0.0], "m")
     ((1000.0, 'mm'), (1000000.0, 'µm/s'), (1.0, 'm'))
     """
@@ -57,44 +57,58 @@ def labelled(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-_WORDS = {
-    "N": "N*m",
-    "kg": "kg*m^2",
-    "m": "rad",
-    "mm": "mrad",
-    "um": "urad",
-    "µm": "µrad",
-    "nm": "nrad",
-}
+_METRES = {"m": "rad", "mm": "mrad", "um": "urad", "µm": "µrad", "nm": "nrad"}
+_TURNED = {"N": "N*m", "kg": "kg*m^2", **_METRES}
 # after a number or in brackets, or alone in its column, but not within a word or a file's name
 _UNIT = re.compile(
     r"(?:(?<=[\d)%*] )|(?<=  )|(?<=\[))"
     r"(?:[1NVA](?:\*s)?/(?:m|mm)(?:\^2)?|(?:kg|N|mm|um|µm|nm|m)(?:/s(?:\^2)?)?)(?=$|[\s,;.:)\]])",
     re.MULTILINE,
 )
-_PIECE = re.compile("[A-Za-zµ]+")
 _MASS = re.compile(r"(?:^|(?<=\bof ))m\b(?= {2,}| [\d(])", re.MULTILINE)
 
 
 def in_turning_units(text: str) -> str:
-    """Lines for a reader with N*m for N, rad for m and kg*m^2 for kg; the mass m is J.
+    """Lines for a reader with N*m for N, rad for m and kg*m^2 for kg; the mass m is J."""
 
-    Numbers are before their units, with one space between.
-    """
-    units = _UNIT.sub(lambda unit: _PIECE.sub(lambda m: _WORDS.get(m[0], m[0]), unit[0]), text)
-    return _MASS.sub("J", units)
+    def turned(unit: re.Match[str]) -> str:
+        return re.sub("[A-Za-zµ]+", lambda m: _TURNED.get(m[0], m[0]), unit[0])
+
+    return _MASS.sub("J", _UNIT.sub(turned, text))
 
 
 def page_in_turning_units(page: str) -> str:
-    """`in_turning_units` of what a page of HTML shows; scripts, styles and tags stay."""
-    kept = re.split(r"(<(script|style)\b.*?</\2>|<[^>]*>)", page, flags=re.DOTALL)
-    return "".join(
-        part if number % 3 else "J" if part == "m" else in_turning_units(part)
-        for number, part in enumerate(kept)
-        if number % 3 != 2  # the tag's name, repeated
-    )
+    """`in_turning_units` of what a page of HTML shows; styles and tags stay."""
+    kept = re.split(r"(<style\b.*?</style>|<[^>]*>)", page, flags=re.DOTALL)
+    kept[::2] = ["J" if part == "m" else in_turning_units(part) for part in kept[::2]]
+    return "".join(kept)
 
 
 def words_for(notes: Sequence[str]) -> Callable[[str], str]:
     """The conversion of lines for a reader: to N*m and rad if `notes` say that the body turns."""
     return in_turning_units if TURNS in notes else str
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a page; `changed` are the rows whose value is not the default."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    changed: frozenset[int] = frozenset()
+    says: str = ""
+
+
+def page(pictures: Mapping[str, Any], **values: Any) -> str:
+    """The text of a page with pictures of `pictures.inline`.
+
+    `values` are the ``kind`` of the result, ``badge``, ``good`` (whether it is one), ``headline``,
+    ``doubts``, ``tables``, and ``made_by``, the command or the function.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    loader = PackageLoader(__package__, "")
+    made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    template = made.get_template("page.html.jinja")
+    return template.render(pictures=pictures, version=version("ballscrew"), **values)
