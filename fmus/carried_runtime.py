@@ -7,15 +7,8 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-from ..solver import kernel_cache
-from ..solver.compilers import (
-    FLAGS,
-    PLATFORMS,
-    CompilerFailed,
-    compile_in,
-    cross_compiler,
-    own_platform,
-)
+from ..solver import compilers, kernel_cache
+from ..solver.compilers import FLAGS, PLATFORMS
 from ..solver.core import LIBRARY
 from ..solver.files import temporary_folder
 
@@ -68,7 +61,7 @@ def _readable() -> list[str]:
 
 def _in_package() -> list[str]:
     """Those of them for which this package has the core."""
-    own = own_platform() if (_C / LIBRARY).is_file() else ""
+    own = compilers.own_platform() if (_C / LIBRARY).is_file() else ""
     return [
         n for n in _readable() if n == own or (_C / f"libcore-{n}{PLATFORMS[n].suffix}").is_file()
     ]
@@ -76,7 +69,7 @@ def _in_package() -> list[str]:
 
 def _cross_compiled(name: str) -> bytes | None:
     """The core for another platform, compiled once for the same sources; None if that fails."""
-    if not (compiler := cross_compiler(name)):
+    if not (compiler := compilers.cross_compiler(name)):
         return None
     digest = hashlib.sha256(repr((name, PLATFORMS[name], FLAGS)).encode())
     for source in sorted(_C.glob("*.[ch]")):
@@ -87,8 +80,8 @@ def _cross_compiled(name: str) -> bytes | None:
         with temporary_folder("compile") as folder:
             arguments = [*FLAGS, str(_C / "core.c")]
             try:
-                library = compile_in(Path(folder), name, arguments, "libcore", compiler)
-            except CompilerFailed:  # such as for a user without a home folder
+                library = compilers.compile_in(Path(folder), name, arguments, "libcore", compiler)
+            except compilers.CompilerFailed:  # such as for a user without a home folder
                 return None
         with contextlib.suppress(OSError):
             kernel_cache.write(made, library)

@@ -90,23 +90,20 @@ def kinds_of(partials: Kernel, entries: list[tuple[int, int]]) -> Kinds:
     return found
 
 
-@dataclass(frozen=True)
-class Dependencies:
-    """Knowns of each unknown, with the kind of the slope, in the order of value references."""
-
-    outputs: list[dict[int, str]]
-    derivatives: list[dict[int, str]]
-    indicators: list[dict[int, str]]
+Knowns = list[dict[int, str]]
+"""Knowns of each unknown, with the kind of the slope, in the order of value references."""
 
 
-def dependencies_of(kernel: Kernel, interface: Interface, kinds: Kinds) -> Dependencies:
-    """States, inputs and time that each unknown depends on, in any mode."""
+def dependencies_of(
+    kernel: Kernel, interface: Interface, kinds: Kinds
+) -> tuple[Knowns, Knowns, Knowns]:
+    """States, inputs and time that outputs, derivatives and indicators depend on, in any mode."""
     states, outputs = len(kernel.states), len(kernel.outputs)
     columns = {f"x[{k}]": (k, v.reference) for k, v in enumerate(interface.states)}
     for v in interface.of("input"):
         columns[f"u[{v.place}]"] = states + v.place, v.reference
 
-    def listed(function: str, vector: str, count: int, first: int) -> list[dict[int, str]]:
+    def listed(function: str, vector: str, count: int, first: int) -> Knowns:
         uses, rows = uses_of(kernel, function), []
         for k in range(count):
             used = uses[f"{vector}[{k}]"].symbols
@@ -117,7 +114,7 @@ def dependencies_of(kernel: Kernel, interface: Interface, kinds: Kinds) -> Depen
             rows.append(dict(sorted(row.items())))
         return rows
 
-    return Dependencies(
+    return (
         listed("out", "y", outputs, states),
         listed("rhs", "dx", len(interface.derivatives), 0),
         listed("indicate", "g", interface.events, states + outputs),

@@ -21,17 +21,11 @@ MAIN = {2: "fmi2.c", 3: "fmi3.c"}
 
 _TOKEN = {2: "guid", 3: "instantiationToken"}
 _CAN = {
-    2: {
-        "canNotUseMemoryManagementFunctions": "true",
-        "canGetAndSetFMUstate": "true",
-        "canSerializeFMUstate": "true",
-    },
-    3: {
-        "canGetAndSetFMUState": "true",
-        "canSerializeFMUState": "true",
-        "providesDirectionalDerivatives": "true",
-        "providesAdjointDerivatives": "true",
-    },
+    2: ("canNotUseMemoryManagementFunctions", "canGetAndSetFMUstate", "canSerializeFMUstate"),
+    3: (
+        *("canGetAndSetFMUState", "canSerializeFMUState"),
+        *("providesDirectionalDerivatives", "providesAdjointDerivatives"),
+    ),
 }
 _INITIAL = {"output": "calculated", "local": "calculated", "parameter": "exact"}
 
@@ -68,19 +62,11 @@ def model_description(
         Whether it is also for model exchange.
     """
     native = kinds is not None
-    root = ET.Element(
-        "fmiModelDescription",
-        {
-            "fmiVersion": f"{fmi}.0",
-            "modelName": kernel.name,
-            _TOKEN[fmi]: token,
-            "description": kernel.description,
-            "version": VERSION,
-            "license": "MIT",
-            "generationTool": TOOL if native else f"{TOOL} with PythonFMU",
-            "variableNamingConvention": "structured",
-        },
-    )
+    about = {"fmiVersion": f"{fmi}.0", "modelName": kernel.name, _TOKEN[fmi]: token}
+    about |= {"description": kernel.description, "version": VERSION, "license": "MIT"}
+    about["generationTool"] = TOOL if native else f"{TOOL} with PythonFMU"
+    about["variableNamingConvention"] = "structured"
+    root = ET.Element("fmiModelDescription", about)
     if fmi == 2:
         root.set("numberOfEventIndicators", str(interface.events if exchanges else 0))
     _write_kinds_of_simulation(root, interface, fmi, native, exchanges)
@@ -105,7 +91,7 @@ def _write_kinds_of_simulation(
         "modelIdentifier": interface.layout.model,
         "needsExecutionTool": "false",
         "canBeInstantiatedOnlyOncePerProcess": "false",
-        **_CAN[fmi],
+        **dict.fromkeys(_CAN[fmi], "true"),
     }
     vary = {"canHandleVariableCommunicationStepSize": "true"}
     if fmi == 2:
@@ -173,13 +159,8 @@ def _write_variables(parent: ET.Element, interface: Interface, fmi: int, exchang
 def _about(
     name: str, reference: int, description: str, causality: str, variability: str
 ) -> _Attributes:
-    about = {
-        "name": name,
-        "valueReference": str(reference),
-        "description": description,
-        "causality": causality,
-        "variability": variability,
-    }
+    about = {"name": name, "valueReference": str(reference), "description": description}
+    about |= {"causality": causality, "variability": variability}
     return about | ({"initial": _INITIAL[causality]} if causality in _INITIAL else {})
 
 
@@ -217,15 +198,14 @@ def _write_structure(
             if any(known.values()):
                 node.set("dependenciesKind", " ".join(known.values()))
 
-    now = dependencies_of(kernel, interface, kinds)
+    shown, slopes, indicators = dependencies_of(kernel, interface, kinds)
     outputs = [v.reference for v in interface.of("output")]
-    write("Output", [*zip(outputs, now.outputs, strict=True)], "Outputs")
+    write("Output", [*zip(outputs, shown, strict=True)], "Outputs")
     if rates := [v.reference for v in interface.derivatives]:
-        listed = [*zip(rates, now.derivatives, strict=True)]
+        listed = [*zip(rates, slopes, strict=True)]
         write("ContinuousStateDerivative", listed, "Derivatives")
     initial = initial_dependencies_of(kernel, interface)
     unknowns = [(reference, dict.fromkeys(known, "")) for reference, known in initial]
     write("InitialUnknown", unknowns, "InitialUnknowns")
     if exchanges and fmi == 3:
-        first = interface.first_indicator
-        write("EventIndicator", [*enumerate(now.indicators, first)], "")
+        write("EventIndicator", [*enumerate(indicators, interface.first_indicator)], "")

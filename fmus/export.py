@@ -7,6 +7,7 @@ import os
 import sys
 import tempfile
 import zipfile
+from dataclasses import asdict
 from importlib.metadata import distribution
 from pathlib import Path
 
@@ -80,13 +81,8 @@ def export_kernel(kernel: Kernel, path: Path | str, everywhere: bool = False) ->
         kernel.module: kernel.source,
         (tapes := hashed_name(f"tapes_{kernel.name}", kernel.tapes)): f"TAPES = {kernel.tapes!r}\n",
     }
-    slave = _SLAVE.format(
-        description=kernel.description,
-        equations=kernel.module,
-        layout=interface.layout.to_dict(),
-        package=package,
-        tapes=tapes,
-    )
+    own = {"equations": kernel.module, "layout": asdict(interface.layout), "tapes": tapes}
+    slave = _SLAVE.format(description=kernel.description, package=package, **own)
     script = hashed_name(f"slave_{kernel.name}", slave)
     with naming(Path(tempfile.gettempdir())), temporary_folder("export") as folder:
         sources = Path(folder) / "sources"
@@ -97,11 +93,8 @@ def export_kernel(kernel: Kernel, path: Path | str, everywhere: bool = False) ->
             file = sources / package / name
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(data)
-        built = _build(
-            sources / f"{script}.py",
-            [sources / package, *(sources / f"{name}.py" for name in texts)],
-            Path(folder) / f"{kernel.name}.fmu",
-        )
+        others = [sources / package, *(sources / f"{name}.py" for name in texts)]
+        built = _build(sources / f"{script}.py", others, Path(folder) / f"{kernel.name}.fmu")
         ours = accompanying_files(kernel, interface, 2) | {
             "modelDescription.xml": model_description(kernel, interface, 2, token),
             "documentation/licenses/pythonfmu.txt": licence("pythonfmu"),

@@ -13,7 +13,7 @@ equations.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import sympy as sp
 
@@ -40,10 +40,7 @@ def accept_law(plant: Component) -> Component:
         for y in signals:
             gain, reference = gain_port(command.name, y.name), reference_port(command.name, y.name)
             law += symbol(gain) * (y.value - symbol(reference))
-        ports += [
-            Input(port.name, port.unit, port.meaning, nominal=port.nominal)
-            for port in _law_ports(command, signals)
-        ]
+        ports += _law_ports(command, signals)
         applied[symbol(command.name)] = law
     if not ports:
         return plant
@@ -94,26 +91,19 @@ def _law_values(
     return [*gains, *(symbol(y.name) for y in measurements), rate]
 
 
-@dataclass(frozen=True)
-class _Port:
-    name: str
-    unit: str
-    meaning: str
-    nominal: float = 1.0
-
-
-def _law_ports(command: Input | Output, signals: Sequence[Input | Output]) -> list[_Port]:
+def _law_ports(command: Input | Output, signals: Sequence[Input | Output]) -> list[Input]:
     """The ports of one command's law, the same on both sides: gains, references, rate."""
     u = command.name
     gains = [
-        _Port(gain_port(u, y.name), _per(command.unit, y.unit), f"d{u}/d{y.name} of the law")
+        Input(gain_port(u, y.name), _per(command.unit, y.unit), f"d{u}/d{y.name} of the law")
         for y in signals
     ]
+    then = f"at which {u} was computed"
     references = [
-        _Port(reference_port(u, y.name), y.unit, f"{y.name} at which {u} was computed", y.nominal)
+        Input(reference_port(u, y.name), y.unit, f"{y.name} {then}", nominal=y.nominal)
         for y in signals
     ]
-    rate = _Port(rate_port(u), f"{command.unit}/s", f"rate of {u} from the controller's own states")
+    rate = Input(rate_port(u), f"{command.unit}/s", f"rate of {u} from the controller's own states")
     return [*gains, *references, rate]
 
 

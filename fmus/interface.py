@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from ..solver.core import INFO_SIZE
 from ..solver.kernel import DEFAULT_TOLERANCE, Kernel, StateInfo
@@ -69,9 +68,6 @@ class Layout:
     units: dict[str, str]
     ranges: dict[str, list[float | None]]
 
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class Interface:
@@ -107,31 +103,25 @@ def interface_of(kernel: Kernel) -> Interface:
     """The variables of a readable FMU of a component."""
     late = 2 * len(kernel.delays)  # delayed signals and their rates
     held = len(kernel.inputs) + len(kernel.discrete) + late + bool(kernel.modes)
-    n, parameters = len(kernel.states), held
-    states = parameters + len(kernel.parameters)
-    outputs = states + n
-    starts = outputs + len(kernel.outputs)
-    tolerance = starts + n + len(kernel.discrete)
-    info = tolerance + 1
-    time = info + INFO_SIZE
-    samples = time + 1
-    frame = _frame(kernel, states, samples + 1)
-    size = samples + 1 + bool(frame)
-    of_inputs = {i.name: k for k, i in enumerate(kernel.inputs) if i.role == "internal"}
-    of_parameters = {p.name: parameters + k for k, p in enumerate(kernel.parameters)}
-    listed = [
-        *_inputs(kernel),
-        *_outputs(kernel, outputs),
-        *_parameters(kernel, parameters),
-        *_starts(kernel, starts),
-    ]
+    n, at, size = len(kernel.states), {}, held
+    counts = {"parameters": len(kernel.parameters), "states": n, "outputs": len(kernel.outputs)}
+    counts |= {"starts": n + len(kernel.discrete), "tolerance": 1, "info": INFO_SIZE}
+    for part, count in (counts | {"time": 1, "samples": 1}).items():
+        at[part] = size
+        size += count
+    frame = _frame(kernel, at["states"], size)
+    size += bool(frame)
+    internal = (k for k, i in enumerate(kernel.inputs) if i.role == "internal")
+    of_parameters = {p.name: at["parameters"] + k for k, p in enumerate(kernel.parameters)}
+    listed = [*_inputs(kernel), *_outputs(kernel, at["outputs"])]
+    listed += [*_parameters(kernel, at["parameters"]), *_starts(kernel, at["starts"])]
     if n or late:
-        listed.append(_tolerance(tolerance))
+        listed.append(_tolerance(at["tolerance"]))
     variables = _numbered(listed, 1)
     initial = [0.0] * size
     for v in variables:
         initial[v.place] = v.start or 0.0
-    initial[tolerance] = DEFAULT_TOLERANCE
+    initial[at["tolerance"]] = DEFAULT_TOLERANCE
     layout = Layout(
         model=kernel.name,
         inputs=len(kernel.inputs),
@@ -139,15 +129,8 @@ def interface_of(kernel: Kernel) -> Interface:
         delays=len(kernel.delays),
         modes=len(kernel.modes),
         held=held,
-        parameters=parameters,
-        states=states,
-        outputs=outputs,
-        starts=starts,
-        tolerance=tolerance,
-        info=info,
-        time=time,
-        samples=samples,
-        step_start=max(of_inputs.values(), default=-1),
+        **at,
+        step_start=max(internal, default=-1),
         sample_time=of_parameters.get(kernel.sample_time, -1),
         frame=frame,
         size=size,
@@ -264,22 +247,19 @@ def with_start_values(
     sources : mapping of str to str
         Sources of parameter values, added to their descriptions.
     """
-    return replace(
-        kernel,
-        parameters=[
-            replace(p, default=values[p.name], source=sources[p.name]) if p.name in values else p
-            for p in kernel.parameters
-        ],
-        states=[replace(s, start=values.get(s.name + START, s.start)) for s in kernel.states],
-        discrete=[replace(s, start=values.get(s.name + START, s.start)) for s in kernel.discrete],
+    parameters = [
+        replace(p, default=values[p.name], source=sources[p.name]) if p.name in values else p
+        for p in kernel.parameters
+    ]
+    states, discrete = (
+        [replace(s, start=values.get(s.name + START, s.start)) for s in own]
+        for own in (kernel.states, kernel.discrete)
     )
+    return replace(kernel, parameters=parameters, states=states, discrete=discrete)
 
 
 def with_set_point(kernel: Kernel) -> Kernel:
     """A copy of a controller or a loop whose set-point starts at the default set-point of a run."""
-    return replace(
-        kernel,
-        inputs=[
-            replace(i, start=START_VALUE) if i.role == "reference" else i for i in kernel.inputs
-        ],
-    )
+    goal = {"reference": START_VALUE}
+    inputs = [replace(i, start=goal.get(i.role, i.start)) for i in kernel.inputs]
+    return replace(kernel, inputs=inputs)

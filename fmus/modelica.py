@@ -22,15 +22,9 @@ from .interface import START
 
 _WIDTH = 100  # of a line
 _REWRITTEN = {
-    sp.asinh: sp.log,
-    sp.acosh: sp.log,
-    sp.atanh: sp.log,
-    sp.sech: sp.cosh,
-    sp.csch: sp.sinh,
-    sp.coth: sp.tanh,
-    sp.sec: sp.cos,
-    sp.csc: sp.sin,
-    sp.cot: sp.tan,
+    **{sp.asinh: sp.log, sp.acosh: sp.log, sp.atanh: sp.log},
+    **{sp.sech: sp.cosh, sp.csch: sp.sinh, sp.coth: sp.tanh},
+    **{sp.sec: sp.cos, sp.csc: sp.sin, sp.cot: sp.tan},
 }
 _RESERVED = frozenset(
     "algorithm and annotation block break class connect connector constant constrainedby der "
@@ -56,12 +50,8 @@ class _Printer(StrPrinter):  # type: ignore[misc]
 
     def _atom(self, expr: sp.Expr) -> str:
         text = str(self._print(expr))
-        plain = (
-            expr.is_Symbol
-            or expr == sp.pi
-            or (expr.is_Number and expr.is_nonnegative and "/" not in text)
-        )
-        return text if plain else f"({text})"
+        number = expr.is_Number and expr.is_nonnegative and "/" not in text
+        return text if number or expr.is_Symbol or expr == sp.pi else f"({text})"
 
     def _print_Float(self, expr: sp.Float) -> str:
         return repr(float(expr))
@@ -102,17 +92,11 @@ class _Printer(StrPrinter):  # type: ignore[misc]
         x, middle = (self._print(a) for a in expr.args)
         return f"(if {x} > 0 then 1 elseif {x} < 0 then 0 else {middle})"
 
-    def _folded(self, name: str, expr: sp.Basic) -> str:
+    def _print_Max(self, expr: sp.Max | sp.Min) -> str:
         text = str(self._print(expr.args[-1]))
         for part in reversed(expr.args[:-1]):
-            text = f"{name}({self._print(part)}, {text})"
+            text = f"{expr.func.__name__.lower()}({self._print(part)}, {text})"
         return text
-
-    def _print_Max(self, expr: sp.Max) -> str:
-        return self._folded("max", expr)
-
-    def _print_Min(self, expr: sp.Min) -> str:
-        return self._folded("min", expr)
 
     def _print_Mod(self, expr: sp.Mod) -> str:
         return f"mod({self._print(expr.args[0])}, {self._print(expr.args[1])})"
@@ -124,6 +108,7 @@ class _Printer(StrPrinter):  # type: ignore[misc]
         name = {sp.Abs: "abs", sp.ceiling: "ceil"}.get(kind, kind.__name__)
         return f"{name}({', '.join(map(self._print, expr.args))})"
 
+    _print_Min = _print_Max  # noqa: N815
     # SymPy has special methods for these
     _print_Abs = _print_sign = _print_floor = _print_ceiling = _print_Function  # noqa: N815
 
@@ -149,26 +134,20 @@ def modelica(part: Component, starts: Mapping[str, float] | None = None) -> str:
                 f"{part.name} has {what}, which the Modelica export does not support; export it "
                 "as an FMU"
             )
-    names = [p.name for p in part.all_parameters]
-    names += [i.name for i in part.inputs] + [s.name for s in part.all_states]
-    outputs = [o.name for o in part.all_outputs]
-    for name in (part.name, *names, *outputs):
-        if name in {"pi", *_RESERVED}:
-            raise ContractError(f"{part.name}: {name} is a keyword of Modelica; use another name")
     states = {s.name: s for s in part.all_states}
-    taken = {"pi", *_RESERVED, *names, *(s + START for s in states)}
-    taken |= {*outputs}
+    taken = {*states, *(p.name for p in part.all_parameters), *(i.name for i in part.inputs)}
+    taken |= {o.name for o in part.all_outputs}
+    if keyword := sorted({part.name, *taken} & {"pi", *_RESERVED}):
+        raise ContractError(f"{part.name}: {keyword[0]} is a keyword of Modelica; use another name")
+    taken |= {"pi", *_RESERVED, *(s + START for s in states)}
     own = {o.name for o in part.all_outputs if o.name in states and o.value == symbol(o.name)}
     starts = starts or {}
     lines = [f"model {part.name} {_said(part.description)}"]
     for p in part.all_parameters:
         bounds = [("min", p.minimum), ("max", p.maximum)]
         told = {n: repr(float(v)) for n, v in bounds if math.isfinite(v)}
-        lines.append(
-            _declared(
-                "parameter Real", p.name, p.unit, told, p.meaning, starts.get(p.name, p.default)
-            )
-        )
+        value = starts.get(p.name, p.default)
+        lines.append(_declared("parameter Real", p.name, p.unit, told, p.meaning, value))
     for s in states.values():
         name, meaning = s.name + START, f"initial {s.meaning}"
         start = starts.get(name, s.start)
@@ -262,10 +241,7 @@ def _unit(unit: str) -> str:
 
 def _equation(left: str, right: str) -> list[str]:
     """An equation, in several lines if it is long."""
-    return _wrapped(f"  {left} = {right};")
-
-
-def _wrapped(text: str) -> list[str]:
+    text = f"  {left} = {right};"
     lines: list[str] = []
     while len(text) > _WIDTH:
         at = max(text.rfind(sign, 20, _WIDTH) for sign in (" + ", " - ", " else", " then "))

@@ -20,12 +20,8 @@ from .source_fmu import NotCompiled, compile_sources
 from .units import BASE_UNITS, Unit
 
 REAL = ("Real", "Float64", "Float32")
-WHOLE = (
-    "Integer",
-    "Boolean",
-    "Enumeration",
-    *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)),
-)
+_SIZED = tuple(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64))
+WHOLE = ("Integer", "Boolean", "Enumeration", *_SIZED)
 
 SETTABLE = ("parameter", "input")
 _DESCRIPTION = "modelDescription.xml"
@@ -216,18 +212,7 @@ def _described(read: Any, told: Mapping[str, Mapping[str, str]]) -> Description:
         what = "scheduled execution only" if read.scheduledExecution else "neither"
         raise FmuError(f"is for {what}, expected co-simulation or model exchange")
     # outputs may also depend on states: this is not direct feedthrough
-    followers = {
-        u.variable.name
-        for u in read.outputs or ()
-        if any(d.causality == "input" for d in u.dependencies or ())
-    }
-    silent = {u.variable.name for u in read.outputs or () if u.dependencies is None}
-    listed = {u.variable.name for u in read.outputs or ()}
-    initially = {
-        u.variable.name: tuple(d.name for d in u.dependencies if d.causality == "input")
-        for u in read.initialUnknowns or ()
-        if u.dependencies is not None
-    }
+    now, initially = _inputs_of(read.outputs), _inputs_of(read.initialUnknowns)
     variables = []
     message, strings, aliases = None, {}, {}
     check_lines(v.name for v in read.modelVariables)
@@ -258,10 +243,10 @@ def _described(read: Any, told: Mapping[str, Mapping[str, str]]) -> Description:
                 v.type,
                 int(v.valueReference),
                 str(v.causality),
-                _unit_name(v),
+                str(_told(v, told, "unit") or ""),
                 nominal if math.isfinite(nominal) and nominal > 0 else 1.0,
                 _start(v),
-                v.name in followers or v.name in silent or v.name not in listed,
+                now.get(v.name) != (),
                 v.type in REAL and v.variability == "discrete",
                 () if v.initial == "exact" else initially.get(v.name),
                 _items(v),
@@ -287,6 +272,15 @@ def _described(read: Any, told: Mapping[str, Mapping[str, str]]) -> Description:
         strings,
         aliases,
     )
+
+
+def _inputs_of(unknowns: Any) -> dict[str, tuple[str, ...]]:
+    """Inputs that each unknown depends on; without those that do not declare what they are."""
+    return {
+        u.variable.name: tuple(d.name for d in u.dependencies if d.causality == "input")
+        for u in unknowns or ()
+        if u.dependencies is not None
+    }
 
 
 def _attributes_of(stream: IO[bytes]) -> dict[str, Mapping[str, str]]:
@@ -319,10 +313,10 @@ def _items(variable: Any) -> dict[str, int]:
 
 
 def _start(variable: Any) -> float | None:
-    if variable.type == "Boolean" and variable.start is not None:
-        return float(variable.start in ("true", "1"))
     if variable.start is None:
         return None
+    if variable.type == "Boolean":
+        return float(variable.start in ("true", "1"))
     if variable.causality not in SETTABLE:
         return float(variable.start)
     return number(variable.start, f"the start value of {variable.name!r}")
@@ -332,12 +326,6 @@ def _step_size(experiment: Any) -> float | None:
     text = experiment.stepSize if experiment is not None else None
     size = float(text) if text else 0.0
     return size if math.isfinite(size) and size > 0 else None
-
-
-def _unit_name(variable: Any) -> str:
-    """The unit of a variable read by fmpy, or of its declared type; empty if none."""
-    declared = variable.declaredType
-    return str(variable.unit or (declared.unit if declared is not None else None) or "")
 
 
 def _defined_units(read: Any) -> dict[str, dict[str, str]]:

@@ -199,11 +199,9 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
             value = self.memory[at["names"][name]]
             if (low is not None and value < low) or (high is not None and value > high):
                 unit = "" if at["units"][name] == "1" else " " + at["units"][name]
-                lowest = "-inf" if low is None else f"{low:g}"
-                highest = "inf" if high is None else f"{high:g}"
-                self._fail(
-                    f"parameter {name} = {value:g}{unit} is out of its range [{lowest}, {highest}]"
-                )
+                within = f"[{'-inf' if low is None else f'{low:g}'}, "
+                within += f"{'inf' if high is None else f'{high:g}'}]"
+                self._fail(f"parameter {name} = {value:g}{unit} is out of its range {within}")
         self._initialize_states()
         self.started = True
         self._stale = True
@@ -218,15 +216,14 @@ class ComponentSlave(Fmi2Slave):  # type: ignore[misc]
         self._info[:] = 0.0
         if self._system:
             self._system.forget()
-            self._settle()
+            if at["modes"]:
+                self._settle()
         if at["sample_time"] >= 0:  # samples count from t = 0, also if the run begins later
             past = self.memory[at["time"]] / self.memory[at["sample_time"]]
             self.memory[at["samples"]] = math.ceil(past - ROUND_OFF)
 
     def _settle(self) -> None:
         """Enter the mode that follows from the start values and parameters."""
-        if not self.layout["modes"]:
-            return
         self._held[-1] = 0.0
         time = self.memory[self.layout["time"]]
         status = self._system.settle(time, self._x, self._held, self._p, self._info)

@@ -11,21 +11,11 @@ from typing import Any
 from ..solver import kernel_cache
 from ..solver.compilers import CompilerFailed, compile_in, compiler_for, own_platform
 
-_STANDARDS = {
-    "C89": "gnu90",
-    "C90": "gnu90",
-    "C99": "gnu99",
-    "C11": "gnu11",
-    "C17": "gnu17",
-    "C18": "gnu17",
-}
-# the last two: functions have the names of FMI, without prefix
-_FLAGS = (
-    "-O2",
-    "-shared",
-    "-ffp-contract=off",
-    *(f"-DFMI{version}_OVERRIDE_FUNCTION_PREFIX" for version in (2, 3)),
-)
+_STANDARDS = {"C89": "gnu90", "C90": "gnu90", "C99": "gnu99"}
+_STANDARDS |= {"C11": "gnu11", "C17": "gnu17", "C18": "gnu17"}
+# functions have the names of FMI, without prefix
+_NAMES = tuple(f"-DFMI{version}_OVERRIDE_FUNCTION_PREFIX" for version in (2, 3))
+_FLAGS = ("-O2", "-shared", "-ffp-contract=off", *_NAMES)
 
 
 class NotCompiled(RuntimeError):

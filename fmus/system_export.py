@@ -24,7 +24,7 @@ from .archive import pack, xml_text
 from .description import TOOL
 from .ports import gain_port, rate_port, reference_port
 from .reading import NumberVariable, read_description
-from .system_xml import FMU_TYPE
+from .system_xml import FMU_TYPE, SSC, SSD, SSV
 from .units import BASE_UNITS
 
 PLANT, CONTROLLER = "plant", "controller"
@@ -33,13 +33,9 @@ PARAMETERS = "parameters"
 SAMPLE_TIME = "sample_time"  # name of the period in sampled parts
 MASTER_STEP = 2e-4  # s; accuracy of OMSimulator's master with this step: iol 3e-6 m, nctf 6e-6 m
 
-_STANDARD = "http://ssp-standard.org/SSP1/"
-_NAMESPACES = {
-    "xmlns:ssc": _STANDARD + "SystemStructureCommon",
-    "xmlns:ssd": _STANDARD + "SystemStructureDescription",
-    "xmlns:ssv": _STANDARD + "SystemStructureParameterValues",
-    "xmlns:oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
-}
+_OMSIMULATOR = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
+_SPACES = {"ssc": SSC, "ssd": SSD, "ssv": SSV}
+_NAMESPACES = {p: space.strip("{}") for p, space in _SPACES.items()} | {"oms": _OMSIMULATOR}
 
 _Port = tuple[str, str]  # element, connector
 _Connection = tuple[_Port, _Port]  # from, to
@@ -111,8 +107,6 @@ def export_system(
         If the file cannot be written.
     """
     path = Path(path)
-    if not name:
-        raise FmuError("the system has no name")
     if not math.isfinite(setpoint):
         raise FmuError(f"the set-point is {setpoint}, expected a finite number")
     if not (math.isfinite(stop) and stop > 0):
@@ -199,19 +193,15 @@ def _connections(
     measured = [n for n in signals if n in controller.names("input")]
     connections += [(signals[n], (CONTROLLER, n)) for n in measured]
     shared = [n for n in controller.names("output") if n in plant.names("input")]
-    pairs = {
-        (gain_port(command, signal), reference_port(command, signal)): signals[signal]
-        for command in plant.names("input")
-        for signal in plant.names("output")
-    }
-    # A gain without its reference signals would be multiplied by the whole signal, and
-    # after an instrument the references differ from the plant's signals.
-    alone = {
-        p
-        for pair, (element, _) in pairs.items()
-        for p in pair
-        if not set(pair) <= set(shared) or element != PLANT
-    }
+    law, alone = {rate_port(n) for n in plant.names("input")}, set()
+    for command in plant.names("input"):
+        for signal in plant.names("output"):
+            pair = {gain_port(command, signal), reference_port(command, signal)}
+            law |= pair
+            # A gain without its reference signals would be multiplied by the whole signal, and
+            # after an instrument the references differ from the plant's signals.
+            if not pair <= set(shared) or signals[signal][0] != PLANT:
+                alone |= pair
     commands = [n for n in shared if n not in alone]
     if not measured:
         raise FmuError(
@@ -225,7 +215,6 @@ def _connections(
                 f"nothing is connected to the outputs {side.listed('output')} of {side.path}; "
                 f"{controller.path} has the inputs {controller.listed('input')}"
             )
-    law = {p for pair in pairs for p in pair} | {rate_port(n) for n in plant.names("input")}
     for name in plant.names("input"):
         if name not in law and name not in commands:
             raise FmuError(
@@ -300,14 +289,10 @@ def _unit_of(side: _Side, name: str) -> dict[str, str]:
 
 def _all_units(sides: Sequence[_Side]) -> _Units:
     units: _Units = {}
-    of: dict[str, Path] = {}
     for side in sides:
         for name, base in side.units.items():
             if units.setdefault(name, base) != base:
-                raise FmuError(
-                    f"unit {name!r} means {units[name]} in {of[name]} and {base} in {side.path}"
-                )
-            of.setdefault(name, side.path)
+                raise FmuError(f"unit {name!r} means {base} in {side.path}, before {units[name]}")
     return units
 
 
@@ -321,5 +306,5 @@ def _write_units(root: ET.Element, tag: str, units: _Units) -> None:
 
 def _root(tag: str, version: str, name: str, *prefixes: str) -> ET.Element:
     """The root element; libcosim and ecos need exactly these prefixes."""
-    spaces = {f"xmlns:{p}": _NAMESPACES[f"xmlns:{p}"] for p in prefixes}
+    spaces = {f"xmlns:{p}": _NAMESPACES[p] for p in prefixes}
     return ET.Element(tag, spaces | {"version": version, "name": name, "generationTool": TOOL})

@@ -116,8 +116,7 @@ class Network:
             )
         connectors = self._connectors(node, path)
         system = self.elements[path] = Element(path, node, connectors, connectors)
-        elements = node.find(SSD + "Elements")
-        for child in elements if elements is not None else ():
+        for child in node.iterfind(f"{SSD}Elements/*"):
             kind = child.tag.rpartition("}")[2]
             name = child.get("name", "")
             below = _joined(path, name)
@@ -210,8 +209,7 @@ class Network:
                 f"{where} joins {first} and {second}, which "
                 f"{'both give' if gives else 'both take'} a value"
             )
-        # The start and end in the standard do not give the direction; the kinds of the connectors
-        # do.
+        # not start and end, but the kinds of the connectors give the direction in the standard
         source, target = (first, second) if gives else (second, first)
         edge = Edge(source, scaling_of(node, where), f"{where}, {source} to {target}")
         if target in self.edges:
@@ -258,11 +256,9 @@ class Network:
         variable = element.variables[port.connector]
         said = element.connectors.get(port.connector, variable)
         fmu = element.fmu.name if element.fmu else ""
-        for what, ours, theirs in (
-            ("kind", said.kind, variable.kind),
-            ("type", said.type or variable.type, variable.type),
-        ):
-            if ours != theirs:
+        kinds = {"kind": (said.kind, variable.kind), "type": (said.type, variable.type)}
+        for what, (ours, theirs) in kinds.items():
+            if ours != theirs and (ours or what == "kind"):
                 raise FmuError(f"{port} is of {what} {ours}, but in {fmu} it is {theirs}")
         if said.unit and variable.unit and not said.unit.same_as(variable.unit):
             raise FmuError(

@@ -150,24 +150,18 @@ def _read(path: Path, folder: Path) -> SystemStructure:
             f"its FMUs would unpack to {size / 1024**3:.1f} GiB, expected at most "
             f"{LARGEST_OF_ALL / 1024**3:.0f} GiB"
         )
-    inputs = tuple(
-        SystemInput(
-            name,
-            connector.unit.name if connector.unit else "",
-            bindings.starts.get(name),
-            tuple(c for c in connections if c.source == SystemPort("", name)),
-            connector.unit,
-        )
-        for name, connector in top.connectors.items()
-        if connector.kind == "input"
-    )
+    inputs = []
+    for name, unit in ((n, c.unit) for n, c in top.connectors.items() if c.kind == "input"):
+        drives = tuple(c for c in connections if c.source == SystemPort("", name))
+        value = bindings.starts.get(name)
+        inputs.append(SystemInput(name, unit.name if unit else "", value, drives, unit))
     return SystemStructure(
         path=path,
         name=root.get("name") or system.get("name") or path.stem,
         folder=folder,
         elements=elements,
         connections=tuple(c for c in connections if c.source.element),
-        inputs=inputs,
+        inputs=tuple(inputs),
         outputs=outputs,
         start=start,
         stop=stop,
@@ -233,9 +227,8 @@ class Bindings:
         for name, count in Counter(p.name for p in parameters).most_common(1):
             if count > 1:
                 raise FmuError(f"{source}: has two values for parameter {name!r}")
-        mapping = node.find(SSD + "ParameterMapping")
         entries: list[ET.Element] = []
-        if mapping is not None:
+        for mapping in node.findall(SSD + "ParameterMapping")[:1]:
             found, _ = self._document(mapping, mapping, SSM + "ParameterMapping", _MAPPING, where)
             entries = list(found.iterfind(SSM + "MappingEntry"))
         named = {p.name for p in parameters}
@@ -330,12 +323,12 @@ def _parameter(node: ET.Element, prefix: str, units: dict[str, Unit], source: st
     for child in node:
         kind, text = plain_type(child.tag.removeprefix(SSV)), child.get("value")
         value: float | str | None = None
-        if kind in ("Real", "Integer"):
+        if kind == "Real":
             value = number(text, what)
-            if kind == "Integer":
-                if not value.is_integer():
-                    raise FmuError(f"{what} is {text!r}, expected an integer")
-                value = int(value)
+        elif kind == "Integer":
+            value = int(number(text, what))
+            if value != number(text, what):
+                raise FmuError(f"{what} is {text!r}, expected an integer")
         elif kind == "Boolean":
             value = truth(text, what)
         elif kind in ("String", "Enumeration") and text is not None:

@@ -15,12 +15,7 @@ from .archive import number
 BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _SI: dict[str, dict[str, int]] = {
     "1": {},
-    "kg": {"kg": 1},
-    "m": {"m": 1},
-    "s": {"s": 1},
-    "A": {"A": 1},
-    "K": {"K": 1},
-    "rad": {"rad": 1},
+    **{base: {base: 1} for base in BASE_UNITS if base not in ("mol", "cd")},
     "N": {"kg": 1, "m": 1, "s": -2},
     "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
     "ohm": {"kg": 1, "m": 2, "s": -3, "A": -2},

@@ -137,11 +137,8 @@ def _tangent_output(output: Output, k: int, value: sp.Matrix) -> Output:
 
 
 def _set_input(tangent: State) -> Input:
-    about = (
-        set_port(tangent.name),
-        tangent.unit,
-        f"value that {tangent.name} gets with a new {FRAME}",
-    )
+    meaning = f"value that {tangent.name} gets with a new {FRAME}"
+    about = set_port(tangent.name), tangent.unit, meaning
     return Input(*about, nominal=tangent.nominal, role=SET_ROLE)
 
 

@@ -64,10 +64,13 @@ PARTS = {
     "stability/test_known_answers.py",
     "orchestration/master/c/coupling.c": "orchestration/master/test_couplings.py",
     "orchestration/master/c/master.c": "orchestration/master/test_couplings.py",
-    "fmus/native/c/component.h": "fmus/test_events.py fmus/test_model_exchange.py "
-    "fmus/test_every_kind.py -k '(native-2 and (plant_classical or pid_sampled or nctf or "
-    "states_set or be_set or no_ or failure or bound or limit or words or events) or margin or "
-    "either_way or bounces) and not (loop or cvode or tangents or maxwell or observed)'",
+    **dict.fromkeys(
+        (f"fmus/native/c/{part}.h" for part in ("component", "events", "exchange")),
+        "fmus/test_events.py fmus/test_model_exchange.py "
+        "fmus/test_every_kind.py -k '(native-2 and (plant_classical or pid_sampled or nctf or "
+        "states_set or be_set or no_ or failure or bound or limit or words or events) or margin or "
+        "either_way or bounces) and not (loop or cvode or tangents or maxwell or observed)'",
+    ),
     "controllers/adaptive_friction.py": "controllers/test_adaptive_friction.py",
     "controllers/nctf.py": "controllers/test_nctf.py",
     "plant/lugre.py": "plant/test_ball_screw.py plant/test_lugre.py plant/test_laws.py -k lugre",
@@ -451,7 +454,7 @@ def main() -> None:
     """Judge the changes that have no row yet; print a table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument(
-        "--files", nargs="*", default=list(PARTS), help="only these of the 20 files"
+        "--files", nargs="*", default=list(PARTS), help="only these of the 22 files"
     )
     parser.add_argument("--draw", type=int, default=EACH, help="changes of each file")
     parser.add_argument("--workers", type=int, default=1)

@@ -20,7 +20,7 @@ from ..interface import MESSAGE, Interface, native_interface_of
 from .partials import entry_of, partials
 
 _CORE = ("system.h", "factorize.h", "delays.c", "stepper.h", "stepper.c")
-_PARTS = ("component.h", "calls.h")
+_PARTS = ("instance.h", "events.h", "component.h", "exchange.h", "saved_states.h", "calls.h")
 _EQUATIONS = ("rhs", "jac", "out", "sample", "indicate", "spread", "kind", "react")
 
 
@@ -144,18 +144,11 @@ static const Variable VARIABLES[REFERENCES] = {{
 
 def _tables(model: NativeModel, token: str) -> str:
     kernel, interface, layout = model.kernel, model.interface, model.interface.layout
-    constants = {
-        "N": len(kernel.states),
-        "EVENTS": kernel.events,
-        "HELD_SIZE": layout.held,
-        "OUTPUT_COUNT": len(kernel.outputs),
-        "PARTIALS": len(model.entries),
-        "STEP_START": layout.step_start,
-        "MEMORY": layout.size,
-        "MESSAGE_REFERENCE": interface.message_reference,
-        "REFERENCES": interface.time_reference + 1,
-        "CAN_EXCHANGE": int(model.exchanges),
-    }
+    constants = {"N": len(kernel.states), "EVENTS": kernel.events, "HELD_SIZE": layout.held}
+    constants |= {"OUTPUT_COUNT": len(kernel.outputs), "PARTIALS": len(model.entries)}
+    constants |= {"STEP_START": layout.step_start, "MEMORY": layout.size}
+    constants |= {"MESSAGE_REFERENCE": interface.message_reference}
+    constants |= {"REFERENCES": interface.time_reference + 1, "CAN_EXCHANGE": int(model.exchanges)}
     constants |= {name.upper(): getattr(layout, name) for name in _COUNTS}
     constants |= {f"AT_{name.upper()}": getattr(layout, name) for name in _PLACES}
     constants |= {f"FRAME_{key.upper()}": value for key, value in layout.frame.items()}

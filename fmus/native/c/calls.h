@@ -4,6 +4,9 @@
 #ifndef CALLS_H
 #define CALLS_H
 
+#include "exchange.h"
+#include "saved_states.h"
+
 #if defined __GNUC__
 #pragma GCC diagnostic ignored "-Wunused-parameter" /* not all arguments of hosts are used here */
 #endif
