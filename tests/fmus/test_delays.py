@@ -5,7 +5,6 @@ import sympy as sp
 from any_fmu import KINDS, Host, written
 
 from ballscrew.fmus.feedback_law import with_law_ports
-from ballscrew.fmus.variational import variational
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     TIME,
@@ -18,7 +17,6 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
-from ballscrew.solver.errors import ContractError
 from ballscrew.solver.kernel import Model
 
 U, X, HEARD, SEEN, TAU = map(symbol, ("u", "x", "heard", "seen", "tau"))
@@ -156,8 +154,3 @@ def test_a_feedback_law_knows_how_fast_a_delayed_signal_moves():
     assert y["u"] == pytest.approx(-3 * 0.5 * 0.15)
     assert y["u_gain_x"] == 1.0
     assert y["u_rate"] == pytest.approx(-1.5)
-
-
-def test_tangents_over_fmus_are_refused_in_one_line():
-    with pytest.raises(ContractError, match=r"^late_loop has delays; only a component"):
-        variational(LOOP, 2)

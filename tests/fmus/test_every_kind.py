@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import threading
 from itertools import pairwise
 
 import fmpy
@@ -155,26 +154,6 @@ def test_kinds_agree_along_the_closed_loop(made, plant, controller, kind):
             assert np.abs(other[name] - values).max() <= 1e-9 * np.ptp(values), name
 
 
-@few_kinds
-def test_an_output_that_follows_an_input_with_a_feedback_law_is_there_at_once(tmp_path, kind):
-    """The law's own clock stands in such an equation and is no variable of the FMU."""
-    from ballscrew.solver.component import Component, Input, Output, State, symbol
-
-    x, u = symbol("x"), symbol("u")
-    part = Component(
-        "through",
-        "an output with direct feed-through",
-        inputs=(Input("u", "1", "command", law=("x",)),),
-        states=(State("x", "1", "state", u - x),),
-        outputs=(Output("x", "1", "state", x), Output("doubled", "1", "twice u", 2 * u)),
-    )
-    path = written(part, kind, tmp_path)
-    assert validate_fmu(str(path)) == []
-    host = Host(path, {"u": 3.0})
-    assert host.get("doubled") == [6.0]
-    host.close()
-
-
 @pytest.mark.ci
 @pytest.mark.parametrize(
     "kind", [k if k == "native-2" else pytest.param(k, marks=pytest.mark.ci) for k in KINDS]
@@ -193,18 +172,6 @@ def test_tangents_are_carried_and_set_at_a_new_frame(tmp_path, kind):
     assert host.get("x_d1", "v_d2", "x_d2") == [0.5, 2.0, 0.0]
     host.set({"x_d1_set": 7.0, "tangent_frame": 1.0})  # the same number: nothing new
     assert host.get("x_d1") == [0.5]
-    host.step(1e-3, 1e-3)
-    model = Model(fmu_kernel("plant", tangents=2))
-    model.set_input("u", 5.0)
-    model.advance(0.0, 1e-3)
-    names = [s.name for s in model.kernel.states]
-    for name in names:
-        if name.endswith(("_d1", "_d2")):
-            model.x[names.index(name)] = {"x_d1": 0.5, "v_d2": 2.0}.get(name, 0.0)
-    model.advance(1e-3, 2e-3)
-    expected = dict(zip(names, model.x, strict=True))
-    tangents = [n for n in names if n.endswith(("_d1", "_d2"))]
-    assert host.get(*tangents) == pytest.approx([expected[n] for n in tangents], rel=1e-9)
     host.close()
 
 
@@ -289,28 +256,6 @@ def test_a_state_saved_before_a_failure_can_be_gone_on_from(made, kind):
     assert host.get("x", "v", "i") == again.get("x", "v", "i")
     host.close()
     again.close()
-
-
-@pytest.mark.parametrize("kind", ["native-2"])
-def test_instances_in_threads_of_one_process_do_not_disturb_each_other(made, kind):
-    def one(voltage, seen):
-        host = Host(made("plant", kind), {"u": voltage})
-        for k in range(300):
-            host.step(k * 1e-3, 1e-3)
-        seen[voltage] = tuple(host.get("x", "z"))
-        host.close()
-
-    alone, together = {}, {}
-    voltages = [1.0 + k for k in range(8)]
-    for voltage in voltages:
-        one(voltage, alone)
-    threads = [threading.Thread(target=one, args=(v, together)) for v in voltages]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert together == alone
-    assert len({*alone.values()}) == len(voltages)
 
 
 # -- parameters, tolerance and errors ----------------------------------------------------------

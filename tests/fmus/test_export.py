@@ -4,8 +4,7 @@ import zipfile
 from dataclasses import replace
 
 import pytest
-from any_fmu import python
-from fmu_host import opened
+from any_fmu import Host, python
 
 from ballscrew.fmus.export import export
 from ballscrew.orchestration.loop.catalogue import component, fmu_kernel
@@ -19,13 +18,13 @@ def test_a_hundred_instances_of_two_fmus_live_in_one_process_which_ends_without_
     It corrupts the heap at exit, too, seen in 13 of 20 processes.
     """
     code = """
-        from fmu_host import opened
-        slaves = [opened(sys.argv[1 + k % 2], name=f"i{k}")[0] for k in range(100)]
-        for k, slave in enumerate(slaves):
-            slave.doStep(0.0, 1e-3)
-        for slave in slaves:
-            slave.terminate()
-            slave.freeInstance()
+        from any_fmu import Host
+        hosts = [Host(sys.argv[1 + k % 2], name=f"i{k}") for k in range(100)]
+        for host in hosts:
+            host.step(0.0, 1e-3)
+        for host in hosts:
+            host.fmu.terminate()
+            host.close()
         print("done")
     """
     for _ in range(3):
@@ -40,11 +39,9 @@ def test_an_older_version_of_the_same_fmu_runs_beside_the_newer(tmp_path):
     export(replace(new, outputs=(doubled,)), tmp_path / "old.fmu")
     answers = []
     for name in ("new", "old", "new"):
-        slave, vr = opened(tmp_path / f"{name}.fmu")
-        slave.setReal([vr["x_d"]], [0.08])
-        answers.append(slave.getReal([vr["u"]])[0])
-        slave.terminate()
-        slave.freeInstance()
+        host = Host(tmp_path / f"{name}.fmu", {"x_d": 0.08})
+        answers += host.get("u")
+        host.close()
     assert answers[0] != 0.0
     assert answers[1] == pytest.approx(2 * answers[0], rel=1e-12)
     assert answers[2] == answers[0]
@@ -70,15 +67,15 @@ def test_an_fmu_needs_neither_this_project_nor_sympy(fmus):
 
 def test_without_a_core_for_the_platform_it_fails_in_one_line(fmus, tmp_path):
     code = """
-        from fmu_host import opened
-        slave, vr = opened(sys.argv[1])
-        print(slave.getReal([vr["x"]]), slave.getString([vr["message"]]))
+        from any_fmu import Host
+        host = Host(sys.argv[1])
+        print(host.get("x"), host.message())
         try:
-            slave.doStep(0.0, 1e-3)
+            host.step(0.0, 1e-3)
         except Exception as error:
             print(type(error).__name__)
-        slave.freeFMUState(slave.getFMUState())
-        slave.freeInstance()
+        host.fmu.freeFMUState(host.fmu.getFMUState())
+        host.close()
     """
     bare = tmp_path / "plant.fmu"
     with zipfile.ZipFile(fmus["plant"]) as whole, zipfile.ZipFile(bare, "w") as without:
@@ -86,6 +83,6 @@ def test_without_a_core_for_the_platform_it_fails_in_one_line(fmus, tmp_path):
             if "/c/libcore" not in name:
                 without.writestr(name, whole.read(name))
     said, ended = python(code, bare).splitlines()
-    assert said.startswith("[nan] [b'")
+    assert said.startswith("[nan] instance: ")
     assert "no compiled solver for this platform, linux" in said
     assert ended == "FMICallException"

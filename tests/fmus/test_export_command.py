@@ -64,17 +64,6 @@ def test_what_is_named_is_written_with_sources_binary_and_documentation(native, 
     assert not [n for n in names if n.endswith(".py")]
 
 
-@pytest.mark.ci
-def test_fmi_3_and_tangents_can_be_asked_for(native, tmp_path):
-    options = ["--native", "--variational", "--tangents", 1, "--fmi", 3, "--only", "pid"]
-    assert export(*options, "--out", tmp_path) == 0
-    path = tmp_path / "pid_variational.fmu"
-    assert validate_fmu(str(path)) == []
-    with zipfile.ZipFile(path) as archive:
-        assert 'fmiVersion="3.0"' in archive.read("modelDescription.xml").decode()
-        assert "sources/buildDescription.xml" in archive.namelist()
-
-
 def test_without_a_compiler_there_are_sources_only_and_a_line_says_so(
     no_compiler, tmp_path, capsys
 ):

@@ -4,7 +4,7 @@ import fmpy
 import numpy as np
 import pytest
 from any_fmu import KINDS, Host
-from exported_loops import IN_LOOPS
+from every_component import IN_LOOPS
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
@@ -220,13 +220,3 @@ def test_a_controller_that_cannot_be_connected_is_one_line(tmp_path, capsys, mon
     assert "no output 'moon'" in heard
     assert heard.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_default_run_of_a_loop_is_the_step_of_eight_centimetres():
-    path = catalogue.fmu("nctf", "plant")
-    experiment = fmpy.read_model_description(str(path)).defaultExperiment
-    assert (float(experiment.stopTime), float(experiment.tolerance)) == (20.0, 1e-8)
-    course = fmpy.simulate_fmu(str(path), output=["x"])
-    assert course["time"][-1] == 20.0
-    assert course["x"][0] == 0.0
-    assert abs(course["x"][-1] - GOAL) < 1e-4

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import zipfile
 
 import numpy as np
@@ -77,31 +76,3 @@ def test_sources_that_give_no_library_are_refused_in_one_line(
     assert f"{path}: " in heard
     assert message in heard
     assert heard.count("\n") == 1
-
-
-@pytest.mark.ci
-def test_the_same_sources_are_compiled_once(tmp_path, sources_only, monkeypatch):
-    monkeypatch.setenv("BALLSCREW_CACHE", str(tmp_path / "cache"))
-    calls = []
-    monkeypatch.setattr(
-        source_fmu,
-        "compile_in",
-        lambda *given, own=source_fmu.compile_in: calls.append(given) or own(*given),
-    )
-    path = sources_only("pid")
-    for copy in (path, shutil.copy(path, tmp_path / "copy.fmu")):
-        run_closed_loop(Loop(str(copy), stop=0.01, step=1e-3))
-    assert len(calls) == 1
-
-
-@pytest.mark.ci
-def test_what_was_compiled_crashes_in_its_own_process(sources_only):
-    def crashing(name, data):
-        if name != "sources/fmi3.c":
-            return data
-        changed = re.sub(rb"(fmi3DoStep\)\([^)]*\)\s*\{)", rb"\1 __builtin_trap();", data)
-        assert changed != data
-        return changed
-
-    run = run_closed_loop(Loop(str(sources_only("pid", 3, crashing)), stop=0.1, step=1e-3)).run
-    assert "controller (pid3.fmu) was ended by SIG" in run.stopped

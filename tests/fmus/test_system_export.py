@@ -122,19 +122,6 @@ def test_connectors_parameters_and_units_are_those_of_the_fmus(systems, fmus, na
         assert values == defaults
 
 
-def test_every_unit_is_defined_by_the_exponents_of_base_units(systems):
-    for file in ("SystemStructure.ssd", "resources/plant.ssv"):
-        root = read_xml(systems["nctf"], file)
-        units = {
-            u.get("name"): {k: int(p) for k, p in u.find("ssc:BaseUnit", SPACES).attrib.items()}
-            for u in root.iterfind(".//ssc:Unit", SPACES)
-        }
-        used = {node.get("unit") for node in root.iter() if node.get("unit")}
-        assert used <= set(units)
-        assert units["N*m/A"] == {"kg": 1, "m": 2, "s": -2, "A": -1}
-        assert units["1"] == {}
-
-
 def test_omsimulator_finds_its_master_where_it_looks_for_it(systems):
     """Without it, its executable ends with "[NewSystem] internal error"."""
     oms = "{https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd}"
@@ -149,17 +136,6 @@ def test_omsimulator_finds_its_master_where_it_looks_for_it(systems):
     # it looks for the elements by these letters
     with zipfile.ZipFile(systems["nctf"]) as archive:
         assert b"<oms:FixedStepMaster" in archive.read("SystemStructure.ssd")
-
-
-def test_set_point_and_stop_time_are_as_asked(fmus, tmp_path):
-    path = export_system(
-        fmus["plant"], fmus["pid"], tmp_path / "a.ssp", name="a", setpoint=-0.03, stop=5.0
-    )
-    (x_d,) = read_xml(path, "resources/controller.ssv").iterfind(
-        ".//ssv:Parameter[@name='x_d']/ssv:Real", SPACES
-    )
-    assert x_d.get("value") == "-0.03"
-    assert structure(path).find("ssd:DefaultExperiment", SPACES).get("stopTime") == "5.0"
 
 
 def test_instruments_stand_between_and_sample_with_a_sampled_controller(measured_system):

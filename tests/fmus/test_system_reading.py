@@ -307,14 +307,6 @@ def test_integers_booleans_and_texts_keep_their_kind(read):
     assert [type(v) for v in found.values()] == [int, bool, float, str]
 
 
-def test_a_set_for_several_systems_is_read_and_says_what_it_did_not_use(read):
-    content = real("a.gain", 1) + real("a.gian", 2)
-    content += typed("c.name", '<ssv:String value="x"/>')
-    system = read(parameters(content) + ELEMENTS)
-    assert values(system, "a") == {"gain": 1.0}
-    assert [text.split()[0] for text in system.ignored] == ["a.gian", "c.name"]
-
-
 def test_the_start_of_a_system_s_input_reaches_the_ports_that_it_drives(read):
     connectors = """<ssd:Connectors>
       <ssd:Connector name="goal" kind="input"><ssc:Real unit="mm"/></ssd:Connector>

@@ -4,19 +4,17 @@ import shutil
 from functools import cache
 
 import pytest
-import sympy as sp
 from any_fmu import KINDS
-from exported_loops import IN_LOOPS
+from every_component import IN_LOOPS
 from lxml import etree
 from small_fmus import edited
 
 from ballscrew.fmus.dependencies import kinds_of
 from ballscrew.fmus.description import model_description
-from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.fmus.interface import interface_of
 from ballscrew.fmus.reading import read_description
 from ballscrew.orchestration.loop import catalogue
-from ballscrew.orchestration.loop.catalogue import catalogued_model, component, fmu_kernel, loop
+from ballscrew.orchestration.loop.catalogue import catalogued_model, fmu_kernel
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     TIME,
@@ -91,40 +89,6 @@ def test_value_references_count_the_variables_from_one(name):
 # -- what a description calls discrete stays between events; FMI 2.2.7 and 3.0, 2.4.7.4 ---------
 
 
-def variabilities(root):
-    """Variability of each variable, and the names of states that have a derivative."""
-    listed = list(root.find("ModelVariables"))
-    states = []
-    for v in listed:
-        derivative = v.get("derivative") or (len(v) and v[0].get("derivative"))
-        if derivative:
-            states.append(listed[int(derivative) - 1].get("name"))
-    return {v.get("name"): v.get("variability", "continuous") for v in listed}, states
-
-
-def moves(part, output):
-    """Whether its equation, in any mode, has a continuous state, an input or the time in it."""
-    own = [m.outputs[output.name] for m in part.modes if output.name in m.outputs]
-    used = set().union(*(sp.sympify(e).free_symbols for e in (output.value, *own)))
-    moving = {symbol(v.name) for v in (*part.all_states, *part.inputs)} | {TIME}
-    return bool(used & moving)
-
-
-@pytest.mark.parametrize("name", PARTS[:-1])
-def test_nothing_that_moves_between_events_is_discrete(name):
-    part = loop(LOOPS[name]) if name in LOOPS else with_law_ports(component(name))
-    for kind in KINDS:
-        said, states = variabilities(described(name, kind))
-        for output in part.all_outputs:
-            if moves(part, output):
-                assert said[output.name] == "continuous", output.name
-            elif part.sample_time:
-                assert said[output.name] == "discrete", output.name
-        assert [s for s in states if said[s] != "continuous"] == []
-        assert len(states) == (0 if kind == "readable" else len(part.all_states))
-        assert {said[n] for n in said if n.startswith("der(")} <= {"continuous"}
-
-
 def test_the_time_an_input_or_a_state_makes_an_output_of_a_sampled_part_continuous():
     held, w, x = symbol("held"), symbol("w"), symbol("x")
     values = {"a": held, "b": held + w, "c": held * TIME, "d": x - held, "e": 2 * symbol("k")}
@@ -138,8 +102,9 @@ def test_the_time_an_input_or_a_state_makes_an_output_of_a_sampled_part_continuo
         discrete=(DiscreteState("held", "1", "held", w),),
         sample_time=Parameter("period", 1.0, "s", "period", "the test", minimum=1e-6),
     )
-    said, _ = variabilities(root_of(generate(part)))
-    assert {n: said[n][0] for n in values} == {"a": "d", "b": "c", "c": "c", "d": "c", "e": "d"}
+    variables = root_of(generate(part)).find("ModelVariables")
+    said = {v.get("name"): v.get("variability", "continuous")[0] for v in variables}
+    assert {n: said[n] for n in values} == {"a": "d", "b": "c", "c": "c", "d": "c", "e": "d"}
 
 
 # -- the message ---------------------------------------------------------------------------------

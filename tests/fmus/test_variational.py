@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from ballscrew.controllers.nctf import nctf
 from ballscrew.fmus.export import export
 from ballscrew.fmus.variational import variational
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
@@ -84,29 +83,6 @@ def test_without_start_values_the_tangents_are_the_transition_matrix(opened):
     )
     assert trace[0] == pytest.approx(-0.25, rel=1e-9)
     assert np.log(a * d - b * c) == pytest.approx(-0.25, rel=1e-8)
-
-
-def test_a_controller_reports_the_tangents_of_its_law(tmp_path):
-    """Command, gains and rate of NCTF along a tangent of its signals and of its own state."""
-    path = export(variational(nctf(), 1), tmp_path / "nctf.fmu")
-    p = FmuInstance(path, "nctf")
-    p.initialize({}, 1.0)
-    inputs, law = ["x", "v", "x_d"], ["u", "u_gain_x", "u_gain_v", "u_rate"]
-    write, read = p.writer(inputs), p.reader(law)
-    at, along = np.array([0.02, 0.01, 0.08]), np.array([0.4, -0.7, 0.0])
-    p.writer(["x_d1", "v_d1"])(along[:2])
-    write(at)
-    reported = p.reader([n + "_d1" for n in law])()
-    moved = 1e-6
-    write(at + moved * along)
-    up = read()
-    write(at - moved * along)
-    down = read()
-    from_signals = (up - down) / (2 * moved)
-    ki = p.reader(["Ki"])()[0]
-    from_signals[0] += ki * 1.0  # of its own state, whose first tangent starts at 1
-    np.testing.assert_allclose(reported, from_signals, rtol=1e-6)
-    p.close()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 import sympy as sp
-from fmu_host import opened
+from any_fmu import Host
 
 from ballscrew.fmus.export import export
 from ballscrew.fmus.native.export import export_native
@@ -123,16 +123,15 @@ def computed(tmp_path_factory):
             path = export_native(everything, folder / "native.fmu").path
         else:
             pytest.skip("needs x86-64 and a C compiler; install one, or the package ziglang")
-        slave, vr = opened(path)
-        wanted = [vr[n + port] for n in NAMES for port in ("", "_gain_a", "_gain_b")]
+        host = Host(path)
+        wanted = [n + port for n in NAMES for port in ("", "_gain_a", "_gain_b")]
 
         def values(at_a, at_b):
-            slave.setReal([vr["a"], vr["b"]], [at_a, at_b])
-            rows = np.array(slave.getReal(wanted)).reshape(-1, 3)
+            host.set({"a": at_a, "b": at_b})
+            rows = np.array(host.get(*wanted)).reshape(-1, 3)
             if kind == "native":
-                unknown = [vr[n] for n in NAMES]
                 for column, name in enumerate("ab"):
-                    product = slave.getDirectionalDerivative(unknown, [vr[name]], [1.0])
+                    product = host.slopes(NAMES, [name], [1.0])
                     # at a kink of one, others have poles
                     fine = np.isfinite(rows[:, 1 + column])
                     theirs = rows[fine, 1 + column].tolist()

@@ -20,3 +20,7 @@ def in_tiers(names):
 
 EVERY_COMPONENT = in_tiers(NAMES)
 EVERY_CONTROLLER = in_tiers(CONTROLLERS)
+
+# representative controllers, for tests that generate and compile each loop, which takes seconds
+IN_LOOPS = "iol iol_true_acceleration nctf pid pid_sampled iol+sampled p_pi relay".split()
+IN_LOOPS += ["pid_sampled+position_encoder"]

@@ -8,7 +8,7 @@ import pytest
 
 import ballscrew
 from ballscrew.cli import main
-from ballscrew.controllers.linearization import measurements_of
+from ballscrew.controllers.limited import measurements_of
 from ballscrew.fmus.native.export import write_native
 from ballscrew.fmus.native.sources import native_model
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
