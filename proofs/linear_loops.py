@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from ballscrew.orchestration.master.couplings import Coupling
-from ballscrew.orchestration.master.loop_run import LoopRun
+from ballscrew.orchestration.master.march import LoopRun
 from ballscrew.orchestration.master.master import run_loop
 from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.orchestration.master.sides import Sides

@@ -62,6 +62,7 @@ PARTS = {
     "solver/c/stepper.c": "solver/test_stepper.py solver/test_events.py solver/test_delays.py",
     "solver/c/tangents.c": "solver/test_tangents.py stability/test_amplitudes.py "
     "stability/test_known_answers.py",
+    "orchestration/master/c/controller.c": "orchestration/master/test_couplings.py",
     "orchestration/master/c/coupling.c": "orchestration/master/test_couplings.py",
     "orchestration/master/c/master.c": "orchestration/master/test_couplings.py",
     **dict.fromkeys(
@@ -105,7 +106,6 @@ EQUIVALENT = {
         ),
     },
     "orchestration/master/c/master.c": {
-        "double recorded = [0.0 -> 1.0];": "a first value that is always replaced",
         "if (low > 0 && low [< -> >] count)": (
             "the time since a point is limited by the next one, which only round-off passes"
         ),

@@ -14,9 +14,8 @@ import numpy.typing as npt
 from ..fmus.ports import FRAME, TRACE, is_tangent_port, set_port, tangent_port, tangent_states
 from ..orchestration.fmu.fmu_instance import Instance, StepFailed
 from ..orchestration.fmu.wiring import Wiring
-from ..orchestration.master.compiled import ASKED_ADVANCE, ASKED_LAW, USES, Guarded, Struct
+from ..orchestration.master.compiled import ASKED_ADVANCE, ASKED_LAW, USES, Bound, Guarded, Struct
 from ..orchestration.master.coupling import Answer, ControllerSide
-from ..orchestration.master.fmi_calls import Bound
 from ..solver.errors import FmuError
 
 Vector = npt.NDArray[np.float64]

@@ -34,10 +34,11 @@ from ..orchestration.master.compiled import (
     GOES_ON,
     STEP_FAILED,
     USES,
+    Bound,
     call,
+    failure_of,
     struct,
 )
-from ..orchestration.master.fmi_calls import Bound, failure_of
 from ..orchestration.master.march import Clock, bounds
 from ..solver.errors import FmuError
 from .tangent_sides import RELATIVE, ProbedController, Side, ordinary
@@ -244,7 +245,7 @@ class _Joint:
             self._bound = (*bound, *c.bind(side, self._whole, count, reference))
         m, n, rows = len(wiring.commands), len(signals), 1 + count
         states = len(p.states) + len(c.states)
-        self._whole.set(m=m, n=n, count=count, reference=reference, applied=np.zeros(rows * m))
+        self._whole.set(m=m, n=n, count=count, reference=reference)
         self._whole.set(**{name: np.zeros(rows * n) for name in ("start", "end", "middle")})
         laws = ("law", "mended", "ramped")
         self._whole.set(**{name: np.zeros(rows * m * (2 + n)) for name in laws})

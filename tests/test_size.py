@@ -19,7 +19,7 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1590, 1314),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
-    "orchestration": (11136, 9714),
+    "orchestration": (10876, 9520),
     "stability": (2779, 2277),
     "ballscrew": (3842, 3139),
     "gallery": (2729, 2355),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (26383, 25181),
+    "tests": (26382, 25180),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .fmu_instance import FmuInstance, Instance, Reader, StepFailed, Value, Writer
+from .fmu_instance import Instance, Reader, StepFailed, Value, Writer
 from .wiring import Wiring
 
 Vector = npt.NDArray[np.float64]
@@ -350,14 +350,6 @@ class Group(Instance):
             part.instance.step(t, h)
             self.values[part.outputs] = part.read()
         self.flags[:] = self.lags, not self.flags[BACK]
-
-    def is_compiled(self) -> bool:
-        """Whether compiled code can call its members itself; see `c/group.c`."""
-        return all(
-            isinstance(p.instance, FmuInstance)
-            and p.instance.is_compiled([*(f.port for f in p.feeds), *p.instance.outputs])
-            for p in self.parts
-        )
 
     def save(self) -> Any:
         states = [p.instance.save() for p in self.parts]

@@ -30,7 +30,7 @@ from ..fmu.wiring import (
     wire,
     with_aliases,
 )
-from ..master.loop_run import LoopRun
+from ..master.march import LoopRun
 from ..master.master import run_loop
 from ..master.reference_signal import Reference
 from ..master.sides import Sides

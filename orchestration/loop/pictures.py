@@ -25,7 +25,7 @@ from ...solver.files import write_atomically
 from .shown import labelled, shown_unit
 
 if TYPE_CHECKING:
-    from ..master.loop_run import LoopRun
+    from ..master.march import LoopRun
     from .closed_loop import ClosedLoopResult
 
 Vector = npt.NDArray[np.float64]

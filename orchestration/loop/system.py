@@ -30,7 +30,7 @@ from ..fmu.wiring import (
     plain_outputs,
     scale_of_results,
 )
-from ..master.loop_run import LoopRun
+from ..master.march import LoopRun
 from ..master.reference_signal import Reference
 from .joined import Fmu, Joined, free_input, opened
 from .loop import STOP, SystemLoop

@@ -17,7 +17,7 @@ from ...solver.stored import stored_kernel
 from ..fmu.limits import FIRST_STEP, check_memory
 from ..master.compiled import FARTHEST
 from ..master.couplings import Coupling
-from ..master.loop_run import LoopRun
+from ..master.march import LoopRun
 from ..master.reference_signal import ROUND_OFF, TERMS, Matrix, Reference
 from ..master.sides import step_that_meets
 from ..master.verdict import ACCURACY, Verdict

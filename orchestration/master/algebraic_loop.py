@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ..fmu.fmu_instance import StepFailed
 from .coupling import Answer, CoupledPair
-from .loop_run import LoopRun
+from .march import LoopRun
 from .sides import Sides
 from .verdict import WORST_CONTRACTION
 
@@ -40,12 +40,12 @@ def loop_gain(sides: Sides, step: float) -> float:
     def answer(time: float, moved: Vector) -> Vector:
         plant, controller = sides.opened()
         try:
-            signals = plant.reader([ours for ours, _ in wiring.signals])
-            given = controller.writer([*(n for _, n in wiring.signals), *wiring.references])
             command = controller.reader([ours for ours, _ in wiring.commands])
             plant.writer(commands)(command() + moved)
             plant.step(0.0, time)
-            given(np.concatenate([signals(), sides.start]))
+            signals = plant.reader([ours for ours, _ in wiring.signals])()
+            given = [*(n for _, n in wiring.signals), *wiring.references]
+            controller.writer(given)(np.concatenate([signals, sides.start]))
             return command()
         finally:
             plant.close()
@@ -66,19 +66,17 @@ def loop_gain(sides: Sides, step: float) -> float:
 def with_ring_named(run: LoopRun, loop: CoupledPair, sides: Sides, step: float) -> LoopRun:
     """The run, after its end, with a verdict on an algebraic loop that remains for any step."""
     if loop.unsolved:
-        return _named(run, f"has no solution at {loop.unsolved} communication points")
-    follows = any(sides.plant.follows_at_once(ours) for ours, _ in sides.wiring.signals)
-    if run.verdict.trusted or not follows or loop.answer is not Answer.DIRECT:
-        return run
-    gain = loop_gain(sides, step)
-    # corrected steps must halve the residual; others converge as long as it does not grow
-    corrects = loop.plant.can_save and loop.controller.can_save
-    if gain < (WORST_CONTRACTION if corrects else 1.0):
-        return run
-    return _named(run, f"has a loop gain of {gain:.3g}")
-
-
-def _named(run: LoopRun, found: str) -> LoopRun:
+        found = f"has no solution at {loop.unsolved} communication points"
+    else:
+        follows = any(sides.plant.follows_at_once(ours) for ours, _ in sides.wiring.signals)
+        if run.verdict.trusted or not follows or loop.answer is not Answer.DIRECT:
+            return run
+        gain = loop_gain(sides, step)
+        # corrected steps must halve the residual; others converge as long as it does not grow
+        corrects = loop.plant.can_save and loop.controller.can_save
+        if gain < (WORST_CONTRACTION if corrects else 1.0):
+            return run
+        found = f"has a loop gain of {gain:.3g}"
     reason = (
         "the plant's outputs and the controller's commands depend on each other without "
         f"delay: this algebraic loop {found}, and a smaller step does not help"

@@ -1,14 +1,21 @@
-"""The master's compiled part: its records, as ``c/`` declares them, and calls of its functions.
+"""The master's compiled part: its records, as ``c/`` declares them, its functions, and its FMUs.
 
 A record holds numbers, other records and the addresses of arrays, and compiled code gets the
 address of the record: a single argument, and both sides see all changes.
+
+An FMU of FMI 2.0 in this process whose signals are real is called through the addresses of its
+own functions, and a group of FMUs through those of ``c/group.c``. Any other instance (FMI 3.0,
+model exchange, another process, units that are converted) gets functions with the same signatures
+that call its Python methods, so that one code of the coupling is enough for all of them.
 """
 
 from __future__ import annotations
 
 import ctypes as ct
+import itertools
+import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,25 +23,27 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...solver.core import SUFFIX, at
+from ...solver.core import SUFFIX
+from ..fmu.fmi_versions import OK, STATE, STEP
+from ..fmu.fmu_instance import ENTRY_POINTS, FmuInstance, Instance
+from ..fmu.group import Group, Member
 
 Vector = npt.NDArray[np.float64]
 
 USES = 3  # uses of saved states
 FARTHEST = 1e4  # times an output's nominal value: beyond it, a loop diverges
 GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED = range(6)
+PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # kinds of failed calls
 
 OWN_STEP = ct.CFUNCTYPE(ct.c_int, ct.c_double)
 ASKED_LAW = ct.CFUNCTYPE(ct.c_int, ct.c_double, ct.c_double, ct.c_void_p, ct.c_void_p)
 ASKED_ADVANCE = ct.CFUNCTYPE(ct.c_int, ct.c_double, ct.c_double, ct.c_void_p)
+# fmi2SetReal, with pointers as plain addresses
+VALUES = ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p)
 
 _FOLDER = Path(__file__).parent / "c"
-_SOURCES = ("calls.h", "coupling.c", "clock.c", "joint_step.c", "group.c", "master.c")
-_SIZED = ("Pair", "Course", "Clock", "Joint", "Trail", "Group", "Member")
-
-
-class CallFailed(Exception):
-    """An FMU instance rejected a call; its record has the call and the reason."""
+_SOURCES = "calls.h controller.c coupling.c clock.c joint_step.c group.c master.c".split()
+_SIZED = "Loop Course Clock Joint Trail Group Member".split()
 
 
 @cache
@@ -49,8 +58,7 @@ def records() -> dict[str, np.dtype[Any]]:
             kind, names = field.split(maxsplit=1)
             if function := re.search(r"\(\*(\w+)\)", names):
                 kind, names = "", function[1]
-            kind = "" if "*" in names else kind
-            own = kinds.get(kind, np.dtype(np.intp))
+            own = kinds.get("" if "*" in names else kind, np.dtype(np.intp))
             fields += [(name.strip(" *"), own) for name in names.split(",")]
         kinds[record] = np.dtype(fields)
     return kinds
@@ -73,13 +81,14 @@ class Struct:
         return Struct(self._whole[name], self._kept)
 
     def set(self, **fields: Any) -> None:
-        """Set numbers, and vectors to arrays, which are kept as long as the record."""
+        """Set numbers, vectors to arrays, and addresses to records; both live as long as this."""
         for name, value in fields.items():
+            if isinstance(value, np.ndarray | Struct):
+                self._kept.append(value)
             if isinstance(value, np.ndarray):
                 assert value.flags.c_contiguous
-                self._kept.append(value)
                 value = (value.ctypes.data, value.size)
-            self._whole[name] = value
+            self._whole[name] = value.address if isinstance(value, Struct) else value
 
 
 def struct(name: str) -> Struct:
@@ -98,23 +107,17 @@ def library() -> Any:
     return loaded
 
 
-def call(function: str, *arguments: Struct | Vector | float) -> Any:
+def call(function: str, *arguments: Struct | npt.NDArray[Any] | float) -> Any:
     """Call a compiled function; records and arrays are read or written in place."""
 
-    def passed(given: Struct | Vector | float) -> Any:
+    def passed(given: Struct | npt.NDArray[Any] | float) -> Any:
         if isinstance(given, Struct):
             return ct.c_void_p(given.address)
         if isinstance(given, np.ndarray):
-            return ct.c_void_p(at(given))
+            return ct.c_void_p(given.ctypes.data)
         return ct.c_double(given) if isinstance(given, float) else ct.c_int64(given)
 
     return getattr(library(), function)(*map(passed, arguments))
-
-
-def ask(function: str, whom: Struct, *arguments: Vector | float) -> None:
-    """Call a function ``master_...`` on a loop or an FMU instance; raises `CallFailed`."""
-    if not call(f"master_{function}", whom, *arguments):
-        raise CallFailed
 
 
 def address_of(function: Any) -> int:
@@ -145,3 +148,125 @@ class Guarded:
 
         self._kept.append(kind(called))
         return address_of(self._kept[-1])
+
+
+class Bound:
+    """An initialized instance, in its record `calls`, with the ports that will be set and read.
+
+    A call sets all of them, or reads any number of the first; `uses` states are saved at a time.
+    """
+
+    def __init__(
+        self,
+        instance: Instance,
+        inputs: Sequence[str],
+        outputs: Sequence[str],
+        uses: int,
+        calls: Struct,
+    ) -> None:
+        self._calls, self._ports = calls, (list(inputs), list(outputs))
+        values = np.zeros(len(inputs)), np.zeros(len(outputs))
+        if isinstance(instance, FmuInstance) and instance.is_compiled([*inputs, *outputs]):
+            points: tuple[Any, ...] = instance.entry_points()
+            places = instance.references(inputs), instance.references(outputs)
+            self._error: Callable[[], BaseException | None] = lambda: self._error_of(instance)
+        elif isinstance(instance, Group):
+            points, self._error = _group_calls(instance)
+            places = [instance.place[n] for n in inputs], [instance.place[n] for n in outputs]
+        else:
+            points, self._error = _python_calls(instance, *self._ports, *values)
+            places = [0] * len(inputs), [0] * len(outputs)
+        calls.set(
+            **dict(zip(ENTRY_POINTS, points, strict=True)),
+            inputs=np.array(places[0], dtype=np.uint32),
+            given=values[0],
+            outputs=np.array(places[1], dtype=np.uint32),
+            taken=values[1],
+            stop=getattr(instance, "stop", math.inf),
+            states=np.zeros(uses, dtype=np.int64),
+        )
+
+    def failure(self) -> BaseException | None:
+        """The error of the last failed call, as raised by the FMU instance."""
+        return self._error() if self._calls.record.status > OK else None
+
+    def _error_of(self, fmu: FmuInstance) -> BaseException:
+        status, what = int(self._calls.record.status), int(self._calls.record.failed)
+        if what == MOVE:
+            return fmu.step_failed(status)
+        said = {
+            PUT: f"rejects the values of {', '.join(self._ports[0])}",
+            TAKE: f"cannot give {', '.join(self._ports[1])}",
+            SAVE: "cannot save its state",
+            RESTORE: "cannot restore its state",
+        }
+        return fmu.failed(status, said[what])
+
+
+def failure_of(*bound: Bound) -> BaseException | None:
+    """The error of the instance whose call failed; None if no call failed."""
+    return next((error for error in (b.failure() for b in bound) if error is not None), None)
+
+
+def ask(bound: Sequence[Bound], function: str, *arguments: Any) -> None:
+    """Call a function ``master_...``; raises a failed call as the instance itself would."""
+    if not call(f"master_{function}", *arguments):
+        raise failure_of(*bound) or RuntimeError(function)
+
+
+_Calls = tuple[tuple[Any, ...], Callable[[], BaseException | None]]
+"""An instance and the addresses of its functions, and what gives the error of a failed call."""
+
+
+def _group_calls(group: Group) -> _Calls:
+    """The functions of ``c/group.c``, for a group of any instances."""
+    whole, bound, addresses = struct("Group"), list[Bound](), dict[int, int]()
+    for part in group.parts:
+        member, ports = struct("Member"), [f.port for f in part.feeds]
+        member.set(sources=part.sources.astype(np.int64), first=part.outputs.start)
+        outputs = part.instance.outputs
+        bound.append(Bound(part.instance, ports, outputs, 0, member.part("calls")))
+        addresses[id(part)] = member.address
+
+    def order(parts: Sequence[Member]) -> npt.NDArray[np.int64]:
+        return np.array([addresses[id(part)] for part in parts], dtype=np.int64)
+
+    whole.set(members=order(group.parts), there=order(group.there), back=order(group.back))
+    whole.set(values=group.values, flags=group.flags, lags=group.lags)
+    functions = (getattr(library(), f"group_{name}") for name in ENTRY_POINTS[1:])
+    return (whole, *map(address_of, functions)), lambda: failure_of(*bound)
+
+
+def _python_calls(
+    instance: Instance, inputs: Sequence[str], outputs: Sequence[str], given: Vector, taken: Vector
+) -> _Calls:
+    """Functions with FMI's signatures that call an instance's methods, with these two arrays."""
+    guarded = Guarded(0, 3)  # fmi2OK, fmi2Error
+    states, numbers = dict[int, Any](), itertools.count(1)
+    write = instance.writer(inputs)
+    reader = cache(lambda count: instance.reader(outputs[:count]))
+
+    def put(_: Any, __: Any, ___: int, ____: Any) -> None:
+        write(given.copy())
+
+    def take(_: Any, __: Any, count: int, ___: Any) -> None:
+        taken[:count] = reader(count)()
+
+    def save(_: Any, slot: int) -> None:
+        number = next(numbers)
+        states[number] = instance.save()
+        ct.c_void_p.from_address(slot).value = number
+
+    def release(_: Any, slot: int) -> None:
+        instance.release(states.pop(ct.c_void_p.from_address(slot).value or 0))
+
+    functions = (
+        (VALUES, put),
+        (VALUES, take),
+        (STEP, lambda _, t, h, __: instance.step(t, h)),
+        (STATE, save),
+        (STATE, lambda _, state: instance.restore(states[state])),
+        (STATE, release),
+    )
+    points = (0, *(guarded.address(kind, function) for kind, function in functions))
+    return points, lambda: guarded.error

@@ -29,9 +29,8 @@ import numpy.typing as npt
 
 from ..fmu.fmu_instance import Instance, StepFailed
 from ..fmu.wiring import Wiring
-from .compiled import OWN_STEP, USES, Guarded, Struct, ask, struct
+from .compiled import OWN_STEP, USES, Bound, Guarded, Struct, ask, failure_of, struct
 from .couplings import Coupling
-from .fmi_calls import Bound, failure_of, raise_failures
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -40,15 +39,11 @@ CHUNK = 4096  # most steps between two checks of the elapsed time
 
 
 class Answer(Enum):
-    """When a controller's output responds to its inputs; in the order of ``c/coupling.c``."""
+    """When a controller's output responds to its inputs; in the order of ``c/controller.c``."""
 
     DIRECT = "as soon as inputs are set"
     STEPPED = "in its step"
     SAMPLED = "at its sample instants"
-
-    @property
-    def number(self) -> int:
-        return [*Answer].index(self)
 
 
 @dataclass(frozen=True)
@@ -66,11 +61,10 @@ def law_of(numbers: Vector, m: int, n: int) -> FeedbackLaw:
 
 
 class ControllerSide:
-    """A controller as a function: commands for given signals.
+    """An initialized controller as a function: `m` commands for `n` given signals.
 
-    The instance is initialized; with `signals` and `reference` at the start its feedthrough is
-    tested. `side` is a record `Controller` to fill. It has `m` commands, `n` signals, and the way
-    of its `answer`.
+    With `signals` and `reference` at the start its feedthrough is tested; `side` is the record
+    `Controller` to fill.
     """
 
     def __init__(
@@ -87,13 +81,11 @@ class ControllerSide:
         law = wiring.controller_law() if wiring.reports_law else []
         outputs = [*(c for c, _ in wiring.commands), *law, *wiring.others]
         self.bound = Bound(instance, inputs, outputs, USES, self._side.part("calls"))
-        self.answer = Answer.SAMPLED if instance.sample_time > 0 else Answer.DIRECT
         self._side.set(
             m=self.m,
             n=self.n,
             others=len(wiring.others),
             group=wiring.network,
-            answer=self.answer.number,
             reports=wiring.reports_law,
             saves=instance.can_save,
             varies=getattr(instance, "steps_vary", True),
@@ -103,24 +95,23 @@ class ControllerSide:
             moved=np.zeros(self.n),
             answered=np.zeros(self.m),
         )
-        if self.answer is Answer.DIRECT and not self._follows(signals, reference):
+        self.answer = Answer.DIRECT
+        if instance.sample_time > 0:
+            self.answer = Answer.SAMPLED
+        elif not self._follows(signals, reference):
             self.answer = Answer.STEPPED
-            self._side.set(answer=self.answer.number)
+        self._side.set(answer=[*Answer].index(self.answer))
 
     def _follows(self, signals: Vector, reference: Vector) -> bool:
         """Whether the output has direct feedthrough."""
-        law = self._empty_law()
-        self._ask("command_at", signals, reference, law[: self.m])
+        law = np.zeros(self.m * (2 + self.n))
+        self._ask("command_at", signals, reference, law)
         self._ask("probe_gains", 0.0, 0.0, signals, reference, law)
         self._ask("set_inputs", signals, reference)
         return bool(law[self.m :].any())
 
-    def _empty_law(self) -> Vector:
-        return np.zeros(self.m * (2 + self.n))
-
     def _ask(self, function: str, *arguments: Vector | float) -> None:
-        with raise_failures(self.bound):
-            ask(function, self._side, *arguments)
+        ask([self.bound], function, self._side, *arguments)
 
     def last_command(self) -> Vector:
         """The present commands, without new inputs."""
@@ -138,7 +129,7 @@ class ControllerSide:
         self, t: float, h: float, signals: Vector, reference: Vector, probe: bool
     ) -> FeedbackLaw:
         """The commands, and with `probe` their derivatives, at the given signals."""
-        law = self._empty_law()
+        law = np.zeros(self.m * (2 + self.n))
         self._ask("law_at", t, h, signals, reference, probe, law)
         return law_of(law, self.m, self.n)
 
@@ -148,36 +139,12 @@ class ControllerSide:
 
 
 class CoupledPair:
-    """A plant and a controller that move together, and what their steps have recorded.
+    """A plant and a controller, both initialized, that move together, and what they have recorded.
 
-    Parameters
-    ----------
-    plant, controller : Instance
-        Both initialized.
-    wiring : Wiring
-    coupling : Coupling
-    corrected : bool
-        Whether every step is corrected once, which needs both sides to save their states.
-    averaged : bool
-        Whether the controller's own states use the mean of the signals over the step (second
-        order), else the value at one end, as in a simple master.
-    reference : ndarray
-        The set-points at the start.
-    parts : int
-        Of each step, as a reference co-run.
-
-    Attributes
-    ----------
-    whole : Struct
-        The record `Pair`.
-    outputs : ndarray
-        The plant's, at present.
-    given : ndarray
-        The commands before the controller has moved.
-    rows : list of ndarray
-        The plant's outputs, then the controller's others, at communication points.
-    failure : str
-        Why a reference co-run ended early; empty if it did not.
+    With `corrected`, every step is corrected once, which needs both sides to save their states.
+    With `averaged`, the controller's own states use the mean of the signals over the step (second
+    order), else the value at one end, as in a simple master. Each step of a co-run has so many
+    `parts`; `reference` has the set-points at the start.
     """
 
     def __init__(
@@ -191,61 +158,57 @@ class CoupledPair:
         reference: Vector,
         parts: int = 1,
     ) -> None:
-        self.plant, self.controller, self.wiring = plant, controller, wiring
+        self.plant, self.controller = plant, controller
         self.corrected, self.averaged = corrected, averaged
-        self.other_names, self.failure = wiring.others, ""
-        self.whole = struct("Pair")
-        self._loop = self.whole.part("loop")
+        self.other_names = wiring.others
+        self.failure = ""  # why a reference co-run ended early; empty if it did not
+        self.whole = struct("Loop")
         law = wiring.plant_law() if wiring.accepts_law else []
         names = [*(theirs for _, theirs in wiring.commands), *law]
-        calls = self._loop.part("plant")
-        self._bound = Bound(plant, names, plant.outputs, USES, calls)
-        self.outputs = np.empty(len(plant.outputs))
-        with raise_failures(self._bound):
-            ask("read_outputs", calls, self.outputs)
+        self._plant = Bound(plant, names, plant.outputs, USES, self.whole.part("plant"))
+        self.outputs = np.array(plant.reader(plant.outputs)())  # at present
         at = [list(plant.outputs).index(s) for s, _ in wiring.signals]
-        self._side = ControllerSide(
-            controller, wiring, self.outputs[at], reference, self._loop.part("controller")
-        )
-        self.answer = self._side.answer
-        self.given = self._side.last_command()
-        m, n = self._side.m, self._side.n
-        self._loop.set(
+        side = self.whole.part("controller")
+        self._side = ControllerSide(controller, wiring, self.outputs[at], reference, side)
+        self.answer, m, n = self._side.answer, self._side.m, self._side.n
+        self.given = self._side.last_command()  # before the controller has moved
+        size, outputs = m * (2 + n), len(self.outputs)
+        rooms = {
+            "kept_late residual command first": m,
+            "start end mean": n,
+            "following kept_following law applied stepped": size,
+            "kept_outputs effect reached": outputs,
+            "goal": len(reference),
+            "ring": m * (m + 2),
+        }
+        made = {name: np.zeros(k) for names, k in rooms.items() for name in names.split()}
+        self._room = np.empty((CHUNK, outputs + len(self.other_names)))
+        self._guarded, own = Guarded(1, 0), 0
+        if coupling.own:
+            module, _, function = coupling.own.partition(":")
+            change = getattr(importlib.import_module(module), function)
+            applied = law_of(made["applied"], m, n)
+            own = self._guarded.address(OWN_STEP, lambda h: change(applied, h))
+        self.whole.set(
+            **made,
             takes_law=wiring.accepts_law,
             follows=any(map(plant.follows_at_once, plant.outputs)) and m > 0,
             commands=np.array([plant.nominal(theirs) for _, theirs in wiring.commands]),
-            ring=np.zeros(m * (m + 2)),
             signals=np.array(at, dtype=np.int64),
             delayed=coupling.late,
             tangent=coupling.law,
+            own=own,
             corrected=corrected,
             averaged=averaged,
             outputs=self.outputs,
             late=self.given.copy(),
-            contraction=np.nan,
+            contraction=math.nan,
+            parts=parts,
+            recorded=self._room,
+            failed=math.nan,
         )
-        applied = np.zeros(m * (2 + n))
-        self._guarded = Guarded(1, 0)
-        self._loop.set(applied=applied, own=self._own_step(coupling, law_of(applied, m, n)))
-        for size, rooms in (
-            (m, "kept_late residual command first"),
-            (n, "start end mean"),
-            (m * (2 + n), "following kept_following law stepped"),
-            (len(self.outputs), "kept_outputs effect reached"),
-            (len(reference), "goal"),
-        ):
-            self._loop.set(**{name: np.zeros(size) for name in rooms.split()})
-        self._room = np.empty((CHUNK, len(self.outputs) + len(self.other_names)))
-        self.whole.set(parts=parts, recorded=self._room, failed=math.nan)
+        # the plant's outputs, then the controller's others, at communication points
         self.rows = [np.concatenate([self.outputs, self._others()])[None]]
-
-    def _own_step(self, coupling: Coupling, law: FeedbackLaw) -> int:
-        """Address of the coupling's function that changes the applied law; 0 if it has none."""
-        if not coupling.own:
-            return 0
-        module, _, function = coupling.own.partition(":")
-        change = getattr(importlib.import_module(module), function)
-        return self._guarded.address(OWN_STEP, lambda h: change(law, h))
 
     def _others(self) -> Vector:
         """Present values of the controller's outputs that are not commands."""
@@ -253,13 +216,13 @@ class CoupledPair:
 
     @property
     def record(self) -> Any:
-        """The record `Pair`, as compiled code sees it."""
+        """The record `Loop`, as compiled code sees it."""
         return self.whole.record
 
     @property
     def unsolved(self) -> int:
         """Communication points at which an algebraic loop found no solution."""
-        return int(self._loop.record.unsolved)
+        return int(self.record.unsolved)
 
     @property
     def safety(self) -> float:
@@ -272,13 +235,13 @@ class CoupledPair:
 
     def begin_with_first_command(self) -> None:
         """Use the controller's output in the first step instead of a start value."""
-        self._loop.set(late=np.full(self._side.m, np.nan))
+        self.whole.set(late=np.full(self._side.m, np.nan))
 
     def command(self, t: float, h: float, reference: Vector) -> Vector:
         """The controller's true command at the present signals."""
         commands = np.zeros(self._side.m)
-        with raise_failures(self._bound, self._side.bound):
-            ask("command_now", self._loop, t, h, reference, False, commands)
+        bound = self._plant, self._side.bound
+        ask(bound, "command_now", self.whole, t, h, reference, False, commands)
         return commands
 
     def collect(self) -> None:
@@ -290,7 +253,7 @@ class CoupledPair:
 
     def failed(self) -> BaseException | None:
         """Error of the last failed call."""
-        return self._guarded.error or failure_of(self._bound, self._side.bound)
+        return self._guarded.error or failure_of(self._plant, self._side.bound)
 
     def error(self) -> StepFailed:
         """Return the loop's StepFailed; raise any other error, such as an interruption."""

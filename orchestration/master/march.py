@@ -1,11 +1,11 @@
-"""Communication steps of a loop and its reference co-runs: their times and their record."""
+"""A coupled run: its communication steps in time, those of its co-runs, its record and result."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -23,8 +23,9 @@ from .compiled import (
     struct,
 )
 from .coupling import CHUNK, CoupledPair
+from .couplings import Coupling
 from .reference_signal import ROUND_OFF, Reference
-from .verdict import ACCURACY
+from .verdict import ACCURACY, Verdict
 
 Vector = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -36,18 +37,56 @@ UNKNOWN = 1e12  # like FARTHEST, for outputs without a known nominal value
 UNBOUNDED = StepFailed("").advice
 
 
+@dataclass(frozen=True)
+class LoopRun:
+    """A coupled run."""
+
+    time: Vector  # shape (k,); communication points [s]
+    # shape (k,); the plant's outputs, under the names they are mapped to
+    outputs: dict[str, Vector]
+    # shape (k,); the controller's commands, under the names of the plant's inputs
+    commands: dict[str, Vector]
+    reference: Vector  # shape (k,)
+    coupling: Coupling
+    coupling_reason: str  # reason for the coupling, if it was chosen by rule
+    corrected: bool
+    residual_max: dict[str, float]  # largest coupling residual of each command, in its unit
+    # largest effect of the residual on each output, per second; empty if there was no correction
+    effect_rate_max: dict[str, float]
+    macro_steps: int
+    step_range: tuple[float, float]  # shortest and longest communication step [s]
+    verdict: Verdict
+    stopped: str = ""  # why the run ended early; empty if it did not
+    diverged: bool = False  # whether it ended because an output diverged
+    # shape (k,); the controller's other outputs, as ``controller.NAME``
+    others: dict[str, Vector] = field(default_factory=dict)
+    # of outputs and commands, if the parts declare them
+    units: dict[str, str] = field(default_factory=dict)
+    # sampling period of the controller and its instruments [s]; 0 if nothing is sampled
+    sampling_period: float = 0.0
+    # factor and offset from the set-point's SI unit to the unit of `reference` and the position
+    scale: tuple[float, float] = (1.0, 0.0)
+    limit: float = math.inf  # largest command that the plant lets through, in the command's unit
+    # the same with points between the communication points, where equations are solved
+    between: LoopRun | None = None
+
+    @property
+    def judged(self) -> dict[str, Vector]:
+        """The outputs that the verdict covers."""
+        judged = self.verdict.error_estimate
+        return self.outputs | {n: values for n, values in self.others.items() if n in judged}
+
+    @property
+    def alone(self) -> bool:
+        """Whether the plant ran without commands, and so without a set-point."""
+        return not self.commands
+
+
 class Clock:
-    """State of a run in time: from zero, with fixed steps or with steps up to a length.
+    """State of a run in time, from zero to `stop`, with steps of a length, or up to it [s].
 
-    Communication points are multiples of one tick, so that time does not drift.
-
-    Parameters
-    ----------
-    stop, step : float
-        [s]
-    adaptive : bool
-    breaks : array_like, shape (m,)
-        Rising times at which a step must also end [s].
+    Communication points are multiples of one tick, so that time does not drift. A step must also
+    end at each of the rising `breaks` [s].
     """
 
     def __init__(
@@ -55,15 +94,21 @@ class Clock:
     ) -> None:
         size = 2**FINEST if adaptive else 1
         tick = step / size
-        last = max(1, math.ceil(stop / tick - 1e-9))
-        self.whole = struct("Clock")
-        self.whole.set(tick=tick, stop=stop, last=last, longest=size, stride=size)
-        self.whole.set(adaptive=adaptive, shortest_used=math.inf)
         close = max(ROUND_OFF * step, 1e-14 * stop)
         times = np.asarray(breaks, dtype=float)
         times = times[(times > close) & (times < stop - close)]
-        times = times[np.diff(times, prepend=0.0) > close]
-        self.whole.set(close=close, breaks=times)
+        self.whole = struct("Clock")
+        self.whole.set(
+            tick=tick,
+            stop=stop,
+            last=max(1, math.ceil(stop / tick - 1e-9)),
+            longest=size,
+            stride=size,
+            adaptive=adaptive,
+            shortest_used=math.inf,
+            close=close,
+            breaks=times[np.diff(times, prepend=0.0) > close],
+        )
 
     @property
     def now(self) -> float:
@@ -121,6 +166,7 @@ class Record:
         self.bounds = bounds(nominal, outputs)
         self.residual, self.effect_rate = np.zeros(m), np.zeros(len(outputs))
         self._room = np.empty(CHUNK), np.empty(CHUNK), np.empty((CHUNK, m * keeps_commands))
+        shown = 0, *orders  # the recorded set-point, then those of the controller
         self.whole = struct("Course")
         self.whole.set(
             times=self._room[0],
@@ -134,13 +180,14 @@ class Record:
             effect_rate=self.effect_rate,
             apart=np.zeros(len(outputs)),
             goal_times=np.ascontiguousarray(reference.times, dtype=float),
-            goal_pieces=np.stack([reference.pieces(k) for k in (0, *orders)], axis=1).ravel(),
+            goal_pieces=np.stack([reference.pieces(k) for k in shown], axis=1).ravel(),
             accuracy=ACCURACY,
-            before=np.zeros(len(orders)),
-            after=np.zeros(len(orders)),
+            before=np.zeros(len(shown)),
+            after=np.zeros(len(shown)),
         )
-        self.start = reference.all_at(0.0, orders)
-        self.times, self.references = [np.zeros(1)], [np.array([reference.at(0.0)])]
+        first = reference.all_at(0.0, shown)
+        self.start = first[1:].copy()
+        self.times, self.references = [np.zeros(1)], [first[:1]]
         self.commands: list[Vector] = []
 
     def collect(self, rows: int) -> None:
@@ -167,13 +214,12 @@ class Stop:
 
 
 def march(pairs: Sequence[CoupledPair], clock: Clock, record: Record, most: int) -> int:
-    """Move a loop, and up to two co-runs, by up to `most` steps; `GOES_ON`, or why it ended.
+    """Move a loop, and its co-runs, by up to `most` steps; `GOES_ON`, or why it ended.
 
     Raises `StepFailed` if a loop cannot save or restore its state.
     """
-    nobody = struct("Pair")
-    wholes = [*(p.whole for p in pairs), nobody, nobody][:3]
-    why = int(call("master_march", *wholes, clock.whole, record.whole, most))
+    loops = np.array([pair.whole.address for pair in pairs])
+    why = int(call("master_march", loops, len(loops), clock.whole, record.whole, most))
     if why == CALL_FAILED:
         raise next(p.error() for p in pairs if p.failed())
     for pair in pairs:
@@ -184,7 +230,7 @@ def march(pairs: Sequence[CoupledPair], clock: Clock, record: Record, most: int)
 def march_on(
     pairs: Sequence[CoupledPair], clock: Clock, record: Record, progress: Progress | None = None
 ) -> Stop:
-    """Move a loop, and up to two reference co-runs, to the clock's end.
+    """Move a loop, and its reference co-runs, to the clock's end.
 
     Raises `StepFailed` if a loop cannot save or restore its state; other failures end the run.
     """

@@ -12,8 +12,7 @@ from ..fmu.limits import check_memory
 from ..fmu.wiring import CONTROLLER, PLANT, names_on
 from .algebraic_loop import with_ring_named
 from .coupling import Answer, CoupledPair
-from .loop_run import LoopRun
-from .march import Clock, Progress, Record, Stop, march_on
+from .march import Clock, LoopRun, Progress, Record, Stop, march_on
 from .second_look import Setting, with_second_look
 from .sides import Sides, step_that_meets
 from .verdict import ACCURACY, Verdict, scales, verdict_of

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from ...measurement.records.table import listed, read_tables
+from ...measurement.records.table import listed, read_tables, rename
 from ...measurement.records.units import NO_UNIT, UNITS, spell
 from ...solver.errors import BadParameter, BadRecord
 from ...solver.set_point import DERIVATIVES, SET_POINT
@@ -23,18 +23,12 @@ TERMS = 8
 ROUND_OFF = 1e-9  # of a step: times closer to each other are equal
 
 _COLUMNS = (SET_POINT, *DERIVATIVES)
-_MEASURES = dict(
-    zip(
-        ("time", *_COLUMNS),
-        (
-            ("time",),
-            ("length", "angle"),
-            ("velocity", "angular velocity"),
-            ("acceleration", "angular acceleration"),
-        ),
-        strict=True,
-    )
-)
+_QUANTITIES = {
+    "time": ("time",),
+    SET_POINT: ("length", "angle"),
+    "v_d": ("velocity", "angular velocity"),
+    "a_d": ("acceleration", "angular acceleration"),
+}
 
 
 @dataclass(frozen=True)
@@ -68,6 +62,15 @@ class Reference:
         return cls(np.array([0.0]), np.array([float(value)]))
 
     @classmethod
+    def of_pieces(cls, times: npt.ArrayLike, curve: npt.ArrayLike) -> Reference:
+        """From polynomials in the time since each point; the last value is held."""
+        given = np.asarray(curve, dtype=float)
+        padded = np.zeros((len(given), TERMS))
+        padded[:, : given.shape[1]] = given
+        padded[-1, 1:] = 0.0
+        return cls(np.asarray(times, dtype=float), padded[:, 0].copy(), curve=padded)
+
+    @classmethod
     def read(cls, path: Path | str) -> Reference:
         """Read a table with the columns ``time`` [s] and ``x_d`` [m], in any format of records.
 
@@ -79,45 +82,36 @@ class Reference:
         BadParameter
             If the file is missing or is not such a table.
         """
+        names = "time", *_COLUMNS
         try:
             tables = read_tables(Path(path))
+            fitting = [t for t in tables if {*names[:2]} <= t.columns.keys() | t.faults.keys()]
+            table = rename(fitting[0], {}, names, ()) if len(fitting) == 1 else None
         except BadRecord as error:
             raise BadParameter(str(error)) from error
-        wanted = {"time", SET_POINT}
-        fitting = [t for t in tables if wanted <= t.columns.keys() | t.faults.keys()]
-        if len(fitting) != 1:
+        if table is None:
             there = "; ".join(listed(t.columns) for t in fitting or tables)
             many = f"{len(fitting)} tables with " if fitting else ""
             raise BadParameter(
                 f"{path}: has {many}the columns {there}, expected one table with time and x_d"
             )
-        columns, units = fitting[0].columns, fitting[0].units
-        for name in (n for n in ("time", *_COLUMNS) if n in fitting[0].faults):
-            raise BadParameter(f"{path}{fitting[0].faults[name]}")
-        names = ["time", *(n for n in _COLUMNS if n in columns)]
-        lengths = {len(columns[n]) for n in names}
-        if len(lengths) > 1:
-            raise BadParameter(f"{path}: has columns of different length, expected one")
-        table = np.column_stack([columns[n] * _size(path, n, units.get(n, "")) for n in names])
-        if not np.isfinite(table).all():
+        units = {n: table.units.get(n, "") for n in table.columns}
+        given = {n: column * _size(path, n, units[n]) for n, column in table.columns.items()}
+        time = given.pop("time")
+        if not np.isfinite([time, *given.values()]).all():
             raise BadParameter(f"{path}: contains values that are not finite")
-        rises = np.diff(table[:, 0])
+        rises = np.diff(time)
         wrong = rises < 0
         wrong[1:] |= (rises[1:] == 0) & (rises[:-1] == 0)  # two rows at one time are a jump
         if wrong.any():
-            k = int(np.argmax(wrong))
-            raise BadParameter(f"{path}: time does not increase after {table[k, 0]:g} s")
-        given = dict(zip(names, table.T, strict=True))
-        found = cls(given["time"], *(given.get(name) for name in _COLUMNS))  # type: ignore[arg-type]
-        return replace(found, measure=_measure(units.get(SET_POINT, "")))
+            before = time[np.argmax(wrong)]
+            raise BadParameter(f"{path}: time does not increase after {before:g} s")
+        velocity, acceleration = (given.get(name) for name in DERIVATIVES)
+        measure = _measure(units[SET_POINT])
+        return cls(time, given[SET_POINT], velocity, acceleration, measure=measure)
 
     def check_measure(self, unit: str) -> None:
-        """Make sure that a plant whose position has this unit can follow it.
-
-        Raises
-        ------
-        BadParameter
-        """
+        """Raise `BadParameter` if a plant whose position has this unit cannot follow it."""
         expected = _measure(unit)
         if self.measure and expected and self.measure != expected:
             raise BadParameter(
@@ -133,15 +127,6 @@ class Reference:
             f"the set-point does not change within this run of {stop:g} s: its first point is at "
             f"{self.times[0]:g} s",
         )
-
-    @classmethod
-    def of_pieces(cls, times: npt.ArrayLike, curve: npt.ArrayLike) -> Reference:
-        """From polynomials in the time since each point; the last value is held."""
-        given = np.asarray(curve, dtype=float)
-        padded = np.zeros((len(given), TERMS))
-        padded[:, : given.shape[1]] = given
-        padded[-1, 1:] = 0.0
-        return cls(np.asarray(times, dtype=float), padded[:, 0].copy(), curve=padded)
 
     def at(self, t: float) -> float:
         return float(self.all_at(t, (0,))[0])
@@ -186,34 +171,27 @@ class Reference:
         ndarray, shape (m + 1, TERMS)
             Coefficients, the constant ones first; row 0 holds before the first point.
         """
-        if order not in self._pieces:
-            self._pieces[order] = self._made_pieces(order)
-        return self._pieces[order]
-
-    @cached_property
-    def _pieces(self) -> dict[int, Matrix]:
-        return {}
-
-    def _made_pieces(self, order: int) -> Matrix:
-        rows = np.zeros((len(self.times) + 1, TERMS))
+        if order in self._pieces:
+            return self._pieces[order]
+        self._pieces[order] = rows = np.zeros((len(self.times) + 1, TERMS))
         if self.curve is not None:
-            powers = np.arange(1, TERMS)
             own = self.curve
             for _ in range(order):
-                own = np.pad(own[:, 1:] * powers, ((0, 0), (0, 1)))
+                own = np.pad(own[:, 1:] * np.arange(1, TERMS), ((0, 0), (0, 1)))
             rows[1:] = own
         else:
-            values = self.derivative(order)
-            rows[1:, 0] = values
+            rows[1:, 0] = values = self.derivative(order)
             rise = np.diff(self.times)
-            rows[1:-1, 1] = np.divide(
-                np.diff(values), rise, out=np.zeros(len(rise)), where=rise > 0
-            )
+            np.divide(np.diff(values), rise, out=rows[1:-1, 1], where=rise > 0)
         if order:
             rows[-1] = 0.0  # a held value does not move
         else:
             rows[0, 0] = rows[1, 0]
         return rows
+
+    @cached_property
+    def _pieces(self) -> dict[int, Matrix]:
+        return {}
 
     def jumps(self, orders: Sequence[int]) -> Vector:
         """Times at which the set-point or one of these derivatives jumps, shape (k,) [s]."""
@@ -221,52 +199,39 @@ class Reference:
         found = np.zeros(len(times), dtype=bool)
         for order in orders:
             size = np.abs(self.on(times, order) - self.on(times, order, before=True))
-            found |= size > ROUND_OFF * np.abs(self.pieces(order)[:, 0]).max()
+            found |= size > self._least(order)
         return times[found]
+
+    def _least(self, order: int) -> float:
+        """The largest difference of two values that is round-off."""
+        return float(ROUND_OFF * np.abs(self.pieces(order)[:, 0]).max())
 
     def bends_within(self, step: float, stop: float, orders: Sequence[int], breaks: Vector) -> bool:
         """Whether it, or one of these derivatives, is not straight within the steps of a run.
 
-        Parameters
-        ----------
-        step, stop : float
-            Steps end at multiples of `step`, until `stop` [s],
-        breaks : ndarray
-            and at these times [s].
+        Steps end at multiples of `step`, until `stop`, and at the times `breaks` [s].
         """
         here = self.times < stop
         times = self.times[here]
         met = np.abs(times - np.round(times / step) * step) <= ROUND_OFF * step
         within = ~met & ~np.isin(times, breaks)
-        powers = np.arange(TERMS)
-        reach = np.minimum(np.diff(self.times, append=np.inf)[here], step)[:, None] ** powers
-        since = np.diff(times, prepend=times[:1])[:, None] ** powers
+        reach = np.minimum(np.diff(self.times, append=np.inf)[here], step)
         for order in orders:
             before, after = self.pieces(order)[:-1][here], self.pieces(order)[1:][here]
-            least = ROUND_OFF * np.abs(self.pieces(order)[:, 0]).max()
-            bent = np.abs(after * reach)[:, 2:]
-            jump = np.abs((before * since).sum(axis=1) - after[:, 0])
-            slope = (before[:, 1:] * powers[1:] * since[:, :-1]).sum(axis=1)
-            turn = np.abs(slope - after[:, 1]) * step
-            if (bent > least).any() or (np.maximum(jump, turn)[within] > least).any():
+            bent = after[:, 2:] * reach[:, None] ** np.arange(2, TERMS)
+            # difference in value and in slope of the pieces that meet at each point
+            apart = (_moved(before, np.diff(times, prepend=times[:1])) - after)[within, :2]
+            sizes = np.abs(bent).ravel(), np.abs(apart * [1.0, step]).ravel()
+            if (np.concatenate(sizes) > self._least(order)).any():
                 return True
         return False
 
     def between(self, grid: Vector, orders: Sequence[int]) -> tuple[Vector, list[Matrix]]:
         """A grid with all points of the set-point in it, and the polynomials from each time on.
 
-        Parameters
-        ----------
-        grid : ndarray, shape (m,)
-            Rising times [s]. A point within round-off of one of them is moved to it.
-        orders : sequence of int
-
-        Returns
-        -------
-        ndarray, shape (k,)
-            Times [s].
-        list of ndarray, shape (k, TERMS)
-            For each order, coefficients in the time since each of these, which hold until the next.
+        A point within round-off of one of the grid's rising times [s] is moved to it. Returns the
+        times, shape (k,) [s], and for each order the coefficients in the time since each of these,
+        shape (k, TERMS), which hold until the next.
         """
         close = ROUND_OFF * float(np.diff(grid).min(initial=np.inf))
         points = self.times[(self.times > grid[0] + close) & (self.times < grid[-1] - close)]
@@ -282,14 +247,14 @@ class Reference:
 
 def _measure(unit: str) -> str:
     """Whether a position's unit is one of length or angle; empty if of neither."""
-    return next((m for m in _MEASURES[SET_POINT] if spell(unit) in UNITS[m]), "")
+    return next((m for m in _QUANTITIES[SET_POINT] if spell(unit) in UNITS[m]), "")
 
 
 def _size(path: Path | str, name: str, unit: str) -> float:
     """Factor of a column to SI."""
     if unit in NO_UNIT:
         return 1.0
-    known = {u: f for quantity in _MEASURES[name] for u, f in UNITS[quantity].items()}
+    known = {u: f for quantity in _QUANTITIES[name] for u, f in UNITS[quantity].items()}
     if spell(unit) not in known:
         raise BadParameter(f"{path}: {name} is in {unit!r}, expected one of {', '.join(known)}")
     return known[spell(unit)]

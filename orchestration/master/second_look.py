@@ -19,8 +19,7 @@ import numpy.typing as npt
 
 from .compiled import GOES_ON
 from .coupling import CHUNK, CoupledPair
-from .loop_run import LoopRun
-from .march import Clock, Progress, Record, march, march_on
+from .march import Clock, LoopRun, Progress, Record, march, march_on
 from .sides import Sides
 from .verdict import ACCURACY, asks_again, scales, second_verdict
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from ..fmu.fmu_instance import SHORTER
 from ..fmu.limits import FIRST_STEP
-from .loop_run import LoopRun
-from .march import UNBOUNDED
+from .march import UNBOUNDED, LoopRun
 from .second_look import jumps
 from .verdict import ACCURACY, Verdict, scales
 

@@ -13,7 +13,7 @@ from pages import ALL, HOSTILE, Page, check_hostile
 import ballscrew
 from ballscrew.cli import main
 from ballscrew.loop_results import RunResult
-from ballscrew.orchestration.master.loop_run import LoopRun
+from ballscrew.orchestration.master.march import LoopRun
 
 COMMANDS = {
     "run": ["--controller", "nctf", "--stop", "20", "--set", "plant.Fc=1.3"],

@@ -8,48 +8,27 @@
 #include <stdint.h>
 #include <string.h>
 
-/* Arrays that are owned elsewhere. */
-typedef struct {
-    double *at;
-    int64_t size;
-} Vector;
-
-typedef struct {
-    int64_t *at;
-    int64_t size;
-} Places;
-
-typedef struct {
-    uint32_t *at;
-    int64_t size;
-} References;
-
-typedef struct {
-    void **at;
-    int64_t size;
-} Slots;
-
-typedef int (*SetReal)(void *, const uint32_t *, size_t, const double *);
-typedef int (*GetReal)(void *, const uint32_t *, size_t, double *);
-typedef int (*DoStep)(void *, double, double, int);
-typedef int (*GetState)(void *, void **);
-typedef int (*SetState)(void *, void *);
+/* Arrays that are owned elsewhere, with their sizes. */
+typedef struct { double *at; int64_t size; } Vector;
+typedef struct { int64_t *at; int64_t size; } Places;
+typedef struct { uint32_t *at; int64_t size; } References;
+typedef struct { void **at; int64_t size; } Slots;
 
 /* An FMU instance: its functions, their inputs and their outputs. */
 typedef struct {
     void *component;
-    SetReal set_real;
-    GetReal get_real;
-    DoStep do_step;
-    GetState get_state;
-    SetState set_state;
-    GetState free_state;
+    int (*set_real)(void *, const uint32_t *, size_t, const double *);
+    int (*get_real)(void *, const uint32_t *, size_t, double *);
+    int (*do_step)(void *, double, double, int);
+    int (*get_state)(void *, void **);
+    int (*set_state)(void *, void *);
+    int (*free_state)(void *, void **);
     References inputs;
     Vector given;
     References outputs;
     Vector taken;
-    double stop;  /* no step may end after it [s] */
-    Slots states; /* saved states, one for each use; null if none is saved */
+    double stop;            /* no step may end after it [s] */
+    Slots states;           /* saved states, one for each use; null if none is saved */
     int64_t status, failed; /* FMI status and kind of the call that failed */
 } Calls;
 
@@ -72,12 +51,14 @@ static inline int checked(Calls *c, int status, int what)
     return 0;
 }
 
-static inline int put(Calls *c, int64_t count)
+/* Set all inputs. */
+static inline int put(Calls *c)
 {
-    return count <= 0 ||
-           checked(c, c->set_real(c->component, c->inputs.at, (size_t)count, c->given.at), PUT);
+    const size_t count = (size_t)c->given.size;
+    return !count || checked(c, c->set_real(c->component, c->inputs.at, count, c->given.at), PUT);
 }
 
+/* Read the first outputs. */
 static inline int take(Calls *c, int64_t count)
 {
     return count <= 0 ||
@@ -119,6 +100,14 @@ static inline void release(Calls *c, int use)
 static inline void copy(const double *source, double *target, int64_t count)
 {
     memcpy(target, source, (size_t)count * sizeof *target);
+}
+
+/* Read all outputs. */
+static inline int take_all(Calls *c, double *values)
+{
+    TRY(take(c, c->taken.size));
+    copy(c->taken.at, values, c->taken.size);
+    return 1;
 }
 
 #endif

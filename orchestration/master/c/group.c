@@ -23,22 +23,19 @@ static int feed_member(Group *g, Member *m)
 {
     for (int64_t k = 0; k < m->sources.size; k++)
         m->calls.given.at[k] = g->values.at[m->sources.at[k]];
-    return put(&m->calls, m->sources.size);
+    return put(&m->calls);
 }
 
 static int read_member(Group *g, Member *m)
 {
-    TRY(take(&m->calls, m->calls.taken.size));
-    copy(m->calls.taken.at, g->values.at + m->first, m->calls.taken.size);
-    return 1;
+    return take_all(&m->calls, g->values.at + m->first);
 }
 
 static int swept(Group *g)
 {
     for (int64_t k = 0; k < g->members.size; k++) {
         Member *const m = g->members.at[k];
-        TRY(feed_member(g, m));
-        TRY(read_member(g, m));
+        TRY(feed_member(g, m) && read_member(g, m));
     }
     g->flags.at[STALE] = 0;
     return 1;

@@ -32,7 +32,6 @@ typedef struct {
     Vector reference;           /* set-points */
     Vector start, end, middle;  /* rows x n */
     Vector law, mended, ramped; /* rows x m (2 + n) */
-    Vector applied;             /* rows x m: commands at the end of the step */
     /* orthonormal joint tangents, count x states, and the logarithms of their lengths before,
      * without and with the correction */
     Vector plain, plain_logs, frame, logs;
@@ -47,29 +46,14 @@ typedef struct {
     int64_t unmet;             /* number of shortest steps with a larger change */
 } Trail;
 
-static int read_rows(Calls *c, double *rows)
-{
-    TRY(take(c, c->taken.size));
-    copy(c->taken.at, rows, c->taken.size);
-    return 1;
-}
-
 /* Apply a law over a part of the step; it refers to the signals at the step's start. */
 static int step_with_law(Joint *j, double t, double h, const double *law)
 {
     const int64_t m = j->m, n = j->n, width = m * (2 + n);
     double *given = j->plant.calls.given.at;
-    for (int64_t row = 0; row <= j->count; row++) {
-        const double *const own = law + row * width, *const signals = j->start.at + row * n;
-        copy(own, given, m + m * n);
-        given += m + m * n;
-        for (int64_t k = 0; k < m; k++, given += n)
-            copy(signals, given, n);
-        copy(own + m + m * n, given, m);
-        given += m;
-    }
-    TRY(put(&j->plant.calls, j->plant.calls.given.size));
-    return move(&j->plant.calls, t, h);
+    for (int64_t row = 0; row <= j->count; row++)
+        given = write_law(law + row * width, j->start.at + row * n, given, m, n);
+    return put(&j->plant.calls) && move(&j->plant.calls, t, h);
 }
 
 /* Set the controller's signals and their tangents. */
@@ -80,14 +64,14 @@ static int set_signals(Joint *j, const double *signals)
     copy(signals, c->given.at, n);
     copy(j->reference.at, c->given.at + n, width);
     copy(signals + n, c->given.at + n + width, j->count * n);
-    return put(c, c->given.size);
+    return put(c);
 }
 
 static int law_of(Joint *j, double t, double h, const double *signals, double *law)
 {
     if (j->asked.law)
         return j->asked.law(t, h, signals, law);
-    return set_signals(j, signals) && read_rows(&j->controller.calls, law);
+    return set_signals(j, signals) && take_all(&j->controller.calls, law);
 }
 
 static int advance_controller(Joint *j, double t, double h, const double *signals)
@@ -110,7 +94,7 @@ static int set_tangents(Joint *j, Side *side, int64_t first)
     }
     if (own > 0)
         c->given.at[j->count * own] += 1.0; /* a new frame */
-    return put(c, c->given.size);
+    return put(c);
 }
 
 static int take_tangents(Calls *c) { return !c->get_real || take(c, c->taken.size); }
@@ -130,33 +114,23 @@ static int joint_frame(Joint *j, double *frame, double *logs)
     return 1;
 }
 
-/* Commands and their tangents as the plant has applied them at the end of the step. */
-static void find_applied(Joint *j, double h)
-{
-    const int64_t m = j->m, n = j->n, width = m * (2 + n);
-    for (int64_t row = 0; row <= j->count; row++) {
-        const double *const own = j->law.at + row * width;
-        for (int64_t k = 0; k < m; k++) {
-            double command = own[k] + own[m + m * n + k] * h;
-            for (int64_t i = 0; i < n; i++) {
-                const double change = j->end.at[row * n + i] - j->start.at[row * n + i];
-                command += j->law.at[m + k * n + i] * change;
-                if (row > 0)
-                    command += own[m + k * n + i] * (j->end.at[i] - j->start.at[i]);
-            }
-            j->applied.at[row * m + k] = command;
-        }
-    }
-}
-
-/* The law, corrected by a part of the error of its commands at the end of the step. */
+/* Put the law into `mended`, corrected by a part of the error of its commands at the end of the step:
+ * the difference of the true ones from those, with their tangents, that the plant has applied. */
 static void find_mended(Joint *j, double h)
 {
-    const int64_t m = j->m, rate = m + m * j->n, width = m * (2 + j->n);
+    const int64_t m = j->m, n = j->n, rate = m + m * n, width = m * (2 + n);
     copy(j->law.at, j->mended.at, (1 + j->count) * width);
     for (int64_t row = 0; row <= j->count; row++) {
+        const double *const own = j->law.at + row * width;
+        const double *const start = j->start.at + row * n, *const end = j->end.at + row * n;
         for (int64_t k = 0; k < m; k++) {
-            const double missed = j->ramped.at[row * width + k] - j->applied.at[row * m + k];
+            double applied = own[k] + own[rate + k] * h;
+            for (int64_t i = 0; i < n; i++) {
+                applied += j->law.at[m + k * n + i] * (end[i] - start[i]);
+                if (row > 0)
+                    applied += own[m + k * n + i] * (j->end.at[i] - j->start.at[i]);
+            }
+            const double missed = j->ramped.at[row * width + k] - applied;
             j->mended.at[row * width + rate + k] += RAMP_SHARE * missed / h;
         }
     }
@@ -180,24 +154,23 @@ static int joint_step(Joint *j, double t, double h)
     const int64_t signals = rows * j->n;
     TRY(law_of(j, t, h, j->start.at, j->law.at));
     TRY(step_with_law(j, t, h, j->law.at));
-    TRY(read_rows(&j->plant.calls, j->end.at));
+    TRY(take_all(&j->plant.calls, j->end.at));
     for (int64_t k = 0; k < signals; k++)
         j->middle.at[k] = 0.5 * (j->start.at[k] + j->end.at[k]);
     TRY(advance_controller(j, t, h, j->middle.at));
     TRY(joint_frame(j, j->plain.at, j->plain_logs.at));
     TRY(law_of(j, t + h, h, j->end.at, j->ramped.at)); /* the true commands */
-    find_applied(j, h);
     find_mended(j, h);
     TRY(restore_sides(j));
     TRY(step_with_law(j, t, 0.5 * h, j->mended.at));
-    TRY(read_rows(&j->plant.calls, j->middle.at));
+    TRY(take_all(&j->plant.calls, j->middle.at));
     copy(j->mended.at, j->ramped.at, rows * width);
     for (int64_t row = 0; row < rows; row++) {
         for (int64_t k = 0; k < m; k++)
             j->ramped.at[row * width + k] += j->mended.at[row * width + rate + k] * 0.5 * h;
     }
     TRY(step_with_law(j, t + 0.5 * h, 0.5 * h, j->ramped.at));
-    TRY(read_rows(&j->plant.calls, j->end.at));
+    TRY(take_all(&j->plant.calls, j->end.at));
     /* Simpson's mean for the controller's states; the first pass used the trapezoidal mean. Their
      * difference shows the error of both for signals that move fast within the step. */
     for (int64_t k = 0; k < signals; k++)
@@ -211,7 +184,7 @@ static int begin_step(Joint *j)
 {
     TRY(set_tangents(j, &j->plant, 0));
     TRY(set_tangents(j, &j->controller, j->plant.states));
-    TRY(read_rows(&j->plant.calls, j->start.at));
+    TRY(take_all(&j->plant.calls, j->start.at));
     return save(&j->plant.calls, CORRECTION) && save(&j->controller.calls, CORRECTION);
 }
 

@@ -10,41 +10,31 @@ enum { GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED }
 #include "joint_step.c"
 #include "group.c"
 
-/* A loop and its record. */
-typedef struct {
-    Loop loop;
-    int64_t parts;   /* of each step of a reference co-run; 0 if there is no co-run */
-    Vector recorded; /* outputs of the plant and others of the controller at the end of each step */
-    int64_t rows;
-    double failed; /* time of the step in which a reference co-run failed [s], else NaN */
-} Pair;
-
 /* The record of a run, the measurements during it, and its reference. */
 typedef struct {
     Vector times, references;
-    Vector commands;             /* row by row */
-    Vector bounds;               /* of each output, beyond which the loop diverges */
-    Vector nominal, low, high;   /* of each output, and its range so far */
-    Vector residual, effect_rate;  /* largest of each command, and its effect on each output, per second */
-    double accuracy;             /* allowed error at the end, as a share of an output's range */
+    Vector commands;            /* row by row; empty if none are kept */
+    Vector bounds;              /* of each output, beyond which the loop diverges */
+    Vector nominal, low, high;  /* of each output, and its range so far */
+    Vector residual;            /* largest of each command */
+    Vector effect_rate;         /* largest effect of the residual on each output, per second */
+    double accuracy;            /* allowed error at the end, as a share of an output's range */
+    double weight;              /* effect of the last step's correction, as a share of a range */
     double contraction, contraction_weight; /* sums of contraction by weight and of weight */
-    Vector apart;                /* difference of run and reference co-run after the last step */
+    Vector apart;               /* difference of run and reference co-run after the last step */
     /* the reference's points; a constant before them and polynomials in the time since each of
      * them: for the recorded set-point, then for each input */
     Vector goal_times, goal_pieces;
-    Vector before, after; /* room for the inputs' set-points at two times */
+    Vector before, after;       /* room for these set-points at two times */
 } Course;
 
-enum { FROM_BEFORE, FROM_THEN_ON }; /* on which side of a jump */
-
-/* Return the set-point at a time [s], and put each input's value of it into `inputs`. Points of the
- * reference within `close` count as points at this time. */
-static double set_points(const Course *c, double t, int side, double close, double *inputs)
+/* Put the set-points at a time [s] into `values`, from the last point of the reference up to `bound`:
+ * a little before or after the time, since points so close to it count as points at this time. */
+static void set_points(const Course *c, double t, double bound, double *values)
 {
     const double *const times = c->goal_times.at;
-    const int64_t count = c->goal_times.size, row = 1 + c->before.size;
+    const int64_t count = c->goal_times.size, row = c->before.size;
     const int64_t terms = c->goal_pieces.size / ((count + 1) * row);
-    const double bound = side == FROM_BEFORE ? t - close : t + close;
     int64_t low = 0, high = count; /* the first point after the bound */
     while (low < high) {
         const int64_t middle = (low + high) / 2;
@@ -57,36 +47,31 @@ static double set_points(const Course *c, double t, int side, double close, doub
     if (low > 0 && low < count)
         since = fmin(since, times[low] - times[low - 1]);
     const double *piece = c->goal_pieces.at + low * row * terms;
-    double recorded = 0.0;
     for (int64_t j = 0; j < row; j++, piece += terms) {
         double value = 0.0;
         for (int64_t k = terms - 1; k >= 0; k--)
             value = value * since + piece[k];
-        *(j ? &inputs[j - 1] : &recorded) = value;
+        values[j] = value;
     }
-    return recorded;
 }
 
-static int runs(const Pair *co_run)
-{
-    return co_run->parts > 0 && isnan(co_run->failed);
-}
+static int runs(const Loop *l) { return isnan(l->failed); }
 
-static int record_outputs(Pair *pair, const double *reference)
+static int record_outputs(Loop *l, const double *reference)
 {
-    Controller *const c = &pair->loop.controller;
-    const int64_t n = pair->loop.outputs.size, all = c->calls.taken.size;
-    double *const row = pair->recorded.at + pair->rows * (n + c->others);
-    copy(pair->loop.outputs.at, row, n);
+    Controller *const c = &l->controller;
+    const int64_t n = l->outputs.size, all = c->calls.taken.size;
+    double *const row = l->recorded.at + l->rows * (n + c->others);
+    copy(l->outputs.at, row, n);
     if (c->others) {
         if (c->group) {
-            signals_of(&pair->loop, row, pair->loop.start.at);
-            TRY(master_set_inputs(c, pair->loop.start.at, reference));
+            signals_of(l, row, l->start.at);
+            TRY(master_set_inputs(c, l->start.at, reference));
         }
         TRY(take(&c->calls, all));
         copy(c->calls.taken.at + all - c->others, row + n, c->others);
     }
-    pair->rows++;
+    l->rows++;
     return 1;
 }
 
@@ -94,185 +79,169 @@ static int record_outputs(Pair *pair, const double *reference)
  * has from before the jump. */
 static void begin_step_at(Loop *l, Course *course, double t, double close)
 {
-    double *const before = course->before.at, *const after = course->after.at;
-    set_points(course, t, FROM_BEFORE, close, after);
-    set_points(course, t, FROM_THEN_ON, close, before);
-    for (int64_t k = 0; k < course->before.size; k++)
-        if (before[k] != after[k])
-            l->has_following = 0;
+    set_points(course, t, t - close, course->after.at);
+    set_points(course, t, t + close, course->before.at);
+    if (differ(course->before.at + 1, course->after.at + 1, course->before.size - 1))
+        l->has_following = 0;
 }
 
-/* Move a loop over a step of length `h` to the time `end`, in the number of parts of the pair. */
-static int stepped_along(Pair *pair, Course *course, double t, double h, double end, double close)
+/* Move a loop over a step to the time `end`, in the number of its parts. */
+static int stepped_along(Loop *l, Course *course, double t, double h, double end, double close)
 {
-    const double parts = (double)pair->parts;
-    for (int64_t j = 0; j < pair->parts; j++) {
+    const double parts = (double)l->parts, part = h / parts;
+    for (int64_t j = 0; j < l->parts; j++) {
         const double begin = t + (double)j * h / parts;
-        begin_step_at(&pair->loop, course, begin, close);
-        set_points(course, j + 1 < pair->parts ? t + (double)(j + 1) * h / parts : end, FROM_BEFORE,
-                   close, course->after.at);
-        if (!stepped(&pair->loop, begin, h / parts, course->before.at, course->after.at))
+        const double until = j + 1 < l->parts ? t + (double)(j + 1) * h / parts : end;
+        begin_step_at(l, course, begin, close);
+        set_points(course, until, until - close, course->after.at);
+        if (!step(l, begin, part, course->before.at + 1, course->after.at + 1)) {
+            release_both(l, CORRECTION);
+            release_both(l, PROBE);
             return 0;
+        }
     }
     return 1;
 }
 
-/* End a step of a reference co-run; the next step is `following` seconds long, if there is one. */
-static void end_co_run_step(Pair *pair, Course *course, const Clock *clock, double following)
+/* Move all loops over the next step of the clock; with adaptive steps, it can be taken back. */
+static int step_all(Loop *const *loops, int64_t count, const Clock *clock, Course *course)
 {
-    const double t = clock_now(clock);
-    if (!runs(pair))
-        return;
-    begin_step_at(&pair->loop, course, t, clock->close);
-    if (!settle_row(&pair->loop, t, following / (double)pair->parts, course->before.at,
-                    clock_done(clock))) {
-        release_both(&pair->loop, PROBE);
-        pair->failed = t;
-    } else if (!clock->broken && !record_outputs(pair, course->before.at)) {
-        pair->failed = t;
+    const double t = clock_now(clock), h = clock_step_to_come(clock), end = next_time(clock);
+    for (int64_t k = 0; k < count; k++) {
+        if (clock->adaptive && runs(loops[k]) && !keep(loops[k]))
+            return CALL_FAILED;
     }
+    for (int64_t k = 0; k < count; k++) {
+        if (!runs(loops[k]) || stepped_along(loops[k], course, t, h, end, clock->close))
+            continue;
+        if (k == 0)
+            return STEP_FAILED;
+        loops[k]->failed = t;
+    }
+    return GOES_ON;
 }
 
-/* Difference of an output of the run from that of its reference co-run. */
-static double apart_by(const Pair *co_run, const double *outputs, int64_t k)
+/* End a step of a loop: record its row, of the `run` with its commands, unless it ends at a break.
+ * The next step is `following` seconds long, if there is one. */
+static int end_step(Loop *l, Course *course, const Clock *clock, double following, int run)
 {
-    return runs(co_run) ? outputs[k] - co_run->loop.outputs.at[k] : 0.0;
+    const int last = clock_done(clock);
+    const double t = clock_now(clock), *const goal = course->before.at + 1;
+    double *const commands = course->commands.at + l->rows * l->controller.m;
+    int why = GOES_ON;
+    begin_step_at(l, course, t, clock->close);
+    /* if no commands are kept, a step of another length may follow */
+    if (run && course->commands.size && !clock->broken &&
+        !master_command_now(l, t, following, goal, last, commands))
+        why = COMMAND_FAILED;
+    else if (!settle_row(l, t, following / (double)l->parts, goal, last))
+        why = STEP_FAILED;
+    else if (!clock->broken && !record_outputs(l, goal))
+        why = COMMAND_FAILED;
+    if (why != GOES_ON)
+        release_both(l, PROBE);
+    return why;
 }
 
-/* Result of a step: the effect of its correction, and its error as a share of the allowed one. */
-typedef struct {
-    const Loop *corrected; /* the loop whose correction is used */
-    double weight, share;
-} Judged;
-
-static Judged judge_step(const Pair *main, const Pair *co_run, const Clock *clock, Course *course,
-                         double h)
+/* Difference of an output of the run from that of its reference co-run, if there is one. */
+static double apart_by(const Loop *run, const Loop *co_run, int64_t k)
 {
-    const double *const outputs = main->loop.outputs.at;
-    const Loop *const corrected =
-        co_run->loop.corrected && runs(co_run) ? &co_run->loop : &main->loop;
-    double weight = 0.0, worst = 0.0;
-    for (int64_t k = 0; k < main->loop.outputs.size; k++) {
-        const double range =
-            fmax(course->high.at[k], outputs[k]) - fmin(course->low.at[k], outputs[k]);
+    return co_run ? run->outputs.at[k] - co_run->outputs.at[k] : 0.0;
+}
+
+/* The error of the last step, as a share of the allowed one. */
+static double share_of_step(const Loop *run, const Loop *corrected, const Loop *co_run,
+                            const Clock *clock, Course *course, double h)
+{
+    double worst = 0.0;
+    course->weight = 0.0;
+    for (int64_t k = 0; k < run->outputs.size; k++) {
+        const double now = run->outputs.at[k];
+        const double range = fmax(course->high.at[k], now) - fmin(course->low.at[k], now);
         const double scale = fmax(range, 1e-2 * course->nominal.at[k]);
-        weight = fmax(weight, corrected->effect.at[k] / scale);
-        const double moved = apart_by(co_run, outputs, k) - course->apart.at[k];
+        course->weight = fmax(course->weight, corrected->effect.at[k] / scale);
+        const double moved = apart_by(run, co_run, k) - course->apart.at[k];
         worst = fmax(worst, fabs(moved) / scale);
     }
     const double allowed = course->accuracy * fmax(h / clock->stop, LEAST_SHARE);
-    return (Judged){corrected, weight, fmax(weight, worst) / allowed};
+    return fmax(course->weight, worst) / allowed;
 }
 
-/* Do up to `most` accepted steps, recorded from row 0 on; return GOES_ON, or why the run ended.
- * Steps that end at breaks of the clock are not recorded. */
-API int master_march(Pair *main, Pair *co_run, Pair *second, Clock *clock, Course *course,
-                     int64_t most)
+/* Add an accepted step to the measurements. */
+static void measure(const Loop *run, const Loop *corrected, const Loop *co_run, Course *course,
+                    double h)
 {
-    Loop *const loop = &main->loop;
-    Pair *const pairs[] = {main, co_run, second};
-    const int64_t n = loop->outputs.size, m = loop->controller.m;
-    const double close = clock->close;
-    double *const outputs = loop->outputs.at;
+    if (isfinite(corrected->contraction) && course->weight > 0.0) {
+        course->contraction += corrected->contraction * course->weight;
+        course->contraction_weight += course->weight;
+    }
+    for (int64_t k = 0; k < run->controller.m; k++)
+        course->residual.at[k] = fmax(course->residual.at[k], fabs(run->residual.at[k]));
+    for (int64_t k = 0; k < run->outputs.size; k++) {
+        const double rate = corrected->effect.at[k] / h;
+        course->effect_rate.at[k] = fmax(course->effect_rate.at[k], rate);
+        course->apart.at[k] = apart_by(run, co_run, k);
+        course->low.at[k] = fmin(course->low.at[k], run->outputs.at[k]);
+        course->high.at[k] = fmax(course->high.at[k], run->outputs.at[k]);
+    }
+}
+
+static int judge_outputs(const Loop *run, const Course *course)
+{
     int why = GOES_ON;
-    main->rows = co_run->rows = second->rows = 0;
-    while (why == GOES_ON && !clock_done(clock) && main->rows < most) {
-        const double t = clock_now(clock), h = clock_step_to_come(clock), end = next_time(clock);
-        int kept[] = {0, 0, 0};
-        for (int k = 0; k < 3 && why == GOES_ON; k++) {
-            kept[k] = clock->adaptive && runs(pairs[k]);
-            if (kept[k] && !keep(&pairs[k]->loop))
+    for (int64_t k = 0; k < run->outputs.size; k++) {
+        if (!isfinite(run->outputs.at[k]))
+            why = NOT_FINITE;
+        else if (why == GOES_ON && fabs(run->outputs.at[k]) > course->bounds.at[k])
+            why = DIVERGES;
+    }
+    return why;
+}
+
+/* Move a run, the first loop, and its reference co-runs by up to `most` accepted steps, recorded from
+ * row 0 on; return GOES_ON, or why the run ended. Steps that end at breaks are not recorded. */
+API int master_march(Loop *const *loops, int64_t count, Clock *clock, Course *course, int64_t most)
+{
+    Loop *const run = loops[0];
+    int why = GOES_ON;
+    for (int64_t k = 0; k < count; k++)
+        loops[k]->rows = 0;
+    while (why == GOES_ON && !clock_done(clock) && run->rows < most) {
+        const double h = clock_step_to_come(clock);
+        why = step_all(loops, count, clock, course);
+        const Loop *const co_run = count > 1 && runs(loops[1]) ? loops[1] : NULL;
+        const Loop *const corrected = co_run && co_run->corrected ? co_run : run;
+        const double share = share_of_step(run, corrected, co_run, clock, course, h);
+        const int again =
+            why == GOES_ON && clock->adaptive && share > 1.0 && clock->stride > 1;
+        for (int64_t k = 0; k < count; k++) {
+            if (again && is_kept(loops[k]) && !take_back(loops[k]))
                 why = CALL_FAILED;
+            drop(loops[k]);
         }
-        if (why != GOES_ON)
-            break;
-        for (int k = 0; k < 3 && why == GOES_ON; k++) {
-            if (!runs(pairs[k]) || stepped_along(pairs[k], course, t, h, end, close))
-                continue;
-            if (k == 0)
-                why = STEP_FAILED;
-            else
-                pairs[k]->failed = t;
-        }
-        if (why != GOES_ON) {
-            for (int k = 0; k < 3; k++)
-                if (kept[k])
-                    drop(&pairs[k]->loop);
-            break;
-        }
-        const Judged judged = judge_step(main, co_run, clock, course, h);
-        if (clock->adaptive) {
-            if (judged.share > 1.0 && clock->stride > 1) {
-                for (int k = 0; k < 3 && why == GOES_ON; k++) {
-                    if (!kept[k])
-                        continue;
-                    if (!take_back(&pairs[k]->loop))
-                        why = CALL_FAILED;
-                    pairs[k]->failed = NAN;
-                }
-                clock_adapt(clock, judged.share);
-                continue;
-            }
-            for (int k = 0; k < 3; k++)
-                if (kept[k])
-                    drop(&pairs[k]->loop);
-        }
-        clock_accept(clock);
-        const double contraction = judged.corrected->contraction;
-        if (isfinite(contraction) && judged.weight > 0.0) {
-            course->contraction += contraction * judged.weight;
-            course->contraction_weight += judged.weight;
-        }
-        for (int64_t k = 0; k < m; k++)
-            course->residual.at[k] = fmax(course->residual.at[k], fabs(loop->residual.at[k]));
-        for (int64_t k = 0; k < n; k++) {
-            course->effect_rate.at[k] =
-                fmax(course->effect_rate.at[k], judged.corrected->effect.at[k] / h);
-            course->apart.at[k] = apart_by(co_run, outputs, k);
-            course->low.at[k] = fmin(course->low.at[k], outputs[k]);
-            course->high.at[k] = fmax(course->high.at[k], outputs[k]);
-        }
-        if (clock->adaptive)
-            clock_adapt(clock, judged.share);
-        const double following = clock_done(clock) ? h : clock_step_to_come(clock);
-        const int64_t row = main->rows;
-        double *const commands = course->commands.at + row * m;
-        begin_step_at(loop, course, end, close);
-        /* if no commands are kept, a step of another length may follow */
-        if (course->commands.size && !clock->broken &&
-            !master_command_now(loop, end, following, course->before.at, clock_done(clock),
-                                commands)) {
-            release_both(loop, CORRECTION);
-            release_both(loop, PROBE);
-            why = COMMAND_FAILED;
-            break;
-        }
-        if (!settle_row(loop, end, following, course->before.at, clock_done(clock))) {
-            release_both(loop, PROBE);
-            why = STEP_FAILED;
-            break;
-        }
-        if (!clock->broken && !record_outputs(main, course->before.at)) {
-            why = COMMAND_FAILED;
-            break;
-        }
-        end_co_run_step(co_run, course, clock, following);
-        end_co_run_step(second, course, clock, following);
-        if (clock->broken)
+        if (again)
+            clock_adapt(clock, share);
+        if (again || why != GOES_ON)
             continue;
-        course->times.at[row] = end;
-        course->references.at[row] =
-            set_points(course, end, FROM_THEN_ON, close, course->before.at);
-        for (int64_t k = 0; k < n; k++) {
-            if (!isfinite(outputs[k]))
-                why = NOT_FINITE;
-            else if (why == GOES_ON && fabs(outputs[k]) > course->bounds.at[k])
-                why = DIVERGES;
+        clock_accept(clock);
+        measure(run, corrected, co_run, course, h);
+        if (clock->adaptive)
+            clock_adapt(clock, share);
+        const double following = clock_done(clock) ? h : clock_step_to_come(clock);
+        why = end_step(run, course, clock, following, 1);
+        for (int64_t k = 1; k < count && why == GOES_ON; k++) {
+            if (runs(loops[k]) && end_step(loops[k], course, clock, following, 0) != GOES_ON)
+                loops[k]->failed = clock_now(clock);
+        }
+        if (why == GOES_ON && !clock->broken) {
+            course->times.at[run->rows - 1] = clock_now(clock);
+            course->references.at[run->rows - 1] = course->before.at[0];
+            why = judge_outputs(run, course);
         }
     }
     return why;
 }
 
 /* The size of the records, which `compiled.py` reads from these sources. */
-API const int64_t master_size = sizeof(Pair) + sizeof(Course) + sizeof(Clock) + sizeof(Joint) +
+API const int64_t master_size = sizeof(Loop) + sizeof(Course) + sizeof(Clock) + sizeof(Joint) +
                                 sizeof(Trail) + sizeof(Group) + sizeof(Member);

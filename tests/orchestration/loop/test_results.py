@@ -9,7 +9,7 @@ from ballscrew.orchestration.loop.closed_loop import metrics, units_of_figures
 from ballscrew.orchestration.loop.pictures import rows_over_plane, rows_over_time
 from ballscrew.orchestration.loop.shown import in_turning_units, length, quantity, shown_unit
 from ballscrew.orchestration.master.couplings import Coupling
-from ballscrew.orchestration.master.loop_run import LoopRun
+from ballscrew.orchestration.master.march import LoopRun
 from ballscrew.orchestration.master.verdict import Verdict
 
 

@@ -13,8 +13,7 @@ from ballscrew.orchestration.fmu.fmu_instance import SHORTER
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.master.couplings import Coupling
-from ballscrew.orchestration.master.loop_run import LoopRun
-from ballscrew.orchestration.master.march import UNBOUNDED
+from ballscrew.orchestration.master.march import UNBOUNDED, LoopRun
 from ballscrew.orchestration.master.step_choice import choose_step, only_step
 from ballscrew.orchestration.master.verdict import Verdict
 

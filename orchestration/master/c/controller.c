@@ -1,0 +1,153 @@
+/* A controller as a function: its commands, and their derivatives, for given signals.
+ *
+ * A *law* is one array, in the order of the ports that it is read from: m commands, their
+ * derivatives by n signals each, their own rates. */
+#include "calls.h"
+
+#ifdef _WIN32
+#define API __declspec(dllexport)
+#else
+#define API __attribute__((visibility("default")))
+#endif
+
+enum { DIRECT, STEPPED, SAMPLED };       /* when commands respond, see `coupling.Answer` */
+enum { CHECKPOINT, CORRECTION, PROBE }; /* uses of saved states */
+
+#define PROBE_PARTS 64
+
+/* Inputs: n signals, references; outputs: m commands, then gains and rates if it reports a law, and
+ * others that are only recorded. A group gets the present signals before the others are read. */
+typedef struct {
+    Calls calls;
+    int64_t m, n, others, group, answer, reports, saves, varies;
+    Vector nominal, real;   /* of the signals; whether each signal and reference is Real */
+    Vector ahead;           /* commands after a step that cannot be taken back */
+    int64_t is_ahead;       /* whether it has done such a step */
+    Vector moved, answered; /* room for n signals and m commands */
+} Controller;
+
+API int master_set_inputs(Controller *c, const double *signals, const double *reference)
+{
+    copy(signals, c->calls.given.at, c->n);
+    copy(reference, c->calls.given.at + c->n, c->calls.given.size - c->n);
+    return put(&c->calls);
+}
+
+/* The present commands. */
+API int master_read_commands(Controller *c, double *commands)
+{
+    TRY(take(&c->calls, c->m));
+    copy(c->calls.taken.at, commands, c->m);
+    return 1;
+}
+
+API int master_command_at(Controller *c, const double *signals, const double *reference,
+                          double *commands)
+{
+    return master_set_inputs(c, signals, reference) && master_read_commands(c, commands);
+}
+
+/* The commands at these signals, at once or after a step from the state saved for probing. */
+static int answer_at(Controller *c, double t, double h, const double *signals,
+                     const double *reference, double *commands)
+{
+    TRY(master_set_inputs(c, signals, reference));
+    if (c->answer != DIRECT && !at_end(&c->calls, t))
+        TRY(move(&c->calls, t, h));
+    TRY(master_read_commands(c, commands));
+    return c->answer == DIRECT || restore(&c->calls, PROBE);
+}
+
+/* Derivatives of the commands by the signals, by differences from the law's commands. */
+API int master_probe_gains(Controller *c, double t, double h, const double *signals,
+                           const double *reference, double *law)
+{
+    double *const moved = c->moved.at, *const commands = c->answered.at;
+    copy(signals, moved, c->n);
+    for (int64_t j = 0; j < c->n; j++) {
+        if (!c->real.at[j])
+            continue;
+        moved[j] += 1e-7 * fmax(fabs(signals[j]), 1e-3 * c->nominal.at[j]);
+        TRY(answer_at(c, t, h, moved, reference, commands));
+        for (int64_t k = 0; k < c->m; k++)
+            law[c->m + k * c->n + j] = (commands[k] - law[k]) / (moved[j] - signals[j]);
+        moved[j] = signals[j];
+    }
+    return 1;
+}
+
+/* Move the controller from t to t + h with these signals held. */
+API int master_advance(Controller *c, double t, double h, const double *signals,
+                       const double *reference)
+{
+    if (c->is_ahead) {
+        c->is_ahead = 0;
+        return 1;
+    }
+    return master_set_inputs(c, signals, reference) && move(&c->calls, t, h);
+}
+
+/* The law of a controller that answers in its step. */
+static int stepped_law(Controller *c, double t, double h, const double *signals,
+                       const double *reference, int probe, double *law)
+{
+    if (c->saves) {
+        TRY(save(&c->calls, PROBE));
+        TRY(answer_at(c, t, h, signals, reference, law));
+        if (probe && c->answer == STEPPED)
+            TRY(master_probe_gains(c, t, h, signals, reference, law));
+        release(&c->calls, PROBE);
+        return 1;
+    }
+    if (!c->is_ahead) {
+        TRY(master_advance(c, t, h, signals, reference) && master_read_commands(c, c->ahead.at));
+        c->is_ahead = 1;
+    }
+    copy(c->ahead.at, law, c->m);
+    return 1;
+}
+
+/* The rates of the commands with held signals: the slope at the start. The secant would give the
+ * right command at the end of the step, and the error in between would not show in the residual. */
+static int probe_rates(Controller *c, double t, double h, const double *signals,
+                       const double *reference, double *law)
+{
+    double *const rate = law + c->m * (1 + c->n);
+    if (!c->varies || at_end(&c->calls, t))
+        return 1;
+    TRY(save(&c->calls, PROBE));
+    TRY(master_set_inputs(c, signals, reference));
+    TRY(move(&c->calls, t, h / PROBE_PARTS));
+    TRY(master_command_at(c, signals, reference, rate));
+    for (int64_t k = 0; k < c->m; k++)
+        rate[k] = (rate[k] - law[k]) * PROBE_PARTS / h;
+    TRY(restore(&c->calls, PROBE));
+    release(&c->calls, PROBE);
+    return 1;
+}
+
+/* Put the commands at the given signals, and with `probe` their derivatives, into `law`.
+ *
+ * The controller's state is not changed, with one exception: a controller that answers in its step
+ * and cannot save its state has moved to t + h; `master_advance` takes this into account. */
+API int master_law_at(Controller *c, double t, double h, const double *signals,
+                      const double *reference, int probe, double *law)
+{
+    const int64_t m = c->m, size = m * (2 + c->n);
+    if (c->answer == DIRECT && c->reports && probe) {
+        TRY(master_set_inputs(c, signals, reference));
+        TRY(take(&c->calls, size));
+        copy(c->calls.taken.at, law, size);
+        return 1;
+    }
+    memset(law + m, 0, (size_t)(size - m) * sizeof *law);
+    if (c->answer != DIRECT)
+        return stepped_law(c, t, h, signals, reference, probe, law);
+    TRY(master_command_at(c, signals, reference, law));
+    if (!probe)
+        return 1;
+    TRY(master_probe_gains(c, t, h, signals, reference, law));
+    if (c->saves)
+        TRY(probe_rates(c, t, h, signals, reference, law));
+    return master_set_inputs(c, signals, reference);
+}
