@@ -36,12 +36,13 @@ def write_system(
     path: Path,
     elements: Mapping[str, Path],
     connections: Sequence[str],
-    values: Mapping[str, Mapping[str, float]] | None = None,
+    values: Mapping[str, Mapping[str, float | tuple[str, str]]] | None = None,
     inputs: Sequence[str] = (),
 ) -> Path:
     """An .ssp of FMUs by the names of their elements, with connections such as "a.x -> b.y * 2".
 
-    `values` are the parameters of elements, by element and name; `inputs` are those of the system,
+    `values` are the parameters of elements, by element and name, as numbers or as kinds and texts;
+    `inputs` are those of the system,
     connected as in ".goal -> b.x_d".
     """
     listed = "".join(
@@ -71,13 +72,13 @@ def write_system(
     return path
 
 
-def _parameters(values: Mapping[str, float]) -> str:
+def _parameters(values: Mapping[str, float | tuple[str, str]]) -> str:
     if not values:
         return ""
-    named = "".join(
-        f'<ssv:Parameter name="{n}"><ssv:Real value="{v!r}"/></ssv:Parameter>'
-        for n, v in values.items()
-    )
+    named = ""
+    for name, value in values.items():
+        kind, text = value if isinstance(value, tuple) else ("Real", repr(value))
+        named += f'<ssv:Parameter name="{name}"><ssv:{kind} value="{text}"/></ssv:Parameter>'
     return (
         "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues>"
         f'<ssv:ParameterSet version="1.0" name="parameters"><ssv:Parameters>{named}'

@@ -70,32 +70,12 @@ def test_held_iol_at_ten_microseconds_is_not_converged(run_native):
     assert held.verdict.advice
 
 
-@pytest.mark.parametrize("coupling", [Coupling.GAUSS_SEIDEL, Coupling.INTERFACE_JACOBIAN])
-def test_nctf_comes_out_right_in_each_coupling_and_the_estimate_covers_the_error(
-    run_native, truth, coupling
-):
-    reference = truth("nctf", 2.0)
-    result = run_native("nctf", 1e-4, coupling=coupling)
-    off = error(result, reference)
-    assert off < (2e-8 if coupling is Coupling.INTERFACE_JACOBIAN else 2e-5)
-    assert off < 2 * result.verdict.error_estimate["x"] + 1e-9
-
-
 # Commands that jump to the limit and leave it within a step ask for shorter ones than 1e-3 s, which
 # docs/controllers.md has.
-NOT_AT_A_MILLISECOND = {
-    "sliding_mode",
-    "pid_dob",
-    "lqi",
-    "super_twisting",
-    "pid_lugre",
-    "iol_observed",
-    "fuzzy_pd_i",
-    "relay",
-}
-
-
-OTHERS = [c for c in CONTROLLERS if c not in {"iol", "pid", "p_pi"} | NOT_AT_A_MILLISECOND]
+NOT_AT_A_MILLISECOND = (
+    "sliding_mode pid_dob lqi super_twisting pid_lugre iol_observed fuzzy_pd_i relay"
+)
+ELSEWHERE = {"iol", "pid", "p_pi", *NOT_AT_A_MILLISECOND.split()}
 
 
 @pytest.mark.parametrize(
@@ -103,7 +83,7 @@ OTHERS = [c for c in CONTROLLERS if c not in {"iol", "pid", "p_pi"} | NOT_AT_A_M
     [
         "iol",
         *(pytest.param(c, marks=pytest.mark.ci) for c in ("pid", "p_pi")),
-        *(pytest.param(c, marks=pytest.mark.prove) for c in OTHERS),
+        *(pytest.param(c, marks=pytest.mark.prove) for c in CONTROLLERS if c not in ELSEWHERE),
     ],
 )
 def test_every_controller_is_trusted_by_default_and_close_to_the_reference(
@@ -117,24 +97,16 @@ def test_every_controller_is_trusted_by_default_and_close_to_the_reference(
         assert error(result, reference, name) < share * np.ptp(reference.outputs[name]), name
 
 
-def test_parameters_reach_both_sides(run_native, truth):
+def test_parameters_and_initial_states_reach_both_sides(run_native, truth):
     values = {
-        "plant_values": {"m": 1.5, "sigma0": 5e4},
+        "plant_values": {"m": 1.5, "sigma0": 5e4, "x_start": 0.03},
         "controller_values": {"m": 1.5, "sigma0_hat": 5e4 + 0.2, "sigma1_hat": 346.0},
     }
     result = run_native("iol", 5e-4, **values)
     reference = truth("iol", 2.0, **values)
     assert error(result, reference) < 2e-5
     assert abs(reference.outputs["x"][-1] - 0.08) > 1e-6  # the wrong estimates show
-
-
-def test_initial_states_of_both_sides_are_parameters(truth):
-    values = {"plant_values": {"x_start": 0.03}, "controller_values": {"w_start": 0.5}}
-    result = run("pid_sampled", 1e-3, 0.1, **values)
     assert result.outputs["x"][0] == 0.03
-    assert error(result, truth("pid_sampled", 0.1, **values)) < 1e-7
-    del values["controller_values"]
-    assert error(result, truth("pid_sampled", 0.1, **values)) > 1e-3
 
 
 @pytest.mark.ci

@@ -1,6 +1,7 @@
 """Systems of more than two FMUs against the whole of them in one solver of SciPy's."""
 
 import json
+import zipfile
 from pathlib import Path
 
 import networks
@@ -21,9 +22,11 @@ from networks_of_parts import (
     whole_drive,
     write_system,
 )
+from pythonfmu.builder import FmuBuilder
 from trusted_loops import WRONG
 
 from ballscrew.fmus.native.export import export_native
+from ballscrew.orchestration.loop.catalogue import fmu
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import SystemLoop
 from ballscrew.orchestration.master.couplings import Coupling
@@ -80,23 +83,74 @@ def test_two_axes_on_one_digital_controller(tmp_path):
 # random networks, see proofs/networks.py
 
 
-@pytest.fixture(scope="module")
-def fmus(tmp_path_factory):
-    return networks.blocks(tmp_path_factory.mktemp("blocks"))
-
-
-@pytest.fixture(scope="module")
-def stored():
+@pytest.mark.ci
+def test_random_networks_made_again_end_as_stored_and_no_wrong_one_is_trusted(tmp_path):
     text = (Path(__file__).resolve().parents[3] / "docs/proof/networks.json").read_text("utf-8")
-    return json.loads(text)
+    rows = [r for r in json.loads(text)["outcomes"] if r["step"] > 2e-3][:8]
+    fmus = networks.blocks(tmp_path)
+    again = [networks.outcome(row["seed"], fmus) for row in rows]
+    assert [o.trusted for o in again] == [row["trusted"] for row in rows]
+    assert [o.error for o in again] == pytest.approx([row["error"] for row in rows], rel=1e-3)
+    assert not any(o.trusted and o.error > WRONG for o in again)
+    assert any(o.error > WRONG for o in again)
+
+
+# parameters that are Strings or of an Enumeration
+
+WORDED = """
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Integer, Real, String
+
+
+class Worded(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.x, self.law, self.sign = 0.0, "none", 1
+        self.register_variable(Real("x", causality=Fmi2Causality.input))
+        fixed = {"causality": Fmi2Causality.parameter, "variability": Fmi2Variability.tunable}
+        self.register_variable(String("law", **fixed))
+        self.register_variable(Integer("sign", **fixed))
+        self.register_variable(
+            Real("u", causality=Fmi2Causality.output, getter=lambda: self.gain() * (0.05 - self.x))
+        )
+
+    def gain(self):
+        return {"none": 0.0, "weak": 100.0, "as strong": 200.0}[self.law] * (-1.0) ** self.sign
+
+    def do_step(self, current_time, step_size):
+        return True
+"""
+# what pythonfmu cannot write
+ENUMERATION = """<TypeDefinitions><SimpleType name="Sign"><Enumeration>
+<Item name="minus" value="1"/><Item name="plus" value="2"/></Enumeration></SimpleType>
+</TypeDefinitions><ModelVariables>"""
+
+
+def with_words(folder):
+    """An FMU u = gain (0.05 - x), whose gain has a name and whose sign is of an enumeration."""
+    (folder / "worded.py").write_text(WORDED)
+    FmuBuilder.build_FMU(folder / "worded.py", dest=folder / "Worded.fmu")
+    with zipfile.ZipFile(folder / "Worded.fmu") as old:
+        files = {name: old.read(name) for name in old.namelist()}
+    head, name, rest = files["modelDescription.xml"].decode().partition('name="sign"')
+    rest = rest.replace("<Integer", '<Enumeration declaredType="Sign"', 1)
+    changed = (head + name + rest).replace("<ModelVariables>", ENUMERATION)
+    with zipfile.ZipFile(folder / "Worded.fmu", "w") as new:
+        for name, data in (files | {"modelDescription.xml": changed}).items():
+            new.writestr(name, data)
+    return folder / "Worded.fmu"
 
 
 @pytest.mark.ci
-def test_random_networks_made_again_end_as_stored_and_no_wrong_one_is_trusted(fmus, stored):
-    rows = [r for r in stored["outcomes"] if r["step"] > 2e-3][:8]
-    again = [networks.outcome(row["seed"], fmus) for row in rows]
-    assert [o.trusted for o in again] == [row["trusted"] for row in rows]
-    for found, row in zip(again, rows, strict=True):
-        assert found.error == pytest.approx(row["error"], rel=1e-3)
-    assert not any(o.trusted and o.error > WRONG for o in again)
-    assert any(o.error > WRONG for o in again)
+def test_a_parameter_set_gives_a_text_and_an_item_by_its_name(tmp_path):
+    wires = "axis.x -> ctl.x", "ctl.u -> axis.u"
+    values = {"ctl": {"law": ("String", "as strong"), "sign": ("Enumeration", "plus")}}
+    elements = {"axis": fmu("plant"), "ctl": with_words(tmp_path)}
+    path = write_system(tmp_path / "set.ssp", elements, wires, values)
+
+    def gain(**more):
+        run = run_closed_loop(SystemLoop(path, stop=0.002, step=1e-3, **more)).run
+        return float(run.commands["u"][0]) / 0.05
+
+    assert gain() == gain(isolate=False) == pytest.approx(200.0)
+    assert gain(values={"ctl.law": "weak", "ctl.sign": "minus"}) == pytest.approx(-100.0)
+    assert gain(values={"ctl.sign": 1}) == pytest.approx(-200.0)
