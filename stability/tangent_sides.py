@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import ctypes as ct
 import math
 from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from ..fmus.ports import FRAME, TRACE, is_tangent_port, set_port, tangent_port, tangent_states
-from ..orchestration.fmu.fmu_instance import Instance, StepFailed
+from ..orchestration.fmu.fmu_instance import Instance, Reader, StepFailed, Writer
 from ..orchestration.fmu.wiring import Wiring
-from ..orchestration.master.compiled import ASKED_ADVANCE, ASKED_LAW, USES, Bound, Guarded, Struct
+from ..orchestration.master.compiled import USES, Bound, Struct
 from ..orchestration.master.coupling import Answer, ControllerSide
 from ..solver.errors import FmuError
 
 Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 SHIFT = 1e-4  # of a signal's nominal value, to measure how it moves a controller's state
 RELATIVE = 3e-4  # share of the growth that is allowed in addition to the accuracy
 
@@ -39,7 +37,7 @@ class Side:
     """One FMU with tangents: its states, and what is set and read."""
 
     def __init__(self, instance: Instance) -> None:
-        self.instance = instance
+        self.instance = self.called = instance
         parameters: list[str] = list(getattr(instance, "parameters", []))
         self.states, self.tangents = tangent_states(parameters)
 
@@ -62,39 +60,33 @@ class Side:
         shown = [*own, TRACE] if own else []
         calls, frames = side.part("calls"), side.part("frames")
         return (
-            Bound(self.instance, [*inputs, *given], [*outputs, *taken], USES, calls),
-            Bound(self.instance, frame, shown, USES, frames),
+            Bound(self.called, [*inputs, *given], [*outputs, *taken], USES, calls),
+            Bound(self.called, frame, shown, USES, frames),
         )
 
 
-def rows_at(address: int, rows: int, columns: int) -> Matrix:
-    """The numbers at an address."""
-    numbers = (ct.c_double * (rows * columns)).from_address(address)
-    return np.ctypeslib.as_array(numbers).reshape(rows, columns)
-
-
-class ProbedController:
-    """A controller without tangents, probed by differences.
+class ProbedController(Side):
+    """A controller without tangents, probed by differences, and called as if it had them.
 
     Its gains come from its law ports, or from differences; their change along a tangent is not
     known. One of its own states can be followed, represented by its contribution to the command, in
     the command's unit. How signals move it and how it decays is measured at every step.
     """
 
-    tangents = 0
-
     def __init__(self, instance: Instance, wiring: Wiring) -> None:
-        self.instance = instance
+        self.instance, self.called = instance, cast("Instance", self)
         self.wiring = wiring
         self.states: list[str] = []
+        self.tangents = 0
         self.remarks: list[str] = []
-        self._guarded = Guarded(1, 0)
-        self._added = np.zeros(0)  # contribution to the command, along each tangent
+        self._added = np.zeros(1)  # contribution to the command, along each tangent
         self._driven, self._fades = np.zeros(0), 0.0  # per second, as last measured
 
     def look(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
         """Find out when it responds and whether it has a state; it must be initialized."""
         self.side = ControllerSide(self.instance, self.wiring, signals, reference)
+        self._t, self._h = t, h
+        self._ends = len(signals), len(signals) + len(reference)
         name = self.instance.name
         if self.side.answer is not Answer.DIRECT:
             raise FmuError(
@@ -115,40 +107,34 @@ class ProbedController:
                     "one state: only one can be probed and the others are ignored"
                 )
 
-    def bind(self, side: Struct, whole: Struct, count: int, reference: Vector) -> tuple[Bound, ...]:
-        """Fill its record, with callbacks that are called instead of it."""
-        self.count, self._reference = count, reference
-        states = len(self.states)
-        frame = np.append(np.zeros(count), math.nan)  # its trace is not known
-        self._added = frame[:count]
-        side.set(states=states)
-        bound = Bound(self.instance, [], [], USES, side.part("calls"))
-        side.part("frames").set(given=np.zeros(count * states), taken=frame)
-        law = self._guarded.address(ASKED_LAW, self._law)
-        advance = self._guarded.address(ASKED_ADVANCE, self._advance)
-        whole.part("asked").set(law=law, advance=advance)
-        return (bound,)
+    def writer(self, names: Sequence[str]) -> Writer:
+        def write(values: Vector) -> None:
+            if FRAME in names:
+                self._added = values[:-1]
+                return
+            signals, self._reference, moved = np.split(values, self._ends)
+            self._signals = np.vstack([signals, moved.reshape(-1, self.side.n)])
 
-    @property
-    def error(self) -> BaseException | None:
-        """Of the last failed callback."""
-        return self._guarded.error
+        return write
 
-    def _signals_at(self, address: int) -> Matrix:
-        return rows_at(address, 1 + self.count, self.side.n).copy()
+    def reader(self, names: Sequence[str]) -> Reader:
+        return self._frame if TRACE in names else self._law
 
-    def _law(self, t: float, h: float, at: int, rows: int) -> None:
-        signals, n = self._signals_at(at), self.side.n
-        law = self.side.law_at(t, h, signals[0], self._reference, probe=True)
-        out = rows_at(rows, 1 + self.count, 2 + n)
-        out[:] = 0.0
+    def _frame(self) -> Vector:
+        return np.append(self._added, math.nan)  # its trace is not known
+
+    def _law(self) -> Vector:
+        signals, n = self._signals, self.side.n
+        law = self.side.law_at(self._t, self._h, signals[0], self._reference, probe=True)
+        out = np.zeros((len(signals), 2 + n))
         out[0] = [*law.command, *law.gain.ravel(), *law.rate]
         out[1:, 0] = signals[1:] @ law.gain[0] + self._added
         if self.states:  # change of the state within the step, by the rates from the last step
             out[1:, 1 + n] = self._fades * self._added + signals[1:] @ self._driven
+        return out.ravel()
 
-    def _advance(self, t: float, h: float, at: int) -> None:
-        signals = self._signals_at(at)
+    def step(self, t: float, h: float) -> None:
+        signals = self._signals
         if self.states:
             responses, fading = self._response(t, h, signals[0], self._reference)
             if not len(fading):
@@ -156,8 +142,19 @@ class ProbedController:
                     f"{self.instance.name}: its state is no longer visible in the output"
                 )
             strongest = self._note_rates(h, responses, fading)
-            self._added[:] = strongest * self._added + signals[1:] @ responses
+            self._added = strongest * self._added + signals[1:] @ responses
         self.side.advance(t, h, signals[0], self._reference)
+        self._t, self._h = t + h, h
+
+    def save(self) -> Any:
+        return self.instance.save(), self._added, self._t
+
+    def restore(self, state: Any) -> None:
+        saved, self._added, self._t = state
+        self.instance.restore(saved)
+
+    def release(self, state: Any) -> None:
+        self.instance.release(state[0])
 
     def _note_rates(self, h: float, responses: Vector, fading: Vector) -> float:
         """Keep the state's rates; return the share of the state that is left after a step."""

@@ -162,7 +162,7 @@ def follow_over_fmus(  # noqa: PLR0913
     reports = {tangent_port(ours, 1) for ours, _ in wiring.commands}
     ports = reports <= set(controller.outputs)
     c = Side(controller) if ports else ProbedController(controller, wiring)
-    own = _FINE if isinstance(c, Side) and c.states else {}
+    own = _FINE if c.states else {}
     values = _FINE | dict(plant_values or {}), own | dict(controller_values or {})
     initialize(plant, controller, wiring, values, stop, refs)
     if isinstance(c, ProbedController):
@@ -170,7 +170,7 @@ def follow_over_fmus(  # noqa: PLR0913
         c.look(0.0, min(step, stop), at, refs)
     states = len(p.states) + len(c.states)
     count = min(count or states, states)
-    for side in [p, c] if isinstance(c, Side) else [p]:
+    for side in [p] if isinstance(c, ProbedController) else [p, c]:
         if side.states and side.tangents < count:
             raise FmuError(
                 f"{side.instance.name} carries {side.tangents} tangents, but {count} are "
@@ -195,9 +195,9 @@ def follow_over_fmus(  # noqa: PLR0913
     )
 
 
-def _stated(c: Side | ProbedController, accuracy: float) -> str:
+def _stated(c: Side, accuracy: float) -> str:
     """Text on the error of the tangents."""
-    if isinstance(c, Side):
+    if not isinstance(c, ProbedController):
         how = "all of the requested length, without a check of the accuracy"
         if accuracy < math.inf:
             how = (
@@ -224,25 +224,22 @@ class _Joint:
     def __init__(
         self,
         p: Side,
-        c: Side | ProbedController,
+        c: Side,
         wiring: Wiring,
         count: int,
         reference: Vector,
     ) -> None:
         self._whole = struct("Joint")
-        self._plant, self._controller, self._count = p, c, count
-        signals = [s for s, _ in wiring.signals]
+        self._plant, self._count = p, count
+        signals, measured = zip(*wiring.signals, strict=True)
         law = [*(theirs for _, theirs in wiring.commands), *wiring.plant_law()]
-        bound = p.bind(self._whole.part("plant"), law, law, signals, count)
-        side = self._whole.part("controller")
-        self._bound: tuple[Bound, ...]
-        if isinstance(c, Side):
-            measured = [s for _, s in wiring.signals]
-            answer = [*(ours for ours, _ in wiring.commands), *wiring.controller_law()]
-            given = [*measured, *wiring.references]
-            self._bound = (*bound, *c.bind(side, given, measured, answer, count))
-        else:
-            self._bound = (*bound, *c.bind(side, self._whole, count, reference))
+        answer = [*(ours for ours, _ in wiring.commands), *wiring.controller_law()]
+        given = [*measured, *wiring.references]
+        plant, controller = self._whole.part("plant"), self._whole.part("controller")
+        self._bound = (
+            *p.bind(plant, law, law, signals, count),
+            *c.bind(controller, given, measured, answer, count),
+        )
         m, n, rows = len(wiring.commands), len(signals), 1 + count
         states = len(p.states) + len(c.states)
         self._whole.set(m=m, n=n, count=count, reference=reference)
@@ -276,7 +273,7 @@ class _Joint:
         times, outputs, growth, trace = map(np.concatenate, kept)
         stopped = ""
         if why == STEP_FAILED:
-            error = getattr(self._controller, "error", None) or failure_of(*self._bound, shown)
+            error = failure_of(*self._bound, shown)
             if not isinstance(error, StepFailed):
                 assert error is not None
                 raise error

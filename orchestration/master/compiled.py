@@ -36,8 +36,6 @@ GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED = range(
 PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # kinds of failed calls
 
 OWN_STEP = ct.CFUNCTYPE(ct.c_int, ct.c_double)
-ASKED_LAW = ct.CFUNCTYPE(ct.c_int, ct.c_double, ct.c_double, ct.c_void_p, ct.c_void_p)
-ASKED_ADVANCE = ct.CFUNCTYPE(ct.c_int, ct.c_double, ct.c_double, ct.c_void_p)
 # fmi2SetReal, with pointers as plain addresses
 VALUES = ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p)
 

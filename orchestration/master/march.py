@@ -41,12 +41,10 @@ UNBOUNDED = StepFailed("").advice
 class LoopRun:
     """A coupled run."""
 
-    time: Vector  # shape (k,); communication points [s]
-    # shape (k,); the plant's outputs, under the names they are mapped to
-    outputs: dict[str, Vector]
-    # shape (k,); the controller's commands, under the names of the plant's inputs
-    commands: dict[str, Vector]
-    reference: Vector  # shape (k,)
+    time: Vector  # shape (k,), like all courses; communication points [s]
+    outputs: dict[str, Vector]  # of the plant, under the names they are mapped to
+    commands: dict[str, Vector]  # of the controller, under the names of the plant's inputs
+    reference: Vector
     coupling: Coupling
     coupling_reason: str  # reason for the coupling, if it was chosen by rule
     corrected: bool
@@ -58,12 +56,9 @@ class LoopRun:
     verdict: Verdict
     stopped: str = ""  # why the run ended early; empty if it did not
     diverged: bool = False  # whether it ended because an output diverged
-    # shape (k,); the controller's other outputs, as ``controller.NAME``
-    others: dict[str, Vector] = field(default_factory=dict)
-    # of outputs and commands, if the parts declare them
-    units: dict[str, str] = field(default_factory=dict)
-    # sampling period of the controller and its instruments [s]; 0 if nothing is sampled
-    sampling_period: float = 0.0
+    others: dict[str, Vector] = field(default_factory=dict)  # further outputs of the controller
+    units: dict[str, str] = field(default_factory=dict)  # as far as the parts declare them
+    sampling_period: float = 0.0  # of the controller and its instruments [s]; 0: not sampled
     # factor and offset from the set-point's SI unit to the unit of `reference` and the position
     scale: tuple[float, float] = (1.0, 0.0)
     limit: float = math.inf  # largest command that the plant lets through, in the command's unit

@@ -1,6 +1,4 @@
 /* Communication points: multiples of one tick, so that time does not drift, and some in between. */
-#include <math.h>
-#include <stdint.h>
 
 /* The time of a run. */
 typedef struct {

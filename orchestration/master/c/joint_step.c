@@ -12,21 +12,13 @@
 typedef struct {
     Calls calls;
     /* inputs: the states' tangents, count x states, and the number of the frame; outputs: these
-     * tangents, and the integral of the trace; without functions if `Asked` is used */
+     * tangents, and the integral of the trace */
     Calls frames;
     int64_t states;
 } Side;
 
-/* Callbacks for a controller without own tangents. The tangents of its state are the last outputs
- * of its frames. */
-typedef struct {
-    int (*law)(double t, double h, const double *signals, double *law);
-    int (*advance)(double t, double h, const double *signals);
-} Asked;
-
 typedef struct {
     Side plant, controller;
-    Asked asked; /* null if the controller has tangents */
     Calls shown; /* outputs: the recorded outputs of the plant */
     int64_t m, n, count;
     Vector reference;           /* set-points */
@@ -67,20 +59,6 @@ static int set_signals(Joint *j, const double *signals)
     return put(c);
 }
 
-static int law_of(Joint *j, double t, double h, const double *signals, double *law)
-{
-    if (j->asked.law)
-        return j->asked.law(t, h, signals, law);
-    return set_signals(j, signals) && take_all(&j->controller.calls, law);
-}
-
-static int advance_controller(Joint *j, double t, double h, const double *signals)
-{
-    if (j->asked.advance)
-        return j->asked.advance(t, h, signals);
-    return set_signals(j, signals) && move(&j->controller.calls, t, h);
-}
-
 /* Set one side's tangents to their columns of the joint rows, which begin at `first`. */
 static int set_tangents(Joint *j, Side *side, int64_t first)
 {
@@ -88,23 +66,17 @@ static int set_tangents(Joint *j, Side *side, int64_t first)
     Calls *const c = &side->frames;
     for (int64_t k = 0; k < j->count; k++)
         copy(j->frame.at + k * all + first, c->given.at + k * own, own);
-    if (!c->set_real) {
-        copy(c->given.at, c->taken.at, j->count * own);
-        return 1;
-    }
     if (own > 0)
         c->given.at[j->count * own] += 1.0; /* a new frame */
     return put(c);
 }
 
-static int take_tangents(Calls *c) { return !c->get_real || take(c, c->taken.size); }
-
 /* Both sides' tangents as joint rows, orthonormalized. */
 static int joint_frame(Joint *j, double *frame, double *logs)
 {
     const int64_t p = j->plant.states, c = j->controller.states;
-    TRY(take_tangents(&j->plant.frames));
-    TRY(take_tangents(&j->controller.frames));
+    TRY(take(&j->plant.frames, j->plant.frames.taken.size));
+    TRY(take(&j->controller.frames, j->controller.frames.taken.size));
     for (int64_t k = 0; k < j->count; k++) {
         copy(j->plant.frames.taken.at + k * p, frame + k * (p + c), p);
         copy(j->controller.frames.taken.at + k * c, frame + k * (p + c) + p, c);
@@ -138,12 +110,7 @@ static void find_mended(Joint *j, double h)
 
 static int restore_sides(Joint *j)
 {
-    const Calls *const frames = &j->controller.frames;
-    TRY(restore(&j->plant.calls, CORRECTION));
-    TRY(restore(&j->controller.calls, CORRECTION));
-    if (!frames->set_real)
-        copy(frames->given.at, frames->taken.at, j->count * j->controller.states);
-    return 1;
+    return restore(&j->plant.calls, CORRECTION) && restore(&j->controller.calls, CORRECTION);
 }
 
 /* Do one corrected step of signals and tangents, similar to `step`, from the states saved by
@@ -152,14 +119,14 @@ static int joint_step(Joint *j, double t, double h)
 {
     const int64_t m = j->m, rate = m + m * j->n, width = m * (2 + j->n), rows = 1 + j->count;
     const int64_t signals = rows * j->n;
-    TRY(law_of(j, t, h, j->start.at, j->law.at));
+    TRY(set_signals(j, j->start.at) && take_all(&j->controller.calls, j->law.at));
     TRY(step_with_law(j, t, h, j->law.at));
     TRY(take_all(&j->plant.calls, j->end.at));
     for (int64_t k = 0; k < signals; k++)
         j->middle.at[k] = 0.5 * (j->start.at[k] + j->end.at[k]);
-    TRY(advance_controller(j, t, h, j->middle.at));
+    TRY(set_signals(j, j->middle.at) && move(&j->controller.calls, t, h));
     TRY(joint_frame(j, j->plain.at, j->plain_logs.at));
-    TRY(law_of(j, t + h, h, j->end.at, j->ramped.at)); /* the true commands */
+    TRY(set_signals(j, j->end.at) && take_all(&j->controller.calls, j->ramped.at)); /* true commands */
     find_mended(j, h);
     TRY(restore_sides(j));
     TRY(step_with_law(j, t, 0.5 * h, j->mended.at));
@@ -175,7 +142,7 @@ static int joint_step(Joint *j, double t, double h)
      * difference shows the error of both for signals that move fast within the step. */
     for (int64_t k = 0; k < signals; k++)
         j->middle.at[k] = (j->start.at[k] + 4.0 * j->middle.at[k] + j->end.at[k]) / 6.0;
-    TRY(advance_controller(j, t, h, j->middle.at));
+    TRY(set_signals(j, j->middle.at) && move(&j->controller.calls, t, h));
     return joint_frame(j, j->frame.at, j->logs.at);
 }
 
