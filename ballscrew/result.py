@@ -22,7 +22,7 @@ from .solver.files import write_atomically
 
 if TYPE_CHECKING:
     from .orchestration.loop.parameter_file import Value
-    from .solver.kernel import ParameterInfo
+    from .solver.signals import Parameter
 
 _COLUMNS = ("parameter", "value", "unit", "default", "95 % interval", "from", "meaning")
 
@@ -209,7 +209,7 @@ def values_of(loop: Loop | SystemLoop, coupled: bool = True) -> list[Table]:
 
 def _values_table(
     title: str,
-    known: Mapping[str, ParameterInfo],
+    known: Mapping[str, Parameter],
     values: Mapping[str, Value],
     given: Mapping[str, float],
 ) -> Table:

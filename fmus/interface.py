@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from ..solver.core import INFO_SIZE
 from ..solver.kernel import DEFAULT_TOLERANCE, Kernel, StateInfo
-from ..solver.set_point import START_VALUE
+from ..solver.signals import START_VALUE
 from .dependencies import states_of_outputs
 from .ports import FRAME_ROLE, SET, SET_ROLE
 

@@ -19,7 +19,7 @@ from xml.etree import ElementTree as ET
 from ..solver.errors import FmuError
 from ..solver.files import write_atomically
 from ..solver.kernel import DEFAULT_TOLERANCE
-from ..solver.set_point import DERIVATIVES, MEASURED, START_VALUE
+from ..solver.signals import DERIVATIVES, MEASURED, START_VALUE
 from .archive import pack, xml_text
 from .description import TOOL
 from .ports import gain_port, rate_port, reference_port

@@ -60,6 +60,9 @@ REMADE = ("fmus", "references")  # folders of the cache
 # the tests of each file below tests/, cheap ones first, as pytest takes them
 PARTS = {
     "solver/c/stepper.c": "solver/test_stepper.py solver/test_events.py solver/test_delays.py",
+    "solver/c/events.c": "solver/test_events.py solver/test_tangents.py",
+    "solver/c/crossings.c": "solver/test_tangents.py stability/test_amplitudes.py "
+    "stability/test_known_answers.py",
     "solver/c/tangents.c": "solver/test_tangents.py stability/test_amplitudes.py "
     "stability/test_known_answers.py",
     "orchestration/master/c/controller.c": "orchestration/master/test_couplings.py",

@@ -8,18 +8,17 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
-from dataclasses import fields
+from dataclasses import replace
 from itertools import chain
-from typing import Any
 
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
-from .component import TIME, Component, Event, Mode, Output, symbol
+from .component import TIME, Component, DiscreteState, Event, Mode, Output, State, symbol
 from .core import CHANGES_MODE, EITHER, RESETS
 from .errors import ContractError
 from .functions import slopes, symbols_in
-from .kernel import InputInfo, Kernel, OutputInfo, ParameterInfo, StateInfo
+from .kernel import Kernel, OutputInfo, StateInfo
 from .kernel_cache import hashed_name
 from .tape import record_tape
 
@@ -248,12 +247,11 @@ def generate(component: Component) -> Kernel:
         name=component.name,
         description=component.description,
         parameters=[
-            ParameterInfo(**_fields(p, nominal=p.nominal or abs(p.default) or 1.0))
-            for p in component.all_parameters
+            replace(p, nominal=p.nominal or abs(p.default) or 1.0) for p in component.all_parameters
         ],
-        inputs=[InputInfo(**_fields(i, law=list(i.law))) for i in component.inputs],
-        states=[StateInfo(**_fields(s, StateInfo)) for s in component.all_states],
-        discrete=[StateInfo(**_fields(d, StateInfo)) for d in component.discrete],
+        inputs=list(component.inputs),
+        states=list(map(_info, component.all_states)),
+        discrete=list(map(_info, component.discrete)),
         outputs=[
             OutputInfo(
                 o.name, o.unit, o.meaning, o.nominal, sorted(used), [n for n in inputs if n in used]
@@ -270,9 +268,8 @@ def generate(component: Component) -> Kernel:
     )
 
 
-def _fields(part: Any, record: type | None = None, **others: object) -> dict[str, Any]:
-    """A part's fields, or those that a record has, with others in their place."""
-    return {f.name: getattr(part, f.name) for f in fields(record or part)} | others
+def _info(s: State | DiscreteState) -> StateInfo:
+    return StateInfo(s.name, s.unit, s.meaning, s.start, s.nominal)
 
 
 def _source(component: Component, unpack: dict[str, list[str]], most: int) -> str:

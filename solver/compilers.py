@@ -7,7 +7,7 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,65 +21,49 @@ class CompilerFailed(RuntimeError):
 
 @dataclass(frozen=True)
 class Platform:
-    """One kind of machine.
+    """One kind of machine."""
 
-    Attributes
-    ----------
-    folder : dict of int to str
-        Name of its folder in ``binaries``, by version of FMI.
-    target : str
-        Its name in ziglang; for Linux with the oldest C library that ziglang supports.
-    system, machines : str, tuple of str
-        As in Python's `platform`; the machines in lower case.
-    wheel : str
-        Platform tag of its wheel.
-    flags : tuple of str
-        Flags of the compiler.
-    readable : bool
-        Whether FMUs of pythonfmu run there; they carry the core for each such platform.
-    """
-
-    folder: dict[int, str]
-    target: str
+    folder: dict[int, str]  # name of its folder in ``binaries``, by version of FMI
+    target: str  # its name in ziglang; for Linux with the oldest C library that ziglang supports
     suffix: str
-    system: str
-    machines: tuple[str, ...]
-    wheel: str
-    flags: tuple[str, ...] = ()
-    readable: bool = False
+    system: str  # as in Python's `platform`
+    machines: tuple[str, ...]  # the same, in lower case
+    wheel: str  # platform tag of its wheel
+    flags: tuple[str, ...]  # of the compiler
+    # whether FMUs of pythonfmu run there; they carry the core for each such platform
+    readable: bool
 
 
-def _platforms() -> dict[str, Platform]:
-    """By name; FMI 2.0 has names of folders for x86-64 only."""
-    systems = {  # suffix, target, tag of the wheel and flags of each system
-        "linux": (".so", "linux-gnu.2.17", "manylinux_2_17", ("-fPIC", "-lm")),
-        "windows": (".dll", "windows-gnu", "win", ()),
-        "darwin": (".dylib", "macos.11.0", "macosx_11_0", ("-fPIC",)),
-    }
-    in_wheels = {"win_x86_64": "win_amd64", "win_aarch64": "win_arm64"}
-    in_wheels["macosx_11_0_aarch64"] = "macosx_11_0_arm64"
-    old = {"linux": "linux64", "windows": "win64", "darwin": "darwin64"}
-    found = {}
-    for machine, machines in (("x86_64", ("x86_64", "amd64")), ("aarch64", ("aarch64", "arm64"))):
-        for system, (suffix, target, wheel, flags) in systems.items():
-            folder = {3: f"{machine}-{system}"}
-            if machine == "x86_64":
-                folder = {2: old[system], **folder}
-            tag = f"{wheel}_{machine}"
-            found[folder.get(2, folder[3])] = Platform(
-                folder,
+_MACHINES = {"x86_64": ("x86_64", "amd64"), "aarch64": ("aarch64", "arm64")}
+# FMI 2.0 has names of folders for x86-64 only
+_OLD = {"linux": "linux64", "windows": "win64", "darwin": "darwin64"}
+# of each system: suffix, target, flags, and tags of its wheels by machine
+_SYSTEMS = {
+    "linux": (
+        *(".so", "linux-gnu.2.17", ("-fPIC", "-lm")),
+        ("manylinux_2_17_x86_64", "manylinux_2_17_aarch64"),
+    ),
+    "windows": (".dll", "windows-gnu", (), ("win_amd64", "win_arm64")),
+    "darwin": (
+        *(".dylib", "macos.11.0", ("-fPIC",)),
+        ("macosx_11_0_x86_64", "macosx_11_0_arm64"),
+    ),
+}
+
+
+def _platforms() -> Iterator[Platform]:
+    for k, (machine, machines) in enumerate(_MACHINES.items()):
+        for system, (suffix, target, flags, wheels) in _SYSTEMS.items():
+            old = {2: _OLD[system]} if machine == "x86_64" else {}
+            yield Platform(
+                {**old, 3: f"{machine}-{system}"},
                 f"{machine}-{target}",
-                suffix,
-                system.capitalize(),
-                machines,
-                in_wheels.get(tag, tag),
-                flags,
-                readable=folder.get(2) in ("linux64", "win64"),
+                *(suffix, system.capitalize(), machines, wheels[k], flags),
+                readable=bool(old) and system != "darwin",
             )
-    return found
 
 
-PLATFORMS = _platforms()
+PLATFORMS = {p.folder.get(2, p.folder[3]): p for p in _platforms()}
 
 
 def platforms_of(fmi: int) -> tuple[str, ...]:
@@ -118,23 +102,7 @@ def cross_compiler(name: str) -> list[str]:
 
 
 def compile_library(name: str, sources: Mapping[str, str], main: str, stem: str) -> bytes:
-    """The shared library for a platform.
-
-    Parameters
-    ----------
-    name : str
-        One of `PLATFORMS`; `compiler_for` must have found a compiler for it.
-    sources : mapping of str to str
-        Text by file name.
-    main : str
-        The file among them to compile.
-    stem : str
-        Name of the library without its suffix.
-
-    Raises
-    ------
-    CompilerFailed
-    """
+    """The shared library of the file `main` among these texts by file name; see `compile_in`."""
     from .files import temporary_folder  # not at the top: the build of this package runs this file
 
     with temporary_folder("compile") as folder:
@@ -154,15 +122,14 @@ def compile_in(
 
     Parameters
     ----------
-    folder : Path
     name : str
-        As in `compile_library`.
+        One of `PLATFORMS`.
     arguments : sequence of str
-        Flags and sources; the compiler runs in that folder.
+        Flags and sources.
     stem : str
-        As in `compile_library`.
+        Name of the library without its suffix.
     compiler : sequence of str, optional
-        The command that compiles; default: the one found by `compiler_for`.
+        The command that compiles; default: the one that `compiler_for` finds.
 
     Raises
     ------

@@ -11,8 +11,6 @@ agree.
 from __future__ import annotations
 
 import hashlib
-import math
-import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
@@ -25,80 +23,12 @@ from .errors import ContractError
 from .functions import TIME as TIME
 from .functions import symbol as symbol
 from .functions import symbols_in
-from .set_point import SET_POINT, set_point_orders
+from .signals import SET_POINT, set_point_orders
+from .signals import Input as Input
+from .signals import Parameter as Parameter
+from .signals import unit_in as unit_in
 
 Number = float | int
-
-
-def unit_in(unit: str, words: Mapping[str, str]) -> str:
-    """A unit with some unit names replaced: ``V*s/m`` becomes ``N*s/m`` if V becomes N."""
-
-    def replaced(found: re.Match[str]) -> str:
-        before, word, after = found.groups()
-        word = words.get(word, word)
-        whole = word.isalpha() or not (before or after)
-        return before + (word if whole else f"({word})") + after
-
-    return re.sub(r"(/?)([A-Za-z]+)(\^?)", replaced, unit)
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A constant of the model.
-
-    Parameters
-    ----------
-    name : str
-    default : float
-        In `unit`.
-    unit : str
-        SI, with ``*``, ``/`` and ``^``, such as ``N*s/m``; ``1`` for none.
-    meaning : str
-    source : str
-        Where the default comes from.
-    minimum, maximum : float, optional
-        Inclusive bounds of valid values.
-    nominal : float, optional
-        Typical magnitude; zero: the magnitude of the default.
-    """
-
-    name: str
-    default: float
-    unit: str
-    meaning: str
-    source: str
-    minimum: float = -math.inf
-    maximum: float = math.inf
-    nominal: float = 0.0
-
-
-@dataclass(frozen=True)
-class Input:
-    """A signal that comes from outside and is held between communication points.
-
-    Parameters
-    ----------
-    name, unit, meaning : str
-    start : float
-        Value if nothing is connected.
-    nominal : float
-        Typical magnitude.
-    role : {"signal", "measurement", "reference", "reference_derivative", "internal"}
-        A controller's ``measurement`` is part of the feedback law, its ``reference`` and
-        ``reference_derivative`` are not. Beside a reference ``x_d``, the inputs ``v_d`` and ``a_d``
-        are its derivatives in any case, as in an FMU, and are zero if nothing is connected;
-        ``internal`` inputs are set by the FMU itself and are no FMI variables.
-    law : tuple of str
-        For an actuated input of a plant: the outputs on which a feedback law may act.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    start: float = 0.0
-    nominal: float = 1.0
-    role: str = "signal"
-    law: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -34,12 +34,7 @@ def names_file(part: str) -> bool:
 
 
 def read_component(part: str) -> Component:
-    """Run the file, call the function without arguments, and return its component.
-
-    Parameters
-    ----------
-    part : str
-        ``path/to/file.py:function``.
+    """Run a file, named ``path/to/file.py:function``, and call its function without arguments.
 
     Raises
     ------
@@ -57,10 +52,6 @@ def load_component(part: str) -> Component:
     """The component from the last reading of the file; read now if it was not read before.
 
     One run uses the same equations everywhere, even if the file is edited meanwhile.
-
-    Raises
-    ------
-    ContractError
     """
     return _LOADED[part] if part in _LOADED else read_component(part)
 
@@ -124,26 +115,23 @@ def _run(path: Path, function: str) -> Component:
 
 def _function(path: Path, module: ModuleType, name: str) -> Callable[[], object]:
     """The function of this name, which can be called without arguments."""
-    from .component import Component
-
     own = [
         n
         for n, thing in vars(module).items()
         if callable(thing) and getattr(thing, "__module__", "") == module.__name__
     ]
-    has = f"it has {', '.join(own)}" if own else "it has none"
+    has = f"it has {', '.join(own) or 'none'}"
     if not name:
         raise ContractError(
             f"{path}: give the function that makes the component, such as {path}:FUNCTION; {has}"
         )
     if not hasattr(module, name):
-        hint = nearest(name, own) or f"; {has}"
-        raise ContractError(f"{path} has no function {name!r}{hint}")
+        raise ContractError(f"{path} has no function {name!r}{nearest(name, own) or f'; {has}'}")
     made: object = getattr(module, name)
     if not callable(made):
-        of = "is a Component" if isinstance(made, Component) else f"is {made!r}"
         raise ContractError(
-            f"{path}: {name} {of}; expected a function without arguments that returns a Component"
+            f"{path}: {name} is {made!r}; expected a function without arguments that returns a "
+            "Component"
         )
     try:
         inspect.signature(made).bind()
@@ -183,9 +171,9 @@ def _importable(folder: Path) -> Iterator[None]:
     meanwhile. Python's own and installed modules are not hidden: other modules refer to them.
     """
     paths, before, writes = list(sys.path), dict(sys.modules), sys.dont_write_bytecode
-    above = {name: name.partition(".")[0] for name in before}
-    out_of_sight = {root for root in set(above.values()) if _is_hidden(root, folder)}
-    hidden = {name for name, root in above.items() if root in out_of_sight}
+    roots = {name.partition(".")[0] for name in before}
+    out_of_sight = {root for root in roots if _is_hidden(root, folder)}
+    hidden = [name for name in before if name.partition(".")[0] in out_of_sight]
     for name in hidden:
         del sys.modules[name]
     importlib.invalidate_caches()  # a helper may have been written a moment ago
@@ -195,14 +183,11 @@ def _importable(folder: Path) -> Iterator[None]:
         yield
     finally:
         theirs = {folder, *(Path(os.path.realpath(p)) for p in sys.path if p not in paths)}
-        sys.path[:] = paths
-        sys.dont_write_bytecode = writes
-        new = {name for name in sys.modules if name not in before or name in hidden}
-        roots = {name.partition(".")[0] for name in new}
-        gone = {r for r in roots if (r not in before or r in hidden) and _place(r) in theirs}
-        for name in new:
-            if name.partition(".")[0] in gone:
-                del sys.modules[name]
+        sys.path[:], sys.dont_write_bytecode = paths, writes
+        new = {name.partition(".")[0] for name in sys.modules} - (roots - out_of_sight)
+        gone = {root for root in new if _place(root) in theirs}
+        for name in [n for n in sys.modules if n.partition(".")[0] in gone]:
+            del sys.modules[name]
         sys.modules.update({name: before[name] for name in hidden})
 
 

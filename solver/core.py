@@ -20,7 +20,7 @@ NO_ROOM, NO_DELAY = 8, 9
 # numbers that it returns, see ``Info`` in ``c/stepper.h``
 NEXT_STEP, ACCEPTED, REJECTED, REACHED, EVENTS, STATUS, LAST_ERROR = range(7)
 INFO_SIZE = 7
-FUNCTIONS = "rhs jac out sample indicate spread kind react slopes delayed".split()
+FUNCTIONS = "rhs jac out sample indicate kind react slopes delayed".split()
 EITHER, CHANGES_MODE, RESETS = range(3)  # kinds of events
 ROOM = 0  # place in a history of delayed signals: the steps that it has room for
 FIRST_ROOM = 32

@@ -16,7 +16,7 @@ from .component import Component, DiscreteState, Event, Input, Mode, Parameter, 
 from .errors import ContractError
 from .functions import symbols_in
 from .kernel import CONTROLLER, PLANT
-from .set_point import REFERENCES, set_point_orders
+from .signals import REFERENCES, set_point_orders
 
 Values = dict[str, sp.Expr]
 """Signals as functions of states, parameters and outer inputs; outputs by ``part.output``."""

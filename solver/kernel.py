@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from . import core
 from .kernel_cache import compiled_path, is_whole
+from .signals import Input, Parameter
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -29,38 +30,9 @@ MAX_STEPS = 200_000
 
 
 class IntegrationError(RuntimeError):
-    """The stepper could not continue; the message says when and why.
+    """The stepper could not continue; the message says when and why."""
 
-    Attributes
-    ----------
-    so_far : Trajectory
-        Of `Model.simulate`: the rows before.
-    """
-
-    so_far: Trajectory
-
-
-@dataclass(frozen=True)
-class ParameterInfo:
-    name: str
-    default: float
-    unit: str
-    meaning: str
-    source: str
-    minimum: float
-    maximum: float
-    nominal: float = 1.0
-
-
-@dataclass(frozen=True)
-class InputInfo:
-    name: str
-    unit: str
-    meaning: str
-    start: float
-    nominal: float
-    role: str
-    law: list[str]
+    so_far: Trajectory  # of `Model.simulate`: the rows before
 
 
 @dataclass(frozen=True)
@@ -74,42 +46,32 @@ class StateInfo:
 
 @dataclass(frozen=True)
 class OutputInfo:
-    """``uses`` lists all symbols of its equation in any mode, the time among them.
-
-    ``feedthrough`` lists the inputs among them.
-    """
-
     name: str
     unit: str
     meaning: str
     nominal: float
-    uses: list[str]
-    feedthrough: list[str]
+    uses: list[str]  # all symbols of its equation in any mode, the time among them
+    feedthrough: list[str]  # the inputs among them
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """A component as tables and source text; plain data that can be stored and compared.
-
-    ``events`` is the largest number of events in a mode. ``module`` is the name of the equations'
-    module, ending in a hash of its text, ``source``; ``delays`` are the delayed signals; ``tapes``
-    are the same equations for the compiled core, see `tape.record_tape`, in base 64.
-    """
+    """A component as tables and source text; plain data that can be stored and compared."""
 
     name: str
     description: str
-    parameters: list[ParameterInfo]
-    inputs: list[InputInfo]
+    parameters: list[Parameter]
+    inputs: list[Input]
     states: list[StateInfo]
     discrete: list[StateInfo]
     outputs: list[OutputInfo]
-    sample_time: str
+    sample_time: str  # name of the parameter; empty if nothing is sampled
     modes: list[str]
-    events: int
-    module: str
+    events: int  # the largest number in a mode
+    module: str  # name of the equations' module, ending in a hash of its text, `source`
     source: str = field(repr=False)
     delays: list[StateInfo]
-    tapes: str = field(repr=False)
+    tapes: str = field(repr=False)  # the equations, see `tape.record_tape`, in base 64
 
     def to_json(self) -> str:
         return json.dumps(asdict(self))
@@ -117,16 +79,11 @@ class Kernel:
     @classmethod
     def from_json(cls, text: str) -> Kernel:
         data: dict[str, Any] = json.loads(text)
-        tables = {
-            "parameters": ParameterInfo,
-            "inputs": InputInfo,
-            "states": StateInfo,
-            "discrete": StateInfo,
-            "delays": StateInfo,
-            "outputs": OutputInfo,
-        }
-        for key, record in tables.items():
-            data[key] = [record(**row) for row in data[key]]
+        for row in data["inputs"]:
+            row["law"] = tuple(row["law"])
+        records = {"parameters": Parameter, "inputs": Input, "outputs": OutputInfo}
+        for key in ("parameters", "inputs", "states", "discrete", "delays", "outputs"):
+            data[key] = [records.get(key, StateInfo)(**row) for row in data[key]]
         return cls(**data)
 
     def system(self) -> core.System:
@@ -163,22 +120,12 @@ class Kernel:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """States and outputs on a time grid.
+    """States and outputs on a grid of m times."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (m,)
-        [s]
-    states : dict of str to ndarray, shape (m,)
-    outputs : dict of str to ndarray, shape (m,)
-    steps, events : int
-        Number of internal steps of the stiff solver, and of events, so far.
-    """
-
-    time: Vector
-    states: dict[str, Vector]
+    time: Vector  # shape (m,) [s]
+    states: dict[str, Vector]  # by name, each of shape (m,)
     outputs: dict[str, Vector]
-    steps: int
+    steps: int  # internal steps of the stiff solver so far
     events: int
 
 
@@ -224,21 +171,20 @@ class Model:
         held = [i.start for i in kernel.inputs] + [d.start for d in kernel.discrete]
         held += [0.0] * (2 * len(kernel.delays))  # values of delayed signals, and their rates
         self.u = np.array(held + [0.0] * bool(kernel.modes), dtype=float)
-        parameters = {p.name: k for k, p in enumerate(kernel.parameters)}
-        starts = {f"{s.name}_start": k for k, s in enumerate(kernel.states)}
-        held_starts = {
-            f"{d.name}_start": len(kernel.inputs) + k for k, d in enumerate(kernel.discrete)
-        }
+        places: dict[str, tuple[Vector, int]] = {}
+        for vector, first, names in (
+            (self.p, 0, [p.name for p in kernel.parameters]),
+            (self.x, 0, [f"{s.name}_start" for s in kernel.states]),
+            (self.u, len(kernel.inputs), [f"{d.name}_start" for d in kernel.discrete]),
+        ):
+            for k, name in enumerate(names, first):
+                places.setdefault(name, (vector, k))
         for name, value in (values or {}).items():
-            if name in parameters:
-                self.p[parameters[name]] = value
-            elif name in starts:
-                self.x[starts[name]] = value
-            elif name in held_starts:
-                self.u[held_starts[name]] = value
-            else:
-                known = ", ".join([*parameters, *starts, *held_starts])
+            if name not in places:
+                known = ", ".join(places)
                 raise KeyError(f"{kernel.name} has no parameter {name!r}; it has {known}")
+            vector, place = places[name]
+            vector[place] = value
         self.tolerance = tolerance
         self.atol = tolerance * kernel.nominal
         self.info = np.zeros(core.INFO_SIZE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,10 +11,7 @@ import numpy.typing as npt
 
 from . import core
 from .core import at
-from .kernel import MAX_STEPS, Model, describe_failure
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
+from .kernel import MAX_STEPS, Matrix, Model, Vector, describe_failure
 
 FARTHEST = 1e6  # times a state's nominal value
 APART = 1000.0  # ratio of rates up to which the explicit pair is tried
@@ -26,38 +24,27 @@ WATCHED = "the computing time is used up"
 SLOW = 0.3  # relative change of a collocated tangent in one step
 
 
+class _TooStiff(Exception):
+    """The explicit pair could not follow a motion."""
+
+
 @dataclass
 class Spectrum:
     """The motion and its tangents on a grid of times.
 
-    Attributes
-    ----------
-    time : ndarray, shape (m,)
-        [s]; ends early if the motion could not be computed further.
-    states : ndarray, shape (m, n)
-    growth : ndarray, shape (m, count)
-        Logarithms of the lengths of the orthonormalized tangents since the start [nats].
-    trace : ndarray, shape (m,)
-        Integral of the trace of the Jacobian over time, with the logarithms of the determinants of
-        the events' saltation matrices [nats]: with all tangents followed, the sum of `growth`.
-    frame : ndarray, shape (count, n)
-        The orthonormal tangents at the end, one per row.
-    events : int
-        Number of events.
-    failure : str
-        Why the motion ends early; empty if it does not.
-    diverged : bool
-        Whether it ends early because a state diverged.
+    With all tangents followed, the sum of `growth` is `trace`.
     """
 
-    time: Vector
-    states: Matrix
-    growth: Matrix
+    time: Vector  # shape (m,) [s]; ends early if the motion could not be computed further
+    states: Matrix  # shape (m, n)
+    growth: Matrix  # shape (m, count): logarithms of the lengths of the tangents [nats]
+    # integral of the Jacobian's trace, with the logarithms of the determinants of the events'
+    # saltation matrices [nats]
     trace: Vector
-    frame: Matrix
+    frame: Matrix  # shape (count, n): the orthonormal tangents at the end, a row each
     events: int
-    failure: str
-    diverged: bool
+    failure: str  # why the motion ends early; empty if it does not
+    diverged: bool  # whether it ends early because a state diverged
 
     @property
     def exponents(self) -> Vector:
@@ -115,13 +102,12 @@ def follow_tangents(
         raise ValueError(f"the frame has the shape {rows.shape}, expected {(count, n)}")
     grid = np.asarray(times, dtype=float)
     if _may_be_explicit(model, float(grid[0])):
-        smooth = _stride(model, grid, rows.copy(), farthest)
-        if smooth is not None:
-            return smooth
+        with contextlib.suppress(_TooStiff):
+            return _followed(model, grid, rows.copy(), farthest, explicitly=True)
     if count < n:
-        return _walk(model, grid, rows, farthest, collocating=True)
+        return _followed(model, grid, rows, farthest, collocating=True)
     start, held, info = model.x.copy(), model.u.copy(), model.info.copy()
-    run = _walk(model, grid, rows.copy(), farthest, collocating=False)
+    run = _followed(model, grid, rows.copy(), farthest)
     # The slow ones again, separately, if they are much slower than others.
     mean_step = (run.time[-1] - grid[0]) / max(1.0, model.info[core.ACCEPTED] - info[core.ACCEPTED])
     with np.errstate(invalid="ignore"):
@@ -131,7 +117,7 @@ def follow_tangents(
         return run
     end, last, notes = model.x.copy(), model.u.copy(), model.info.copy()
     model.x[:], model.u[:], model.info[:] = start, held, info
-    again = _walk(model, grid, rows[:leading], farthest, collocating=True)
+    again = _followed(model, grid, rows[:leading], farthest, collocating=True)
     model.x[:], model.u[:], model.info[:] = end, last, notes
     if again.failure:
         return run
@@ -146,18 +132,16 @@ def check_all_are_states(model: Model) -> None:
     ------
     ValueError
     """
-    held = model.kernel.discrete
-    if held:
-        raise ValueError(
-            f"{model.kernel.name} has the discrete state {held[0].name}; expected it among "
-            "the states, by with_held_states"
-        )
-    late = model.kernel.delays
-    if late:
-        raise ValueError(
-            f"{model.kernel.name} has the delayed signal {late[0].name}; expected it among "
-            "the states, by with_delay_states"
-        )
+    kernel = model.kernel
+    for what, held, change in (
+        ("discrete state", kernel.discrete, "with_held_states"),
+        ("delayed signal", kernel.delays, "with_delay_states"),
+    ):
+        if held:
+            raise ValueError(
+                f"{kernel.name} has the {what} {held[0].name}; expected it among the states, by "
+                f"{change}"
+            )
 
 
 def _may_be_explicit(model: Model, t: float) -> bool:
@@ -187,40 +171,22 @@ def _may_be_explicit(model: Model, t: float) -> bool:
     return any(np.any(matrix != seen[0]) for matrix in seen)
 
 
-def _stride(model: Model, grid: Vector, frame: Matrix, farthest: float) -> Spectrum | None:
-    """As `_walk`, with the explicit pair; None, and the model unchanged, if it is too stiff."""
-    before = model.info.copy()
-    nominal = model.kernel.nominal
-    run = _followed(model, grid, frame, farthest, nominal, explicitly=True)
-    if run is None:
-        model.info[:] = before
-    return run
-
-
-def _walk(
-    model: Model, grid: Vector, frame: Matrix, farthest: float, collocating: bool
-) -> Spectrum:
-    nominal = model.kernel.nominal
-    scale = np.asarray(2.0 ** np.round(np.log2(nominal)), dtype=float)
-    run = _followed(model, grid, frame, farthest, scale, collocating=collocating)
-    assert run is not None  # nothing is too stiff for the stiff stepper
-    return run
-
-
 def _followed(
     model: Model,
     grid: Vector,
     frame: Matrix,
     farthest: float,
-    scale: Vector,
     collocating: bool = False,
     explicitly: bool = False,
-) -> Spectrum | None:
+) -> Spectrum:
+    """Follow the tangents in `frame`; raises _TooStiff, with the model unchanged."""
     n, count = len(model.x), len(frame)
+    nominal, before = model.kernel.nominal, model.info.copy()
+    bound = farthest * nominal
+    scale = nominal if explicitly else np.ldexp(1.0, np.round(np.log2(nominal)).astype(int))
     states = np.empty((len(grid), n))
     states[0] = model.x
     growth, trace = np.zeros((len(grid), count)), np.zeros(len(grid))
-    bound = farthest * model.kernel.nominal
 
     def walk(times: Vector, *along: Matrix | Vector) -> int:
         told = core.Walk(
@@ -245,21 +211,14 @@ def _followed(
     if status == core.NO_MEMORY:
         raise MemoryError(f"{n} states and {count} tangents")
     if explicitly and status not in (core.DONE, core.DIVERGED):
-        return None
+        model.info[:] = before
+        raise _TooStiff
     failure, diverged = _failure(model, states[min(done, len(grid) - 1)], grid[-1])
     if ended:
         failure = f"{WATCHED} at t = {grid[done - 1]:.6g} s"
     model.x[:] = states[done - 1]
-    return Spectrum(
-        grid[:done],
-        states[:done],
-        growth[:done],
-        trace[:done],
-        frame,
-        int(model.info[core.EVENTS]),
-        failure,
-        diverged,
-    )
+    rows = grid[:done], states[:done], growth[:done], trace[:done]
+    return Spectrum(*rows, frame, int(model.info[core.EVENTS]), failure, diverged)
 
 
 def _watched(
@@ -271,13 +230,7 @@ def _watched(
     growth: Matrix,
     trace: Vector,
 ) -> tuple[int, bool]:
-    """Compute over the grid in pieces that end at samples.
-
-    Returns
-    -------
-    int, bool
-        The number of rows reached, and whether the watch stopped it.
-    """
+    """Compute over the grid in pieces; return the rows reached, and whether it was stopped."""
     period = model.sample_time
     for row in range(1, len(grid)):
         now = float(grid[row - 1])
@@ -312,28 +265,14 @@ def _failure(model: Model, state: Vector, end: float) -> tuple[str, bool]:
 
 @dataclass(frozen=True)
 class Returns:
-    """Points at which a motion crossed a plane upwards.
+    """Points at which a motion crossed a plane upwards."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (k,)
-        [s]
-    states : ndarray, shape (k, n)
-    low, high : ndarray, shape (n,)
-        Least and largest values of the states during the motion.
-    end : float
-        The time that was reached [s].
-    failure : str
-        Why it ended early; empty if it did not.
-    diverged : bool
-    """
-
-    time: Vector
-    states: Matrix
-    low: Vector
-    high: Vector
-    end: float
-    failure: str
+    time: Vector  # shape (k,) [s]
+    states: Matrix  # shape (k, n)
+    low: Vector  # shape (n,): least values of the states during the motion
+    high: Vector  # shape (n,): largest values
+    end: float  # the time that was reached [s]
+    failure: str  # why it ended early; empty if it did not
     diverged: bool
 
 
@@ -383,18 +322,15 @@ def follow_returns(
         model.sample_time,
     )
 
-    def walk(explicitly: bool) -> int:
-        return model.system.returns(told, explicitly, model.info)
-
     found = -1
     if _may_be_explicit(model, start):
         state, before = model.x.copy(), model.info.copy()
-        found = walk(explicitly=True)
+        found = model.system.returns(told, True, model.info)
         if int(model.info[core.STATUS]) not in (core.DONE, core.DIVERGED):
             model.x[:], model.info[:] = state, before
             found = -1
     if found < 0:
-        found = walk(explicitly=False)
+        found = model.system.returns(told, False, model.info)
     failure, diverged = _failure(model, model.x, stop)
     reached = float(model.info[core.REACHED])
     return Returns(times[:found], states[:found], low, high, reached, failure, diverged)

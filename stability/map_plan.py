@@ -20,7 +20,8 @@ from ..orchestration.loop.whole_loop import held_loop_kernel, model_of
 from ..orchestration.master.reference_signal import Reference
 from ..solver.core import System
 from ..solver.errors import UserError, nearest
-from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model, ParameterInfo
+from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
+from ..solver.signals import Parameter
 from ..solver.spectrum import follow_returns, follow_tangents
 from .attractor import EXPONENTS, LONGER_RUN, OTHER_SOLVER, Kind
 from .classify import classify_attractor
@@ -250,7 +251,7 @@ def axis_unit(plan: MapPlan, axis: Axis) -> str:
     return about.unit if about else "m"
 
 
-def _about(axis: Axis, loop: Loop) -> ParameterInfo | None:
+def _about(axis: Axis, loop: Loop) -> Parameter | None:
     """Information on an axis' parameter; None for set-points."""
     if axis.side == SETPOINT:
         return None

@@ -15,20 +15,20 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (6302, 5476),
+    "solver": (6161, 5427),
     "plant": (1590, 1314),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
-    "orchestration": (10838, 9482),
-    "stability": (2772, 2273),
+    "orchestration": (10839, 9483),
+    "stability": (2773, 2274),
     "ballscrew": (3842, 3139),
     "gallery": (2729, 2355),
     "measurement": (13449, 11375),
-    "proofs": (12910, 11543),
+    "proofs": (12913, 11546),
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (26294, 25093),
+    "tests": (26244, 25045),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

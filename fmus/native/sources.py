@@ -19,7 +19,7 @@ from ..description import MAIN
 from ..interface import MESSAGE, Interface, native_interface_of
 from .partials import entry_of, partials
 
-_CORE = ("system.h", "factorize.h", "delays.c", "stepper.h", "stepper.c")
+_CORE = ("system.h", "factorize.h", "delays.c", "stepper.h", "events.c", "stepper.c")
 _PARTS = ("instance.h", "events.h", "component.h", "exchange.h", "saved_states.h", "calls.h")
 _EQUATIONS = ("rhs", "jac", "out", "sample", "indicate", "spread", "kind", "react")
 
@@ -94,7 +94,7 @@ def _equations(model: NativeModel) -> str:
     system = (
         "static const System SYSTEM = {\n"
         "    N, HELD_SIZE, EVENTS, NULL,\n"
-        f"    rhs, jac, out, sample, indicate, spread, kind, react, NULL, {delayed}, NULL,\n"
+        f"    rhs, jac, out, sample, indicate, kind, react, NULL, {delayed}, NULL,\n"
         "};\n"
     )
     return "\n".join([head, *parts, system])

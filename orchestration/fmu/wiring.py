@@ -25,7 +25,7 @@ from ...fmus.ports import (
 )
 from ...fmus.units import Unit, conversion
 from ...solver.errors import CouplingError, FmuError, nearest
-from ...solver.set_point import DERIVATIVES, SET_POINT, set_point_orders
+from ...solver.signals import DERIVATIVES, SET_POINT, set_point_orders
 from .fmu_instance import AnyFmu, Instance, Reader, Wrapped, Writer
 
 PLANT, CONTROLLER = "plant", "controller"

@@ -30,7 +30,7 @@ from ...solver.compilers import CompilerFailed, compiler_for, own_platform
 from ...solver.component_file import load_component, names_file
 from ...solver.errors import ContractError, UnknownName, did_you_mean
 from ...solver.kernel import Kernel
-from ...solver.set_point import START_VALUE
+from ...solver.signals import START_VALUE
 from ...solver.stored import fingerprint, stored_kernel
 
 if TYPE_CHECKING:

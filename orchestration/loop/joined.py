@@ -14,7 +14,7 @@ from ...fmus.ports import reference_port
 from ...fmus.reading import Description
 from ...plant.instruments import NOMINAL_VOLTAGE, UNLIMITED
 from ...solver.errors import CouplingError
-from ...solver.set_point import SET_POINT
+from ...solver.signals import SET_POINT
 from ..fmu.fmu_instance import FmuInstance, Instance, Value
 from ..fmu.group import Group
 from ..fmu.isolated import IsolatedInstance, open_fmu

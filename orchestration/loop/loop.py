@@ -17,7 +17,7 @@ from ...plant import DESCRIBED
 from ...plant.instruments import PartName
 from ...solver.errors import BadParameter
 from ...solver.kernel import CONTROLLER, PLANT
-from ...solver.set_point import START_VALUE
+from ...solver.signals import START_VALUE
 from ..fmu import limits
 from ..master.couplings import Coupling, coupling_named
 from ..master.reference_signal import Reference

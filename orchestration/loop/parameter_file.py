@@ -23,8 +23,7 @@ from ...solver.errors import BadParameters, did_you_mean
 from ...solver.files import write_atomically
 
 if TYPE_CHECKING:
-    from ...solver.component import Parameter
-    from ...solver.kernel import ParameterInfo
+    from ...solver.signals import Parameter
 
 FORMAT = "ballscrew-parameters 1"
 FILE_NAME = "parameters.toml"
@@ -63,7 +62,7 @@ class Diagnosed:
 
 
 Values = Mapping[str, Value]
-Known: TypeAlias = "Mapping[str, ParameterInfo] | Mapping[str, Parameter]"
+Known: TypeAlias = "Mapping[str, Parameter]"
 
 
 @dataclass(frozen=True)

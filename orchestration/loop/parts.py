@@ -18,8 +18,8 @@ from ...plant import PLANTS
 from ...plant.instruments import FEED_FORWARD, INSTRUMENTS, SAMPLED, PartName
 from ...solver import component_file
 from ...solver.errors import BadParameter, ContractError, did_you_mean, nearest
-from ...solver.kernel import Kernel, ParameterInfo
-from ...solver.set_point import MEASURED
+from ...solver.kernel import Kernel
+from ...solver.signals import MEASURED, Parameter
 from ..fmu.limits import as_number
 from . import catalogue
 
@@ -116,27 +116,27 @@ class Part:
         return next((o.unit for o in known if o.name == output), "")
 
     @cached_property
-    def parameters(self) -> Mapping[str, ParameterInfo]:
+    def parameters(self) -> Mapping[str, Parameter]:
         """Parameters and initial states (``x_start``); the default is NaN if an FMU gives none."""
         if self.has_equations:
             found = {p.name: p for p in self.kernel.parameters}
             for s in (*self.kernel.states, *self.kernel.discrete):
                 about = s.start, s.unit, f"initial {s.meaning}", "start value"
-                found[s.name + START] = ParameterInfo(s.name + START, *about, *_ANY)
+                found[s.name + START] = Parameter(s.name + START, *about, *_ANY)
             return found
         file = Path(self.name).name
         said = f"parameter of {file}", f"start value of {file}"
         described = (v for v in self.description.variables if v.causality == "parameter")
         starts = ((v, math.nan if v.start is None else v.start) for v in described)
         return {
-            v.name: ParameterInfo(v.name, start, v.unit, *said, v.minimum, v.maximum)
+            v.name: Parameter(v.name, start, v.unit, *said, v.minimum, v.maximum)
             for v, start in starts
         }
 
-    def settable(self, values: Mapping[str, float]) -> dict[str, ParameterInfo]:
+    def settable(self, values: Mapping[str, float]) -> dict[str, Parameter]:
         """Its parameters, and its inputs that are given a value."""
         given = {
-            name: ParameterInfo(name, math.nan, "", "input", "", *_ANY)
+            name: Parameter(name, math.nan, "", "input", "", *_ANY)
             for name in self.inputs
             if name in values
         }

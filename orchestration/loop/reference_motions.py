@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ...solver.errors import BadParameter, did_you_mean
-from ...solver.set_point import START_VALUE
+from ...solver.signals import START_VALUE
 from ..fmu.limits import as_number
 from ..master.reference_signal import TERMS, Matrix, Reference, Vector
 

@@ -16,7 +16,7 @@ from ...fmus.system_network import SystemConnection, SystemPort
 from ...fmus.system_reading import SystemStructure, read_system
 from ...fmus.units import Unit
 from ...solver.errors import BadParameter, FmuError, nearest
-from ...solver.set_point import set_point_orders
+from ...solver.signals import set_point_orders
 from ..fmu.fmu_instance import Instance, Value
 from ..fmu.group import Feed, Group
 from ..fmu.wiring import (

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ...solver.errors import CouplingError
 from ...solver.kernel import IntegrationError, Kernel, Model
-from ...solver.set_point import REFERENCES, set_point_orders
+from ...solver.signals import REFERENCES, set_point_orders
 from ...solver.stored import stored_kernel
 from ..fmu.limits import FIRST_STEP, check_memory
 from ..master.compiled import FARTHEST

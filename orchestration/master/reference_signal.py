@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ...measurement.records.table import listed, read_tables, rename
 from ...measurement.records.units import NO_UNIT, UNITS, spell
 from ...solver.errors import BadParameter, BadRecord
-from ...solver.set_point import DERIVATIVES, SET_POINT
+from ...solver.signals import DERIVATIVES, SET_POINT
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]

@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...solver import core
-from ...solver.kernel import CONTROLLER, DEFAULT_TOLERANCE, PLANT, Kernel, Model, ParameterInfo
+from ...solver.kernel import CONTROLLER, DEFAULT_TOLERANCE, PLANT, Kernel, Model
+from ...solver.signals import Parameter
 from ..fmu.fmu_instance import StepFailed
 from ..loop.closed_loop import run_closed_loop
 from ..loop.joined import joined_pair
@@ -58,7 +59,7 @@ class StudyLoop:
     kernel: Kernel = field(repr=False)
 
     @property
-    def parameters(self) -> Sequence[ParameterInfo]:
+    def parameters(self) -> Sequence[Parameter]:
         """Of both parts, with the prefixes of a loop's parts."""
         return self.kernel.parameters
 
@@ -103,7 +104,7 @@ class FmuLoop:
     loop: Loop
 
     @cached_property
-    def parameters(self) -> tuple[ParameterInfo, ...]:
+    def parameters(self) -> tuple[Parameter, ...]:
         sides = (PLANT, self.loop.plant), (CONTROLLER, self.loop.controller)
         return tuple(
             replace(p, name=side + n) for side, part in sides for n, p in part.parameters.items()

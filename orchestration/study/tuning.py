@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...solver.errors import UserError
-from ...solver.kernel import CONTROLLER, PLANT, ParameterInfo
+from ...solver.kernel import CONTROLLER, PLANT
+from ...solver.signals import Parameter
 from ..loop.catalogue import LIMIT, OWN_LIMIT
 from ..loop.machine import limit_of
 from .figures import Figures, measured
@@ -232,7 +233,7 @@ class Contender:
                 for name in varied:
                     self._check("vary", PLANT, name, values[PLANT + name])
 
-    def _known(self, side: str) -> dict[str, ParameterInfo]:
+    def _known(self, side: str) -> dict[str, Parameter]:
         """Parameters of one part, by its own names."""
         of_loop = self.loop.parameters
         return {p.name.removeprefix(side): p for p in of_loop if p.name.startswith(side)}

@@ -3,7 +3,7 @@
 Those of the rig (Section 2.2 and Table 2.1) have their noise as an input, so that a seed outside
 determines it; if the thesis gives no value, the parameter's source says what was assumed. The
 instruments in `INSTRUMENTS` can be connected between any plant and controller: their input has the
-name of the plant's signal, their output that name with `solver.set_point.MEASURED` added.
+name of the plant's signal, their output that name with `solver.signals.MEASURED` added.
 """
 
 from __future__ import annotations

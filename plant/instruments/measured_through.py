@@ -8,7 +8,7 @@ from dataclasses import replace
 from ...solver.component import Component
 from ...solver.errors import ContractError
 from ...solver.interconnect import interconnect
-from ...solver.set_point import MEASURED
+from ...solver.signals import MEASURED
 
 
 def measured_through(controller: Component, instruments: Sequence[Component]) -> Component:

@@ -14,6 +14,7 @@
 #include "propagation.c"
 #include "explicit.c"
 #include "tangents.c"
+#include "crossings.c"
 #include "tape.c"
 
 /* A system of tapes or compiled equations with the memory to solve it: a block that is not moved.

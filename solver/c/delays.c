@@ -258,7 +258,6 @@ LATE(rhs)
 LATE(out)
 LATE(sample)
 LATE(indicate)
-LATE(spread)
 LATE(delayed)
 
 static void late_jac(GIVEN, double *J, double *ft)
@@ -288,7 +287,6 @@ static void lay_delays(System *s, Delays *delays, int count, int first, double *
     s->out = late_out;
     s->sample = late_sample;
     s->indicate = late_indicate;
-    s->spread = late_spread;
     s->react = late_react;
     s->delayed = late_delayed;
 }

@@ -27,8 +27,6 @@ struct System {
     void (*out)(GIVEN, double *y);
     void (*sample)(GIVEN, double *d);
     void (*indicate)(GIVEN, double *g);
-    /* change of each indicator when states and inputs change by their nominals, and time by 1 s */
-    void (*spread)(GIVEN, double *g);
     int (*kind)(const System *s, const double *u, int k);
     void (*react)(const System *s, double t, double *x, double *u, const double *p, int k);
     /* gradient of an indicator, slopes of its reset by x and by t; returns the indicator's by t */

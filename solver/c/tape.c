@@ -33,7 +33,7 @@ typedef struct {
 
 /* The tapes of a system's functions, in the order of `System`. */
 typedef struct {
-    Tape rhs, jac, out, sample, indicate, spread, kind, react, slopes, delayed;
+    Tape rhs, jac, out, sample, indicate, kind, react, slopes, delayed;
 } Equations;
 
 /* By number; solver/tape.py has their names in the same order. */
@@ -98,7 +98,6 @@ PLAY(rhs)
 PLAY(out)
 PLAY(sample)
 PLAY(indicate)
-PLAY(spread)
 PLAY(delayed)
 
 /* The Jacobian of rates whose slopes are not known. */
@@ -154,7 +153,6 @@ static void play_tapes(System *s, const Equations *equations)
     s->out = play_out;
     s->sample = play_sample;
     s->indicate = play_indicate;
-    s->spread = play_spread;
     s->kind = play_kind;
     s->react = play_react;
     s->slopes = play_slopes;
