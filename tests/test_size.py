@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (26244, 25045),
+    "tests": (25898, 24709),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

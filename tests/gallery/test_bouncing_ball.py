@@ -1,7 +1,6 @@
 """The bouncing ball: its closed form, the table of the Reference-FMUs, and its end rule."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference_fmus import reference_result
@@ -40,10 +39,3 @@ def test_the_table_has_the_digits_of_explicit_euler():
     np.testing.assert_allclose(times, published["time"], atol=1e-12)
     np.testing.assert_allclose(heights, published["h"], atol=1e-12)
     np.testing.assert_allclose(velocities, published["v"], atol=1e-12)
-
-
-def test_without_an_end_rule_the_run_stops_where_infinitely_many_bounces_end_and_says_so():
-    run = motion(BALL, 3.0, 0.01, {"v_min": 0.0})
-    assert not run.verdict.trusted
-    assert "follow each other without end at t = 2.558633" in run.stopped
-    assert run.time[-1] == pytest.approx(2.55)

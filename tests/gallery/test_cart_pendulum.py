@@ -1,10 +1,7 @@
 """The balanced pendulum: Lagrange's equations, and its cycle piece by piece."""
 
-import math
-
 import numpy as np
 import pytest
-import sympy as sp
 from scipy.linalg import expm
 from scipy.optimize import root
 
@@ -12,11 +9,9 @@ import ballscrew
 from ballscrew.gallery.cart_pendulum.findings import (
     BALANCE,
     BOB,
-    CART,
     DRY,
     ROD,
     G,
-    M,
     becomes,
     findings,
     motion,
@@ -24,31 +19,6 @@ from ballscrew.gallery.cart_pendulum.findings import (
 )
 
 GAINS = {p.name: p.default for p in ballscrew.component(BALANCE).parameters}
-
-
-def test_the_equations_are_lagranges():
-    t, force = sp.Symbol("t"), sp.Symbol("force")
-    x, th = (sp.Function(n)(t) for n in ("x", "th"))
-    across, up = x + ROD * sp.sin(th), ROD * sp.cos(th)
-    kinetic = M * x.diff(t) ** 2 / 2 + BOB * (across.diff(t) ** 2 + up.diff(t) ** 2) / 2
-    lagrangian = kinetic - BOB * G * up
-    equations = [
-        lagrangian.diff(s.diff(t)).diff(t) - lagrangian.diff(s) - f
-        for s, f in ((x, force), (th, 0))
-    ]
-    accelerations = sp.solve(equations, [x.diff(t, 2), th.diff(t, 2)])
-    values = {x: 0.3, th: 0.4, force: 0.7}
-    speeds = {x.diff(t): -0.8, th.diff(t): 1.3}
-    expected = [float(accelerations[s.diff(t, 2)].subs(speeds).subs(values)) for s in (x, th)]
-    cart = ballscrew.component(CART)
-    q = ROD * 1.3 - 0.8 * math.cos(0.4)
-    here = {"x": 0.3, "v": -0.8, "th": 0.4, "q": q, "u": 0.7, "M": M, "m": BOB, "l": ROD, "g": G}
-    numbers = {ballscrew.symbol(n): value for n, value in here.items()}
-    v_rate, th_rate, q_rate = (float(cart.derivative(n).subs(numbers)) for n in ("v", "th", "q"))
-    assert th_rate == pytest.approx(1.3)
-    # q = l th' + v cos(th), so q' = l th'' + v' cos(th) - v th' sin(th)
-    angular = (q_rate - v_rate * math.cos(0.4) - 0.8 * 1.3 * math.sin(0.4)) / ROD
-    assert [v_rate, angular] == pytest.approx(expected, rel=1e-12)
 
 
 class Exact:

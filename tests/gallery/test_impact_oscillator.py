@@ -89,24 +89,6 @@ def test_the_exponent_over_a_while_is_that_of_the_map_from_impact_to_impact():
     assert exponents(CHAOTIC, SHORT).exponents[0] == pytest.approx(motion.growth / end, abs=1e-6)
 
 
-@pytest.mark.ci
-def test_the_exponent_of_chaos_is_that_of_the_map_from_impact_to_impact():
-    motion, marks = FromImpactToImpact(CHAOTIC * GRAZING), []
-    for k in range(2500):
-        if k % 100 == 0:
-            marks.append((motion.t, motion.growth))
-        motion.fly(motion.until_the_impact())
-        motion.strike()
-    times, growth = np.diff(marks[1:], axis=0).T
-    rates = growth / times
-    error = rates.std(ddof=1) / math.sqrt(len(rates))
-    found = exponents(CHAOTIC).motion
-    assert found.kind.value == "chaos"
-    assert found.limit[0] > 5 * found.limit_error[0]  # half of a 95 % interval
-    off = abs(found.limit[0] - growth.sum() / times.sum())
-    assert off < 2.0 * math.hypot(1.96 * error, found.limit_error[0])
-
-
 @given(
     zeta=st.floats(0.0, 0.3),
     omega=st.floats(1.2, 4.0),

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from ballscrew.gallery.inclined_spring import findings as ours
-from ballscrew.gallery.inclined_spring.findings import AGEING, SLIP, Sliding, at
+from ballscrew.gallery.inclined_spring.findings import AGEING, SLIP, at
 
 
 def rates(law, s):
@@ -32,16 +32,6 @@ def steady(s):
     return np.array([force, s.v0, s.L / s.v0])
 
 
-def eigenvalues(law, s):
-    y, of = steady(s), rates(law, s)
-    columns = [
-        (np.array(of(0.0, y + e)) - np.array(of(0.0, y - e))) / (2 * e.sum())
-        for e in np.diag(1e-5 * y)
-    ]
-    found = np.linalg.eigvals(np.array(columns).T)
-    return found[np.lexsort((-found.imag, -found.real))]
-
-
 def followed(law, s, start, stop, **more):
     """By Radau, from (stretch, u, w) as the component has them."""
     d, u, w = start
@@ -59,11 +49,3 @@ def test_a_motion_is_that_of_the_equations_written_anew(law, values):
     other = followed(law, s, (1e-6, 1.0, 0.0), 0.4, t_eval=run.time)
     np.testing.assert_allclose(np.log(run.outputs["v"]), np.log(other.y[1]), atol=1e-5)
     np.testing.assert_allclose(run.outputs["F"], other.y[0], rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("law", "values"), [(AGEING, {"psi": 0.4, "alpha": 0.5}), (SLIP, {"psi": -1.2, "W": -10.0})]
-)
-def test_the_cubic_has_the_eigenvalues_of_numerical_derivatives(law, values):
-    s = Sliding(**values)
-    np.testing.assert_allclose(s.roots(), eigenvalues(law, s), rtol=1e-5)

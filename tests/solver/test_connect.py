@@ -15,10 +15,8 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
-from ballscrew.solver.interconnect import connect
 
 COULOMB, EXTRA, DAMPING = 1.0, 0.5, 0.4
-V = symbol("plant_v")
 
 
 def mass():
@@ -51,18 +49,6 @@ def law():
         states=(State("speed", "m/s", "filtered speed", sp.Abs(v) - symbol("speed")),),
         outputs=(Output("u", "N", "force", x_d - x - DAMPING * v + push),),
     )
-
-
-@pytest.mark.parametrize(("mode", "sign"), [("stuck", 0), ("forward", 1), ("backward", -1)])
-def test_what_a_law_takes_the_sign_of_is_known_in_each_mode(mode, sign):
-    """Else the law jumps just where the mode ends, which no event tells of."""
-    modes = {m.name: m for m in connect(mass(), law()).modes}
-    told = modes[mode]
-    for expression in (*told.derivatives.values(), *told.outputs.values()):
-        assert not expression.has(sp.sign(V), sp.Abs(V))
-    assert told.derivatives["controller_speed"] == sign * V - symbol("controller_speed")
-    push = told.outputs["u"] - (symbol("x_d") - symbol("plant_x") - DAMPING * V)
-    assert push.evalf() == pytest.approx(sign * (COULOMB + EXTRA))
 
 
 def test_a_cycle_of_a_law_with_a_sign_has_its_exponent_in_closed_form():

@@ -6,8 +6,8 @@ import sympy as sp
 from scipy.special import lambertw
 
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import Component, Delay, Input, Output, Parameter, State, symbol
-from ballscrew.solver.for_tangents import NODES, with_delay_states
+from ballscrew.solver.component import Component, Delay, Output, Parameter, State, symbol
+from ballscrew.solver.for_tangents import with_delay_states
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_returns, follow_tangents
 
@@ -58,26 +58,6 @@ def test_tangents_grow_as_lamberts_w_says(a, b, tau):
         assert rates[:2].mean() == pytest.approx(exact[0], abs=1e-4)
     else:
         assert rates[0] == pytest.approx(exact[0], abs=1e-6)
-
-
-@pytest.mark.ci
-def test_all_delays_of_a_component_become_states():
-    late, u = symbol("late"), symbol("u")
-    component = Component(
-        "two",
-        "a delay of a delay",
-        inputs=(Input("u", "1", "u"),),
-        outputs=(Output("y", "1", "y", symbol("later")),),
-        delays=(Delay("late", u, sp.Float(0.2)), Delay("later", late, sp.Float(0.1), start=0.5)),
-    )
-    noded = with_delay_states(component)
-    assert not noded.delays
-    assert len(noded.states) == 2 * NODES
-    model = Model(generate(noded))
-    assert model.outputs(0.0, model.x)["y"] == 0.5
-    model.set_input("u", 3.0)
-    model.advance(0.0, 0.8)
-    assert model.outputs(0.8, model.x)["y"] == pytest.approx(3.0, abs=0.02)
 
 
 def test_what_has_delays_is_not_followed_as_if_it_had_none():

@@ -23,7 +23,6 @@ from ballscrew.solver.component import (
     symbol,
 )
 from ballscrew.solver.errors import ContractError
-from ballscrew.solver.interconnect import connect
 from ballscrew.solver.kernel import IntegrationError, Model
 
 X, LATE, TAU = map(symbol, ("x", "late", "tau"))
@@ -108,14 +107,6 @@ def test_a_delay_shorter_than_a_step_shortens_the_steps():
     assert model.x[0] == pytest.approx(decay_by_steps(1.0, 1.0, tau), abs=1e-12)
 
 
-def test_the_error_follows_the_tolerance():
-    exact = by_hand(lambda x, late: -1.2 * late * (1 + x), 1.0, 0.8, 8)
-    for tolerance in (1e-5, 1e-7, 1e-9, 1e-11):
-        model = model_of(scalar(WRIGHT, start=0.8), tolerance=tolerance)
-        model.advance(0.0, 8.0)
-        assert abs(model.x[0] - exact) < 30 * tolerance
-
-
 def dead_time(expression=None, **more):
     u = symbol("u")
     return Component(
@@ -179,60 +170,6 @@ def test_a_run_that_begins_again_has_forgotten():
     model.info[:] = 0.0
     model.advance(0.0, 2.0)
     assert model.x[0] == pytest.approx(decay_by_steps(2.0, 1.0, 1.0), abs=1e-9)
-
-
-def test_a_loop_keeps_its_delays():
-    """An integrator that hears its command late, under a gain that sees it late, too."""
-    u, gain = symbol("u"), symbol("gain")
-    plant = Component(
-        "plant",
-        "integrator",
-        parameters=(Parameter("tau", 0.7, "s", "delay", "made up"),),
-        inputs=(Input("u", "1", "command", law=("x",)),),
-        states=(State("x", "1", "x", symbol("heard"), start=1.0),),
-        outputs=(Output("x", "1", "x", X),),
-        delays=(Delay("heard", u, TAU, start=-0.5),),
-    )
-    controller = Component(
-        "gain",
-        "gain on a late measurement",
-        parameters=(
-            Parameter("gain", 0.5, "1", "gain", "made up"),
-            Parameter("tau", 0.3, "s", "delay", "made up"),
-        ),
-        inputs=(Input("x", "1", "x", role="measurement"),),
-        outputs=(Output("u", "1", "command", -gain * symbol("seen")),),
-        delays=(Delay("seen", X, TAU, start=1.0),),
-    )
-    loop = connect(plant, controller)
-    assert [d.name for d in loop.delays] == ["plant_heard", "controller_seen"]
-    model = model_of(loop, tolerance=1e-11)
-    model.advance(0.0, 5.0)
-    # both delays in a row are one of 1 s; before that the command was -0.5
-    assert model.x[0] == pytest.approx(decay_by_steps(5.0, 0.5, 1.0), abs=1e-10)
-
-
-def test_a_delay_of_a_signal_that_modes_change_is_refused():
-    on = Mode("on", outputs={"x": 2 * X})
-    moded = Component(
-        "moded",
-        "an output per mode",
-        inputs=(Input("u", "1", "command"),),
-        states=(State("x", "1", "x", symbol("u")),),
-        outputs=(Output("x", "1", "x", X),),
-        modes=(on,),
-    )
-    controller = Component(
-        "late",
-        "late",
-        inputs=(Input("x", "1", "x", role="measurement"),),
-        outputs=(Output("u", "1", "command", -LATE),),
-        delays=(Delay("late", X, sp.Integer(1)),),
-    )
-    with pytest.raises(
-        ContractError, match="'controller_late' delays a signal that depends on the mode"
-    ):
-        connect(moded, controller)
 
 
 def test_a_duration_that_moves_is_refused():

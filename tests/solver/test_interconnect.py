@@ -12,15 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from networks_of_parts import CHAIN, LINKS, link, whole_chain
 
-import ballscrew
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     Component,
     Delay,
     DiscreteState,
     Event,
-    ForceBalance,
-    ForceTerm,
     Input,
     Mode,
     Output,
@@ -225,31 +222,6 @@ def test_in_a_circle_of_samplers_the_first_sees_what_was_before():
 # -- modes ---------------------------------------------------------------------------------------
 
 
-def sticking(start):
-    """A mass on a spring with dry friction, as modes."""
-    x, v = symbol("x"), symbol("v")
-    body = Component(
-        "mass",
-        "a mass that sticks and slides",
-        states=(State("x", "m", "position", v, start=start), State("v", "m/s", "velocity")),
-        outputs=(Output("x", "m", "position", x),),
-        balances=(ForceBalance("v", sp.Integer(1), (ForceTerm("spring", -x, "spring"),)),),
-    )
-    return ballscrew.with_friction(body, "classical", {"Fc": 1.0, "Fs": 1.0, "sigma2": 0.0})
-
-
-def test_two_masses_that_stick_have_nine_modes_and_move_as_each_alone():
-    alone = {"near": sticking(5.5), "far": sticking(8.3)}
-    both = interconnect(alone, {}, [], {n: f"{n}.x" for n in alone})
-    assert len(both.modes) == 9
-    assert both.modes[0].name == "stuck_stuck"
-    times = np.linspace(0.0, 15.0, 151)
-    course = Model(generate(both), tolerance=1e-10).simulate(times)
-    for name, part in alone.items():
-        expected = Model(generate(part), tolerance=1e-10).simulate(times).outputs["x"]
-        np.testing.assert_allclose(course.outputs[name], expected, atol=1e-8)
-
-
 # -- what is refused -----------------------------------------------------------------------------
 
 
@@ -309,12 +281,3 @@ def test_what_does_not_fit_is_refused_with_one_line(change, line):
     assert interconnect(**fitting).name == "one_two"
     with pytest.raises(ContractError, match=re.escape(line)):
         interconnect(**(fitting | change))
-
-
-def test_an_outer_input_is_what_takes_it_and_its_law_acts_on_what_is_seen():
-    plant = ballscrew.component("plant")
-    whole = interconnect(
-        {"axis": plant}, {"axis.u": "w"}, ["w"], {"place": "axis.x", "i": "axis.i"}
-    )
-    (port,) = whole.inputs
-    assert port == replace(plant.inputs[0], name="w", law=("place", "i"))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from ballscrew.plant.instruments.encoder import encoder
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, Input, Output, symbol
 from ballscrew.solver.for_tangents import dithered_average
@@ -55,9 +54,3 @@ def test_the_average_is_the_mean_over_all_places_of_the_steps(steps) -> None:
             values.append(exact.outputs(0.0, exact.x)["y"])
         average.u[:] = x
         assert average.outputs(0.0, average.x)["y"] == pytest.approx(np.mean(values), abs=2e-3)
-
-
-def test_the_average_of_the_encoder_is_the_position_itself() -> None:
-    model = Model(generate(dithered_average(encoder())))
-    model.u[:] = 0.0123456
-    assert model.outputs(0.0, model.x)["x_counted"] == pytest.approx(0.0123456, rel=1e-12)

@@ -18,17 +18,14 @@ from known_systems import (
     bouncing_ball,
     entries,
     linear,
-    lorenz,
     relay_loop,
     stretched,
-    van_der_pol,
 )
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
-from ballscrew.solver import core
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import Component, Mode, State, symbol
 from ballscrew.solver.kernel import Model
@@ -138,28 +135,6 @@ def test_all_exponents_of_the_nominal_loops_agree_with_radau_on_the_variational_
     np.testing.assert_allclose(ours, theirs, rtol=1e-3)
 
 
-@pytest.mark.parametrize("controller", ["iol", "nctf"])
-def test_exponents_converge_with_the_tolerance_at_a_fitted_order(controller):
-    """Steps go with the tolerance to the power 1/6 to 1/5, the propagator has order four: 0.67-0.8.
-
-    Only from 1e-9 on: above, steps reach over the |v| < 1e-8 m/s in which friction turns over.
-    """
-    stop, tolerances = 0.05, np.array([1e-9, 1e-10, 1e-11, 1e-12])
-    converged = follow_tangents(nominal_loop(controller, 1e-13), [0.0, stop]).exponents
-    errors = [
-        np.max(
-            np.abs(
-                follow_tangents(nominal_loop(controller, t), [0.0, stop]).exponents / converged
-                - 1.0
-            )
-        )
-        for t in tolerances
-    ]
-    order = np.polyfit(np.log(tolerances), np.log(errors), 1)[0]
-    assert 0.5 < order < 1.1, errors
-    assert errors[-1] < 5e-4
-
-
 def one_bounce(shake, e=RESTITUTION, g=GRAVITY):
     """Linearized exact map of the ball's period-one bounce, in time and speed after impact.
 
@@ -233,25 +208,6 @@ def test_sticking_takes_one_direction_away_for_good():
     assert run.events >= 8
     assert np.isfinite(run.growth[-1, 0])
     assert run.growth[-1, 1] == -np.inf
-
-
-@pytest.mark.parametrize(
-    ("kernel", "values", "stop", "steps", "exponents"),
-    [
-        (lorenz, {}, 5.0, (104, 15), [0.838733897, -0.445312204, -14.0600884778]),
-        (van_der_pol, {"mu": 1000.0}, 50.0, (13, 19), [5.73594226e-4, -2933.08152733]),
-        (belt, {}, 20.0, (65, 14), [0.069708387016, -np.inf]),
-        (relay_loop, {}, 20.0, (132, 12), [0.100719389669, -0.673216726726, -3.427502662943]),
-    ],
-)
-def test_steps_and_exponents_at_a_loose_tolerance_have_not_changed(
-    kernel, values, stop, steps, exponents
-):
-    """Other tests say that they are right; here a change of the control of steps is seen."""
-    model = Model(kernel(), values, 1e-6)
-    run = follow_tangents(model, [0.0, stop])
-    assert (model.info[core.ACCEPTED], model.info[core.REJECTED]) == steps
-    np.testing.assert_allclose(run.exponents, exponents, rtol=1e-8)
 
 
 @pytest.mark.parametrize("modes", [(), (Mode("only"),)])

@@ -161,19 +161,6 @@ def test_the_stuck_regime_s_boundary_is_that_of_the_cubic():
         assert found == pytest.approx(expected, rel=2e-3, abs=2e-3)
 
 
-def test_the_exponent_of_a_cell_is_that_of_the_whole_run():
-    from ballscrew.solver.spectrum import follow_tangents
-    from ballscrew.stability.lyapunov import loop_maker
-
-    values = {"sigma0_hat": 66966.0, "sigma1_hat": 350.0}
-    study = gamma(exponents=True, stop=2.0)
-    found = run_cell(study, *values.values(), 1e-8)
-    run = follow_tangents(
-        loop_maker(Loop("iol", controller_values=values))(1e-10), [0.0, 2.0], count=1
-    )
-    assert found.lambda1 == pytest.approx(run.exponents[0] / np.log(2), rel=1e-3)
-
-
 @pytest.mark.ci
 def test_nctf_is_designed_on_the_perturbed_plant_and_run_on_the_nominal_one():
     x = read_axis("design.sigma1=241:448:3", Loop("nctf"))

@@ -55,16 +55,3 @@ def test_every_exponent_is_that_of_one_solver(over_fmus, controller, stop):
     assert run.method == "tangent ports"
     assert worst(run, reference) < 1.0
     assert run.growth[-1].sum() == pytest.approx(run.trace[-1], rel=1e-4)
-
-
-@pytest.mark.ci
-def test_every_exponent_converges_with_the_communication_step(over_fmus):
-    """With steps all as long as asked for, from a start that slides."""
-    reference = whole("nctf", 0.1, plant_v_start=0.05)
-    errors = []
-    for step in (5e-4, 2.5e-4, 1.25e-4):
-        run = over_fmus("nctf", 0.1, step, accuracy=np.inf, plant_values={"v_start": 0.05})
-        assert len(run.time) == round(0.1 / step) + 1
-        errors.append(np.abs(run.exponents - reference.exponents))
-    assert np.all(errors[1] < 0.5 * errors[0])
-    assert np.all(errors[2] < 0.5 * errors[1])
