@@ -118,22 +118,10 @@ def compile_in(
     stem: str,
     compiler: Sequence[str] | None = None,
 ) -> bytes:
-    """The shared library for a platform, made from the files of a folder and in that folder.
+    """The shared library for one of `PLATFORMS`, made from the files of a folder, in that folder.
 
-    Parameters
-    ----------
-    name : str
-        One of `PLATFORMS`.
-    arguments : sequence of str
-        Flags and sources.
-    stem : str
-        Name of the library without its suffix.
-    compiler : sequence of str, optional
-        The command that compiles; default: the one that `compiler_for` finds.
-
-    Raises
-    ------
-    CompilerFailed
+    `arguments` are flags and sources, `stem` is its name without suffix; `compiler` is the command,
+    by default the one that `compiler_for` finds. Raises CompilerFailed.
     """
     made_for = PLATFORMS[name]
     compiler = compiler_for(name) if compiler is None else compiler

@@ -29,50 +29,50 @@ SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 LIBRARY = f"libcore{SUFFIX}"
 _DELAYS = 3  # place of their number in tapes
 
-_At = ct.c_void_p
+
+_At, _Number, _Whole = ct.c_void_p, ct.c_double, ct.c_int32
+
+
+def _fields(*groups: tuple[Any, str]) -> tuple[tuple[str, Any], ...]:
+    """Fields of a record: types, and the names of those that follow each other."""
+    return tuple((name, kind) for kind, names in groups for name in names.split())
 
 
 class _Instance(ct.Structure):
-    _fields_ = tuple((name, _At) for name in ("solver", "x", "u", "y", "p", "atol", "info"))
+    _fields_ = _fields((_At, "solver x u y p atol info"))
 
 
 class Walk(ct.Structure):
     """``Walk`` in ``c/tangents.h``."""
 
-    _fields_ = (
-        ("rows", ct.c_int32),
-        ("count", ct.c_int32),
-        *((name, _At) for name in ("times", "states", "growth", "trace", "frame", "u", "p")),
-        ("atol", _At),
-        ("rtol", ct.c_double),
-        ("bound", _At),
-        ("scale", _At),
-        ("max_steps", ct.c_int32),
-        ("collocating", ct.c_int32),
-        ("period", ct.c_double),
+    _fields_ = _fields(
+        (_Whole, "rows count"),
+        (_At, "times states growth trace frame u p atol"),
+        (_Number, "rtol"),
+        (_At, "bound scale"),
+        (_Whole, "max_steps collocating"),
+        (_Number, "period"),
     )
 
 
 class Crossings(ct.Structure):
     """``Crossings`` in ``c/tangents.h``."""
 
-    _fields_ = (
-        ("t0", ct.c_double),
-        ("t1", ct.c_double),
-        *((name, _At) for name in ("x", "u", "p", "atol")),
-        ("rtol", ct.c_double),
-        ("bound", _At),
-        ("max_steps", ct.c_int32),
-        ("coordinate", ct.c_int32),
-        ("level", ct.c_double),
-        ("most", ct.c_int32),
-        *((name, _At) for name in ("times", "states", "low", "high")),
-        ("period", ct.c_double),
+    _fields_ = _fields(
+        (_Number, "t0 t1"),
+        (_At, "x u p atol"),
+        (_Number, "rtol"),
+        (_At, "bound"),
+        (_Whole, "max_steps coordinate"),
+        (_Number, "level"),
+        (_Whole, "most"),
+        (_At, "times states low high"),
+        (_Number, "period"),
     )
 
 
-_NUMBER, _WHOLE, _SIZE = ct.c_double, ct.c_int, ct.c_int64
-_WHERE = (_At, _NUMBER, _At, _At, _At)
+_SIZE = ct.c_int64
+_WHERE = (_At, _Number, _At, _At, _At)
 _SIGNATURES: dict[str, tuple[Any, ...]] = {  # what a function returns, and its arguments
     "size": (_SIZE, _At),
     "make": (None, _At, _At, _At),
@@ -80,16 +80,16 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {  # what a function returns, and its 
     "remember": (None, _At, _At),
     **dict.fromkeys(("rhs", "out", "sample", "indicate"), (None, *_WHERE, _At)),
     "jac": (None, *_WHERE, _At, _At),
-    "settle": (_WHOLE, *_WHERE, _At),
-    "integrate": (_WHOLE, _At, _NUMBER, _NUMBER, *[_At] * 4, _NUMBER, _At, _WHOLE),
-    "step": (_WHOLE, _At, _NUMBER, _NUMBER, _NUMBER, _WHOLE),
-    "output": (None, _At, _NUMBER),
+    "settle": (_Whole, *_WHERE, _At),
+    "integrate": (_Whole, _At, _Number, _Number, *[_At] * 4, _Number, _At, _Whole),
+    "step": (_Whole, _At, _Number, _Number, _Number, _Whole),
+    "output": (None, _At, _Number),
     "trajectory": (
-        *(_WHOLE, _At, _WHOLE, _NUMBER, _At, _WHOLE, _At, _At, _WHOLE, _At, _At, _WHOLE),
-        *(_At, _WHOLE, _WHOLE, _At, _At, _At, _NUMBER, _At, _WHOLE),
+        *(_Whole, _At, _Whole, _Number, _At, _Whole, _At, _At, _Whole, _At, _At, _Whole),
+        *(_At, _Whole, _Whole, _At, _At, _At, _Number, _At, _Whole),
     ),
-    "spectrum": (_WHOLE, _At, _At, _WHOLE, _At),
-    "returns": (_WHOLE, _At, _At, _WHOLE, _At),
+    "spectrum": (_Whole, _At, _At, _Whole, _At),
+    "returns": (_Whole, _At, _At, _Whole, _At),
 }
 
 
@@ -132,7 +132,7 @@ def at(array: Any) -> int:
         return array
     if array.dtype == np.float64:
         try:
-            return ct.addressof(_NUMBER.from_buffer(array))  # four times faster than what follows
+            return ct.addressof(_Number.from_buffer(array))  # four times faster than what follows
         except (TypeError, ValueError):  # read-only, empty, or with gaps
             if array.flags.c_contiguous:
                 return int(array.ctypes.data)
@@ -230,30 +230,13 @@ class System:
         info: Any,
         max_steps: int,
     ) -> int:
-        """Move the state from `t0` to `t1` with `u` and `p` held, in place.
+        """Move the state from `t0` to `t1` in place; events change the mode in `u`.
 
-        Parameters
-        ----------
-        x : ndarray, shape (states,)
-            State at `t0`; on return the state at the time ``info[REACHED]``.
-        u : ndarray, shape (held,)
-            Events change the mode in it.
-        atol : ndarray, shape (states,)
-            Absolute tolerance of each state, in its own unit.
-        rtol : float
-            Relative tolerance.
-        info : ndarray, shape (INFO_SIZE,)
-            ``info[NEXT_STEP]`` is the step to try first (0: choose one) and on return the step that
-            the error control would take next; accepted and rejected steps and events are added up.
-            The memory of the error control is kept if a call ends at `max_steps`, so that many
-            calls of one step each give the same result as one call.
-        max_steps : int
-            Most steps, accepted or rejected, that this call may take.
-
-        Returns
-        -------
-        int
-            `DONE`, `TOO_MANY_STEPS`, `STEP_TOO_SMALL`, `CHATTER` or `NO_DELAY`.
+        ``info[NEXT_STEP]`` is the step to try first (0: choose one) and on return the step that
+        the error control would take next; ``info[REACHED]`` is the time that was reached; accepted
+        and rejected steps and events are added up. At most `max_steps` steps are taken; the memory
+        of the error control is then kept, so that many calls of one step each give the same result
+        as one call. Returns `DONE` or why it ended.
         """
         while True:
             status = int(
@@ -286,16 +269,9 @@ class System:
     ) -> int:
         """Write states and outputs over a grid of times; return the number of rows reached.
 
-        Parameters
-        ----------
-        times : ndarray, shape (m,)
-        states, outputs : ndarray, shape (m, ...)
-            The first state is given.
-        given : tuple of two ndarrays, shape (m, k), or None
-            Values of the first `k` of `u` before each time, and at it.
-        samples : tuple of (ndarray of bool, shape (m,), without gaps, or None), int, int
-            At which times the discrete states are updated, where in `u` they begin, and how many
-            there are.
+        The first state is given. `given` are values of the first of `u` before each time, and at
+        it; `samples` are the flags of times at which discrete states are updated, where in `u`
+        they begin, and how many there are.
         """
         within, after = given or (None, None)
         sampled, first, count = samples

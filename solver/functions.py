@@ -50,19 +50,9 @@ Sums, products, comparisons, `And`, `Or`, `Not`, numbers and symbols are also su
 """
 
 _PARTS = (
-    sp.Symbol,
-    sp.Number,
-    sp.NumberSymbol,
-    sp.Add,
-    sp.Mul,
-    sp.core.relational.Relational,
-    sp.And,
-    sp.Or,
-    sp.Not,
+    *(sp.Symbol, sp.Number, sp.NumberSymbol, sp.Add, sp.Mul, sp.core.relational.Relational),
+    *(sp.And, sp.Or, sp.Not, BooleanTrue, BooleanFalse, ExprCondPair),
     sp.ITE,  # SymPy's form of a Piecewise within a condition
-    BooleanTrue,
-    BooleanFalse,
-    ExprCondPair,
     *FUNCTIONS,
 )
 
@@ -213,27 +203,16 @@ def _power(base: sp.Expr, exponent: sp.Expr) -> sp.Expr:
 _MARKED: dict[type[sp.Basic], Any] = {
     sp.sign: _Sign,
     sp.Heaviside: _Step,
-    sp.floor: _Floor,
     sp.ceiling: _Ceiling,
+    sp.floor: _Floor,
     sp.Abs: _Abs,
     sp.frac: _Frac,
-    sp.Mod: _Mod,
     sp.atan2: _Atan2,
-    sp.Max: _Max,
+    sp.Mod: _Mod,
     sp.Min: _Min,
+    sp.Max: _Max,
     sp.Pow: _power,
 }
-_PLAIN: dict[type[sp.Basic], Any] = {
-    _Power: sp.Pow,
-    _Max: sp.Max,
-    _Min: sp.Min,
-    _Mod: sp.Mod,
-    _Atan2: sp.atan2,
-    _Frac: sp.frac,
-    _Abs: sp.Abs,
-    _Floor: sp.floor,
-    _Ceiling: sp.ceiling,
-    _Step: sp.Heaviside,
-    _Sign: sp.sign,
-}
+_PLAIN: dict[type[sp.Basic], Any] = {_Power: sp.Pow}
+_PLAIN |= {marked: plain for plain, marked in reversed(_MARKED.items()) if plain is not sp.Pow}
 _SPECIAL = tuple(kind for kind in _MARKED if kind is not sp.Pow)

@@ -210,18 +210,14 @@ def ready() -> None:
     """
     os.environ.setdefault("SYMPY_CACHE_SIZE", "20000")
     if not os.environ.get("MPLCONFIGDIR") and not _matplotlib_has_folders():
-        _name("MPLCONFIGDIR", folder() / "matplotlib")
+        os.environ["MPLCONFIGDIR"] = str(folder() / "matplotlib")
     if fault := usual_folder()[1]:
-        _name("BALLSCREW_CACHE", folder())
+        os.environ["BALLSCREW_CACHE"] = str(folder())
         print(
             f"note: {fault}; equations are derived again every "
             "time; set BALLSCREW_CACHE to a folder that only you can write",
             file=sys.stderr,
         )
-
-
-def _name(variable: str, folder: Path) -> None:
-    os.environ[variable] = str(folder)
 
 
 def _matplotlib_has_folders() -> bool:

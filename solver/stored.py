@@ -73,16 +73,10 @@ def fingerprint(*modules: str) -> str:
 
 
 def stored_kernel(name: str, make: Callable[[], Component], *modules: str) -> Kernel:
-    """The kernel of the component that `make` builds; `name` must be unique for it.
+    """The kernel of the component that `make` builds, which is called only if it is not on disk.
 
-    Parameters
-    ----------
-    name : str
-        An identifier, unique among all callers.
-    make : function without arguments
-        Called only if the kernel is not on disk yet.
-    *modules : str
-        Modules of this package that the component's equations come from.
+    `name` is an identifier that is unique among all callers; the component's equations come from
+    these modules of this package.
     """
     path = kernel_cache.entry(kernel_cache.COMPONENTS, f"{name}-{fingerprint(*modules)}.json")
     if (kept := kernel_cache.read(path)) is not None:

@@ -13,7 +13,7 @@ import ast
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -93,18 +93,8 @@ def record_tape(
 ) -> bytes:
     """All functions of a system, as `core.System` reads them.
 
-    Parameters
-    ----------
-    source : str
-        Text with the functions.
-    states, held, events : int
-        See `core.System`.
-    delays, first : int
-        Delayed signals, and the place of the first in u.
-
-    Raises
-    ------
-    ContractError
+    `states`, `held`, `events`, `delays` are its numbers; `first` is the place of the first delayed
+    signal in u.
     """
     written = functions(source)
     tapes = [record(written[name], states) if name in written else _NO_TAPE for name in FUNCTIONS]
@@ -116,19 +106,9 @@ def record_edited(
 ) -> bytes:
     """The tapes of a text that its user has edited; the Jacobian is computed by differences.
 
-    Parameters
-    ----------
-    source : str
-    exported : bytes
-        The tapes of the text as exported.
-    nominal : ndarray, shape (states,)
-        Sizes of the states, for the differences.
-    sizes : mapping of str to int
-        Lengths of the vectors of parameters, outputs and discrete states, "p", "y" and "d".
-
-    Raises
-    ------
-    SyntaxError, ContractError
+    `exported` are the tapes of the text as exported, `nominal` the sizes of the states, for the
+    differences, and `sizes` the lengths of the vectors "p", "y" and "d". Raises SyntaxError or
+    ContractError.
     """
     head = states, held, events, delays, _ = np.frombuffer(exported, np.int32, 5).tolist()
     sizes = {"x": states, "dx": states, "u": held, "g": events, "e": 4 * delays, **sizes}
@@ -155,53 +135,97 @@ def functions(source: str) -> dict[str, ast.FunctionDef]:
     return {n.name: n for n in ast.parse(source).body if isinstance(n, ast.FunctionDef)}
 
 
-V = TypeVar("V")  # what stands for a number: a register, or text
+@dataclass
+class _Line:
+    """An operation on values that are numbered in order."""
+
+    operation: str
+    to: int = -1
+    a: int = 0
+    b: int = 0
+    c: int = 0
 
 
-class Reader(Generic[V]):
-    """Reads the text of a generated function; a subclass says what becomes of its parts.
+Value = Any  # what stands for a number: here its place in order, in C its text
+
+
+class Recorder:
+    """Records the operations of a generated function; `translation` writes C in the same way.
 
     Parameters
     ----------
     width : int
         Columns of matrices.
-    names : dict of str to V
+    names : dict of str to Value
         Numbers that are given by name.
     sizes : dict of str to int, optional
         For a text that may be wrong: lengths of the vectors that are given to it.
     """
 
     def __init__(
-        self, width: int, names: dict[str, V], sizes: dict[str, int] | None = None
+        self, width: int, names: dict[str, Value], sizes: dict[str, int] | None = None
     ) -> None:
         self.width, self.names, self.sizes = width, names, sizes
+        self.lines: list[Any] = []
+        self.constants: dict[str, tuple[int, float]] = {}
+        self.logical: set[int] = set()  # values that are 0 or 1
+        self.values = _GIVEN
 
-    def constant(self, value: float) -> V:
-        raise NotImplementedError
+    def constant(self, value: float) -> Value:
+        key = float(value).hex()
+        if key not in self.constants:
+            self.constants[key] = (self._new(), float(value))
+        found = self.constants[key][0]
+        if value in (0.0, 1.0):
+            self.logical.add(found)
+        return found
 
-    def emit(self, operation: str, *operands: V) -> V:
-        """The result of one of the operations of `a`, `b` and `c`."""
-        raise NotImplementedError
+    def _new(self) -> int:
+        self.values += 1
+        return self.values - 1
 
-    def call(self, name: str, arguments: list[V]) -> V:
-        """A function of `OF_ONE` or `OF_TWO`."""
-        raise NotImplementedError
+    def emit(self, operation: str, *operands: Value) -> Value:
+        to = self._new()
+        self.lines.append(_Line(operation, to, *operands))
+        if operation in _LOGICAL or (operation == "SELECT" and {*operands[:2]} <= self.logical):
+            self.logical.add(to)
+        return to
 
-    def load(self, vector: str, index: int) -> V:
-        raise NotImplementedError
+    def call(self, name: str, arguments: list[Value]) -> Value:
+        if name in OF_ONE:
+            return self.emit("CALL_1", arguments[0], 0, OF_ONE.index(name))
+        return self.emit("CALL_2", *arguments, OF_TWO.index(name))
 
-    def store(self, vector: str, index: int, value: V) -> None:
-        raise NotImplementedError
+    def load(self, vector: str, index: int) -> Value:
+        return self.emit("LOAD", _VECTORS[vector], index)
 
-    def named(self, name: str, value: V) -> V:
-        """What stands for a number from its assignment on."""
-        raise NotImplementedError
+    def store(self, vector: str, index: int, value: Value) -> None:
+        self.lines.append(_Line("STORE", -1, _VECTORS[vector], index, value))
 
-    def branch(self, test: V, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
-        raise NotImplementedError
+    def named(self, name: str, value: Value) -> Value:
+        return value
 
-    def end(self, value: V | None) -> None:
-        raise NotImplementedError
+    def branch(self, test: Value, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
+        skip, end = _Line("JUMP_UNLESS", c=test), _Line("JUMP")
+        before = dict(self.names)
+        self.lines.append(skip)
+        self.block(yes)
+        names, self.names = self.names, dict(before)
+        if no:
+            self.lines.append(end)
+        skip.a = len(self.lines)
+        self.block(no)
+        end.a = len(self.lines)
+        # a value of one branch only is not there after it
+        self.names = dict(before.items() & names.items() & self.names.items())
+
+    def end(self, value: Value | None) -> None:
+        self.lines.append(_Line("RETURN", c=self.constant(0.0) if value is None else value))
+
+    def truth(self, e: ast.expr) -> Value:
+        if (value := self.value(e)) not in self.logical:
+            raise _unknown(e)  # of two numbers, ``and`` and ``or`` take one
+        return value
 
     # -- statements ------------------------------------------------------------------------------
 
@@ -235,7 +259,7 @@ class Reader(Generic[V]):
 
     # -- expressions -----------------------------------------------------------------------------
 
-    def value(self, e: ast.expr) -> V:
+    def value(self, e: ast.expr) -> Value:
         if isinstance(e, ast.Constant) and isinstance(e.value, bool | int | float):
             return self.constant(e.value)
         if isinstance(e, ast.Name) and e.id in self.names:
@@ -262,18 +286,17 @@ class Reader(Generic[V]):
             return self._called(e)
         raise _unknown(e)
 
-    def truth(self, e: ast.expr) -> V:
-        return self.value(e)
-
-    def _joined(self, operation: str, parts: list[ast.expr], value: Callable[[ast.expr], V]) -> V:
+    def _joined(
+        self, operation: str, parts: list[ast.expr], value: Callable[[ast.expr], Value]
+    ) -> Value:
         found = value(parts[0])
         for part in parts[1:]:
             found = self.emit(operation, found, value(part))
         return found
 
-    def _compared(self, e: ast.Compare) -> V:
+    def _compared(self, e: ast.Compare) -> Value:
         sides = [self.value(part) for part in (e.left, *e.comparators)]
-        found: V | None = None
+        found: Value | None = None
         for op, left, right in zip(e.ops, sides, sides[1:], strict=False):
             operation, exchanged = _COMPARED[type(op)]
             one = self.emit(operation, *((right, left) if exchanged else (left, right)))
@@ -281,7 +304,7 @@ class Reader(Generic[V]):
         assert found is not None
         return found
 
-    def _called(self, e: ast.Call) -> V:
+    def _called(self, e: ast.Call) -> Value:
         called = ast.unparse(e.func)
         if called in ("min", "max") and e.args:
             return self._joined("LARGER" if called == "max" else "SMALLER", e.args, self.value)
@@ -289,84 +312,6 @@ class Reader(Generic[V]):
         if len(e.args) != (1 if name in OF_ONE else 2 if name in OF_TWO else -1):
             raise _unknown(e)
         return self.call(name, [self.value(a) for a in e.args])
-
-
-@dataclass
-class _Line:
-    """An operation on values that are numbered in order."""
-
-    operation: str
-    to: int = -1
-    a: int = 0
-    b: int = 0
-    c: int = 0
-
-
-class _Recorder(Reader[int]):
-    """Records operations; a number is that of its value."""
-
-    def __init__(self, width: int, names: dict[str, int], sizes: dict[str, int] | None) -> None:
-        super().__init__(width, names, sizes)
-        self.lines: list[_Line] = []
-        self.constants: dict[str, tuple[int, float]] = {}
-        self.logical: set[int] = set()  # values that are 0 or 1
-        self.values = _GIVEN
-
-    def constant(self, value: float) -> int:
-        key = float(value).hex()
-        if key not in self.constants:
-            self.constants[key] = (self._new(), float(value))
-        found = self.constants[key][0]
-        if value in (0.0, 1.0):
-            self.logical.add(found)
-        return found
-
-    def _new(self) -> int:
-        self.values += 1
-        return self.values - 1
-
-    def emit(self, operation: str, *operands: int) -> int:
-        to = self._new()
-        self.lines.append(_Line(operation, to, *operands))
-        if operation in _LOGICAL or (operation == "SELECT" and {*operands[:2]} <= self.logical):
-            self.logical.add(to)
-        return to
-
-    def call(self, name: str, arguments: list[int]) -> int:
-        if name in OF_ONE:
-            return self.emit("CALL_1", arguments[0], 0, OF_ONE.index(name))
-        return self.emit("CALL_2", *arguments, OF_TWO.index(name))
-
-    def load(self, vector: str, index: int) -> int:
-        return self.emit("LOAD", _VECTORS[vector], index)
-
-    def store(self, vector: str, index: int, value: int) -> None:
-        self.lines.append(_Line("STORE", -1, _VECTORS[vector], index, value))
-
-    def named(self, name: str, value: int) -> int:
-        return value
-
-    def branch(self, test: int, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
-        skip, end = _Line("JUMP_UNLESS", c=test), _Line("JUMP")
-        before = dict(self.names)
-        self.lines.append(skip)
-        self.block(yes)
-        names, self.names = self.names, dict(before)
-        if no:
-            self.lines.append(end)
-        skip.a = len(self.lines)
-        self.block(no)
-        end.a = len(self.lines)
-        # a value of one branch only is not there after it
-        self.names = dict(before.items() & names.items() & self.names.items())
-
-    def end(self, value: int | None) -> None:
-        self.lines.append(_Line("RETURN", c=self.constant(0.0) if value is None else value))
-
-    def truth(self, e: ast.expr) -> int:
-        if (value := self.value(e)) not in self.logical:
-            raise _unknown(e)  # of two numbers, ``and`` and ``or`` take one
-        return value
 
 
 def _unknown(node: ast.stmt | ast.expr) -> ContractError:
@@ -380,22 +325,12 @@ def _unknown(node: ast.stmt | ast.expr) -> ContractError:
 def record(function: ast.FunctionDef, width: int, sizes: Mapping[str, int] | None = None) -> Tape:
     """The tape of one generated function.
 
-    Parameters
-    ----------
-    function : ast.FunctionDef
-    width : int
-        Columns of matrices.
-    sizes : mapping of str to int, optional
-        For a text that may be wrong: lengths of vectors by name. Results that it does not write
-        are zero.
-
-    Raises
-    ------
-    ContractError
+    `width` is the number of columns of matrices. `sizes`, for a text that may be wrong, are lengths
+    of vectors by name; results that it does not write are then zero.
     """
     given = {argument.arg for argument in function.args.args}
     own = None if sizes is None else {n: size for n, size in sizes.items() if n in given}
-    recorder = _Recorder(width, {n: k for k, n in enumerate("tk") if n in given}, own)
+    recorder = Recorder(width, {n: k for k, n in enumerate("tk") if n in given}, own)
     if own is not None and (result := _RESULTS.get(function.name)):
         zero = recorder.constant(0.0)
         for k in range(own.get(result, 0)):
@@ -416,7 +351,7 @@ def record(function: ast.FunctionDef, width: int, sizes: Mapping[str, int] | Non
     return Tape(operations, constants)
 
 
-def _registers(recorder: _Recorder) -> dict[int, int]:
+def _registers(recorder: Recorder) -> dict[int, int]:
     """Register of each value: time and event, the constants, then reused registers."""
     constants = [value for value, _ in recorder.constants.values()]
     places = {0: 0, 1: 1, **{v: _GIVEN + k for k, v in enumerate(constants)}}

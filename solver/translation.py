@@ -16,7 +16,7 @@ from importlib import resources
 from . import kernel_cache
 from .compilers import CompilerFailed, compile_library, compiler_for, own_platform
 from .core import FUNCTIONS
-from .tape import OF_ONE, Reader, functions
+from .tape import OF_ONE, Recorder, functions
 
 _GIVEN = "const System *self, double t, const double *x, const double *u, const double *p"
 _HEADS = {
@@ -67,15 +67,7 @@ void fill_system(System *s)
 
 
 def compile_equations(module: str, source: str, states: int) -> bool:
-    """Compile a generated text unless it is compiled already; return whether it is compiled.
-
-    Parameters
-    ----------
-    module : str
-        Its unique name.
-    source : str
-    states : int
-    """
+    """Compile the text of a module unless it is compiled already; return whether it is compiled."""
     path, platform = kernel_cache.compiled_path(module), own_platform()
     if kernel_cache.is_whole(path):
         return True
@@ -97,13 +89,10 @@ def compile_equations(module: str, source: str, states: int) -> bool:
     return True
 
 
-class _Writer(Reader[str]):
+class _Writer(Recorder):
     """Writes lines of C; a number is its text."""
 
-    def __init__(self, width: int, names: dict[str, str]) -> None:
-        super().__init__(width, names)
-        self.lines: list[str] = []
-        self.indent = "    "
+    indent = "    "
 
     def constant(self, value: float) -> str:
         if isinstance(value, bool):
@@ -137,6 +126,9 @@ class _Writer(Reader[str]):
         self.indent = outside
         self.line("}")
 
+    def truth(self, e: ast.expr) -> str:
+        return str(self.value(e))
+
     def end(self, value: str | None) -> None:
         self.line(f"return {value};" if value else "return;")
 
@@ -145,16 +137,7 @@ class _Writer(Reader[str]):
 
 
 def in_c(function: ast.FunctionDef, width: int, name: str = "") -> str:
-    """One generated function in C.
-
-    Parameters
-    ----------
-    function : ast.FunctionDef
-    width : int
-        Columns of matrices.
-    name : str, optional
-        Name in C, if different.
-    """
+    """One generated function in C, with matrices of `width` columns; `name`: in C, if different."""
     head = _HEADS[function.name]
     if name:
         head = head.replace(f" {function.name}(", f" {name}(")
@@ -175,4 +158,4 @@ def expression_in_c(text: str) -> str:
     """One generated expression in C."""
     expression = ast.parse(text, mode="eval").body
     names = {e.id: e.id for e in ast.walk(expression) if isinstance(e, ast.Name)}
-    return _Writer(1, names).value(expression)
+    return str(_Writer(1, names).value(expression))

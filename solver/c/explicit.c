@@ -71,21 +71,12 @@ static const double WEIGHTS[FIFTH + 2][LAST] = {
      0.02265179219836082},
 };
 
-static void lay_explicit(Explicit *work, int n, double *memory)
+static void lay_explicit(Explicit *own, int n, double *next)
 {
     const int m = n + n * n; /* with the largest number of tangents */
-    double *next = memory;
-    work->k = next;
-    work->at = next += EXPLICIT_ROWS * m;
-    work->new = next += m;
-    work->errors = next += m;
-    work->frame = next += 2 * m;
-    work->jacobian = next += n * n;
-    work->by_time = next += n * n;
-    work->logs = next += n;
-    work->bound = next += n;
-    work->scale = next + n;
-    work->limited = work->others = 0;
+    TAKE(k, EXPLICIT_ROWS * m), TAKE(at, m), TAKE(new, m), TAKE(errors, 2 * m), TAKE(frame, n * n);
+    TAKE(jacobian, n * n), TAKE(by_time, n), TAKE(logs, n), TAKE(bound, n), TAKE(scale, n);
+    own->limited = own->others = 0;
 }
 
 /* Add the rates k with the weights of a row of the table, times h, to `out`. */

@@ -31,19 +31,14 @@ static const double RADAU[3][3] = {
 };
 static const double RADAU_NODES[3] = {(4 - ROOT_6) / 10, (4 + ROOT_6) / 10, 1.0};
 
-static void lay_propagation(Propagation *work, int n, double *memory)
+static void lay_propagation(Propagation *own, int n, double *next)
 {
-    double *next = memory;
-    work->e = next;
-    work->saved = next += n * n;
-    work->saved_logs = next += n * n;
-    work->row = next += n;
-    work->power = work->matrix = next += n;
-    work->other = work->power + n * n;
-    work->below = work->other + n * n;
-    work->column = work->below + n * n;
-    work->stages = work->matrix + 9 * n * n;
-    work->pivots = (int32_t *)(work->stages + 3 * n);
+    TAKE(e, n * n), TAKE(saved, n * n), TAKE(saved_logs, n), TAKE(row, n);
+    own->power = next;
+    own->other = own->power + n * n;
+    own->below = own->other + n * n;
+    own->column = own->below + n * n;
+    TAKE(matrix, 9 * n * n), TAKE(stages, 3 * n), TAKE(pivots, 0);
 }
 
 /* Solve the linear equation for the first `count` tangents over a step, in place: Radau IIA of

@@ -49,31 +49,19 @@ static const double WITHIN[3][STAGES] = {
 };
 
 /* Divide an array of WORK_DOUBLES(states, events) into scratch memory. */
-static void lay_work(Work *work, int n, int events, double *memory)
+static void lay_work(Work *own, int n, int events, double *next)
 {
-    double *next = memory;
-    work->jacobian = next;
-    work->w = next += n * n;
-    work->sparse.lower = (Term *)(next += n * n);
-    work->k = next += 2 * n * n;
-    work->stage = next += STAGES * n;
-    work->slope = next += n;
-    work->by_time = next += n;
-    work->alone = next += n;
-    work->end = next += n;
-    work->first = next += n;
-    work->middle = next += n;
-    work->g = next += n;
-    work->before = next += events;
-    work->left = next += events;
-    work->sparse.inverse = next += n;
-    work->pivots = work->sparse.rows = (int32_t *)(next += n);
-    work->sparse.counts = work->pivots + n;
-    work->sparse.below = work->sparse.counts + n;
-    work->fired = work->sparse.below + n;
-    work->found = -1;
-    work->known = 0;
-    work->note = NULL;
+    TAKE(jacobian, n * n), TAKE(w, n * n), TAKE(sparse.lower, 2 * n * n), TAKE(k, STAGES * n);
+    TAKE(stage, n), TAKE(slope, n), TAKE(by_time, n), TAKE(alone, n), TAKE(end, n);
+    TAKE(first, n), TAKE(middle, n), TAKE(g, events), TAKE(before, events), TAKE(left, n);
+    TAKE(sparse.inverse, n), TAKE(pivots, 0);
+    own->sparse.rows = own->pivots;
+    own->sparse.counts = own->pivots + n;
+    own->sparse.below = own->sparse.counts + n;
+    own->fired = own->sparse.below + n;
+    own->found = -1;
+    own->known = 0;
+    own->note = NULL;
 }
 
 /* The state at the share q of the step that was attempted last, from x. */

@@ -36,6 +36,9 @@ struct System {
     Delays *delays; /* null without */
 };
 
+/* Give this pointer of `own` the next part, of so many numbers, of the memory from `next` on. */
+#define TAKE(pointer, count) (own->pointer = (void *)next, next += (count))
+
 /* A small number of states is a constant for the compiler, so that short loops are unrolled. */
 #if defined(__GNUC__)
 #define INLINED static inline __attribute__((always_inline))

@@ -27,39 +27,21 @@ typedef struct {
 #define STEP_DOUBLES(n) (9 * (n) * (n) + 8 * (n) + PROPAGATION_DOUBLES(n))
 #define NOTE_DOUBLES(n) (3 * (n) * (n) + 4 * (n))
 
-static void lay_step(Step *step, int n, double *memory)
+static void lay_step(Step *own, int n, double *next)
 {
-    double *next = memory;
-    step->first = next;
-    step->last = next += n;
-    step->slope0 = next += n;
-    step->slope1 = next += n;
-    step->by_time = next += n;
-    step->at = next += n;
-    step->logs = next += n;
-    step->changes = next += n;
-    step->j1 = next += n;
-    step->j2 = next += n * n;
-    step->omega = next += n * n;
-    step->mean = next += n * n;
-    step->at_end = next += n * n;
-    step->radau = next += n * n;
-    step->slow = next += 3 * n * n;
-    lay_propagation(&step->propagation, n, next + n * n);
-    step->rate = 0.0;
+    TAKE(first, n), TAKE(last, n), TAKE(slope0, n), TAKE(slope1, n);
+    TAKE(by_time, n), TAKE(at, n), TAKE(logs, n), TAKE(changes, n);
+    TAKE(j1, n * n), TAKE(j2, n * n), TAKE(omega, n * n), TAKE(mean, n * n), TAKE(at_end, n * n);
+    TAKE(radau, 3 * n * n), TAKE(slow, n * n);
+    lay_propagation(&own->propagation, n, next);
+    own->rate = 0.0;
 }
 
-static void lay_note(Note *note, int n, double *memory)
+static void lay_note(Note *own, int n, double *next)
 {
-    double *next = memory;
-    note->any = 0;
-    note->w = next;
-    note->b = next += n;
-    note->gradient = next += n;
-    note->by_time = next += n;
-    note->a = next += n;
-    note->reset = next += n * n;
-    note->product = next += n * n;
+    own->any = 0;
+    TAKE(w, n), TAKE(b, n), TAKE(gradient, n), TAKE(by_time, n);
+    TAKE(a, n * n), TAKE(reset, n * n), TAKE(product, n * n);
 }
 
 /* The state at the share q of a step. */
