@@ -9,7 +9,6 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import chain
 
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
@@ -299,8 +298,7 @@ def _source(component: Component, unpack: dict[str, list[str]], most: int) -> st
 def _check_durations(component: Component) -> None:
     constant = {symbol(p.name) for p in component.all_parameters}
     for delay in component.delays:
-        moving = sorted(s.name for s in symbols_in(sp.sympify(delay.duration)) - constant)
-        if moving:
+        if moving := sorted(s.name for s in symbols_in(sp.sympify(delay.duration)) - constant):
             raise ContractError(
                 f"{component.name}: the duration of delay {delay.name!r} depends on {moving[0]!r}; "
                 "this version solves constant delays"
@@ -309,17 +307,13 @@ def _check_durations(component: Component) -> None:
 
 def _delayed(component: Component, unpack: dict[str, list[str]]) -> str:
     """The function for values of the delayed signals, their delays, start values and nominals."""
-    columns = zip(
-        *((d.expression, d.duration, d.start, d.nominal) for d in component.delays), strict=True
-    )
-    targets = {f"e[{k}]": sp.sympify(e) for k, e in enumerate(chain.from_iterable(columns))}
+    of = "expression", "duration", "start", "nominal"
+    values = [getattr(d, name) for name in of for d in component.delays]
+    targets = {f"e[{k}]": sp.sympify(e) for k, e in enumerate(values)}
     return _function("def delayed(t, x, u, p, e):", unpack, [targets])
 
 
 def _symbols_of(component: Component, output: Output) -> set[str]:
     """Names of what an output depends on, in any mode."""
-    values = [
-        output.value,
-        *(m.outputs[output.name] for m in component.modes if output.name in m.outputs),
-    ]
+    values = [output.value, *(m.outputs.get(output.name, output.value) for m in component.modes)]
     return {s.name for value in values for s in symbols_in(sp.sympify(value))}

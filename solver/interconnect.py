@@ -162,16 +162,14 @@ def connect(plant: Component, controller: Component) -> Component:
     parts = {"plant": plant, "controller": controller}
     shown = [(n, o.name) for n, part in parts.items() for o in part.outputs]
     shown += [(n, o.name) for n, part in parts.items() for t in part.terms for o in t.outputs]
+    outputs = {
+        CONTROLLER + o if n == "controller" and o in seen else o: f"{n}.{o}" for n, o in shown
+    }
     loop = interconnect(
         parts,
         connections,
         references,
-        {
-            (
-                CONTROLLER + signal if n == "controller" and signal in seen else signal
-            ): f"{n}.{signal}"
-            for n, signal in shown
-        },
+        outputs,
         f"{plant.name}_with_{controller.name}",
         f"Closed loop: {plant.description}; {controller.description}",
     )

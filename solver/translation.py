@@ -34,23 +34,14 @@ _HEADS = {
 }
 _CHEAP = ("ceil", "fabs", "floor", "sqrt")
 _OTHER_NAME = {"gamma": "tgamma"}
+_CALLED = {"POWER": "pow", "MODULO": "modulo", "LARGER": "larger", "SMALLER": "smaller"}
+_SIGNS = "+ - * / < <= == != && ||".split()
+_SIGNED = "ADD SUBTRACT MULTIPLY DIVIDE LESS LESS_EQUAL EQUAL NOT_EQUAL AND OR".split()
 _OPERATIONS = {
-    "ADD": "({} + {})",
-    "SUBTRACT": "({} - {})",
-    "MULTIPLY": "({} * {})",
-    "DIVIDE": "({} / {})",
+    **{name: f"({{}} {sign} {{}})" for name, sign in zip(_SIGNED, _SIGNS, strict=True)},
+    **{name: f"{called}({{}}, {{}})" for name, called in _CALLED.items()},
     "NEGATE": "(-{})",
-    "POWER": "pow({}, {})",
-    "MODULO": "modulo({}, {})",
-    "LESS": "({} < {})",
-    "LESS_EQUAL": "({} <= {})",
-    "EQUAL": "({} == {})",
-    "NOT_EQUAL": "({} != {})",
-    "AND": "({} && {})",
-    "OR": "({} || {})",
     "NOT": "(!{})",
-    "LARGER": "larger({}, {})",
-    "SMALLER": "smaller({}, {})",
     "SELECT": "({2} ? {0} : {1})",
 }
 _TAIL = """

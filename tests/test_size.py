@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (5987, 5338),
+    "solver": (5970, 5321),
     "plant": (1590, 1314),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
