@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 if not os.path.isdir(os.path.join(__path__[0], "solver")):
     __path__.append(os.path.dirname(__path__[0]))
 
-_LOOPS = "catalogue component with_friction export run swap lyapunov stability_map swap_study tune"
+_LOOPS = "run swap lyapunov stability_map swap_study tune"
 _DATA = "run_trial read_force_records read_drive_records read_parameters identify diagnose compare"
-_PARTS = (
+_PARTS = "catalogue component with_friction export"
+_OWN_PARTS = (
     "Component Parameter Input Output State DiscreteState ForceTerm ForceBalance Event Mode Delay "
     "symbol TIME"
 )
@@ -19,7 +20,8 @@ _PARTS = (
 _PUBLIC = {
     **dict.fromkeys(_LOOPS.split(), "ballscrew.api"),
     **dict.fromkeys(_DATA.split(), "ballscrew.measured_api"),
-    **dict.fromkeys(_PARTS.split(), "ballscrew.solver.component"),
+    **dict.fromkeys(_PARTS.split(), "ballscrew.part_api"),
+    **dict.fromkeys(_OWN_PARTS.split(), "ballscrew.solver.component"),
     "UserError": "ballscrew.solver.errors",
     "connect": "ballscrew.solver.interconnect",
     "interconnect": "ballscrew.solver.interconnect",
@@ -38,19 +40,8 @@ if TYPE_CHECKING:
     from .orchestration.loop.loop import SystemLoop as SystemLoop
     from .orchestration.master.couplings import Coupling as Coupling
     from .orchestration.master.reference_signal import Reference as Reference
-    from .solver.component import TIME as TIME
-    from .solver.component import Component as Component
-    from .solver.component import Delay as Delay
-    from .solver.component import DiscreteState as DiscreteState
-    from .solver.component import Event as Event
-    from .solver.component import ForceBalance as ForceBalance
-    from .solver.component import ForceTerm as ForceTerm
-    from .solver.component import Input as Input
-    from .solver.component import Mode as Mode
-    from .solver.component import Output as Output
-    from .solver.component import Parameter as Parameter
-    from .solver.component import State as State
-    from .solver.component import symbol as symbol
+    from .part_api import *  # noqa: F403
+    from .solver.component import *  # noqa: F403
     from .solver.errors import UserError as UserError
     from .solver.interconnect import connect as connect
     from .solver.interconnect import interconnect as interconnect

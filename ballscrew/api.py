@@ -1,4 +1,4 @@
-"""The public functions: what the commands do, for programs and notebooks.
+"""The public functions for loops: what the commands do, for programs and notebooks.
 
 Values are in SI units throughout. A part is named (see `catalogue`), a function of a Python file
 that returns a component (``mine.py:pi``), the path of an FMU, or a `Component` made in the
@@ -13,210 +13,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .orchestration.fmu.limits import as_number
+from .orchestration.fmu.limits import as_number, check_length, check_time_limit
 from .solver.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
-    import sympy as sp
-
     from .loop_results import Comparison, RunResult
     from .orchestration.loop.loop import Loop, ReferenceLike, SystemLoop
     from .orchestration.loop.parameter_file import ParameterFile
     from .orchestration.loop.parts import PartLike
     from .orchestration.master.couplings import Coupling
     from .orchestration.study.workers import Processes
-    from .solver.component import Component, ForceTerm
     from .stability.map_plan import MapPlan
     from .study_results import Exponents, StabilityMap, SwapStudy, TunedGains
 
     Values = Mapping[str, float]
 
 INF = float("inf")
-
-
-def catalogue() -> dict[str, tuple[str, ...]]:
-    """Names of the available parts.
-
-    Returns
-    -------
-    dict of str to tuple of str
-        ``plants``, ``controllers``, ``instruments`` and ``laws`` (of friction).
-
-    Examples
-    --------
-    >>> import ballscrew
-    >>> "nctf" in ballscrew.catalogue()["controllers"]
-    True
-    """
-    from .controllers import CONTROLLERS
-    from .plant import LAWS, PLANTS
-    from .plant.instruments import INSTRUMENTS
-
-    named = {"plants": PLANTS, "controllers": CONTROLLERS, "instruments": INSTRUMENTS, "laws": LAWS}
-    return {kind: (*names,) for kind, names in named.items()}
-
-
-def component(name: str) -> Component:
-    """Return a component of the catalogue or of a Python file, with its equations.
-
-    Parameters
-    ----------
-    name : str
-        A plant, a controller or an instrument of `catalogue`, or ``path/to/file.py:function``. The
-        file is run as it is now, and the function is called without arguments. A controller that
-        measures through instruments is ``controller+instrument+...``.
-
-    Returns
-    -------
-    Component
-
-    Raises
-    ------
-    KeyError
-        If there is no part of this name; the message lists the available ones.
-    ValueError
-        If the file does not return a component; the message says why, and in which line.
-
-    Examples
-    --------
-    >>> import ballscrew
-    >>> [s.name for s in ballscrew.component("plant").all_states]
-    ['x', 'v', 'i', 'z']
-    """
-    from .orchestration.loop.catalogue import component as made
-
-    return made(_as_it_is_now(name))
-
-
-def with_friction(
-    body: Component,
-    law: str | ForceTerm,
-    values: Values | None = None,
-    velocity: str = "v",
-    position: str = "x",
-    breakaway: sp.Expr | None = None,
-) -> Component:
-    """A body with a friction law in its force balance.
-
-    Parameters
-    ----------
-    body : Component
-        Has a `ForceBalance` of `velocity`, and no modes.
-    law : str or ForceTerm
-        A law of `catalogue`, or your own dry friction: a term called ``friction``
-        that opposes sliding by ``sign(v)``. With ``classical`` and with your own term, sticking
-        and sliding are modes.
-    values : mapping of str to float, optional
-        Default values of the law's parameters, in SI units.
-    velocity : str
-        The state that is the sliding velocity of the body [m/s]. If its unit
-        is rad/s, a law of the catalogue is in N*m and rad.
-    position : str
-        The position state; while the body sticks, its derivative is the one at zero `velocity`.
-    breakaway : expression, optional
-        Force up to which the body sticks [N]; default: the sliding friction at zero velocity.
-
-    Returns
-    -------
-    Component
-        Its output ``friction`` [N] opposes motion.
-
-    Raises
-    ------
-    KeyError
-        If there is no such law; the message lists the available ones.
-    ContractError
-        If the body has no such balance, the law has no such parameter, or the term has no sign.
-    ValueError
-        If `breakaway` is given with a law that has no modes.
-
-    Examples
-    --------
-    >>> from ballscrew import Component, ForceBalance, ForceTerm, State, symbol, with_friction
-    >>> x, v = symbol("x"), symbol("v")
-    >>> spring = ForceTerm("spring", -100 * x, "a spring of 100 N/m")
-    >>> states = State("x", "m", "position", v, start=0.1), State("v", "m/s", "velocity")
-    >>> balance = ForceBalance("v", 1, (spring,))
-    >>> body = Component("body", "A mass", states=states, balances=(balance,))
-    >>> [mode.name for mode in with_friction(body, "classical", {"Fc": 2.0}).modes]
-    ['stuck', 'forward', 'backward']
-    """
-    from .plant.with_friction import with_friction as made
-
-    return made(body, law, values, velocity, position, breakaway)
-
-
-def export(
-    part: PartLike,
-    path: Path | str,
-    native: bool = False,
-    fmi: int = 2,
-    platforms: Sequence[str] | None = None,
-    plant: PartLike | None = None,
-    tangents: int = 0,
-    params: ParameterFile | None = None,
-) -> Path:
-    """Write a part, or the closed loop of a controller, as an FMU or a system of FMUs.
-
-    Parameters
-    ----------
-    part : str or Component
-        A name, a file's function (``mine.py:pi``), or a component.
-    path : path-like
-        The file to write; replaced as a whole or not at all. A name that ends in ``.ssp`` gives
-        a system: the controller `part` and its plant, connected; ``.mo`` gives Modelica source.
-    native : bool
-        Whether it contains compiled C, and needs no Python on the host; else it contains readable
-        Python. Also for loops, systems and FMUs with tangents.
-    fmi : {2, 3}
-        Version of the FMI standard; 3 needs `native`.
-    platforms : sequence of str, optional
-        With `native`: such as ``linux64``, ``win64``, ``darwin64``; default: this machine's
-        platform.
-    plant : str or Component, optional
-        For an FMU: the FMU contains the whole closed loop of this plant and the controller `part`.
-        For a system: the plant instead of the one in `params` or the default one.
-    tangents : int
-        How many tangent vectors the FMU carries, for exponents over FMUs.
-    params : ParameterFile, optional
-        Its values become the start values.
-
-    Returns
-    -------
-    Path
-        `path`.
-
-    Raises
-    ------
-    KeyError
-        If there is no part of this name.
-    ValueError
-        If the part cannot be exported in this way; the message says why.
-    OSError
-        If the file cannot be written.
-
-    Examples
-    --------
-    >>> import ballscrew, tempfile
-    >>> from pathlib import Path
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     ballscrew.export("pid", Path(folder) / "pid.fmu").name
-    'pid.fmu'
-    """
-    from .exporting import SYSTEM, Export
-    from .orchestration.loop.loop import plant_of
-    from .orchestration.loop.parts import resolve, resolve_plant
-    from .solver.files import temporary_folder
-
-    path = Path(path)
-    name = _as_it_is_now(part) if isinstance(part, str) else resolve("part", part).name
-    around = None if plant is None else resolve_plant(plant, fmus=False).name
-    if path.suffix == SYSTEM:
-        around = plant_of(params, around)
-    how = Export(around or "", tangents, params, native, fmi, platforms)
-    with temporary_folder("export") as folder:
-        how.write(name, path, Path(folder))
-    return path
 
 
 def run(  # noqa: PLR0913
@@ -254,15 +66,12 @@ def run(  # noqa: PLR0913
 
     Raises
     ------
-    ValueError
-        If a part, a parameter or the coupling is invalid; the message says why.
     RuntimeError
         If an FMU rejects its initial values.
 
     Notes
     -----
-    The equations are in chapters 2 and 3 of the thesis; for the coupling
-    see ``docs/coupling.md``.
+    The equations are in chapters 2 and 3 of the thesis; for the coupling see ``docs/coupling.md``.
 
     Examples
     --------
@@ -270,23 +79,17 @@ def run(  # noqa: PLR0913
     >>> result = ballscrew.run("iol", stop=0.5)
     >>> result.trusted
     True
-    >>> round(float(abs(result.run.commands["u"]).max()), 1)
+    >>> round(float(abs(result["u"]).max()), 1)
     32.1
     """
     from .loop_results import RunResult
-    from .measured_api import told_by
     from .orchestration.loop.closed_loop import run_closed_loop
     from .orchestration.loop.loop import Loop, with_file
 
-    found = _loop(
-        loop,
-        *(plant, reference, stop, step, plant_values, controller_values),
-        mapping=mapping,
-        coupling=coupling,
-        sampled=sampled,
-    )
-    told = told_by(params)
-    if told is not None:
+    values = {"plant_values": plant_values, "controller_values": controller_values}
+    how = {"step": step, "coupling": coupling, "mapping": mapping, "sampled": sampled}
+    found = _loop(loop, plant, reference, stop, **values, **how)
+    if (told := file_of(params)) is not None:
         if not isinstance(found, Loop):
             raise UserError("params is for a loop of two parts; an .ssp contains its values")
         found = with_file(found, told, chosen=plant is not None or found is loop)
@@ -332,25 +135,21 @@ def swap(  # noqa: PLR0913
     Examples
     --------
     >>> import ballscrew
-    >>> result = ballscrew.swap(["iol", "pid"], stop=0.2)
-    >>> [r.loop.label for r in result.results]
-    ['iol', 'pid']
+    >>> result = ballscrew.swap(["iol", "pid"], stop=0.2, controller_values={"pid": {"Kp": 300.0}})
+    >>> [r.loop.label for r in result.results], result.results[1].loop.controller_values
+    (['iol', 'pid'], {'Kp': 300.0})
     >>> result = ballscrew.swap(["pid"], stop=0.2, sampled=2e-3)
     >>> result.results[0].loop.label, result.results[0].run.sampling_period
     ('pid+sampled', 0.002)
-    >>> result = ballscrew.swap(["iol", "pid"], stop=0.2, controller_values={"pid": {"Kp": 300.0}})
-    >>> result.results[1].loop.controller_values
-    {'Kp': 300.0}
     """
     from .loop_results import Comparison
     from .orchestration.loop.closed_loop import swap as swapped
     from .orchestration.loop.parts import in_practice
 
-    if sampled is not None:
-        sampled = check_positive("sampled", sampled, "s")
-    if isinstance(controllers, str | Path):
-        controllers = [controllers]
-    loops = [_loop(c, plant, reference, stop, step, plant_values) for c in controllers]
+    sampled = None if sampled is None else check_length("sampled", sampled)
+    given = [controllers] if isinstance(controllers, str | Path) else controllers
+    how = {"step": step, "plant_values": plant_values}
+    loops = [_loop(c, plant, reference, stop, **how) for c in given]
     if not loops:
         raise UserError("controllers is empty; expected one or more")
     names = [loop.controller.own_name for loop in loops]
@@ -358,11 +157,10 @@ def swap(  # noqa: PLR0913
     ports_of = _of_each(names, "mapping", mapping)
     for k, loop in enumerate(loops):
         part, _, notes = in_practice(loop.controller, sampled, noise)
-        values = {**loop.controller_values, **values_of[k]}
         loops[k] = replace(
             loop,
             controller=part,
-            controller_values=values,
+            controller_values={**loop.controller_values, **values_of[k]},
             mapping={**loop.mapping, **ports_of[k]},
             notes=(*loop.notes, *notes),
             sampled=sampled or loop.sampled,
@@ -415,20 +213,19 @@ def lyapunov(  # noqa: PLR0913
     --------
     >>> import ballscrew
     >>> result = ballscrew.lyapunov("iol", stop=2.0)
-    >>> result.motion.kind.value
-    'stuck on a line of equilibria'
-    >>> result.exponents.shape
-    (4,)
+    >>> result.verdict, result.exponents.shape
+    ('stuck on a line of equilibria', (4,))
     """
     from .orchestration.loop.loop import Loop
     from .study_results import Exponents
 
     if stop is None and not isinstance(loop, Loop):
         stop = 300.0
-    values = plant_values, controller_values
-    followed = checked(_loop(loop, plant, reference, stop, step, *values, mapping=mapping))
+    values = {"plant_values": plant_values, "controller_values": controller_values}
+    own = _loop(loop, plant, reference, stop, step=step, mapping=mapping, **values)
+    followed = checked(own)
     tolerance = _check_tolerance(tolerance, 1e-13, 1e-3)
-    budget = None if budget is None else check_positive("budget", budget, "s")
+    budget = None if budget is None else check_time_limit("budget", budget)
     if followed.step is not None:
         from .stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
 
@@ -490,8 +287,8 @@ def stability_map(  # noqa: PLR0913
     from .stability.stability_map import make_map
     from .study_results import StabilityMap
 
-    values = plant_values, controller_values
-    plan = plan_of(_loop(loop, plant, reference, stop, None, *values), x, y, exponents, tolerance)
+    values = {"plant_values": plant_values, "controller_values": controller_values}
+    plan = plan_of(_loop(loop, plant, reference, stop, **values), x, y, exponents, tolerance)
     found = StabilityMap(make_map(plan, Path(folder), processes(workers), resume), Path(folder))
     found.add_report()
     return found
@@ -544,11 +341,12 @@ def swap_study(
     """
     from .orchestration.study.plan import read_plan
     from .orchestration.study.study import discard_parts, do_study
+    from .part_api import read_again
     from .study_results import SwapStudy
 
     plan = read_plan(study)
     for part in (plan.plant, *(e.component for e in plan.entrants)):
-        _as_it_is_now(part)
+        read_again(part)
     result = SwapStudy.of(do_study(plan, Path(folder), processes(workers), resume))
     discard_parts(Path(folder))
     return result
@@ -595,19 +393,15 @@ def tune(  # noqa: PLR0913
 
     Notes
     -----
-    The search is CMA-ES (N. Hansen, "The CMA evolution strategy", 2006), as in studies. See
-    ``docs/howto/tune.md``.
+    The search is CMA-ES (Hansen, "The CMA evolution strategy", 2006); see ``docs/howto/tune.md``.
 
     Examples
     --------
     >>> import ballscrew
     >>> result = ballscrew.tune("pid", "drive_lugre", limit=20.0, budget=4)
-    >>> sorted(result.values)
-    ['Kd', 'Ki', 'Kp']
-    >>> [m.state for m in result.margins]
-    ['stuck', 'sliding']
+    >>> sorted(result.values), [m.state for m in result.margins]
+    (['Kd', 'Ki', 'Kp'], ['stuck', 'sliding'])
     """
-    from .orchestration.fmu.limits import check_length
     from .orchestration.study.tune import tune_loop
     from .study_results import TunedGains
 
@@ -641,14 +435,6 @@ def check_whole_number(argument: str, given: str | int, least: int, most: float 
     if not least <= value <= most:
         limits = f"from {least} on" if most == INF else f"from {least} to {most}"
         raise UserError(f"{argument} is {given!r}, expected a whole number {limits}")
-    return value
-
-
-def check_positive(argument: str, given: str | float, unit: str) -> float:
-    """A number above zero, also from text."""
-    value = as_number(argument, given)
-    if value <= 0:
-        raise UserError(f"{argument} is {given} {unit}, expected more than 0")
     return value
 
 
@@ -698,24 +484,24 @@ def processes(workers: str | int) -> Processes:
     return Processes(check_whole_number("workers", workers, 1, 1000))
 
 
+def file_of(params: ParameterFile | Path | str | None) -> ParameterFile | None:
+    """The parameter file, read if its path is given."""
+    from .orchestration.loop.parameter_file import read_parameters
+
+    return read_parameters(params) if isinstance(params, str | Path) else params
+
+
 def _loop(
     loop: Any,
     plant: PartLike | None = None,
     reference: ReferenceLike | None = None,
     stop: float | None = None,
-    step: float | None = None,
-    plant_values: Values | None = None,
-    controller_values: Values | None = None,
     **others: Any,
 ) -> Any:
-    """The loop of a controller with these arguments, or a given loop with those that are not None.
-
-    `others` are arguments of `Loop`.
-    """
+    """The loop of a controller with these arguments of `Loop`, or a given one with those given."""
     from .orchestration.loop.loop import Loop, SystemLoop
 
-    asked = {"plant": plant, "reference": reference, "stop": stop, "step": step, **others}
-    asked |= {"plant_values": plant_values, "controller_values": controller_values}
+    asked = {"plant": plant, "reference": reference, "stop": stop, **others}
     asked = {name: value for name, value in asked.items() if value is not None}
     return replace(loop, **asked) if isinstance(loop, Loop | SystemLoop) else Loop(loop, **asked)
 
@@ -728,13 +514,3 @@ def _of_each(
         if name not in names:
             raise UserError(f"{argument} has {name!r}, expected one of {', '.join(names)}")
     return [(given or {}).get(name, {}) for name in names]
-
-
-def _as_it_is_now(part: str) -> str:
-    """The same part; a Python file is read again."""
-    from .plant.instruments import PartName
-    from .solver.component_file import names_file, read_component
-
-    if names_file(name := PartName.of(part).bare):
-        read_component(name)
-    return part

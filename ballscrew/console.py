@@ -91,112 +91,95 @@ def print_json(figures: Any) -> None:
     print(json.dumps(finite_or_null(figures)))
 
 
-class Bar:
-    """One progress line on standard error, removed at the end; no line if that is no terminal.
+class Line:
+    """A line in a terminal that says how far the work is; it is removed at the end of ``with``."""
 
-    Parameters
-    ----------
-    form : str
-        As tqdm's ``bar_format``.
-    total, initial : float
-        The amount of work, if known, and the amount already done.
-    """
-
-    def __init__(self, form: str, total: float | None = None, initial: float = 0) -> None:
-        self.total = total
-        self._bar: tqdm[Any] | None = None
-        if not sys.stderr.isatty():
-            return
-        import threading
-
-        from tqdm import tqdm
-
-        # no monitor thread and no lock between processes: commands start processes
-        tqdm.monitor_interval = 0
-        tqdm.set_lock(threading.RLock())
-        self._bar = tqdm(
-            bar_format=form,
-            total=total,
-            initial=initial,
-            leave=False,
-            mininterval=0,
-            miniters=0,
-            dynamic_ncols=True,
-            file=unchanged(sys.stderr),
-        )
-
-    def show(self, done: float, text: str = "") -> None:
-        if self._bar is not None:
-            self._bar.set_description_str(printable(text), refresh=False)
-            self._bar.update(done - self._bar.n)
-
-    def close(self) -> None:
-        if self._bar is not None:
-            self._bar.close()
-
-
-class _Shown:
-    """How far the work is; with ``with``, its line is removed at the end."""
-
-    bar: Bar | None = None
+    _bar: tqdm[Any] | None = None
+    _of: tuple[Any, ...] = ()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.bar is not None:
-            self.bar.close()
+        if self._bar is not None:
+            self._bar.close()
+
+    def show(
+        self, done: float, text: str, form: str, total: float | None = None, initial: float = 0
+    ) -> None:
+        """Show so much of the total, which begins at `initial`; `form` as tqdm's ``bar_format``."""
+        if not sys.stderr.isatty():
+            return
+        if self._bar is None or self._of != (form, total, text if total else ""):
+            self.__exit__()
+            self._bar = _new_bar(bar_format=form, total=total, initial=initial)
+            self._of = form, total, text if total else ""
+        self._bar.set_description_str(printable(text), refresh=False)
+        self._bar.update(done - self._bar.n)
 
 
-class Progress(_Shown):
+def _new_bar(**how: Any) -> tqdm[Any]:
+    import threading
+
+    from tqdm import tqdm
+
+    # no monitor thread and no lock between processes: commands start processes
+    tqdm.monitor_interval = 0
+    tqdm.set_lock(threading.RLock())
+    often = {"mininterval": 0, "miniters": 0}
+    place = {"leave": False, "dynamic_ncols": True, "file": unchanged(sys.stderr)}
+    return tqdm(**how, **often, **place)
+
+
+class Progress(Line):
     """The time [s] that a run has reached; for several runs, with their names."""
 
     def __init__(self, stop: float | None) -> None:
         self.stop = stop  # None if only the file contains it
         self.shown = 0.0
-        self.name = ""
 
     def __call__(self, now: float, name: str = "") -> None:
         clock = time.monotonic()
         if clock - self.shown < 0.2:
             return
         self.shown = clock
-        end = f" of {self.stop:g}" if self.stop else ""
-        head = f"{name}: " if name else ""
+        head, end = f"{name}: " if name else "", f" of {self.stop:g}" if self.stop else ""
         tell(f"{head}t = {now:.2f}{end} s")
-        if self.bar is None or name != self.name:
-            self.__exit__()
-            known = "{desc}{bar} t = {n:.2f} of {total:g} s, {remaining} left"
-            self.bar = Bar(known if self.stop else "{desc}t = {n:.2f} s", self.stop)
-            self.name = name
-        self.bar.show(now, head)
+        known = "{desc}{bar} t = {n:.2f} of {total:g} s, {remaining} left"
+        self.show(now, head, known if self.stop else "{desc}t = {n:.2f} s", self.stop)
 
 
-class Count(_Shown):
+class Count(Line):
     """The number of finished cells, candidates or tasks; each stage is counted separately."""
 
     def __init__(self, of: str, kept: str = "") -> None:
-        self.of, self.kept, self.stage = of, kept, ""
+        self.of, self.kept = of, kept
 
     def __call__(self, done: int, total: int, stage: str = "") -> None:
         head = f"{stage}: " if stage else ""
         tell(f"{head}{done} of {total} {self.of}")
         if self.kept:
             tell_kept(f"finished {self.kept} are kept, continue with --resume")
-        if self.bar is None or (stage, total) != (self.stage, self.bar.total):
-            self.__exit__()
-            form = f"{{desc}}{{bar}} {{n}} of {{total}} {self.of}, {{remaining}} left"
-            self.bar, self.stage = Bar(form, total, initial=0 if stage else done), stage
-        self.bar.show(done, head)
+        form = f"{{desc}}{{bar}} {{n}} of {{total}} {self.of}, {{remaining}} left"
+        self.show(done, head, form, total, 0 if stage else done)
 
 
-class Stages(_Shown):
+class Stages(Line):
     """The current step of the work, and the time since the start of the command."""
 
     def __call__(self, doing: str) -> None:
         tell(doing)
-        self.bar = self.bar or Bar("{elapsed_s:.0f} s: {desc} ...")
-        self.bar.show(0, doing)
+        self.show(0, doing, "{elapsed_s:.0f} s: {desc} ...")
+
+
+def print_result(
+    as_json: bool, figures: Any, text: str, files: str = "", folder: Path | None = None
+) -> None:
+    """Print figures as JSON; or the text, and which files are in the folder, if there is one."""
+    if as_json:
+        print_json(figures)
+    else:
+        print(text if folder is None else f"{text}\n{files} in {folder}")
 
 
 def text_of(table: Table) -> str:

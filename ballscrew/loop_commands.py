@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,13 +17,13 @@ from .console import (
     Progress,
     Stages,
     complain,
-    print_json,
     print_notes,
+    print_result,
     side_by_side,
     warn,
 )
 from .loop_options import coupled, followed_loop, loops_of, system_of
-from .options import exclude, open_workers
+from .options import exclude, given, open_workers
 from .orchestration.fmu.limits import FIRST_STEP
 from .results_folder import prepare_folder, save_result, save_results, write_or_refuse
 from .solver.errors import UserError
@@ -36,7 +36,6 @@ RUN = r"""
 Write report.html, trajectory.csv, metrics.json, parameters.toml and pictures.
 
 examples:
-  ballscrew run --controller nctf --out out
   ballscrew run --controller iol --set controller.sigma0_hat=66966.331 --out out
   ballscrew run --controller mine.py:pi --out out
   ballscrew run --controller mine.fmu --map position=x --map voltage=u --out out
@@ -62,7 +61,6 @@ which gets half as much time. Exit code 1: computed, but the verdict is undecide
 examples:
   ballscrew lyapunov --controller nctf --stop 300 --out out/nctf
   ballscrew lyapunov --controller iol --set controller.sigma1_hat=342.5 --stop 20 --out out/cycle
-  ballscrew lyapunov --controller mine.py:pi --stop 20 --out out/mine
   ballscrew lyapunov --controller nctf --stop 20 --via fmu --out out/over_fmus
   ballscrew lyapunov --controller hand.fmu --map position=x --map voltage=u --via fmu \
       --stop 20 --out out/hand
@@ -95,10 +93,9 @@ def run(options: argparse.Namespace) -> int:
         result = api.run(loop, progress=progress)
     save_result(options, result)
     figures = result.figures()
-    if options.json:
-        print_json(figures)
-    else:
-        _print_figures(figures, units_of_figures(result.run), options.out)
+    rows = [*_rows(figures, units_of_figures(result.run)), ("written to", options.out)]
+    text = "\n".join(f"{label:<22}{told}" for label, told in rows)
+    print_result(options.json, figures, text)
     if not result.trusted:
         warn(f"{figures['verdict']}: {figures['verdict_reason']}")
         if figures["advice"]:
@@ -116,12 +113,10 @@ def swap(options: argparse.Namespace) -> int:
         result = api.swap(loops, progress=lambda name, t: progress(t, name))
     save_result(options, result)
     rows = [r.figures() for r in result.results]
-    if options.json:
-        print_json(rows)
-    else:
-        print(_comparison_table(rows, units_of_figures(result.results[0].run)))
-        files = ["report.html", "comparison.csv", "comparison.json", "comparison.png"]
-        print(f"{', '.join([*files, 'parameters.toml', *result.trajectories])} in {options.out}")
+    files = ["report.html", "comparison.csv", "comparison.json", "comparison.png"]
+    files = ", ".join([*files, "parameters.toml", *result.trajectories])
+    table = _comparison_table(rows, units_of_figures(result.results[0].run))
+    print_result(options.json, rows, table, files, options.out)
     for r, figures in zip(result.results, rows, strict=True):
         print_notes(f"{r.loop.label}: {note}" for note in r.notes)
         if not r.trusted:
@@ -133,8 +128,8 @@ def swap(options: argparse.Namespace) -> int:
     return TRUSTED if result.trusted else NOT_TRUSTED
 
 
-def _print_figures(figures: dict[str, Any], units: Mapping[str, str], folder: Path) -> None:
-    """Print the figures of a run, in the units of `units_of_figures`."""
+def _rows(figures: dict[str, Any], units: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """The figures of a run with their labels, in the units of `units_of_figures`."""
     labels = {
         "peak_voltage": "peak voltage" if units["peak_voltage"] == "V" else "peak command",
         "peak_voltage_time": "  at",
@@ -149,21 +144,18 @@ def _print_figures(figures: dict[str, Any], units: Mapping[str, str], folder: Pa
     shown = list(labels) if "peak_voltage" in figures else ["coupling_residual_max"]
     # one pair is for a step, the other for a motion: only one of them applies
     other = OF_A_STEP if figures.get("rms_error") is not None else OF_A_MOTION
-    rows = []
     for name in (n for n in shown if n not in other):
         value = figures.get(name)
         told = value is not None and math.isfinite(value)
-        rows.append((labels[name], f"{value:.6g} {units[name]}".rstrip() if told else "-"))
-    rows.append(("coupling", f"{figures['coupling']} ({figures['coupling_reason']})"))
-    rows.append(("communication steps", figures["macro_steps"]))
+        yield labels[name], f"{value:.6g} {units[name]}".rstrip() if told else "-"
+    yield "coupling", f"{figures['coupling']} ({figures['coupling_reason']})"
+    yield "communication steps", figures["macro_steps"]
     if tried := figures["steps_tried"]:
         step = next((h for h, word in tried if word == "trusted"), tried[-1][0])
-        rows.append(("step", f"{step:g} s ({figures['step_reason']})"))
-    rows.append(("verdict", f"{figures['verdict']}: {figures['verdict_reason']}"))
+        yield "step", f"{step:g} s ({figures['step_reason']})"
+    yield "verdict", f"{figures['verdict']}: {figures['verdict_reason']}"
     if figures["stopped"]:
-        rows.append(("stopped", figures["stopped"]))
-    for label, text in (*rows, ("written to", folder)):
-        print(f"{label:<22}{text}")
+        yield "stopped", figures["stopped"]
 
 
 def _comparison_table(rows: list[dict[str, Any]], units: Mapping[str, str]) -> str:
@@ -201,9 +193,9 @@ def lyapunov(options: argparse.Namespace) -> int:
         loop = followed_loop(options)
     api.checked(loop)
     prepare_folder(options.out, [options.params])
-    how = {"tolerance": options.tolerance} if options.tolerance else {}
+    how = given(options, "tolerance", "budget")
     with Stages() as stages:
-        result = api.lyapunov(loop, budget=options.budget, progress=stages, **how)
+        result = api.lyapunov(loop, progress=stages, **how)
 
     def save(folder: Path) -> None:
         loop.parameters().save(folder)
@@ -211,10 +203,9 @@ def lyapunov(options: argparse.Namespace) -> int:
 
     save_results(options.out, save)
     figures = result.figures()
-    if options.json:
-        print_json(figures)
-    else:
-        _print_exponents(result, figures, options.out)
+    files = "report.html, lyapunov.json, lyapunov.csv, parameters.toml, lyapunov.png"
+    text = "\n".join(_exponent_lines(result, figures))
+    print_result(options.json, figures, text, files, options.out)
     if figures["time_s"] < loop.stop and figures["diverges_at_s"] is None:
         reached = f"t = {figures['time_s']:g} s, not {loop.stop:g} s"
         print_notes([f"the exponents are computed up to {reached}"])
@@ -223,22 +214,21 @@ def lyapunov(options: argparse.Namespace) -> int:
     return TRUSTED if result.decided else NOT_TRUSTED
 
 
-def _print_exponents(result: Exponents, figures: dict[str, Any], folder: Path) -> None:
+def _exponent_lines(result: Exponents, figures: dict[str, Any]) -> Iterator[str]:
     limits = result.motion.limit
     errors = figures["asymptotic_error_bits_per_s"]
-    print(f"{figures['label']}, {figures['time_s']:g} s: {figures['verdict']}")
-    print("  exponent [bits/s]   limit [bits/s] +- bound of its error")
+    yield f"{figures['label']}, {figures['time_s']:g} s: {figures['verdict']}"
+    yield "  exponent [bits/s]   limit [bits/s] +- bound of its error"
     for k, value in enumerate(result.exponents):
         limit = f"{'unknown':>16}" if limits is None else f"{result.shown(limits[k]):>16}"
         if limits is not None and math.isfinite(limits[k]):
             limit += f" +- {errors[k]:.2g}"
-        print(f"  {result.shown(value):>17}   {limit}")
+        yield f"  {result.shown(value):>17}   {limit}"
     if result.note:
-        print(f"  {result.note}")
+        yield f"  {result.note}"
     if figures["sum_rule_error"] is not None:
-        print(f"  sum rule: off by {figures['sum_rule_error']:.2g} of the sum")
-    print(f"  {figures['evidence']}")
-    print(f"report.html, lyapunov.json, lyapunov.csv, parameters.toml, lyapunov.png in {folder}")
+        yield f"  sum rule: off by {figures['sum_rule_error']:.2g} of the sum"
+    yield f"  {figures['evidence']}"
 
 
 def stability_map(options: argparse.Namespace) -> int:
@@ -247,6 +237,7 @@ def stability_map(options: argparse.Namespace) -> int:
     if options.setpoint is not None and "setpoint" in (plan.x.side, plan.y.side):
         raise UserError("--setpoint, and an axis of set-points: expected one of them")
     prepare_folder(options.out, [options.params])
+    from .solver.files import table_path
     from .stability.stability_map import make_map
     from .study_results import StabilityMap
 
@@ -260,32 +251,29 @@ def stability_map(options: argparse.Namespace) -> int:
     advice = "; finished work is kept, continue with --resume"
     summary, notes = write_or_refuse(computed, advice)
     print_notes([*summary.notes, *notes])
-    if options.json:
-        print_json(summary.figures())
-    else:
-        _print_map(summary.figures(), options.out)
+    figures = summary.figures()
+    table = table_path(options.out, "map").name
+    files = f"{table}, map.json, parameters.toml, map.png, report.html"
+    print_result(options.json, figures, "\n".join(_map_lines(figures)), files, options.out)
     return TRUSTED
 
 
-def _print_map(figures: dict[str, Any], folder: Path) -> None:
-    from .solver.files import table_path
+def _map_lines(figures: dict[str, Any]) -> Iterator[str]:
     from .stability.stability_map import AGAIN
 
     cells = figures["cells"]
     for verdict, number in sorted(figures["verdicts"].items(), key=lambda row: -row[1]):
-        print(f"{number:>9} of {cells}  {verdict}")
+        yield f"{number:>9} of {cells}  {verdict}"
         if verdict == "undecided":
             for reason, count in figures["undecided"].items():
-                print(f"{'':>11}{count} of them: {reason}")
-    print(
+                yield f"{'':>11}{count} of them: {reason}"
+    yield (
         f"again at {AGAIN}: {figures['checked_tighter']} cells, "
         f"{figures['disagreed']} with another verdict; of {figures['checked_at_random']} away from "
         f"borders, {figures['disagreed_at_random']}"
     )
     if figures["undecided"]:
-        print(figures["budget"])
-    files = f"{table_path(folder, 'map').name}, map.json, parameters.toml, map.png, report.html"
-    print(f"{files} in {folder}")
+        yield figures["budget"]
 
 
 COMMANDS = {

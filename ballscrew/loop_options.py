@@ -81,27 +81,22 @@ class Sides:
         return self.controllers if everywhere else owners
 
 
-def check_labels(role: str, parts: Sequence[str]) -> None:
-    """Reject two parts with the same name: options, tables and files could not distinguish them."""
-    from .orchestration.loop.parts import Part
-
-    seen: dict[str, str] = {}
-    for part in parts:
-        label = Part(part).own_name
-        if parts.count(part) > 1:
-            raise UserError(f"{role} has {part} twice; expected each once")
-        if label in seen:
-            both = f"{seen[label]} and {part}"
-            raise UserError(f"{role}: {both} are both called {label}; rename one of them")
-        seen[label] = part
-
-
 def parts_of(role: str, names: Sequence[str], known: Collection[str], fmus: bool) -> list[Part]:
-    """The parts with these names, each once. Python files are run here."""
+    """The parts with these names, which options, tables and files can tell apart.
+
+    Python files are run here.
+    """
     from .orchestration.loop.parts import resolve
 
     parts = [resolve(role, name, known, fmus) for name in names]
-    check_labels(role, names)
+    seen: dict[str, str] = {}
+    for name, part in zip(names, parts, strict=True):
+        if names.count(name) > 1:
+            raise UserError(f"{role} has {name} twice; expected each once")
+        if part.own_name in seen:
+            both = f"{seen[part.own_name]} and {name}"
+            raise UserError(f"{role}: {both} are both called {part.own_name}; rename one of them")
+        seen[part.own_name] = name
     return parts
 
 
@@ -124,9 +119,9 @@ def loops_of(
     plants = [] if options.plant is None else parts_of("plant", [options.plant], PLANTS, True)
     sides = Sides(names)
     values, own = sides.values(options.set)
-    for _, sampling, _ in put:
+    for name in (name for _, sampling, _ in put for name in sampling):
         for text in options.set:
-            if text.partition("=")[0].strip().endswith(tuple(f".{name}" for name in sampling)):
+            if text.partition("=")[0].strip().endswith(f".{name}"):
                 both = f"--sampled {options.sampled} and --set {text}"
                 raise UserError(f"{both}: expected one of them")
     values |= _limits(options, values)
@@ -134,16 +129,14 @@ def loops_of(
     told = params_of(options)
     plant, of_plant, of_each, notes = file_values(told, options.plant, names, values)
     print_notes(notes)
+    how |= {"plant_values": of_plant | values, "told": told, "sampled": period}
     return [
         Loop(
             part,
             plants[0] if plants else plant,
-            plant_values=of_plant | values,
             controller_values=of_each[part.name] | own[part.name],
             mapping=ports[part.name],
-            told=told,
             notes=notes_of_part,
-            sampled=period,
             **how,
         )
         for part, _, notes_of_part in put
@@ -153,14 +146,14 @@ def loops_of(
 def _limits(options: argparse.Namespace, values: Mapping[str, float]) -> dict[str, float]:
     """The plant's limits by options of their own."""
     found = {}
-    for name, parameter in (("voltage", "voltage_limit"), ("current", "current_limit")):
-        limit = getattr(options, f"limit_{name}", None)
+    for option in ("voltage", "current"):
+        limit, parameter = getattr(options, f"limit_{option}", None), f"{option}_limit"
         if limit is not None:
-            found[parameter] = as_number(f"--limit-{name}", limit)
+            found[parameter] = as_number(f"--limit-{option}", limit)
             if found[parameter] <= 0:
-                raise UserError(f"--limit-{name} is {limit}, expected more than 0")
+                raise UserError(f"--limit-{option} is {limit}, expected more than 0")
             if parameter in values:
-                both = f"--set plant.{parameter} and --limit-{name}"
+                both = f"--set plant.{parameter} and --limit-{option}"
                 raise UserError(f"{both}: expected one of them")
     return found
 
@@ -168,9 +161,7 @@ def _limits(options: argparse.Namespace, values: Mapping[str, float]) -> dict[st
 def coupled(options: argparse.Namespace) -> dict[str, Any]:
     """The set-point, and how the FMUs are coupled, for a `Loop` or a `SystemLoop`."""
     names = "stop", "step", "coupling", "corrections", "isolate", "time_limit", "reference"
-    how = given(options, *names) | {"adaptive": options.adaptive}
-    if options.setpoint is not None:
-        how["reference"] = as_number("setpoint", options.setpoint)
+    how = given(options, *names) | goal_of(options) | {"adaptive": options.adaptive}
     if options.step is None and options.stop is not None:
         stop = check_length("stop", options.stop)
         if stop > FIRST_STEP:
@@ -180,6 +171,12 @@ def coupled(options: argparse.Namespace) -> dict[str, Any]:
     if options.time_limit is not None and options.isolate is False:
         raise UserError("--time-limit is for FMUs in their own process; see --no-isolate")
     return how
+
+
+def goal_of(options: argparse.Namespace) -> dict[str, float]:
+    """The set-point of ``--setpoint``, as an argument."""
+    goal = options.setpoint
+    return {} if goal is None else {"reference": as_number("setpoint", goal)}
 
 
 def system_of(options: argparse.Namespace) -> SystemLoop:
@@ -203,8 +200,6 @@ def system_of(options: argparse.Namespace) -> SystemLoop:
 
 def followed_loop(options: argparse.Namespace, step: str | None = None) -> Loop:
     """The loop with a constant set-point for exponents and maps; with a `step` over FMUs."""
-    how = given(options, "stop") | ({} if step is None else {"step": step})
-    if options.setpoint is not None:
-        how["reference"] = as_number("setpoint", options.setpoint)
+    how = given(options, "stop") | goal_of(options) | ({} if step is None else {"step": step})
     (loop,) = loops_of(options, [options.controller], **how)
     return loop

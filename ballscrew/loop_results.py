@@ -62,8 +62,7 @@ class RunResult(Result, ClosedLoopResult):
 
     def to_pandas(self) -> Any:
         """All signals in SI units, a `pandas.DataFrame` over ``time`` [s]."""
-        columns = {"time": self.run.time, **self.run.outputs, **self.run.commands}
-        return table_of({**columns, "x_d": self.run.reference}, "time")
+        return table_of({"time": self.time, **self.signals()}, "time")
 
 
 @dataclass(frozen=True, repr=False)

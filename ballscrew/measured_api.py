@@ -9,21 +9,23 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .api import check_name
+from .api import check_name, file_of
 
 if TYPE_CHECKING:
     from .measured_results import DiagnosisResult, IdentifiedLaw, ModelComparison, RigRecord
     from .measurement.records.record import Record
     from .orchestration.loop.parameter_file import ParameterFile
 
-    Values = Mapping[str, float]
+    Data = Path | str | Sequence[Path | str]
+    Names = Mapping[str, str]
+    Progress = Callable[[str], None]
 
 
 def run_trial(
     trial: str,
     law: str | None = None,
     seed: int = 0,
-    values: Values | None = None,
+    values: Mapping[str, float] | None = None,
     params: Path | str | None = None,
 ) -> RigRecord:
     """Run a trial on the virtual test rig, and record it with its instruments.
@@ -59,15 +61,15 @@ def run_trial(
     from .measurement.rig.bench import run_trial as recorded
     from .plant import DEFAULT_LAW
 
-    told = None if params is None else read_parameters(params)
+    told = file_of(params)
     law = law or (told and told.law) or DEFAULT_LAW
     return RigRecord.of(recorded(trial, law, values, seed, told=told))
 
 
 def read_force_records(
-    paths: Sequence[Path | str],
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
+    paths: Data,
+    mapping: Names | None = None,
+    units: Names | None = None,
     mass: float | None = None,
     lead: float | None = None,
 ) -> list[Record]:
@@ -75,7 +77,7 @@ def read_force_records(
 
     Parameters
     ----------
-    paths : sequence of path-like
+    paths : path-like or sequence of path-like
         Files of measured data in any known format, or folders written by the rig.
     mapping : mapping of str to str, optional
         Names of columns, from the name in the file to ``time``, ``x`` or ``force``.
@@ -98,18 +100,16 @@ def read_force_records(
 
 
 def read_drive_records(
-    paths: Sequence[Path | str],
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
+    paths: Data,
+    mapping: Names | None = None,
+    units: Names | None = None,
     lead: float | None = None,
 ) -> list[Record]:
     """Read records of a drive's command and position, for `diagnose`.
 
     Parameters
     ----------
-    paths : sequence of path-like
-        Files of measured data in any known format.
-    mapping, units, lead
+    paths, mapping, units, lead
         As in `read_force_records`; columns are ``time``, ``u``, ``x`` and, optionally, ``i``.
 
     Returns
@@ -141,14 +141,14 @@ def read_parameters(path: Path | str) -> ParameterFile:
 def identify(  # noqa: PLR0913
     records: Path | str | Sequence[Record | Path | str],
     law: str,
-    fixed: Values | None = None,
+    fixed: Mapping[str, float] | None = None,
     offset: bool = False,
     params: ParameterFile | Path | str | None = None,
     mass: float | bool = False,
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
+    mapping: Names | None = None,
+    units: Names | None = None,
     lead: float | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> IdentifiedLaw:
     """Find the parameters of a friction law in records of force and position.
 
@@ -188,20 +188,20 @@ def identify(  # noqa: PLR0913
     from .plant import LAWS
 
     check_name("law", law, LAWS)
-    asked = law, fixed, offset, told_by(params), mass, mapping, units, lead
+    asked = law, fixed, offset, file_of(params), mass, mapping, units, lead
     found = identify_files(_paths(records), *asked, progress=progress or _silent)
     return IdentifiedLaw.of(found)
 
 
 def diagnose(
-    data: Path | str | Sequence[Path | str],
+    data: Data,
     params: Path | str | None = None,
     law: str | None = None,
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
+    mapping: Names | None = None,
+    units: Names | None = None,
     lead: float | None = None,
     take: str | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> DiagnosisResult:
     """Find the errors of a simulation of recorded runs, their causes, and the possible improvement.
 
@@ -240,12 +240,12 @@ def diagnose(
 
 
 def compare(
-    data: Path | str | Sequence[Path | str],
+    data: Data,
     params: Path | str,
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
+    mapping: Names | None = None,
+    units: Names | None = None,
     lead: float | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> ModelComparison:
     """How well the model of a parameter file predicts records; nothing is fitted to them.
 
@@ -270,13 +270,8 @@ def compare(
     from .measured_results import ModelComparison
     from .measurement.diagnosis.compare import compare as compared
 
-    return ModelComparison.of(
-        compared(_paths(data), params, mapping, units, lead, progress or _silent)
-    )
-
-
-def told_by(params: ParameterFile | Path | str | None) -> ParameterFile | None:
-    return read_parameters(params) if isinstance(params, str | Path) else params
+    progress = progress or _silent
+    return ModelComparison.of(compared(_paths(data), params, mapping, units, lead, progress))
 
 
 def _paths(given: Any) -> Any:

@@ -13,16 +13,17 @@ from .console import (
     TRUSTED,
     Progress,
     Stages,
-    print_json,
     print_notes,
+    print_result,
     text_of,
     warn,
 )
-from .options import columns_of, named, params_of
+from .options import columns_of, exclude, named, params_of
 from .orchestration.fmu.limits import as_number
 from .plant import DEFAULT_LAW
 from .results_folder import prepare_folder, save_result, save_results
 from .solver.errors import BadParameter, ContractError, UserError
+from .solver.files import table_path
 
 if TYPE_CHECKING:
     from .measured_results import DiagnosisResult
@@ -48,11 +49,8 @@ examples:
       --unit time=s --unit force=N --unit x=mm --out out/dahl
   ballscrew identify out/trials --law lugre --params out/trials/parameters.toml --out out/lugre
   ballscrew identify drive.csv --law lugre --map "Pos. [deg]=x" --map Torque=force \
-      --unit force=mN*m --lead 0.005 --out out/drive
-  ballscrew identify run.mat --law lugre --map qm=x --map t=time --unit x=m \
-      --unit time=s --mass 95 --out out/emps
-  ballscrew identify a.csv b.csv --law classical --offset --fix Vs=1e-3 --out out/loaded
-  ballscrew identify drive.csv --law classical --mass fit --offset --out out/drive
+      --unit force=mN*m --lead 0.005 --mass 95 --out out/drive
+  ballscrew identify a.csv b.csv --law classical --mass fit --offset --fix Vs=1e-3 --out out/loaded
   ballscrew identify shaken.csv --response --out out/response
 """
 DIAGNOSE = r"""
@@ -75,8 +73,6 @@ examples:
   ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
   ballscrew diagnose a.csv b.csv --law modified_lugre --map t=time --map pos=x \
       --unit time=ms --unit x=mm --out out/diagnosis
-  ballscrew diagnose emps.mat --params emps.toml --map vir=u --map qm=x --map t=time \
-      --unit time=s --unit x=m --unit u=V --out out/emps
   ballscrew diagnose drive.csv --params drive.toml --unit time=ms --unit x=deg --unit u=N*m \
       --lead 0.005 --out out/drive
   ballscrew run --controller nctf --plant out/diagnosis/extended_plant.fmu --out out/loop
@@ -88,18 +84,14 @@ Print the errors of the model of a parameter file on a record: of the force, by 
 and of the position predicted from the start of each second. Nothing is fitted. With --out:
 compare.json, report.html and a picture.
 
-RECORD are files of measured data with the columns time [s], u [V] and x [m], or v
-[m/s] if no position was recorded. If there is i [A] and no u, i is used as the command. FILE.toml
-is a file of identify or diagnose, or your own, see docs/parameters.md. For a file of diagnose,
-three models are compared: the prior one, the one with adjusted values, and the corrected one.
+DATA are as for `ballscrew diagnose`. FILE.toml is a file of identify or diagnose, or your own, see
+docs/parameters.md. For a file of diagnose, three models are compared: the prior one, the one with
+adjusted values, and the corrected one.
 
 examples:
   ballscrew compare run.csv --params axis.toml
   ballscrew compare other.csv --params out/diagnosis/parameters.toml --out out/compare
-  ballscrew compare emps.mat --params emps.toml --map vir=u --map qm=x --map t=time \\
-      --unit time=s --unit x=m --unit u=V --out out/emps
-  ballscrew compare drive.csv --params drive.toml --unit time=ms --unit x=deg --unit u=N*m \\
-      --lead 0.005 --json
+  ballscrew compare drive.csv --params drive.toml --unit x=deg --unit u=N*m --lead 0.005 --json
 """
 RIG = r"""
 Write the record of the rig's instruments, and the true signals next to it. Exit code 1: recorded,
@@ -135,17 +127,14 @@ def identify(options: argparse.Namespace) -> int:
         mass = as_number("mass", options.mass)
     fixed = _fixed(options.fix, told)
     prepare_folder(options.out, [*options.data, options.params])
+    how = {"fixed": fixed, "offset": options.offset, "params": told, "mass": mass, **columns}
     with Stages() as progress:
-        how = {"fixed": fixed, "offset": options.offset, "params": told, "mass": mass, **columns}
         result = measured_api.identify(options.data, options.law, **how, progress=progress)
     save_result(options, result)
-    if options.json:
-        print_json(result.to_dict())
-    else:
-        *tables, _ = result.tables()
-        print(result.say("\n\n".join(map(text_of, tables))))
-        files = "report.html, identified.json, parameters.toml, friction_map and residuals"
-        print(f"{files} in {options.out}")
+    *tables, _ = result.tables()
+    text = result.say("\n\n".join(map(text_of, tables)))
+    files = "report.html, identified.json, parameters.toml, friction_map and residuals"
+    print_result(options.json, result.to_dict(), text, files, options.out)
     of_records = [f"{r.name}: {note}" for r in result.records for note in r.notes]
     print_notes([*result.notes, *of_records], options.json)
     for name, interval in result.parameters.items():
@@ -160,10 +149,11 @@ def identify(options: argparse.Namespace) -> int:
 
 def _response(options: argparse.Namespace) -> int:
     """The frequency response of one record; a law and its options are rejected."""
-    refused = [f"--{n}" for n in ("law", "mass", "fix", "offset") if getattr(options, n)]
-    if refused or len(options.data) != 1:
-        got = ", ".join(refused) or f"{len(options.data)} files"
-        raise UserError(f"--response: got {got} with it; expected one record and no law")
+    why = "is not for --response; expected one record and no law"
+    exclude(options, "response", "law mass fix offset", why)
+    if len(options.data) != 1:
+        got = f"{len(options.data)} files"
+        raise UserError(f"--response: got {got}; expected one record and no law")
     columns = columns_of(options)
     from .measurement.identification.identification_pictures import response_figure
     from .measurement.identification.response import frequency_response
@@ -182,11 +172,8 @@ def _response(options: argparse.Namespace) -> int:
             write_figure(response_figure(result), folder, "response")
 
     save_results(options.out, save)
-    if options.json:
-        print_json(result.to_dict())
-    else:
-        print(result.said)
-        print(f"response.json, response.csv and response.png in {options.out}")
+    files = "response.json, response.csv and response.png"
+    print_result(options.json, result.to_dict(), result.said, files, options.out)
     print_notes(record.notes, options.json)
     return TRUSTED if result.highest > 0 else NOT_TRUSTED
 
@@ -214,19 +201,19 @@ def diagnose(options: argparse.Namespace) -> int:
     from .measurement.diagnosis.corrected import corrected
     from .measurement.diagnosis.diagnosis import ANSWERED
     from .measurement.diagnosis.report_words import DOES_NOT_HOLD, does_not_hold
+    from .measurement.diagnosis.with_causes import as_it_moves
     from .orchestration.loop.parameter_file import ParameterFile
 
-    asked = options.data, options.params, options.law
     with Stages() as progress:
         progress("reading")
-        result = measured_api.diagnose(*asked, **columns, take=options.take, progress=progress)
-        plant, why = _extended(result)
+        asked = {"params": options.params, "law": options.law, "take": options.take, **columns}
+        result = measured_api.diagnose(options.data, **asked, progress=progress)
+        plant, notes = _extended(result)
         values = corrected(result, plant, (told or ParameterFile()).with_lead(columns["lead"]))
         progress("writing")
 
         def save(folder: Path) -> None:
             from .fmus.export import export
-            from .measurement.diagnosis.with_causes import as_it_moves
 
             result.save(folder, command=options.command)
             if plant is not None:
@@ -234,13 +221,11 @@ def diagnose(options: argparse.Namespace) -> int:
             values.save(folder)
 
         save_results(options.out, save)
-    if options.json:
-        print_json(result.to_dict())
-    else:
-        print(result.say(_diagnosis_table(result, plant is not None, options.out)))
-    notes = [*result.notes, *why]
-    if does_not_hold(result):
-        notes.append(DOES_NOT_HOLD)
+    files = ["report.html", "diagnosis.json", "parameters.toml", table_path(Path(), _CURVES).name]
+    files += ["diagnosis.png", "forces.png", "places.png", *([_FMU] if plant else [])]
+    text = result.say(_diagnosis_text(result))
+    print_result(options.json, result.to_dict(), text, ", ".join(files), options.out)
+    notes = [*result.notes, *notes, *([DOES_NOT_HOLD] if does_not_hold(result) else [])]
     print_notes(notes, options.json)
     return TRUSTED if result.verdict in ANSWERED else NOT_TRUSTED
 
@@ -257,28 +242,26 @@ def _extended(result: DiagnosisResult) -> tuple[Component | None, list[str]]:
         return None, [f"no extended plant is written: {error}"]
 
 
-def _diagnosis_table(result: DiagnosisResult, extended: bool, folder: Path) -> str:
-    from .measurement.diagnosis.report_words import micrometres, suspect_lines, verdict_sentence
-    from .solver.files import table_path
+def _diagnosis_text(result: DiagnosisResult) -> str:
+    from .measurement.diagnosis.report_words import micrometres, suspect_lines
 
-    lines = [f"{result.verdict}: {verdict_sentence(result)}", result.where, ""]
+    lines = [result.headline(), result.where, ""]
     lines.append(f"{'residual, rms':<34}{'force [N]':>11}{'position [um]':>15}")
-    rows = (
+    for name, left in (
         ("prior model", result.baseline_residual),
         (f"with adjusted values, {result.held_out} held out", result.adjusted_residual),
         (f"with causes, {result.held_out} held out", result.final_residual),
         ("noise alone", result.floor),
-    )
-    lines += [f"{n:<34}{v.force:>11.4g}{micrometres(v.position):>15}" for n, v in rows]
+    ):
+        lines.append(f"{name:<34}{left.force:>11.4g}{micrometres(left.position):>15}")
     for c in result.causes:
         low, high = c.gain_interval
+        beside = ", with all others included" if len(result.causes) > 1 else ""
         lines += [
             "",
             f"{c.name}: {c.says}{'' if c.certain else ' (most probable, not certain)'}",
-            f"  gain {100 * c.gain_heldout:.3g} % of the mean square in force "
-            f"({100 * low:.3g} to {100 * high:.3g} %"
-            f"{', with all others included' if len(result.causes) > 1 else ''}), "
-            f"probability {c.probability:.2f}",
+            f"  gain {100 * c.gain_heldout:.3g} % of the mean square in force ({100 * low:.3g} to "
+            f"{100 * high:.3g} %{beside}), probability {c.probability:.2f}",
         ]
         for name, value in c.parameters.items():
             known = c.intervals.get(name)
@@ -290,12 +273,6 @@ def _diagnosis_table(result: DiagnosisResult, extended: bool, folder: Path) -> s
     if result.next_experiment is not None:
         lines.append(f"next experiment: {result.next_experiment.says}")
         lines.append(f"  {result.next_experiment.motion.says}: {_NEXT}")
-    plant = f", {_FMU}" if extended else ""
-    curves = table_path(folder, _CURVES).name
-    lines.append(
-        f"report.html, diagnosis.json, parameters.toml, {curves}, diagnosis.png, forces.png, "
-        f"places.png{plant} in {folder}"
-    )
     return "\n".join(lines)
 
 
@@ -308,40 +285,32 @@ def compare(options: argparse.Namespace) -> int:
         result = measured_api.compare(*asked, **columns, progress=progress)
     if options.out is not None:
         save_result(options, result)
-    if options.json:
-        print_json(result.to_dict())
-    else:
-        *figures, about = map(text_of, result.tables())
-        says = result.says[0].upper() + result.says[1:]
-        print(result.say("\n\n".join([f"{says}.\n{about}", *figures])))
-        if options.out is not None:
-            print(f"compare.json, compare.png and report.html in {options.out}")
+    *figures, about = map(text_of, result.tables())
+    says = result.says[0].upper() + result.says[1:]
+    text = result.say("\n\n".join([f"{says}.\n{about}", *figures]))
+    files = "compare.json, compare.png and report.html"
+    print_result(options.json, result.to_dict(), text, files, options.out)
     print_notes(result.notes, options.json)
     return TRUSTED
 
 
 def rig(options: argparse.Namespace) -> int:
-    if options.list:
-        for name in ("trials", "seed", "out"):
-            if getattr(options, name):
-                given = "a TRIAL" if name == "trials" else f"--{name}"
-                raise UserError(f"--list and {given}: expected one of them")
-    elif not options.trials or options.out is None:
-        missing = "a TRIAL" if not options.trials else "--out DIR"
+    exclude(options, "list", "seed out")
+    if options.list and options.trials:
+        raise UserError("--list and a TRIAL: expected one of them")
+    if not options.list and not (options.trials and options.out):
+        missing = "--out DIR" if options.trials else "a TRIAL"
         raise UserError(f"{missing} is missing; ballscrew rig --list prints all trials")
     seed = _seed(options.seed or "0")
     values = _values(options.set)
     told = params_of(options)
     law = options.law or (told and told.law) or DEFAULT_LAW
     from .measurement.rig.machine import Machine
-    from .measurement.rig.setup import set_up
 
     machine = Machine(law, values, told)
     if options.list:
         return _list(machine)
     trials = _trials(options.trials, machine)
-    for trial in trials:
-        set_up(trial, machine)
     prepare_folder(options.out, [options.params])
     from .measured_results import RigRecord
     from .measurement.rig.bench import run_trial
@@ -393,10 +362,14 @@ def _list(machine: Machine) -> int:
 
 
 def _trials(names: list[str], machine: Machine) -> list[Trial]:
+    """The trials with these names, each once, checked for this machine."""
+    from .measurement.rig.setup import set_up
     from .measurement.rig.trials import trials_named
 
-    found = [trial for name in names for trial in trials_named(name, machine.trials)]
-    return list({trial.name: trial for trial in found}.values())
+    found = {t.name: t for name in names for t in trials_named(name, machine.trials)}
+    for trial in found.values():
+        set_up(trial, machine)
+    return [*found.values()]
 
 
 def _values(texts: list[str]) -> dict[str, float]:

@@ -12,7 +12,7 @@ from .measurement.diagnosis.compared import ALL, Compared, Left
 from .measurement.diagnosis.diagnosis import ANSWERED, Diagnosis
 from .measurement.identification.identification import Identification
 from .measurement.rig.record import TrialRecord
-from .orchestration.loop.shown import Table
+from .orchestration.loop.shown import Table, shown_unit
 from .result import Result, table_of
 from .solver.files import write_table
 
@@ -48,21 +48,21 @@ class IdentifiedLaw(Result, Identification):
         yield from self.notes
 
     def tables(self) -> list[Table]:
+        unknown = {n: "" if i.identified else "not identified" for n, i in self.parameters.items()}
+        said = {**unknown, **dict.fromkeys(self.fixed, "held")}
         rows = [
-            (
-                name,
-                f"{i.value:.6g}",
-                between(i),
-                i.unit,
-                "held" if name in self.fixed else "" if i.identified else "not identified",
-            )
+            (name, f"{i.value:.6g}", between(i), i.unit, said[name])
             for name, i in self.parameters.items()
         ]
-        sides = [
-            (side, name, f"{i.value:.5g}", between(i), i.unit)
-            for side, table in self.per_direction.items()
-            for name, i in table.items()
-        ]
+        columns = ("parameter", "value", "95 % interval", "unit")
+        tables = [Table(f"Parameters of {self.law}", (*columns, ""), rows)]
+        if self.per_direction:
+            sides = [
+                (side, name, f"{i.value:.5g}", between(i), i.unit)
+                for side, table in self.per_direction.items()
+                for name, i in table.items()
+            ]
+            tables.append(Table("In each direction", ("direction", *columns), sides))
         force = [
             ("noise of the load cell", f"{self.fit.noise:.3g} N"),
             ("unexplained", f"{self.unexplained:.3g} N"),
@@ -70,22 +70,14 @@ class IdentifiedLaw(Result, Identification):
         if self.time_shift:
             shift = self.time_shift.times(1e3)
             force.append(("later than the motion by", f"{shift.value:.3g} ms ({between(shift)})"))
-        columns = ("parameter", "value", "95 % interval", "unit")
-        return [
-            Table(f"Parameters of {self.law}", (*columns, ""), rows),
-            *([Table("In each direction", ("direction", *columns), sides)] if sides else []),
-            Table("The force", ("", ""), force),
-            Table("Records", ("record",), [(r.name,) for r in self.records]),
-        ]
+        records = Table("Records", ("record",), [(r.name,) for r in self.records])
+        return [*tables, Table("The force", ("", ""), force), records]
 
     def to_pandas(self) -> Any:
         """A row for each parameter: value, unit, 95 % interval, whether and why not identified."""
         names = ("value", "unit", "low", "high", "identified", "because", "would_do")
-        rows = [
-            {"parameter": n, **{k: getattr(i, k) for k in names}}
-            for n, i in self.parameters.items()
-        ]
-        return table_of(rows, "parameter")
+        rows = ((n, *(getattr(i, k) for k in names)) for n, i in self.parameters.items())
+        return table_of(rows, "parameter", ["parameter", *names])
 
 
 def between(i: Interval) -> str:
@@ -154,21 +146,12 @@ class DiagnosisResult(Result, Diagnosis):
         A number that only describes a form has no interval (NaN).
         """
         unknown = (float("nan"), float("nan"))
-        rows = [
-            {
-                "cause": c.name,
-                "parameter": n,
-                "value": value,
-                "low": c.intervals.get(n, unknown)[0],
-                "high": c.intervals.get(n, unknown)[1],
-                "unit": c.units[n],
-                "gain_heldout": c.gain_heldout,
-            }
+        rows = (
+            (c.name, n, value, *c.intervals.get(n, unknown), c.units[n], c.gain_heldout)
             for c in self.causes
             for n, value in c.parameters.items()
-        ]
-        columns = ("cause", "parameter", "value", "low", "high", "unit", "gain_heldout")
-        return table_of({k: [row[k] for row in rows] for k in columns})
+        )
+        return table_of(rows, columns="cause parameter value low high unit gain_heldout".split())
 
 
 @dataclass(frozen=True, repr=False)
@@ -189,7 +172,7 @@ class ModelComparison(Result, Compared):
     def tables(self) -> list[Table]:
         """The residuals by part of the motion, a column for each model, and the gains."""
         positions = [p.value for m in self.models.values() for f in m.values() if (p := f.position)]
-        size, unit = (1e3, "mm") if max(positions, default=0.0) >= 1e-3 else (1e6, "um")
+        size, unit = shown_unit(positions, "m")
         tables = [
             self._residuals("force [N]", 1.0, lambda left: left.force),
             self._residuals(f"position within 1 s [{unit}]", size, lambda left: left.position),
@@ -220,13 +203,12 @@ class ModelComparison(Result, Compared):
 
     def to_pandas(self) -> Any:
         """A row for each model and part of the motion: rms of the residual."""
-        rows = [
-            (name, part, e and e.value, p and p.value)
+        rows = (
+            (name, part, left.force and left.force.value, left.position and left.position.value)
             for name, parts in self.models.items()
-            for part, (e, p) in ((n, (f.force, f.position)) for n, f in parts.items())
-        ]
-        columns = ("model", "part", "force_N", "position_m")
-        return table_of(dict(zip(columns, map(list, zip(*rows, strict=True)), strict=True)))
+            for part, left in parts.items()
+        )
+        return table_of(rows, columns=["model", "part", "force_N", "position_m"])
 
 
 def _figure(found: Estimate | None, size: float) -> str:
@@ -271,10 +253,7 @@ class RigRecord(Result, TrialRecord):
         return f"trial {self.trial.name} with {self.law}: {self.trial.asked}{doubt}"
 
     def tables(self) -> list[Table]:
-        about = [
-            ("duration", f"{self.trial.duration:g} s"),
-            ("samples", str(len(self.record["time"]))),
-        ]
+        about = [("duration", f"{self.trial.duration:g} s"), ("samples", str(len(self.time)))]
         values = [(name, f"{value:.6g}") for name, value in self.parameters.items()]
         return [
             Table("Trial", ("", ""), about),

@@ -17,12 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from .controllers import CONTROLLERS
-from .orchestration.fmu.limits import (
-    FIRST_STEP,
-    TIME_LIMIT,
-    TOLERANCE,
-    as_number,
-)
+from .orchestration.fmu.limits import FIRST_STEP, TIME_LIMIT, TOLERANCE, as_number
 from .orchestration.master.couplings import Coupling
 from .plant import LAWS, PLANTS
 from .plant.instruments import INSTRUMENTS
@@ -35,7 +30,7 @@ if TYPE_CHECKING:
 # A word that begins like a number is a value, also where argparse takes it for an option: -3e-2.
 NEGATIVE_NUMBER = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
 COUPLINGS = tuple(coupling.value for coupling in Coupling)
-_SOURCES = ("ballscrew/api.py", "ballscrew/measured_api.py", "orchestration/loop/loop.py")
+_SOURCES = "api part_api measured_api orchestration/loop/loop"  # in the package
 _DOCUMENTED = {  # where the arguments of a command have their text; before all others
     "run": ("run", "Loop"),
     "swap": ("swap", "run", "Loop"),
@@ -230,15 +225,14 @@ class Parser(argparse.ArgumentParser):
         groups: dict[str, Any] = {"": self}
         for option in (o for o in OPTIONS if command in o.commands.split()):
             how = dict(option.how)
-            if not option.metavar and not how:
-                how["action"] = "store_true"
-            if option.group and option.group not in groups:
-                needed = how.get("required", False)
-                groups[option.group] = self.add_mutually_exclusive_group(required=needed)
-            if option.group:
-                how.pop("required", None)
             if option.metavar:
                 how["metavar"] = option.metavar
+            elif not how:
+                how["action"] = "store_true"
+            if option.group:
+                needed = how.pop("required", False)
+                if option.group not in groups:
+                    groups[option.group] = self.add_mutually_exclusive_group(required=needed)
             action = groups[option.group].add_argument(*option.flags.split(), **how)
             self._texts.append((action, option, command))
 
@@ -254,8 +248,8 @@ def _texts() -> dict[str, dict[str, str]]:
     from . import __path__ as places
 
     found = {}
-    for name in _SOURCES:
-        paths = (Path(place, name.removeprefix("ballscrew/")) for place in places)
+    for name in _SOURCES.split():
+        paths = (Path(place, f"{name}.py") for place in places)
         source = next(path for path in paths if path.is_file()).read_text("utf-8")
         for node in ast.parse(source).body:
             if isinstance(node, ast.FunctionDef | ast.ClassDef):

@@ -7,25 +7,34 @@ import keyword
 import re
 import shlex
 import shutil
+from collections.abc import Iterable
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .api import check_whole_number
-from .console import BAD_REQUEST, NOT_TRUSTED, TRUSTED, print_json, print_notes, warn
+from .api import check_name, check_whole_number
+from .console import (
+    BAD_REQUEST,
+    NOT_TRUSTED,
+    TRUSTED,
+    print_notes,
+    print_result,
+    side_by_side,
+    warn,
+)
 from .controllers import CONTROLLERS
 from .loop_options import parts_of
 from .options import exclude, params_of
 from .plant import PLANTS
 from .plant.instruments import INSTRUMENTS
 from .results_folder import prepare_folder, save_results, write_or_refuse
-from .solver.errors import ContractError, FmuError, UserError, did_you_mean
+from .solver.errors import ContractError, FmuError, UserError
 from .supervision import tell, tell_kept
 
 if TYPE_CHECKING:
-    from .exporting import Export
     from .orchestration.loop.parameter_file import ParameterFile
+    from .part_api import Export
 
 EXPORT = r"""
 Write parts as FMUs.
@@ -34,10 +43,8 @@ examples:
   ballscrew export --out fmus --only plant iol
   ballscrew export --all --out fmus
   ballscrew export --ssp --out loops
-  ballscrew export --ssp --only pid_sampled+position_encoder --out loops
   ballscrew export --native --platforms linux64,win64 --out native
-  ballscrew export --loop iol --native --out loops
-  ballscrew export --loop pid --plant mine.py:axis --out loops
+  ballscrew export --loop iol --plant mine.py:axis --native --out loops
   ballscrew export --component mine.py:pi --native --out native
   ballscrew export --modelica --component plant pid --out modelica
 """
@@ -85,8 +92,8 @@ def export(options: argparse.Namespace) -> int:
 
 
 def _how(options: argparse.Namespace, told: ParameterFile | None, whole: bool) -> Export:
-    from .exporting import Export
     from .orchestration.loop.loop import plant_of
+    from .part_api import Export
 
     tangents = 0
     if options.variational:
@@ -140,23 +147,12 @@ def gallery(options: argparse.Namespace) -> int:
     if options.name is None:
         if options.out is not None:
             raise UserError("--out is for one system; give its NAME as well")
-        return _list(systems, options.json)
-    if options.name not in systems:
-        hint = did_you_mean(options.name, systems)
-        raise UserError(f"no system {options.name!r}; there are {', '.join(systems)}{hint}")
+        print_result(options.json, systems, side_by_side([*systems.items()]))
+        return TRUSTED
+    check_name("NAME", options.name, systems)
     if options.out is None:
         raise UserError(f"--out is missing, expected a folder for what {options.name} gives")
     return _show(options.name, options.out, options.json)
-
-
-def _list(systems: dict[str, str], as_json: bool) -> int:
-    if as_json:
-        print_json(systems)
-        return TRUSTED
-    wide = max(map(len, systems))
-    for name, about in systems.items():
-        print(f"{name:<{wide}}  {about}")
-    return TRUSTED
 
 
 def _show(name: str, folder: Path, as_json: bool) -> int:
@@ -173,25 +169,19 @@ def _show(name: str, folder: Path, as_json: bool) -> int:
     figure = system.picture()
     rows = [finite_or_null(asdict(f) | {"agrees": f.agrees}) for f in found]
     source = Path(str(system.__file__)).parent
+    page = (source / "page.md").read_text("utf-8")
 
     def save(stage: Path) -> None:
         shutil.copyfile(source / "components.py", stage / "components.py")
-        page = (source / "page.md").read_text("utf-8")
         (stage / "page.md").write_text(finding.with_table(page, found), "utf-8")
         write_json(stage / "findings.json", {"system": name, "findings": rows})
         write_figure(figure, stage, "picture")
 
     save_results(folder, save)
-    if as_json:
-        print_json({"system": name, "findings": rows})
-    else:
-        for f in found:
-            print(finding.line_of(f))
-        print(f"components.py, page.md, findings.json, picture.png in {folder}; there, try")
-        for command in re.findall(
-            r"^\s*(ballscrew .+)$", (source / "page.md").read_text("utf-8"), re.M
-        ):
-            print(f"  {command}")
+    commands = re.findall(r"^\s*(ballscrew .+)$", page, re.M)
+    files = f"components.py, page.md, findings.json, picture.png in {folder}; there, try"
+    text = "\n".join([*map(finding.line_of, found), files, *(f"  {c}" for c in commands)])
+    print_result(as_json, {"system": name, "findings": rows}, text)
     unexplained = [f for f in found if f.agrees is False and not f.remark]
     return NOT_TRUSTED if unexplained else TRUSTED
 
@@ -202,21 +192,16 @@ def new(options: argparse.Namespace) -> int:
         folder / f"{name}.py": "controller.py.jinja",
         folder / f"test_{name}.py": "test_controller.py.jinja",
     }
-    _check_name(name)
-    for target in targets:
-        if target.exists() or target.is_symlink():
-            raise UserError(f"{target} exists already; choose another NAME or --out")
-    if find_spec(name) is not None:
-        raise UserError(
-            f"NAME is {name!r}, which is a module of this Python that the file would hide; choose "
-            "another"
-        )
+    _check_new_name(name, targets)
 
     def write() -> None:
+        from jinja2 import Environment, PackageLoader
+
+        made = Environment(loader=PackageLoader("ballscrew"), keep_trailing_newline=True)
         folder.mkdir(parents=True, exist_ok=True)
         for target, template in targets.items():
             with target.open("x", encoding="utf-8", newline="\n") as stream:
-                stream.write(_fill(template, name))
+                stream.write(made.get_template(template).render(name=name))
 
     write_or_refuse(write)
     file, test = map(str, targets)
@@ -228,25 +213,21 @@ def new(options: argparse.Namespace) -> int:
     return TRUSTED
 
 
-def _check_name(name: str) -> None:
+def _check_new_name(name: str, targets: Iterable[Path]) -> None:
     from .orchestration.loop.catalogue import NAMES
 
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or keyword.iskeyword(name):
         raise UserError(f"NAME is {name!r}, expected an identifier, such as my_controller")
     if name in NAMES or name in _SIDES:
         raise UserError(f"NAME is {name!r}, which is already the name of a part; choose another")
-
-
-def _fill(template: str, name: str) -> str:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("ballscrew"),
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-        autoescape=False,
-    )
-    return environment.get_template(template).render(name=name)
+    for target in targets:
+        if target.exists() or target.is_symlink():
+            raise UserError(f"{target} exists already; choose another NAME or --out")
+    if find_spec(name) is not None:
+        raise UserError(
+            f"NAME is {name!r}, which is a module of this Python that the file would hide; choose "
+            "another"
+        )
 
 
 COMMANDS = {"export": (export, EXPORT), "gallery": (gallery, GALLERY), "new": (new, NEW)}

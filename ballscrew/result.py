@@ -1,8 +1,8 @@
-"""What all results have: a sentence, tables, pictures, files, a page, and a view in notebooks."""
+"""What all results share, and the tables that several of them have."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from html import escape
 from pathlib import Path
@@ -22,21 +22,15 @@ from .solver.files import write_atomically
 
 if TYPE_CHECKING:
     from .orchestration.loop.parameter_file import Value
-    from .solver.signals import Parameter
+    from .orchestration.loop.parts import Part
 
 _COLUMNS = ("parameter", "value", "unit", "default", "95 % interval", "from", "meaning")
 
 
 class Result:
-    """What all results have: a sentence, tables, pictures, files, a page, and a view in notebooks.
+    """A result: a sentence, tables, pictures, files, a page, and a view in notebooks."""
 
-    Attributes
-    ----------
-    function : str
-        The function that gives such a result.
-    """
-
-    function: ClassVar[str]
+    function: ClassVar[str]  # that gives such a result
 
     @classmethod
     def of(cls, computed: Any) -> Self:
@@ -135,13 +129,12 @@ class Result:
         return f"<{type(self).__name__}: {self.say(self.headline())}>"
 
     def _repr_html_(self) -> str:
-        doubts = "".join(f"<li>{escape(self.say(d))}</li>" for d in self.doubts())
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{escape(self.say(cell))}</td>" for cell in row) + "</tr>"
-            for row in self.tables()[0].rows
-        )
-        head = escape(self.say(self.headline()))
-        return f"<p><b>{head}</b></p><ul>{doubts}</ul><table>{rows}</table>"
+        def listed(tag: str, texts: Iterable[str]) -> str:
+            return "".join(f"<{tag}>{escape(self.say(text))}</{tag}>" for text in texts)
+
+        rows = "".join(f"<tr>{listed('td', row)}</tr>" for row in self.tables()[0].rows)
+        head, doubts = listed("b", [self.headline()]), listed("li", self.doubts())
+        return f"<p>{head}</p><ul>{doubts}</ul><table>{rows}</table>"
 
 
 def write_page(folder: Path, text: str) -> None:
@@ -149,13 +142,13 @@ def write_page(folder: Path, text: str) -> None:
     write_atomically(folder / REPORT, text.encode("utf-8", "replace"))
 
 
-def table_of(data: Any, index: str | None = None) -> Any:
+def table_of(data: Any, index: str | None = None, columns: Sequence[str] | None = None) -> Any:
     """A pandas table; pandas is imported only here."""
     try:
         import pandas as pd
     except ImportError as error:
         raise ImportError("to_pandas needs pandas: pip install pandas") from error
-    table = pd.DataFrame(data)
+    table = pd.DataFrame(data, columns=columns)
     return table if index is None else table.set_index(index)
 
 
@@ -193,26 +186,19 @@ def values_of(loop: Loop | SystemLoop, coupled: bool = True) -> list[Table]:
         rows = [(name, told(value)) for name, value in loop.values.items()]
         named = Table("Given to the system; its file says the others", ("name", "value"), rows)
         return [_settings(loop, {"system": loop.label}, coupled), named]
-    file = loop.parameters()
-    parts = {"plant": loop.plant.label, "controller": loop.controller.label}
-    tables = [_settings(loop, parts, coupled)]
-    own = file.controllers[loop.controller.label]
-    for side, part, values, given in (
-        ("Plant", loop.plant, {**file.plant, **file.found}, loop.plant_values),
-        ("Controller", loop.controller, own, loop.controller_values),
-    ):
-        if values:
-            title = f"{side} {part.label}"
-            tables.append(_values_table(title, part.settable(given), values, given))
-    return tables
+    file, plant, own = loop.parameters(), loop.plant, loop.controller
+    settings = _settings(loop, {"plant": plant.label, "controller": own.label}, coupled)
+    tables = (
+        _values_table("Plant", plant, {**file.plant, **file.found}, loop.plant_values),
+        _values_table("Controller", own, file.controllers[own.label], loop.controller_values),
+    )
+    return [settings, *(table for table in tables if table.rows)]
 
 
 def _values_table(
-    title: str,
-    known: Mapping[str, Parameter],
-    values: Mapping[str, Value],
-    given: Mapping[str, float],
+    side: str, part: Part, values: Mapping[str, Value], given: Mapping[str, float]
 ) -> Table:
+    known = part.settable(given)
     rows, changed = [], set()
     for k, (name, v) in enumerate(values.items()):
         about = known.get(name)
@@ -223,7 +209,7 @@ def _values_table(
         unit = "" if v.unit == "1" else v.unit
         meaning = about.meaning if about else ""
         rows.append((name, f"{v.value:.6g}", unit, default, ends, v.source, meaning))
-    return Table(title, _COLUMNS, rows, frozenset(changed))
+    return Table(f"{side} {part.label}", _COLUMNS, rows, frozenset(changed))
 
 
 def _unit_of_goal(loop: Loop | SystemLoop) -> str:

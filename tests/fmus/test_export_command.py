@@ -12,11 +12,11 @@ from fmpy.validation import validate_fmu
 
 from ballscrew.cli import main
 from ballscrew.controllers import CONTROLLERS
-from ballscrew.exporting import Export
 from ballscrew.fmus import carried_runtime
 from ballscrew.fmus.native.export import NativeFmu
 from ballscrew.orchestration.loop import catalogue
 from ballscrew.orchestration.loop.catalogue import NAMES, NATIVE, READABLE, fmu, ready_fmu
+from ballscrew.part_api import Export
 from ballscrew.solver import compilers
 
 
