@@ -44,14 +44,15 @@ def run(  # noqa: PLR0913
     sampled: float | None = None,
     progress: Callable[[float], None] | None = None,
     params: ParameterFile | Path | str | None = None,
+    fmus: bool | None = None,
 ) -> RunResult:
-    """Run a closed loop of FMUs, with a verdict on the coupling.
+    """Run a closed loop, by default of FMUs, with a verdict on the coupling.
 
     Parameters
     ----------
     loop : Loop, SystemLoop, or a controller
         ``run("iol", stop=2.0)`` is ``run(Loop("iol", stop=2.0))``.
-    plant, reference, stop, step, plant_values, controller_values, coupling, mapping, sampled
+    plant, reference, stop, step, plant_values, controller_values, coupling, mapping, sampled, fmus
         As in `Loop`, with its defaults; if `loop` is a `Loop`, the values to change in it.
     progress : function of float, optional
         Called with the time that the run has reached [s].
@@ -87,7 +88,7 @@ def run(  # noqa: PLR0913
     from .orchestration.loop.loop import Loop, with_file
 
     values = {"plant_values": plant_values, "controller_values": controller_values}
-    how = {"step": step, "coupling": coupling, "mapping": mapping, "sampled": sampled}
+    how = {"step": step, "coupling": coupling, "mapping": mapping, "sampled": sampled, "fmus": fmus}
     found = _loop(loop, plant, reference, stop, **values, **how)
     if (told := file_of(params)) is not None:
         if not isinstance(found, Loop):
@@ -108,13 +109,14 @@ def swap(  # noqa: PLR0913
     controller_values: Mapping[str, Values] | None = None,
     mapping: Mapping[str, Mapping[str, str]] | None = None,
     progress: Callable[[str, float], None] | None = None,
+    fmus: bool | None = None,
 ) -> Comparison:
     """Run several controllers on the same plant, and compare them.
 
     Parameters
     ----------
     controllers : sequence of controllers, or of Loop
-    plant, reference, stop, step, plant_values
+    plant, reference, stop, step, plant_values, fmus
         As in `run`.
     sampled : float, optional
         Sampling period of all controllers [s]; if left out, the controllers are not changed.
@@ -148,7 +150,7 @@ def swap(  # noqa: PLR0913
 
     sampled = None if sampled is None else check_length("sampled", sampled)
     given = [controllers] if isinstance(controllers, str | Path) else controllers
-    how = {"step": step, "plant_values": plant_values}
+    how = {"step": step, "plant_values": plant_values, "fmus": fmus}
     loops = [_loop(c, plant, reference, stop, **how) for c in given]
     if not loops:
         raise UserError("controllers is empty; expected one or more")

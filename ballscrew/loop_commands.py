@@ -113,8 +113,8 @@ def swap(options: argparse.Namespace) -> int:
         result = api.swap(loops, progress=lambda name, t: progress(t, name))
     save_result(options, result)
     rows = [r.figures() for r in result.results]
-    files = ["report.html", "comparison.csv", "comparison.json", "comparison.png"]
-    files = ", ".join([*files, "parameters.toml", *result.trajectories])
+    files = "report.html, comparison.csv, comparison.json, comparison.png, parameters.toml"
+    files = ", ".join([files, *result.trajectories])
     table = _comparison_table(rows, units_of_figures(result.results[0].run))
     print_result(options.json, rows, table, files, options.out)
     for r, figures in zip(result.results, rows, strict=True):

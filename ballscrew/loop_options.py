@@ -10,7 +10,7 @@ from .console import print_notes
 from .controllers import ALONE, CONTROLLERS
 from .options import exclude, given, named, params_of
 from .orchestration.fmu.limits import FIRST_STEP, as_number, check_length, check_step
-from .orchestration.master.couplings import Coupling
+from .orchestration.master.couplings import WITHOUT_FMUS
 from .plant import PLANTS
 from .solver.errors import UserError
 
@@ -166,8 +166,9 @@ def coupled(options: argparse.Namespace) -> dict[str, Any]:
         stop = check_length("stop", options.stop)
         if stop > FIRST_STEP:
             check_step("step", FIRST_STEP, stop)  # the first that is tried
-    if options.coupling == Coupling.MONOLITHIC.value:
+    if options.coupling == WITHOUT_FMUS:
         exclude(options, "coupling", "isolate time_limit", "is for FMUs; the coupling uses none")
+        how |= {"coupling": None, "fmus": False}
     if options.time_limit is not None and options.isolate is False:
         raise UserError("--time-limit is for FMUs in their own process; see --no-isolate")
     return how
@@ -189,8 +190,6 @@ def system_of(options: argparse.Namespace) -> SystemLoop:
     )
     exclude(options, "system", "plant map params limit_voltage limit_current sampled", why)
     how = coupled(options)
-    if options.coupling == Coupling.MONOLITHIC.value:
-        raise UserError("coupling monolithic needs equations, and an .ssp does not give them")
     values = named("--set", options.set, "ELEMENT.VARIABLE=VALUE")
     for name, value in values.items():  # the FMU tells which values are valid
         if "." not in name:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import measured_api
+from .api import check_whole_number
 from .console import (
     NOT_TRUSTED,
     TRUSTED,
@@ -111,7 +112,6 @@ examples:
   ballscrew rig 2.8 presliding --law lugre --set plant.sigma0=6e4 --seed 3 --out out/trials
   ballscrew rig 2.4/7 --params out/identified/parameters.toml --out out/again
 """
-MOST_DIGITS = 40  # of a seed: more than 128 bits need
 _FMU, _CURVES, _NEXT = "extended_plant.fmu", "curves", "next_experiment.csv"
 
 
@@ -301,8 +301,9 @@ def rig(options: argparse.Namespace) -> int:
     if not options.list and not (options.trials and options.out):
         missing = "--out DIR" if options.trials else "a TRIAL"
         raise UserError(f"{missing} is missing; ballscrew rig --list prints all trials")
-    seed = _seed(options.seed or "0")
-    values = _values(options.set)
+    seed = check_whole_number("seed", options.seed or "0", 0)
+    texts = named("--set", options.set, "PART.NAME=VALUE")
+    values = {name: as_number(f"--set {name}", value) for name, value in texts.items()}
     told = params_of(options)
     law = options.law or (told and told.law) or DEFAULT_LAW
     from .measurement.rig.machine import Machine
@@ -370,23 +371,6 @@ def _trials(names: list[str], machine: Machine) -> list[Trial]:
     for trial in found.values():
         set_up(trial, machine)
     return [*found.values()]
-
-
-def _values(texts: list[str]) -> dict[str, float]:
-    values = {}
-    for name, value in named("--set", texts, "PART.NAME=VALUE").items():
-        if "." not in name:
-            wrong = f"--set {name}={value}"
-            raise UserError(f"{wrong}: expected PART.NAME=VALUE, as in plant.sigma0=6e4")
-        values[name] = as_number(f"--set {name}", value)
-    return values
-
-
-def _seed(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or len(text) > MOST_DIGITS:
-        limits = f"from 0 up of at most {MOST_DIGITS} digits"
-        raise UserError(f"--seed is {text!r}, expected a whole number {limits}")
-    return int(text)
 
 
 COMMANDS = {

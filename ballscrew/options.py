@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from .controllers import CONTROLLERS
 from .orchestration.fmu.limits import FIRST_STEP, TIME_LIMIT, TOLERANCE, as_number
-from .orchestration.master.couplings import Coupling
+from .orchestration.master.couplings import WITHOUT_FMUS, Coupling
 from .plant import LAWS, PLANTS
 from .plant.instruments import INSTRUMENTS
 from .solver.errors import UserError
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 # A word that begins like a number is a value, also where argparse takes it for an option: -3e-2.
 NEGATIVE_NUMBER = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
-COUPLINGS = tuple(coupling.value for coupling in Coupling)
+COUPLINGS = *(coupling.value for coupling in Coupling), WITHOUT_FMUS
 _SOURCES = "api part_api measured_api orchestration/loop/loop"  # in the package
 _DOCUMENTED = {  # where the arguments of a command have their text; before all others
     "run": ("run", "Loop"),

@@ -15,10 +15,12 @@ if TYPE_CHECKING:
     import sympy as sp
 
     from .fmus.native.export import NativeFmu
-    from .orchestration.loop.parameter_file import ParameterFile
+    from .orchestration.loop.parameter_file import ParameterFile, Value
     from .orchestration.loop.parts import PartLike
     from .solver.component import Component, ForceTerm
     from .solver.kernel import Kernel
+
+    Values = Mapping[str, float]
 
 SYSTEM, MODELICA = ".ssp", ".mo"
 
@@ -80,7 +82,7 @@ def component(name: str) -> Component:
 def with_friction(
     body: Component,
     law: str | ForceTerm,
-    values: Mapping[str, float] | None = None,
+    values: Values | None = None,
     velocity: str = "v",
     position: str = "x",
     breakaway: sp.Expr | None = None,
@@ -324,20 +326,20 @@ class Export:
 
         values: dict[str, float] = {}
         sources: dict[str, str] = {}
-        of_controller = told.controllers.get(table_of(told, Part(name)), {})
-        moves = plant or (name if _is_plant(name) else "")
-        sides = []
-        if moves:
-            of_plant = {**told.plant, **told.found}
-            sides.append((PLANT, for_plant(told, moves), of_plant))
-            print_notes(aside(told, sides[0][1], moves))
-        if plant or not moves:
-            sides.append((CONTROLLER, for_controller(told, name), of_controller))
-        for side, given, said in sides:
+
+        def add(side: str, given: Values, said: Mapping[str, Value]) -> None:
             for n, value in given.items():
                 own = f"{side if plant else ''}{n}"
                 values[own] = value
                 sources[own] = (said[n].source if n in said else "") or f"from {told.path}"
+
+        moves = plant or (name if _is_plant(name) else "")
+        if moves:
+            add(PLANT, own := for_plant(told, moves), {**told.plant, **told.found})
+            print_notes(aside(told, own, moves))
+        if plant or not moves:
+            said = told.controllers.get(table_of(told, Part(name)), {})
+            add(CONTROLLER, for_controller(told, name), said)
         return with_start_values(kernel, values, sources)
 
 

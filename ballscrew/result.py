@@ -18,6 +18,7 @@ from .orchestration.loop.shown import (
     quantity,
     words_for,
 )
+from .orchestration.master.couplings import WITHOUT_FMUS
 from .solver.files import write_atomically
 
 if TYPE_CHECKING:
@@ -230,5 +231,6 @@ def _settings(loop: Loop | SystemLoop, parts: Mapping[str, str], coupled: bool) 
     rows = {**parts, "set-point": said, "length": length}
     if coupled:
         rows["communication step"] = "chosen" if loop.step is None else f"{loop.step:g} s"
-        rows["coupling"] = "by rule" if loop.coupling is None else loop.coupling.value
+        by_rule = "by rule" if loop.fmus else WITHOUT_FMUS
+        rows["coupling"] = loop.coupling.value if loop.coupling else by_rule
     return Table("The loop", ("setting", "value"), list(rows.items()))

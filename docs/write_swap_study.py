@@ -188,7 +188,7 @@ def thesis_step() -> str:
                     name + behind,
                     stop=5.0,
                     step=1e-3,
-                    coupling=ballscrew.Coupling("monolithic"),
+                    fmus=False,
                     plant_values={n: factor * v for n, v in FRICTION.items()},
                     controller_values={"sample_time": 1e-3} if behind else {},
                 )

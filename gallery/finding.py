@@ -115,8 +115,7 @@ def motion(
 @cache
 def _run(plant: str, stop: float, step: float, values: Any, law: str, goal: Any, gains: Any) -> Any:
     given: dict[str, Any] = {"plant_values": dict(values), "controller_values": dict(gains)}
-    coupling = ballscrew.Coupling("monolithic")
-    grid: dict[str, Any] = {"stop": stop, "step": step, "coupling": coupling}
+    grid: dict[str, Any] = {"stop": stop, "step": step, "fmus": False}
     return ballscrew.run(law, plant, reference=goal, **grid, **given).run
 
 

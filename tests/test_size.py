@@ -19,16 +19,16 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1590, 1314),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
-    "orchestration": (10839, 9483),
+    "orchestration": (10847, 9488),
     "stability": (2773, 2274),
-    "ballscrew": (3671, 3008),
-    "gallery": (2729, 2355),
+    "ballscrew": (3661, 2998),
+    "gallery": (2728, 2354),
     "measurement": (13449, 11375),
     "proofs": (12913, 11546),
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (25898, 24709),
+    "tests": (25783, 24593),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from ...solver.errors import CouplingError, FmuError
 from ...solver.files import write_atomically, write_json
 from ..fmu.fmu_instance import StepFailed
-from ..master.couplings import Coupling
 from ..master.march import LoopRun
 from ..master.step_choice import StepChoice
 from .joined import Progress, amplifier_notes, as_it_answers, joined_pair, limited
@@ -45,7 +44,7 @@ def run_closed_loop(loop: Loop | SystemLoop, progress: Progress | None = None) -
     """
     if isinstance(loop, SystemLoop):
         joining = joined_system(loop)
-    elif loop.coupling is Coupling.MONOLITHIC:
+    elif not loop.fmus:
         run = limited(run_monolithic(loop, loop.step, progress), loop.plant_values)
         notes = (*loop.notes, *amplifier_notes(run, loop.plant.parameters))
         return ClosedLoopResult(loop, run, notes)
@@ -187,7 +186,7 @@ class ClosedLoopResult:
             "step_range": list(run.step_range),
             "step_reason": choice.reason if choice else "as asked",
             "steps_tried": [list(t) for t in choice.tried] if choice else [],
-            "coupling": run.coupling.value,
+            "coupling": run.coupled_by,
             "coupling_reason": run.coupling_reason,
             "corrected": run.corrected,
             "sampling_period": run.sampling_period or None,

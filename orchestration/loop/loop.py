@@ -19,7 +19,7 @@ from ...solver.errors import BadParameter
 from ...solver.kernel import CONTROLLER, PLANT
 from ...solver.signals import START_VALUE
 from ..fmu import limits
-from ..master.couplings import Coupling, coupling_named
+from ..master.couplings import WITHOUT_FMUS, Coupling
 from ..master.reference_signal import Reference
 from .catalogue import in_units_of
 from .parameter_file import FMU, Known, ParameterFile, Value, check_values
@@ -43,6 +43,7 @@ class _How(TypedDict, total=False):
     adaptive: bool
     isolate: bool | None
     time_limit: float
+    fmus: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +56,7 @@ class HowCoupled:
     adaptive: bool = False
     isolate: bool | None = None
     time_limit: float = limits.TIME_LIMIT
+    fmus: bool = True
 
     def _set(self, **resolved: Any) -> None:
         for name, value in resolved.items():
@@ -63,8 +65,9 @@ class HowCoupled:
     def _set_coupling(self, stop: float | None, how: Mapping[str, Any]) -> None:
         """Check how it is coupled over a motion of this length [s]; None: not known yet."""
         self._set(**vars(HowCoupled(**how)))
+        coupling: Any = self.coupling
         self._set(
-            coupling=coupling_named("coupling", self.coupling),
+            coupling=None if coupling is None else Coupling(coupling),
             corrections=limits.check_corrections("corrections", self.corrections),
             time_limit=limits.check_time_limit("time_limit", self.time_limit),
         )
@@ -113,6 +116,8 @@ class Loop(HowCoupled):
         Whether each FMU runs in its own process. Default: FMUs not written by this program.
     time_limit : float
         Time limit of one call of an FMU in its own process [s].
+    fmus : bool
+        Whether FMUs are run; if not, both parts are one system of equations in one solver.
 
     Raises
     ------
@@ -299,6 +304,9 @@ class SystemLoop(HowCoupled):
             values=_numbers("values", numbers) | texts,
         )
         self._set_coupling(self.stop, how)
+        if not self.fmus:
+            asked = f"fmus=False (--coupling {WITHOUT_FMUS})"
+            raise BadParameter(f"{asked} needs equations; an .ssp does not give them")
 
     @property
     def label(self) -> str:

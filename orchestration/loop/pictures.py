@@ -190,7 +190,7 @@ def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
     import matplotlib as mpl
 
     run, figures = result.run, {}
-    title = f"{result.loop.label}, {run.coupling.value} coupling: {run.verdict.word}"
+    title = f"{result.loop.label}, {run.coupled_by} coupling: {run.verdict.word}"
     if run.alone:
         title = result.loop.label
 

@@ -16,7 +16,6 @@ from ...solver.signals import REFERENCES, set_point_orders
 from ...solver.stored import stored_kernel
 from ..fmu.limits import FIRST_STEP, check_memory
 from ..master.compiled import FARTHEST
-from ..master.couplings import Coupling
 from ..master.march import LoopRun
 from ..master.reference_signal import ROUND_OFF, TERMS, Matrix, Reference
 from ..master.sides import step_that_meets
@@ -142,13 +141,13 @@ def run_monolithic(
     for part in (loop.plant, loop.controller):
         if not part.has_equations:
             raise CouplingError(
-                f"the monolithic coupling needs the equations of {part}, and an FMU has "
-                f"none; expected one of {', '.join(NAMES)}, and FILE.py:FUNCTION"
+                f"without FMUs, the equations of {part} are needed, and an FMU has none; "
+                f"expected one of {', '.join(NAMES)}, and FILE.py:FUNCTION"
             )
-    if loop.adaptive or loop.corrections or loop.mapping:
+    if loop.coupling or loop.adaptive or loop.corrections or loop.mapping:
         raise CouplingError(
-            "the monolithic coupling has no communication steps or ports; remove adaptive steps, "
-            "corrections and mapped ports"
+            "a loop without FMUs has no coupling, communication steps or ports; remove coupling, "
+            "adaptive steps, corrections and mapped ports"
         )
     loop.check_values()
     kernel = loop_kernel(loop.plant.name, loop.controller.name)
@@ -195,7 +194,7 @@ def _simulate(
         outputs=outputs,
         commands=commands,
         reference=loop.reference.on(time, 0),
-        coupling=Coupling.MONOLITHIC,
+        coupling=None,
         coupling_reason="as asked",
         corrected=False,
         residual_max=dict.fromkeys(commands, 0.0),

@@ -19,7 +19,6 @@ class Coupling(Enum):
     JACOBI = "jacobi", True
     GAUSS_SEIDEL = "gauss-seidel"
     INTERFACE_JACOBIAN = "interface-jacobian", False, True
-    MONOLITHIC = "monolithic"
 
     late: bool  # whether the commands arrive one step late
     law: bool  # whether the plant applies the feedback law inside its own solver
@@ -34,16 +33,16 @@ class Coupling(Enum):
         member.late, member.law, member.own = late, law, own
         return member
 
+    @classmethod
+    def _missing_(cls, value: object) -> Coupling:
+        """The coupling of a second name; raises `CouplingError`."""
+        if value == "tangent":
+            return cls.INTERFACE_JACOBIAN
+        names = ", ".join(coupling.value for coupling in cls)
+        raise CouplingError(
+            f"coupling is {value!r}, expected one of {names}; without FMUs, as one system of "
+            f"equations: fmus=False in Python, --coupling {WITHOUT_FMUS} in a command"
+        )
 
-SECOND_NAMES = {"tangent": Coupling.INTERFACE_JACOBIAN.value}
 
-
-def coupling_named(what: str, given: str | Coupling | None) -> Coupling | None:
-    """The coupling of this name, or of its second name; None: to be chosen."""
-    if given is None or isinstance(given, Coupling):
-        return given
-    names = [coupling.value for coupling in Coupling]
-    name = SECOND_NAMES.get(given, given)
-    if name not in names:
-        raise CouplingError(f"{what} is {given!r}, expected one of {', '.join(names)}")
-    return Coupling(name)
+WITHOUT_FMUS = "monolithic"  # what results and commands call a loop as one system of equations

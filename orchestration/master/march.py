@@ -23,7 +23,7 @@ from .compiled import (
     struct,
 )
 from .coupling import CHUNK, CoupledPair
-from .couplings import Coupling
+from .couplings import WITHOUT_FMUS, Coupling
 from .reference_signal import ROUND_OFF, Reference
 from .verdict import ACCURACY, Verdict
 
@@ -45,7 +45,7 @@ class LoopRun:
     outputs: dict[str, Vector]  # of the plant, under the names they are mapped to
     commands: dict[str, Vector]  # of the controller, under the names of the plant's inputs
     reference: Vector
-    coupling: Coupling
+    coupling: Coupling | None  # None: one system of equations, without FMUs
     coupling_reason: str  # reason for the coupling, if it was chosen by rule
     corrected: bool
     residual_max: dict[str, float]  # largest coupling residual of each command, in its unit
@@ -64,6 +64,11 @@ class LoopRun:
     limit: float = math.inf  # largest command that the plant lets through, in the command's unit
     # the same with points between the communication points, where equations are solved
     between: LoopRun | None = None
+
+    @property
+    def coupled_by(self) -> str:
+        """The coupling's name."""
+        return self.coupling.value if self.coupling else WITHOUT_FMUS
 
     @property
     def judged(self) -> dict[str, Vector]:

@@ -79,8 +79,6 @@ class Sides:
     def _chosen(self) -> tuple[Coupling, str]:
         """The requested coupling, else the best that both sides support; and the reason."""
         wanted, accepts = self.coupling, self.wiring.accepts_law
-        if wanted is Coupling.MONOLITHIC:
-            raise CouplingError("the monolithic coupling runs no FMUs; see run_monolithic")
         if wanted and wanted.law and not accepts:
             name = wanted.value.replace("jacobian", "Jacobian")
             raise CouplingError(

@@ -76,15 +76,6 @@ def test_a_table_holds_the_signals_of_the_run_which_is_saved_without_pictures_on
     assert (tmp_path / "metrics.json").is_file()
 
 
-@pytest.mark.ci
-def test_what_a_result_says_is_text_in_a_notebook(results):
-    result = results["run_trial"]
-    told = type(result)(**{**vars(result), "notes": ["<b>past its range</b>"]})
-    assert "<b>past" not in told._repr_html_()
-    assert "&lt;b&gt;past its range" in told._repr_html_()
-    assert not told.trusted
-
-
 def proportional(gain):
     """A controller of a user's own, of three lines."""
     x, goal = ballscrew.symbol("x"), ballscrew.symbol("x_d")
@@ -128,21 +119,24 @@ def test_a_coupling_is_given_by_its_name():
     assert named.run.coupling is ballscrew.Coupling.JACOBI
     tangent = ballscrew.run("pid", coupling="tangent", stop=0.1, step=1e-3)
     assert tangent.run.coupling is ballscrew.Coupling.INTERFACE_JACOBIAN
+    for wrong in ("monolithic", 3):
+        with pytest.raises(ValueError, match=f"coupling is {wrong!r}, .* fmus=False in Python"):
+            ballscrew.Loop("pid", coupling=wrong)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"loop": 3}, "controller is 3, expected a name, a path or a Component"),
-        ({"coupling": 3}, "coupling is 3, expected one of jacobi"),
-        ({"plant_values": 1e-3}, "plant_values is 0.001, expected a mapping of names to numbers"),
-        ({"plant_values": {"m": float("nan")}}, r"plant_values\['m'\] is nan, expected a finite"),
-    ],
-)
-def test_a_run_refuses_what_makes_no_sense(given, said):
-    with pytest.raises(ValueError, match=said):
-        ballscrew.run(**{"loop": "pid", **given})
+def test_without_fmus_a_loop_is_one_system_of_equations():
+    """The reference for the runs over FMUs: they end at the same place, and others are refused."""
+    whole, fmus = (ballscrew.run("iol", stop=0.3, fmus=choice) for choice in (False, True))
+    assert whole.figures()["coupling"] == "monolithic"
+    assert whole["x"][-1] == pytest.approx(fmus["x"][-1], rel=1e-5)
+    again = ballscrew.swap(["iol", "pid"], stop=0.3, fmus=False).results
+    assert again[0]["x"][-1] == whole["x"][-1]
+    assert [r.figures()["coupling"] for r in again] == ["monolithic"] * 2
+    for wrong in ({"coupling": "jacobi"}, {"mapping": {"a": "b"}}):
+        with pytest.raises(ValueError, match="a loop without FMUs has no coupling"):
+            ballscrew.run("pid", fmus=False, **wrong)
+    with pytest.raises(ValueError, match=r"an \.ssp does not give them"):
+        ballscrew.SystemLoop("two.ssp", fmus=False)
 
 
 def test_a_swap_names_what_failed_and_refuses_no_controllers(tmp_path):
@@ -166,6 +160,10 @@ def test_each_controller_of_a_swap_takes_its_own_values():
 
 @pytest.mark.ci
 def test_bad_requests_are_told_by_one_exception_with_one_line(tmp_path):
+    with pytest.raises(ValueError, match="controller is 3, expected a name, a path or a"):
+        ballscrew.run(3)
+    with pytest.raises(ValueError, match=r"plant_values\['m'\] is nan, expected a finite"):
+        ballscrew.run("pid", plant_values={"m": float("nan")})
     with pytest.raises(KeyError, match="no component 'iel'"):
         ballscrew.component("iel")
     with pytest.raises(ValueError, match="a single part"):
@@ -192,8 +190,7 @@ def test_a_map_keeps_to_given_parameters_and_gives_its_cells_by_column(tmp_path)
     assert cells["plant.Fs"] == pytest.approx([1.5, 2.0, 2.5] * 2)
     assert cells["setpoint"] == pytest.approx([0.01] * 3 + [0.02] * 3)
     given = {"plant_values": {"m": 2.0, "Fs": 2.0}, "controller_values": {"Kp": 900.0}}
-    whole = ballscrew.Coupling("monolithic")
-    alone = ballscrew.run("pid", reference=0.02, stop=0.2, coupling=whole, **given)
+    alone = ballscrew.run("pid", reference=0.02, stop=0.2, fmus=False, **given)
     error = 0.02 - alone.run.outputs["x"][-1]
     assert cells["final_error"][4] == pytest.approx(error, rel=1e-4)
 

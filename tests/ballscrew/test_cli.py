@@ -216,13 +216,6 @@ def test_files_that_are_no_fmu_are_refused_in_one_line(tmp_path, capsys, fmus, c
     assert not (tmp_path.parent / "evil.py").exists()
 
 
-def test_existing_results_stay_whole_when_a_request_is_refused(tmp_path):
-    assert main([*RUN, "--out", str(tmp_path)]) == 0
-    before = {p.name: p.read_bytes() for p in tmp_path.glob("[!.]*")}
-    assert main([*RUN, "--out", str(tmp_path), "--set", "plant.Fc=-1"]) == 2
-    assert {p.name: p.read_bytes() for p in tmp_path.glob("[!.]*")} == before
-
-
 def test_a_folder_is_used_again_and_holds_one_run_and_the_users_files(tmp_path, capsys):
     out = tmp_path / "out"
     assert main([*RUN, "--out", str(out)]) == 0
@@ -292,10 +285,3 @@ def test_a_peak_beyond_the_nominal_amplifier_is_told(tmp_path, capsys):
     assert note in heard.err
     main([*asked, "--limit-voltage", "36"])
     assert json.loads(capsys.readouterr().out)["notes"] == []
-
-
-@pytest.mark.ci
-def test_the_advice_names_no_coupling_that_the_run_has(tmp_path, capsys):
-    asked = ["run", "--controller", "pid", "--stop", "3", "--step", "0.3", "--out", str(tmp_path)]
-    assert main([*asked, "--coupling", "tangent"]) == 1
-    assert "use a smaller --step; this run" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ballscrew.cli import command_parser, main
+from ballscrew.cli import main
 from ballscrew.fmus.reading import unpack
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.component_file import read_component
@@ -61,14 +61,6 @@ FILES = [
     (f"--loop {LAW}{SENSOR} --plant {BODY}", ["my_law+position_encoder_loop.fmu"]),
     (f"--ssp --component {LAW}{SENSOR} --plant {BODY}", ["my_law+position_encoder.ssp"]),
 ]
-PLACES = {
-    "export": {"--component", "--loop", "--plant"},
-    "run": {"--controller", "--plant"},
-    "swap": {"--controllers", "--plant"},
-    "tune": {"--controller", "--plant"},
-    "lyapunov": {"--controller", "--plant"},
-    "map": {"--controller", "--plant"},
-}
 
 
 @pytest.fixture(autouse=True)
@@ -151,19 +143,6 @@ def test_an_exported_loop_is_around_the_plant_and_the_values_that_were_asked_for
         for out in ("run", "system")
     )
     np.testing.assert_allclose(system, loop, rtol=0, atol=1e-9)
-
-
-def test_no_option_that_takes_a_part_is_left_out_here():
-    choices = command_parser()._subparsers._group_actions[0].choices
-    found = {
-        command: {a.option_strings[0] for a in parser._actions if a.metavar == "PART"}
-        for command, parser in choices.items()
-    }
-    assert {command: places for command, places in found.items() if places} == PLACES
-    tried = [f"{command} " for command, _ in RESULTS] + [f"export {o} " for o, _ in FILES]
-    for command, options in PLACES.items():
-        lines = [line for line in tried if line.startswith(f"{command} ")]
-        assert all(any(f"{option} " in line for line in lines) for option in options), command
 
 
 @pytest.mark.ci

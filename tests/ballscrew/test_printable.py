@@ -6,17 +6,10 @@ from third_party_fmus import proportional
 
 from ballscrew import supervision
 from ballscrew.cli import main
-from ballscrew.printable import printable
 
 BELL, RED, C1, TURNED = "\x07", "\x1b[31m", "\x9b31m", "\u202e"
 SPOOF = f"a{RED}{BELL}{C1}{TURNED}\rb"
 OBEYED = {chr(c) for c in (*range(32), *range(127, 160), 0x202E)} - {"\n", "\t"}
-
-
-def test_text_that_is_no_order_stays_as_it_is():
-    text = "plant: x [m], ü, µm, 速度,\t\\ and a line\n"
-    assert printable(text) == text
-    assert printable(SPOOF) == "a\\x1b[31m\\x07\\x9b31m\\u202e\\rb"
 
 
 def columns(folder):

@@ -36,15 +36,3 @@ def test_a_terminal_has_one_line_that_says_how_far_it_is_and_a_pipe_has_none(nam
     if name == "run":
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         assert done.stderr == ""
-
-
-def test_without_a_terminal_nothing_is_loaded_for_it():
-    ask = (
-        "import sys, ballscrew.console as c\n"
-        "c.Progress(1.0)(0.5); c.Stages()('reading')\n"
-        "print('tqdm' in sys.modules)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", ask], check=True, capture_output=True, text=True
-    )
-    assert (done.stdout, done.stderr) == ("False\n", "")

@@ -146,7 +146,7 @@ MORE = [
     ("export --ssp --component pid --plant mine.py:make", "its inputs do not fit the outputs of"),
     # the rig and the gallery
     ("rig --list", "--list and --out: expected one of them"),
-    (f"rig 2.4/7 --seed {'9' * 41}", "of at most 40 digits"),
+    ("rig 2.4/7 --seed 1.5", "seed is '1.5', expected a whole number from 0 on"),
     ("rig 2.4/1 --set plant.sigma9=1", "did you mean plant.sigma"),
     ("rig 2.4/7 --set plant.m=1 --set plant.m=1", "plant.m is given as 1 and as 1"),
     ("gallery", "give its NAME"),

@@ -92,7 +92,7 @@ def test_what_is_ones_own_is_tuned_within_the_limits_of_its_parameters(tmp_path,
         (gain,) = found.gains
         assert (gain.name, gain.low, gain.high) == ("Kp", 100.0, 900.0)
         assert bool(found.margins) == (part == "mine.py:mine")
-        values = {"controller_values": found.values, "coupling": "monolithic"}
+        values = {"controller_values": found.values, "fmus": False}
         error = ballscrew.run("pid", **how, **values).figures()["rms_error"]
         assert found.motions[0].figures.rms_error == pytest.approx(error, rel=0.01)
     assert found.no_margins == ("mine.fmu: no margins, an FMU has no equations",)
