@@ -9,26 +9,21 @@ from typing import TYPE_CHECKING, Any
 if not os.path.isdir(os.path.join(__path__[0], "solver")):
     __path__.append(os.path.dirname(__path__[0]))
 
-_LOOPS = "run swap lyapunov stability_map swap_study tune"
-_DATA = "run_trial read_force_records read_drive_records read_parameters identify diagnose compare"
-_PARTS = "catalogue component with_friction export"
-_OWN_PARTS = (
-    "Component Parameter Input Output State DiscreteState ForceTerm ForceBalance Event Mode Delay "
-    "symbol TIME"
-)
-# name: module; a name is imported when it is first asked for, since SymPy takes half a second
-_PUBLIC = {
-    **dict.fromkeys(_LOOPS.split(), "ballscrew.api"),
-    **dict.fromkeys(_DATA.split(), "ballscrew.measured_api"),
-    **dict.fromkeys(_PARTS.split(), "ballscrew.part_api"),
-    **dict.fromkeys(_OWN_PARTS.split(), "ballscrew.solver.component"),
-    "UserError": "ballscrew.solver.errors",
-    "connect": "ballscrew.solver.interconnect",
-    "interconnect": "ballscrew.solver.interconnect",
-    "Coupling": "ballscrew.orchestration.master.couplings",
-    **dict.fromkeys(("Loop", "SystemLoop"), "ballscrew.orchestration.loop.loop"),
-    "Reference": "ballscrew.orchestration.master.reference_signal",
+# module: names; a name is imported when it is first asked for, since SymPy takes half a second
+_NAMES = {
+    "api": "run swap lyapunov stability_map swap_study tune",
+    "part_api": "catalogue component with_friction export",
+    "measured_api": "run_trial read_force_records read_drive_records read_parameters identify "
+    "diagnose compare",
+    "solver.component": "Component Parameter Input Output State DiscreteState ForceTerm "
+    "ForceBalance Event Mode Delay symbol TIME",
+    "solver.errors": "UserError",
+    "solver.interconnect": "connect interconnect",
+    "orchestration.loop.loop": "Loop SystemLoop",
+    "orchestration.master.couplings": "Coupling",
+    "orchestration.master.reference_signal": "Reference",
 }
+_PUBLIC = {n: f"ballscrew.{module}" for module, names in _NAMES.items() for n in names.split()}
 __all__ = sorted(_PUBLIC)
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ expected. An OSError says that a file cannot be written.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
     from .study_results import Exponents, StabilityMap, SwapStudy, TunedGains
 
     Values = Mapping[str, float]
-
-INF = float("inf")
 
 
 def run(  # noqa: PLR0913
@@ -63,16 +62,8 @@ def run(  # noqa: PLR0913
     Returns
     -------
     RunResult
-        ``trusted`` says whether the coupling moved no output by more than 1 % of its range.
-
-    Raises
-    ------
-    RuntimeError
-        If an FMU rejects its initial values.
-
-    Notes
-    -----
-    The equations are in chapters 2 and 3 of the thesis; for the coupling see ``docs/coupling.md``.
+        ``trusted`` says whether the coupling moved no output by more than 1 % of its range, see
+        ``docs/coupling.md``.
 
     Examples
     --------
@@ -122,17 +113,10 @@ def swap(  # noqa: PLR0913
         Sampling period of all controllers [s]; if left out, the controllers are not changed.
     noise : bool
         Whether all controllers measure through the instruments of `catalogue` that fit them.
-    controller_values : mapping of str to mapping of str to float, optional
-        Parameters with other than nominal values, in SI units, for each controller by its name;
-        ``hand`` is the name of ``hand.fmu``.
-    mapping : mapping of str to mapping of str to str, optional
-        Names of ports, ``theirs -> ours``, for each controller by its name.
+    controller_values, mapping : mapping of str to mapping, optional
+        As in `run`, for each controller by its name; ``hand`` is the name of ``hand.fmu``.
     progress : function of str and float, optional
         Called with the controller's name and the time that its run has reached [s].
-
-    Returns
-    -------
-    Comparison
 
     Examples
     --------
@@ -185,6 +169,9 @@ def lyapunov(  # noqa: PLR0913
 ) -> Exponents:
     """Lyapunov exponents of a closed loop, and the kind of its long-term motion.
 
+    Tangent vectors follow the variational equations with the exact Jacobian, and are
+    orthonormalized as in Benettin et al. (1980). See ``docs/stability.md``.
+
     Parameters
     ----------
     loop : Loop, or a controller
@@ -205,11 +192,6 @@ def lyapunov(  # noqa: PLR0913
     Exponents
         ``exponents`` and ``error``, shape (states,) [nats/s]; ``trusted`` says whether the
         attractor could be classified.
-
-    Notes
-    -----
-    Tangent vectors follow the variational equations with the exact Jacobian, and are
-    orthonormalized as in Benettin et al. (1980). See ``docs/stability.md``.
 
     Examples
     --------
@@ -273,10 +255,6 @@ def stability_map(  # noqa: PLR0913
     tolerance : float, optional
         Relative tolerance of the solver of the equations. Default: 1e-8 with exponents, else 1e-6.
 
-    Returns
-    -------
-    StabilityMap
-
     Examples
     --------
     >>> import ballscrew, tempfile
@@ -301,6 +279,8 @@ def swap_study(
 ) -> SwapStudy:
     """Tune several controllers in the same way, and compare them on other duties.
 
+    They are compared by the ratio of their rms errors, with intervals after Welch (1947).
+
     Parameters
     ----------
     study : path-like
@@ -318,10 +298,6 @@ def swap_study(
     SwapStudy
         ``trusted`` says whether no run failed, and whether a twentieth of them gave the same result
         when repeated over FMUs.
-
-    Notes
-    -----
-    Controllers are compared by the ratio of their rms errors, with intervals after Welch (1947).
 
     Examples
     --------
@@ -368,6 +344,8 @@ def tune(  # noqa: PLR0913
 ) -> TunedGains:
     """Find the gains of one controller for one machine, and test them on another motion.
 
+    The search is CMA-ES (Hansen, "The CMA evolution strategy", 2006); see ``docs/howto/tune.md``.
+
     Parameters
     ----------
     loop : Loop, or a controller
@@ -392,10 +370,6 @@ def tune(  # noqa: PLR0913
     TunedGains
         ``values`` are the gains; ``trusted`` says whether all runs converged and
         the linearized loop is stable.
-
-    Notes
-    -----
-    The search is CMA-ES (Hansen, "The CMA evolution strategy", 2006); see ``docs/howto/tune.md``.
 
     Examples
     --------
@@ -428,14 +402,14 @@ def check_name(argument: str, name: str, known: Iterable[str]) -> None:
         )
 
 
-def check_whole_number(argument: str, given: str | int, least: int, most: float = INF) -> int:
+def check_whole_number(argument: str, given: str | int, least: int, most: float = math.inf) -> int:
     """A whole number within limits, also from text."""
     try:
         value = int(given)
     except ValueError:
         value = least - 1
     if not least <= value <= most:
-        limits = f"from {least} on" if most == INF else f"from {least} to {most}"
+        limits = f"from {least} on" if most == math.inf else f"from {least} to {most}"
         raise UserError(f"{argument} is {given!r}, expected a whole number {limits}")
     return value
 
@@ -453,17 +427,12 @@ def checked(loop: Loop | SystemLoop) -> Loop:
 
     if not isinstance(loop, Loop):
         raise UserError(f"{loop.label}: an .ssp can only be run; give a Loop of its two parts")
-    if loop.step is None:
-        if loop.mapping:
-            raise UserError(
-                "mapping is for FMUs; give their communication step as well (--via fmu)"
-            )
-        for part in (loop.plant, loop.controller):
-            if not part.has_equations:
-                raise UserError(
-                    f"{part}: an FMU has no equations; lyapunov runs it with a communication step "
-                    "(--via fmu)"
-                )
+    if loop.step is None and loop.mapping:
+        raise UserError("mapping is for FMUs; give their communication step as well (--via fmu)")
+    for part in (loop.plant, loop.controller):
+        if loop.step is None and not part.has_equations:
+            step = "a communication step (--via fmu)"
+            raise UserError(f"{part}: an FMU has no equations; lyapunov runs it with {step}")
     loop.check_values()
     return loop
 

@@ -18,7 +18,7 @@ from importlib import import_module
 from typing import Any
 
 from .console import complain, complain_of_ourselves, forget_output
-from .printable import printing, unchanged
+from .printable import Printable, unchanged
 from .solver.errors import UserError
 from .supervision import interrupted
 
@@ -26,13 +26,10 @@ _EXAMPLES = """examples:
   ballscrew run --controller iol --out out/iol
   ballscrew swap --controllers iol nctf pid --out out/swap
   ballscrew tune --controller p_pi --params axis.toml --out out/tuned
-  ballscrew study STUDY.toml --out out/study
   ballscrew export --out fmus
   ballscrew rig 2.4/7 --out out/trial
   ballscrew identify out/trial --law dahl --out out/dahl
   ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
-  ballscrew compare other.csv --params out/diagnosis/parameters.toml
-  ballscrew gallery
   ballscrew new controller mine
 """
 COMMANDS = {  # module, and what it does
@@ -54,8 +51,8 @@ COMMANDS = {  # module, and what it does
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    out, errors = printing(sys.stdout), printing(sys.stderr)
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+    streams: Any = Printable(sys.stdout), Printable(sys.stderr)
+    with contextlib.redirect_stdout(streams[0]), contextlib.redirect_stderr(streams[1]):
         return _main(sys.argv[1:] if arguments is None else arguments)
 
 

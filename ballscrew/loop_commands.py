@@ -20,6 +20,7 @@ from .console import (
     print_notes,
     print_result,
     side_by_side,
+    text_of,
     warn,
 )
 from .loop_options import coupled, followed_loop, loops_of, system_of
@@ -30,7 +31,6 @@ from .solver.errors import UserError
 
 if TYPE_CHECKING:
     from .stability.stability_map import MapSummary
-    from .study_results import Exponents
 
 RUN = r"""
 Write report.html, trajectory.csv, metrics.json, parameters.toml and pictures.
@@ -62,8 +62,7 @@ examples:
   ballscrew lyapunov --controller nctf --stop 300 --out out/nctf
   ballscrew lyapunov --controller iol --set controller.sigma1_hat=342.5 --stop 20 --out out/cycle
   ballscrew lyapunov --controller nctf --stop 20 --via fmu --out out/over_fmus
-  ballscrew lyapunov --controller hand.fmu --map position=x --map voltage=u --via fmu \
-      --stop 20 --out out/hand
+  ballscrew lyapunov --controller hand.fmu --map position=x --map voltage=u --via fmu --out out
 """
 MAP = r"""
 Write report.html, map.parquet (a row a cell: the two parameters, verdict, final_error,
@@ -202,9 +201,9 @@ def lyapunov(options: argparse.Namespace) -> int:
         result.save(folder, command=options.command)
 
     save_results(options.out, save)
-    figures = result.figures()
+    figures, exponents = result.figures(), result.tables()[0]
     files = "report.html, lyapunov.json, lyapunov.csv, parameters.toml, lyapunov.png"
-    text = "\n".join(_exponent_lines(result, figures))
+    text = f"{result.headline()}\n{exponents.title}:\n{text_of(exponents)}"
     print_result(options.json, figures, text, files, options.out)
     if figures["time_s"] < loop.stop and figures["diverges_at_s"] is None:
         reached = f"t = {figures['time_s']:g} s, not {loop.stop:g} s"
@@ -212,23 +211,6 @@ def lyapunov(options: argparse.Namespace) -> int:
     if not result.decided:
         warn(f"undecided; what would decide: {figures['would_decide']}")
     return TRUSTED if result.decided else NOT_TRUSTED
-
-
-def _exponent_lines(result: Exponents, figures: dict[str, Any]) -> Iterator[str]:
-    limits = result.motion.limit
-    errors = figures["asymptotic_error_bits_per_s"]
-    yield f"{figures['label']}, {figures['time_s']:g} s: {figures['verdict']}"
-    yield "  exponent [bits/s]   limit [bits/s] +- bound of its error"
-    for k, value in enumerate(result.exponents):
-        limit = f"{'unknown':>16}" if limits is None else f"{result.shown(limits[k]):>16}"
-        if limits is not None and math.isfinite(limits[k]):
-            limit += f" +- {errors[k]:.2g}"
-        yield f"  {result.shown(value):>17}   {limit}"
-    if result.note:
-        yield f"  {result.note}"
-    if figures["sum_rule_error"] is not None:
-        yield f"  sum rule: off by {figures['sum_rule_error']:.2g} of the sum"
-    yield f"  {figures['evidence']}"
 
 
 def stability_map(options: argparse.Namespace) -> int:

@@ -89,10 +89,6 @@ def read_force_records(
     lead : float, optional
         Lead of the screw: travel per turn [m], for rad, deg, rev, rpm and N*m. Default: by `p`, or
         the gain of a drive with command torque, of the parameter file.
-
-    Returns
-    -------
-    list of Record
     """
     from .measurement.records.reading import read_force_records as read
 
@@ -111,10 +107,6 @@ def read_drive_records(
     ----------
     paths, mapping, units, lead
         As in `read_force_records`; columns are ``time``, ``u``, ``x`` and, optionally, ``i``.
-
-    Returns
-    -------
-    list of Record
     """
     from .measurement.records.reading import read_drive_records as read
 
@@ -152,6 +144,8 @@ def identify(  # noqa: PLR0913
 ) -> IdentifiedLaw:
     """Find the parameters of a friction law in records of force and position.
 
+    Maximum likelihood by Fisher scoring, with errors from pieces of the records.
+
     Parameters
     ----------
     records : path-like, or sequence of Record or path-like
@@ -178,10 +172,6 @@ def identify(  # noqa: PLR0913
     IdentifiedLaw
         ``parameters`` have 95 % intervals; for each parameter that is not identified, the reason
         and a remedy are given.
-
-    Notes
-    -----
-    Maximum likelihood by Fisher scoring, with errors from pieces of the records.
     """
     from .measured_results import IdentifiedLaw
     from .measurement.identification.identify import identify_files

@@ -38,11 +38,10 @@ Write the parameters with their intervals, what cannot be identified and why, a 
 report.html, and pictures. Exit code 1: a parameter is not identified, or the law does not describe
 the records.
 
-DATA are folders written by `ballscrew rig`, or files of measured data with the
-columns time [s], force [N] (on the block, positive in +x) and x [m], x_fine [m] or v [m/s].
-Separators, decimal commas, lines before the table and a line of units are detected automatically; a
-column without a name is called by its number. A rotary drive has x in rad, deg or rev, or v in rpm,
-and its torque as force.
+DATA are folders written by `ballscrew rig`, or files with the columns time [s], force [N] (on the
+block, positive in +x) and x [m], x_fine [m] or v [m/s]; of a rotary drive the torque and x in rad,
+deg or rev, or v in rpm. Separators, decimal commas, lines before the table and a line of units are
+detected; a column without a name is called by its number.
 
 examples:
   ballscrew identify out/trials --law modified_lugre --out out/identified
@@ -58,27 +57,21 @@ DIAGNOSE = r"""
 Simulate your model on the recorded data, name the causes of its errors, and measure the
 improvement on held-out data. Writes diagnosis.json, report.html, curves.parquet (curves.csv
 without pyarrow), pictures, the corrected values as parameters.toml, extended_plant.fmu if causes
-are found, and next_experiment.csv for the machine unless everything is explained. Exit code 0:
-nothing is wrong, or all is explained, also by either of two causes; 1: partly, unexplained, or
-undecided because a fault above a fifth of the friction would not be seen; 2: bad input.
+are found, and next_experiment.csv unless everything is explained. Exit code 0: nothing is wrong, or
+all is explained, also by either of two causes; 1: partly, unexplained, or undecided because a fault
+above a fifth of the friction would not be seen; 2: bad input.
 
-DATA are files of measured data with the columns time [s], u [V] and x [m], or v
-[m/s] if no position was recorded, and i [A] if it was measured. If there is i and no u, i is used
-as the command. Several files are one study. Separators, decimal commas, lines before the table and
-a line of units are detected automatically; a column without a name is called by its number. With
-kind = "drive", u may be a force or a torque, as in --unit u=N. FILE.toml describes your model, see
-docs/parameters.md: kind ("ball_screw" or "drive"), law, [plant] in SI units and [tolerance], the
-relative tolerance of each value (default half of its interval, else 0.03).
+DATA are files with the columns time [s], u [V] and x [m], or v [m/s] if no position was recorded,
+and i [A] if it was measured; without u, i is the command. Several files are one study. Layouts are
+detected as by `ballscrew identify`. With kind = "drive", u may be a force or a torque, as in
+--unit u=N. FILE.toml describes your model, see docs/parameters.md: kind, law, [plant] in SI units
+and [tolerance], the relative tolerance of each value (default half of its interval, else 0.03).
 
 examples:
   ballscrew diagnose run.csv --params axis.toml --out out/diagnosis
-  ballscrew diagnose a.csv b.csv --law modified_lugre --map t=time --map pos=x \
-      --unit time=ms --unit x=mm --out out/diagnosis
   ballscrew diagnose drive.csv --params drive.toml --unit time=ms --unit x=deg --unit u=N*m \
       --lead 0.005 --out out/drive
-  ballscrew run --controller nctf --plant out/diagnosis/extended_plant.fmu --out out/loop
   ballscrew diagnose run.csv --params axis.toml --take backlash --out out/backlash
-  ballscrew compare other.csv --params out/diagnosis/parameters.toml
 """
 COMPARE = r"""
 Print the errors of the model of a parameter file on a record: of the force, by part of the motion,
@@ -98,19 +91,16 @@ RIG = r"""
 Write the record of the rig's instruments, and the true signals next to it. Exit code 1: recorded,
 but an instrument or the travel was out of range.
 
-TRIAL is a table (2.2, 2.4, 2.6, 2.8, 2.10, 2.11), the constant velocities (2.3.1),
-a series (viscous, loading-rate, presliding), or one of its trials, such as 2.4/7. Your own
-machine, kind = "drive" or "rotary_drive" in FILE.toml, has the same trials in its own size.
-The size is trial.speed, trial.force and trial.travel; by default they follow from its friction
-and the limit of its command.
+TRIAL is a table (2.2, 2.4, 2.6, 2.8, 2.10, 2.11), the constant velocities (2.3.1), a series
+(viscous, loading-rate, presliding), or one of its trials, such as 2.4/7. Your own machine,
+kind = "drive" or "rotary_drive" in FILE.toml, has the same trials in its own size: trial.speed,
+trial.force and trial.travel, by default from its friction and the limit of its command.
 
 examples:
-  ballscrew rig --list
   ballscrew rig --list --params machine.toml
   ballscrew rig viscous 2.4/7 --params machine.toml --set trial.travel=0.3 --out out/machine
   ballscrew rig 2.4/7 --law modified_lugre --out out/trial
   ballscrew rig 2.8 presliding --law lugre --set plant.sigma0=6e4 --seed 3 --out out/trials
-  ballscrew rig 2.4/7 --params out/identified/parameters.toml --out out/again
 """
 _FMU, _CURVES, _NEXT = "extended_plant.fmu", "curves", "next_experiment.csv"
 
@@ -137,13 +127,9 @@ def identify(options: argparse.Namespace) -> int:
     print_result(options.json, result.to_dict(), text, files, options.out)
     of_records = [f"{r.name}: {note}" for r in result.records for note in r.notes]
     print_notes([*result.notes, *of_records], options.json)
-    for name, interval in result.parameters.items():
-        if not interval.identified:
-            why = f"because {interval.because}; {interval.would_do}"
-            warn(result.say(f"{name} cannot be identified from these trials, {why}"))
-    for warning in result.warnings:
-        if warning.split(":")[0] not in result.parameters:
-            warn(result.say(f"not trusted: {warning}"))
+    others = (w for w in result.warnings if w.split(":")[0] not in result.parameters)
+    for line in (*result.unknown(), *(f"not trusted: {warning}" for warning in others)):
+        warn(result.say(line))
     return TRUSTED if result.trusted else NOT_TRUSTED
 
 
@@ -243,37 +229,17 @@ def _extended(result: DiagnosisResult) -> tuple[Component | None, list[str]]:
 
 
 def _diagnosis_text(result: DiagnosisResult) -> str:
-    from .measurement.diagnosis.report_words import micrometres, suspect_lines
+    from .measurement.diagnosis.report_words import suspect_lines
 
-    lines = [result.headline(), result.where, ""]
-    lines.append(f"{'residual, rms':<34}{'force [N]':>11}{'position [um]':>15}")
-    for name, left in (
-        ("prior model", result.baseline_residual),
-        (f"with adjusted values, {result.held_out} held out", result.adjusted_residual),
-        (f"with causes, {result.held_out} held out", result.final_residual),
-        ("noise alone", result.floor),
-    ):
-        lines.append(f"{name:<34}{left.force:>11.4g}{micrometres(left.position):>15}")
-    for c in result.causes:
-        low, high = c.gain_interval
-        beside = ", with all others included" if len(result.causes) > 1 else ""
-        lines += [
-            "",
-            f"{c.name}: {c.says}{'' if c.certain else ' (most probable, not certain)'}",
-            f"  gain {100 * c.gain_heldout:.3g} % of the mean square in force ({100 * low:.3g} to "
-            f"{100 * high:.3g} %{beside}), probability {c.probability:.2f}",
-        ]
-        for name, value in c.parameters.items():
-            known = c.intervals.get(name)
-            between = f"  {known[0]:.4g} .. {known[1]:.4g}" if known else ""
-            unit = c.units.get(name) or "share"
-            lines.append(f"  {name:<20}{value:>11.4g} {unit:<8}{between}".rstrip())
-    lines += ["", *suspect_lines(result.suspects)]
-    lines += [f"no cause found: the remaining error varies {where}" for where in result.unnamed]
+    tables = result.tables()[: 1 + len(result.causes)]  # before and after; each cause
+    said = [f"{t.title}: {t.says}\n{text_of(t)}" for t in tables[1:]]
+    said += ["\n".join(suspect_lines(result.suspects))] if result.suspects else []
+    lines = [f"no cause found: the remaining error varies {where}" for where in result.unnamed]
     if result.next_experiment is not None:
         lines.append(f"next experiment: {result.next_experiment.says}")
         lines.append(f"  {result.next_experiment.motion.says}: {_NEXT}")
-    return "\n".join(lines)
+    said += ["\n".join(lines)] if lines else []
+    return "\n\n".join([result.headline(), text_of(tables[0]), tables[0].says, *said])
 
 
 def compare(options: argparse.Namespace) -> int:

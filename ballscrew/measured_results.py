@@ -42,10 +42,14 @@ class IdentifiedLaw(Result, Identification):
         return f"{self.law} from {len(self.records)} records{warnings}"
 
     def doubts(self) -> Iterable[str]:
+        return [*self.unknown(), *self.notes]
+
+    def unknown(self) -> Iterable[str]:
+        """Each parameter that is not identified, with the reason and a remedy."""
         for name, i in self.parameters.items():
             if not i.identified:
-                yield f"{name} cannot be identified, because {i.because}; {i.would_do}"
-        yield from self.notes
+                why = f"because {i.because}; {i.would_do}"
+                yield f"{name} cannot be identified from these trials, {why}"
 
     def tables(self) -> list[Table]:
         unknown = {n: "" if i.identified else "not identified" for n, i in self.parameters.items()}
@@ -131,10 +135,7 @@ class DiagnosisResult(Result, Diagnosis):
     def extended_plant(self) -> Component:
         """The corrected plant with the named causes in it, for `run`, `lyapunov` and `export`.
 
-        Raises
-        ------
-        ValueError
-            If no plant can hold these causes; the message says why.
+        A ValueError says why no plant can hold these causes.
         """
         from .measurement.diagnosis.with_causes import as_it_moves, with_causes
 

@@ -31,19 +31,8 @@ if TYPE_CHECKING:
 NEGATIVE_NUMBER = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
 COUPLINGS = *(coupling.value for coupling in Coupling), WITHOUT_FMUS
 _SOURCES = "api part_api measured_api orchestration/loop/loop"  # in the package
-_DOCUMENTED = {  # where the arguments of a command have their text; before all others
-    "run": ("run", "Loop"),
-    "swap": ("swap", "run", "Loop"),
-    "tune": ("tune", "run", "Loop"),
-    "lyapunov": ("lyapunov", "run", "Loop"),
-    "map": ("stability_map", "run", "Loop"),
-    "study": ("swap_study",),
-    "rig": ("run_trial",),
-    "identify": ("identify", "read_force_records"),
-    "diagnose": ("diagnose", "read_force_records"),
-    "compare": ("compare", "diagnose", "read_force_records"),
-    "export": ("export",),
-}
+_LOOPS, _RECORDS = "run swap lyapunov map", "identify diagnose compare"
+_FUNCTIONS = {"map": "stability_map", "study": "swap_study", "rig": "run_trial"}
 
 
 @dataclass(frozen=True)
@@ -63,7 +52,10 @@ class Option:
     how: Mapping[str, Any] = field(default_factory=dict)
 
     def help(self, command: str) -> str:
-        texts = (_texts().get(name, {}) for name in _DOCUMENTED.get(command, ()))
+        records = command in _RECORDS.split()
+        shared = ("diagnose", "read_force_records") if records else ("run", "Loop")
+        functions = (_FUNCTIONS.get(command, command), *shared)
+        texts = (_texts().get(name, {}) for name in functions)
         found = (text[self.argument] for text in texts if self.argument in text)
         said = next((text for text in found if not text.startswith("As in ")), "")
         return " ".join(filter(None, (said, self.more))).replace("%", "%%")
@@ -76,7 +68,6 @@ def out_folder(text: str) -> Path:
     return Path(text)
 
 
-_LOOPS, _RECORDS = "run swap lyapunov map", "identify diagnose compare"
 _DRAWN = f"{_LOOPS} {_RECORDS} tune gallery"
 _PRINTED = f"{_DRAWN} study"
 _KEPT = f"{_LOOPS} tune study identify diagnose export"
@@ -94,9 +85,8 @@ _ALL = (
     "Default: plant, iol, nctf, pid; with --params its plant."
 )
 _SET = (
-    "A parameter or initial state, such as plant.sigma0=6e4 or controller.sigma0_hat=66966; with "
-    "several controllers use the controller's name, such as iol.sigma0_hat=66966, or hand.Kp=3 for "
-    "hand.fmu."
+    "A parameter or initial state: plant.sigma0=6e4 or controller.sigma0_hat=66966; with several "
+    "controllers by the controller's name: iol.sigma0_hat=66966, or hand.Kp=3 for hand.fmu."
 )
 _PORT = "With several controllers use the controller's name, such as hand.pos=x."
 _MOTIONS = (
@@ -113,9 +103,8 @@ _RESPONSE = (
     "record with a multisine, chirp or noise, with coherence and first resonance."
 )
 _SSP = (
-    "Instead, write one .ssp per closed loop: all FMUs, connected, with parameter sets; in "
-    "CONTROLLER+INSTRUMENT each instrument is an FMU; with --native, the FMUs are native; with "
-    "--fmi 3 an SSP 2.0."
+    "Instead, write one .ssp per closed loop: all FMUs, also of instruments, connected, with "
+    "parameter sets; with --fmi 3 an SSP 2.0."
 )
 _LOOP = "Instead, write one FMU of the whole closed loop: set-point in, signals out."
 _MODELICA = (

@@ -50,23 +50,13 @@ def catalogue() -> dict[str, tuple[str, ...]]:
 def component(name: str) -> Component:
     """Return a component of the catalogue or of a Python file, with its equations.
 
+    A name that does not exist is a KeyError, too, which lists the available ones.
+
     Parameters
     ----------
     name : str
-        A plant, a controller or an instrument of `catalogue`, or ``path/to/file.py:function``. The
-        file is run as it is now, and the function is called without arguments. A controller that
-        measures through instruments is ``controller+instrument+...``.
-
-    Returns
-    -------
-    Component
-
-    Raises
-    ------
-    KeyError
-        If there is no part of this name; the message lists the available ones.
-    ValueError
-        If the file does not return a component; the message says why, and in which line.
+        A plant, a controller or an instrument of `catalogue`, ``controller+instrument+...``, or
+        ``path/to/file.py:function``. The file is run as it is now, the function without arguments.
 
     Examples
     --------
@@ -149,13 +139,11 @@ def export(
         The file to write; replaced as a whole or not at all. A name that ends in ``.ssp`` gives
         a system: the controller `part` and its plant, connected; ``.mo`` gives Modelica source.
     native : bool
-        Whether it contains compiled C, and needs no Python on the host; else it contains readable
-        Python. Also for loops, systems and FMUs with tangents.
+        Whether it contains compiled C, and needs no Python on the host, in place of Python.
     fmi : {2, 3}
         Version of the FMI standard; 3 needs `native`.
     platforms : sequence of str, optional
-        With `native`: such as ``linux64``, ``win64``, ``darwin64``; default: this machine's
-        platform.
+        With `native`: such as ``linux64``, ``win64``, ``darwin64``; default: this machine's.
     plant : str or Component, optional
         For an FMU: the FMU contains the whole closed loop of this plant and the controller `part`.
         For a system: the plant instead of the one in `params` or the default one.

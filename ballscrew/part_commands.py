@@ -70,13 +70,10 @@ _SIDES = ("plant", "controller")  # reserved words of --set and --map
 
 def export(options: argparse.Namespace) -> int:
     whole = options.ssp or options.loop is not None
-    for option, others in (
-        ("loop", "component all ssp variational"),
-        ("component", "all"),
-        ("variational", "ssp"),
-        ("modelica", "native ssp variational"),
-    ):
-        exclude(options, option, others)
+    exclude(options, "loop", "component all ssp variational")
+    exclude(options, "component", "all")
+    exclude(options, "variational", "ssp")
+    exclude(options, "modelica", "native ssp variational")
     for option, needed in (("tangents", "variational"), ("plant", "loop or --ssp")):
         if getattr(options, option) is not None and not (whole or getattr(options, needed, False)):
             raise UserError(f"--{option} is for --{needed}")

@@ -1,12 +1,8 @@
-"""What goes to a terminal: names and messages of files' own cannot move its cursor or colour it.
-
-A name in a third party's file may hold what a terminal obeys. What a command prints passes here,
-once, so that nobody has to think of it.
-"""
+"""What a command prints: names in a third party's file cannot move a cursor or colour it."""
 
 from __future__ import annotations
 
-from typing import TextIO, cast
+from typing import TextIO
 
 # control characters but the end of a line and the tabulator; marks that turn the order of letters
 _OBEYED = {*range(0x20), *range(0x7F, 0xA0)} - {0x09, 0x0A}
@@ -19,7 +15,7 @@ def printable(text: str) -> str:
     return text.translate(_WRITTEN)
 
 
-class _Printable:
+class Printable:
     """A stream that writes `printable` text, and is the stream in all else."""
 
     def __init__(self, stream: TextIO) -> None:
@@ -37,11 +33,6 @@ class _Printable:
         return getattr(self._stream, name)
 
 
-def printing(stream: TextIO) -> TextIO:
-    """The stream, with `printable` text alone written to it."""
-    return cast("TextIO", _Printable(stream))
-
-
 def unchanged(stream: TextIO) -> TextIO:
-    """The stream below `printing`, for what moves the cursor on purpose."""
-    return stream._stream if isinstance(stream, _Printable) else stream
+    """The stream below `Printable`, for what moves the cursor on purpose."""
+    return stream._stream if isinstance(stream, Printable) else stream

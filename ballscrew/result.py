@@ -70,16 +70,11 @@ class Result:
         Parameters
         ----------
         folder : path-like
-            Created if it does not exist.
+            Created if it does not exist. An OSError says that a file cannot be written.
         pictures : bool
             Whether to write figures and page, too.
         command : str
             What the page names as its origin. Default: the function of Python.
-
-        Raises
-        ------
-        OSError
-            If a file cannot be written.
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -213,20 +208,17 @@ def _values_table(
     return Table(f"{side} {part.label}", _COLUMNS, rows, frozenset(changed))
 
 
-def _unit_of_goal(loop: Loop | SystemLoop) -> str:
-    """Of the position, where the plant's equations say it; a set-point is always in SI units."""
-    if isinstance(loop, SystemLoop) or not loop.plant.has_equations:
-        return "[SI]"
-    return next((o.unit for o in loop.plant.kernel.outputs if o.name == "x"), "m")
-
-
 def _settings(loop: Loop | SystemLoop, parts: Mapping[str, str], coupled: bool) -> Table:
     goal = loop.reference
     if goal is None:
         said = "as the file says"
     else:
+        # in the unit of the position, where the plant's equations say it; always an SI unit
+        unit = "[SI]"
+        if isinstance(loop, Loop) and loop.plant.has_equations:
+            unit = loop.plant.unit_of("x") or "m"
         ends = sorted({float(goal.values.min()), float(goal.values.max())})
-        said = " to ".join(quantity(value, _unit_of_goal(loop)) for value in ends)
+        said = " to ".join(quantity(value, unit) for value in ends)
     length = "as the file says" if loop.stop is None else f"{loop.stop:g} s"
     rows = {**parts, "set-point": said, "length": length}
     if coupled:

@@ -45,8 +45,7 @@ def prepare_folder(
 ) -> None:
     """Try the output folder before any work is done, so that an invalid one costs no time.
 
-    An input must not be a result in this folder, nor have the name of one of those that the command
-    `writes`: the new results would replace it.
+    An input must not be a result in this folder, nor be called as one that the command `writes`.
     """
     if os.path.exists(folder) and not os.path.isdir(folder):  # False for names that are too long
         raise UserError(f"--out {folder} is a file, expected a folder")

@@ -1,12 +1,10 @@
 """The command runs in a child process, so that an interrupt always ends it at once.
 
-Compiled code that runs for minutes, third-party libraries and plotting do not check for
-signals. The process that the user sees therefore only waits. At SIGINT or SIGTERM it ends the
-child, makes sure that the results folder contains one complete run, prints one line about
-the progress, and exits with code 130. The child always ends together with it.
-
-If the system does not support this, the command runs in the process that the user sees, and an
-interrupt is handled when Python code runs again.
+Compiled code that runs for minutes, third-party libraries and plotting do not check for signals.
+The process that the user sees therefore only waits. At SIGINT or SIGTERM it ends the child, makes
+sure that the results folder contains one complete run, prints one line about the progress, and
+exits with code 130. Where the system does not support this, the command runs in the process that
+the user sees, and an interrupt is handled when Python code runs again.
 """
 
 from __future__ import annotations
@@ -119,10 +117,7 @@ def _remove_what_is_left(place: Path) -> None:
 
 
 def _remove(folder: Path) -> None:
-    """Remove a folder as far as possible, however deep an FMU has made it.
-
-    What is in a folder is moved up before the folder is removed, so that no path gets long.
-    """
+    """Remove a folder as far as possible; what is in folders is moved up, so no path gets long."""
     names, stuck = itertools.count(), set[str]()
     with contextlib.suppress(OSError):
         while found := [e for e in os.scandir(folder) if e.name not in stuck]:

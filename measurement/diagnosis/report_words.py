@@ -177,10 +177,6 @@ def length(metres: float | None) -> str:
     return f"{1e3 * metres:.3g} mm" if size >= 1e-4 else f"{1e6 * metres:.3g} µm"
 
 
-def micrometres(metres: float | None) -> str:
-    return "-" if metres is None else f"{1e6 * metres:.4g}"
-
-
 def interval(low: float, high: float) -> str:
     """An interval as text, for tables."""
     return f"{low:.4g} to {high:.4g}"

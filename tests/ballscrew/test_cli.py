@@ -18,13 +18,10 @@ from ballscrew.cli import command_parser, main
 RUN = ["run", "--controller", "pid", "--stop", "0.2"]
 
 
-def command(*arguments, cwd=None):
-    return subprocess.run(
-        [sys.executable, "-m", "ballscrew", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        cwd=cwd or tempfile.gettempdir(),  # the installed package, not this checkout
-    )
+def python(*arguments):
+    """The installed package, not this checkout, in a process of its own."""
+    words = [sys.executable, *map(str, arguments)]
+    return subprocess.run(words, capture_output=True, text=True, cwd=tempfile.gettempdir())
 
 
 @pytest.mark.usefixtures("drawn")
@@ -38,9 +35,6 @@ def test_run_writes_what_it_promises(tmp_path, capsys):
     assert len(rows) == 2002
     assert rows[-1][0] == "2.0"
     figures = json.loads((tmp_path / "metrics.json").read_text())
-    promised = "peak_voltage peak_voltage_time settling_time_2pct overshoot steady_state_error iae"
-    promised += " coupling_residual_max macro_steps coupling verdict"
-    assert set(promised.split()) <= set(figures)
     assert figures["peak_voltage"] == pytest.approx(32.1, abs=0.05)
     assert figures["peak_voltage_time"] == pytest.approx(0.336, abs=2e-3)
     assert figures["settling_time_2pct"] == pytest.approx(1.2873, abs=1e-3)
@@ -48,9 +42,7 @@ def test_run_writes_what_it_promises(tmp_path, capsys):
     for stem in ("position", "voltage", "states", "phase"):
         assert (tmp_path / f"{stem}.png").read_bytes()[:4] == b"\x89PNG"
         assert "<svg" in (tmp_path / f"{stem}.svg").read_text()
-    printed = capsys.readouterr().out
-    assert "peak voltage" in printed
-    assert "trusted" in printed
+    assert "peak voltage          32.1" in capsys.readouterr().out
 
 
 def test_a_result_not_trusted_has_exit_code_one_and_says_what_to_change(tmp_path, capsys):
@@ -65,20 +57,17 @@ def test_a_result_not_trusted_has_exit_code_one_and_says_what_to_change(tmp_path
 
 @pytest.mark.usefixtures("drawn")
 def test_swap_writes_a_comparison(tmp_path, capsys, fmus):
-    code = main(
-        ["swap", "--controllers", "iol", str(fmus["pid"]), "--stop", "1", "--out", str(tmp_path)]
-    )
-    assert code == 0
-    with open(tmp_path / "comparison.csv", encoding="utf-8", newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    assert [r["controller"] for r in rows] == ["iol", fmus["pid"].stem]
+    names = ["iol", fmus["pid"].stem]
+    words = ["swap", "--controllers", "iol", str(fmus["pid"]), "--stop", "1"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
+    rows = (tmp_path / "comparison.csv").read_text(encoding="utf-8").splitlines()
+    assert [row.split(",")[0] for row in rows] == ["controller", *names]
     assert len(json.loads((tmp_path / "comparison.json").read_text())) == 2
     assert (tmp_path / "comparison.png").stat().st_size > 10_000
     assert not (tmp_path / "comparison.svg").exists()  # not asked for
-    for name in ("iol", fmus["pid"].stem):
-        with open(tmp_path / f"trajectory_{name}.csv", encoding="utf-8", newline="") as stream:
-            rows = list(csv.reader(stream))
-        assert rows[0][:6] == ["time", "x", "v", "z", "i", "u"]
+    for name in names:
+        rows = (tmp_path / f"trajectory_{name}.csv").read_text(encoding="utf-8").splitlines()
+        assert rows[0].startswith("time,x,v,z,i,u,")
         assert len(rows) == 1002
     assert "peak [V]" in capsys.readouterr().out
 
@@ -86,7 +75,7 @@ def test_swap_writes_a_comparison(tmp_path, capsys, fmus):
 @pytest.mark.ci
 def test_numbers_beyond_all_bounds_are_told_in_words_alone(tmp_path):
     words = "run --controller pid --coupling monolithic --stop 0.05 --set plant.x_start=1e308"
-    done = command(*words.split(), "--out", str(tmp_path))
+    done = python("-m", "ballscrew", *words.split(), "--out", tmp_path)
     assert done.returncode == 1
     assert "exceeds its bound" in done.stderr
     assert not [w for w in ("Warning", "nan", ".py") if w in done.stdout + done.stderr]
@@ -122,11 +111,8 @@ def test_help_and_version_load_none_of_the_heavy_libraries():
         "heavy = {'numpy', 'sympy', 'fmpy', 'matplotlib', 'scipy'} & set(sys.modules)\n"
         "print(heavy, file=sys.stderr)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tempfile.gettempdir()
-    )
-    assert done.stderr.strip() == "set()"
-    assert command("--version").stdout.startswith("ballscrew ")
+    assert python("-c", code).stderr.strip() == "set()"
+    assert python("-m", "ballscrew", "--version").stdout.startswith("ballscrew ")
 
 
 @pytest.mark.ci
@@ -137,13 +123,7 @@ def test_a_run_of_what_is_derived_already_loads_no_sympy(tmp_path, fmus):
         "main('run --controller pid --stop 0.01 --step 1e-3 --out'.split() + sys.argv[1:])\n"
         "print('sympy' in sys.modules)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path)],
-        capture_output=True,
-        text=True,
-        cwd=tempfile.gettempdir(),
-    )
-    assert done.stdout.splitlines()[-1] == "False"
+    assert python("-c", code, tmp_path).stdout.splitlines()[-1] == "False"
 
 
 BOMB = b'<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'

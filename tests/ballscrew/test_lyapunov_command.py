@@ -120,15 +120,3 @@ def test_a_full_disk_keeps_what_is_done_and_says_how_to_go_on(tmp_path, capsys, 
     heard = capsys.readouterr().err
     assert "No space left" in heard
     assert "--resume" in heard
-
-
-@pytest.mark.ci
-def test_exponents_over_fmus_come_with_their_distance_to_one_solver(tmp_path, capsys):
-    arguments = ["lyapunov", "--controller", "iol", "--stop", "0.3", "--via", "fmu", "--json"]
-    assert main([*arguments, "--out", str(tmp_path)]) == 0
-    figures = json.loads(capsys.readouterr().out)
-    assert "variational FMUs, tangent ports" in figures["method"]
-    exponents = np.array(figures["exponents_bits_per_s"])
-    error = np.array(figures["exponents_error_bits_per_s"])
-    assert np.all(error <= np.maximum(1e-3 * np.abs(exponents), 1e-3))
-    assert error.max() > 0

@@ -102,8 +102,9 @@ def test_names_that_are_meant_badly_stay_text():
     badly = replace(made, run=run, notes=HOSTILE)
     check_hostile(badly.report(f"ballscrew {ALL}"))
     assert not re.search("<(?!/?(?:p|b|ul|li|table|tr|td)>)", badly._repr_html_())
-    left_out = ballscrew.swap(["pid"], stop=0.1)
-    check_hostile(replace(left_out, results=(badly,), failures=((ALL, ALL),)).report())
+    swap = ballscrew.swap(["pid"], stop=0.1)
+    only_units = replace(made, run=replace(made.run, units={"x": ALL, "u": ALL}), notes=HOSTILE)
+    check_hostile(replace(swap, results=(only_units,), failures=((ALL, ALL),)).report())
 
 
 def test_letters_that_no_text_has_do_not_cost_the_page(tmp_path):

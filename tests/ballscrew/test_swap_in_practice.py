@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import json
 
 import numpy as np
 import pytest
 
-import ballscrew
 from ballscrew.cli import main
 from ballscrew.orchestration.loop.parts import Part, in_practice
 
@@ -57,19 +55,6 @@ def test_commands_are_the_law_of_what_the_encoder_shows_at_samples_and_held_betw
     assert np.abs(seen - found["x"][samples]).max() < RESOLUTION + 0.2e-6
     held = np.repeat(found["u"][samples], 4)[: len(found)]
     np.testing.assert_array_equal(found["u"], held)
-
-
-@pytest.mark.ci
-def test_the_period_is_in_every_table_and_only_what_is_made_so_is_sampled(tmp_path, capsys):
-    asked = ["--controllers", "iol", "pid_sampled", "--sampled", "5e-4", "--stop", "0.02"]
-    assert main(["swap", *asked, "--out", str(tmp_path)]) == 0
-    assert "sampled [s]" in capsys.readouterr().out
-    with open(tmp_path / "comparison.csv", encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert [r["controller"] for r in rows] == ["iol+sampled", "pid_sampled"]
-    assert [r["sampling_period"] for r in rows] == ["0.0005", "0.0005"]
-    found = ballscrew.swap(["pid", "pid_sampled"], stop=0.01)  # only what is made so
-    assert [r.figures()["sampling_period"] for r in found.results] == [None, 1e-3]
 
 
 @pytest.mark.parametrize(

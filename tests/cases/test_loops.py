@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from case_inputs import system
 from cases import cart_position, case, maker, trajectory
 from fmpy import simulate_fmu
 
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
-from ballscrew.orchestration.loop.loop import Loop, SystemLoop
+from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.solver.errors import CouplingError
 from ballscrew.stability.attractor import Kind
@@ -150,26 +149,11 @@ def study(folder, stop=0.5, step=1e-3, controller="pd", plant="cart", **options)
     return Loop(*names, Reference.constant(0.1), stop=stop, step=step, isolate=False, **options)
 
 
-def of_fixed_steps(folder, plant, controller):
-    mk = maker()
-    for make, name, step in ((mk.plant, "cart", plant), (mk.pd, "pd", controller)):
-        exp = f'<DefaultExperiment stepSize="{step}"/>'
-        make(str(folder / f"{name}.fmu"), varstep=False, exp=exp)
-
-
-@pytest.mark.ci
-def test_both_sides_of_one_step_and_a_system_get_it(tmp_path):
-    of_fixed_steps(tmp_path, 0.01, 0.01)
-    system(tmp_path, "s.ssp")
-    goal = Reference.constant(0.1)
-    for loop in (study(tmp_path, step=None), SystemLoop(tmp_path / "s.ssp", goal, stop=0.5)):
-        run = run_closed_loop(loop).run
-        assert run.step_range == pytest.approx((0.01, 0.01))
-        assert not run.stopped
-
-
 def test_two_lengths_of_step_that_differ_are_refused_in_one_line(tmp_path):
-    of_fixed_steps(tmp_path, 0.01, 0.02)
+    mk = maker()
+    for make, name, step in ((mk.plant, "cart", 0.01), (mk.pd, "pd", 0.02)):
+        exp = f'<DefaultExperiment stepSize="{step}"/>'
+        make(str(tmp_path / f"{name}.fmu"), varstep=False, exp=exp)
     with pytest.raises(CouplingError, match=r"cart\.fmu of 0\.01 s and pd\.fmu of 0\.02 s"):
         run_closed_loop(study(tmp_path, step=None))
 
@@ -227,13 +211,6 @@ def test_fmus_that_refuse_a_step_behind_the_stop_time(tmp_path, saves, in_step):
         assert not run.stopped
         assert run.verdict.trusted or in_step  # one that answers in its step is late by one
         assert run.time[-1] == stop
-
-
-@pytest.mark.ci
-def test_our_plant_probes_no_controller_beyond_the_end(tmp_path):
-    maker().pd(str(tmp_path / "pd.fmu"), step=STRICT)
-    loop = Loop(str(tmp_path / "pd.fmu"), stop=0.03, step=7e-4, isolate=False)
-    assert not run_closed_loop(loop).run.stopped
 
 
 @pytest.mark.ci

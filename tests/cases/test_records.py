@@ -42,11 +42,6 @@ def test_the_same_motion_is_read_from_every_layout(tmp_path, name, file, mapping
     np.testing.assert_allclose(record.u, voltage, rtol=0, atol=0.51e-6)
 
 
-def test_a_matrix_without_names_is_named_by_its_rows(tmp_path):
-    with pytest.raises(BadRecord, match=r"has no column 'time'.*; there are ans.1, ans.2, ans.3"):
-        read_drive_records([case("mat_matrix", tmp_path) / "tofile.mat"])
-
-
 def test_an_angle_that_wraps_goes_on_and_it_is_said(tmp_path):
     file = case("angle_wraps", tmp_path) / "run.csv"
     (record,) = read_drive_records([file], lead=0.001)

@@ -1,8 +1,6 @@
 """Values of FMUs: what is set is allowed, and what a run tells is what its FMUs have."""
 
 import math
-import shutil
-import time
 
 import pytest
 import small_fmus
@@ -11,7 +9,7 @@ from cases import cart_position, case, trajectory
 
 from ballscrew.orchestration.fmu.isolated import IsolatedInstance, open_fmu
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
-from ballscrew.orchestration.loop.loop import Loop, SystemLoop
+from ballscrew.orchestration.loop.loop import SystemLoop
 from ballscrew.orchestration.loop.parameter_file import read_parameters
 
 PAIR = "--controller pd.fmu --plant cart.fmu"
@@ -132,26 +130,6 @@ def test_an_fmu_that_allows_one_instance_in_a_process_has_a_process_for_each(fol
     instance = open_fmu(folder / "cart.fmu", "plant", isolate=False)
     instance.close()
     assert isinstance(instance, IsolatedInstance)
-
-
-@pytest.mark.ci
-def test_the_time_of_a_run_grows_with_the_number_of_outputs_and_not_with_its_square(folder):
-    times = []
-    for count in (1000, 8000):
-        path = folder / f"cart{count}.fmu"
-        shutil.copy(folder / "cart.fmu", path)
-        kind = 'valueReference="9" causality="output" initial="calculated"'
-        more = [
-            f'<ScalarVariable name="y{k}" {kind}><Real/></ScalarVariable>' for k in range(count)
-        ]
-        known = "".join(f'<Unknown index="{k + 6}" dependencies=""/>' for k in range(count))
-        ends = {"ModelVariables": "".join(more), "Outputs": known, "InitialUnknowns": known}
-        small_fmus.edited(str(path), *((f"</{n}>", f"{t}</{n}>") for n, t in ends.items()))
-        names = str(folder / "pd.fmu"), str(path)
-        begun = time.process_time()
-        run_closed_loop(Loop(*names, 0.1, stop=0.005, step=1e-3, isolate=False))
-        times.append(time.process_time() - begun)
-    assert times[1] < 16 * times[0]  # eight times as many; 64 by their square
 
 
 def test_a_controller_that_measures_nothing_is_refused_in_a_system_too(folder, command):

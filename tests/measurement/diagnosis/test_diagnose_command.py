@@ -11,6 +11,7 @@ from diagnosed import run
 from pages import Page
 from slide_records import write_slide
 
+from ballscrew.measurement.diagnosis.report_words import length
 from ballscrew.orchestration.loop.parameter_file import read_parameters
 from ballscrew.orchestration.loop.run_folder import write_run
 
@@ -33,9 +34,9 @@ def test_a_hidden_ripple_is_named_and_everything_is_written_and_printed(diagnose
     assert result["where"] in printed
     for name in ("baseline_residual", "adjusted_residual", "final_residual", "floor"):
         assert f"{result[name]['force_N']:.4g}" in printed
-        assert f"{1e6 * result[name]['position_m']:.4g}" in printed
+        assert length(result[name]["position_m"]) in printed
     low, high = result["causes"][0]["intervals"]["ripple_cos"]
-    assert f"{low:.4g} .. {high:.4g}" in printed
+    assert f"{low:.4g} to {high:.4g}" in printed
     assert "\033" not in diagnosed.said
 
 
