@@ -6,9 +6,10 @@ import argparse
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from .api import file_of
 from .console import print_notes
 from .controllers import ALONE, CONTROLLERS
-from .options import exclude, given, named, params_of
+from .options import exclude, given, named
 from .orchestration.fmu.limits import FIRST_STEP, as_number, check_length, check_step
 from .orchestration.master.couplings import WITHOUT_FMUS
 from .plant import PLANTS
@@ -126,7 +127,7 @@ def loops_of(
                 raise UserError(f"{both}: expected one of them")
     values |= _limits(options, values)
     ports = sides.ports(getattr(options, "map", ()), options.plant or "plant")
-    told = params_of(options)
+    told = file_of(options.params)
     plant, of_plant, of_each, notes = file_values(told, options.plant, names, values)
     print_notes(notes)
     how |= {"plant_values": of_plant | values, "told": told, "sampled": period}

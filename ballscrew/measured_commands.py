@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import measured_api
-from .api import check_whole_number
+from .api import check_whole_number, file_of
 from .console import (
     NOT_TRUSTED,
     TRUSTED,
@@ -19,7 +19,7 @@ from .console import (
     text_of,
     warn,
 )
-from .options import columns_of, exclude, named, params_of
+from .options import columns_of, exclude, named
 from .orchestration.fmu.limits import as_number
 from .plant import DEFAULT_LAW
 from .results_folder import prepare_folder, save_result, save_results
@@ -111,7 +111,7 @@ def identify(options: argparse.Namespace) -> int:
     if options.law is None:
         raise UserError("--law is missing; expected a law, or --response for a frequency response")
     columns = columns_of(options)
-    told = params_of(options)
+    told = file_of(options.params)
     mass: float | bool = options.mass == "fit"
     if options.mass and not mass:
         mass = as_number("mass", options.mass)
@@ -146,7 +146,7 @@ def _response(options: argparse.Namespace) -> int:
     from .measurement.records.reading import read_response_record
     from .orchestration.loop.pictures import drawing, write_figure
 
-    told = params_of(options)
+    told = file_of(options.params)
     columns["lead"] = columns["lead"] or (told.lead if told else None)
     record = read_response_record(options.data[0], **columns)
     result = frequency_response(record)
@@ -181,7 +181,7 @@ def _fixed(texts: Sequence[str], told: ParameterFile | None) -> dict[str, float]
 
 def diagnose(options: argparse.Namespace) -> int:
     columns = columns_of(options)
-    told = params_of(options)
+    told = file_of(options.params)
     written = ("diagnosis.json", "report.html", _FMU, _NEXT, f"{_CURVES}.parquet", f"{_CURVES}.csv")
     prepare_folder(options.out, [*options.data, options.params], written)
     from .measurement.diagnosis.corrected import corrected
@@ -270,7 +270,7 @@ def rig(options: argparse.Namespace) -> int:
     seed = check_whole_number("seed", options.seed or "0", 0)
     texts = named("--set", options.set, "PART.NAME=VALUE")
     values = {name: as_number(f"--set {name}", value) for name, value in texts.items()}
-    told = params_of(options)
+    told = file_of(options.params)
     law = options.law or (told and told.law) or DEFAULT_LAW
     from .measurement.rig.machine import Machine
 

@@ -24,12 +24,11 @@ from .plant.instruments import INSTRUMENTS
 from .solver.errors import UserError
 
 if TYPE_CHECKING:
-    from .orchestration.loop.parameter_file import ParameterFile
     from .orchestration.study.workers import Workers
 
 # A word that begins like a number is a value, also where argparse takes it for an option: -3e-2.
 NEGATIVE_NUMBER = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
-COUPLINGS = *(coupling.value for coupling in Coupling), WITHOUT_FMUS
+COUPLINGS = ", ".join([*(coupling.value for coupling in Coupling), WITHOUT_FMUS])
 _SOURCES = "api part_api measured_api orchestration/loop/loop"  # in the package
 _LOOPS, _RECORDS = "run swap lyapunov map", "identify diagnose compare"
 _FUNCTIONS = {"map": "stability_map", "study": "swap_study", "rig": "run_trial"}
@@ -145,7 +144,7 @@ OPTIONS = (
     Option("--stop", "SECONDS", "map", "stop", "Default: 20."),
     Option("--step", "SECONDS", "run swap", "step", f"The first is {FIRST_STEP:g}."),
     Option("--step", "SECONDS", "lyapunov", "step", f"With --via fmu; default {FIRST_STEP:g}."),
-    Option("--coupling", "NAME", "run swap", "coupling", f"Names are {', '.join(COUPLINGS)}."),
+    Option("--coupling", "NAME", "run swap", "coupling", f"Names are {COUPLINGS}."),
     Option("--corrections", "0|1", "run swap", "corrections"),
     Option("--adaptive", "", "run swap", "adaptive"),
     Option("--isolate", "", "run swap", "isolate", how=_YES_NO),
@@ -286,15 +285,6 @@ def named(option: str, texts: Sequence[str], form: str) -> dict[str, str]:
             )
         found[name] = value
     return found
-
-
-def params_of(options: argparse.Namespace) -> ParameterFile | None:
-    """The file of ``--params``, if there is one; the names of parameters are not checked yet."""
-    if options.params is None:
-        return None
-    from .orchestration.loop.parameter_file import read_parameters
-
-    return read_parameters(options.params)
 
 
 def columns_of(options: argparse.Namespace) -> dict[str, Any]:

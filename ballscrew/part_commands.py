@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .api import check_name, check_whole_number
+from .api import check_name, check_whole_number, file_of
 from .console import (
     BAD_REQUEST,
     NOT_TRUSTED,
@@ -25,7 +25,7 @@ from .console import (
 )
 from .controllers import CONTROLLERS
 from .loop_options import parts_of
-from .options import exclude, params_of
+from .options import exclude
 from .plant import PLANTS
 from .plant.instruments import INSTRUMENTS
 from .results_folder import prepare_folder, save_results, write_or_refuse
@@ -77,7 +77,7 @@ def export(options: argparse.Namespace) -> int:
     for option, needed in (("tangents", "variational"), ("plant", "loop or --ssp")):
         if getattr(options, option) is not None and not (whole or getattr(options, needed, False)):
             raise UserError(f"--{option} is for --{needed}")
-    told = params_of(options)
+    told = file_of(options.params)
     known = [*CONTROLLERS] if whole else [*PLANTS, *CONTROLLERS, *INSTRUMENTS]
     names = _names(options, told, known)
     parts_of("component" if options.loop is None else "loop", names, known, fmus=False)

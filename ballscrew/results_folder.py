@@ -36,7 +36,6 @@ def save_results(folder: Path, save: Callable[[Path], None]) -> None:
 
 
 def save_result(options: argparse.Namespace, result: Result) -> None:
-    """Write a result into the folder of ``--out``."""
     save_results(options.out, lambda folder: result.save(folder, command=options.command))
 
 

@@ -195,9 +195,5 @@ def test_every_source_that_a_page_names_is_there():
 @pytest.mark.ci
 def test_the_table_of_the_python_page_has_every_function():
     page = (ROOT / "docs" / "reference" / "api.md").read_text("utf-8")
-    functions = {
-        n
-        for n in ballscrew.__all__
-        if getattr(ballscrew, n).__module__.endswith("api")
-    }
+    functions = {n for n in ballscrew.__all__ if getattr(ballscrew, n).__module__.endswith("api")}
     assert functions == set(re.findall(r"<ballscrew\.(?:\w+_)?api\.(\w+)>", page))

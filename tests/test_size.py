@@ -21,14 +21,14 @@ MOST = {  # folder: lines, lines without docstrings
     "fmus": (4974, 4446),
     "orchestration": (10847, 9488),
     "stability": (2773, 2274),
-    "ballscrew": (3529, 2921),
+    "ballscrew": (3522, 2916),
     "gallery": (2728, 2354),
     "measurement": (13447, 11373),
     "proofs": (12913, 11546),
     "benchmarks": (1847, 1709),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (25632, 24444),
+    "tests": (25547, 24360),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

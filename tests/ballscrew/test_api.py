@@ -131,7 +131,7 @@ def test_without_fmus_a_loop_is_one_system_of_equations():
     assert whole.figures()["coupling"] == "monolithic"
     assert whole["x"][-1] == pytest.approx(fmus["x"][-1], rel=1e-4)
     again = ballscrew.swap(["iol", "pid"], **how, fmus=False).results
-    assert again[0]["x"][-1] == whole["x"][-1]
+    assert again[0].run.outputs["x"][-1] == whole["x"][-1]
     assert [r.figures()["coupling"] for r in again] == ["monolithic"] * 2
     for wrong in ({"coupling": "jacobi"}, {"mapping": {"a": "b"}}):
         with pytest.raises(ValueError, match="a loop without FMUs has no coupling"):

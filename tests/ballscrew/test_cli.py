@@ -213,17 +213,6 @@ def test_a_folder_is_used_again_and_holds_one_run_and_the_users_files(tmp_path, 
     assert note.startswith("note: comparison.csv in ")
 
 
-@pytest.mark.ci
-def test_what_is_read_is_not_removed_as_an_earlier_result(tmp_path, capsys):
-    out = tmp_path / "out"
-    assert main(["rig", "2.4/1", "--law", "lugre", "--out", str(out)]) == 0
-    before = {p.name: p.read_bytes() for p in out.glob("[!.]*")}
-    for data in (out, out / "record.csv"):
-        assert main(["identify", str(data), "--law", "lugre", "--out", str(out)]) == 2
-        assert "choose another folder" in capsys.readouterr().err
-    assert {p.name: p.read_bytes() for p in out.glob("[!.]*")} == before
-
-
 @pytest.mark.parametrize("coupling", ["tangent", pytest.param("monolithic", marks=pytest.mark.ci)])
 def test_a_run_that_runs_away_stops_says_when_and_where_and_keeps_what_it_had(
     tmp_path, capsys, coupling

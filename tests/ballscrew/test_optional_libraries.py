@@ -49,10 +49,3 @@ def test_a_library_that_is_not_there_is_named_with_its_extra(
     assert main(["diagnose", str(tmp_path / "run"), "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert said in line
-
-
-def test_a_table_that_lost_its_end_is_damaged(tmp_path):
-    path = tmp_path / "t.csv"
-    path.write_text("a,b\n1.5,x\n2.5")
-    with pytest.raises(files.BadTable, match=r"t\.csv is damaged"):
-        files.read_table(path)

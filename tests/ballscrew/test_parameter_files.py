@@ -214,13 +214,6 @@ def test_what_is_exported_starts_with_the_file_s_values(axis, tmp_path, native):
     assert (values["plant"]["sigma0"], values["controller"]["Kp"]) == (6e4, 300.0)
 
 
-def test_an_exported_fmu_runs_as_the_file_does(axis, loops, tmp_path):
-    done("export", "--only", "plant", "--params", axis(HAND), "--out", tmp_path)
-    given = ("--plant", tmp_path / "plant.fmu", "--set", "controller.Kp=300")
-    done(*loops.pid, *given, "--out", tmp_path)
-    assert (tmp_path / "trajectory.csv").read_bytes() == loops.course
-
-
 # -- the file itself ------------------------------------------------------------------------
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import pickle
 import sys
 import zipfile
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from ballscrew.cli import main
 from ballscrew.fmus.reading import unpack
-from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.solver.component_file import read_component
-from ballscrew.stability.map_plan import MapPlan, kernel_of, read_axis
 
 # The same equations as in the catalogue under names of their own: its results are the oracle.
 MINE = """
@@ -33,7 +28,7 @@ CALLED = {"my_law": "pid_sampled", "my_body": "plant"}
 LAW, BODY, SENSOR = "mine.py:law", "mine.py:body", "+position_encoder"
 LOOP = f"--controller {LAW}{SENSOR} --plant {BODY}"
 SHORT = "--stop 0.02 --step 1e-3"
-AXES = "--x Kp=200:400:2 --y plant.Fc=0.5:1:2 --stop 0.02 --workers 1"
+AXES = "--x Kp=200:400:2 --y plant.Fc=0.5:1:2 --stop 0.02 --workers 2"
 STUDY = f"""
 version = 1
 plants = 2
@@ -123,34 +118,3 @@ def test_a_file_s_plant_and_controller_are_exported_as_the_catalogue_s(options, 
             assert main(["run", "--system", str(path), *SHORT.split(), "--out", f"{out}_run"]) == 0
         runs = [Path(f"{out}_run", "trajectory.csv").read_bytes() for out in ("own", "known")]
         assert runs[0] == runs[1]
-
-
-@pytest.mark.ci
-def test_an_exported_loop_is_around_the_plant_and_the_values_that_were_asked_for():
-    """The plant's friction decides where the block stands; what `run` wrote is start values."""
-    sticky = "axis().with_defaults({'Fc': 2.0, 'Fs': 2.1}, 'measured')"
-    Path("mine.py").write_text(MINE.replace("axis()", sticky), encoding="utf-8")
-    run = f"run --controller {LAW} --plant {BODY} --set controller.Kp=250 {SHORT} --out run"
-    assert main(f"{run} --coupling monolithic".split()) == 0
-    told = f"--plant {BODY} --params run/parameters.toml --out out"
-    assert main(f"export --loop {LAW} {told}".split()) == 0
-    starts = {name: start for name, _, start, _ in variables("out/my_law_loop.fmu")}
-    assert (starts["plant_Fc"], starts["controller_Kp"]) == (2.0, 250.0)
-    assert main(f"export --ssp --component {LAW} {told}".split()) == 0
-    assert main(f"run --system out/my_law.ssp {SHORT} --out system".split()) == 0
-    loop, system = (
-        np.genfromtxt(f"{out}/trajectory.csv", delimiter=",", names=True)["x"]
-        for out in ("run", "system")
-    )
-    np.testing.assert_allclose(system, loop, rtol=0, atol=1e-9)
-
-
-@pytest.mark.ci
-def test_workers_of_a_map_take_the_equations_that_it_began_with():
-    read_component(LAW)
-    loop = Loop(LAW)
-    plan = MapPlan(loop, *(read_axis(t, loop) for t in ("Kp=200:400:2", "Ki=100:200:2")))
-    sent, module = pickle.dumps(plan), kernel_of(plan).module
-    Path("mine.py").unlink()
-    assert kernel_of(pickle.loads(sent)).module == module
-    assert pickle.loads(sent) == plan

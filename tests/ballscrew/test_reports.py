@@ -103,7 +103,8 @@ def test_names_that_are_meant_badly_stay_text():
     check_hostile(badly.report(f"ballscrew {ALL}"))
     assert not re.search("<(?!/?(?:p|b|ul|li|table|tr|td)>)", badly._repr_html_())
     swap = ballscrew.swap(["pid"], stop=0.1)
-    only_units = replace(made, run=replace(made.run, units={"x": ALL, "u": ALL}), notes=HOSTILE)
+    units = {"x": HOSTILE[0], "u": HOSTILE[1]}
+    only_units = replace(made, run=replace(made.run, units=units), notes=HOSTILE)
     check_hostile(replace(swap, results=(only_units,), failures=((ALL, ALL),)).report())
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.orchestration.loop.parts import Part, in_practice
 
 GAIN, RESOLUTION = 300.0, 1e-5
 MINE = f"""
@@ -23,7 +22,6 @@ def p():
     return Component("p", "P", inputs=inputs, outputs=(Output("u", "V", "command", law),))
 
 """
-ALL = "position_encoder", "velocity_estimate", "current_sensor"
 
 
 @pytest.fixture
@@ -55,22 +53,6 @@ def test_commands_are_the_law_of_what_the_encoder_shows_at_samples_and_held_betw
     assert np.abs(seen - found["x"][samples]).max() < RESOLUTION + 0.2e-6
     held = np.repeat(found["u"][samples], 4)[: len(found)]
     np.testing.assert_array_equal(found["u"], held)
-
-
-@pytest.mark.parametrize(
-    ("name", "instruments", "ideal"),
-    [
-        ("iol", ALL, ("z",)),
-        ("nctf", ALL[:2], ()),
-        ("iol_observed", ALL[:1], ()),
-    ],
-)
-def test_instruments_fit_what_is_measured_and_what_none_measures_is_told(name, instruments, ideal):
-    part, _, notes = in_practice(Part(name), 1e-3, True)
-    assert part.name == "+".join([name, "sampled", *instruments])
-    told = "".join(notes)
-    assert all(signal in told for signal in ideal)
-    assert bool(told) == bool(ideal)
 
 
 @pytest.mark.ci

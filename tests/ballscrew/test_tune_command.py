@@ -74,20 +74,3 @@ def test_a_second_controller_is_tuned_from_the_file_with_its_limit_and_beside_th
     assert both["p_pi"] == first["p_pi"]
     assert both["pid"].keys() >= {"Kp", "Ki", "Kd"}
     assert told(here, "both")["limit"] == 500.0
-
-
-@pytest.mark.ci
-def test_the_first_line_says_errors_margins_and_what_weakens_them(here, capsys):
-    # a search of two candidates finds nothing, or not the last of it
-    words = WORDS.replace("12", "2")
-    main([*words.split(), "--out", "short"])
-    first = capsys.readouterr().out.splitlines()[0]
-    found = told(here, "short")
-    rms = found["motions"][-1]["rms_error"]
-    assert f"{1e6 * rms:.3g} µm rms" in first or f"{1e3 * rms:.3g} mm rms" in first
-    assert "stuck: gain margin" in first
-    assert "sliding at 0.2 m/s: gain margin" in first
-    for weakness in found["weaknesses"]:
-        assert weakness in first
-    gained = found["doubled_cost"] < 0.9 * found["cost"]
-    assert ("twice the budget would gain" in first) == gained
