@@ -49,7 +49,7 @@ def tune(options: argparse.Namespace) -> int:
         with_gains = "parameters.toml with the gains for --params"
         print(f"{with_gains}, {', '.join(files)} in {options.out}")
     if not result.trusted:
-        warn(f"not trusted: {', '.join(result.weaknesses)}")
+        warn(f"not trusted: {', '.join(result.doubts())}")
     return TRUSTED if result.trusted else NOT_TRUSTED
 
 

@@ -15,7 +15,7 @@ from .orchestration.loop.shown import REPORT, Table, length
 from .orchestration.study.result import StudyResult
 from .orchestration.study.tune import TunedController
 from .result import Result, figures_table, table_of, values_of, write_page
-from .solver.files import finite_or_null, read_table, table_path, write_json, write_table
+from .solver.files import read_table, table_path
 from .stability.attractor import Kind
 from .stability.lyapunov import LyapunovRun
 from .stability.map_plan import TABLE
@@ -203,46 +203,18 @@ class StabilityMap(Result):
 
 
 @dataclass(frozen=True, repr=False)
-class SwapStudy(Result, StudyResult):
+class SwapStudy(StudyResult, Result):
     """A controller swap study; see `ballscrew.swap_study`."""
 
     function = "ballscrew.swap_study"
-
-    @property
-    def trusted(self) -> bool:
-        """Whether no run failed, and all repeated runs over FMUs gave the same result."""
-        return not self.disagreed and not any(any(a.failed.values()) for a in self.answers)
-
-    def headline(self) -> str:
-        """The best controller, then limitations, then the size of the study."""
-        from .orchestration.study.result import sentence
-
-        entrants, duties = len(self.plan.entrants), len(self.plan.judged_duties)
-        runs = self.figures["rms_error"].size
-        size = f"{entrants} controllers, {duties} duties, {runs} runs"
-        parts = [sentence(self), *self.doubts(), size]
-        return ". ".join(part[0].upper() + part[1:] if k else part for k, part in enumerate(parts))
-
-    def doubts(self) -> Iterable[str]:
-        from .orchestration.study.result import weaknesses
-
-        return weaknesses(self)
 
     def tables(self) -> list[Table]:
         from .orchestration.study.report import tables_of
 
         return tables_of(self)
 
-    def write(self, folder: Path) -> None:
-        """Write ``study.json`` and the table of runs."""
-        from .orchestration.study.result import sentence
-
-        first = {"verdict": sentence(self), "weaknesses": list(self.doubts())}
-        write_json(folder / "study.json", finite_or_null(first | self.to_dict()))
-        write_table(folder, "runs", [self.rows()])
-
     def pictures(self) -> dict[str, Any]:
-        from .orchestration.study.pictures import courses_figure, effort_figure
+        from .orchestration.study.report import courses_figure, effort_figure
 
         return {"study": effort_figure(self), "courses": courses_figure(self)}
 
@@ -252,7 +224,7 @@ class SwapStudy(Result, StudyResult):
 
 
 @dataclass(frozen=True, repr=False)
-class TunedGains(Result, TunedController):
+class TunedGains(TunedController, Result):
     """Gains of one controller for one machine; see `ballscrew.tune`."""
 
     function = "ballscrew.tune"
@@ -263,7 +235,7 @@ class TunedGains(Result, TunedController):
         return {g.name: g.value for g in self.gains}
 
     def pictures(self) -> dict[str, Any]:
-        from .orchestration.study.pictures import bode_figure, motions_figure
+        from .orchestration.study.report import bode_figure, motions_figure
 
         pictures = {"motions": motions_figure(self)}
         return {**pictures, "bode": bode_figure(self)} if self.margins else pictures
@@ -276,11 +248,8 @@ class TunedGains(Result, TunedController):
         ]
         said += [_margins(m) for m in self.margins]
         said += self.no_margins
-        weak = self.weaknesses
+        weak = self.doubts()
         return "; ".join(said) + (f". Limitations: {', '.join(weak)}" if weak else "")
-
-    def doubts(self) -> Iterable[str]:
-        return self.weaknesses
 
     def tables(self) -> list[Table]:
         gains = [
@@ -300,9 +269,9 @@ class TunedGains(Result, TunedController):
             f = m.figures
             turn = "" if math.isnan(f.reversal_error) else f", {length(f.reversal_error)} at turns"
             yield (
-                m.name,
+                m.duty.name,
                 f"{length(f.rms_error)} rms, {length(f.peak_error)} at most{turn}; command "
-                f"{m.peak_command:.4g} of {self.limit:g} {self.command_unit}",
+                f"{f.peak_command:.4g} of {self.limit:g} {self.plan.command_unit}",
             )
 
     def to_pandas(self) -> Any:

@@ -28,9 +28,9 @@ from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.reference_motions import read_motion
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.orchestration.master.reference_signal import Reference
-from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Tuning, Variation
-from ballscrew.orchestration.study.study import Work, contenders_of, parts_of
+from ballscrew.orchestration.study.run import StudyLoop
+from ballscrew.orchestration.study.study import Work
 from ballscrew.orchestration.study.workers import Processes
 
 Vector = npt.NDArray[np.float64]
@@ -78,9 +78,6 @@ def whole_study() -> None:
     """Time all runs of the study."""
     asked = plan()
     runs = len(asked.entrants) * len(asked.judged_duties) * asked.plants
-    began = perf_counter()
-    contenders = contenders_of(asked)
-    compiled = perf_counter() - began
 
     def progress(stage: str, done: int, total: int) -> None:
         if done % 100 == 0:
@@ -88,8 +85,9 @@ def whole_study() -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         began = perf_counter()
-        parts = parts_of(asked, contenders, Path(folder))
-        work = Work(asked, contenders, parts, Processes(2), progress)
+        work = Work.of(asked, Path(folder), Processes(2), progress)
+        compiled = perf_counter() - began
+        began = perf_counter()
         figures = work.figures(work.tunings())
         took = perf_counter() - began
     failed = int(figures["failed"].sum())
@@ -179,7 +177,7 @@ def one_run() -> None:
         ]
         readable = [fmu(name) for name in ("plant", "pid_sampled")]
         programs: dict[str, Callable[[], Vector]] = {
-            "a run of a study": lambda: loop.run({}, reference, STOP).position,
+            "a run of a study": lambda: loop.run({}, (reference, STOP)).position,
             "our master over FMUs, judged": lambda: over_fmus(reference),
             "fmpy by hand, native FMUs": lambda: by_hand_with_fmpy(*native, goal),
             "fmpy by hand, pythonfmu": lambda: by_hand_with_fmpy(*readable, goal),
@@ -192,7 +190,7 @@ def one_run() -> None:
                 began = perf_counter()
                 positions[name] = program()
                 took[name] = min(took[name], perf_counter() - began)
-    exact = loop.run({}, reference, STOP, 1e-11).position
+    exact = loop.run({}, (reference, STOP), 1e-11).position
     best = took["a run of a study"]
     print(f"one run: pid_sampled, {motion}, {STOP:g} s at {1 / PERIOD:g} Hz")
     print(f"{'':32}{'time [ms]':>12}{'times ours':>12}{'off by [m]':>12}")

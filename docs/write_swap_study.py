@@ -69,11 +69,11 @@ def answers(study: Mapping[str, Any]) -> str:
 
 def errors(study: Mapping[str, Any]) -> str:
     """Mean rms error of every controller at every duty."""
-    duties = list(study["means"])
+    duties = list(study["intervals"])
     rows = [
         [
             f"`{name}`",
-            *(length(study["means"][d][name]["rms_error"]) for d in duties),
+            *(length(study["intervals"][d][name]["rms_error"]["mean"]) for d in duties),
         ]
         for name in study["tunings"]
     ]
@@ -82,12 +82,12 @@ def errors(study: Mapping[str, Any]) -> str:
 
 def tunings(study: Mapping[str, Any]) -> str:
     """Costs before and after tuning, and the effort."""
-    first = next(iter(study["means"]))
+    first = next(iter(study["intervals"]))
     rows = []
     for name, found in study["tunings"].items():
         costs = [t["cost"] for t in found]
         gains = [100 * (1 - t["doubled_cost"] / t["cost"]) for t in found]
-        means = study["means"][first][name]
+        means = study["intervals"][first][name]
         rows.append(
             [
                 f"`{name}`",
@@ -95,8 +95,8 @@ def tunings(study: Mapping[str, Any]) -> str:
                 f"{found[0]['published_cost']:.3g}",
                 f"{min(costs):.3g} to {max(costs):.3g}",
                 f"{min(gains):.2g} to {max(gains):.2g} %",
-                f"{means['total_variation']:.3g}",
-                length(means["peak_error"]),
+                f"{means['total_variation']['mean']:.3g}",
+                length(means["peak_error"]["mean"]),
             ]
         )
     head = (

@@ -20,7 +20,7 @@ from scipy.stats import binomtest
 from ballscrew.orchestration.fmu.operating_system import pool
 from ballscrew.orchestration.study import study as studies
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Tuning, Variation
-from ballscrew.orchestration.study.statistics import compare
+from ballscrew.orchestration.study.result import compare
 from ballscrew.orchestration.study.workers import Processes
 
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "proof" / "swap_study.json"

@@ -164,7 +164,7 @@ def make_map(
 def _claim(plan: MapPlan, folder: Path, parts: KeptParts, resume: bool) -> MapSummary | None:
     """Use the folder for this map; return its summary if it is already finished."""
     if not (folder / "map.json").is_file():
-        parts.claim("map", resume, UserError)
+        parts.claim("map", resume)
         return None
     try:
         found = json.loads((folder / "map.json").read_text(encoding="utf-8"))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -13,30 +12,24 @@ import numpy as np
 import numpy.typing as npt
 
 from ...controllers import tunable
-from ...solver.errors import BadParameter, BadParameters, ContractError, UserError
+from ...solver.errors import BadParameters, UserError
 from ..loop import parameter_file as toml
-from ..loop.catalogue import in_units_of
-from ..loop.loop import for_plant
+from ..loop.loop import Loop, as_reference, for_plant
 from ..loop.machine import Machine, gain_ranges, model_values, own_ranges
-from ..loop.parameter_file import read_parameters
 from ..loop.parts import Part
-from ..loop.reference_motions import read_motion
-from ..master.reference_signal import Reference
-from .figures import NAMES
-from .loop import STEP
+from .run import NAMES, STEP, Motion
 
 VERSION = 1
 MOST, MOST_SEED = 100_000, 2**63 - 1  # of a number of plants, candidates, tunings or points
 MOST_RUNS, MOST_SAMPLES = 10_000_000, 10_000_000  # of a study, of a run
 Vector = npt.NDArray[np.float64]
-Own = Callable[[str], tuple[dict[str, float], dict[str, tuple[float, float]]]]
-
+Ranges = Mapping[str, tuple[float, float]]
 
 UNIFORM, NORMAL, LOGNORMAL, TEMPERATURE = "uniform", "normal", "lognormal", "temperature"
 DISTRIBUTIONS = {
     UNIFORM: "[least, largest]",
-    NORMAL: "[mean, standard deviation]",
-    LOGNORMAL: "[median, standard deviation of the logarithm]",
+    NORMAL: "[mean, standard deviation above 0]",
+    LOGNORMAL: "[median, standard deviation of the logarithm], both above 0",
     TEMPERATURE: "[least, largest]",
 }
 """Meaning of the two numbers of each."""
@@ -47,11 +40,9 @@ OUTERMOST = 2.0**-53  # share of all draws: the smallest that doubles distinguis
 class Variation:
     """A draw for each plant: a factor on nominal values of parameters, or a temperature."""
 
-    # of the plant. All get the same factor, or the factors that follow from the temperature
-    parameters: tuple[str, ...]
-    # of the distribution, see `DISTRIBUTIONS`: factors, or kelvins above nominal
-    numbers: tuple[float, float]
-    distribution: str = UNIFORM  # a temperature is uniform
+    parameters: tuple[str, ...]  # of the plant; a drawn factor is that of all of them
+    numbers: tuple[float, float]  # see `DISTRIBUTIONS`: of factors, or kelvins above nominal
+    distribution: str = UNIFORM
     # for a temperature: change of each parameter, relative to its nominal value, per kelvin
     coefficients: Mapping[str, float] = field(default_factory=dict)
 
@@ -65,11 +56,6 @@ class Variation:
     def nominal(self) -> float:
         """The draw of the nominal plant."""
         return 0.0 if self.distribution == TEMPERATURE else 1.0
-
-    @property
-    def ends(self) -> tuple[float, ...]:
-        """The smallest and the largest draw; empty if the distribution has no ends."""
-        return self.numbers if self.distribution in (UNIFORM, TEMPERATURE) else ()
 
     def quantiles(self, shares: Vector) -> Vector:
         """The draws below which these shares of all draws are."""
@@ -99,17 +85,16 @@ class Duty:
     reference: str  # a motion, see `read_motion`, or the path of a table
     stop: float  # [s]
     tune: bool = False  # whether controllers are tuned on it; they are judged on the others
-    # parameters of the plant that differ from their defaults at this duty: those of the study's
-    # parameter file, replaced by its own, such as those of a load
+    # parameters of the plant with other values than default at this duty, such as a load
     plant: Mapping[str, float] = field(default_factory=dict)
 
-    def table(self) -> bytes:
-        """Content of the file that it names, which is part of the study; empty for a motion."""
-        return b"" if read_motion(self.reference) else Path(self.reference).read_bytes()
+    @property
+    def motion(self) -> Motion:
+        """Its set-point and length; raises `BadParameter`."""
+        return _reference(self.reference), self.stop
 
-    def signal(self) -> Reference:
-        """The set-point over time; raises `BadParameter`."""
-        return _signal(self.reference)
+
+_reference = cache(as_reference)  # a process uses it many times, and reads a file once
 
 
 @dataclass(frozen=True)
@@ -117,26 +102,20 @@ class Entrant:
     """A controller that takes part."""
 
     name: str  # name in tables
-    # a name of the catalogue or ``file.py:function``, either with ``+feed_forward``, or the path of
-    # an FMU
-    component: str
-    # fixed parameters that differ from their defaults, and start values of tuned parameters
+    component: str  # a name of the catalogue, ``file.py:function``, or the path of an FMU
+    # with other values than default: fixed parameters, and the start of tuned ones
     values: Mapping[str, float] = field(default_factory=dict)
-    # parameters that are tuned, and their ranges; if a plan gives none, those of `own_ranges` that
-    # are not in `values`
-    tune: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    tune: Ranges = field(default_factory=dict)  # of the parameters that are tuned
 
 
 @dataclass(frozen=True)
 class Tuning:
     """How all controllers are tuned."""
 
-    # candidates for each controller; twice as many are tried to find what that would gain
-    budget: int = 100
+    budget: int = 100  # candidates; twice as many are tried to find what that would gain
     plants: int = 2  # drawn plants on which each candidate runs, in addition to the nominal one
     seeds: int = 3  # number of repeated tunings of each, so that the scatter of a tuning is known
-    # largest values of figures, see `Figures`, that a tuned controller should not exceed
-    limits: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)  # largest values of `Figures`
 
 
 @dataclass(frozen=True)
@@ -149,17 +128,18 @@ class Plan:
     variations: tuple[Variation, ...] = ()
     tuning: Tuning = field(default_factory=Tuning)
     plants: int = 20  # drawn plants on which the tuned controllers are judged
-    # sampling period of all controllers [s]; 0 for continuous ones, without instruments
-    period: float = 1e-3
+    period: float = 1e-3  # of the sampling of all controllers [s]; 0: continuous ones
     delay: int = 0  # samples until a computed command is put out
-    # through which the controllers measure, one after the other, see `measured_through`
-    instruments: tuple[str, ...] = ()
-    # largest magnitude of the command, in the unit of the plant's command: volts of an amplifier,
-    # newtons if the command is a force. None: see `limit_of` of `machine`
-    command_limit: float | None = None
+    instruments: tuple[str, ...] = ()  # see `measured_through`
+    command_limit: float | None = None  # in the command's unit; None: see `limit_of` of `machine`
     count: float = 1 / 512_000  # of the position sensor, for figures in counts [m]
     tolerance: float = 1e-6  # relative, of the solver
     seed: int = 1
+
+    @property
+    def command_unit(self) -> str:
+        """Unit of the plant's command, such as ``V``."""
+        return Part(self.plant).command_unit
 
     @property
     def tuning_duties(self) -> tuple[Duty, ...]:
@@ -169,237 +149,193 @@ class Plan:
     def judged_duties(self) -> tuple[Duty, ...]:
         return tuple(d for d in self.duties if not d.tune)
 
-    def draws(self, purpose: str) -> npt.NDArray[np.float64]:
+    @property
+    def nominal(self) -> Vector:
+        """The draws of the nominal plant."""
+        return np.array([v.nominal for v in self.variations])
+
+    def draws(self, purpose: str) -> Vector:
         """The drawn plants to "tune" on or to "judge" on, one row each, one column per variation.
 
         The two purposes have different plants. The first plant for tuning is the nominal one.
         """
         count = self.tuning.plants if purpose == "tune" else self.plants
         random = np.random.default_rng([self.seed, ("tune", "judge").index(purpose)])
-        drawn = self.drawn(random.random((count, len(self.variations))))
-        return np.vstack([self.nominal, drawn]) if purpose == "tune" else drawn
-
-    @property
-    def nominal(self) -> npt.NDArray[np.float64]:
-        """The draws of the nominal plant."""
-        return np.array([v.nominal for v in self.variations])
-
-    def drawn(self, shares: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Draws, one column per variation, from shares between 0 and 1."""
-        columns = [v.quantiles(shares[:, k]) for k, v in enumerate(self.variations)]
-        return np.column_stack(columns) if columns else shares
-
-    def rows_to_check(self) -> npt.NDArray[np.float64]:
-        """All drawn plants of the study, and those with one variation at an end of its range."""
-        rows = []
+        drawn = random.random((count, len(self.variations)))
         for k, variation in enumerate(self.variations):
-            for end in variation.ends:
-                rows.append(self.nominal)
-                rows[-1][k] = end
-        return np.vstack([*rows, self.draws("tune"), self.draws("judge")])
-
-    def to_json(self) -> str:
-        return json.dumps(asdict(self), sort_keys=True)
-
-
-@cache
-def _signal(text: str) -> Reference:
-    """The set-point of a duty; a process uses it many times, and reads a file once."""
-    return read_motion(text) or Reference.read(text)
+            drawn[:, k] = variation.quantiles(drawn[:, k])
+        return np.vstack([self.nominal, drawn]) if purpose == "tune" else drawn
 
 
 def read_plan(path: Path | str) -> Plan:
     """Read a study file; raises `UserError`."""
     path = Path(path)
     try:
-        table = toml.read_toml(path)
-        return _plan(table, _machine(table, path.parent))
+        plan = _plan(toml.read_toml(path), path.parent)
+        for fault in _faults(plan):
+            raise UserError(fault)
     except UserError as error:
-        raise UserError(f"{path}: {error}") from None
-
-
-def _machine(table: dict[str, Any], folder: Path) -> dict[str, float]:
-    """Values of the plant in the parameter file that a study names; its plant goes into `table`."""
-    if "params" not in table:
-        return {}
-    try:
-        told = read_parameters(folder / str(table.pop("params")))
-        plant = str(table.setdefault("plant", told.plant_name))
-        return for_plant(told, plant)
-    except BadParameters as error:
-        raise UserError(f"params: {error}") from error
-
-
-def _plan(table: dict[str, Any], machine: Mapping[str, float]) -> Plan:
-    version = table.pop("version", None)
-    if version != VERSION:
-        raise UserError(f"version is {version!r}, expected {VERSION}")
-    controllers = _part(table, "controllers", dict)
-    duties = _part(table, "duty", list)
-    given = toml.as_record("", table, _READERS)
-    own = cache(partial(_own, given.get("plant", "plant"), given.get("command_limit"), machine))
-    plan = Plan(
-        entrants=tuple(_entrant(n, c, own if machine else None) for n, c in controllers.items()),
-        duties=tuple(_duty(k, duty, machine) for k, duty in enumerate(duties)),
-        variations=given.pop("vary", ()),
-        **{"plant": "plant", **given},
-    )
-    for fault in _faults(plan):
-        raise UserError(fault)
+        raise UserError(f"{path}: {str(error).strip()}") from None
     return plan
 
 
-def _part(table: dict[str, Any], name: str, kind: type) -> Any:
-    found = table.pop(name, None)
-    if not isinstance(found, kind) or not found:
-        form = "[controllers.NAME]" if kind is dict else f"[[{name}]]"
-        raise UserError(f"has no {form}, expected one or more")
-    return found
+def _plan(table: dict[str, Any], folder: Path) -> Plan:
+    if (version := table.pop("version", None)) != VERSION:
+        raise UserError(f"version is {version!r}, expected {VERSION}")
+    read = toml.as_record("", table, _KEYS, "controllers", "duty")
+    machine: dict[str, float] = {}
+    plant = read.pop("plant", "plant")
+    if "params" in read:
+        file = toml.read_parameters(folder / read.pop("params"))
+        plant = table.get("plant", file.plant_name)
+        machine = for_plant(file, plant)
+    how = plant, machine, read.get("command_limit")
+    entrants = tuple(_entrant(n, c, *how) for n, c in read.pop("controllers").items())
+    duties = tuple(replace(d, plant={**machine, **d.plant}) for d in read.pop("duty"))
+    variations = read.pop("vary", ())
+    return Plan(plant=plant, entrants=entrants, duties=duties, variations=variations, **read)
 
 
-def _own(
-    plant: str, limit: float | None, values: Mapping[str, float], component: str
-) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
-    """A controller's model of a machine with its start values, and the ranges of its gains."""
-    if not tunable(component):  # from a user's file, which gives all of this itself
-        return {}, own_ranges(component)
-    try:
-        machine = Machine.of(Part(plant), values, limit)
-        controller = Part(in_units_of(component, machine.plant.name))
-        ranges, start = gain_ranges(controller, machine)
-        return {**model_values(controller, machine), **start}, ranges
-    except (BadParameter, ContractError) as error:
-        raise UserError(str(error).replace("--limit", "command_limit")) from error
-
-
-def _entrant(name: str, given: Any, machine: Own | None = None) -> Entrant:
+def _entrant(
+    name: str, given: Any, plant: str, machine: Mapping[str, float], limit: float | None
+) -> Entrant:
     """A controller of the plan; for a `machine`, with the values that follow from it."""
     where = f"[controllers.{name}]"
-    readers = {"component": toml.as_text, "values": toml.as_numbers, "tune": toml.as_table}
-    read = {"component": name, "values": {}} | toml.as_record(where, given, readers)
+    read = {"component": name, "values": {}} | toml.as_record(where, given, _OF_CONTROLLER)
     component, values = read["component"], read["values"]
-    known, own = machine(component) if machine else ({}, own_ranges(component))
+    known: dict[str, float] = {}
+    if machine and tunable(component):  # else a user's file gives all of this itself
+        loop = Loop(component, plant)
+        driven = Machine.of(loop.plant, machine, limit)
+        own, start = gain_ranges(loop.controller, driven)
+        known = {**model_values(loop.controller, driven), **start}
+    else:
+        own = own_ranges(component)
     ranges = read.get("tune", {n: r for n, r in own.items() if n not in values})
     tune = {n: toml.as_range(where, n, r) for n, r in ranges.items()}
     return Entrant(name, component, {**known, **values}, tune)
 
 
-def _duty(k: int, given: Any, machine: Mapping[str, float]) -> Duty:
-    where = f"[[duty]] {k + 1}"
-    readers = {"name": toml.as_text, "reference": toml.as_text, "stop": toml.as_finite}
-    readers |= {"tune": toml.as_flag, "plant": toml.as_numbers}
-    read = toml.as_record(where, given, readers, "name", "reference", "stop")
-    where = f"duty {read['name']}"
-    if not read["stop"] > 0:
-        raise UserError(f"{where}: stop is {read['stop']:g} s, expected more than 0")
-    duty = Duty(**{**read, "plant": {**machine, **read.get("plant", {})}})
-    try:
-        duty.signal()
-    except BadParameter as error:
-        raise UserError(f"{where}: {error}") from error
-    return duty
+def _duty(where: str, given: Any) -> Duty:
+    return Duty(**toml.as_record(where, given, _OF_DUTY, "name", "reference", "stop"))
 
 
-def _faults(plan: Plan) -> Iterator[str]:
-    """What cannot be done of a plan, beside values of parameters."""
-    for kind, duties in (("tune on", plan.tuning_duties), ("judge by", plan.judged_duties)):
-        if not duties:
-            yield f"has no duty to {kind}; set `tune = true` for some of them and not for others"
-    seen = {d.reference for d in plan.tuning_duties}
-    for duty in plan.judged_duties:
-        if duty.reference in seen:
-            yield f"duty {duty.name} has the motion of a tuning duty; use another motion"
-    if not plan.period and (plan.instruments or plan.delay):
-        yield "instruments and a delay need a sampling period, but period is 0"
-    for duty in plan.tuning_duties:
-        if not duty.signal().values.any():
-            yield f"duty {duty.name} has no motion and cannot be used for tuning"
-    judged = plan.tuning.seeds * len(plan.judged_duties) * plan.plants
-    tuned = plan.tuning.seeds * 2 * plan.tuning.budget * (plan.tuning.plants + 1)
-    runs = len(plan.entrants) * (judged + len(plan.tuning_duties) * tuned)
-    if runs > MOST_RUNS:
-        yield f"needs {runs:.3g} runs, expected at most {MOST_RUNS:g}; use smaller numbers"
-    for duty in plan.duties:
-        samples = duty.stop / (plan.period or STEP)
-        if samples > MOST_SAMPLES:
-            yield (
-                f"duty {duty.name} has {samples:.3g} samples, expected at most {MOST_SAMPLES:g}; "
-                "use a shorter stop or a longer period"
-            )
-    if len({d.name for d in plan.duties}) < len(plan.duties):
-        yield "two duties have the same name"
-    if len({v.name for v in plan.variations}) < len(plan.variations):
-        yield "two [[vary]] vary the same parameters; remove one"
-    least = {"period": 0.0, "command_limit": 1e-9, "count": 1e-15, "tolerance": 1e-12}
-    for name, low in least.items():
-        value = getattr(plan, name)
-        if value is not None and value < low:
-            yield f"{name} is {value:g}, expected {low:g} or more"
-
-
-def _variation(given: Any) -> Variation:
-    """A ``[[vary]]`` of a study file."""
-    given = toml.as_table("vary", given)
-    toml.check_names("[[vary]]", given, ("parameters", "coefficients", *DISTRIBUTIONS))
-    kinds = [kind for kind in DISTRIBUTIONS if kind in given]
+def _variation(where: str, given: Any) -> Variation:
+    read = toml.as_record(where, given, _OF_VARIATION)
+    kinds = [kind for kind in DISTRIBUTIONS if kind in read]
     if len(kinds) != 1:
         found = " and ".join(kinds) or "no distribution"
-        raise BadParameters(f"vary: has {found}, expected one of {', '.join(DISTRIBUTIONS)}")
-    kind = kinds[0]
-    names = "coefficients" if kind == TEMPERATURE else "parameters"
-    for other in {"coefficients", "parameters"} - {names}:
-        if other in given:
-            raise BadParameters(f"vary: {kind} has {other}, expected {names} alone")
-    if names == "coefficients":
-        numbers = toml.as_numbers("vary.coefficients", given.get(names, {}))
-        if not numbers:
-            raise BadParameters(
-                "vary: a temperature has no coefficients, such as {Fc = -0.01} per kelvin"
-            )
-        return Variation(tuple(numbers), toml.as_range("vary", kind, given[kind]), kind, numbers)
-    parameters = tuple(map(str, toml.as_list("vary: parameters", given.get(names, []))))
-    if not parameters or len(set(parameters)) < len(parameters):
-        raise BadParameters(f"vary: parameters is {list(parameters)!r}, expected a list of names")
-    return Variation(parameters, _numbers(kind, ", ".join(parameters), given[kind]), kind)
+        raise BadParameters(f"{where} has {found}, expected one of {', '.join(DISTRIBUTIONS)}")
+    kind, numbers = kinds[0], read[kinds[0]]
+    key = "coefficients" if kind == TEMPERATURE else "parameters"
+    names = read.get(key, ())
+    if set(read) != {kind, key} or not names or len(set(names)) < len(names):
+        example = "{Fc = -0.01}, per kelvin" if kind == TEMPERATURE else '["Fc", "Fs"]'
+        raise BadParameters(f"{where} has {kind}, expected {key} with it, such as {example}")
+    positive = numbers[1:] if kind == NORMAL else numbers
+    rising = kind in (UNIFORM, TEMPERATURE)
+    fits = len(numbers) == 2 and (numbers[0] < numbers[1] if rising else min(positive) > 0)
+    if not fits:
+        expected = DISTRIBUTIONS[kind]
+        raise BadParameters(f"{where} {kind} is {[*numbers]!r}, expected {expected}")
+    return Variation(tuple(names), numbers, kind, names if kind == TEMPERATURE else {})
 
 
-def _numbers(kind: str, of: str, given: Any) -> tuple[float, float]:
-    """The two numbers of a distribution of factors."""
-    if kind == UNIFORM:
-        return toml.as_range("vary", of, given)
-    pair = toml.as_list(f"vary: {kind} of {of}", given)
-    found = [float(v) for v in pair if toml.is_number(v)]
-    positive = found if kind == LOGNORMAL else found[1:]
-    if len(pair) != 2 or len(found) != 2 or not min(positive) > 0:
-        more = "both" if kind == LOGNORMAL else "the second"
-        raise BadParameters(
-            f"vary: {kind} of {of} is {given!r}, expected {DISTRIBUTIONS[kind]}, finite numbers, "
-            f"{more} more than 0"
-        )
-    return found[0], found[1]
+def _numbers(where: str, given: Any) -> tuple[float, ...]:
+    return tuple(toml.as_finite(where, v) for v in toml.as_list(where, given))
 
 
-def _limits(where: str, given: Any) -> dict[str, float]:
-    return toml.as_record(where, given, dict.fromkeys(NAMES, toml.as_finite))
+def _at_least(least: float) -> toml.Reader:
+    def read(where: str, given: Any) -> float:
+        if not (value := toml.as_finite(where, given)) >= least:
+            raise BadParameters(f"{where} is {value:g}, expected {least:g} or more")
+        return value
+
+    return read
+
+
+def _each(reader: toml.Reader) -> toml.Reader:
+    """The reader of a list of tables, each by its number in messages."""
+
+    def read(where: str, given: Any) -> tuple[Any, ...]:
+        found = enumerate(toml.as_list(where, given), start=1)
+        return tuple(reader(f"[[{where}]] {number}", one) for number, one in found)
+
+    return read
 
 
 def _tuning(where: str, given: Any) -> Tuning:
-    readers: dict[str, toml.Reader] = {
-        "budget": toml.as_whole(1, MOST),
-        "plants": toml.as_whole(0, MOST),
-        "seeds": toml.as_whole(1, MOST),
-        "limits": _limits,
-    }
-    return Tuning(**toml.as_record(f"[{where}]", given, readers))
+    return Tuning(**toml.as_record(f"[{where}]", given, _OF_TUNING))
 
 
-_READERS: dict[str, toml.Reader] = {
+# the keys of a study file, and the readers of their values
+_OF_CONTROLLER: dict[str, toml.Reader] = {
+    "component": toml.as_text,
+    "values": toml.as_numbers,
+    "tune": toml.as_table,
+}
+_OF_DUTY: dict[str, toml.Reader] = {
+    "name": toml.as_text,
+    "reference": toml.as_text,
+    "stop": _at_least(1e-9),
+    "tune": toml.as_flag,
+    "plant": toml.as_numbers,
+}
+_OF_VARIATION: dict[str, toml.Reader] = {
+    "parameters": toml.as_texts,
+    "coefficients": toml.as_numbers,
+    **dict.fromkeys(DISTRIBUTIONS, _numbers),
+}
+_LIMITS: dict[str, toml.Reader] = dict.fromkeys(NAMES, toml.as_finite)
+_OF_TUNING: dict[str, toml.Reader] = {
+    "budget": toml.as_whole(1, MOST),
+    "plants": toml.as_whole(0, MOST),
+    "seeds": toml.as_whole(1, MOST),
+    "limits": partial(toml.as_record, readers=_LIMITS),
+}
+_KEYS: dict[str, toml.Reader] = {
+    "params": toml.as_text,
     "plant": toml.as_text,
-    "vary": lambda where, given: tuple(map(_variation, toml.as_list(where, given))),
+    "controllers": toml.as_table,
+    "duty": _each(_duty),
+    "vary": _each(_variation),
     "tuning": _tuning,
     "instruments": toml.as_texts,
-    **dict.fromkeys(("period", "command_limit", "count", "tolerance"), toml.as_finite),
+    "period": _at_least(0.0),
+    "command_limit": _at_least(1e-9),
+    "count": _at_least(1e-15),
+    "tolerance": _at_least(1e-12),
     "plants": toml.as_whole(2, MOST),
     "seed": toml.as_whole(0, MOST_SEED),
     "delay": toml.as_whole(0, MOST),
 }
+
+
+def _faults(plan: Plan) -> Iterator[str]:
+    """What cannot be done of a plan, beside values of parameters."""
+    tuned, judged, entrants = plan.tuning_duties, plan.judged_duties, plan.entrants
+    if not (entrants and tuned and judged):
+        yield (
+            f"has {len(entrants)} controllers, {len(tuned)} duties to tune on and {len(judged)} to "
+            "judge by, expected one or more of each; set `tune = true` for some of the duties"
+        )
+    for duty in plan.duties:
+        reference, stop = duty.motion
+        if duty.tune and not reference.values.any():
+            yield f"duty {duty.name} has no motion and cannot be used for tuning"
+        if not duty.tune and duty.reference in {d.reference for d in tuned}:
+            yield f"duty {duty.name} has the motion of a tuning duty; use another motion"
+        if (samples := stop / (plan.period or STEP)) > MOST_SAMPLES:
+            yield (
+                f"duty {duty.name} has {samples:.3g} samples, expected at most {MOST_SAMPLES:g}; "
+                "use a shorter stop or a longer period"
+            )
+    if not plan.period and (plan.instruments or plan.delay):
+        yield "instruments and a delay need a sampling period, but period is 0"
+    of_tuning = len(tuned) * 2 * plan.tuning.budget * (plan.tuning.plants + 1)
+    runs = len(entrants) * plan.tuning.seeds * (len(judged) * plan.plants + of_tuning)
+    if runs > MOST_RUNS:
+        yield f"needs {runs:.3g} runs, expected at most {MOST_RUNS:g}; use smaller numbers"
+    for kind, things in (("[[duty]]", plan.duties), ("[[vary]]", plan.variations)):
+        if len({t.name for t in things}) < len(things):
+            yield f"two {kind} have the same name or parameters; change or remove one"

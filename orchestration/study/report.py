@@ -1,40 +1,36 @@
-"""A study as tables, for its page."""
+"""Tables and pictures of a study, and pictures of a tuning."""
 
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Iterator
-from statistics import median
-from typing import TYPE_CHECKING
+from itertools import zip_longest
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ..loop.pictures import COLOURS, DASHES, STYLE, new_figure
 from ..loop.shown import Table, length, shown_unit
-from .figures import UNITS
-from .result import JUDGED_BY, MEASURED, cannot_tell
-from .statistics import ALIKE
+from .result import ALIKE, StudyResult
+from .run import JUDGED_BY, MEASURED, UNITS
 
 if TYPE_CHECKING:
-    from .result import StudyResult
+    from .tune import TunedController
 
+FAR = 30.0  # times the median of the largest errors: a larger course is left out
+MARKS = ("o", "s", "^", "D", "v", "P", "X")
 _MEANS = (
     "Means over plants and tunings, and their 90 % intervals over plants and noise, after Student. "
-    "Geometric means for errors, energy, current and variation, of which the logarithm was taken. "
-    "The luck of a tuning is not in these intervals; it is in those of the differences. A dash: "
-    "not defined, or not in every run. A run hunts that goes to and fro in the last quarter of its "
-    "last rest, two whole times or more, with an amplitude of more than a count of the position "
-    "sensor; it is undecided where it neither does nor stays within a count. A cycle longer than "
-    "that rest is not seen."
+    "Geometric means for errors, energy, current and variation. The luck of a tuning is not in "
+    "these intervals; it is in those of the differences. A dash: not in every run. Hunting is "
+    "judged in the last quarter of the last rest; a longer cycle is not seen."
 )
 
 
 def tables_of(study: StudyResult) -> list[Table]:
-    """Winners, figures, differences, tunings and sensitivities."""
-    return [
-        answers(study),
-        *_figures(study),
-        *_differences(study),
-        _tunings(study),
-        _sensitivities(study),
-    ]
+    """Answers, figures, differences, tunings and sensitivities."""
+    return [answers(study), *_figures(study), *_differences(study), *_tunings(study)]
 
 
 def answers(study: StudyResult) -> Table:
@@ -44,27 +40,23 @@ def answers(study: StudyResult) -> Table:
         failed = ", ".join(f"{n}: {count}" for n, count in a.failed.items() if count)
         best = "-"
         if a.order:
-            best = f"{a.order[0]} ({length(study.mean(JUDGED_BY, a.order[0], a.duty))} rms)"
+            error = study.mean(JUDGED_BY, a.order[0], a.duty).mean
+            best = f"{a.order[0]} ({length(error)} rms)"
         others = (", ".join(a.best[1:]) or "-", ", ".join(a.unclear) or "-", failed or "none")
         rows.append((a.duty, best, *others))
     plan = study.plan
     worst = max((c.apart for c in study.checks.values() if c.apart >= 0), default=0.0)
     duties = ", ".join(d.name for d in plan.tuning_duties)
     says = (
-        f"Each controller was tuned {plan.tuning.seeds} times with a budget of "
-        f"{plan.tuning.budget} candidates on {duties}, on the nominal plant and "
-        f"{plan.tuning.plants} drawn ones, then judged on {plan.plants} other plants and on "
-        "motions that no tuning has seen. "
-        + (f"Sampled every {number(1e3 * plan.period)} ms. " if plan.period > 0 else "")
-        + "Simulated plants: how a real axis differs from them is not in these figures. "
-        f"Repeated over FMUs: {len(study.checks)} runs, drawn at random, at most {length(worst)} "
-        f"apart; {study.disagreed} came out differently, and the coupling of "
-        f"{study.not_converged} is not converged."
+        f"Each controller was tuned {plan.tuning.seeds} times with {plan.tuning.budget} candidates "
+        f"on {duties}, on the nominal plant and {plan.tuning.plants} drawn ones, then judged on "
+        f"{plan.plants} other plants and on motions that no tuning has seen. All are simulated: "
+        f"how a real axis differs is not said here. Repeated over FMUs: {len(study.checks)} "
+        f"runs, drawn at random, at most {length(worst)} apart; {study.disagreed} came out "
+        f"differently, and the coupling of {study.not_converged} is not converged."
     )
-    columns = (
-        *("duty", "smallest error", f"equal to it within {100 * ALIKE:g} %"),
-        *(cannot_tell(study), "failed runs"),
-    )
+    same = f"equal to it within {100 * ALIKE:g} %"
+    columns = ("duty", "smallest error", same, study.cannot_tell, "failed runs")
     return Table("Which controller for which duty", columns, rows, says=says)
 
 
@@ -77,41 +69,41 @@ def number(value: float) -> str:
 
 def _figures(study: StudyResult) -> Iterator[Table]:
     names = [e.name for e in study.plan.entrants]
-    for duty in (d.name for d in study.plan.judged_duties):
-        scales = {n: (1.0, UNITS[n]) for n in MEASURED}
-        for n in (n for n in MEASURED if UNITS[n] == "m"):
-            means = [study.interval(n, name, duty).mean for name in names]
-            scales[n] = shown_unit(median([*filter(math.isfinite, means)] or [0.0]), "m")
-        rows = []
-        for name in names:
-            hunts = study.hunting(name, duty)
+    for k, duty in enumerate(d.name for d in study.plan.judged_duties):
+        titles, columns = ["controller"], [names]
+        for figure in MEASURED:
+            means = [study.mean(figure, name, duty) for name in names]
+            factor, unit = 1.0, UNITS[figure]
+            if unit == "m":
+                sizes = [m.mean for m in means if math.isfinite(m.mean)]
+                factor, unit = shown_unit(statistics.median(sizes or [0.0]), unit)
             cells = []
-            for figure, (factor, _) in scales.items():
-                m = study.interval(figure, name, duty)
+            for m in means:
                 ends = f" ({number(factor * m.low)} to {number(factor * m.high)})"
-                cells.append(number(factor * m.mean) + (ends if m.low < m.high else ""))
-            undecided = f", {hunts['undecided']} undecided" if hunts["undecided"] else ""
-            rows.append((name, *cells, f"{hunts['hunting']} of {sum(hunts.values())}{undecided}"))
-        titles = [f"{n.replace('_', ' ')} [{unit}]" for n, (_, unit) in scales.items()]
-        says = _MEANS if duty == study.plan.judged_duties[0].name else ""
-        yield Table(f"Figures: {duty}", ("controller", *titles, "hunts"), rows, says=says)
+                cells.append(number(factor * m.mean) + ends * (m.low < m.high))
+            titles.append(f"{figure.replace('_', ' ')} [{unit}]")
+            columns.append(cells)
+        hunts = [study.hunting(name, duty) for name in names]
+        undecided = [f", {h['undecided']} undecided" if h["undecided"] else "" for h in hunts]
+        both = zip(hunts, undecided, strict=True)
+        columns.append([f"{h['hunting']} of {sum(h.values())}{more}" for h, more in both])
+        rows = list(zip(*columns, strict=True))
+        says = "" if k else _MEANS
+        yield Table(f"Figures: {duty}", (*titles, "hunts"), rows, says=says)
 
 
 def _differences(study: StudyResult) -> Iterator[Table]:
     columns = ("first", "second", "ratio of rms errors", "90 % interval", "")
-    for duty in (d.name for d in study.plan.judged_duties):
+    for duty, pairs in study.differences.items():
         rows = [
             (*pair, number(d.ratio), f"{number(d.low)} to {number(d.high)}", d.words)
-            for pair, d in study.differences[duty].items()
+            for pair, d in pairs.items()
         ]
         yield Table(f"Differences: {duty}", columns, rows)
 
 
-def _tunings(study: StudyResult) -> Table:
-    columns = (
-        *("controller", "cost of the published rule", "tuned", "with twice the budget"),
-        "at the end of its range",
-    )
+def _tunings(study: StudyResult) -> Iterator[Table]:
+    costs = ("cost of the published rule", "tuned", "with twice the budget")
     rows = [
         (name, *map(number, (t.published_cost, t.cost, t.doubled_cost)), ", ".join(t.at_bound))
         for name, found in study.tunings.items()
@@ -121,10 +113,7 @@ def _tunings(study: StudyResult) -> Table:
         "Cost: mean of the rms error over the size of the motion, and penalties beyond the limits. "
         "A controller with fewer parameters tunes faster: compare the last two costs."
     )
-    return Table("Tuning", columns, rows, says=says)
-
-
-def _sensitivities(study: StudyResult) -> Table:
+    yield Table("Tuning", ("controller", *costs, "at the end of its range"), rows, says=says)
     rows = [
         (
             name,
@@ -135,4 +124,125 @@ def _sensitivities(study: StudyResult) -> Table:
         for name, s in study.sensitivities.items()
     ]
     columns = ("controller", "foremost", "coefficients", "variance explained")
-    return Table("What each is most sensitive to", columns, rows)
+    yield Table("What each is most sensitive to", columns, rows)
+
+
+def _legend_below(figure: Any, axes: Any) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(5, len(labels)))
+
+
+def courses_figure(study: StudyResult) -> Any:
+    """Position error and command of each controller with its best tuning on the nominal plant."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        count = len(study.courses)
+        figure, panels = new_figure(count, 2, (10, 2.8 * count + 0.8))
+        for (errors, commands), (duty, courses) in zip(panels, study.courses.items(), strict=True):
+            peaks = {n: max(map(abs, c.error)) for n, c in courses.items() if c.time}
+            usual = statistics.median(peaks.values() or [0.0])
+            far = sorted(n for n, peak in peaks.items() if peak > FAR * usual)
+            factor, unit = shown_unit(usual, "m")
+            for k, (name, course) in enumerate(courses.items()):
+                shown = slice(0, 0 if name in far else None)
+                dash = DASHES[k // len(COLOURS) % len(DASHES)]
+                style = {"color": COLOURS[k % len(COLOURS)], "ls": dash, "lw": 1.3}
+                error = factor * np.array(course.error)
+                errors.plot(course.time[shown], error[shown], label=name, **style)
+                commands.plot(course.time[shown], course.command[shown], **style)
+            left_out = f" (far off: {', '.join(far)})" if far else ""
+            errors.set_title(f"{duty}{left_out}", loc="left")
+            errors.set_ylabel(f"error [{unit}]")
+            commands.set_ylabel(f"command [{study.plan.command_unit}]")
+        for axes in panels[-1]:
+            axes.set_xlabel("time [s]")
+        _legend_below(figure, panels[0][0])
+    return figure
+
+
+def effort_figure(study: StudyResult) -> Any:
+    """Error [um] against total variation of the command, both on logarithmic axes."""
+    import matplotlib as mpl
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
+
+    names, duties = list(study.tunings), list(study.differences)
+    columns = min(3, len(duties))
+    rows = -(-len(duties) // columns)
+    with mpl.rc_context(STYLE):
+        figure, axes = new_figure(rows, columns, (4.2 * columns, 3.4 * rows + 0.8))
+        for panel, duty in zip_longest(axes.flat, duties):
+            if duty is None:
+                panel.set_axis_off()
+                continue
+            for k, name in enumerate(names):
+                effort = study.mean("total_variation", name, duty).mean
+                error = 1e6 * study.mean(JUDGED_BY, name, duty).mean
+                mark = MARKS[(k + k // len(COLOURS)) % len(MARKS)]  # 49 differ in mark or colour
+                style = {"marker": mark, "color": COLOURS[k % len(COLOURS)], "ls": "none"}
+                panel.loglog(effort, error, label=name, **style)
+            panel.set_title(duty)
+            panel.set_xlabel(f"total variation of the command [{study.plan.command_unit}]")
+            panel.set_ylabel("rms error [µm]")
+            for axis in (panel.xaxis, panel.yaxis):  # plain numbers at 1, 2, 5; of many decades 1
+                low, high = axis.get_view_interval()
+                axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high / low < 60 else (1,)))
+                axis.set_major_formatter(FormatStrFormatter("%g"))
+                axis.set_minor_locator(NullLocator())
+        _legend_below(figure, axes[0, 0])
+    return figure
+
+
+def motions_figure(tuned: TunedController) -> Any:
+    """Position, error and command of each motion, one column each."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        count = len(tuned.motions)
+        figure, axes = new_figure(3, count, (4.2 * count, 7.5))
+        for (position, error, command), motion in zip(axes.T, tuned.motions, strict=True):
+            course = motion.course
+            shown = len(course.position)  # none of a run that failed
+            time, goal = course.time[:shown], course.reference[:shown]
+            words = "tuned on" if motion.duty.tune else "not tuned on"
+            position.set_title(f"{motion.duty.name}, {words}")
+            position.plot(time, 1e3 * goal, color=COLOURS[1], ls=DASHES[1], label="set-point")
+            position.plot(time, 1e3 * course.position, color=COLOURS[0], label="position")
+            error.plot(time, 1e6 * (goal - course.position), color=COLOURS[0])
+            command.plot(time, course.command, color=COLOURS[0], label="command")
+            for sign, label in ((1, "limit"), (-1, None)):
+                command.axhline(sign * tuned.limit, color=COLOURS[6], ls=DASHES[3], label=label)
+            command.set_xlabel("time [s]")
+        labels = "position [mm]", "error [µm]", f"command [{tuned.plan.command_unit}]"
+        for axis, label in zip(axes[:, 0], labels, strict=True):
+            axis.set_ylabel(label)
+        axes[0, 0].legend()
+        axes[2, 0].legend()
+    return figure
+
+
+def bode_figure(tuned: TunedController) -> Any:
+    """Gain and phase of the open loop, and the sensitivity, stuck and sliding."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        figure, ((gain,), (phase,), (sensitivity,)) = new_figure(3, 1, (8, 9))
+        for k, m in enumerate(tuned.margins):
+            name = f"sliding at {m.speed:g} m/s" if m.speed else "stuck"
+            style: dict[str, Any] = {"color": COLOURS[k], "ls": DASHES[k], "label": name}
+            gain.loglog(m.frequency, np.abs(m.response), **style)
+            angle = np.unwrap(np.angle(m.response))
+            angle -= 2 * np.pi * np.ceil((angle[0] - np.pi / 4) / (2 * np.pi))  # -180, not 180
+            phase.semilogx(m.frequency, np.degrees(angle), **style)
+            sensitivity.loglog(m.frequency, np.abs(1 / (1 + m.response)), **style)
+        gain.axhline(1, color="#555555", lw=0.8)
+        phase.axhline(-180, color="#555555", lw=0.8)
+        gain.set_ylabel("gain of the open loop")
+        phase.set_ylabel("phase [degrees]")
+        sensitivity.set_ylim(bottom=1e-3)
+        sensitivity.set_ylabel("sensitivity |1/(1 + L)|")
+        sensitivity.set_xlabel("frequency [Hz]")
+        gain.set_title(f"{tuned.loop.title}, broken at the command")
+        gain.legend()
+        figure.align_ylabels()
+    return figure

@@ -1,49 +1,155 @@
-"""Result of a study: tables, significant differences, the answer in words, and its limitations."""
+"""Result of a study: means with intervals, which controllers differ, the answer in words."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from statistics import median
-from typing import Any, NamedTuple
+from dataclasses import asdict, dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from ..loop.parts import Part
-from .figures import NAMES, SIZES, hunting_verdict
-from .loop import TRUSTED, FmuCheck
+from ...solver.files import write_json, write_table
 from .plan import Plan
-from .statistics import (
-    ALIKE,
-    Difference,
-    Mean,
-    Sensitivity,
-    compare,
-    mean_over_plants,
-    sensitivity,
-)
+from .run import JUDGED_BY, MEASURED, NAMES, SIZES, TRUSTED, FmuCheck, hunting_verdict
 from .tuning import Tuned
 
 Array = npt.NDArray[np.float64]
+Place: TypeAlias = tuple[int, ...]
+"""Numbers of the controller, the tuning, the duty and the plant of a run."""
 
-JUDGED_BY = "rms_error"
+LEVEL = 0.90
+"""At most one study in ten calls equal controllers different."""
+RELEVANT = 0.02
+"""Smallest relevant difference of two figures: their ratio minus 1."""
+ALIKE = 0.1
+"""Equal figures have a ratio within this share of 1, by all of its interval."""
 SMALLEST = 1e-12  # m; errors below it are equal
-MEASURED = tuple(n for n in NAMES if n not in ("hunting", "failed"))  # without verdicts
-
-
-class Run(NamedTuple):
-    """Numbers that identify a run of a study."""
-
-    controller: str
-    tuning: int
-    duty: str
-    plant: int
+FAR = 2.0  # times the least known cost of a controller: a tuning that ends above it failed
 
 
 @dataclass(frozen=True)
-class Shown:
+class Mean:
+    """A mean of a figure over plants, with its interval; NaN if a run has no such figure."""
+
+    mean: float  # in the figure's unit
+    low: float  # 90 % interval of it, over plants and their noise
+    high: float
+    geometric: bool  # whether it is the geometric mean
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How a figure of one controller compares with that of another."""
+
+    ratio: float  # geometric mean of first over second
+    low: float  # 90 % interval of it, over plants and tunings
+    high: float
+    told_apart: bool  # whether the interval contains no ratio within 2 % of 1
+    alike: bool  # whether it contains only ratios within 10 % of 1; if neither, runs cannot tell
+
+    @property
+    def words(self) -> str:
+        if self.told_apart:
+            return "different"
+        return f"equal within {100 * ALIKE:g} %" if self.alike else "these runs cannot tell"
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Standardized regression coefficients of a figure's logarithm."""
+
+    # by variation: standard deviations of the logarithm for one of the factor
+    coefficients: dict[str, float]
+    explained: float  # share of the variance (R^2); if it is small, they have little meaning
+
+    @property
+    def foremost(self) -> str:
+        """The variation that matters most; empty if there is none or the figure did not change."""
+        if not self.coefficients or not self.explained > 0:
+            return ""
+        return max(self.coefficients, key=lambda name: abs(self.coefficients[name]))
+
+
+def mean_over_plants(figure: Array, geometric: bool) -> Mean:
+    """The mean of a figure over the drawn plants, each with its own noise.
+
+    The figure is by tuning and plant, shape (seeds, plants). Student's interval over the plants, of
+    the mean over tunings on each. For a positive figure (`geometric`) it is that of the logarithm:
+    differences of plants mostly multiply an error, so that the logarithm is closer to normal, and
+    two controllers are compared by it. The tunings are fixed: the scatter of other tunings is not
+    included. A bootstrap needs no distribution, but with 20 plants it is too narrow (for a normal
+    figure it contains the mean in 86 or 87 of 100 studies).
+    """
+    if not np.isfinite(figure).all():
+        return Mean(math.nan, math.nan, math.nan, geometric)
+    by_plant = (np.log(figure) if geometric else figure).mean(axis=0)
+    middle, half = float(by_plant.mean()), _half_width([_variance(by_plant)])
+    ends = middle, middle - half, middle + half
+    mean, low, high = map(math.exp, ends) if geometric else ends
+    return Mean(mean, low, high, geometric)
+
+
+def compare(first: Array, second: Array) -> Difference:
+    """Compare a positive, finite figure of two controllers, shape (seeds, plants).
+
+    The plants are the same for both, so that their differences are paired; tunings are not. The
+    variance of the mean is the sum of that over plants and of those over the tunings of each, its
+    degrees of freedom after Welch and Satterthwaite (B. L. Welch, Biometrika 34, 28 (1947)).
+    """
+    a, b = np.log(first), np.log(second)
+    paired = a.mean(axis=0) - b.mean(axis=0)
+    middle = float(paired.mean())
+    half = _half_width([_variance(paired), *(_variance(side.mean(axis=1)) for side in (a, b))])
+    low, high = middle - half, middle + half
+    margin = math.log1p(RELEVANT)
+    told = low > margin or high < -margin
+    alike = not told and max(high, -low) <= math.log1p(ALIKE)
+    # an interval of two tunings may be wider than numbers go
+    ratio, least, most = (math.exp(min(max(v, -700.0), 700.0)) for v in (middle, low, high))
+    return Difference(ratio, least, most, told, alike)
+
+
+def _variance(values: Array) -> tuple[float, int]:
+    """Variance of the mean, and its degrees of freedom."""
+    count = len(values)
+    return float(np.var(values, ddof=1) / count) if count > 1 else 0.0, count - 1
+
+
+def _half_width(parts: Sequence[tuple[float, int]]) -> float:
+    """Of Student's interval of a mean whose variance is the sum of independent parts."""
+    from scipy import stats
+
+    variance = sum(v for v, _ in parts)
+    if not variance > 0:
+        return 0.0
+    freedom = variance**2 / sum(v**2 / n for v, n in parts if n > 0)
+    return float(stats.t.ppf((1 + LEVEL) / 2, freedom)) * math.sqrt(variance)
+
+
+def sensitivity(factors: Array, figure: Array, names: list[str]) -> Sensitivity:
+    """Regress the logarithm of a positive figure on factors, shape (runs, names).
+
+    A. Saltelli et al., Global Sensitivity Analysis: The Primer (2008), section 1.2.5.
+    """
+    y = np.log(figure)
+    spread, size = factors.std(axis=0), float(y.std())
+    varied = np.flatnonzero(spread > 0)
+    coefficients = dict.fromkeys(names, 0.0)
+    if not len(varied) or not size > 1e-12 or len(y) <= len(varied) + 1:
+        return Sensitivity(coefficients, 0.0)
+    x = (factors[:, varied] - factors[:, varied].mean(axis=0)) / spread[varied]
+    standard = (y - y.mean()) / size
+    found, *_ = np.linalg.lstsq(x, standard, rcond=None)
+    left = standard - x @ found
+    coefficients |= {names[k]: float(c) for k, c in zip(varied, found, strict=True)}
+    return Sensitivity(coefficients, float(1 - np.mean(left**2)))
+
+
+class Shown(NamedTuple):
     """A run for the report, at some hundreds of times; empty if it failed."""
 
     time: list[float]  # [s]
@@ -56,33 +162,27 @@ class DutyAnswer:
     """The best controllers at a duty."""
 
     duty: str
-    # controllers by their geometric mean error, the best first; without those that failed
-    order: tuple[str, ...]
+    order: tuple[str, ...]  # by geometric mean error, the best first; without those that failed
     best: tuple[str, ...]  # the first one, and all that are shown to be equal to it within 10 %
     unclear: tuple[str, ...]  # those of which these runs cannot tell whether they differ from it
     failed: dict[str, int]  # failed runs by controller
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StudyResult:
     """A finished study."""
 
     plan: Plan
-    tunings: dict[str, list[Tuned]]  # by controller, one for each seed
+    tunings: Mapping[str, list[Tuned]]  # by controller, one for each seed
     # shape (controllers, seeds, duties, plants); by name, see `Figures`
-    figures: dict[str, Array] = field(repr=False)
+    figures: Mapping[str, Array]
     answers: list[DutyAnswer]
     # by duty and pair of controllers, of the rms error
     differences: dict[str, dict[tuple[str, str], Difference]]
     sensitivities: dict[str, Sensitivity]  # of the rms error, by controller
-    checks: dict[Run, FmuCheck]  # runs that were repeated over FMUs
+    checks: dict[Place, FmuCheck]  # runs that were repeated over FMUs
     # by duty and controller, for the nominal plant with the tuning of least cost
-    courses: dict[str, dict[str, Shown]] = field(default_factory=dict, repr=False)
-
-    @property
-    def command_unit(self) -> str:
-        """Unit of the plant's command, such as ``V``."""
-        return Part(self.plan.plant).command_unit
+    courses: dict[str, dict[str, Shown]]
 
     @property
     def disagreed(self) -> int:
@@ -94,56 +194,114 @@ class StudyResult:
         """Number of runs over FMUs whose coupling the master does not trust."""
         return sum(c.coupling not in ("", TRUSTED) for c in self.checks.values())
 
-    def mean(self, figure: str, controller: str, duty: str) -> float:
-        """Mean of a figure over tunings and plants; geometric for the rms error."""
-        values = self._runs(figure, controller, duty)
-        if figure == JUDGED_BY:
-            return float(np.exp(np.mean(np.log(np.maximum(values, SMALLEST)))))
-        finite = values[np.isfinite(values)]
-        return float(finite.mean()) if len(finite) == values.size else math.nan
+    @property
+    def trusted(self) -> bool:
+        """Whether no run failed, and all repeated runs over FMUs gave the same result."""
+        return not self.disagreed and not any(any(a.failed.values()) for a in self.answers)
 
-    def interval(self, figure: str, controller: str, duty: str) -> Mean:
-        """Mean of a figure with its 90 % interval over plants.
+    @property
+    def verdict(self) -> str:
+        """The controller that wins the most duties, their number, and those that it does not win.
+
+        A duty is won by the controller with the smallest error; the numbers of duties at which
+        others are equal, and at which the runs cannot tell, are given.
+        """
+        firsts = [a.order[0] for a in self.answers if a.order]
+        if not firsts:
+            return "No controller completed any duty"
+        # the most duties; of two with equal numbers, the one that is named first in the study
+        winner = max((e.name for e in self.plan.entrants), key=firsts.count)
+        won = [a for a in self.answers if a.order[:1] == (winner,)]
+        text = f"{winner} wins {len(won)} of {len(self.answers)} duties"
+        shared = sum(len(a.best) > 1 for a in won)
+        unclear = sum(bool(a.unclear) for a in won)
+        if shared:
+            text += f", {shared} of them together with others, equal within {100 * ALIKE:g} %"
+        if unclear:
+            text += f"; at {unclear} of them {self.cannot_tell} whether others are as good"
+        lost: dict[str, list[str]] = {}
+        for a in self.answers:
+            if a not in won:
+                by = f"{a.order[0]} does" if a.order else "no controller does"
+                lost.setdefault(by, []).append(a.duty)
+        others = [f"{_listed(duties)} ({by})" for by, duties in lost.items()]
+        return f"{text}; it does not win {_listed(others)}" if lost else text
+
+    @property
+    def cannot_tell(self) -> str:
+        seeds, plants = self.plan.tuning.seeds, self.plan.plants
+        return f"{seeds} tuning{'s' if seeds > 1 else ''} on {plants} plants cannot tell"
+
+    def doubts(self) -> list[str]:
+        """What weakens the result, one sentence each; empty if nothing does."""
+        found = []
+        failed = [(n, count) for a in self.answers for n, count in a.failed.items() if count]
+        if failed:
+            names = _listed([*dict(failed)])
+            found.append(f"{sum(count for _, count in failed)} runs FAILED, of {names}")
+        if self.disagreed:
+            found.append(f"{self.disagreed} of {len(self.checks)} runs DIFFER over FMUs")
+        for name, tunings in self.tunings.items():
+            least = min(t.doubled_cost for t in tunings)
+            costs = [t.cost for t in tunings if t.cost > FAR * least]
+            if costs:
+                found.append(
+                    f"tuning of {name} FAILED in {len(costs)} of {len(tunings)} tries: it ended at "
+                    f"a cost of {max(costs):.3g}, but {least:.3g} was found with more budget or "
+                    "another seed"
+                )
+        for name in [e.name for e in self.plan.entrants if e.tune]:
+            if all(t.cost >= t.published_cost for t in self.tunings[name]):
+                found.append(f"tuning of {name} found no better values than the published ones")
+        return found
+
+    def headline(self) -> str:
+        """The best controller, then limitations, then the size of the study."""
+        entrants, duties = len(self.plan.entrants), len(self.plan.judged_duties)
+        runs = self.figures[JUDGED_BY].size
+        size = f"{entrants} controllers, {duties} duties, {runs} runs"
+        parts = [*self.doubts(), size]
+        return ". ".join([self.verdict, *(part[0].upper() + part[1:] for part in parts)])
+
+    def mean(self, figure: str, controller: str, duty: str) -> Mean:
+        """Mean of a figure over tunings and plants, with its 90 % interval over plants.
 
         Geometric for figures that are positive in the runs of all controllers at this duty, see
         `SIZES`.
         """
-        every = self._of_duty(figure, duty)
-        geometric = figure in SIZES and bool((every[np.isfinite(every)] > 0).all())
-        return mean_over_plants(self._runs(figure, controller, duty), geometric)
-
-    def _runs(self, figure: str, controller: str, duty: str) -> Array:
-        """A figure of all runs of a controller at a duty, by tuning and plant."""
-        e = [e.name for e in self.plan.entrants].index(controller)
-        found: Array = self._of_duty(figure, duty)[e]
-        return found
-
-    def _of_duty(self, figure: str, duty: str) -> Array:
         d = [d.name for d in self.plan.judged_duties].index(duty)
-        return self.figures[figure][:, :, d]
+        every = self.figures[figure][:, :, d]
+        geometric = figure in SIZES and bool((every[np.isfinite(every)] > 0).all())
+        return mean_over_plants(every[self._number(controller)], geometric)
 
     def hunting(self, controller: str, duty: str) -> dict[str, int]:
         """Numbers of runs by the verdict on hunting; see `Figures`."""
-        said = [hunting_verdict(v) for v in self._runs("hunting", controller, duty).ravel()]
+        d = [d.name for d in self.plan.judged_duties].index(duty)
+        runs = self.figures["hunting"][self._number(controller), :, d].ravel()
+        said = [hunting_verdict(v) for v in runs]
         return {word: said.count(word) for word in ("hunting", "none", "undecided")}
+
+    def _number(self, controller: str) -> int:
+        return [e.name for e in self.plan.entrants].index(controller)
+
+    def run(self, place: Place) -> dict[str, Any]:
+        """What identifies a run."""
+        e, s, d, p = place
+        names = self.plan.entrants[e].name, s, self.plan.judged_duties[d].name, p
+        return dict(zip(("controller", "tuning", "duty", "plant"), names, strict=True))
 
     def rows(self) -> dict[str, list[Any]]:
         """A row for each run, as columns."""
-        plan = self.plan
-        draws = plan.draws("judge")
-        columns: dict[str, list[Any]] = {n: [] for n in ("controller", "tuning", "duty", "plant")}
-        varied = [v.name for v in plan.variations]
-        columns |= {n: [] for n in (*varied, *NAMES, "coupling")}
+        draws = self.plan.draws("judge")
+        varied = [v.name for v in self.plan.variations]
+        rows = []
         for place in np.ndindex(self.figures[JUDGED_BY].shape):
-            e, s, d, p = place
-            run = Run(plan.entrants[e].name, s, plan.judged_duties[d].name, p)
-            row = run._asdict() | dict(zip(varied, map(float, draws[p]), strict=True))
+            row = self.run(place) | dict(zip(varied, map(float, draws[place[-1]]), strict=True))
             row |= {name: float(self.figures[name][place]) for name in NAMES}
             row["hunting"] = hunting_verdict(row["hunting"])
-            row["coupling"] = self.checks[run].coupling if run in self.checks else ""
-            for name, value in row.items():
-                columns[name].append(value)
-        return columns
+            row["coupling"] = self.checks[place].coupling if place in self.checks else ""
+            rows.append(row)
+        return {name: [row[name] for row in rows] for name in rows[0]}
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``study.json``."""
@@ -153,6 +311,8 @@ class StudyResult:
             return {d.name: {e: of(e, d.name) for e in names} for d in self.plan.judged_duties}
 
         return {
+            "verdict": self.verdict,
+            "weaknesses": self.doubts(),
             "version": 1,
             "plan": asdict(self.plan),
             "tunings": {n: [asdict(t) for t in ts] for n, ts in self.tunings.items()},
@@ -162,18 +322,22 @@ class StudyResult:
                 for duty, pairs in self.differences.items()
             },
             "sensitivities": {n: asdict(s) for n, s in self.sensitivities.items()},
-            "over_fmus": [r._asdict() | asdict(c) for r, c in self.checks.items()],
+            "over_fmus": [self.run(place) | asdict(c) for place, c in self.checks.items()],
             "hunting": each(self.hunting),
-            "intervals": each(lambda e, d: {n: asdict(self.interval(n, e, d)) for n in MEASURED}),
-            "means": each(lambda e, d: {n: self.mean(n, e, d) for n in NAMES}),
+            "intervals": each(lambda e, d: {n: asdict(self.mean(n, e, d)) for n in MEASURED}),
         }
+
+    def write(self, folder: Path) -> None:
+        """Write ``study.json`` and the table of runs."""
+        write_json(folder / "study.json", self.to_dict())
+        write_table(folder, "runs", [self.rows()])
 
 
 def concluded(
     plan: Plan,
     tunings: Mapping[str, list[Tuned]],
     figures: Mapping[str, Array],
-    checks: dict[Run, FmuCheck],
+    checks: dict[Place, FmuCheck],
     courses: dict[str, dict[str, Shown]],
 ) -> StudyResult:
     """The result of a study from its runs."""
@@ -183,127 +347,23 @@ def concluded(
     answers, differences = [], {}
     for d, duty in enumerate(plan.judged_duties):
         lost = {n: int(failed[e, :, d].sum()) for e, n in enumerate(names)}
-        compared = [n for n in names if not lost[n]]
-        by_name = {n: errors[names.index(n), :, d] for n in compared}
-        order = sorted(compared, key=lambda n: float(np.log(by_name[n]).mean()))
-        pairs = {
-            (a, b): compare(by_name[a], by_name[b])
-            for k, a in enumerate(order)
-            for b in order[k + 1 :]
-        }
-        open_ = {n: pairs[order[0], n] for n in order[1:] if not pairs[order[0], n].told_apart}
-        best = [n for n, d in open_.items() if d.alike]
-        unclear = tuple(n for n, d in open_.items() if not d.alike)
-        answers.append(DutyAnswer(duty.name, tuple(order), (*order[:1], *best), unclear, lost))
+        by_name = {n: errors[e, :, d] for e, n in enumerate(names) if not lost[n]}
+        order = sorted(by_name, key=lambda n: float(np.log(by_name[n]).mean()))
+        pairs = {(a, b): compare(by_name[a], by_name[b]) for a, b in combinations(order, 2)}
+        near = {b: pairs[a, b] for a, b in pairs if a == order[0] and not pairs[a, b].told_apart}
+        best = (*order[:1], *(n for n, found in near.items() if found.alike))
+        unclear = tuple(n for n, found in near.items() if not found.alike)
+        answers.append(DutyAnswer(duty.name, tuple(order), best, unclear, lost))
         differences[duty.name] = pairs
-    return StudyResult(
-        plan,
-        dict(tunings),
-        dict(figures),
-        answers,
-        differences,
-        {n: _sensitivity(plan, errors[e], failed[e]) for e, n in enumerate(names)},
-        checks,
-        courses,
-    )
-
-
-def _sensitivity(plan: Plan, errors: Array, failed: Array) -> Sensitivity:
-    """Sensitivity over all runs of a controller, each duty and tuning about its own mean."""
     varied = [v.name for v in plan.variations]
-    if failed.any():
-        return Sensitivity(dict.fromkeys(varied, 0.0), 0.0)
-    logs = np.log(errors)
-    about = np.exp(logs - logs.mean(axis=-1, keepdims=True))  # (seeds, duties, plants)
-    draws = np.tile(plan.draws("judge"), (about.shape[0] * about.shape[1], 1))
-    return sensitivity(draws, about.ravel(), varied)
-
-
-FAR = 2.0  # times the least known cost of a controller: a tuning that ends above it failed
-
-
-def sentence(study: StudyResult) -> str:
-    """The controller that wins the most duties, their number, and the duties that it does not win.
-
-    A duty is won by the controller with the smallest error; the numbers of duties at which others
-    are equal, and at which the runs cannot tell, are given.
-    """
-    judged = [a for a in study.answers if a.order]
-    if not judged:
-        return "No controller completed any duty"
-    firsts = [a.order[0] for a in judged]
-    # the most duties; of two with equal numbers, the one that is named first in the study
-    winner = max((e.name for e in study.plan.entrants), key=firsts.count)
-    won = [a for a in judged if a.order[0] == winner]
-    text = f"{winner} wins {len(won)} of {len(study.answers)} duties"
-    shared = [a.duty for a in won if len(a.best) > 1]
-    if shared:
-        text += f", {len(shared)} of them together with others, equal within {100 * ALIKE:g} %"
-    unclear = [a.duty for a in won if a.unclear]
-    if unclear:
-        text += f"; at {len(unclear)} of them {cannot_tell(study)} whether others are as good"
-    lost: dict[str, list[str]] = {}
-    for a in study.answers:
-        if a not in won:
-            by = f"{a.order[0]} does" if a.order else "no controller does"
-            lost.setdefault(by, []).append(a.duty)
-    if lost:
-        others = [f"{_listed(duties)} ({by})" for by, duties in lost.items()]
-        text += f"; it does not win {_listed(others)}"
-    return text
-
-
-def cannot_tell(study: StudyResult) -> str:
-    seeds, plants = study.plan.tuning.seeds, study.plan.plants
-    return f"{seeds} tuning{'s' if seeds > 1 else ''} on {plants} plants cannot tell"
-
-
-def weaknesses(study: StudyResult) -> list[str]:
-    """Limitations of the result, one sentence each; empty if there are none."""
-    found = []
-    failed = sum(sum(a.failed.values()) for a in study.answers)
-    if failed:
-        names = dict.fromkeys(n for a in study.answers for n, count in a.failed.items() if count)
-        found.append(f"{failed} runs FAILED, of {_listed(list(names))}")
-    if study.disagreed:
-        found.append(f"{study.disagreed} of {len(study.checks)} runs DIFFER over FMUs")
-    for name, tunings in study.tunings.items():
-        least = min(t.doubled_cost for t in tunings)
-        costs = [t.cost for t in tunings if t.cost > FAR * least]
-        if costs:
-            found.append(
-                f"tuning of {name} FAILED in {len(costs)} of {len(tunings)} tries: it ended at a "
-                f"cost of {max(costs):.3g}, but {least:.3g} was found with more budget or another "
-                "seed"
-            )
-    for name in [e.name for e in study.plan.entrants if e.tune]:
-        if all(t.cost >= t.published_cost for t in study.tunings[name]):
-            found.append(f"tuning of {name} found no better values than the published ones")
-    for name, duties in _overtaking(study).items():
-        found.append(
-            f"with more budget {name} might win {_listed(duties)}: twice the budget lowers its "
-            f"cost to {100 * _gain(study, name):.2g} %"
-        )
-    return found
-
-
-def _gain(study: StudyResult, name: str) -> float:
-    """Cost with twice the budget over that with the budget: the median of the tunings."""
-    return median(t.doubled_cost / t.cost if t.cost else 1.0 for t in study.tunings[name])
-
-
-def _overtaking(study: StudyResult) -> dict[str, list[str]]:
-    """Controllers that would win duties if errors fell like costs with twice the budget.
-
-    Without those that are not shown to differ from the first one there.
-    """
-    found: dict[str, list[str]] = {}
-    for a in study.answers:
-        hoped = {n: _gain(study, n) * study.mean(JUDGED_BY, n, a.duty) for n in a.order}
-        for name in a.order:
-            if name not in {*a.best, *a.unclear} and hoped[name] < hoped[a.order[0]]:
-                found.setdefault(name, []).append(a.duty)
-    return found
+    sensitivities = {n: Sensitivity(dict.fromkeys(varied, 0.0), 0.0) for n in names}
+    for e, name in enumerate(names):
+        if not failed[e].any():  # each duty and tuning about its own mean
+            logs = np.log(errors[e])  # (seeds, duties, plants)
+            about = np.exp(logs - logs.mean(axis=-1, keepdims=True))
+            draws = np.tile(plan.draws("judge"), (about[..., 0].size, 1))
+            sensitivities[name] = sensitivity(draws, about.ravel(), varied)
+    return StudyResult(plan, tunings, figures, answers, differences, sensitivities, checks, courses)
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -10,27 +10,39 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from operator import itemgetter
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from ...plant.instruments import UNLIMITED
 from ...solver.errors import UserError
 from ...solver.kernel import CONTROLLER, PLANT
 from ...solver.signals import Parameter
-from ..loop.catalogue import LIMIT, OWN_LIMIT
+from ..loop import catalogue
+from ..loop.catalogue import LIMIT, OWN_LIMIT, component
+from ..loop.loop import Loop
 from ..loop.machine import limit_of
-from .figures import Figures, measured
-from .loop import AnyLoop, Course
-from .plan import Duty, Entrant, Plan
+from ..loop.parts import Part, check_names
+from ..loop.whole_loop import loop_kernel
+from ..master.reference_signal import Reference
+from .plan import Duty, Entrant, Plan, Ranges
+from .run import STEP, AnyLoop, Course, Figures, FmuLoop, StudyLoop, figures_of, of_side
 
-Vector = npt.NDArray[np.float64]
-Cost = Callable[[Mapping[str, float]], float]
+if TYPE_CHECKING:
+    from ...solver.component import Component
+
+Gains = Mapping[str, float]
+Cost = Callable[[Gains], float]
 
 FAILED = 1e6  # price of a run that fails
 OVER_LIMIT = 10.0  # price of each limit that is exceeded by its own size
 SPREAD = 0.2  # of each range, of the first candidates
+SEED = "_seed"  # end of the name of a noise's seed
+BETWEEN_SOURCES = 1_000_000  # difference of the seeds of two noises
 
 
 def price(found: Figures, size: float, limits: Mapping[str, float]) -> float:
@@ -59,11 +71,7 @@ class Tuned:
 
 
 def tune(
-    cost: Cost,
-    published: Mapping[str, float],
-    ranges: Mapping[str, tuple[float, float]],
-    budget: int,
-    seed: int | Sequence[int],
+    cost: Cost, published: Gains, ranges: Ranges, budget: int, seed: int | Sequence[int]
 ) -> Tuned:
     """Find values with a small cost, from published ones on.
 
@@ -71,77 +79,41 @@ def tune(
     cost, which is not NaN. `budget` candidates are for the result; as many again show what more
     candidates would gain.
     """
-    names = list(ranges)
-    start = {n: float(np.clip(published[n], *ranges[n])) for n in names}
-    first = cost(published)
-    if not names:
-        return Tuned({}, first, first, first, 1)
-    scales = [_Scale(*ranges[n]) for n in names]
-    best, found, tried = first, {n: published[n] for n in names}, 1
-    at_budget: tuple[float, dict[str, float]] | None = None
-    for place, tell in _candidates(start, names, scales, 2 * budget - 1, seed):
-        if tried == budget:
-            at_budget = best, found
-        values = {n: s.value(c) for n, s, c in zip(names, scales, place, strict=True)}
-        price = cost({**published, **values})
-        tell(price)
-        tried += 1
-        if price < best:
-            best, found = price, values
-    kept_cost, kept = at_budget or (best, found)
-    places = {n: s.place(kept[n]) for n, s in zip(names, scales, strict=True)}
-    ends = tuple(n for n, at in places.items() if not 0.01 <= at <= 0.99)
-    return Tuned(kept, kept_cost, first, best, tried, ends)
-
-
-@dataclass(frozen=True)
-class _Scale:
-    """A range as the unit interval, logarithmic if it is positive."""
-
-    low: float
-    high: float
-
-    def value(self, place: float) -> float:
-        if self.low > 0:
-            return float(self.low * (self.high / self.low) ** place)
-        return float(self.low + (self.high - self.low) * place)
-
-    def place(self, value: float) -> float:
-        if self.low > 0:
-            return math.log(max(value, 1e-300) / self.low) / math.log(self.high / self.low)
-        return (value - self.low) / (self.high - self.low)
-
-
-def _candidates(
-    start: Mapping[str, float],
-    names: list[str],
-    scales: list[_Scale],
-    count: int,
-    seed: int | Sequence[int],
-) -> Iterator[tuple[Vector, Callable[[float], None]]]:
-    """Yield candidates, and what takes the cost of each before the next generation."""
+    tried = [(cost(published), {n: published[n] for n in ranges})]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about packages that it does not need
         import cma
 
-        state = np.random.SeedSequence(seed).generate_state(1)[0]
-        place = [s.place(start[n]) for n, s in zip(names, scales, strict=True)]
+        place = [_place(float(np.clip(published[n], *ends)), *ends) for n, ends in ranges.items()]
         place += [0.5] * (2 - len(place))  # it fails with one coordinate: add one that is not used
+        state = np.random.SeedSequence(seed).generate_state(1)[0]
         options = {"bounds": [0, 1], "seed": int(state % (2**31 - 2)) + 1, "verbose": -9}
         search = cma.CMAEvolutionStrategy(place, SPREAD, options)
-    left = count
-    while left > 0:
-        generation = search.ask()
-        prices: list[float] = []
-        for point in generation[:left]:
-            yield point[: len(names)], prices.append
-        left -= len(prices)
-        if len(prices) == len(generation):
-            search.tell(generation, prices)
+        while ranges and len(tried) < 2 * budget:
+            points = search.ask()
+            generation = []
+            for point in points[: 2 * budget - len(tried)]:
+                places = zip(ranges.items(), point, strict=False)
+                values = {n: _value(at, *ends) for (n, ends), at in places}
+                generation.append((cost({**published, **values}), values))
+            if len(generation) == len(points):
+                search.tell(points, [paid for paid, _ in generation])
+            tried += generation
+    (paid, found), (doubled, _) = (min(of, key=itemgetter(0)) for of in (tried[:budget], tried))
+    ends_at = {n: _place(found[n], *ends) for n, ends in ranges.items()}
+    at_bound = tuple(n for n, at in ends_at.items() if not 0.01 <= at <= 0.99)
+    return Tuned(found, paid, tried[0][0], doubled, len(tried), at_bound)
 
 
-SEED = "_seed"  # end of the name of a noise's seed
-BETWEEN_SOURCES = 1_000_000  # difference of the seeds of two noises
+def _value(place: float, low: float, high: float) -> float:
+    """The value at a place of a range as the unit interval, logarithmic if it is positive."""
+    return float(low * (high / low) ** place if low > 0 else low + (high - low) * place)
+
+
+def _place(value: float, low: float, high: float) -> float:
+    if low > 0:
+        return math.log(max(value, 1e-300) / low) / math.log(high / low)
+    return (value - low) / (high - low)
 
 
 @dataclass(frozen=True)
@@ -152,8 +124,35 @@ class Contender:
     entrant: Entrant
     loop: AnyLoop
 
+    @classmethod
+    def of(cls, plan: Plan, entrant: Entrant) -> Contender:
+        """A controller of a plan, whose loop can run; raises `UserError`."""
+        loop: AnyLoop
+        try:
+            if catalogue.has_equations(entrant.component):
+                kernel = loop_kernel(plan.plant, composed(plan, entrant))
+                kernel.compile()
+                loop = StudyLoop(kernel)
+            elif plan.instruments or plan.delay:
+                raise UserError("instruments and a delay are for equations, this is an FMU")
+            else:
+                loop = FmuLoop(Loop(entrant.component, plan.plant, sampled=plan.period or None))
+                loop.run({}, (Reference.constant(0.0), 2.0 * (plan.period or STEP)))  # it can
+            found = cls(plan, entrant, loop)
+            known = found._known(CONTROLLER)
+            check_names("it", (*entrant.values, *entrant.tune), known)
+            values = {n: (value,) for n, value in entrant.values.items()}
+            for name, ends in (*values.items(), *entrant.tune.items()):
+                low, high = known[name].minimum, known[name].maximum
+                if not low <= min(ends) <= max(ends) <= high:
+                    asked = " to ".join(f"{end:g}" for end in ends)
+                    raise UserError(f"{name} is {asked}, expected within [{low:g}, {high:g}]")
+        except UserError as error:
+            raise UserError(f"controllers.{entrant.name} on {plan.plant}: {error}") from error
+        return found
+
     def values(
-        self, gains: Mapping[str, float], duty: Duty, drawn: Sequence[float], number: int
+        self, gains: Gains, duty: Duty, drawn: Sequence[float], number: int
     ) -> dict[str, float]:
         """Parameters of a run, by the loop's names, that differ from their defaults.
 
@@ -168,53 +167,47 @@ class Contender:
         values |= {PLANT + n: v for n, v in duty.plant.items()}
         for variation, draw in zip(self.plan.variations, drawn, strict=True):
             for name, factor in variation.factors(draw).items():
-                values[PLANT + name] = values.get(PLANT + name, known[PLANT + name]) * factor
+                nominal = known.get(PLANT + name, math.nan)  # an unknown name is found later
+                values[PLANT + name] = values.get(PLANT + name, nominal) * factor
         values |= {CONTROLLER + n: v for n, v in {**self.entrant.values, **gains}.items()}
         sources = sorted(n for n in known if n.endswith(SEED))
         return values | {n: float(1 + number + k * BETWEEN_SOURCES) for k, n in enumerate(sources)}
 
     def run(
-        self, gains: Mapping[str, float], duty: Duty, drawn: Sequence[float], number: int
+        self, gains: Gains, duty: Duty, drawn: Sequence[float], number: int
     ) -> tuple[Course, Figures]:
         """A run and its figures; see `values`."""
         values = self.values(gains, duty, drawn, number)
-        motion = duty.signal(), duty.stop
-        return measured(self.loop, values, motion, self.plan.tolerance, self.plan.count)
+        course = self.loop.run(values, duty.motion, self.plan.tolerance)
+        return course, figures_of(course, self.plan.count, values.get(PLANT + LIMIT, UNLIMITED))
+
+    def cost(self, gains: Gains, sizes: Mapping[str, float]) -> float:
+        """Mean price of the duties to tune on, on the nominal plant and on those drawn for it.
+
+        `sizes` are the errors whose price is 1 [m], by duty.
+        """
+        plan = self.plan
+        prices = [
+            price(self.run(gains, duty, drawn, number)[1], sizes[duty.name], plan.tuning.limits)
+            for duty in plan.tuning_duties
+            for number, drawn in enumerate(plan.draws("tune"))
+        ]
+        return sum(prices) / len(prices)
 
     def tuned(self, seed: int) -> Tuned:
-        """Tune on the duties for tuning, on the nominal plant and on those drawn for it."""
+        """Tune it; an error as large as the motion has the price 1."""
         plan, entrant = self.plan, self.entrant
-        draws = plan.draws("tune")
-
-        def cost(gains: Mapping[str, float]) -> float:
-            prices = []
-            for duty in plan.tuning_duties:
-                size = float(np.abs(duty.signal().values).max())
-                for number, drawn in enumerate(draws):
-                    _, found = self.run(gains, duty, drawn, number)
-                    prices.append(price(found, size, plan.tuning.limits))
-            return sum(prices) / len(prices)
-
         known = self._known(CONTROLLER)
         published = {n: entrant.values.get(n, known[n].default) for n in entrant.tune}
         for name, value in published.items():  # an FMU may give no start
             published[name] = value if math.isfinite(value) else sum(entrant.tune[name]) / 2
+        sizes = {d.name: float(np.abs(d.motion[0].values).max()) for d in plan.tuning_duties}
         number = [e.name for e in plan.entrants].index(entrant.name)
-        random = [plan.seed, number, seed]
-        return tune(cost, published, entrant.tune, plan.tuning.budget, random)
-
-    def check(self) -> None:
-        """Check that what is set or tuned exists and is in its range; raises `UserError`."""
-        where = f"controllers.{self.entrant.name}"
-        asked = [(n, (value,)) for n, value in self.entrant.values.items()]
-        for name, ends in [*asked, *self.entrant.tune.items()]:
-            self._check(where, CONTROLLER, name, *ends)
+        cost = partial(self.cost, sizes=sizes)
+        return tune(cost, published, entrant.tune, plan.tuning.budget, [plan.seed, number, seed])
 
     def check_plants(self) -> None:
-        """Make sure that all plants are possible: of each duty, as drawn, at the ends of ranges.
-
-        Raises `UserError`.
-        """
+        """Make sure that all plants are possible, of each duty, as drawn; raises `UserError`."""
         plan = self.plan
         if plan.command_limit is not None and LIMIT not in self._known(PLANT):
             raise UserError(
@@ -222,28 +215,33 @@ class Contender:
                 f"{LIMIT} for it; remove command_limit, or wrap the plant with "
                 "plant.direct_drive.with_command_limit"
             )
-        varied = [name for variation in plan.variations for name in variation.parameters]
-        for name in varied:
-            self._check("vary", PLANT, name)
         for duty in plan.duties:
-            for name, value in duty.plant.items():
-                self._check(f"duty {duty.name}", PLANT, name, value)
-            for row in plan.rows_to_check():
-                values = self.values({}, duty, row, 0)
-                for name in varied:
-                    self._check("vary", PLANT, name, values[PLANT + name])
+            for drawn in (*plan.draws("tune"), *plan.draws("judge")):
+                values = self.values({}, duty, drawn, 0)
+                Part(plan.plant).check_values("plant", of_side(PLANT, values))
 
     def _known(self, side: str) -> dict[str, Parameter]:
         """Parameters of one part, by its own names."""
         of_loop = self.loop.parameters
         return {p.name.removeprefix(side): p for p in of_loop if p.name.startswith(side)}
 
-    def _check(self, where: str, side: str, name: str, *values: float) -> None:
-        known = self._known(side)
-        if name not in known:
-            raise UserError(f"{where}: no parameter {name!r}; there are {', '.join(sorted(known))}")
-        low, high = known[name].minimum, known[name].maximum
-        for value in values:
-            if not low <= value <= high:
-                within = f"[{low:g}, {high:g}]"
-                raise UserError(f"{where}: {name} would be {value:g}, expected within {within}")
+
+def composed(plan: Plan, entrant: Entrant) -> Component:
+    """The entrant's controller in the form for the study: digital, with the instruments.
+
+    Raises `UserError`.
+    """
+    from ...plant.instruments.measured_through import measured_through
+    from ...plant.instruments.sample_and_hold import PERIOD, sampled
+
+    controller = component(catalogue.in_units_of(entrant.component, plan.plant))
+    if not plan.period:
+        return controller
+    period = replace(PERIOD, default=plan.period, source="the study")
+    if not controller.discrete:
+        controller = sampled(controller, period, plan.delay)
+    elif controller.sample_time:
+        controller = replace(controller, sample_time=period)
+    names = (catalogue.in_units_of(name, plan.plant) for name in plan.instruments)
+    parts = [replace(i, sample_time=i.sample_time and period) for i in map(component, names)]
+    return measured_through(controller, parts) if parts else controller

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import json
 import logging
@@ -42,8 +41,7 @@ class Processes:
     def map(self, function: Function, tasks: Tasks) -> Iterator[tuple[str, Any]]:
         """Yield the name and result of each task when it is finished; raises `UserError`."""
         if self.count == 1:
-            for name, arguments in tasks:
-                yield name, function(*arguments)
+            yield from ((name, function(*arguments)) for name, arguments in tasks)
             return
         from concurrent.futures.process import BrokenProcessPool
 
@@ -55,12 +53,11 @@ class Processes:
                         waiting[workers.submit(function, *arguments)] = name
                     if not waiting:
                         return
-                    done, _ = wait(waiting, return_when=FIRST_COMPLETED)
-                    for future in done:
+                    for future in wait(waiting, return_when=FIRST_COMPLETED).done:
                         yield waiting.pop(future), future.result()
             except BrokenProcessPool as error:
                 raise UserError(
-                    "a worker process ended unexpectedly; continue the map with --resume"
+                    "a worker process ended unexpectedly; continue with --resume"
                 ) from error
             except GeneratorExit:
                 workers.shutdown(wait=False, cancel_futures=True)
@@ -93,38 +90,37 @@ class Dask:
             if name.partition(".")[0] in _NOISY:
                 logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         self.address = address
-        self._heard, self._seen, self._seen_any = time.monotonic(), dict[str, float](), False
+        self._beat = 0.0  # the scheduler's time of the last heartbeat; 0: no worker came yet
         try:
-            # whether anybody listens, and who: a client that fails tries for long and is noisy
+            # whether anybody listens: a client that fails tries for long
             socket.create_connection(get_address_host_port(address), timeout).close()
-            if asyncio.run(asyncio.wait_for(_identity(address), timeout))["type"] != "Scheduler":
-                raise TypeError("it is a worker")
             self.client = Client(address, timeout=timeout, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
-            why = str(error) or "silence"
-            raise UserError(f"no Dask scheduler responds at {address}: {why}") from None
         except Exception as error:  # another program's answer can cause any error
-            raise UserError(
-                f"what responds at {address} is not a Dask scheduler: "
-                f"{type(error).__name__} {error}"
-            ) from None
+            why = str(error) or type(error).__name__
+            raise UserError(f"no Dask scheduler responds at {address}: {why}") from None
 
     def map(self, function: Function, tasks: Tasks) -> Iterator[tuple[str, Any]]:
         """As that of `Processes`."""
         found: SimpleQueue[Any] = SimpleQueue()
         Thread(target=self._compute, args=(function, tasks, found), daemon=True).start()
-        self._heard = time.monotonic()
+        heard = time.monotonic()
         while True:
             try:
                 result = found.get(timeout=CHECK)
             except Empty:
-                self._check()
+                before, (beat, why) = self._beat, self._last_beat()
+                self._beat = beat or before
+                patience = SILENT if self._beat else NO_WORKER
+                if beat > before:
+                    heard = time.monotonic()
+                elif time.monotonic() - heard > patience:
+                    raise self._lost(f"{why} ({patience:.0f} s without a sign of life)") from None
                 continue
             if result is None:
                 return
             if isinstance(result, BaseException):
                 raise self._told(result)
-            self._heard = time.monotonic()
+            heard = time.monotonic()
             yield result
 
     def _compute(self, function: Function, tasks: Tasks, found: SimpleQueue[Any]) -> None:
@@ -139,7 +135,6 @@ class Dask:
 
         try:
             workers = len(self.client.scheduler_info()["workers"])
-            self._seen_any = workers > 0
             running = as_completed(
                 submit(max(1, workers) * AHEAD), loop=self.client.loop, with_results=True
             )
@@ -154,36 +149,28 @@ class Dask:
         except BaseException as error:  # raised in the waiting thread
             found.put(error)
 
-    def _check(self) -> None:
-        """Raise `UserError` if no worker was heard for too long; also a busy one is heard."""
-        seen, why = {}, "does not answer"
-        with contextlib.suppress(OSError, TimeoutError):
-            told: Any = self.client.sync(_identity, self.address, callback_timeout=CHECK)
-            seen = {name: float(worker["last_seen"]) for name, worker in told["workers"].items()}
-            why = "has no worker: start one"
-            self._seen_any = self._seen_any or bool(seen)
-            if self._seen_any:
-                lost = f"has lost all workers: {_INSTALL}"
-                why = "has lost contact with its workers" if seen else lost
-        if any(self._seen.get(name) != last for name, last in seen.items()):
-            self._heard = time.monotonic()
-        self._seen = seen
-        patience = SILENT if self._seen_any else NO_WORKER
-        if time.monotonic() - self._heard > patience:
-            raise self._lost(f"{why} ({patience:.0f} s without a sign of life)")
+    def _last_beat(self) -> tuple[float, str]:
+        """The latest heartbeat of any worker, also of a busy one; what to say if it is old."""
+        try:
+            scheduler: Any = self.client.scheduler
+            told: Any = self.client.sync(scheduler.identity, callback_timeout=CHECK)
+        except (OSError, TimeoutError):
+            return 0.0, "does not answer"
+        beats = [float(worker["last_seen"]) for worker in told["workers"].values()]
+        if beats:
+            return max(beats), "has lost contact with its workers"
+        lost = f"has lost all workers: {_INSTALL}"
+        return 0.0, lost if self._beat else "has no worker: start one"
 
     def _told(self, error: BaseException) -> BaseException:
         """The exception to raise for an error of a task."""
         from distributed import KilledWorker
         from distributed.comm.core import CommClosedError
 
-        if isinstance(error, ImportError) or "deserializ" in str(error):
+        if isinstance(error, ImportError | KilledWorker) or "deserializ" in str(error):
             return self._lost(f"cannot run the task: {_INSTALL} ({error.__cause__ or error})")
-        if isinstance(error, KilledWorker):
-            return self._lost(f"lost its workers repeatedly: {_INSTALL}")
-        return (
-            self._lost("is gone") if isinstance(error, CommClosedError | CancelledError) else error
-        )
+        gone = isinstance(error, CommClosedError | CancelledError)
+        return self._lost("is gone") if gone else error
 
     def _lost(self, why: str) -> UserError:
         with contextlib.suppress(Exception):
@@ -198,15 +185,6 @@ class Dask:
 
 
 Workers: TypeAlias = Processes | Dask
-
-
-async def _identity(address: str) -> Any:
-    """Information from a Dask server; raises any exception caused by another program's answer."""
-    from distributed import rpc
-    from distributed.security import Security
-
-    async with rpc(address, connection_args=Security().get_connection_args("client")) as server:
-        return await server.identity()
 
 
 def _named(function: Function, name: str, arguments: tuple[Any, ...]) -> tuple[str, Any]:
@@ -224,23 +202,23 @@ class KeptParts:
         self.folder = folder
         self.digest = digest
 
-    def claim(self, work: str, resume: bool, refused: type[ValueError]) -> None:
-        """Reject a folder that contains other parts, with one line of the type `refused`."""
+    def claim(self, work: str, resume: bool) -> None:
+        """Reject a folder that contains other parts, raises `UserError`."""
         place = self.folder.parent
-        found = {_digest(part) for p in sorted(self.folder.glob("*.json")) if (part := _content(p))}
+        found = {_read(path)[0] for path in self.folder.glob("*.json")} - {None}
         if self.digest in found and not resume:
-            raise refused(
+            raise UserError(
                 f"{place} contains an unfinished run of this {work}; add --resume to continue it"
             )
         if found and self.digest not in found:
-            raise refused(f"{place} contains another {work}; choose another folder, or remove it")
+            raise UserError(f"{place} contains another {work}; choose another folder, or remove it")
         if resume and not found:
-            raise refused(f"{place} contains no {work} to continue; remove --resume to start one")
+            raise UserError(f"{place} contains no {work} to continue; remove --resume to start one")
 
     def read(self, name: str) -> Any:
         """Result of a task; None if it is not done, or if its file is incomplete."""
-        content = _content(self.folder / name)
-        return content["found"] if _digest(content) == self.digest else None
+        digest, found = _read(self.folder / name)
+        return found if digest == self.digest else None
 
     def write(self, name: str, found: Any) -> None:
         """Keep what a task found; raises OSError."""
@@ -273,14 +251,15 @@ class KeptParts:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def _content(path: Path) -> Any:
+def _read(path: Path) -> tuple[str | None, Any]:
+    """The digest in a file, and what was found; none in a file that is not complete.
+
+    The digest of another program's file is empty.
+    """
     try:
-        return json.loads(path.read_text("utf-8"))
+        content = json.loads(path.read_text("utf-8"))
     except (OSError, ValueError):
-        return None
-
-
-def _digest(content: Any) -> str:
-    """The digest in a file; empty for a file of another version or another program."""
-    known = isinstance(content, dict) and set(content) == {"of", "found"}
-    return str(content["of"]) if known else ""
+        return None, None
+    if isinstance(content, dict) and set(content) == {"of", "found"}:
+        return str(content["of"]), content["found"]
+    return "", None

@@ -16,7 +16,7 @@ from ballscrew.orchestration.loop.reference_motions import read_motion
 from ballscrew.orchestration.loop.whole_loop import loop_kernel, run_monolithic
 from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.reference_signal import Reference
-from ballscrew.orchestration.study.loop import StudyLoop
+from ballscrew.orchestration.study.run import StudyLoop
 
 STOP = 0.5
 TURNS, PLACES = np.array([0.0, 0.1037, 0.2041, 0.3513, 0.4]), np.array([0.0, 0.0, 0.01, 0.01, 0.0])
@@ -134,7 +134,7 @@ def test_what_is_sampled_sees_a_jump_no_sooner_and_at_the_next_sample(controller
     """A jump between two samples, in one solver, over FMUs and in a study's loop."""
     motion = read_motion("step:size=0.01,at=0.01037")
     whole = run_monolithic(Loop(controller, reference=motion, stop=0.05), 1e-3)
-    study = StudyLoop(loop_kernel("plant", controller)).run({}, motion, 0.05, 1e-10)
+    study = StudyLoop(loop_kernel("plant", controller)).run({}, (motion, 0.05), 1e-10)
     over = run_closed_loop(Loop(controller, reference=motion, stop=0.05, step=1e-3)).run
     assert over.verdict.trusted is (controller == "pid_sampled")  # the other moves in between, too
     rows = np.searchsorted(study.time, whole.time - 1e-9)

@@ -1,14 +1,13 @@
-"""Study files: what is read, and what is refused in one line."""
+"""Study files: what is read, what is drawn, and what is refused in one line."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ballscrew.cli import main
-from ballscrew.orchestration.loop.whole_loop import loop_kernel
-from ballscrew.orchestration.study.loop import StudyLoop
-from ballscrew.orchestration.study.plan import read_plan
+from ballscrew.orchestration.study.plan import Entrant, Plan, Variation, read_plan
 from ballscrew.orchestration.study.tuning import Contender
 from ballscrew.solver.errors import UserError
 
@@ -42,14 +41,6 @@ def plan_of(tmp_path, text):
     return read_plan(path)
 
 
-def test_a_study_is_read(tmp_path):
-    plan = plan_of(tmp_path, GOOD)
-    assert [d.name for d in plan.tuning_duties] == ["a"]
-    assert [d.name for d in plan.judged_duties] == ["b"]
-    assert plan.entrants[0].tune == {"Kp": (10.0, 3000.0)}
-    assert plan.tuning.limits == {"overshoot": 1e-3}
-
-
 def test_plants_to_judge_on_are_none_of_those_to_tune_on(tmp_path):
     plan = plan_of(tmp_path, GOOD)
     tuned, judged = plan.draws("tune"), plan.draws("judge")
@@ -60,6 +51,34 @@ def test_plants_to_judge_on_are_none_of_those_to_tune_on(tmp_path):
     np.testing.assert_array_equal(judged, plan_of(tmp_path, GOOD).draws("judge"))
 
 
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("variation", "share_below"),
+    [
+        (Variation(("m",), (0.5, 2.5)), lambda f: (f - 0.5) / 2),
+        (
+            Variation(("m",), (1.1, 0.2), "normal"),
+            lambda f: (1 + math.erf((f - 1.1) / 0.2 / math.sqrt(2))) / 2,
+        ),
+        (
+            Variation(("m",), (1.1, 0.2), "lognormal"),
+            lambda f: (1 + math.erf(math.log(f / 1.1) / 0.2 / math.sqrt(2))) / 2,
+        ),
+        (
+            Variation(("Fc",), (-10.0, 30.0), "temperature", {"Fc": 0.1}),
+            lambda f: (f + 10) / 40,
+        ),
+    ],
+    ids=lambda v: getattr(v, "distribution", ""),
+)
+def test_as_many_draws_lie_below_each_as_the_distribution_says(variation, share_below):
+    """Against the closed form of each; and of 4000 draws, no share is off by more than 2.6 %:
+    that of Kolmogorov's test at a hundredth."""
+    plan = Plan("plant", (Entrant("pid", "pid"),), (), (variation,), plants=4000)
+    below = np.array([share_below(f) for f in np.sort(plan.draws("judge")[:, 0])])
+    assert np.abs(below - (np.arange(4000) + 0.5) / 4000).max() < 0.026
+
+
 VARY = 'parameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]'
 
 
@@ -68,35 +87,48 @@ VARY = 'parameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]'
     ("old", "new", "message"),
     [
         ("version = 1", "version = 2", "version is 2, expected 1"),
-        ("[controllers.pid]", "[controler.pid]", "has no [controllers.NAME]"),
+        (
+            "[controllers.pid]",
+            "[controler.pid]",
+            "no 'controler', did you mean controllers",
+        ),
         ("stop = 1.0", "stop = 1.0 s", "is not a TOML"),
         ("[10.0, 3000.0]", "[3000.0, 10.0]", "an empty range"),
         ("[10.0, 3000.0]", "[10.0, nan]", "expected two finite numbers"),
-        ("pid]\ntune = {Kp = [1", "nctf]\ntune = {c = [-1", "c would be -10, expected within [0"),
+        ("pid]\ntune = {Kp = [1", "nctf]\ntune = {c = [-1", "c is -10 to 3000, expected"),
         ("budget = 7", "budgt = 7", "[tuning] there is no 'budgt', did you mean budget"),
         ("plants = 5", "plants = 5\nperiod = -1.0", "period is -1, expected 0 or more"),
         ("plants = 5", "plants = 1000000", "whole number, 2 to 100000"),
         ("plants = 5", "plants = 1" + "0" * 400, "expected a finite number"),
-        ("plants = 5", "plants = 1" + "0" * 5000, "is not a TOML file"),
-        ("plants = 5", f"plants = {'[' * 9999}{']' * 9999}", "is not a TOML file"),
         ("budget = 7", "budget = 90000\nseeds = 90000", "runs, expected at most 1e+07"),
         ("plants = 5", "plants = 5\nperiod = 1e-300", "samples, expected at most 1e+07"),
-        ("tune = true", 'tune = "false"', "tune is 'false', expected true or false"),
         ("[controllers.pid]", "[controllers.pidd]", "pidd"),
-        ("Kp =", "Kpp =", "no parameter 'Kpp'; there are Kd, Ki, Kp"),
-        ("move:distance=0.01", "mov:distance=0.01", "mov:distance=0.01: there is no such file"),
+        ("Kp =", "Kpp =", "no parameter 'Kpp'; nearest: Kp"),
+        ("move:distance=0.01", "mov:distance=0.01", "'mov:distance=0.01': there is no such file"),
         ("move:distance=0.01", "step:size=0", "has no motion and cannot be used for tuning"),
-        ("tune = true", "tune = false", "no duty to tune on"),
+        ("tune = true", "tune = false", "has 1 controllers, 0 duties to tune on and 2 to judge by"),
         ("step:size=-1e-3", "move:distance=0.01", "has the motion of a tuning duty"),
-        ('name = "b"', 'name = "a"', "two duties have the same name"),
-        ("stop = 1.0", "stop = 1.0\nplant = {load_force = 5}", "duty b: no parameter 'load_force'"),
+        ('name = "b"', 'name = "a"', "two [[duty]] have the same name"),
+        (
+            "stop = 1.0",
+            "stop = 1.0\nplant = {load_force = 5}",
+            "no parameter 'load_force'",
+        ),
         ("uniform = [0.7, 1.3]", "", "has no distribution, expected one of uniform, normal"),
-        ("uniform = [0.7, 1.3]", "normal = [1.0, 0.0]", "standard deviation], finite"),
-        ("uniform = [0.7, 1.3]", "uniform = [-1.0, 1.0]", "Fc would be -1"),
-        (VARY, "temperature = [40, 0]\ncoefficients = {Fc = -0.01}", "an empty range"),
-        (VARY, "temperature = [0, 40]", "no coeff"),
-        ("[[duty]]", f"[[vary]]\n{VARY}\n[[duty]]", "vary the same parameters; remove"),
-        ('"Fc", "Fs"', '"Fc", "Fz"', "vary: no parameter 'Fz'; there are Fc, Fs"),
+        (
+            "uniform = [0.7, 1.3]",
+            "normal = [1.0, 0.0]",
+            "expected [mean, standard deviation above 0]",
+        ),
+        ("uniform = [0.7, 1.3]", "uniform = [-1.0, 1.0]", "parameter Fc = -"),
+        (VARY, "temperature = [40, 0]\ncoefficients = {Fc = -0.01}", "expected [least, largest]"),
+        (VARY, "temperature = [0, 40]", "expected coefficients with it"),
+        (
+            "[[duty]]",
+            f"[[vary]]\n{VARY}\n[[duty]]",
+            "two [[vary]] have the same name",
+        ),
+        ('"Fc", "Fs"', '"Fc", "Fz"', "plant has no parameter 'Fz'; nearest: F"),
     ],
 )
 def test_bad_studies_are_refused_in_one_line(tmp_path, capsys, old, new, message):
@@ -113,55 +145,49 @@ def test_bad_studies_are_refused_in_one_line(tmp_path, capsys, old, new, message
 def test_the_studies_of_the_manual_are_read(tmp_path):
     page = (DOCS / "study.md").read_text("utf-8")
     plan = plan_of(tmp_path, page.split("```toml\n")[1].partition("```")[0])
+    assert [[d.tune for d in plan.duties], plan.tuning.limits] == [[1, 0, 0], {"overshoot": 1e-4}]
     assert plan.duties[-1].plant == {"load_force": -5.0, "load_time": 0.3}
     assert [v.distribution for v in plan.variations] == ["uniform", "uniform", "temperature"]
-    loop = StudyLoop(loop_kernel(plan.plant, "pid"))
-    Contender(plan, plan.entrants[0], loop).check_plants()
+    Contender.of(plan, plan.entrants[0]).check_plants()
     assert read_plan(DOCS / "examples" / "swap_study.toml").entrants
 
 
 FORWARD = '[controllers.pid]\ncomponent = "pid+feed_forward"'
+PID = "[controllers.pid]\ntune = {Kp = [10.0, 3000.0]}"
 
 
 def test_what_is_given_a_value_is_not_tuned_unless_the_plan_says_so(tmp_path):
-    forward = '[controllers.pid]\ncomponent = "pid+feed_forward"\nvalues = {Kfff = 0.0}'
-    given = GOOD.replace("[controllers.pid]\ntune = {Kp = [10.0, 3000.0]}", forward)
+    given = GOOD.replace(PID, f"{FORWARD}\nvalues = {{Kfff = 0.0}}")
     assert set(plan_of(tmp_path, given).entrants[0].tune) == {"Kp", "Ki", "Kd", "Kvff", "Kaff"}
-    said = given.replace(forward, f"{forward}\ntune = {{Kfff = [0.0, 1.0]}}")
+    said = GOOD.replace(PID, f"{FORWARD}\nvalues = {{Kfff = 0.0}}\ntune = {{Kfff = [0.0, 1.0]}}")
     assert plan_of(tmp_path, said).entrants[0].tune == {"Kfff": (0.0, 1.0)}
+
+
+def of_machine(tmp_path, factor, text, limit="command_limit = {}\n"):
+    """The plan of a study of a drive, `factor` times a small one."""
+    (tmp_path / "machine.toml").write_text(
+        'kind = "drive"\ncommand = "force"\nlaw = "lugre"\n[plant]\n'
+        f"m = {10 * factor}\nFc = {20 * factor}\nsigma2 = {100 * factor}\n"
+        "sigma0 = 66967.231\nsigma1 = 344.56\n"
+    )
+    return plan_of(tmp_path, 'params = "machine.toml"\n' + limit.format(100 * factor) + text)
 
 
 def test_a_study_of_a_machine_has_the_plant_and_the_values_of_its_file(tmp_path):
     """A duty's own value wins; the file is looked for beside the study."""
-    (tmp_path / "machine.toml").write_text(
-        'kind = "drive"\ncommand = "force"\nlaw = "lugre"\n[plant]\nm = 40.0\nFc = 80.0\n'
-        "sigma0 = 1e7\nsigma1 = 2e4\nsigma2 = 200.0\n"
-    )
-    text = 'params = "machine.toml"\ncommand_limit = 500.0\n' + GOOD.replace(
-        "stop = 1.0\n", "stop = 1.0\nplant = {m = 50}\n"
-    )
-    plan = plan_of(tmp_path, text)
+    own = GOOD.replace("stop = 1.0\n", "stop = 1.0\nplant = {m = 50}\n")
+    plan = of_machine(tmp_path, 4.0, own)
     assert plan.plant == "drive_lugre+force"
     assert [d.plant["m"] for d in plan.duties] == [40.0, 50.0]
     assert all(d.plant["Fs"] == 80.0 for d in plan.duties)  # as the file has no break-away force
-    with pytest.raises(UserError, match=r"study.toml: params: .*none.toml"):
+    with pytest.raises(UserError, match=r"study.toml: .*none.toml"):
         plan_of(tmp_path, 'params = "none.toml"\n' + GOOD)
 
 
 def test_controllers_of_a_machine_begin_with_what_it_is_and_are_tuned_where_it_needs(tmp_path):
     """The gains are in N for each metre, 4 times as large for 4 times the mass and friction."""
-
-    def entrant(factor):
-        (tmp_path / "machine.toml").write_text(
-            'kind = "drive"\ncommand = "force"\nlaw = "lugre"\n[plant]\n'
-            f"m = {10 * factor}\nFc = {20 * factor}\nsigma2 = {100 * factor}\n"
-            "sigma0 = 66967.231\nsigma1 = 344.56\n"
-        )
-        text = GOOD.replace("[controllers.pid]\ntune = {Kp = [10.0, 3000.0]}", FORWARD)
-        head = f'params = "machine.toml"\ncommand_limit = {100.0 * factor}\n'
-        return plan_of(tmp_path, head + text).entrants[0]
-
-    one, four = entrant(1.0), entrant(4.0)
+    forward = GOOD.replace(PID, FORWARD)
+    one, four = (of_machine(tmp_path, factor, forward).entrants[0] for factor in (1.0, 4.0))
     assert one.values["Kaff"] == pytest.approx(10.0, rel=0.05)
     assert one.values["Kvff"] == pytest.approx(100.0, rel=0.05)
     for name in ("Kvff", "Kaff", "Kfff", "Kp"):
@@ -169,9 +195,7 @@ def test_controllers_of_a_machine_begin_with_what_it_is_and_are_tuned_where_it_n
     low, high = one.tune["Kp"]
     assert four.tune["Kp"] == pytest.approx((4 * low, 4 * high), rel=0.02)
     assert low < one.values["Kp"] < high
-    without = 'params = "machine.toml"\n' + GOOD.replace("tune = {Kp = [10.0, 3000.0]}", "")
-    with pytest.raises(UserError, match="has no limit of its command; give command_limit"):
-        plan_of(tmp_path, without)
-    volts = GOOD.replace("[controllers.pid]", "[controllers.lqi]\n[controllers.pid]")
+    with pytest.raises(UserError, match="has no limit of its command; give one"):
+        of_machine(tmp_path, 1.0, forward, limit="")
     with pytest.raises(UserError, match="lqi is made for the voltage of a motor"):
-        plan_of(tmp_path, 'params = "machine.toml"\ncommand_limit = 500.0\n' + volts)
+        of_machine(tmp_path, 5.0, forward.replace("[c", "[controllers.lqi]\n[c", 1))

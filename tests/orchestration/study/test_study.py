@@ -2,23 +2,15 @@
 
 import json
 import shutil
-import signal
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from dask_cluster import cluster
-from long_commands import Command, interrupted
 from pages import Page
-from waiting import wait_for
 
 from ballscrew.cli import main
-from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.orchestration.loop.reference_motions import read_motion
-from ballscrew.orchestration.loop.whole_loop import loop_kernel, run_monolithic
-from ballscrew.orchestration.study.loop import StudyLoop
 from ballscrew.orchestration.study.plan import read_plan
-from ballscrew.orchestration.study.result import sentence
 from ballscrew.orchestration.study.study import PARTS, Work, do_study
 from ballscrew.orchestration.study.workers import Processes
 from ballscrew.solver.errors import UserError
@@ -82,12 +74,12 @@ def test_every_run_is_there_and_has_its_figures(result):
 def test_runs_over_fmus_come_out_as_in_one_solver(result):
     assert len(result.checks) == 1
     assert result.disagreed == 0
-    ((run, check),) = result.checks.items()
+    ((place, check),) = result.checks.items()
     assert 0 < check.apart <= check.allowed < 1e-6  # what the master's steps take from the curve
     rows = result.rows()
-    again = [k for k, verdict in enumerate(rows["coupling"]) if verdict]
-    assert [tuple(rows[name][k] for name in run._fields) for k in again] == [run]
-    assert [rows["coupling"][k] for k in again] == [check.coupling]
+    (again,) = (k for k, verdict in enumerate(rows["coupling"]) if verdict)
+    assert {name: rows[name][again] for name in result.run(place)} == result.run(place)
+    assert rows["coupling"][again] == check.coupling
     assert result.not_converged == (check.coupling == "not converged")
 
 
@@ -138,20 +130,6 @@ def test_a_table_that_is_not_that_of_its_runs_is_found_over_fmus(plan, folder, r
     assert not SwapStudy.of(found).trusted
 
 
-@pytest.mark.prove
-def test_an_interrupt_says_what_is_kept(folder, result, tmp_path):
-    path, out = tmp_path / "study.toml", tmp_path / "out"
-    path.write_text(STUDY)
-    shutil.copytree(folder / PARTS, out / PARTS)
-    for part in (out / PARTS).glob("run-*"):
-        part.unlink()
-    command = Command.of(["study", str(path), "--workers", "1", "--resume"], out)
-    wait_for(lambda: list((out / PARTS).glob("run-*")), 60.0, command.process)
-    ending = interrupted(command, signal.SIGINT)
-    assert ending.fault() == ""
-    assert "finished tasks are kept, continue with --resume" in ending.said
-
-
 def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, folder, result):
     study, out = tmp_path / "study.toml", tmp_path / "out"
     study.write_text(STUDY)
@@ -161,12 +139,8 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
     printed = capsys.readouterr().out
     assert "2 controllers, 1 duties, 12 runs" in printed
     assert "Repeated over FMUs: " in printed
-    assert {p.name for p in out.iterdir()} >= {
-        "report.html",
-        "study.json",
-        "runs.parquet",
-        "study.png",
-    }
+    files = {"report.html", "study.json", "runs.parquet", "study.png", "courses.png"}
+    assert {p.name for p in out.iterdir()} >= files
     told = json.loads((out / "study.json").read_text())
     assert [a["order"] for a in told["answers"]] == [list(a.order) for a in result.answers]
     page = Page((out / "report.html").read_text())
@@ -174,15 +148,5 @@ def test_the_command_writes_all_files_and_says_who_is_best(tmp_path, capsys, fol
     assert page.pictures == 2
     (figures,) = (rows for title, rows in page.tables.items() if title.startswith("Figures: "))
     assert "rms error [mm]" in figures[0]
-    assert told["verdict"] == sentence(result) == printed.splitlines()[0].partition(". ")[0]
+    assert told["verdict"] == result.verdict == printed.splitlines()[0].partition(". ")[0]
     assert not (out / PARTS).exists()
-
-
-@pytest.mark.parametrize("controller", ["pid_sampled", "nctf"])
-def test_a_run_is_that_of_the_monolithic_reference(controller):
-    """Sampled on its own grid, and continuous with ramps in between."""
-    motion = read_motion("move:distance=0.005,start=0.01,dwell=0.05,back=0")
-    own = StudyLoop(loop_kernel("plant", controller)).run({}, motion, 0.3, 1e-8)
-    other = run_monolithic(Loop(controller, reference=motion, stop=0.3), 1e-3)
-    np.testing.assert_allclose(own.position, other.outputs["x"], rtol=0, atol=1e-11)
-    np.testing.assert_allclose(own.command, other.commands["u"], rtol=0, atol=1e-6)
