@@ -75,7 +75,8 @@ PARTS = {
         "states_set or be_set or no_ or failure or bound or limit or words or events) or margin or "
         "either_way or bounces) and not (loop or cvode or tangents or maxwell or observed)'",
     ),
-    "controllers/adaptive_friction.py": "controllers/test_adaptive_friction.py",
+    "controllers/adaptive_friction.py": "controllers/test_commands.py "
+    "controllers/test_observers.py",
     "controllers/nctf.py": "controllers/test_nctf.py",
     "plant/lugre.py": "plant/test_ball_screw.py plant/test_lugre.py plant/test_laws.py -k lugre",
     "measurement/diagnosis/experiment_motions.py": "measurement/diagnosis/"

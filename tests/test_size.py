@@ -24,11 +24,11 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (3499, 2896),
     "gallery": (2728, 2354),
     "measurement": (13447, 11373),
-    "proofs": (12913, 11546),
+    "proofs": (12914, 11547),
     "benchmarks": (1845, 1707),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (25391, 24201),
+    "tests": (25036, 23863),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -42,13 +42,6 @@ def test_a_wrong_velocity_decays_with_the_poles_of_the_sliding_plant():
         np.testing.assert_allclose(error, exact[row], atol=1e-3 * np.abs(exact[row]).max())
 
 
-def test_with_exact_parameters_the_step_is_the_linear_one_of_the_law_itself():
-    times = np.linspace(0.0, 3.0, 301)
-    exact = -0.08 * (21 * np.exp(-5 * times) - 35 * np.exp(-6 * times) + 15 * np.exp(-7 * times))
-    run = run_of(times)
-    np.testing.assert_allclose(run.outputs["x"] - 0.08, exact, atol=1e-7)
-
-
 @pytest.mark.ci
 def test_friction_that_is_a_tenth_off_leaves_less_than_ten_micrometres():
     run = run_of(np.array([0.0, 5.0]), {"Fc": 1.5, "sigma2": 190.0})

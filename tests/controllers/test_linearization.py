@@ -4,8 +4,7 @@ against the linear system that it makes."""
 import numpy as np
 import pytest
 
-from ballscrew.controllers.linearization import gains_from_poles, input_output_linearization
-from ballscrew.orchestration.loop.catalogue import component
+from ballscrew.controllers.linearization import input_output_linearization
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.whole_loop import run_monolithic
 from ballscrew.orchestration.master.reference_signal import Reference
@@ -77,10 +76,6 @@ def test_derived_law_is_the_mended_appendix_on_random_states(law):
         assert demand - b * u == pytest.approx(f, abs=1e-9 * (size + abs(b * u) + abs(demand)))
 
 
-def test_gains_come_from_the_poles():
-    assert gains_from_poles((-5.0, -6.0, -7.0)) == pytest.approx((210.0, 107.0, 18.0))
-
-
 def exact(t, step=0.08):
     """x1''' + 18 x1'' + 107 x1' + 210 x1 = 0 from (-step, 0, 0)."""
     return -step * (21 * np.exp(-5 * t) - 35 * np.exp(-6 * t) + 15 * np.exp(-7 * t))
@@ -115,14 +110,3 @@ def test_a_little_wrong_friction_ends_beside_the_set_point():
         ends[name] = run.outputs["x"][-1] - 0.08
     assert ends["iol"] == pytest.approx(23.4e-6, abs=0.1e-6)
     assert ends["iol_true_acceleration"] == pytest.approx(26e-6, abs=0.5e-6)
-
-
-def test_the_variant_with_true_acceleration_is_the_same_law_where_nothing_is_wrong():
-    names = ("iol", "iol_true_acceleration")
-    commands = []
-    for name in names:
-        model = Model(generate(component(name)))
-        for signal, value in {"x": 0.01, "v": 0.05, "z": 1e-5, "i": 0.1, "x_d": 0.08}.items():
-            model.set_input(signal, value)
-        commands.append(model.outputs(0.0, model.x)["u"])
-    assert commands[0] == pytest.approx(commands[1], rel=1e-12)

@@ -46,8 +46,3 @@ def test_nothing_is_commanded_until_the_error_is_beyond_the_hysteresis():
     for goal, wanted in ((0.9 * WIDTH, 0.0), (1.1 * WIDTH, 15.0), (-1.1 * WIDTH, -15.0)):
         model = la.loop(la.rigid(), relay(), goal)
         assert model.outputs(0.0, model.x)["u"] == wanted
-
-
-def test_the_level_keeps_the_limit():
-    model = la.loop(la.rigid(), relay(), 0.08, u_max=9.0)
-    assert model.outputs(0.0, model.x)["u"] == 9.0

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballscrew.plant.ball_screw import ball_screw
-from ballscrew.plant.lugre import lugre
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.kernel import Model
 
@@ -33,11 +32,6 @@ NOMINAL = {
 @pytest.fixture(scope="module")
 def smooth():
     return generate(ball_screw())
-
-
-@pytest.fixture(scope="module")
-def original():
-    return generate(ball_screw(lugre, name="ball_screw_lugre"))
 
 
 def printed(x, v, i, z, u, q=NOMINAL):
@@ -77,18 +71,3 @@ def test_right_hand_side_is_the_printed_one(smooth, v, z, i, u, rotor):
     for s, value in zip(smooth.states, computed, strict=True):
         assert value == pytest.approx(expected[s.name], rel=1e-9, abs=1e-9), s.name
     assert model.outputs(0.0, state)["friction"] == pytest.approx(force, rel=1e-9, abs=1e-12)
-
-
-@pytest.mark.ci
-def test_smooth_and_original_friction_give_the_same_motion(smooth, original):
-    """A push, a reversal and a rest; the laws differ only within |v| of about 1e-8 m/s."""
-    courses = []
-    for kernel in (smooth, original):
-        model = Model(kernel, tolerance=1e-9)
-        parts = []
-        for k, u in enumerate((12.0, -8.0, 0.0)):
-            model.set_input("u", u)
-            parts.append(model.simulate(0.2 * k + np.linspace(0, 0.2, 201)))
-        courses.append({n: np.concatenate([p.outputs[n] for p in parts]) for n in ("x", "v", "z")})
-    for name, bound in (("x", 1e-8), ("v", 1e-6), ("z", 1e-8)):
-        assert np.max(np.abs(courses[0][name] - courses[1][name])) < bound, name

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from motions import ways
-from prescribed_motion import prescribed_friction
+from prescribed_motion import prescribed_friction, ways
 
 F1, F2, EPS, ETA = 19.875, 17.8227, 0.000121, 0.9063
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from motions import ways
-from prescribed_motion import prescribed_friction
+from prescribed_motion import prescribed_friction, ways
 
 SIGMA, FC = 87750.0, 2.0
 

@@ -24,11 +24,6 @@ def test_force_is_gain_times_command_less_friction_and_offset():
     assert friction > 10.0
 
 
-def test_a_feedback_law_may_act_on_the_motion_and_the_deflection():
-    assert direct_drive().inputs[0].law == ("x", "v", "z")
-    assert direct_drive(classical).inputs[0].law == ("x", "v")
-
-
 @pytest.mark.ci
 @pytest.mark.parametrize(("command", "moves"), [(0.60, False), (0.64, True)])
 def test_sticks_until_the_command_exceeds_break_away_and_offset(command, moves):

@@ -13,11 +13,10 @@ import pytest
 import sympy as sp
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from motions import pieces, ways
-from prescribed_motion import motion_kernel, prescribed_friction
+from prescribed_motion import motion_kernel, pieces, prescribed_friction, ways
 
 from ballscrew.orchestration.loop.catalogue import fmu_kernel
-from ballscrew.plant import LAWS, NOMINAL, PLANTS
+from ballscrew.plant import LAWS
 from ballscrew.plant.law import claims
 from ballscrew.solver.component import symbol
 from ballscrew.solver.kernel import Model
@@ -43,11 +42,6 @@ def evaluated(expression, values, velocity=0.0):
 
 def plant_of(name, kind="plant"):
     return kind if name == "modified_lugre" else f"{kind}_{name}"
-
-
-def test_every_law_is_a_plant_of_each_kind():
-    made = {plant_of(name, kind) for name in LAWS for kind in NOMINAL.values()}
-    assert made == set(PLANTS) - {"plant_loaded"}
 
 
 @pytest.mark.parametrize("name", [n for n in LAWS if claims(n).steady_state is not None])

@@ -4,13 +4,9 @@ import math
 
 import numpy as np
 import pytest
-import sympy as sp
-from motions import pieces, ways
-from prescribed_motion import prescribed_friction
+from prescribed_motion import prescribed_friction, ways
 
 from ballscrew.plant.directional_lugre import PARAMETERS as DIRECTIONAL
-from ballscrew.plant.lugre import CLAIMS
-from ballscrew.solver.component import symbol
 
 S0, S1, S2, FC, FS, VS = 66967.231, 344.56, 173.0, 1.284, 2.35, 1.13975e-3
 
@@ -80,20 +76,3 @@ def test_different_stiffness_by_side_gives_out_no_work_in_a_small_swing():
     assert np.min(np.diff(course.outputs["work"][::1000])) > 0
     jumps = np.abs(np.diff(course.outputs["friction"]))
     assert np.max(jumps) < 2 * 1e5 * 1e-5 * 1e-3
-
-
-def test_holding_still_keeps_the_force():
-    for name in ("lugre", "modified_lugre", "directional_lugre"):
-        friction = prescribed_friction(name, *pieces((1e-4, 0.1), (0.0, 100.0))).outputs["friction"]
-        assert friction[-1] == pytest.approx(friction[-2], rel=1e-9), name
-
-
-def test_what_the_law_claims_is_its_steady_state_and_the_condition_of_passivity():
-    values = {"sigma1": 100.0, "Fs": 3.0, "Fc": 2.0, "Vs": 0.01, "sigma2": 50.0, "v": -0.02}
-    at = {symbol(n): value for n, value in values.items()}
-    assert CLAIMS.passive_if.subs(at) == sp.true  # sigma2 = sigma1 (Fs - Fc)/Fc
-    assert CLAIMS.passive_if.subs(at | {symbol("sigma2"): 49.9}) == sp.false
-    assert CLAIMS.steady_state.subs(at) == pytest.approx(-2.0 - np.exp(-4.0) - 1.0)
-    assert CLAIMS.stiffness == symbol("sigma0")
-    assert CLAIMS.lags
-    assert CLAIMS.breaks_away_sooner_when_loaded_faster

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from motions import ways
-from prescribed_motion import prescribed_friction
+from prescribed_motion import prescribed_friction, ways
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 

@@ -35,12 +35,3 @@ def test_the_plant_moves_as_under_a_command_that_is_given_later():
     expected = moved(ball_screw(), DELAY)
     assert model.x == pytest.approx(expected, rel=1e-8)
     assert np.abs(expected).max() > 0.0
-
-
-def test_nothing_arrives_before_the_delay_has_passed():
-    model = Model(generate(with_late_command(ball_screw(), PARAMETER)))
-    model.set_input("u", 10.0)
-    model.advance(0.0, DELAY)
-    assert model.x.tolist() == [0.0] * len(model.x)
-    model.advance(DELAY, 1.1 * DELAY)
-    assert model.x[[s.name for s in model.kernel.states].index("i")] > 0.0

@@ -67,10 +67,6 @@ def test_the_payload_comes_with_the_speed_of_the_plant():
     np.testing.assert_allclose(run.outputs["v"], before + after, atol=2e-9)
 
 
-def test_without_values_the_plant_is_as_it_was():
-    assert speed().outputs["v"] == pytest.approx(DRIVE * TIME / MASS, abs=1e-12)
-
-
 def test_a_plant_that_sticks_is_loaded_before_its_modes():
     with pytest.raises(ContractError, match="add forces before the modes"):
         with_load(with_sticking(bare_ball_screw(classical)))

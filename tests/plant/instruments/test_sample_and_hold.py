@@ -14,20 +14,6 @@ from ballscrew.solver.errors import ContractError
 from ballscrew.solver.kernel import Model
 
 
-def test_a_held_command_is_the_continuous_law_at_the_last_sample() -> None:
-    law = Model(generate(input_output_linearization()))
-    held = Model(generate(sampled(input_output_linearization())))
-    read = {"x": 0.03, "v": 0.02, "z": 1e-5, "i": 0.4, "x_d": 0.08}
-    for model in (law, held):
-        for name, value in read.items():
-            model.set_input(name, value)
-    held.sample(0.0)  # reads the measurements,
-    held.sample(0.0)  # and commands by them
-    expected = law.outputs(0.0, law.x)["u"]
-    held.set_input("x", 0.05)
-    assert held.outputs(0.0, held.x)["u"] == pytest.approx(expected, rel=1e-12)
-
-
 @pytest.mark.parametrize("name", ["iol_observed", "pid+feed_forward"])
 def test_what_a_set_point_does_between_two_samples_changes_nothing(name: str) -> None:
     def course(between: float) -> list[float]:
