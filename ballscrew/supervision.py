@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import mmap
 import os
 import sys
 import tempfile
@@ -19,7 +20,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from .orchestration.fmu.operating_system import (
-    Told,
     can_supervise,
     fork,
     hold_interrupts,
@@ -33,7 +33,8 @@ _BY_SIGNAL = 128  # and the signal's number, as in shells
 _SCRATCH, _NEW = "ballscrew-run-", ".new"
 _HOW_FAR, _FOLDER, _KEPT = range(3)
 
-_told: Told | None = None  # messages from the child to the other process
+_LONGEST = 4096  # bytes of a message
+_told: mmap.mmap | None = None  # messages from the child to the other process
 _began = time.time()
 
 
@@ -54,17 +55,19 @@ def tell_kept(what: str) -> None:
 
 def _say(number: int, text: bytes) -> None:
     if _told is not None:
-        _told.say(number, text)
+        begin = number * _LONGEST
+        _told[begin : begin + _LONGEST] = text[:_LONGEST].ljust(_LONGEST, b"\0")
 
 
 def _heard(number: int) -> bytes:
-    return b"" if _told is None else _told.heard(number)
+    begin = number * _LONGEST
+    return b"" if _told is None else _told[begin : begin + _LONGEST].rstrip(b"\0")
 
 
 def supervised(command: Callable[[], int]) -> int:
     """Run a command in a child process and return its exit code, in either process."""
     global _told
-    _told = Told()
+    _told = mmap.mmap(-1, 3 * _LONGEST)  # shared with the child
     if not can_supervise():
         return command()
     signals = hold_interrupts()

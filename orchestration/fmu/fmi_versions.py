@@ -70,19 +70,7 @@ class Ports:
 
 
 class Fmi2:
-    """The calls of one FMU of FMI 2.0; `open` makes the instance.
-
-    Attributes
-    ----------
-    component : c_void_p
-    library : CDLL
-    words : str
-        The last error that it logged.
-    ended : str
-        When it requested the end of the simulation; empty if it did not.
-    integrator : Integrator or None
-        For model exchange, after initialization.
-    """
+    """The calls of one FMU of FMI 2.0; `open` makes the instance."""
 
     _VERSION = "fmi2"
     _STATE = "FMUstate"
@@ -101,8 +89,9 @@ class Fmi2:
             "modelIdentifier": fmu.description.identifier,
             "instanceName": name,
         }
-        self.words = self.ended = ""
-        self.integrator: Any = None
+        self.words = ""  # the last error that it logged
+        self.ended = ""  # when it requested the end of the simulation
+        self.integrator: Any = None  # for model exchange, after initialization
 
     def open(self) -> None:
         """Make the instance; what is raised says why it cannot be made, if `words` do not."""

@@ -35,10 +35,7 @@ Reader: TypeAlias = Callable[[], Vector]
 class StepFailed(UserError, RuntimeError):
     """An FMU instance could not do a step; the message comes from the FMU, if it gave one.
 
-    Attributes
-    ----------
-    advice : str
-        Advice for the user.
+    `advice` is for the user.
     """
 
     def __init__(self, message: str, advice: str = "") -> None:
@@ -61,8 +58,9 @@ class Instance(Protocol):
     name: str
     inputs: Sequence[str]
     outputs: Sequence[str]
-    can_save: bool
     sample_time: float
+
+    can_save: bool
 
     def nominal(self, name: str) -> float: ...
     def is_real(self, name: str) -> bool: ...
@@ -100,16 +98,10 @@ class Wrapped:
 
 
 class AnyFmu(Instance):
-    """Common part of FMU instances in this or another process.
+    """Common part of FMU instances in this or another process."""
 
-    Attributes
-    ----------
-    notes : list of str
-        On values that the FMU did not have, or does not take; after initialization.
-    kept : mapping of str to float
-        Parameters that could not be set, with the values that the FMU has; after initialization.
-    """
-
+    # after initialization: texts on values that the FMU did not have, or does not take; parameters
+    # that could not be set, with the values that the FMU has
     notes: Sequence[str] = ()
     kept: Mapping[str, float] = MappingProxyType({})
 
@@ -154,11 +146,6 @@ class AnyFmu(Instance):
 
         What the FMU does not have as its description says is set then, too. Parameters that still
         differ from that, or from the given values, are `kept`.
-
-        Raises
-        ------
-        StepFailed
-            If the FMU rejects them.
         """
         self.enter(values, stop)
         settable = (v for v in self._variables.values() if v.causality in SETTABLE)
@@ -230,13 +217,7 @@ class FmuInstance(AnyFmu):
             self._set(self._given)
 
     def leave_initialization(self) -> None:
-        """Leave initialization mode, and set the inputs among the values again.
-
-        Raises
-        ------
-        StepFailed
-            If the FMU rejects them.
-        """
+        """Leave initialization mode, and set the inputs among the values again."""
         with self._initializing():
             self._fmi.leave()
             self._set(self._given)
@@ -336,17 +317,16 @@ class FmuInstance(AnyFmu):
 
     def save(self) -> Any:
         state = ctypes.c_void_p()
-        status = self._fmi.get_state(self._fmi.component, ctypes.addressof(state))
-        if status > OK:
-            raise self.failed(status, "cannot save its state")
+        self._done(self._fmi.get_state, ctypes.addressof(state), "cannot save its state")
         return state, self._fmi.place
 
     def restore(self, state: Any) -> None:
-        pointer, place = state
-        status = self._fmi.set_state(self._fmi.component, pointer)
-        if status > OK:
-            raise self.failed(status, "cannot restore its state")
-        self._fmi.place = place
+        self._done(self._fmi.set_state, state[0], "cannot restore its state")
+        self._fmi.place = state[1]
+
+    def _done(self, call: Any, state: Any, failure: str) -> None:
+        if (status := call(self._fmi.component, state)) > OK:
+            raise self.failed(status, failure)
 
     def release(self, state: Any) -> None:
         self._fmi.free_state(self._fmi.component, ctypes.addressof(state[0]))

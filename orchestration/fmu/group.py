@@ -57,8 +57,8 @@ def initialize(
     """Initialize a plant and its controller together.
 
     `values` are those of plant and controller: parameters, start values, and inputs that are not
-    connected; `reference` has the set-points at the start. StepFailed: a part rejects its values,
-    or an algebraic loop has no solution.
+    connected; `reference` has the set-points at the start. Raises `StepFailed` if a part rejects
+    its values, or an algebraic loop has no solution.
     """
     goals = [f"set-point {k}" for k in range(len(wiring.references))]
     feeds = [
@@ -82,16 +82,8 @@ class Group(Instance):
     that error cancels. A part with direct feedthrough or with samples is before the parts that it
     feeds in both orders: it may jump at the start of a step. Outputs are named ``member.port``.
 
-    Parameters
-    ----------
-    name : str
-    members : mapping of str to Instance
-        Not initialized yet.
-    feeds : sequence of Feed
-    inputs : sequence of str
-        The group's inputs, as named by the feeds.
-    turned : bool
-        Whether the first step is in reverse order.
+    The members are not initialized yet; `inputs` are the group's, as named by the feeds. With
+    `turned`, the first step is in reverse order.
 
     Attributes
     ----------
@@ -122,7 +114,7 @@ class Group(Instance):
         # member and port of each output, and of what each input feeds
         self._ports = {f"{m}.{y}": [(m, y)] for m, p in members.items() for y in p.outputs}
         of_inputs = {n: [(f.member, f.port) for f in feeds if f.source == n] for n in inputs}
-        order = self._in_order(list(members), self._at_once)
+        order = self._ordered(list(members), {*members}, self._at_once)
         self._members = {m: members[m] for m in order}
         self.outputs = [f"{m}.{y}" for m, p in self._members.items() for y in p.outputs]
         self.place = {n: k for k, n in enumerate([*self.inputs, *self.outputs])}
@@ -172,12 +164,10 @@ class Group(Instance):
             own = {k[len(name) + 1 :]: v for k, v in values.items() if k.startswith(name + ".")}
             instance.enter_initialization(own, stop)
             feeds = [f for f in self._feeds if f.member == name]
-            write, read = (
-                instance.writer([f.port for f in feeds]),
-                instance.reader(instance.outputs),
-            )
+            write = instance.writer([f.port for f in feeds])
             sources = np.array([self.place[f.source] for f in feeds], dtype=np.intp)
             outputs = slice(begin, begin + len(instance.outputs))
+            read = instance.reader(instance.outputs)
             self.parts.append(Member(instance, feeds, write, read, sources, outputs))
             begin = outputs.stop
         self._initializing = True
@@ -201,8 +191,8 @@ class Group(Instance):
     def _choose_steps(self) -> None:
         """Choose the orders of the steps; the sampled members are known now."""
         hard = self._at_once | {m for m, p in self._members.items() if p.sample_time > 0}
-        order = self._in_order(list(self._members), hard)
-        back = self._reversed(order, hard)
+        order = self._ordered(list(self._members), {*self._members}, hard)
+        back = self._ordered(order[::-1], hard, cut=-1)
         parts = dict(zip(self._members, self.parts, strict=True))
         self.there, self.back = [parts[m] for m in order], [parts[m] for m in back]
         self.flags[BACK] = self._turned
@@ -214,25 +204,16 @@ class Group(Instance):
             for way in (order, back)
         )
 
-    def _in_order(self, members: list[str], hard: set[str]) -> list[str]:
-        """Order the members so that each comes after the members that feed it.
+    def _ordered(self, members: list[str], *after: set[str], cut: int = 0) -> list[str]:
+        """The order in which each member comes after the members of `after` that feed it.
 
-        A ring is cut at the first member in the list that waits for no `hard` member.
+        If that is impossible, those of the next set count; at last a ring is cut at this member.
         """
         left, ordered = list(members), list[str]()
         while left:
             waits = {m: self._feeders(m) - {*ordered} for m in left}
-            ready = [m for m in left if not waits[m]] + [m for m in left if not waits[m] & hard]
-            ordered.append([*ready, left[0]][0])
-            left.remove(ordered[-1])
-        return ordered
-
-    def _reversed(self, order: list[str], hard: set[str]) -> list[str]:
-        """The reverse order, but each member after the `hard` members that feed it."""
-        left, ordered = order[::-1], list[str]()
-        while left:
-            ready = [m for m in left if self._feeders(m) & hard <= {*ordered}]
-            ordered.append([*ready, left[-1]][0])
+            ready = [m for some in after for m in left if not waits[m] & some]
+            ordered.append([*ready, left[cut]][0])
             left.remove(ordered[-1])
         return ordered
 
@@ -268,13 +249,7 @@ class Group(Instance):
         return len(ready)
 
     def _iterate(self) -> None:
-        """Feed and read all members until nothing changes; solve a ring that does not settle.
-
-        Raises
-        ------
-        StepFailed
-            If it has no solution.
-        """
+        """Feed and read all members until nothing changes; solve a ring that does not settle."""
         ring = self._ring
         names = [n for n, place in self.place.items() if place in ring]
         nominal = np.array([self.nominal(n) for n in names])

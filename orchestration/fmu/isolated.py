@@ -3,9 +3,8 @@
 `IsolatedInstance` is the master's side; `main` runs in a new interpreter with an `FmuInstance`, and
 answers over a socket. A message is a line of JSON: a list of calls, each a name with its arguments;
 its answer is a status with the result of the last call, or of the first that fails. Calls without
-an answer are sent together with the next one that has an answer, so that a communication step needs
-few exchanges. No Python objects are exchanged: the FMU's side is not trusted. The end of its output
-is kept, and an error message shows the last line.
+an answer wait for the next one that has an answer, so that a communication step needs few
+exchanges. No Python objects are exchanged: the FMU's side is not trusted.
 """
 
 from __future__ import annotations
@@ -68,9 +67,10 @@ class IsolatedInstance(AnyFmu):
         self._stepping = False
         self._dead = ""
         folder = self._fmu.folder
-        self._socket, self._process, held = start_host(__name__, folder)
+        self._socket, self._process = start_host(__name__, folder)
         self._socket.settimeout(time_limit)
-        self._end = weakref.finalize(self, _ended, self._process, self._socket, held)
+        held = self._socket, self._process.stdin
+        self._end = weakref.finalize(self, end_host, self._process, *held)
         self._printed = bytearray()
         told = self._process.stdout, self._printed
         self._listener = threading.Thread(target=_keep_end, args=told, daemon=True)
@@ -227,20 +227,12 @@ def _keep_end(stream: Any, printed: bytearray) -> None:
             del printed[:-_KEPT]
 
 
-def _ended(process: subprocess.Popen[bytes], *files: Any) -> None:
-    end_host(process)
-    for file in files:
-        file.close()
-
-
 def open_fmu(
     path: Path, name: str, isolate: bool | None = None, time_limit: float = TIME_LIMIT
 ) -> FmuInstance | IsolatedInstance:
     """Open an FMU in its own process if requested; default: if it was not written by this program.
 
-    Raises
-    ------
-    FmuError
+    Raises `FmuError` as its class does.
     """
     if is_ours(path) if isolate is None else not isolate:
         instance = FmuInstance(path, name)

@@ -13,7 +13,7 @@ MOST_STEPS = 1e9  # a run with more would not end in reasonable time
 FIRST_STEP = 1e-3  # first step that is tried; step of exponents and maps over FMUs [s]
 TIME_LIMIT = 60.0  # for any one call of an FMU in its own process [s]
 TOLERANCE = 1e-11  # of exponents; maps of many loops use a coarser one
-TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS = 1e-8, 1e-6  # with exponents, and by the motion alone
+TOLERANCE_OF_MAPS, TOLERANCE_OF_MOTIONS = (1e-8, 1e-6)  # with exponents, and by the motion alone
 
 
 def as_number(what: str, given: Any) -> float:

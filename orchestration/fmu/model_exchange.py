@@ -80,20 +80,9 @@ class Integrator:
     time event at the end of a step is left to the next step: only then do the inputs have their
     values of that time, and a sampled controller reads them in its event.
 
-    Parameters
-    ----------
-    model : fmpy's FMU2Model or FMU3Model
-        Just initialized, at time 0.
-    states, indicators : int
-        Numbers of them.
-    has_inputs : bool
-
-    Attributes
-    ----------
-    time, next_event : float
-        [s]
-    ends : bool
-        Whether it requested the end of the simulation.
+    The model is fmpy's FMU2Model or FMU3Model, just initialized, at time 0; `states` and
+    `indicators` are numbers of them. `time` and `next_event` are in seconds, and `ends` says
+    whether it requested the end of the simulation.
     """
 
     def __init__(self, model: Any, states: int, indicators: int, has_inputs: bool) -> None:
@@ -118,12 +107,7 @@ class Integrator:
         )
 
     def step(self, end: float) -> None:
-        """Move to a time, or until the FMU requests the end.
-
-        Raises
-        ------
-        Refused, FMICallException
-        """
+        """Move to a time, or until the FMU requests the end; raises `Refused`, FMICallException."""
         self._settle()  # changes by the inputs
         self._resume()
         left = _MOST_STEPS

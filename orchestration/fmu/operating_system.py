@@ -1,26 +1,19 @@
 """All use of the operating system, except files and their names, is in this module.
 
-Locks, interrupts, processes that end with others, and limits of memory. Each function has a branch
-for systems that lack what Linux has. The end of a process together with another works as follows:
-it holds the reading end of a pipe whose only writing end its parent holds. When the parent ends in
-any way, the kernel closes that end and on Linux sends SIGKILL to the owner of the reading end. No
-code of this process takes part, so that compiled code or a foreign library that never returns is
-ended, too. On other systems, a thread waits for the end of the pipe.
-
-This module imports little, and nothing of this package: the command runs it first.
+Locks, interrupts, processes that end with others, and memory, with a branch for systems that lack
+what Linux has. It imports little, and nothing of this package: the command runs it first.
 """
 
 from __future__ import annotations
 
 import contextlib
-import mmap
 import os
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import socket
@@ -30,7 +23,6 @@ if TYPE_CHECKING:
 _LOCK = ".lock"  # if a folder itself cannot be locked
 _ADOPT = 36  # PR_SET_CHILD_SUBREAPER: orphans of children become children
 _PAUSE = 0.05  # s, between two checks of a lock of another process
-_TEXTS, _PAGE = 3, 4096  # number of texts, and bytes of each
 _CGROUPS = Path("/sys/fs/cgroup")
 
 
@@ -51,12 +43,8 @@ def lock(folder: Path, left: bool = False) -> int:
     """Wait for a folder and lock it; without effect on a file system without locks.
 
     The lock ends when all processes that have the returned descriptor have closed it, or ended.
-
-    Raises
-    ------
-    OSError
-        For a folder that a process has `left` behind (Linux only), if it is a link, belongs to
-        another user, or is locked by a running process.
+    One that a process has `left` behind (Linux only) is not waited for: OSError, if it is a link,
+    belongs to another user, or is locked by a running process.
     """
     if sys.platform == "win32":
         import msvcrt
@@ -91,20 +79,16 @@ def can_supervise() -> bool:
 
 
 def hold_interrupts() -> set[signal.Signals]:
-    """Block the signals that request an end, until `outcome` waits for them.
-
-    Returns SIGINT and SIGTERM, without ignored ones.
-    """
+    """Block the signals that request an end, except ignored ones, and return them."""
     signals = {n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN}
     signal.pthread_sigmask(signal.SIG_BLOCK, signals)
     return signals
 
 
 def fork(signals: set[signal.Signals]) -> int:
-    """Fork a child that ends with this process; `outcome` waits for it.
+    """Fork a child that ends with this process; return its number, and 0 in the child itself.
 
-    Returns 0 in the child, which leaves the `signals` to its parent; the child's number in the
-    parent.
+    The child leaves the `signals` to its parent, which waits for it by `outcome`.
     """
     import ctypes
 
@@ -138,7 +122,7 @@ def outcome(child: int, signals: set[signal.Signals]) -> tuple[int, str]:
         if ended:
             _end_children()
             code = os.waitstatus_to_exitcode(status)
-            return code, f"ended by {_signal_name(-code)}" if code < 0 else ""
+            return code, how_ended(code).removeprefix("was ") if code < 0 else ""
         if number in signals:
             _end_children()
             return -number, "interrupted"
@@ -159,30 +143,16 @@ def _is_child(process: str) -> bool:
     return False
 
 
-class Told:
-    """Short texts by number, which the other process of a fork reads."""
-
-    def __init__(self) -> None:
-        self._pages = mmap.mmap(-1, _TEXTS * _PAGE)
-
-    def say(self, number: int, text: bytes) -> None:
-        """Replace a text."""
-        begin = number * _PAGE
-        self._pages[begin : begin + _PAGE] = text[:_PAGE].ljust(_PAGE, b"\0")
-
-    def heard(self, number: int) -> bytes:
-        """A text; empty if it was never set."""
-        return self._pages[number * _PAGE : (number + 1) * _PAGE].rstrip(b"\0")
-
-
 # -- processes that end with the one that started them -------------------------------------------
 
 
 def end_when_closed(descriptor: int, whole_group: bool = False) -> None:
     """End this process, or the group that it leads, when the last writing end of a pipe is closed.
 
-    The reading end must not be shared with another process that calls this, and nothing may be
-    written to the pipe.
+    Its parent holds that end: when it ends in any way, the kernel closes it, and on Linux sends
+    SIGKILL to the owner of the reading end. No code of this process takes part, so that compiled
+    code that never returns is ended, too. The reading end must not be shared with another process
+    that calls this, and nothing may be written to the pipe.
     """
     if not sys.platform.startswith("linux"):
         _end_after(lambda: os.read(descriptor, 1))
@@ -234,53 +204,47 @@ def _end_with_parent() -> None:
 
     parent = multiprocessing.parent_process()
     assert parent is not None  # in a worker
-    if sys.platform.startswith("linux"):
-        end_when_closed(parent.sentinel)
-    else:  # not a pipe everywhere
+    if sys.platform == "win32":
         _end_after(parent.join)
+    else:
+        end_when_closed(parent.sentinel)
 
 
 # -- a process that runs foreign code ------------------------------------------------------------
 
 
-def start_host(module: str, folder: Path) -> tuple[socket.socket, Popen[bytes], BinaryIO]:
+def start_host(module: str, folder: Path) -> tuple[socket.socket, Popen[bytes]]:
     """Start a fresh interpreter that runs ``main(connection)`` of a module of this package.
 
     It works in `folder`, does not get Ctrl-C, and has no modules of the user on its path. Returns
-    the other end of the connection, the process, whose output is its `stdout`, and a file: when it
-    is closed, at the latest at the end of this process, the host ends; on Linux with all processes
-    that it has started itself.
+    the other end of the connection, and the process: its `stdout` has all output, and when its
+    `stdin` is closed, at the latest at the end of this process, it ends with all that it started.
     """
     import socket
     import subprocess
 
     where = str(Path(__file__).parents[3])  # of the package: the last folder of the host's path
     ours, theirs = socket.socketpair()
-    how: dict[str, Any] = {"stdin": subprocess.PIPE}
-    if sys.platform == "win32":
-        how["creationflags"] = subprocess.CREATE_NEW_PROCESS_GROUP
-    else:
-        until, held = os.pipe()
-        descriptors = [theirs.fileno(), until]
-        how = {"stdin": subprocess.DEVNULL, "start_new_session": True, "pass_fds": descriptors}
     code = (
         f"import sys; sys.path.append({where!r}); from {__name__} import host_connection; "
-        f"connection = host_connection({how.get('pass_fds')}); "
+        f"connection = host_connection({theirs.fileno()}); "
         f"from {module} import main; main(connection)"
     )
-    how |= {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "bufsize": 0, "cwd": folder}
-    process = subprocess.Popen([sys.executable, "-P", "-c", code], **how)
+    how: dict[str, Any] = {"start_new_session": True, "pass_fds": [theirs.fileno()]}
+    if sys.platform == "win32":
+        how = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+    how |= {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    command = [sys.executable, "-P", "-c", code]
     with theirs:
+        process = subprocess.Popen(command, bufsize=0, cwd=folder, **how)
         if sys.platform == "win32":
             assert process.stdin is not None
             share = theirs.share(process.pid)
             process.stdin.write(len(share).to_bytes(4, "little") + share)
-            return ours, process, process.stdin
-    os.close(until)
-    return ours, process, open(held, "wb", buffering=0)
+    return ours, process
 
 
-def host_connection(descriptors: list[int] | None) -> socket.socket:
+def host_connection(descriptor: int) -> socket.socket:
     """The host's end of the connection of `start_host`; the host ends with its parent."""
     import socket
 
@@ -289,14 +253,13 @@ def host_connection(descriptors: list[int] | None) -> socket.socket:
         connection: socket.socket = socket.fromshare(sys.stdin.buffer.read(size))
         end_when_closed(0)
         return connection
-    assert descriptors is not None
-    theirs, until = descriptors
-    end_when_closed(until, whole_group=True)
-    return socket.socket(fileno=theirs)
+    end_when_closed(os.dup(0), whole_group=True)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)  # foreign code reads nothing, and does not wait
+    return socket.socket(fileno=descriptor)
 
 
-def end_host(process: Popen[bytes]) -> None:
-    """End a process of `start_host`, and its child processes."""
+def end_host(process: Popen[bytes], *files: Any) -> None:
+    """End a process of `start_host`, and its child processes; close these files."""
     if process.poll() is None:
         if sys.platform == "win32":
             import subprocess
@@ -308,6 +271,8 @@ def end_host(process: Popen[bytes]) -> None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
     process.wait()
+    for file in files:
+        file.close()
 
 
 def how_ended(code: int) -> str:
@@ -316,14 +281,8 @@ def how_ended(code: int) -> str:
         return f"was ended by exception {code:#x}"
     if code >= 0:
         return f"ended with exit code {code}"
-    return f"was ended by {_signal_name(-code)}"
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
+    names = {number.value: number.name for number in signal.Signals}
+    return f"was ended by {names.get(-code, f'signal {-code}')}"
 
 
 # -- memory --------------------------------------------------------------------------------------
@@ -370,10 +329,7 @@ def _of_the_cgroups(kinds: str, path: str) -> Iterator[int]:
 
 def _numbers(path: Path, name: str = "") -> list[int]:
     """The number after a name, or at the start of a file; empty if there is none."""
-    with contextlib.suppress(OSError):
-        for line in path.read_text("ascii").splitlines():
-            first, *others = line.split()
-            number = first if not name else others[0] if first == name else ""
-            if number:
-                return [int(number)] if number.isdigit() else []
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        words = path.read_text("ascii").split()
+        return [int(words[words.index(name) + 1 if name else 0])]
     return []

@@ -40,17 +40,9 @@ def answers_in_steps(
 ) -> bool:
     """Whether outputs stay when inputs change, and move as far in a very short step as in a long.
 
-    What moves less in a shorter step are states of a continuous controller.
-
-    Parameters
-    ----------
-    fmu : Description
-    opened : function
-        Opens an instance.
-    values : mapping of str to float
-        Its parameters that are not default.
-    stop, step : float
-        End of the run and communication step [s].
+    What moves less in a shorter step are states of a continuous controller. `opened` opens an
+    instance, `values` are its parameters that are not default; `stop` and `step` [s] are those of
+    the run.
     """
     if SAMPLE_TIME in fmu.by_name:
         return False  # its parameter for the period is known, and read at initialization
@@ -130,7 +122,7 @@ def _comes_back(fmu: AnyFmu, values: Mapping[str, Value], stop: float, step: flo
 
         passed(0)
         saving = True
-        state, _ = trial.save(), read()  # a process of its own answers only when it is read
+        state, _ = (trial.save(), read())  # a process of its own answers only when it is read
         saving, once = False, passed(STEPS)
         saving = True
         trial.restore(state)
@@ -160,21 +152,13 @@ class _Sampled(Wrapped):
 
     def __init__(self, instance: Instance, period: float) -> None:
         super().__init__(instance)
-        self.sample_time = period
+        self.sample_time, self.can_save = period, instance.can_save
         # a feedback law between samples is not applied by a digital controller
         law = law_ports(instance.outputs, instance.outputs, instance.inputs)
         self.outputs = [name for name in instance.outputs if name not in law]
         self._initialized = False
         self._samples = 0
-        self._given: dict[int, tuple[Writer, Vector]] = {}
-
-    @property
-    def can_save(self) -> bool:
-        return self._instance.can_save
-
-    @can_save.setter
-    def can_save(self, can: bool) -> None:
-        self._instance.can_save = can
+        self._given: dict[Writer, Vector] = {}
 
     def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
         """As for the FMU itself, but the stop time is the end of a period."""
@@ -187,21 +171,20 @@ class _Sampled(Wrapped):
 
     def writer(self, names: Sequence[str]) -> Writer:
         write = self._instance.writer(names)
-        number = id(write)
 
         def keep(values: Vector) -> None:
             if not self._initialized:
                 write(values)
                 return
-            self._given.pop(number, None)  # the last written values are passed on last
-            self._given[number] = write, np.array(values, dtype=float)
+            self._given.pop(write, None)  # the last written values are passed on last
+            self._given[write] = np.array(values, dtype=float)
 
         return keep
 
     def step(self, t: float, h: float) -> None:
         period = self.sample_time
         while self._samples * period < t + h - CLOSE * period:
-            for write, values in self._given.values():
+            for write, values in self._given.items():
                 write(values)
             self._instance.step(self._samples * period, period)
             self._samples += 1
@@ -218,4 +201,6 @@ class _Sampled(Wrapped):
         self._instance.release(state[0])
 
     def reopened(self) -> _Sampled:
-        return _Sampled(self._instance.reopened(), self.sample_time)
+        other = _Sampled(self._instance.reopened(), self.sample_time)
+        other.can_save = self.can_save
+        return other

@@ -70,15 +70,14 @@ class Wiring:
         self, plant_values: Collection[str], controller_values: Collection[str]
     ) -> None:
         """Raise `CouplingError` if an input that a connection drives is given a value."""
-        driven = [f"{PLANT}.{port}" for _, port in self.commands]
-        driven += [f"{CONTROLLER}.{port}" for _, port in self.signals]
-        driven += [f"{CONTROLLER}.{port}" for port in self.references]
-        given = {f"{PLANT}.{n}" for n in plant_values}
-        given |= {f"{CONTROLLER}.{n}" for n in controller_values}
-        for name in sorted(given.intersection(driven)):
+        of_plant = {port for _, port in self.commands}
+        of_controller = {*(port for _, port in self.signals), *self.references}
+        found = [f"{PLANT}.{n}" for n in plant_values if n in of_plant]
+        found += [f"{CONTROLLER}.{n}" for n in controller_values if n in of_controller]
+        if found:
             raise CouplingError(
-                f"{name} is an input that is connected in the loop; expected a parameter or an "
-                "input that is not connected"
+                f"{found[0]} is an input that is connected in the loop; expected a parameter or "
+                "an input that is not connected"
             )
 
     def plant_law(self) -> list[str]:
@@ -287,8 +286,12 @@ def convert(
     told = ", ".join(one_sided)
     note = f"only one side gives the unit of {told}: these values are not converted"
     commands = {ours: p.by_name[ours].unit or c.by_name[n].unit for n, ours in wiring.commands}
-    in_results = _of_results(plant, controller, wiring, mapping or {})
-    return converted(controller, scales), PortUnits(in_results, commands, (note,) if told else ())
+    called = names_on(PLANT, p.names("output"), mapping or {})
+    position = next((p.unit(n) for n, name in called.items() if name == POSITION), None)
+    of_position = [y for ours, y in wiring.signals if called[ours] == POSITION]
+    goals = [n for n, order in zip(wiring.references, wiring.orders, strict=True) if order == 0]
+    set_point = scale_of_results(position, [c.unit(n) for n in (*goals, *of_position)])
+    return converted(controller, scales), PortUnits(set_point, commands, (note,) if told else ())
 
 
 def _add_set_points(
@@ -313,16 +316,6 @@ def _add_set_points(
                 f"{controller.name} measures is of this quantity: it measures values in {names}"
             )
     return untold
-
-
-def _of_results(
-    plant: AnyFmu, controller: AnyFmu, wiring: Wiring, mapping: Mapping[str, str]
-) -> Scale:
-    called = names_on(PLANT, plant.description.names("output"), mapping)
-    position = next((plant.description.unit(n) for n, o in called.items() if o == POSITION), None)
-    compared = [y for ours, y in wiring.signals if called[ours] == POSITION]
-    goals = [n for n, order in zip(wiring.references, wiring.orders, strict=True) if order == 0]
-    return scale_of_results(position, [controller.description.unit(n) for n in goals + compared])
 
 
 def from_si(unit: Unit, order: int = 0) -> Scale:

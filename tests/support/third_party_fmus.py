@@ -78,7 +78,8 @@ class {name}(Fmi2Slave):
 STATE_FEEDBACK_PORTS = {"position": "x", "speed": "v", "goal": "x_d", "voltage": "u"}
 
 
-def _following(folder: Path, name: str, options: dict[str, bool], **parts) -> Path:
+def following(folder: Path, name: str, options: dict[str, bool], **parts) -> Path:
+    """A part whose output follows its inputs at once."""
     folder.mkdir(parents=True, exist_ok=True)
     script = folder / f"script_{name.lower()}.py"
     script.write_text(FOLLOWING.format(name=name, **parts))
@@ -89,7 +90,7 @@ def _following(folder: Path, name: str, options: dict[str, bool], **parts) -> Pa
 
 def feedthrough(folder: Path, name: str) -> Path:
     """A part with direct feedthrough: b = gain * a."""
-    return _following(
+    return following(
         folder, name, {}, inputs=("a",), gain=1.0, output="b", law="self.gain * self.a"
     )
 
@@ -99,4 +100,4 @@ def state_feedback(folder: Path, name: str, saves: bool = True) -> Path:
     options = {"canGetAndSetFMUstate": True} if saves else {}
     law = "self.gain * (self.goal - self.position) - 2.0 * self.speed"
     ports = ("position", "speed", "goal")
-    return _following(folder, name, options, inputs=ports, gain=400.0, output="voltage", law=law)
+    return following(folder, name, options, inputs=ports, gain=400.0, output="voltage", law=law)

@@ -1,25 +1,26 @@
-"""Third-party FMUs in processes of their own: crashes, hangs, clashes, and many of them."""
+"""Third-party FMUs in processes of their own: crashes, hangs, clashes, and how all of them end."""
 
 import contextlib
 import csv
 import os
 import signal
-import socket
 import subprocess
-import threading
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import maker
 from third_party_fmus import proportional
+from waiting import wait_for
 
 from ballscrew.cli import main
 from ballscrew.fmus.made_here import is_ours
-from ballscrew.fmus.native.export import write_native
 from ballscrew.orchestration.fmu import isolated
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.fmu.isolated import IsolatedInstance
-from ballscrew.orchestration.loop.catalogue import catalogued_model, fmu
+from ballscrew.orchestration.loop.catalogue import fmu
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.solver.errors import FmuError
@@ -32,38 +33,32 @@ def run(path, out, *more):
     return main([*map(str, asked)])
 
 
-def rows(out):
-    with (out / "trajectory.csv").open() as stream:
-        return list(csv.DictReader(stream))
-
-
-def one_line_on_stopping(captured):
-    """The line that says why: the first one on standard error, with nothing of Python in it."""
-    assert "Traceback" not in captured.err
-    return captured.err.splitlines()[0]
-
-
-def test_a_segfault_ends_the_run_with_a_line_and_what_was_computed(tmp_path, capsys):
-    crash = proportional(tmp_path, "Crash", in_step=f"if current_time > 0.05: {SEGFAULT}")
-    assert run(crash, tmp_path / "out") == 1
-    line = one_line_on_stopping(capsys.readouterr())
-    assert "controller (Crash.fmu) was ended by SIGSEGV" in line
-    assert "0.051 s" in line
-    times = [float(row["time"]) for row in rows(tmp_path / "out")]
+@pytest.mark.parametrize(
+    ("in_step", "words"),
+    [
+        (f"if current_time > 0.05: {SEGFAULT}", "was ended by SIGSEGV"),
+        pytest.param(
+            "while current_time > 0.05: pass",
+            "did not answer the call step within 2 s",
+            marks=pytest.mark.ci,
+        ),
+    ],
+)
+def test_a_crash_or_hang_ends_the_run_with_a_line_and_what_was_computed(
+    tmp_path, capsys, in_step, words
+):
+    path = proportional(tmp_path, "Fails", in_step=in_step)
+    start = time.monotonic()
+    assert run(path, tmp_path / "out", "--time-limit", "2") == 1
+    assert time.monotonic() - start < 30
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    assert f"controller (Fails.fmu) {words}" in said.splitlines()[0]
+    with (tmp_path / "out" / "trajectory.csv").open() as stream:
+        times = [float(row["time"]) for row in csv.DictReader(stream)]
     assert times[0] == 0.0
     assert times[-1] == pytest.approx(0.05, abs=2e-3)
     assert (tmp_path / "out" / "metrics.json").is_file()
-
-
-@pytest.mark.ci
-def test_a_hang_ends_at_the_time_limit_with_a_line_and_what_was_computed(tmp_path, capsys):
-    hang = proportional(tmp_path, "Hang", in_step="while current_time > 0.05: pass")
-    start = time.monotonic()
-    assert run(hang, tmp_path / "out", "--time-limit", "2") == 1
-    assert time.monotonic() - start < 30
-    line = one_line_on_stopping(capsys.readouterr())
-    assert "controller (Hang.fmu) did not answer the call step within 2 s" in line
-    assert float(rows(tmp_path / "out")[-1]["time"]) == pytest.approx(0.05, abs=2e-3)
 
 
 @pytest.mark.ci
@@ -84,13 +79,33 @@ def test_an_fmu_that_does_not_open_is_a_bad_request(tmp_path, capsys, at_start, 
     assert words in line
 
 
+def test_why_an_fmu_is_not_instantiated_is_told_in_its_own_words(tmp_path):
+    missing = "ModuleNotFoundError: No module named 'zmq'"
+    says = f'fprintf(stderr,"Traceback\\n{missing}\\n");return 0;'
+    maker().pd(str(tmp_path / "pd.fmu"), inst=says)
+    with pytest.raises(FmuError, match=missing):
+        IsolatedInstance(tmp_path / "pd.fmu", "controller")
+
+
+@pytest.mark.ci
+def test_an_fmu_that_prints_without_end_fills_no_disk_and_goes_on(tmp_path):
+    """Four megabytes: none of it lies in a file."""
+    line = "x" * 1000
+    maker().pd(str(tmp_path / "pd.fmu"), step=f'for(int k=0;k<4000;k++)puts("{line}");')
+    with contextlib.closing(IsolatedInstance(tmp_path / "pd.fmu", "controller")) as part:
+        part.initialize({}, 1.0)
+        part.step(0.0, 1e-3)
+        assert part.reader(["u"])() == [0.0]
+        files = [os.readlink(f"/proc/{part._process.pid}/fd/{n}") for n in (1, 2)]
+    assert all(name.startswith("pipe:") for name in files)
+
+
 @pytest.mark.ci
 def test_two_fmus_with_a_module_called_plant_each_run_their_own(tmp_path, monkeypatch):
     """One interpreter would give the second the first one's module, or the user's own."""
     (tmp_path / "here").mkdir()
     (tmp_path / "here" / "plant.py").write_text("raise ImportError('the plant.py of the user')")
     monkeypatch.chdir(tmp_path / "here")
-    courses = []
     for gain in (1.0, 0.5):
         path = proportional(
             tmp_path / str(gain),
@@ -99,22 +114,8 @@ def test_two_fmus_with_a_module_called_plant_each_run_their_own(tmp_path, monkey
             in_step="self.x_d = plant.GAIN * self.x_d",
             modules={"plant": f"GAIN = {gain}\n"},
         )
-        courses.append(run_closed_loop(Loop(str(path), stop=0.02, step=1e-3)).run.commands["u"])
-    np.testing.assert_allclose(courses[0][0], 400 * 0.08, rtol=1e-12)
-    np.testing.assert_allclose(courses[1][0], 400 * 0.04, rtol=1e-12)
-
-
-@pytest.mark.ci
-def test_what_is_ours_is_known_by_content_not_by_name(tmp_path):
-    copy = tmp_path / "anything.fmu"
-    copy.write_bytes(fmu("nctf").read_bytes())
-    assert is_ours(copy)
-    made = write_native(catalogued_model("pid"), tmp_path / "made.fmu", 2).path
-    assert is_ours(made)
-    made.write_bytes(made.read_bytes() + b" ")
-    assert not is_ours(made)
-    fake = proportional(tmp_path, "Fake").rename(tmp_path / "nctf.fmu")
-    assert not is_ours(fake)
+        found = run_closed_loop(Loop(str(path), stop=0.02, step=1e-3)).run.commands["u"]
+        np.testing.assert_allclose(found[0], 400 * 0.08 * gain, rtol=1e-12)
 
 
 @pytest.mark.ci
@@ -138,7 +139,6 @@ def test_a_dead_instance_says_so_again_and_closes(tmp_path):
     """Also to a reader that knows the last values."""
     one = IsolatedInstance(proportional(tmp_path, "Dies"), "one")
     one.initialize({}, 1.0)
-    assert one.sample_time == 0.0
     first, second = one.reader(["u"]), one.reader(["u"])
     assert first() == [0.0]
     os.kill(one._process.pid, signal.SIGKILL)
@@ -153,7 +153,6 @@ def test_a_restored_state_goes_on_as_the_saved_one_and_a_failure_says_what_the_f
     courses = []
     for kind in (IsolatedInstance, FmuInstance):
         part = kind(fmus["pid_sampled"], "controller")
-        assert part.can_save
         part.initialize({"Kp": 500.0}, 1.0)
         assert part.sample_time == 1e-3
         put, got = part.writer(["x", "v", "x_d"]), part.reader(["u"])
@@ -165,70 +164,51 @@ def test_a_restored_state_goes_on_as_the_saved_one_and_a_failure_says_what_the_f
             put(np.array([0.01 * k, 0.1, 0.08]))
             part.step(k * 1e-3, 1e-3)
             course.append(got()[0])
-        for state in states:
-            part.release(state)
+        part.close()
         assert course[1:4] == course[4:7]
         assert course[0] == course[7] != course[1]
-        courses.append(course)
-        part.close()
         refuses = kind(fmus["pid_sampled"], "controller")
-        with pytest.raises(StepFailed) as failed:
+        with pytest.raises(StepFailed, match="sample_time = -1") as failed:
             refuses.initialize({"sample_time": -1.0}, 1.0)
-        courses[-1].append(str(failed.value))
         refuses.close()
+        courses.append([*course, str(failed.value)])
     assert courses[0] == courses[1]
-    assert "sample_time = -1" in courses[0][-1]
 
 
-@pytest.fixture
-def answering(monkeypatch):
-    """``answering(answer)``: the other process gives this to every request, as it is."""
-    with contextlib.ExitStack() as opened:
+ANSWERING = """
+import os, time
 
-        def put(answer):
-            def start(module, folder):
-                ours, theirs = socket.socketpair()
-                how = {"start_new_session": True, "stdout": subprocess.PIPE}
-                process = subprocess.Popen(["sleep", "60"], **how)
-                opened.callback(process.wait)
-                opened.callback(process.kill)
 
-                def serve():
-                    with contextlib.suppress(OSError), theirs:
-                        for _ in theirs.makefile("rb"):
-                            for piece in answer:
-                                theirs.sendall(piece)
-                                time.sleep(0.3 * (len(answer) > 1))
-
-                threading.Thread(target=serve, daemon=True).start()
-                return ours, process, ours
-
-            monkeypatch.setattr(isolated, "start_host", start)
-
-        yield put
+def answer(*pieces):
+    for number in os.listdir("/proc/self/fd"):
+        if "socket:" in os.path.realpath(f"/proc/self/fd/{number}"):
+            for piece in pieces:
+                os.write(int(number), piece)
+                time.sleep(0.3 * (len(pieces) > 1))
+"""
 
 
 @pytest.mark.ci
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
-        ([b'[1, "no licence"]\n'], "cannot be instantiated: no licence"),
-        ([b"{}\n"], "gave an answer that is not understood"),
-        ([b"\xff[0, 1]\n"], "gave an answer that is not understood"),
-        ([b"[" * 100_000 + b"\n"], "gave an answer that is not understood"),
-        ([*[b"a"] * 64], "did not answer the call open within 1 s"),
-        ([b"[0, [1, 2, 3]]\n"], "gave no numbers for"),
-        ([b'[0, "abc"]\n'], "gave no numbers for"),
+        (r"""b'[1, "no licence"]\n'""", "no licence"),
+        (r"b'\xff[0, 1]\n'", "gave an answer that is not understood"),
+        (r"b'[' * 100_000 + b'\n'", "gave an answer that is not understood"),
+        ("*[b'a'] * 64", "did not answer the call step within 1 s"),
+        (r"b'[0, [1, 2, 3]]\n'", "gave no numbers for u"),
+        (r"""b'[0, "abc"]\n'""", "gave no numbers for u"),
     ],
 )
-def test_what_a_process_answers_is_not_believed(answer, message, tmp_path, answering, monkeypatch):
-    monkeypatch.setattr(isolated, "_FAREWELL", 0.5)
-    path = proportional(tmp_path, "Any")
-    answering(answer)
-    start = time.monotonic()
-    with pytest.raises((FmuError, StepFailed), match=message):
-        IsolatedInstance(path, "one", time_limit=1.0).initialize({}, 1.0)
-    assert time.monotonic() - start < 5
+def test_what_a_process_answers_is_not_believed(answer, message, tmp_path):
+    path = proportional(tmp_path, "Any", head=ANSWERING, in_step=f"answer({answer})")
+    with contextlib.closing(IsolatedInstance(path, "one", time_limit=1.0)) as one:
+        one.initialize({}, 1.0)
+        one.step(0.0, 1e-3)
+        start = time.monotonic()
+        with pytest.raises(StepFailed, match=message):
+            one.reader(["u"])()
+        assert time.monotonic() - start < 5
 
 
 @pytest.mark.parametrize(
@@ -243,8 +223,65 @@ def test_what_a_process_answers_is_not_believed(answer, message, tmp_path, answe
 def test_what_is_not_ours_has_a_process_of_its_own_unless_asked(
     ours, isolate, kind, fmus, tmp_path
 ):
-    path = fmus["pid"] if ours else proportional(tmp_path, "Theirs")
+    """What is ours is known by its content: one byte more, and it is somebody else's."""
+    path = tmp_path / "anything.fmu"
+    path.write_bytes(fmus["pid"].read_bytes() + b" " * (not ours))
+    assert is_ours(path) == ours
     one = isolated.open_fmu(path, "one", isolate)
-    one.initialize({}, 1.0)
-    assert (type(one), one.sample_time) == (kind, 0.0)
+    assert type(one) is kind
     one.close()
+
+
+PARENT_OF_A_THIRD_PARTY_FMU = """
+import sys, time
+from ballscrew.orchestration.fmu.isolated import IsolatedInstance
+one = IsolatedInstance(sys.argv[1], "one")
+one.initialize({}, 1.0)
+one.step(0.0, 1.0)
+one.reader(["u"])()
+"""
+
+
+def lives(process):
+    with contextlib.suppress(FileNotFoundError):
+        state = Path(f"/proc/{process}/stat").read_text(encoding="utf-8")
+        return state.rpartition(")")[2].split()[0] != "Z"
+    return False
+
+
+def test_a_hanging_fmu_and_what_it_started_end_with_the_master(tmp_path):
+    pids = tmp_path / "pids"
+    hang = proportional(
+        tmp_path,
+        "Hang",
+        head="import ctypes, os, pathlib, subprocess\n",
+        in_step="started = subprocess.Popen(['sleep', '300'])\n"
+        f"        pathlib.Path({str(pids)!r}).write_text(f'{{os.getpid()}} {{started.pid}} ')\n"
+        "        ctypes.PyDLL(None).sleep(300)",
+    )
+    command = [sys.executable, "-c", PARENT_OF_A_THIRD_PARTY_FMU, str(hang)]
+    with subprocess.Popen(command, cwd=tmp_path) as master:
+        wait_for(lambda: pids.is_file() and pids.read_text().endswith(" "), 60.0, master)
+        both = pids.read_text().split()
+        assert all(map(lives, both))
+        os.kill(master.pid, signal.SIGKILL)
+        master.wait(10)
+        wait_for(lambda: not any(map(lives, both)), 5.0)
+
+
+@pytest.mark.parametrize("how", ["--isolate", pytest.param("--no-isolate", marks=pytest.mark.ci)])
+def test_what_an_fmu_has_started_ends_with_the_command(tmp_path, how):
+    """Also a child that left its process group."""
+    pid = tmp_path / "pid"
+    starts = proportional(
+        tmp_path,
+        "Starts",
+        head="import pathlib, subprocess\n",
+        in_step=f"path = pathlib.Path({str(pid)!r})\n        if not path.exists():\n"
+        "            child = subprocess.Popen(['sleep', '300'], start_new_session=True)\n"
+        "            path.write_text(str(child.pid))",
+    )
+    words = ["run", how, "--controller", starts, "--stop", "0.005", "--step", "1e-3", "--out"]
+    command = [sys.executable, "-m", "ballscrew", *words, tmp_path / "out"]
+    subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+    assert not lives(int(pid.read_text()))

@@ -1,4 +1,4 @@
-"""What is asked of the operating system has a branch for Windows."""
+"""What is asked of the operating system: a branch for Windows, locks, and memory that is left."""
 
 import os
 import signal
@@ -10,9 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from ballscrew.orchestration.fmu import operating_system
-
-pytestmark = pytest.mark.ci
+from ballscrew.cli import main
+from ballscrew.orchestration.fmu import limits, operating_system
 
 SUPPORT = Path(__file__).parents[2] / "support"
 IMPORT_ALL = """
@@ -28,6 +27,7 @@ print(len(names))
 """
 
 
+@pytest.mark.ci
 def test_every_module_is_imported_on_a_system_like_windows():
     environment = os.environ | {"PYTHONPATH": str(SUPPORT), "PYTHONSAFEPATH": "1"}
     command = [sys.executable, "-c", IMPORT_ALL]
@@ -36,8 +36,10 @@ def test_every_module_is_imported_on_a_system_like_windows():
     assert int(done.stdout) > 300
 
 
-def test_a_lock_is_waited_for_here(tmp_path):
+def test_a_lock_is_waited_for_but_not_that_of_a_folder_that_was_left(tmp_path):
     first = operating_system.lock(tmp_path)
+    with pytest.raises(BlockingIOError):
+        operating_system.lock(tmp_path, left=True)
     heard = []
     other = threading.Thread(target=lambda: heard.append(os.close(operating_system.lock(tmp_path))))
     other.start()
@@ -59,3 +61,50 @@ def test_a_lock_is_waited_for_here(tmp_path):
 )
 def test_exit_codes_of_both_systems_are_put_into_words(code, said):
     assert operating_system.how_ended(code) == said
+
+
+@pytest.mark.parametrize(
+    ("kinds", "folder", "limit", "used", "cached"),
+    [
+        ("", "", "memory.max", "memory.current", "inactive_file"),
+        (
+            "memory",
+            "memory",
+            "memory.limit_in_bytes",
+            "memory.usage_in_bytes",
+            "total_inactive_file",
+        ),
+    ],
+)
+def test_a_control_group_leaves_its_limit_less_what_is_used_and_not_cached(
+    tmp_path, monkeypatch, kinds, folder, limit, used, cached
+):
+    """Of both versions; the parent has no limit."""
+    monkeypatch.setattr(operating_system, "_CGROUPS", tmp_path)
+    group = tmp_path / folder / "inner"
+    group.mkdir(parents=True)
+    texts = {limit: "9000", used: "5000", "memory.stat": f"x 1\n{cached} 7"}
+    for name, text in texts.items():
+        (group / name).write_text(text)
+    (group.parent / limit).write_text("max")
+    assert list(operating_system._of_the_cgroups(kinds, "/inner")) == [4007]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("run --controller pid --step 1e-6 --stop 50", "5e+07 communication steps need, about"),
+        ("map --controller pid --x Kp=1:2:100000 --y Kd=1:2:100000", "100000 x 100000 cells need"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line_that_says_how_much_and_what_to_do(
+    tmp_path, monkeypatch, capsys, arguments, message
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(limits, "available_memory", lambda: 2 * 10**9)
+    assert main([*arguments.split(), "--out", "OUT"]) == 2
+    heard = capsys.readouterr().err
+    assert message in heard
+    assert "but only 2 GB is available; " in heard
+    assert heard.count("\n") == 1
+    assert not [p for p in tmp_path.rglob("*") if p.is_file()]

@@ -112,72 +112,50 @@ def test_model_exchange_goes_on_from_a_saved_state_as_before(exchanged, fmi):
     np.testing.assert_array_equal(*courses)
 
 
-HEATED = """
+PART = """
 from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Integer, Real
 
 
 class {name}(Fmi2Slave):
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
-        self.on = {off}
-        self.x = 0.0
-        self.level = 0
-        self.register_variable({relay}("on", causality=Fmi2Causality.input))
-        self.register_variable(Real("x", causality=Fmi2Causality.output))
-        self.register_variable({count}("level", causality=Fmi2Causality.output))
+        for kind, name, start, causality in ({ports}):
+            setattr(self, name, start)
+            self.register_variable(kind(name, causality=getattr(Fmi2Causality, causality)))
 
     def do_step(self, current_time, step_size):
-        self.x += step_size * (float(self.on) - 0.5 * self.x)
-        self.level = int(100 * self.x)
+        {step}
         return True
 """
-RELAY = """
-from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Integer, Real
+HEATED = "self.x += step_size * (self.on - 0.5 * self.x); self.level = int(100 * self.x)"
+RELAY = "self.on = type(self.on)(self.level < 100 * self.x_d)"
 
 
-class {name}(Fmi2Slave):
-    def __init__(self, **kwargs):
-        super().__init__(**kwargs)
-        self.level = 0
-        self.x_d = 0.0
-        self.on = {off}
-        self.register_variable({count}("level", causality=Fmi2Causality.input))
-        self.register_variable(Real("x_d", causality=Fmi2Causality.input))
-        self.register_variable({relay}("on", causality=Fmi2Causality.output))
-
-    def do_step(self, current_time, step_size):
-        self.on = type(self.on)(self.level < 100 * self.x_d)
-        return True
-"""
-
-
-@pytest.fixture(scope="module")
-def relays(tmp_path_factory):
-    """``relays(whole, saves)``: a heated plant and its relay, of Integer and Boolean signals."""
-    folder = tmp_path_factory.mktemp("relays")
-
-    def made(text, whole, saves):
-        name = f"{'Heated' if text is HEATED else 'Relay'}{'Whole' * whole}{'Saving' * saves}"
-        words = {"relay": "Boolean", "count": "Integer", "off": "False"}
-        if not whole:
-            words = {"relay": "Real", "count": "Real", "off": "0.0"}
-        script = folder / f"script_{name.lower()}.py"
-        script.write_text(text.format(name=name, **words))
-        FmuBuilder.build_FMU(script, dest=folder / f"{name}.fmu", canGetAndSetFMUstate=saves)
-        return str(folder / f"{name}.fmu")
-
-    return lambda whole, saves: (made(RELAY, whole, saves), made(HEATED, whole, saves))
+def relay_and_heated(folder, whole, saves):
+    """A relay and the plant that it heats, with Integer and Boolean signals or with Real ones."""
+    folder.mkdir()
+    on, level = "Real, 'on', 0.0", "Real, 'level', 0.0"
+    if whole:
+        on, level = "Boolean, 'on', False", "Integer, 'level', 0"
+    parts = {
+        "Relay": (f"({level}, 'input'), (Real, 'x_d', 0.0, 'input'), ({on}, 'output')", RELAY),
+        "Heated": (f"({on}, 'input'), (Real, 'x', 0.0, 'output'), ({level}, 'output')", HEATED),
+    }
+    for part, (ports, step) in parts.items():
+        name = f"{part}{'Whole' * whole}"
+        script = folder / f"script_{name.lower()}{'_saving' * saves}.py"
+        script.write_text(PART.format(name=name, ports=ports, step=step))
+        FmuBuilder.build_FMU(script, dest=folder / f"{part}.fmu", canGetAndSetFMUstate=saves)
+    return [str(folder / f"{part}.fmu") for part in parts]
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(
-    ("saves", "isolate"), [(True, False), pytest.param(False, True, marks=pytest.mark.ci)]
-)
-def test_integer_and_boolean_signals_are_the_numbers_they_are(relays, saves, isolate):
-    reference = Reference.constant(0.3)
-    options = {"stop": 0.6, "step": 0.01, "coupling": Coupling.GAUSS_SEIDEL}
-    expected = run_closed_loop(Loop(*relays(False, saves), reference, **options)).run
-    found = run_closed_loop(Loop(*relays(True, saves), reference, isolate=isolate, **options)).run
+@pytest.mark.parametrize(("saves", "isolate"), [(True, False), (False, True)])
+def test_integer_and_boolean_signals_are_the_numbers_they_are(tmp_path, saves, isolate):
+    options = {"stop": 0.6, "step": 0.01, "coupling": Coupling.GAUSS_SEIDEL, "isolate": isolate}
+    real, whole = (relay_and_heated(tmp_path / f"{whole}", whole, saves) for whole in (0, 1))
+    expected = run_closed_loop(Loop(*real, Reference.constant(0.3), **options)).run
+    found = run_closed_loop(Loop(*whole, Reference.constant(0.3), **options)).run
     assert not found.stopped
     assert set(found.commands["on"]) == {0.0, 1.0}
     for name, values in expected.outputs.items():

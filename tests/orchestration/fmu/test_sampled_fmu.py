@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import small_fmus
 from third_party_fmus import proportional
 
 import ballscrew
@@ -26,18 +27,38 @@ def pd():
 """
 
 
+def by_equations(folder, **given):
+    (folder / "mine.py").write_text(MINE)
+    return ballscrew.run(f"{folder}/mine.py:pd", **given).run
+
+
 @pytest.mark.parametrize("step", [PERIOD / 3, pytest.param(None, marks=pytest.mark.ci)])
 def test_it_runs_as_the_same_law_sampled_in_equations(tmp_path, step):
-    (tmp_path / "mine.py").write_text(MINE)
     given = {"stop": 0.3, "sampled": PERIOD, "step": step}
-    theirs = proportional(tmp_path, "Theirs")
-    fmu, equations = (ballscrew.run(part, **given) for part in (theirs, f"{tmp_path}/mine.py:pd"))
-    assert fmu.run.sampling_period == equations.run.sampling_period == PERIOD
+    fmu = ballscrew.run(proportional(tmp_path, "Theirs"), **given)
+    equations = by_equations(tmp_path, **given)
+    assert fmu.run.sampling_period == equations.sampling_period == PERIOD
     assert fmu.trusted
-    ours = np.interp(fmu.run.time, equations.run.time, equations.run.outputs["x"])
+    ours = np.interp(fmu.run.time, equations.time, equations.outputs["x"])
     np.testing.assert_allclose(fmu.run.outputs["x"], ours, rtol=0, atol=1e-6)
     points = np.round(fmu.run.time / PERIOD, 6)
     assert not np.diff(fmu.run.commands["u"])[points[1:] % 1 != 0].any()
+
+
+@pytest.mark.ci
+def test_a_sampled_controller_with_a_clock_of_its_own_is_stepped_by_communication_steps(tmp_path):
+    """It says that its output is discrete, and its clock samples at every fifth of them."""
+    path = str(tmp_path / "clock.fmu")
+    ticks = "ceil((t + h) / 0.005 - 1e-6) > ceil(t / 0.005 - 1e-6)"
+    law = f"if ({ticks}) $u$ = 400 * ($x_d$ - $x$) - 2 * $v$;"
+    small_fmus.pd(path, out="", step=law)
+    small_fmus.edited(path, ('"continuous" initial', '"discrete" initial'))
+    fmu = ballscrew.run(path, stop=0.1, step=1e-3)
+    assert "with the communication step of 0.001 s as its period" in " ".join(fmu.notes)
+    assert fmu.trusted
+    equations = by_equations(tmp_path, stop=0.1, sampled=0.005)
+    ours = np.interp(fmu.run.time, equations.time, equations.outputs["x"])
+    np.testing.assert_allclose(fmu.run.outputs["x"], ours, rtol=0, atol=1e-6)
 
 
 def test_it_is_stepped_once_in_each_period_whatever_the_steps_and_the_end_of_the_run(tmp_path):
