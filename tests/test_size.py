@@ -19,7 +19,7 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1590, 1314),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
-    "orchestration": (10368, 9109),
+    "orchestration": (10372, 9113),
     "stability": (2773, 2274),
     "ballscrew": (3502, 2899),
     "gallery": (2728, 2354),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1845, 1707),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (24908, 23736),
+    "tests": (24870, 23697),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -60,8 +60,8 @@ class Instance(Protocol):
     outputs: Sequence[str]
     sample_time: float
 
-    can_save: bool
-
+    @property
+    def can_save(self) -> bool: ...
     def nominal(self, name: str) -> float: ...
     def is_real(self, name: str) -> bool: ...
     def follows_at_once(self, name: str) -> bool: ...
@@ -100,6 +100,7 @@ class Wrapped:
 class AnyFmu(Instance):
     """Common part of FMU instances in this or another process."""
 
+    can_save = False  # as declared, until a trial shows that it cannot
     # after initialization: texts on values that the FMU did not have, or does not take; parameters
     # that could not be set, with the values that the FMU has
     notes: Sequence[str] = ()

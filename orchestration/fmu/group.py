@@ -106,7 +106,6 @@ class Group(Instance):
         turned: bool = False,
     ) -> None:
         self.name, self.inputs, self._turned = name, list(inputs), turned
-        self.can_save = all(p.can_save for p in members.values())
         self.steps_vary = all(getattr(p, "steps_vary", True) for p in members.values())
         self.sample_time, self.stop = 0.0, math.inf
         self._feeds = list(feeds)
@@ -129,6 +128,10 @@ class Group(Instance):
         self.back: list[Member] = []
         self.lags = self._initializing = False
         self.flags = np.ones(2, dtype=np.int64)
+
+    @property
+    def can_save(self) -> bool:
+        return all(p.can_save for p in self._members.values())
 
     def _source(self, feed: Feed) -> str:
         """The member that a feed comes from; empty for an input of the group."""

@@ -7,14 +7,14 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from pythonfmu.builder import FmuBuilder
+import small_fmus
+from reference_fmus import reference_fmu
 
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
 from ballscrew.orchestration.fmu.model_exchange import Integrator
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.master.couplings import Coupling
-from ballscrew.orchestration.master.reference_signal import Reference
 
 STOP, STEP = 0.3, 1e-3
 
@@ -112,55 +112,21 @@ def test_model_exchange_goes_on_from_a_saved_state_as_before(exchanged, fmi):
     np.testing.assert_array_equal(*courses)
 
 
-PART = """
-from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Integer, Real
-
-
-class {name}(Fmi2Slave):
-    def __init__(self, **kwargs):
-        super().__init__(**kwargs)
-        for kind, name, start, causality in ({ports}):
-            setattr(self, name, start)
-            self.register_variable(kind(name, causality=getattr(Fmi2Causality, causality)))
-
-    def do_step(self, current_time, step_size):
-        {step}
-        return True
-"""
-HEATED = "self.x += step_size * (self.on - 0.5 * self.x); self.level = int(100 * self.x)"
-RELAY = "self.on = type(self.on)(self.level < 100 * self.x_d)"
-
-
-def relay_and_heated(folder, whole, saves):
-    """A relay and the plant that it heats, with Integer and Boolean signals or with Real ones."""
-    folder.mkdir()
-    on, level = "Real, 'on', 0.0", "Real, 'level', 0.0"
-    if whole:
-        on, level = "Boolean, 'on', False", "Integer, 'level', 0"
-    parts = {
-        "Relay": (f"({level}, 'input'), (Real, 'x_d', 0.0, 'input'), ({on}, 'output')", RELAY),
-        "Heated": (f"({on}, 'input'), (Real, 'x', 0.0, 'output'), ({level}, 'output')", HEATED),
-    }
-    for part, (ports, step) in parts.items():
-        name = f"{part}{'Whole' * whole}"
-        script = folder / f"script_{name.lower()}{'_saving' * saves}.py"
-        script.write_text(PART.format(name=name, ports=ports, step=step))
-        FmuBuilder.build_FMU(script, dest=folder / f"{part}.fmu", canGetAndSetFMUstate=saves)
-    return [str(folder / f"{part}.fmu") for part in parts]
-
-
 @pytest.mark.ci
-@pytest.mark.parametrize(("saves", "isolate"), [(True, False), (False, True)])
-def test_integer_and_boolean_signals_are_the_numbers_they_are(tmp_path, saves, isolate):
-    options = {"stop": 0.6, "step": 0.01, "coupling": Coupling.GAUSS_SEIDEL, "isolate": isolate}
-    real, whole = (relay_and_heated(tmp_path / f"{whole}", whole, saves) for whole in (0, 1))
-    expected = run_closed_loop(Loop(*real, Reference.constant(0.3), **options)).run
-    found = run_closed_loop(Loop(*whole, Reference.constant(0.3), **options)).run
-    assert not found.stopped
-    assert set(found.commands["on"]) == {0.0, 1.0}
-    for name, values in expected.outputs.items():
-        np.testing.assert_array_equal(found.outputs[name], values)
-    np.testing.assert_array_equal(found.commands["on"], expected.commands["on"])
+@pytest.mark.parametrize("isolate", [True, False])
+def test_integer_and_boolean_signals_are_the_numbers_they_are(tmp_path, isolate):
+    """A plant that says whether it is near, and an FMU that passes this on as its command."""
+    plant, controller = str(tmp_path / "cart.fmu"), str(reference_fmu(tmp_path, "Feedthrough", 2))
+    small_fmus.plant(plant, more=[("near", "output", None, "")], more_out="$near$ = S[0] < 0.02;")
+    how = {"stop": 0.6, "step": 0.01, "coupling": Coupling.GAUSS_SEIDEL, "isolate": isolate}
+    courses = []
+    for kind in ("Float64_continuous", "Int32", "Boolean"):
+        mapping = {f"{kind}_input": "near", f"{kind}_output": "u", "Float64_discrete_input": "x_d"}
+        run = run_closed_loop(Loop(controller, plant, mapping=mapping, **how)).run
+        assert not run.stopped
+        assert set(run.commands["u"]) == {0.0, 1.0}
+        courses.append(run.outputs["x"])
+    np.testing.assert_array_equal(courses[1:], [courses[0]] * 2)
 
 
 class Ticking:

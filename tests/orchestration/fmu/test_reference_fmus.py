@@ -6,7 +6,6 @@ import re
 import numpy as np
 import pytest
 from reference_fmus import reference_fmu, reference_result
-from scipy.integrate import solve_ivp
 
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance, StepFailed
 from ballscrew.orchestration.fmu.isolated import IsolatedInstance
@@ -55,20 +54,12 @@ def falling(times, g=9.81, e=0.7, v_min=0.1):
     return np.array(heights)
 
 
-def van_der_pol(times):
-    def slope(_, x):
-        return [x[1], (1 - x[0] ** 2) * x[1] - x[0]]
-
-    return solve_ivp(slope, (0, times[-1]), [2, 0], "DOP853", times, rtol=1e-12, atol=1e-12).y[0]
-
-
 @pytest.mark.parametrize("fmi", [2, 3])
 @pytest.mark.parametrize(
     ("name", "output", "exact", "euler"),
     [
         ("BouncingBall", "h", falling, 0.03),
         ("Dahlquist", "x", lambda t: np.exp(-t), 0.02),
-        ("VanDerPol", "x0", van_der_pol, 0.4),
     ],
 )
 def test_model_exchange_of_a_reference_fmu_is_the_exact_solution(

@@ -6,37 +6,29 @@ import small_fmus
 from third_party_fmus import proportional
 
 import ballscrew
+from ballscrew import Component, Input, Output, symbol
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
 from ballscrew.orchestration.fmu.trials import sampled_every
 
 PERIOD = 2e-3
-MINE = """
-from ballscrew import Component, Input, Output, symbol
-
+ROLES = {"x": "measurement", "v": "measurement", "x_d": "reference"}
 LAW = 400.0 * (symbol("x_d") - symbol("x")) - 2.0 * symbol("v")
 
 
-def pd():
-    inputs = (
-        Input("x", "m", "position", role="measurement", nominal=0.1),
-        Input("v", "m/s", "velocity", role="measurement", nominal=0.1),
-        Input("x_d", "m", "set-point", role="reference", nominal=0.1),
-    )
-    law = Output("u", "V", "motor voltage", LAW)
-    return Component(name="pd", description="as equations", inputs=inputs, outputs=(law,))
-"""
-
-
-def by_equations(folder, **given):
-    (folder / "mine.py").write_text(MINE)
-    return ballscrew.run(f"{folder}/mine.py:pd", **given).run
+def by_equations(**given):
+    """A run with the law of `proportional`, sampled."""
+    units = {"x": "m", "v": "m/s", "x_d": "m"}
+    inputs = tuple(Input(n, units[n], n, role=role, nominal=0.1) for n, role in ROLES.items())
+    output = Output("u", "V", "motor voltage", LAW)
+    pd = Component(name="pd", description="equations", inputs=inputs, outputs=(output,))
+    return ballscrew.run(pd, **given).run
 
 
 @pytest.mark.parametrize("step", [PERIOD / 3, pytest.param(None, marks=pytest.mark.ci)])
 def test_it_runs_as_the_same_law_sampled_in_equations(tmp_path, step):
     given = {"stop": 0.3, "sampled": PERIOD, "step": step}
     fmu = ballscrew.run(proportional(tmp_path, "Theirs"), **given)
-    equations = by_equations(tmp_path, **given)
+    equations = by_equations(**given)
     assert fmu.run.sampling_period == equations.sampling_period == PERIOD
     assert fmu.trusted
     ours = np.interp(fmu.run.time, equations.time, equations.outputs["x"])
@@ -56,7 +48,7 @@ def test_a_sampled_controller_with_a_clock_of_its_own_is_stepped_by_communicatio
     fmu = ballscrew.run(path, stop=0.1, step=1e-3)
     assert "with the communication step of 0.001 s as its period" in " ".join(fmu.notes)
     assert fmu.trusted
-    equations = by_equations(tmp_path, stop=0.1, sampled=0.005)
+    equations = by_equations(stop=0.1, sampled=0.005)
     ours = np.interp(fmu.run.time, equations.time, equations.outputs["x"])
     np.testing.assert_allclose(fmu.run.outputs["x"], ours, rtol=0, atol=1e-6)
 
