@@ -24,13 +24,9 @@ from .columns import Column, Table, check_size, columns_of, table_of
 from .csv_table import read_lines
 
 _LAST_DAY = 2_958_466  # of Excel, from 1900 on: the year 9999
-_FUNCTIONS = (
-    "sin cos tan arcsin arccos arctan arctan2 asin acos atan sinh cosh tanh exp expm1 log log10 "
-    "log1p sqrt abs floor ceil where"
-)
 _TERM = re.compile(
-    rf"[\s+\-*/^%(),<>=!&|~]|\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
-    rf"|\b(?:[Xx]1*|INF|NaN|{_FUNCTIONS.replace(' ', '|')})\b"
+    r"[\s+\-*/^(),]|\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
+    r"|\b(?:[Xx]1*|sin|cos|tan|asin|acos|atan|exp|log|log10|sqrt|abs)\b"
 )
 
 
@@ -81,14 +77,13 @@ def read_hdf5(path: Path, data: bytes) -> list[Table]:
 
 def _unpacked(name: str, item: Any) -> Iterator[Column]:
     """The columns of a data set, by netCDF's attributes of packed and of empty values."""
-    names = "units", "unit", "scale_factor", "add_offset", "_FillValue", "missing_value"
-    told = {n: np.ravel(item.attrs[n])[0] for n in names if np.size(item.attrs.get(n, ()))}
-    unit = told.get("units", told.get("unit", ""))
     if not item.shape or item.dtype.kind not in "fiubV":
         yield Column(name, fault=f": {name!r} has values of type {item.dtype}, not numbers")
         return
+    told = {n: np.ravel(v)[0] for n, v in item.attrs.items() if np.size(v)}
+    unit = told.get("units", told.get("unit", ""))
     values = item[()]
-    empty = [told[n] for n in names[4:] if n in told]
+    empty = [told[n] for n in ("_FillValue", "missing_value") if n in told]
     scale, offset = told.get("scale_factor", 1), told.get("add_offset", 0)
     if empty or (scale, offset) != (1, 0):
         values = np.where(np.isin(values, empty), np.nan, values) * float(scale) + float(offset)
@@ -110,30 +105,23 @@ def read_tdms(path: Path, data: bytes) -> list[Table]:
     tables = []
     channels = [c for g in TdmsFile.read_metadata(io.BytesIO(data)).groups() for c in g.channels()]
     check_size(path, "cells", sum(map(len, channels)))
-    file = TdmsFile.read(io.BytesIO(data))
-    starts = [c.properties.get("wf_start_time") for g in file.groups() for c in g.channels()]
+    starts = [c.properties.get("wf_start_time") for c in channels]
     first = min((s for s in starts if s is not None), default=None)
-    for group in file.groups():
-        rates: dict[tuple[Any, ...], list[Any]] = {}
+    for group in TdmsFile.read(io.BytesIO(data)).groups():
+        rates: dict[tuple[Any, ...], list[Column]] = {}
         for channel in group.channels():
             told = channel.properties
-            rate = tuple(told.get(f"wf_{n}") for n in ("increment", "start_offset", "start_time"))
-            rates.setdefault((*rate, len(channel)) if rate[0] else (), []).append(channel)
-        for rate, channels in rates.items():
-            columns = [
-                column
-                for c in channels
-                for column in columns_of(
-                    c.name, np.asarray(c[:]), str(c.properties.get("unit_string", ""))
-                )
-            ]
-            if rate:
-                step, offset, start, samples = rate
-                late = (
-                    (start - first) / np.timedelta64(1, "ns") * 1e-9 if start is not None else 0.0
-                )
-                time = late + (offset or 0.0) + step * np.arange(samples)
-                columns.insert(0, Column("time", time, "s"))
+            step, offset, start = (
+                told.get(f"wf_{n}") for n in ("increment", "start_offset", "start_time")
+            )
+            columns = rates.setdefault((step, offset, start, len(channel)) if step else (), [])
+            if step and not columns:
+                late = 0 if start is None else (start - first) / np.timedelta64(1, "ns") * 1e-9
+                time = late + (offset or 0.0) + step * np.arange(len(channel))
+                columns.append(Column("time", time, "s"))
+            unit = str(told.get("unit_string", ""))
+            columns += columns_of(channel.name, np.asarray(channel[:]), unit)
+        for rate, columns in rates.items():
             several = f" ({rate[0]:g} s)" if rate and len(rates) > 1 else ""
             tables.append(table_of(path, columns, group.name + several))
     return [t for t in tables if t.columns]

@@ -63,10 +63,6 @@ class Table:
     renamed: dict[str, str] = field(default_factory=dict)  # what our names are called in the file
     faults: dict[str, str] = field(default_factory=dict)  # of columns that are no numbers
 
-    def row(self, k: int) -> int:
-        """Number of sample `k` (from 0) for messages: its line, or its number starting at 1."""
-        return k + 1 if self.lines is None else int(self.lines[k])
-
 
 def table_of(
     path: Path,

@@ -11,9 +11,11 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from contextlib import suppress
+from dataclasses import replace
+from itertools import pairwise, product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -39,8 +41,7 @@ _BETWEEN_DIGITS = re.compile(r"(?<=\d)['\u2019\u00a0\u202f](?=\d{3})")  # 1'019'
 _UNITS_TOO = (*NO_UNIT, "%", "counts", "count", "inc")  # occur in lines of units
 
 
-@dataclass(frozen=True)
-class _Style:
+class _Style(NamedTuple):
     """Separator and decimal sign of a file."""
 
     separator: str
@@ -72,24 +73,16 @@ class _Style:
             return "." in cell and _float(cell) is not None
         return cell.count(",") == 1 and "." not in cell and self.number(cell) is not None
 
-    @property
-    def doubt(self) -> str:
-        """Advice for a column whose cells are all doubtful."""
-        return f"has a dot; {_DOTS}" if self.comma else f"has a comma; {_COMMAS}"
-
     def is_number(self, cell: str) -> bool:
         return self.number(cell) is not None or self.is_doubtful(cell) or is_stamp(cell)
 
-    def sure_numbers_in(self, cells: Sequence[str]) -> float:
-        return self.numbers_in(cells) - 0.5 * sum(map(self.is_doubtful, cells))
-
     def numbers_in(self, cells: Sequence[str]) -> int:
-        return sum(self.is_number(c) for c in cells)
+        return sum(map(self.is_number, cells))
 
     def is_row(self, cells: Sequence[str]) -> bool:
         """Whether more than half of the cells are numbers or empty, with at least one number."""
         count = self.numbers_in(cells)
-        return count > 0 and count + sum(not c for c in cells) > len(cells) / 2
+        return count > 0 and count + cells.count("") > len(cells) / 2
 
 
 def _float(text: str) -> float | None:
@@ -131,26 +124,26 @@ def read_lines(path: Path, numbered: Iterable[tuple[int, str]], cut: bool = Fals
         if (_fits(row, width) or named) and begins and style.is_row(row[:width]):
             break
         above.append([c for c in row if c != _MARK] if style.separator == " " else row)
-    first = len(above)
     head = len(above[-1]) if above else 0
     remarks = head == width + 1 and style.separator != " " and _MARK not in above[-1][0]
     full = head if width < len(row) <= head or remarks else width
     names, units = _header(path, above, style, full, filled)
-    lines = np.array([k for k, _ in numbered[first:]])
+    texts, lines = texts[len(above) :], np.array([k for k, _ in numbered[len(above) :]])
     # separators at the ends of lines give columns without name and number
     wide = filled if names[filled:] == [str(k + 1) for k in range(filled, full)] else full
-    plain = _plain(texts[first:], style, wide)
-    notes: list[str] = []
-    if plain is None:
-        rows, lines, notes = _rows(list(map(style.cells, texts[first:])), lines, width, style, cut)
+    plain, notes = _plain(texts, style, wide), tuple[str, ...]()
+    if plain is not None:
+        columns = [Column(n, v.copy()) for n, v in zip(names[:wide], plain.T, strict=True)]
+    else:
+        rows = list(map(style.cells, texts))
+        kept, notes = _kept(rows, lines, width, style, cut)
+        rows, lines = [rows[k] for k in kept], lines[kept]
         rows = [r + [""] * (full - len(r)) if len(r) >= width else r for r in rows]
         for row, line in zip(rows, lines, strict=True):
             if not _fits(row, full):
                 raise BadRecord(f"{path}, row {line}: {len(row)} cells, expected {full}")
         cells = ([row[k] for row in rows] for k in range(full))
         columns = [_column(n, c, lines, style) for n, c in zip(names, cells, strict=True)]
-    else:
-        columns = [Column(n, v.copy()) for n, v in zip(names[:wide], plain.T, strict=True)]
     columns = [
         c._replace(number=str(k), unit=c.unit or unit)
         for k, (c, unit) in enumerate(zip(columns, units, strict=False), 1)
@@ -163,25 +156,22 @@ def _by_time(
     path: Path, columns: Sequence[Column], lines: npt.NDArray[np.int64], notes: Sequence[str]
 ) -> list[Table]:
     """One table, or one per time column if signals have their own and these differ."""
-    parts = _parts([c.name for c in columns])
-    times = [columns[start] for start, _ in parts]
-    equal = (t.start == times[0].start and _same(t.values, times[0].values) for t in times)
-    if len(parts) > 1 and all(equal):
-        kept = [c for c in columns if c.name != columns[0].name]
-        table = table_of(path, [columns[0], *kept], "", lines, notes)
-        numbers = {t.number: columns[0].name for t in times}
-        return [replace(table, numbers=table.numbers | numbers)]
+    starts = [k for k, column in enumerate(columns) if column.name == columns[0].name]
+    parts = [columns[a:b] for a, b in pairwise([*starts, len(columns)])]
+    if len(parts) == 1 or min(map(len, parts)) < 2:
+        return [table_of(path, columns, "", lines, notes)]
+    first, *others = (part[0] for part in parts)
+    if all(t.start == first.start and _same(t.values, first.values) for t in others):
+        kept = [c for c in columns if c.name != first.name]
+        table = table_of(path, [first, *kept], "", lines, notes)
+        return [replace(table, numbers=table.numbers | {t.number: first.name for t in others})]
     found = []
-    for (start, end), time in zip(parts, times, strict=True):
-        samples = None
-        if len(parts) > 1 and time.values is not None and np.isnan(time.values[-1]):  # shorter
-            samples = len(lines) - int(np.argmax(np.isfinite(time.values[::-1])))
-        part = [
-            c if c.values is None else c._replace(values=c.values[:samples])
-            for c in columns[start:end]
-        ]
-        group = columns[start + 1].name if len(parts) > 1 else ""
-        found.append(table_of(path, part, group, lines[:samples], notes))
+    for part in parts:
+        samples, time = len(lines), part[0].values
+        if time is not None and np.isnan(time[-1]):  # shorter
+            samples -= int(np.argmax(np.isfinite(time[::-1])))
+        short = [c if c.values is None else c._replace(values=c.values[:samples]) for c in part]
+        found.append(table_of(path, short, part[1].name, lines[:samples], notes))
     return found
 
 
@@ -189,10 +179,10 @@ def _same(times: Vector | None, others: Vector | None) -> bool:
     return times is not None and others is not None and np.array_equal(times, others)
 
 
-def _rows(
+def _kept(
     rows: Rows, lines: npt.NDArray[np.int64], width: int, style: _Style, cut: bool
-) -> tuple[Rows, npt.NDArray[np.int64], list[str]]:
-    """The rows, and a note on left-out lines.
+) -> tuple[list[int], tuple[str, ...]]:
+    """The rows to keep, and a note on the others.
 
     Lines without a number are left out, and at the end lines that begin with a word and an
     incomplete one.
@@ -201,21 +191,17 @@ def _rows(
     last = len(rows) - 1
     if cut and last > 0 and len(rows[last]) < width and style.is_number(rows[last][0]):
         out.add(last)
-        last -= 1
-    while last > 0 and (last in out or _begins_with_word(rows[last], rows[0], style)):
+    words = style.is_number(rows[0][0])
+    while last > 0 and (
+        last in out or (words and rows[last][0] and not style.is_number(rows[last][0]))
+    ):
         out.add(last)
         last -= 1
     if not out:
-        return rows, lines, []
-    kept = [k for k in range(len(rows)) if k not in out]
-    first = int(lines[min(out)])
-    what = "invalid line" if len(out) == 1 else "invalid lines"
-    note = f"{len(out)} {what} of the table left out; the first is line {first}"
-    return [rows[k] for k in kept], lines[kept], [note]
-
-
-def _begins_with_word(row: Sequence[str], first: Sequence[str], style: _Style) -> bool:
-    return bool(row[0]) and style.is_number(first[0]) and not style.is_number(row[0])
+        return list(range(len(rows))), ()
+    what = f"{len(out)} invalid line{'s' if len(out) > 1 else ''} of the table left out"
+    note = f"{what}; the first is line {lines[min(out)]}"
+    return [k for k in range(len(rows)) if k not in out], (note,)
 
 
 def _segments(path: Path, numbered: Sequence[tuple[int, str]]) -> list[Table]:
@@ -233,10 +219,8 @@ def _segments(path: Path, numbered: Sequence[tuple[int, str]]) -> list[Table]:
             columns, units = dict(table.columns), dict(table.units)
             x, *signals = columns
             if about.get("X_Columns") == ["No"]:
-                try:
-                    begin, step = (_float(told[n][0].replace(",", ".")) for n in ("X0", "Delta_X"))
-                except LookupError:
-                    begin = step = None
+                texts = [(told.get(n) or [""])[0].replace(",", ".") for n in ("X0", "Delta_X")]
+                begin, step = map(_float, texts)
                 if begin is None or step is None:
                     raise BadRecord(f"{path}: has no column of time, and no X0 and Delta_X")
                 columns[x] = np.asarray(begin + step * np.arange(len(columns[x])), dtype=float)
@@ -254,17 +238,14 @@ def _said(numbered: Sequence[tuple[int, str]]) -> dict[str, list[str]]:
 
 
 def _text(path: Path, data: bytes) -> str:
+    encodings = ["utf-8-sig", "cp1252", "latin-1"]
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         encodings = ["utf-16"]
     elif b"\0" in data:
         raise BadRecord(f"{path}: is not a text table: it contains zero bytes; save it as CSV")
-    else:
-        encodings = ["utf-8-sig", "cp1252", "latin-1"]
     for encoding in encodings:
-        try:
+        with suppress(UnicodeDecodeError):
             return data.decode(encoding)
-        except UnicodeDecodeError:
-            continue
     raise BadRecord(f"{path}: is not a text table")
 
 
@@ -274,27 +255,25 @@ def _style(path: Path, texts: Sequence[str]) -> tuple[_Style, int, int, bool]:
     With it the cells of a row, the number of used cells, and whether all rows begin with a number.
     """
     some = texts[-min(_LOOKED_AT, len(texts) // 2 + 1) :]
-    best, most, width, used, firm = None, 0.0, 0, 0, True
-    for separator in _SEPARATORS:
-        for comma in (False, True):
-            if comma and separator == "," and not any('"' in t for t in some):
-                continue
-            style = _Style(separator, comma)
-            rows = [row for row in map(style.cells, some) if len(row) > 1 and style.is_row(row)]
+    found, most = None, 0.0
+    for separator, comma in product(_SEPARATORS, (False, True)):
+        if comma and separator == "," and not any('"' in t for t in some):
+            continue
+        style = _Style(separator, comma)
+        rows = [row for row in map(style.cells, some) if len(row) > 1 and style.is_row(row)]
+        filled = sum(style.numbers_in(row) - 0.5 * sum(map(style.is_doubtful, row)) for row in rows)
+        if filled > most:
             lengths = Counter(map(len, rows))
-            usual = min((n for n in lengths if lengths[n] == max(lengths.values())), default=0)
-            filled = sum(map(style.sure_numbers_in, rows))
-            if filled > most:
-                best, most, width = style, filled, usual
-                usuals = [row for row in rows if len(row) == usual]
-                firm = all(style.is_number(row[0]) for row in usuals)
-                used = 1 + max(k for row in rows for k in range(usual) if k < len(row) and row[k])
-    if best is None:
+            width = min(n for n in lengths if lengths[n] == max(lengths.values()))
+            firm = all(style.is_number(row[0]) for row in rows if len(row) == width)
+            used = 1 + max(k for row in rows for k, cell in enumerate(row[:width]) if cell)
+            found, most = (style, width, used, firm), filled
+    if found is None:
         raise BadRecord(
             f"{path}: has no rows of numbers; expected columns with names, separated by tabs, "
             "semicolons or commas"
         )
-    return best, width, used, firm
+    return found
 
 
 def _fits(row: Sequence[str], width: int) -> bool:
@@ -310,14 +289,15 @@ def _header(
         return names, units
     block: Rows = []
     for row in reversed(above):
-        if len(row) < 2 or not _fits(row + [""] * width, width) or style.numbers_in(row) > 0:
+        if len(row) < 2 or any(row[width:]) or style.numbers_in(row) > 0:
             break
         block.append(row)
-    numbers = [str(k + 1) for k in range(width)]
+    numbers, nothing = [str(k + 1) for k in range(width)], [""] * width
     if not block:
-        return numbers, [""] * width
-    known = [quantity_of(_bare(c)) != "" or _bare(c) in _UNITS_TOO for c in block[0]]
-    has_units = len(block) > 1 and all(known) and any(block[0])
+        return numbers, nothing
+    bare = [c.strip("[]() ") for c in block[0]]
+    known = all(quantity_of(c) or c in _UNITS_TOO for c in bare)
+    has_units = len(block) > 1 and known and any(block[0])
     header = block[1] if has_units else block[0]
     if len(header) < filled:
         twice = style.separator == "," and filled == 2 * len(header)
@@ -325,11 +305,10 @@ def _header(
             f"{path}: names {len(header)} columns ({', '.join(header)}), but its rows have {filled}"
             + ("; are commas used both between numbers and as decimal separators?" if twice else "")
         )
-    header = (header + [""] * width)[:width]
+    header = (header + nothing)[:width]
     header[0] = header[0].removeprefix(_MARK).lstrip()
     names = [name or number for name, number in zip(header, numbers, strict=True)]
-    said = [*(block[0] if has_units else []), *[""] * width]
-    return names, list(map(_bare, said[:width]))
+    return names, ((bare if has_units else []) + nothing)[:width]
 
 
 def _scope_header(above: Rows, width: int) -> tuple[list[str], list[str]]:
@@ -341,18 +320,6 @@ def _scope_header(above: Rows, width: int) -> tuple[list[str], list[str]]:
     units = told.get("Unit", [""] * width)
     names = [n for signal in told["Name"] for n in ("time", signal)]
     return names, [u for unit in units for u in ("", unit)]
-
-
-def _parts(names: Sequence[str]) -> list[tuple[int, int]]:
-    """First and last column that belong to each time column; one part with a single time column."""
-    starts = [k for k, name in enumerate(names) if name == names[0]]
-    parts = list(zip(starts, [*starts[1:], len(names)], strict=True))
-    return parts if all(b - a > 1 for a, b in parts) else [(0, len(names))]
-
-
-def _bare(unit: str) -> str:
-    """A unit without brackets."""
-    return unit.strip("[]() ")
 
 
 def _plain(texts: Sequence[str], style: _Style, width: int) -> npt.NDArray[np.float64] | None:
@@ -373,24 +340,17 @@ def _column(name: str, cells: Sequence[str], lines: npt.NDArray[np.int64], style
     """The numbers of a column, or seconds from its first stamp; or the first cell that is wrong."""
     filled = [c for c in cells if c]
     stamped = 2 * sum(map(is_stamp, filled)) > len(filled)
-    numbers = [style.number(c) if c else math.nan for c in cells]
-    wrong = next(
-        (
-            k
-            for k, (c, number) in enumerate(zip(cells, numbers, strict=True))
-            if c and (not is_stamp(c) if stamped else number is None)
-        ),
-        None,
-    )
     if filled and all(map(style.is_doubtful, filled)):  # thousands or decimals?
-        return Column(name, fault=f", column {name!r}: {filled[0]!r} {style.doubt}")
-    if wrong is not None:
-        cell = cells[wrong]
-        what = "time of day, unlike the other cells" if stamped else "number"
-        why = f"; {_DOTS}" if style.comma and style.is_doubtful(cell) else ""
-        shown = cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "..."
-        place = f", row {lines[wrong]}, column {name!r}"
-        return Column(name, fault=f"{place}: {shown!r} is not a {what}{why}")
+        doubt = f"has a dot; {_DOTS}" if style.comma else f"has a comma; {_COMMAS}"
+        return Column(name, fault=f", column {name!r}: {filled[0]!r} {doubt}")
+    numbers = [style.number(c) if c else math.nan for c in cells]
+    for cell, number, line in zip(cells, numbers, lines, strict=True):
+        if cell and (not is_stamp(cell) if stamped else number is None):
+            what = "time of day, unlike the other cells" if stamped else "number"
+            why = f"; {_DOTS}" if style.comma and style.is_doubtful(cell) else ""
+            shown = cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "..."
+            place = f", row {line}, column {name!r}"
+            return Column(name, fault=f"{place}: {shown!r} is not a {what}{why}")
     if not stamped:
         return Column(name, np.array(numbers, dtype=float))
     since = seconds(cells)

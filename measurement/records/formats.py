@@ -11,9 +11,8 @@ import struct
 import warnings
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...solver.errors import BadRecord
 from . import binary_tables as binary
@@ -26,26 +25,24 @@ _UNPACKED = "bytes when unpacked"
 _DEEPEST = 3  # depth of packed files in packed files
 
 
-@dataclass(frozen=True)
-class _Format:
-    """A format, its first bytes and its reader; without a reader, it is rejected by name."""
+class _Format(NamedTuple):
+    """A format, its first bytes and its reader."""
 
     name: str
     magic: bytes
-    reader: Callable[[Path, bytes], list[Table]] | None = None
+    reader: Callable[[Path, bytes], list[Table]]
     at: int = 0
     instead: str = _CSV
     extra: str = "records"
 
 
-_XLSX = _Format("an Excel workbook", b"", binary.read_xlsx)
-_NPZ = _Format("a NumPy archive", b"", binary.read_npz)
-_MAT4 = _Format("a MAT-file of version 4", b"", read_mat, instead="save it with -v7 or as CSV")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+_V7 = "save it with -v7 or as CSV"
+_MAT4 = _Format("a MAT-file of version 4", b"", read_mat, instead=_V7)
 _FORMATS = (
-    _Format("a MAT-file of version 7.3", b"\0\2IM", read_mat73, 124, "save it with -v7 or as CSV"),
-    _Format("a MAT-file", b"\0\1IM", read_mat, 124, "save it with -v7 or as CSV"),
-    _Format("a MAT-file", b"\1\0MI", read_mat, 124, "save it with -v7 or as CSV"),
+    _Format("a MAT-file of version 7.3", b"\0\2IM", read_mat73, 124, _V7),
+    _Format("a MAT-file", b"\0\1IM", read_mat, 124, _V7),
+    _Format("a MAT-file", b"\1\0MI", read_mat, 124, _V7),
     *(_Format("an HDF5 file", _HDF5, binary.read_hdf5, at) for at in (0, 512, 1024, 2048)),
     _Format("a TDMS file", b"TDSm", binary.read_tdms),
     _Format("an MDF file", b"MDF ", binary.read_mdf, instead="save it as MDF 4 or CSV"),
@@ -53,9 +50,6 @@ _FORMATS = (
     _Format("a Parquet file", b"PAR1", binary.read_parquet, extra="parquet"),
     _Format("an Arrow file", b"ARROW1", binary.read_arrow, extra="parquet"),
     _Format("a NumPy array", b"\x93NUMPY", binary.read_npy),
-    _Format(
-        "an Excel workbook from before 2007", b"\xd0\xcf\x11\xe0", instead="save it as .xlsx or CSV"
-    ),
 )
 _PACKED: dict[bytes, tuple[str, Callable[..., Any]]] = {
     b"\x1f\x8b": ("a gzip file", gzip.open),
@@ -79,16 +73,13 @@ def tables_in(path: Path, data: bytes, depth: int = 0) -> list[Table]:
             return tables_in(path, data, depth + 1)
     if data.startswith(b"PK\3\4"):
         return _in_zip(path, data, depth)
-    binary_data = b"\0" in data  # a text may begin with the bytes of a format
-    known = next((f for f in _FORMATS if binary_data and data.startswith(f.magic, f.at)), None)
-    if known is None and _is_mat4(data):
-        known = _MAT4
-    return _read(path, data, known) if known else read_text(path, data)
+    known = [f for f in _FORMATS if data.startswith(f.magic, f.at)]
+    known = known if b"\0" in data else []  # a text may begin with the bytes of a format
+    known += [_MAT4] if not known and _is_mat4(data) else []
+    return _read(path, data, known[0]) if known else read_text(path, data)
 
 
 def _read(path: Path, data: bytes, known: _Format) -> list[Table]:
-    if known.reader is None:
-        raise BadRecord(f"{path}: is {known.name}; {known.instead}")
     said = logging.root.manager.disable
     logging.disable()  # libraries print their warnings beside our one line
     try:
@@ -98,10 +89,8 @@ def _read(path: Path, data: bytes, known: _Format) -> list[Table]:
     except BadRecord:
         raise
     except ImportError as error:
-        raise BadRecord(
-            f"{path}: is {known.name} and needs {error.name}: "
-            f"pip install 'ballscrew[{known.extra}]', or {known.instead}"
-        ) from None
+        needs = f"needs {error.name}: pip install 'ballscrew[{known.extra}]'"
+        raise BadRecord(f"{path}: is {known.name} and {needs}, or {known.instead}") from None
     except Exception as error:  # the readers raise many kinds on damaged files
         raise _damaged(path, known.name, error, known.instead) from error
     finally:
@@ -123,31 +112,25 @@ def _in_zip(path: Path, data: bytes, depth: int) -> list[Table]:
             names = [n for n in archive.namelist() if not n.endswith("/")]
             check_size(path, _UNPACKED, sum(entry.file_size for entry in archive.infolist()))
             if "xl/workbook.xml" in names:
-                return _read(path, data, _XLSX)
+                return _read(path, data, _Format("an Excel workbook", b"", binary.read_xlsx))
             if names and all(n.endswith(".npy") for n in names):
-                return _read(path, data, _NPZ)
+                return _read(path, data, _Format("a NumPy archive", b"", binary.read_npz))
             if len(names) == 1:
                 return tables_in(path, archive.read(names[0]), depth + 1)
     except (zipfile.BadZipFile, OSError, RuntimeError, NotImplementedError) as error:
         excel = path.suffix.lower() in (".xlsx", ".xlsm")
         name = "an Excel workbook" if excel else "a ZIP archive"
         raise _damaged(path, name, error, _CSV if excel else "pack it again") from error
-    if "content.xml" in names:
-        raise BadRecord(f"{path}: is an OpenDocument file; save it as .xlsx or CSV")
-    raise BadRecord(
-        f"{path}: is a ZIP archive of {len(names)} files; unpack it and give one of them"
-    )
+    few = f"is a ZIP archive of {len(names)} files"
+    raise BadRecord(f"{path}: {few}; unpack it and give one of them, or {_CSV}")
 
 
 def _is_mat4(data: bytes) -> bool:
     """Whether the file starts with a valid header of five integers; it has no fixed first bytes."""
-    if len(data) < 21:
-        return False
-    for order, machine in (("<", 0), (">", 1)):
+    for order, machine in (("<", 0), (">", 1)) if len(data) > 20 else ():
         kind, rows, columns, imaginary, name = struct.unpack(order + "5i", data[:20])
-        digits = (kind // 1000, kind // 100 % 10, kind // 10 % 10, kind % 10)
-        if digits[:2] != (machine, 0) or digits[2] > 5 or digits[3] > 2 or imaginary not in (0, 1):
-            continue
-        if rows >= 0 and columns >= 0 and 0 < name <= 256 and data[19 + name : 20 + name] == b"\0":
+        valid = kind // 100 == 10 * machine and kind // 10 % 10 <= 5 and kind % 10 <= 2
+        valid = valid and imaginary in (0, 1) and rows >= 0 and columns >= 0
+        if valid and 0 < name <= 256 and data[19 + name : 20 + name] == b"\0":
             return True
     return False

@@ -18,8 +18,7 @@ from .columns import MOST, Array, Column, Table, check_size, columns_of, table_o
 
 _OBJECTS = (
     "contains objects (timeseries, table, Dataset) that only MATLAB can read; save their numbers, "
-    "such as "
-    "t = ts.Time; x = ts.Data; save('a.mat', 't', 'x')"
+    "such as t = ts.Time; x = ts.Data; save('a.mat', 't', 'x')"
 )
 _PACKED = 15  # type of a compressed element
 _OVERHEAD = 1000  # cells whose time one value of a structure takes
@@ -75,10 +74,11 @@ def _plain(path: Path, file: Any, item: Any, room: list[int]) -> Any:
         return np.array([])
     if isinstance(item, h5py.Group):
         fields = {n: _plain(path, file, item[n], room) for n in item}
-        cells = [n for n in item if isinstance(item[n], h5py.Dataset) and _is_part(item[n])]
-        if not cells or len(cells) < len(fields):
-            return fields
-        return [dict(zip(cells, row, strict=True)) for row in zip(*fields.values(), strict=False)]
+        sets = [s for s in map(item.get, fields) if isinstance(s, h5py.Dataset)]
+        parts = [s for s in sets if s.dtype == h5py.ref_dtype and "MATLAB_class" not in s.attrs]
+        if not parts or len(parts) < len(fields):
+            return fields  # an array of structures has references, one for each element
+        return [dict(zip(fields, row, strict=True)) for row in zip(*fields.values(), strict=False)]
     if item.attrs.get("MATLAB_empty", 0):
         return np.array([])
     room[0] -= item.size + _OVERHEAD
@@ -89,13 +89,6 @@ def _plain(path: Path, file: Any, item: Any, room: list[int]) -> Any:
     if item.attrs.get("MATLAB_class") == b"char":
         return "".join(map(chr, values.T.ravel()))
     return np.squeeze(values.T)
-
-
-def _is_part(item: Any) -> bool:
-    """Whether a field of a structure array has one reference per element."""
-    import h5py
-
-    return bool(item.dtype == h5py.ref_dtype) and "MATLAB_class" not in item.attrs
 
 
 def _tables(path: Path, values: Mapping[str, Any], opaque: bool) -> list[Table]:
@@ -110,12 +103,9 @@ def _tables(path: Path, values: Mapping[str, Any], opaque: bool) -> list[Table]:
 def _columns(name: str, value: Any, path: Path, groups: list[Table]) -> Iterator[Column]:
     """The columns of a value, except those of a recording, which is added to `groups`."""
     if isinstance(value, Mapping):
-        recorded = _simulink(path, name, value) or _series(path, name, value)
-        recorded = recorded or _dspace(path, name, value)
-        if recorded:
-            groups.extend(recorded)
-            return
-        for key, inner in value.items():
+        recorded = _simulink(path, name, value) or _dspace(path, name, value)
+        groups.extend(recorded)
+        for key, inner in value.items() if not recorded else ():
             yield from _columns(f"{name}.{key}" if name else key, inner, path, groups)
     elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
         for k, inner in enumerate(np.asarray(value, dtype=object).ravel(), 1):
@@ -128,8 +118,7 @@ def _columns(name: str, value: Any, path: Path, groups: list[Table]) -> Iterator
 def _several(value: Any) -> list[Mapping[str, Any]]:
     """A structure, or an array of structures, as a list."""
     items = [value] if isinstance(value, Mapping) else value
-    if not isinstance(items, list | np.ndarray):
-        return []
+    items = items if isinstance(items, list | np.ndarray) else []
     return [v for v in items if isinstance(v, Mapping)]
 
 
@@ -156,56 +145,36 @@ def _simulink(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
     return [table_of(path, columns, name)]
 
 
-def _series(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
-    """A timeseries that was converted to a structure."""
-    own = {key.lower(): inner for key, inner in value.items()}
-    time, values = _numbers(own.get("time")), _numbers(own.get("data"))
-    if not time.size or values.shape[:1] != time.shape[:1] or len(own) > 20:
-        return []
-    label = _text(own.get("name")) or name.rpartition(".")[2]
-    about = own.get("datainfo"), own.get("timeinfo")
-    units = [_text(a.get("Units")) if isinstance(a, Mapping) else "" for a in about]
-    of_time = {"seconds": "s", "milliseconds": "ms"}.get(units[1], units[1])
-    columns = [*columns_of("time", time, of_time), *columns_of(label, values, units[0])]
-    return [table_of(path, columns, name)]
-
-
 def _dspace(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
     """A recording of dSPACE ControlDesk: axes X, and signals Y with the number of their axis."""
-    axes, signals = _several(value.get("X")), _several(value.get("Y"))
-    axes = [a for a in axes if "Data" in a]
-    signals = [s for s in signals if "Data" in s and "Name" in s]
-    if not axes or not signals:
-        return []
-    tables = []
-    sizes = [_numbers(axis["Data"]).size for axis in axes]
-    for k, axis in enumerate(axes):
-        columns = list(columns_of("time", _numbers(axis["Data"]), _text(axis.get("Unit"))))
-        for signal in signals:
-            values, said = _numbers(signal["Data"]), int(signal.get("XIndex", 1) or 1) - 1
-            fitting = [j for j, size in enumerate(sizes) if size == values.size]
-            if (said if said in fitting else next(iter(fitting), None)) == k:
-                columns += columns_of(_text(signal["Name"]), values, _text(signal.get("Unit")))
-        tables.append(table_of(path, columns, name if len(axes) == 1 else f"{name}.X({k + 1})"))
-    return tables
+    axes = [a for a in _several(value.get("X")) if "Data" in a]
+    signals = [s for s in _several(value.get("Y")) if "Data" in s and "Name" in s]
+    times = [_numbers(axis["Data"]) for axis in axes]
+    columns = [
+        list(columns_of("time", t, _text(a.get("Unit")))) for t, a in zip(times, axes, strict=True)
+    ]
+    for signal in signals:
+        values, said = _numbers(signal["Data"]), int(signal.get("XIndex", 1) or 1) - 1
+        fitting = [k for k, time in enumerate(times) if time.size == values.size]
+        for k in [said] if said in fitting else fitting[:1]:
+            columns[k] += columns_of(_text(signal["Name"]), values, _text(signal.get("Unit")))
+    groups = [name] if len(axes) == 1 else [f"{name}.X({k})" for k in range(1, len(axes) + 1)]
+    return [table_of(path, c, g) for c, g in zip(columns, groups, strict=True)] if signals else []
 
 
 def _modelica(path: Path, found: Mapping[str, Array]) -> list[Table]:
     """A result of Dymola or OpenModelica: columns of `data_k` by signed number."""
     lines = _lines(found["Aclass"])
     if len(lines) < 4 or lines[0] != "Atrajectory":
-        raise BadRecord(
-            f"{path}: is a MAT-file of Modelica, but not a result; save the result as CSV"
-        )
-    turned = lines[3] == "binTrans"
-    texts = {n: _lines(v.T if turned else v) for n, v in found.items() if v.dtype.kind == "U"}
-    data = {n: v if turned else v.T for n, v in found.items() if n.startswith("data_")}
-    info = found["dataInfo"].T if turned else found["dataInfo"]
-    said = texts.get("description") or [""] * len(texts["name"])
+        raise BadRecord(f"{path}: is no result of a Modelica simulation; save the result as CSV")
+    rows = {n: v.T if lines[3] == "binTrans" else v for n, v in found.items()}
+    data = {n: v.T for n, v in rows.items() if n.startswith("data_")}
+    names, info = _lines(rows["name"]), rows["dataInfo"].tolist()
+    said = _lines(rows["description"]) if "description" in rows else [""] * len(info)
     tables = []
-    for block in sorted(n for n in data if n != "data_1"):  # data_1 has constants
+    for block in sorted(data.keys() - {"data_1"}):  # data_1 has constants
         columns = list(columns_of("time", data[block][0], "s"))
-        for name, about, (of, column, *_) in zip(texts["name"], said, info.tolist(), strict=True):
+        for name, about, (of, column, *_) in zip(names, said, info, strict=True):
             if block == f"data_{int(of)}" and abs(column) > 1 and name != "time":
                 values = np.sign(column) * data[block][abs(int(column)) - 1]
                 unit = _UNIT.search(about)

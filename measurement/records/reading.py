@@ -7,7 +7,7 @@ another unit are rejected, with advice.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,13 +16,13 @@ import numpy.typing as npt
 from scipy.integrate import cumulative_trapezoid
 
 from ...solver.errors import BadRecord
-from .record import CURRENT, FORCE, TORQUE, VELOCITY, VOLTAGE, Record
+from .record import CURRENT, FORCE, TORQUE, VELOCITY, VOLTAGE, Record, Vector
 from .rig_trial import described, read_about
 from .sampling import HOLES, even_out, pieces_between_gaps, recounted
 from .table import choose, in_si, read_tables
 from .units import UNITS
 
-Vector = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 
 QUANTITIES: dict[str, tuple[str, ...]] = {
     "time": ("time",),
@@ -55,7 +55,6 @@ class _Use:
     samples: int  # least number
     believes: bool  # accept any number if its unit is given
     slowest: float  # largest accepted sampling interval [s]
-    if_slow: str
     largest: Mapping[str, tuple[float, str]]  # larger values look like another unit
     smallest: Mapping[str, tuple[float, str]] = field(default_factory=dict)
     lasts: float = 0.0  # shortest [s]
@@ -67,8 +66,6 @@ FORCE_RECORD = _Use(
     samples=20,
     believes=True,
     slowest=0.5,
-    if_slow="time goes in steps of {step:.4g}; if these are milliseconds use unit time=ms, "
-    "if they are seconds use unit time=s",
     largest={
         "x [m]": (0.3, "mm"),  # the thread of the screw is 0.262 m long
         "x_fine [m]": (0.02, "um"),
@@ -83,8 +80,6 @@ DRIVE_RECORD = _Use(
     samples=200,
     believes=False,
     slowest=0.0499,  # at 20 Hz friction is not visible
-    if_slow="sampled every {step:.4g} s, at {rate:.3g} Hz: too slow for friction; expected at "
-    "least 100 Hz; if time is in milliseconds or microseconds, use unit time=ms or time=us",
     largest={
         "x [m]": (50.0, "mm"),
         "v [m/s]": (50.0, "rpm"),
@@ -133,18 +128,15 @@ def read_force_records(
         for recorded in _read(path, FORCE_RECORD, mapping, units, lead):
             record = described(recorded, read_about(path), mass)
             for name, unit in ((record.position_name, "m"), ("force", "N")):
-                values = record.signals[name]
+                values, column = record.signals[name], f"{record.name}: {name}"
                 empty = np.count_nonzero(~np.isfinite(values))
                 if empty:
-                    raise BadRecord(
-                        f"{record.name}: {name} is empty or not a number in {empty} of "
-                        f"{len(values)} samples; {_LOWER_RATE}"
-                    )
+                    of = f"in {empty} of {len(values)} samples"
+                    raise BadRecord(f"{column} is empty or not a number {of}; {_LOWER_RATE}")
                 if np.ptp(values) == 0:
-                    raise BadRecord(
-                        f"{record.name}: {name} is constant ({values[0]:.6g} {unit}) over all "
-                        f"{len(values)} samples; a record needs motion and force"
-                    )
+                    always = f"({values[0]:.6g} {unit}) over all {len(values)} samples"
+                    what = "a record needs motion and force"
+                    raise BadRecord(f"{column} is constant {always}; {what}")
             records.append(record)
     return records
 
@@ -197,20 +189,21 @@ def _read(
     command = measured.get("u", CURRENT)
     command = FORCE if command == TORQUE else command
     screw = lead if TORQUE in measured.values() else None
-    said = {*units, *table.units}
     pieces, gaps = pieces_between_gaps(signals["time"], use.samples, use.lasts)
     notes = [*([gaps] if gaps else []), *table.notes, *notes]
     records: list[Record] = []
-    for piece in pieces:
-        name = f"{path} ({len(records) + 1} of {len(pieces)})" if len(pieces) > 1 else str(path)
+    for k, piece in enumerate(pieces, 1):
+        name = f"{path} ({k} of {len(pieces)})" if len(pieces) > 1 else str(path)
         part = {n: v[piece] for n, v in signals.items()}
-        record = check_record(name, part, command, use, said, _rows_from(table.row, piece.start))
+        rows = _rows_of(len(signals["time"]), table.lines)[piece]
+        record = check_record(name, part, command, use, {*units, *table.units}, rows)
         records.append(replace(record, lead=screw, notes=(*notes, *record.notes)))
     return records
 
 
-def _rows_from(row: Callable[[int], int], first: int) -> Callable[[int], int]:
-    return lambda k: row(first + k)
+def _rows_of(samples: int, lines: Integers | None) -> Integers:
+    """Numbers of samples for messages: their lines in a text, or from 1."""
+    return np.arange(1, samples + 1) if lines is None else lines
 
 
 def check_record(
@@ -219,27 +212,31 @@ def check_record(
     command: str = VOLTAGE,
     use: _Use = DRIVE_RECORD,
     said: Collection[str] = (),
-    row: Callable[[int], int] = lambda k: k + 1,
+    lines: Integers | None = None,
 ) -> Record:
     """Return a record from columns in SI units, checked and at equidistant instants.
 
-    `said` are columns with a given unit, `row` gives the number of a sample for messages.
+    `said` are columns with a given unit, `lines` the numbers of the samples for messages.
     """
     signals = {n: np.asarray(v, dtype=float) for n, v in signals.items()}
     said = said if use.believes else ()
-    rows = _known(name, signals, use, row)
-    if len(rows) < use.samples:
-        raise BadRecord(
-            f"{name}: is too short: {len(rows)} samples, expected at least {use.samples}"
-        )
-    signals = {n: v[rows] for n, v in signals.items() if np.any(np.isfinite(v[rows]))}
+    lines = _rows_of(len(signals["time"]), lines)
+    known = _known(name, signals, use, lines)
+    samples = np.count_nonzero(known)
+    if samples < use.samples:
+        raise BadRecord(f"{name}: is too short: {samples} samples, expected at least {use.samples}")
+    signals = {n: v[known] for n, v in signals.items() if np.any(np.isfinite(v[known]))}
     step = float(np.median(np.diff(signals["time"])))
     if step > use.slowest and "time" not in said:
-        raise BadRecord(f"{name}: {use.if_slow.format(step=step, rate=1 / step)}")
+        raise BadRecord(
+            f"{name}: sampled every {step:.4g} s, at {1 / step:.3g} Hz: too slow for friction; if "
+            "time is in milliseconds or microseconds, use unit time=ms or time=us"
+            + (", if it is in seconds time=s" if use.believes else "")
+        )
     position, lost = signals.get("x", signals.get("x_fine")), ""
     if position is not None and np.isfinite(position).all():
         signals["time"], lost = recounted(signals["time"], position)
-    signals, step, mended = even_out(name, signals, lambda k: row(int(rows[k])))
+    signals, step, mended = even_out(name, signals, lines[known])
     lasts = len(signals["time"]) * step
     if lasts < 0.999 * use.lasts:
         raise BadRecord(f"{name}: lasts {lasts:.3g} s, expected at least {use.lasts:g} s")
@@ -254,38 +251,35 @@ def check_record(
 
 
 def _known(
-    name: str, signals: Mapping[str, Vector], use: _Use, row: Callable[[int], int]
-) -> npt.NDArray[np.int64]:
-    """Samples in which all required columns have a number."""
-    samples = len(signals["time"])
-    known = np.ones(samples, dtype=bool)
+    name: str, signals: Mapping[str, Vector], use: _Use, lines: Integers
+) -> npt.NDArray[np.bool_]:
+    """Whether all required columns have a number in a sample."""
+    known = np.ones(len(signals["time"]), dtype=bool)
     for names in use.needed:
         column = next(n for n in names if n in signals)
         bad = np.flatnonzero(~np.isfinite(signals[column]))
         known[bad] = False
-        if len(bad) <= HOLES * samples:
-            continue
-        every = len(bad) > max(samples / 3, 1) and np.diff(bad).max() <= 3
-        repair = "remove these samples at an end of the record, or repair the record"
-        raise BadRecord(
-            f"{name}: {column} is empty or not a number in {len(bad)} of {samples} samples, "
-            f"the first in row {row(int(bad[0]))}; {_LOWER_RATE if every else repair}"
-        )
+        if len(bad) > HOLES * len(known):
+            every = len(bad) > max(len(known) / 3, 1) and np.diff(bad).max() <= 3
+            repair = "remove these samples at an end of the record, or repair the record"
+            raise BadRecord(
+                f"{name}: {column} is empty or not a number in {len(bad)} of {len(known)} samples, "
+                f"the first in row {lines[bad[0]]}; {_LOWER_RATE if every else repair}"
+            )
     for column, values in signals.items():
         if np.any(np.isinf(values[known])):
             raise BadRecord(f"{name}: {column} has infinite values")
-    return np.flatnonzero(known)
+    return known
 
 
 def _check_sizes(
     name: str, signals: Mapping[str, Vector], command: str, use: _Use, said: Collection[str]
 ) -> None:
-    for column in use.columns:
-        if column not in signals or column in said or (column == "x" and VELOCITY in signals):
-            continue
+    """Refuse numbers that look like another unit."""
+    for column in (c for c in use.columns if c in signals and c not in said):
         unit = next(iter(UNITS[command if column == "u" else QUANTITIES[column][0]]))
         key = f"{column} [{unit}]"
-        if key not in use.largest:
+        if key not in use.largest or (column == "x" and VELOCITY in signals):
             continue
         values = signals["x" if column == VELOCITY else column]
         moves = column in (*_POSITIONS, VELOCITY)
@@ -296,8 +290,6 @@ def _check_sizes(
             fault, other = f"reaches only {size:.4g}, too little", less
         elif size <= largest:
             continue
-        what = f"if it is in another unit, use unit {column}={other}"
-        if use.believes:
-            what = f"if it is in {other} use unit {column}={other}, "
-            what += f"if it is in {unit} use unit {column}={unit}"
+        what = f"if it is in {other} use unit {column}={other}"
+        what += f", if it is in {unit} use unit {column}={unit}" if use.believes else ""
         raise BadRecord(f"{name}: {column} {fault} for {unit}; {what}")

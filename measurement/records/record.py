@@ -8,11 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from .resolution import encoder_count
-
-Vector = npt.NDArray[np.float64]
+from .resolution import Vector, encoder_count
 
 VELOCITY = "v"
 VOLTAGE, CURRENT, FORCE, TORQUE = "voltage", "current", "force", "torque"

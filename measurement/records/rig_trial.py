@@ -11,13 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import t as student
 
 from ...solver.errors import BadRecord
-from .record import Record
-
-Vector = npt.NDArray[np.float64]
+from .record import Record, Vector
 
 _UNSAID_GAIN_STD = 0.01  # for a fine position without a known calibration
 
@@ -57,12 +54,9 @@ def described(record: Record, about: Mapping[str, Any], mass: float | None = Non
 
 
 def _lags(about: Mapping[str, Any]) -> dict[str, float]:
-    lags = about.get("lags", {})
-    if not isinstance(lags, Mapping):
-        raise BadRecord("trial.json: expected `lags` to give a number of seconds by column")
     try:
-        return {str(k): float(v) for k, v in lags.items()}
-    except (TypeError, ValueError, OverflowError):
+        return {str(k): float(v) for k, v in about.get("lags", {}).items()}
+    except (AttributeError, TypeError, ValueError, OverflowError):
         raise BadRecord(
             "trial.json: expected `lags` to give a number of seconds by column"
         ) from None
@@ -101,11 +95,11 @@ def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]
 
 
 def _rig_mass(about: Mapping[str, Any]) -> float:
-    parameters = about.get("parameters")
-    own = parameters if isinstance(parameters, Mapping) else {}
+    own = about.get("parameters")
+    own = own if isinstance(own, Mapping) else {}
     mass = own.get("plant.m", own.get("plant.J"))
-    if isinstance(mass, int | float):
-        if not 0 < mass <= sys.float_info.max:
-            raise BadRecord("trial.json: expected `plant.m` to be a finite mass above 0 kg")
-        return float(mass)
-    return 1.0
+    if not isinstance(mass, int | float):
+        return 1.0
+    if not 0 < mass <= sys.float_info.max:
+        raise BadRecord("trial.json: expected `plant.m` to be a finite mass above 0 kg")
+    return float(mass)

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from ...solver.errors import BadRecord
-from .resolution import resolution_of
-
-Vector = npt.NDArray[np.float64]
+from .resolution import Vector, resolution_of
 
 _JITTER = 0.2  # jitter, over the sampling interval, below which stamps count as equidistant
 _LONGEST_GAP = 5  # most missing samples in a row
@@ -55,21 +53,17 @@ def unwrapped(name: str, values: Vector, turn: float | None) -> tuple[Vector, li
     steps = np.diff(values[known])
     extent = float(np.ptp(values[known])) if known.any() else 0.0
     for period in [*([abs(turn)] if turn else []), *_COUNTERS]:
-        if not 0.5 * period < extent <= period * (1 + 1e-9):
-            continue
         far = np.abs(steps) > 0.5 * period
-        if not far.any() or far.all():
+        fits = 0.5 * period < extent <= period * (1 + 1e-9)
+        if not fits or not far.any() or far.all():
             continue
         turns = np.round(steps / period) * far
         on = np.abs(steps - period * turns)
-        if on[far].max() > 3.0 * on[~far].max():
-            continue
-        out = values.copy()
-        out[known] -= period * np.concatenate([[0.0], np.cumsum(turns)])
-        size = _COUNTERS.get(period, "a turn")
-        return out, [
-            f"{name} jumps by {size} {int(far.sum())} times: it wraps around and was unwrapped"
-        ]
+        if on[far].max() <= 3.0 * on[~far].max():
+            out = values.copy()
+            out[known] -= period * np.concatenate([[0.0], np.cumsum(turns)])
+            jumps = f"{_COUNTERS.get(period, 'a turn')} {np.count_nonzero(far)} times"
+            return out, [f"{name} jumps by {jumps}: it wraps around and was unwrapped"]
     return values, []
 
 
@@ -112,30 +106,27 @@ def recounted(time: Vector, x: Vector) -> tuple[Vector, str]:
 
 
 def even_out(
-    name: str, signals: Mapping[str, Vector], row: Callable[[int], int]
+    name: str, signals: Mapping[str, Vector], lines: npt.NDArray[np.int64]
 ) -> tuple[dict[str, Vector], float, str]:
     """Signals at equidistant instants, their interval [s], and notes on changes.
 
     If a few samples are missing, or stamps repeat or jitter, signals are interpolated linearly.
-    Samples of a column with a lower rate are placed at the nearest instant. `row` gives the number
-    of a sample for messages.
+    Samples of a column with a lower rate are placed at the nearest instant. `lines` are the numbers
+    of the samples for messages.
     """
     time = signals["time"]
     steps = np.diff(time)
-    back = np.flatnonzero(steps < 0)
-    if len(back):
-        k = int(back[0])
-        raise BadRecord(
-            f"{name}: time decreases in row {row(k + 1)}: {time[k + 1]:.6g} s after {time[k]:.6g} s"
-        )
-    repeated = np.flatnonzero(steps == 0)
+    for k in np.flatnonzero(steps < 0)[:1]:
+        at = f"{time[k + 1]:.6g} s after {time[k]:.6g} s"
+        raise BadRecord(f"{name}: time decreases in row {lines[k + 1]}: {at}")
+    repeated = np.flatnonzero(steps == 0) + 1
     if len(repeated) > HOLES * len(time):
         raise BadRecord(
             f"{name}: time does not increase in {len(repeated)} of {len(time)} samples, the first "
-            f"in row {row(int(repeated[0]) + 1)}: the time stamps are coarser than the sampling; "
+            f"in row {lines[repeated[0]]}: the time stamps are coarser than the sampling; "
             "write them with more digits"
         )
-    kept = {n: np.delete(v, repeated + 1) for n, v in signals.items()}
+    kept = {n: np.delete(v, repeated) for n, v in signals.items()}
     time = kept["time"]
     steps = np.diff(time)
     step = float(np.median(steps))
@@ -149,14 +140,13 @@ def even_out(
         step = float(slope)
         instants = np.round((time - start) / step).astype(int)
     missing = np.maximum(np.diff(instants) - 1, 0)
-    k = int(np.argmax(missing))
+    holes, k = int(missing.sum()), int(np.argmax(missing))
     if missing[k] > _LONGEST_GAP:
         raise BadRecord(
             f"{name}: a gap of {steps[k]:.4g} s after {time[k]:.6g} s, but the sampling "
             f"interval is {step:.4g} s ({np.sum(missing > _LONGEST_GAP)} such); divide the record "
             "into pieces without gaps"
         )
-    holes = int(missing.sum())
     if holes > HOLES * len(time):
         k = int(uneven[0])
         raise BadRecord(
@@ -189,17 +179,17 @@ def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[
         return whole, ""
     gaps = np.flatnonzero(steps > (_LONGEST_GAP + 1.5) * np.median(steps))
     edges = [0, *(gaps + 1).tolist(), len(time)]
-    pieces = [slice(a, b) for a, b in pairwise(edges)]
-    long = [p for p in pieces if p.stop - p.start >= samples]
-    long = [p for p in long if time[p.stop - 1] - time[p.start] >= lasts]
+    long = [(a, b) for a, b in pairwise(edges) if b - a >= samples]
+    long = [(a, b) for a, b in long if time[b - 1] - time[a] >= lasts]
     if not len(gaps) or not long:
         return whole, ""
-    lost = 100 * (1 - sum(p.stop - p.start for p in long) / len(time))
+    lost = 100 * (1 - sum(b - a for a, b in long) / len(time))
     note = (
         f"{len(gaps)} gaps, the first of {steps[gaps[0]]:.4g} s after {time[gaps[0]]:.6g} s: the "
         f"record was divided there into {len(long)} pieces of at least {lasts:g} s"
     )
-    return long, note + (f"; {lost:.2g} % of its samples are in shorter ones" if lost else "")
+    note += f"; {lost:.2g} % of its samples are in shorter ones" if lost else ""
+    return [slice(a, b) for a, b in long], note
 
 
 def _instants(time: Vector, step: float) -> npt.NDArray[np.int64]:

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from datetime import date
 
 import numpy as np
-import numpy.typing as npt
 
-Vector = npt.NDArray[np.float64]
+from .columns import Vector
 
 _DATE = r"(?P<date>\d{1,4}[-./]\d{1,2}[-./]\d{1,4})"
 _OF_DAY = r"(?P<h>\d{1,2}):(?P<m>\d\d)(?::(?P<s>\d\d(?:[.,]\d+)?))?(?P<half> ?[AaPp][Mm])?"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -40,10 +41,11 @@ def read_tables(path: Path) -> list[Table]:
 
 
 def _with_units(table: Table) -> Table:
-    every = [*table.columns, *table.faults]
-    times = Counter(_name_and_unit(name)[0] for name in every)
-    names = {n: bare if times[bare := _name_and_unit(n)[0]] == 1 else n for n in every}
-    units = {n: _name_and_unit(n)[1] or table.units.get(n, "") for n in table.columns}
+    """The table with units from its names; a name that two columns would have stays whole."""
+    split = {n: _name_and_unit(n) for n in (*table.columns, *table.faults)}
+    times = Counter(name for name, _ in split.values())
+    names = {n: name if times[name] == 1 else n for n, (name, _) in split.items()}
+    units = {n: split[n][1] or table.units.get(n, "") for n in table.columns}
     return replace(
         table,
         columns={names[n]: values for n, values in table.columns.items()},
@@ -75,43 +77,42 @@ def choose(
         return rename(tables[0], mapping, known, needed)
     whole = []
     for table in tables:
-        try:
+        with suppress(BadRecord):
             whole.append(rename(table, mapping, known, needed))
-        except BadRecord:
-            continue
     if len(whole) == 1:
         return whole[0]
     path = tables[0].path
+    theirs = {n: next((t for t, o in mapping.items() if o == n), n) for n in known}
     if whole:
         names = [t.group for t in whole]
         raise BadRecord(
             f"{path}: has {len(whole)} tables with these columns: {listed(names)}; choose "
-            f"one, such as map {names[0]}/{_theirs('time', mapping)}=time"
+            f"one, such as map {names[0]}/{theirs['time']}=time"
         )
     found: dict[str, list[Table]] = {}
     for table in tables:
         for ours in known:
-            theirs = _theirs(ours, mapping)
-            if _column(table, theirs):
-                part = rename(table, {theirs: ours}, [ours], [])
+            if _column(table, theirs[ours]):
+                part = rename(table, {theirs[ours]: ours}, [ours], [])
                 found.setdefault(ours, []).append(part)
     for ours, parts in found.items():
         if ours != "time" and len(parts) > 1:
             raise BadRecord(
-                f"{path}: has {_theirs(ours, mapping)!r} in {listed([t.group for t in parts])}; "
-                f"choose one, such as map {parts[0].group}/{_theirs(ours, mapping)}={ours}"
+                f"{path}: has {theirs[ours]!r} in {listed(t.group for t in parts)}; "
+                f"choose one, such as map {parts[0].group}/{theirs[ours]}={ours}"
             )
     lost = [t for t, ours in mapping.items() if ours in known and ours not in found]
     if lost or any(not {*names} & found.keys() for names in needed):
-        there = listed([f"{t.group} ({listed(t.columns)})" for t in tables])
-        what = f"a column {lost[0]!r}" if lost else f"the columns {_asked(needed, mapping)}"
+        asked = ", ".join(" or ".join(theirs[n] for n in names) for names in needed)
+        what = f"a column {lost[0]!r}" if lost else f"the columns {asked}"
+        there = listed(f"{t.group} ({listed(t.columns)})" for t in tables)
         raise BadRecord(
             f"{path}: none of its tables has {what}; there are {there}; assign them, "
             f"such as map TABLE/COLUMN={needed[-1][0]}"
         )
     first = {next(n for n in names if n in found) for names in needed}
     times = {t.group: t for t in found.pop("time")}
-    called = {"time", *(_column(t, _theirs("time", mapping)) for t in tables)}
+    called = {"time", *(_column(t, theirs["time"]) for t in tables)}
     for table in tables:  # use the table's own time, if the mapped time is in another table
         own = next((n for n in table.columns if n in called), "")
         if table.group not in times and own:
@@ -129,22 +130,22 @@ def _joined(
     nearest stamps and is unknown at others. `parts` has a table with one column by our name,
     `times` a table with its ``time`` by group.
     """
-    first = [n for n in parts if n in needed and parts[n].group in times]
-    main = max(times.values(), key=lambda t: _step(t, first, parts))
-    unit = main.units.get("time", "")
-    time = main.columns["time"]
+    first = {parts[n].group for n in parts if n in needed}
+    main = max(times.values(), key=lambda t: _step(t) if t.group in first else -1.0)
+    unit, time = main.units.get("time", ""), main.columns["time"]
     inside = np.isfinite(time)
     out: dict[str, Vector] = {}
-    notes = list(dict.fromkeys(n for p in [main, *parts.values()] for n in p.notes))
+    sources = [main, *parts.values()]
+    notes = list(dict.fromkeys(n for p in sources for n in p.notes))
     for name, part in parts.items():
-        values = part.columns[name]
-        own = times.get(part.group)
+        values, own = part.columns[name], times.get(part.group)
+        stamps = (own or main).columns["time"]
+        if len(stamps) != len(values):
+            raise BadRecord(
+                f"{path}: {name} of {part.group} has {len(values)} samples and its time "
+                f"{len(stamps)}; give its time column, such as map TABLE/COLUMN=time"
+            )
         if own is None:  # a file may have one time for all
-            if len(values) != len(time):
-                raise BadRecord(
-                    f"{path}: {part.group} has no column of time and {name} has {len(values)} "
-                    f"samples, but time has {len(time)}"
-                )
             out[name] = values
             notes.append(
                 f"{name} of {part.group} has no time column: the time of the other columns is used"
@@ -156,12 +157,7 @@ def _joined(
                 f"({main.start or 'none'}, {own.start or 'none'}); write both in seconds from the "
                 "same start"
             )
-        if len(own.columns["time"]) != len(values):
-            raise BadRecord(
-                f"{path}: {name} of {part.group} has {len(values)} samples and its time "
-                f"{len(own.columns['time'])}; give its time column, such as map TABLE/COLUMN=time"
-            )
-        stamps = own.columns["time"] * _scale(path, own.units.get("time", ""), unit)
+        stamps = stamps * _scale(path, own.units.get("time", ""), unit)
         if np.array_equal(stamps, time):
             out[name] = values
             continue
@@ -184,19 +180,17 @@ def _joined(
             out[name][np.searchsorted(0.5 * (time[1:] + time[:-1]), stamps)] = values
     if not inside.any():
         raise BadRecord(f"{path}: {', '.join(parts)} do not overlap in time")
-    units = {"time": unit} | {n: p.units[n] for n, p in parts.items() if n in p.units}
+    units = {"time": unit} | {n: p.units.get(n, "") for n, p in parts.items()}
     columns = {n: v[inside] for n, v in {"time": time, **out}.items()}
-    renamed = {n: t for p in [main, *parts.values()] for n, t in p.renamed.items()}
+    renamed = {n: t for p in sources for n, t in p.renamed.items()}
     told = {n: u for n, u in units.items() if u}
     return Table(path, columns, told, notes=tuple(notes), renamed=renamed)
 
 
-def _step(time: Table, first: Collection[str], parts: Mapping[str, Table]) -> float:
-    """Sampling interval of a table with a needed column; -1 for others."""
-    if time.group not in {parts[n].group for n in first}:
-        return -1.0
-    stamps = time.columns["time"]
-    size = UNITS["time"].get(spell(time.units.get("time", "")), 1.0)
+def _step(table: Table) -> float:
+    """Sampling interval of a table with a time, in seconds if its unit is known."""
+    stamps = table.columns["time"]
+    size = UNITS["time"].get(spell(table.units.get("time", "")), 1.0)
     return size * float(np.nanmedian(np.diff(stamps))) if len(stamps) > 1 else 0.0
 
 
@@ -205,14 +199,6 @@ def _scale(path: Path, unit: str, other: str) -> float:
     if unit != other and not all(sizes):
         raise BadRecord(f"{path}: its times are in {unit!r} and {other!r}")
     return 1.0 if unit == other else sizes[0] / sizes[1]
-
-
-def _theirs(ours: str, mapping: Mapping[str, str]) -> str:
-    return next((t for t, o in mapping.items() if o == ours), ours)
-
-
-def _asked(needed: Sequence[Sequence[str]], mapping: Mapping[str, str]) -> str:
-    return ", ".join(" or ".join(_theirs(n, mapping) for n in names) for names in needed)
 
 
 def listed(names: Iterable[str]) -> str:
@@ -247,20 +233,16 @@ def rename(
     name must be present.
     """
     path, columns = table.path, table.columns
-    there = listed(columns)
+    there = f"there are {listed(columns)}"
     theirs_of: dict[str, str] = {}
     for theirs, ours in mapping.items():
+        asked = f"map {theirs}={ours}: there is no"
         if ours not in known:
-            raise BadRecord(
-                f"map {theirs}={ours}: there is no {ours!r} here; columns are {', '.join(known)}"
-            )
-        name = _column(table, theirs)
-        if not name:
-            raise BadRecord(
-                f"{path}: map {theirs}={ours}: there is no column {theirs!r}"
-                f"{nearest(theirs, columns)}; there are {there}"
-            )
-        theirs_of[ours] = name
+            raise BadRecord(f"{asked} {ours!r} here; columns are {', '.join(known)}")
+        theirs_of[ours] = _column(table, theirs)
+        if not theirs_of[ours]:
+            near = nearest(theirs, columns)
+            raise BadRecord(f"{path}: {asked} column {theirs!r}{near}; {there}")
     for name in (*columns, *table.faults):
         if name in known and name not in theirs_of.values():
             theirs_of.setdefault(name, name)
@@ -269,17 +251,12 @@ def rename(
             raise BadRecord(f"{path}{table.faults[name]}")
     for name in known:
         if name not in theirs_of and f"{name} #1" in columns:
-            raise BadRecord(
-                f"{path}: the column {name!r} occurs twice; choose one, such as map '{name} #1="
-                f"{name}'"
-            )
-    for wanted, *others in needed:
-        if not {wanted, *others} & theirs_of.keys():
-            raise BadRecord(
-                f"{path}: has no column {' nor '.join(map(repr, (wanted, *others)))}"
-                f"{nearest(wanted, columns)}; there are "
-                f"{there}; use map theirs={wanted}"
-            )
+            such = f"such as map '{name} #1={name}'"
+            raise BadRecord(f"{path}: the column {name!r} occurs twice; choose one, {such}")
+    for names in needed:
+        if not {*names} & theirs_of.keys():
+            lost = " nor ".join(map(repr, names)) + nearest(names[0], columns)
+            raise BadRecord(f"{path}: has no column {lost}; {there}; use map theirs={names[0]}")
     named = {n: columns[theirs_of[n]] for n in known if n in theirs_of}
     lengths = {n: len(v) for n, v in named.items()}
     if len(set(lengths.values())) > 1:
@@ -313,24 +290,21 @@ def in_si(
     for name, values in table.columns.items():
         may_be = quantities[name]
         said = units.get(name, table.units.get(name, ""))
+        known = ", ".join(u for q in may_be for u in UNITS[q])
+        use = f"use unit {name}= with one of {known}, or with a number of them"
         if name == "time":
             values, said_of_it = unrounded(values)
             notes += said_of_it
         if said in NO_UNIT:
             if name in table.renamed:
-                known = ", ".join(u for q in may_be for u in UNITS[q])
-                raise BadRecord(
-                    f"{table.path}: gives no unit of {table.renamed[name]!r}, which is {name} by "
-                    f"map; use unit {name}= with one of {known}, or with a number of them"
-                )
+                lacks = f"gives no unit of {table.renamed[name]!r}, which is {name} by map"
+                raise BadRecord(f"{table.path}: {lacks}; {use}")
             signals[name], measured[name] = values, may_be[0]
             continue
         if name not in units and quantity_of(said) not in may_be:
-            known = ", ".join(u for q in may_be for u in UNITS[q])
+            size = f"which is the size of one {said!r}"
             raise BadRecord(
-                f"{table.path}: the file says that {name} is in {said!r}; use unit "
-                f"{name}= with one of {known}, or with a number of them, which is the size of one "
-                f"{said!r}"
+                f"{table.path}: the file says that {name} is in {said!r}; {use}, {size}"
             )
         factor, measured[name] = conversion(name, said, may_be, lead)
         if name in _POSITIONS:

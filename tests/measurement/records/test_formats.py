@@ -37,14 +37,14 @@ def text(x=X, names="time,x,u"):
     return "\n".join([names, *rows, ""]).encode()
 
 
-def write_tdms(path, waveform=False, x_every=1):
+def write_tdms(path, waveform=False):
     from nptdms import ChannelObject, TdmsWriter
 
     mm = {"unit_string": "mm"}
     if waveform:
-        x = {**mm, "wf_increment": 1e-3 * x_every, "wf_start_offset": 0.0}
+        x = {**mm, "wf_increment": 1e-3, "wf_start_offset": 0.0}
         u = {"unit_string": "V", "wf_increment": 1e-3, "wf_start_offset": 0.0}
-        channels = [("x", 1e3 * X[::x_every], x), ("u", U, u)]
+        channels = [("x", 1e3 * X, x), ("u", U, u)]
     else:
         channels = [("time", TIME, {}), ("x", 1e3 * X, mm), ("u", U, {"unit_string": "V"})]
     with TdmsWriter(str(path)) as writer:

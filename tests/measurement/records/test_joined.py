@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from ballscrew.measurement.records.reading import read_drive_records
 
@@ -18,34 +17,21 @@ def u_at(time):
     return 3 * np.sin(5 * time)
 
 
-def write(path, of_x, of_u, unit="s", scale=1.0, extra=()):
+def test_asynchronous_stamps_are_put_to_the_slower_ones_where_both_are_known(tmp_path):
     """A workbook with the position in one sheet and the voltage in another."""
     import openpyxl
 
+    of_u = 0.3 + 2.5e-3 * np.arange(1000)
     book = openpyxl.Workbook()
-    book.remove(book.active)
-    for name, column, time, values, word in (
-        ("axis", "x", of_x, x_at(of_x), "s"),
-        ("drive", "u", of_u, u_at(of_u), unit),
-        *extra,
+    for name, head, *columns in (
+        ("axis", ("t [s]", "x"), TIME, x_at(TIME)),
+        ("drive", ("t [ms]", "u"), 1e3 * of_u, u_at(of_u)),
     ):
         sheet = book.create_sheet(name)
-        sheet.append([f"t [{word}]", column])
-        size = scale if name == "drive" else 1.0
-        for row in zip((size * time).tolist(), values.tolist(), strict=True):
+        for row in (head, *np.column_stack(columns).tolist()):
             sheet.append(row)
-    book.save(path)
-    return path
-
-
-def read(path, units=None, **others):
-    (record,) = read_drive_records([path], {"t": "time", **others}, units)
-    return record
-
-
-def test_asynchronous_stamps_are_put_to_the_slower_ones_where_both_are_known(tmp_path):
-    of_u = 0.3 + 2.5e-3 * np.arange(1000)
-    record = read(write(tmp_path / "a.xlsx", TIME, of_u, "ms", 1e3))
+    book.save(tmp_path / "a.xlsx")
+    (record,) = read_drive_records([tmp_path / "a.xlsx"], {"t": "time"})
     np.testing.assert_allclose(record.time, of_u, atol=1e-9)
     np.testing.assert_allclose(record.x, x_at(of_u), atol=1e-6)
     np.testing.assert_allclose(record.u, u_at(of_u), atol=1e-12)
@@ -54,21 +40,6 @@ def test_asynchronous_stamps_are_put_to_the_slower_ones_where_both_are_known(tmp
         "x of axis, recorded every 1 ms, is interpolated linearly at the time stamps of drive"
     )
     assert note.endswith("every 2.5, 1 in 2.5 of its samples")
-
-
-@pytest.mark.ci
-def test_a_slow_signal_that_is_not_needed_stays_at_its_samples(tmp_path):
-    slow = np.arange(0.0, 4.0, 0.5)
-    extra = [("oil", "temp", slow, 20 + slow, "s")]
-    record = read(
-        write(tmp_path / "a.xlsx", TIME, TIME, extra=extra),
-        {"temperature": "degC"},
-        temp="temperature",
-    )
-    known = np.isfinite(record.signals["temperature"])
-    np.testing.assert_allclose(record.time[known], slow, atol=1e-9)
-    np.testing.assert_allclose(record.signals["temperature"][known], 20 + slow)
-    assert len(record.time) == len(TIME)
 
 
 def test_a_time_that_is_given_by_number_is_that_of_each_signal(tmp_path):

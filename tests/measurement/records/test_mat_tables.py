@@ -57,15 +57,6 @@ def test_a_structure_with_time_has_its_labels(tmp_path):
     is_given(path, {"both.1": "x", "both.2": "u"}, {"x": "m", "u": "V"})
 
 
-@pytest.mark.ci
-def test_timeseries_as_structures_come_together_by_their_times(tmp_path):
-    def series(name, values):
-        return {"Name": name, "Time": TIME, "Data": values, "DataInfo": {"Units": ""}}
-
-    path = mat(tmp_path, logs={"a": series("x", X), "b": series("u", U)})
-    assert is_given(path).notes == ()
-
-
 def test_dspace_units_and_axes_are_taken(tmp_path):
     signals = [
         {"Name": "Pos", "Data": 1e3 * X, "Unit": "mm", "XIndex": 1.0},

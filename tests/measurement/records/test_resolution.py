@@ -47,16 +47,6 @@ def test_noise_is_that_of_sample_to_sample_and_neither_the_course_nor_a_jump(cou
     assert fast_noise(course + noise) == pytest.approx(0.2, rel=0.01)
 
 
-def test_noise_of_known_differences():
-    """A step of one: third differences are 1, -2, 1 and twelve zeros; nine tenths of 15 are 13."""
-    assert fast_noise(np.r_[0.0, 0.0, 0.0, 1.0]) == pytest.approx(np.sqrt(1.0 / 0.615 / 20.0))
-    step = np.r_[np.zeros(4), np.ones(14)]
-    assert fast_noise(step) == pytest.approx(np.sqrt(1.0 / 13.0 / 0.615 / 20.0))
-    assert fast_noise(np.array([0.0, 0.0, 0.0, 0.0, 1.0])) == 0.0  # of two, one
-    assert fast_noise(np.array([0.0, 1.0, 4.0, 9.0])) == 0.0
-    assert fast_noise(np.array([0.0, 5.0])) == 0.0
-
-
 @pytest.mark.parametrize(("trembling", "hidden"), [(0.23, False), (0.31, True)])
 def test_a_count_is_hidden_by_noise_of_more_than_four_tenths_of_it(trembling, hidden):
     """Rounding alone makes sqrt(1/12) = 0.29 of a count, with the trembling 0.37 and 0.42."""

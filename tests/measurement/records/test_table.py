@@ -15,19 +15,6 @@ from ballscrew.measurement.records.table import choose, in_si, read_tables, rena
 from ballscrew.solver.errors import BadRecord
 
 ROWS = np.array([[0.0, -1.5, 0.25], [0.001, 2.25, 0.5], [0.002, 3e-4, -0.75], [0.003, 7.0, 1.0]])
-# As a motor controller exports a recording: lines about itself, then names, then units.
-EXPORT = """Date:;2024-03-01 10:11:12
-Firmware:;0x0120;0x6150;0x0000
-Max. samples:;500
-Scale:;0;True;20.000;-1.000;-79.000;81.000
-"Trigger:;1;0.000000;""Parameter values"";""Channel 1"";""Rising above value\"""
-;Velocity actual value averaged;Torque actual value averaged
-ms;rpm;%
-0.000;-1;-32.8
-128.000;-7;-22.8
-256.000;-1;-25.6
-384.000;-1;-31.4
-"""
 
 
 def read_table(path):
@@ -73,15 +60,6 @@ def test_names_with_signs_of_any_encoding_are_read(tmp_path, encoding):
     table = read_table(path)
     assert list(table.columns) == ["Zeit", "Größe", "Weg"]
     assert table.units == {"Weg": "µm"}
-
-
-def test_a_controllers_export_has_its_names_units_and_line_numbers(tmp_path):
-    table = read_table(write(tmp_path, EXPORT.replace("\n", "\r\n")))
-    torque = "Torque actual value averaged"
-    assert table.units == {"1": "ms", "Velocity actual value averaged": "rpm", torque: "%"}
-    np.testing.assert_array_equal(table.columns["1"], [0, 128, 256, 384])
-    np.testing.assert_array_equal(table.columns[torque], [-32.8, -22.8, -25.6, -31.4])
-    assert table.row(0) == 8
 
 
 def test_columns_that_differ_by_their_brackets_alone_keep_them_and_their_units(tmp_path):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ballscrew.measurement.records.examine import examine
+from ballscrew.measurement.records.examine import check_identifiable
 from ballscrew.measurement.records.reading import (
     check_record,
     read_drive_records,
@@ -53,7 +53,7 @@ def test_a_drive_controllers_export_is_read_as_it_was_written(tmp_path, unit):
     np.testing.assert_allclose(record.u, FORCE, atol=1e-5)
     assert record.command == "force"
     assert record.velocity_alone
-    assert any("x is the integral of v" in note for note in examine(record).notes)
+    assert any("x is the integral of v" in note for note in check_identifiable([record]))
 
 
 def test_a_velocity_beside_a_position_is_left_aside():
