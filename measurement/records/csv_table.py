@@ -238,15 +238,12 @@ def _said(numbered: Sequence[tuple[int, str]]) -> dict[str, list[str]]:
 
 
 def _text(path: Path, data: bytes) -> str:
-    encodings = ["utf-8-sig", "cp1252", "latin-1"]
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        encodings = ["utf-16"]
-    elif b"\0" in data:
+    marked = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+    if b"\0" in data and not marked:
         raise BadRecord(f"{path}: is not a text table: it contains zero bytes; save it as CSV")
-    for encoding in encodings:
-        with suppress(UnicodeDecodeError):
-            return data.decode(encoding)
-    raise BadRecord(f"{path}: is not a text table")
+    with suppress(UnicodeDecodeError):
+        return data.decode("utf-16" if marked else "utf-8-sig")
+    return data.decode("cp1252", "replace")
 
 
 def _style(path: Path, texts: Sequence[str]) -> tuple[_Style, int, int, bool]:

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from scipy.integrate import cumulative_trapezoid
 
 from ...solver.errors import BadRecord
-from .record import CURRENT, FORCE, TORQUE, VELOCITY, VOLTAGE, Record, Vector
+from .record import CURRENT, FORCE, TORQUE, VELOCITY, VOLTAGE, Record
+from .resolution import Vector
 from .rig_trial import described, read_about
 from .sampling import HOLES, even_out, pieces_between_gaps, recounted
 from .table import choose, in_si, read_tables
@@ -158,10 +159,9 @@ def read_drive_records(
 def _expanded(paths: Iterable[Path | str]) -> Iterator[Path]:
     """The paths; for a folder of rig folders, the rig folders in it."""
     for path in map(Path, paths):
-        if not path.is_dir() or (path / "record.csv").is_file():
-            yield path
-            continue
-        inner = sorted(p.parent for p in path.glob("*/record.csv"))
+        inner = [path]
+        if path.is_dir() and not (path / "record.csv").is_file():
+            inner = sorted(p.parent for p in path.glob("*/record.csv"))
         if not inner:
             raise BadRecord(
                 f"{path}: contains no record.csv, and no folder in it does; expected "

@@ -134,54 +134,49 @@ def _joined(
     main = max(times.values(), key=lambda t: _step(t) if t.group in first else -1.0)
     unit, time = main.units.get("time", ""), main.columns["time"]
     inside = np.isfinite(time)
-    out: dict[str, Vector] = {}
+    out = {"time": time}
     sources = [main, *parts.values()]
     notes = list(dict.fromkeys(n for p in sources for n in p.notes))
     for name, part in parts.items():
-        values, own = part.columns[name], times.get(part.group)
+        values, own, what = part.columns[name], times.get(part.group), f"{name} of {part.group}"
         stamps = (own or main).columns["time"]
         if len(stamps) != len(values):
             raise BadRecord(
-                f"{path}: {name} of {part.group} has {len(values)} samples and its time "
-                f"{len(stamps)}; give its time column, such as map TABLE/COLUMN=time"
+                f"{path}: {what} has {len(values)} samples and its time {len(stamps)}; give its "
+                "time column, such as map TABLE/COLUMN=time"
             )
-        if own is None:  # a file may have one time for all
-            out[name] = values
-            notes.append(
-                f"{name} of {part.group} has no time column: the time of the other columns is used"
-            )
-            continue
-        if own.start != main.start:
+        if own and own.start != main.start:
             raise BadRecord(
                 f"{path}: times of {main.group} and {part.group} start at different dates "
                 f"({main.start or 'none'}, {own.start or 'none'}); write both in seconds from the "
                 "same start"
             )
-        stamps = stamps * _scale(path, own.units.get("time", ""), unit)
-        if np.array_equal(stamps, time):
+        stamps = stamps * (_scale(path, own.units.get("time", ""), unit) if own else 1.0)
+        if own is None or np.array_equal(stamps, time):
             out[name] = values
+            if own is None:  # a file may have one time for all
+                notes.append(f"{what} has no time column: the time of the other columns is used")
             continue
         known = np.isfinite(stamps) & np.isfinite(values)
         stamps, values = stamps[known], values[known]
         if len(stamps) < 2 or np.any(np.diff(stamps) < 0):
             raise BadRecord(f"{path}: time of {part.group} does not increase")
         step, of_main = float(np.median(np.diff(stamps))), float(np.nanmedian(np.diff(time)))
-        if name in needed or step <= 1.5 * of_main:
-            inside &= (time >= stamps[0]) & (time <= stamps[-1])
-            out[name] = np.interp(time, stamps, values)
-            share = "" if step > 0.95 * of_main else f", 1 in {of_main / step:.3g} of its samples"
-            notes.append(
-                f"{name} of {part.group}, recorded every {step:.4g}{unit and ' ' + unit}, is "
-                f"interpolated linearly at the time stamps of {main.group}, every "
-                f"{of_main:.4g}{share}"
-            )
-        else:
+        if name not in needed and step > 1.5 * of_main:
             out[name] = np.full(len(time), np.nan)
             out[name][np.searchsorted(0.5 * (time[1:] + time[:-1]), stamps)] = values
+            continue
+        inside &= (time >= stamps[0]) & (time <= stamps[-1])
+        out[name] = np.interp(time, stamps, values)
+        share = "" if step > 0.95 * of_main else f", 1 in {of_main / step:.3g} of its samples"
+        notes.append(
+            f"{what}, recorded every {step:.4g}{unit and ' ' + unit}, is interpolated linearly at "
+            f"the time stamps of {main.group}, every {of_main:.4g}{share}"
+        )
     if not inside.any():
         raise BadRecord(f"{path}: {', '.join(parts)} do not overlap in time")
     units = {"time": unit} | {n: p.units.get(n, "") for n, p in parts.items()}
-    columns = {n: v[inside] for n, v in {"time": time, **out}.items()}
+    columns = {n: v[inside] for n, v in out.items()}
     renamed = {n: t for p in sources for n, t in p.renamed.items()}
     told = {n: u for n, u in units.items() if u}
     return Table(path, columns, told, notes=tuple(notes), renamed=renamed)
@@ -195,10 +190,12 @@ def _step(table: Table) -> float:
 
 
 def _scale(path: Path, unit: str, other: str) -> float:
+    if unit == other:
+        return 1.0
     sizes = [UNITS["time"].get(spell(u), 0.0) for u in (unit, other)]
-    if unit != other and not all(sizes):
+    if not all(sizes):
         raise BadRecord(f"{path}: its times are in {unit!r} and {other!r}")
-    return 1.0 if unit == other else sizes[0] / sizes[1]
+    return sizes[0] / sizes[1]
 
 
 def listed(names: Iterable[str]) -> str:
