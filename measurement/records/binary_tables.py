@@ -11,7 +11,7 @@ import io
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -208,10 +208,8 @@ def read_xlsx(path: Path, data: bytes) -> list[Table]:
 
 
 def _rows(path: Path, book: Any, sheet: Any) -> Iterator[tuple[int, str]]:
-    """The rows of a sheet as lines of a text.
-
-    The library would round dates to milliseconds, and make all cells up to the last one.
-    """
+    """The rows of a sheet as lines of a text."""
+    # the library would round dates to milliseconds, and make all cells up to the last one
     from openpyxl.worksheet._reader import WorkSheetParser
 
     size = 0
@@ -239,34 +237,22 @@ def _cell(value: object, epoch: datetime | None) -> str:
     return " ".join(str(value).split())
 
 
-def read_parquet(path: Path, data: bytes) -> list[Table]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    file = pq.ParquetFile(pa.BufferReader(data))
-    return [_of_arrow(path, file.schema_arrow, file.metadata.num_rows, file.read)]
-
-
 def read_arrow(path: Path, data: bytes) -> list[Table]:
-    import pyarrow as pa
-    from pyarrow.dataset import IpcFileFormat
+    """Parquet, or else Arrow: numbers, dates, durations and times of day."""
+    from pyarrow import BufferReader, duration, float64, int64, time64, timestamp, types
+    from pyarrow.dataset import IpcFileFormat, ParquetFileFormat
 
-    part = IpcFileFormat().make_fragment(pa.BufferReader(data))
-    return [_of_arrow(path, part.physical_schema, part.count_rows(), part.to_table)]
-
-
-def _of_arrow(path: Path, schema: Any, rows: int, read: Callable[..., Any]) -> Table:
-    from pyarrow import duration, float64, int64, time64, timestamp, types
-
+    form = ParquetFileFormat() if data.startswith(b"PAR1") else IpcFileFormat()
+    part = form.make_fragment(BufferReader(data))
     kinds = types.is_integer, types.is_floating, types.is_boolean, types.is_decimal
+    schema, rows = part.physical_schema, part.count_rows()
     numbers = [f.name for f in schema if any(is_kind(f.type) for is_kind in kinds)]
-    times = [f.name for f in schema if types.is_temporal(f.type)]
-    names = [*numbers, *times]
+    names = numbers + [f.name for f in schema if types.is_temporal(f.type)]
     words = (f for f in schema if f.name not in names)
     columns = [Column(f.name, fault=f": {f.name!r} is {f.type}, not numbers") for f in words]
     check_size(path, "rows", rows)
     check_size(path, "cells", rows * len(names))
-    table = read(columns=names)
+    table = part.to_table(columns=names)
     for name, column in zip(table.column_names, table.columns, strict=True):
         if types.is_time(column.type):
             column = column.cast(time64("ns")).cast(int64()).cast(duration("ns"))
@@ -275,4 +261,4 @@ def _of_arrow(path: Path, schema: Any, rows: int, read: Callable[..., Any]) -> T
         elif not types.is_duration(column.type):
             column = column.cast(timestamp("ns"))
         columns += columns_of(name, np.asarray(column.to_numpy()))
-    return table_of(path, columns)
+    return [table_of(path, columns)]

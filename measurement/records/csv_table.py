@@ -182,11 +182,7 @@ def _same(times: Vector | None, others: Vector | None) -> bool:
 def _kept(
     rows: Rows, lines: npt.NDArray[np.int64], width: int, style: _Style, cut: bool
 ) -> tuple[list[int], tuple[str, ...]]:
-    """The rows to keep, and a note on the others.
-
-    Lines without a number are left out, and at the end lines that begin with a word and an
-    incomplete one.
-    """
+    """The rows to keep, and a note: not lines of words, and no incomplete line at the end."""
     out = {k for k, row in enumerate(rows) if len(row) < width and not style.numbers_in(row)}
     last = len(rows) - 1
     if cut and last > 0 and len(rows[last]) < width and style.is_number(rows[last][0]):
@@ -247,10 +243,7 @@ def _text(path: Path, data: bytes) -> str:
 
 
 def _style(path: Path, texts: Sequence[str]) -> tuple[_Style, int, int, bool]:
-    """The style by which most of the lines are rows of at least two numbers.
-
-    With it the cells of a row, the number of used cells, and whether all rows begin with a number.
-    """
+    """The style of most rows, their cells, those used, and whether all begin with a number."""
     some = texts[-min(_LOOKED_AT, len(texts) // 2 + 1) :]
     found, most = None, 0.0
     for separator, comma in product(_SEPARATORS, (False, True)):

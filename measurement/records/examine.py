@@ -103,9 +103,8 @@ def _straight_between(x: Vector) -> int:
 def _filtered_at(x: Vector, step: float) -> float:
     """Frequency above which the spectrum falls faster than in any drive [Hz]; else half the rate.
 
-    The acceleration by a force falls by less than 20 dB per octave, with motor and springs
-    included. The stop band of a filter is 40 dB below the spectrum at slightly lower frequencies,
-    and remains there.
+    With motor and springs, acceleration falls by less than 20 dB per octave; a stop band is 40 dB
+    below the spectrum at slightly lower frequencies, and remains there.
     """
     half = 0.5 / step
     segment = min(_SEGMENT, len(x) // 4)

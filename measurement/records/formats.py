@@ -47,7 +47,7 @@ _FORMATS = (
     _Format("a TDMS file", b"TDSm", binary.read_tdms),
     _Format("an MDF file", b"MDF ", binary.read_mdf, instead="save it as MDF 4 or CSV"),
     _Format("an unfinished MDF file", b"UnFinMF ", binary.read_mdf),
-    _Format("a Parquet file", b"PAR1", binary.read_parquet, extra="parquet"),
+    _Format("a Parquet file", b"PAR1", binary.read_arrow, extra="parquet"),
     _Format("an Arrow file", b"ARROW1", binary.read_arrow, extra="parquet"),
     _Format("a NumPy array", b"\x93NUMPY", binary.read_npy),
 )

@@ -64,10 +64,7 @@ def read_mat73(path: Path, data: bytes) -> list[Table]:
 
 
 def _plain(path: Path, file: Any, item: Any, room: list[int]) -> Any:
-    """A value of a version 7.3 file in the form of `loadmat` for other versions.
-
-    It takes its cells, and those of a structure's overhead, from `room`: one value may be in many.
-    """
+    """A value of a version 7.3 file as of `loadmat`; `room` counts cells, shared ones each time."""
     import h5py
 
     if not is_within(item, file):

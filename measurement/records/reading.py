@@ -290,6 +290,6 @@ def _check_sizes(
             fault, other = f"reaches only {size:.4g}, too little", less
         elif size <= largest:
             continue
-        what = f"if it is in {other} use unit {column}={other}"
+        what = f"if it is in another unit, such as {other}, use unit {column}={other}"
         what += f", if it is in {unit} use unit {column}={unit}" if use.believes else ""
         raise BadRecord(f"{name}: {column} {fault} for {unit}; {what}")

@@ -64,11 +64,8 @@ def _lags(about: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]:
-    """Fine position by Eq. 2.1 with the trial's calibration, and its scale's standard deviation.
-
-    At small displacements the slope of the instrument's polynomial is wrong by several percent, so
-    it is inverted, and displacement is fitted to the calibration's points as a + b/C.
-    """
+    """Fine position by Eq. 2.1 with the trial's calibration, and its scale's standard deviation."""
+    # the slope of the polynomial is wrong at small displacements: displacement is a + b/C
     calibration = about.get("calibration")
     if not isinstance(calibration, Mapping):
         return x_fine, _UNSAID_GAIN_STD

@@ -193,14 +193,11 @@ def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[
 
 
 def _instants(time: Vector, step: float) -> npt.NDArray[np.int64]:
-    """Numbers of the equidistant instants to which jittering stamps belong, shape (n,).
-
-    Each time stamp is estimated from the mean of the previous ones, so that jitter does not add up.
-    """
+    """Numbers of the equidistant instants to which jittering stamps belong, shape (n,)."""
     numbers = np.zeros(len(time), dtype=int)
     begun = time[:_BEGINNING]
     last = float(np.median(begun - step * np.arange(len(begun))))
-    for k, stamp in enumerate(time[1:].tolist(), 1):
+    for k, stamp in enumerate(time[1:].tolist(), 1):  # follow the mean: jitter does not add up
         passed = max(0, round((stamp - last) / step))
         numbers[k] = numbers[k - 1] + passed
         last += passed * step

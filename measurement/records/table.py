@@ -123,13 +123,7 @@ def choose(
 def _joined(
     path: Path, parts: Mapping[str, Table], times: Mapping[str, Table], needed: Collection[str]
 ) -> Table:
-    """One table from columns of several tables.
-
-    Its stamps are those of the slowest table with a needed column, so that no samples are invented.
-    Other columns are interpolated linearly. A slower column that is not needed is placed at the
-    nearest stamps and is unknown at others. `parts` has a table with one column by our name,
-    `times` a table with its ``time`` by group.
-    """
+    """One table at the stamps of the slowest needed one of `parts`; `times` are by group."""
     first = {parts[n].group for n in parts if n in needed}
     main = max(times.values(), key=lambda t: _step(t) if t.group in first else -1.0)
     unit, time = main.units.get("time", ""), main.columns["time"]
@@ -162,7 +156,7 @@ def _joined(
         if len(stamps) < 2 or np.any(np.diff(stamps) < 0):
             raise BadRecord(f"{path}: time of {part.group} does not increase")
         step, of_main = float(np.median(np.diff(stamps))), float(np.nanmedian(np.diff(time)))
-        if name not in needed and step > 1.5 * of_main:
+        if name not in needed and step > 1.5 * of_main:  # no samples are invented
             out[name] = np.full(len(time), np.nan)
             out[name][np.searchsorted(0.5 * (time[1:] + time[:-1]), stamps)] = values
             continue
