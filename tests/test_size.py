@@ -23,12 +23,12 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (2773, 2274),
     "ballscrew": (3502, 2899),
     "gallery": (2728, 2354),
-    "measurement": (13252, 11201),
+    "measurement": (13257, 11206),
     "proofs": (12913, 11546),
     "benchmarks": (1845, 1707),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (24810, 23638),
+    "tests": (24798, 23626),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

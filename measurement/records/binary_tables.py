@@ -80,10 +80,11 @@ def _unpacked(name: str, item: Any) -> Iterator[Column]:
     if not item.shape or item.dtype.kind not in "fiubV":
         yield Column(name, fault=f": {name!r} has values of type {item.dtype}, not numbers")
         return
-    told = {n: np.ravel(v)[0] for n, v in item.attrs.items() if np.size(v)}
+    names = "units", "unit", "scale_factor", "add_offset", "_FillValue", "missing_value"
+    told = {n: np.ravel(item.attrs[n])[0] for n in names if np.size(item.attrs.get(n, ()))}
     unit = told.get("units", told.get("unit", ""))
     values = item[()]
-    empty = [told[n] for n in ("_FillValue", "missing_value") if n in told]
+    empty = [told[n] for n in names[4:] if n in told]
     scale, offset = told.get("scale_factor", 1), told.get("add_offset", 0)
     if empty or (scale, offset) != (1, 0):
         values = np.where(np.isin(values, empty), np.nan, values) * float(scale) + float(offset)
@@ -240,19 +241,23 @@ def _cell(value: object, epoch: datetime | None) -> str:
 def read_arrow(path: Path, data: bytes) -> list[Table]:
     """Parquet, or else Arrow: numbers, dates, durations and times of day."""
     from pyarrow import BufferReader, duration, float64, int64, time64, timestamp, types
-    from pyarrow.dataset import IpcFileFormat, ParquetFileFormat
+    from pyarrow.dataset import IpcFileFormat
+    from pyarrow.parquet import ParquetFile
 
-    form = ParquetFileFormat() if data.startswith(b"PAR1") else IpcFileFormat()
-    part = form.make_fragment(BufferReader(data))
+    if data.startswith(b"PAR1"):  # as a data set, two columns of one name are not read
+        file = ParquetFile(BufferReader(data))
+        schema, rows, read = file.schema_arrow, file.metadata.num_rows, file.read
+    else:
+        part = IpcFileFormat().make_fragment(BufferReader(data))
+        schema, rows, read = part.physical_schema, part.count_rows(), part.to_table
     kinds = types.is_integer, types.is_floating, types.is_boolean, types.is_decimal
-    schema, rows = part.physical_schema, part.count_rows()
     numbers = [f.name for f in schema if any(is_kind(f.type) for is_kind in kinds)]
     names = numbers + [f.name for f in schema if types.is_temporal(f.type)]
     words = (f for f in schema if f.name not in names)
     columns = [Column(f.name, fault=f": {f.name!r} is {f.type}, not numbers") for f in words]
     check_size(path, "rows", rows)
     check_size(path, "cells", rows * len(names))
-    table = part.to_table(columns=names)
+    table = read(columns=names)
     for name, column in zip(table.column_names, table.columns, strict=True):
         if types.is_time(column.type):
             column = column.cast(time64("ns")).cast(int64()).cast(duration("ns"))

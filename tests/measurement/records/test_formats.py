@@ -125,6 +125,9 @@ def test_parquet_and_arrow_files_with_dates(tmp_path):
     pq.write_table(table, tmp_path / "a.data")
     with pa.ipc.new_file(tmp_path / "b.feather", table.schema) as stream:
         stream.write_table(table)
+    columns = [table["time"], table["x"], table["u"], table["u"]]
+    pq.write_table(pa.Table.from_arrays(columns, ["time", "x", "u", "u"]), tmp_path / "c")
+    is_given(read(tmp_path / "c", {"u #2": "u"}, {"u": "V"}))
     for name in ("a.data", "b.feather"):
         assert "time is in seconds from 2024-03-01" in is_given(read(tmp_path / name)).notes[0]
 

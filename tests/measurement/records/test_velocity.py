@@ -29,10 +29,7 @@ Trigger:;1;0.000000;"Parameter values";"Channel 1"
 ;Velocity actual value averaged;Torque actual value averaged
 ms;rpm;%
 """
-NAMES = {
-    "1": "time",
-    "Velocity actual value averaged": "v",
-}
+NAMES = {"1": "time", "Velocity actual value averaged": "v"}
 TORQUE = "Torque actual value averaged"
 NOMINAL = 9.84e-3  # N*m
 
