@@ -73,7 +73,7 @@ def step_cost(
 ) -> float:
     """Microseconds per communication step of the interface-Jacobian coupling, best of three.
 
-    Without the reference co-run for the verdict, which other masters do not have.
+    Without the rungs for the verdict, which other masters do not have.
     """
     best = math.inf
     goal = Reference.constant(0.08)
@@ -92,7 +92,7 @@ def step_cost(
 
 
 def judged_cost(plant: Path, controller: Path, h: float, seconds: float) -> float:
-    """Microseconds per step of a complete run: corrected, with its co-run and opening of files."""
+    """Microseconds per step of a complete run: corrected, with its rungs and opening of files."""
     best = math.inf
     for _ in range(3):
         began = perf_counter()
@@ -126,7 +126,7 @@ def _opened(chain: TimedChain) -> tuple[FmuInstance, Group, Wiring]:
 
 
 def chain_cost(chain: TimedChain, judged: bool = False) -> float:
-    """Microseconds per step of a chain, best of three; `judged`: with the co-run of the verdict."""
+    """Microseconds per step of a chain, best of three; `judged`: with the rungs of the verdict."""
     best, still = math.inf, Reference.constant(0.0)
     values = {"push": 100.0}, {}
     for _ in range(3):

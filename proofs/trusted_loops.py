@@ -6,7 +6,9 @@ third of that, compared with the exact solution or the complete loop in one solv
 two such solutions differ by a hundredth of a percent is left out and counted, because its truth is
 not known.
 
-The verdict's constants were chosen on linear seeds below 6000 and nonlinear seeds below 1000.
+The verdict's constants were chosen on linear seeds below 6000 and nonlinear seeds below 1000; the
+checks of command times and of switches came from loops with seeds from 30000 to 40200, so these are
+not used.
 """
 
 from __future__ import annotations
@@ -98,7 +100,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--linear", type=int, default=1000, help="loops")
     parser.add_argument("--nonlinear", type=int, default=400, help="loops, a quarter each family")
-    parser.add_argument("--first", type=int, default=30_000, help="first seed of either")
+    parser.add_argument("--first", type=int, default=50_000, help="first seed of either")
     options = parser.parse_args()
     linear, nonlinear = (
         range(options.first, options.first + count) for count in (options.linear, options.nonlinear)

@@ -19,16 +19,16 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1590, 1314),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
-    "orchestration": (10372, 9113),
+    "orchestration": (10307, 9029),
     "stability": (2773, 2274),
     "ballscrew": (3502, 2899),
     "gallery": (2728, 2354),
     "measurement": (13257, 11206),
-    "proofs": (12913, 11546),
+    "proofs": (12912, 11543),
     "benchmarks": (1845, 1707),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (24798, 23626),
+    "tests": (24813, 23635),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -82,8 +82,7 @@ class Group(Instance):
     that error cancels. A part with direct feedthrough or with samples is before the parts that it
     feeds in both orders: it may jump at the start of a step. Outputs are named ``member.port``.
 
-    The members are not initialized yet; `inputs` are the group's, as named by the feeds. With
-    `turned`, the first step is in reverse order.
+    The members are not initialized yet; `inputs` are the group's, as named by the feeds.
 
     Attributes
     ----------
@@ -103,9 +102,8 @@ class Group(Instance):
         members: Mapping[str, Instance],
         feeds: Sequence[Feed],
         inputs: Sequence[str],
-        turned: bool = False,
     ) -> None:
-        self.name, self.inputs, self._turned = name, list(inputs), turned
+        self.name, self.inputs = name, list(inputs)
         self.steps_vary = all(getattr(p, "steps_vary", True) for p in members.values())
         self.sample_time, self.stop = 0.0, math.inf
         self._feeds = list(feeds)
@@ -198,7 +196,7 @@ class Group(Instance):
         back = self._ordered(order[::-1], hard, cut=-1)
         parts = dict(zip(self._members, self.parts, strict=True))
         self.there, self.back = [parts[m] for m in order], [parts[m] for m in back]
-        self.flags[BACK] = self._turned
+        self.flags[BACK] = False
         # a part with direct feedthrough that is stepped before its source has an outdated output
         self.lags = any(
             way.index(source) > way.index(f.member)
@@ -342,9 +340,9 @@ class Group(Instance):
         for part, saved in zip(self.parts, state[0], strict=True):
             part.instance.release(saved)
 
-    def reopened(self, turned: bool = False) -> Group:
+    def reopened(self) -> Group:
         members = {name: p.reopened() for name, p in self._members.items()}
-        return Group(self.name, members, self._feeds, self.inputs, turned)
+        return Group(self.name, members, self._feeds, self.inputs)
 
     def close(self) -> None:
         for instance in self._members.values():

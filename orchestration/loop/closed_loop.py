@@ -18,7 +18,7 @@ from ...solver.errors import CouplingError, FmuError
 from ...solver.files import write_atomically, write_json
 from ..fmu.fmu_instance import StepFailed
 from ..master.march import LoopRun
-from ..master.step_choice import StepChoice
+from ..master.master import StepChoice
 from .joined import Progress, amplifier_notes, as_it_answers, joined_pair, limited
 from .loop import Loop, SystemLoop
 from .parameter_file import ParameterFile

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -31,10 +31,17 @@ from ..fmu.wiring import (
     with_aliases,
 )
 from ..master.march import LoopRun
-from ..master.master import run_loop
+from ..master.master import (
+    MOST,
+    MOST_OF_ISOLATED,
+    StepChoice,
+    choose_step,
+    only_step,
+    run_loop,
+)
 from ..master.reference_signal import Reference
+from ..master.runs import Runs
 from ..master.sides import Sides
-from ..master.step_choice import MOST, MOST_OF_ISOLATED, StepChoice, choose_step, only_step
 from .catalogue import AMPLIFIER, LIMIT
 from .loop import HowCoupled, Loop
 from .parts import Part, taken
@@ -60,17 +67,10 @@ class Joined:
     notes: tuple[str, ...]
     sampled: Mapping[str, float]  # periods of FMUs that are stepped at their samples only [s]
 
-    def run_at(
-        self,
-        how: HowCoupled,
-        step: float,
-        progress: Progress | None = None,
-        look_again: bool | Callable[[LoopRun], bool] = True,
-    ) -> LoopRun:
-        """Run both sides once; for another run they are `reopened`."""
-        self._check_states(step)
+    def _coupled(self, how: HowCoupled) -> Sides:
+        """Both sides, as the master runs them."""
         others = [n for n in self.fmus if n != self.main]
-        sides = Sides(
+        return Sides(
             *self.sides,
             self.reference,
             self.stop,
@@ -81,7 +81,11 @@ class Joined:
             self.names,
             self.wiring,
         )
-        run = run_loop(sides, step, progress=progress, look_again=look_again)
+
+    def run_at(self, how: HowCoupled, step: float, progress: Progress | None = None) -> LoopRun:
+        """Run both sides once, with this step [s], without a verdict."""
+        self._check_states(step)
+        run = run_loop(self._coupled(how), step, progress=progress, look=False)
         return limited(self.finish(run), self.values[self.main])
 
     def _of_side(self, side: int, names: Sequence[str]) -> Values:
@@ -98,42 +102,25 @@ class Joined:
         """
         stepped = [f for n, f in self.fmus.items() if n not in self.sampled]
         own = 0.0 if how.step else _own_step({f.path.name: f.description for f in stepped})
-        first = min(FIRST_STEP, self.stop)
-        step = how.step or own or first
+        step = how.step or own or min(FIRST_STEP, self.stop)
         states = self._check_states(step)
-        with ExitStack() as opened:
-            unused = [self]
-
-            def run_at(step: float, look_again: bool | Callable[[LoopRun], bool]) -> LoopRun:
-                opened.close()  # what the run before has opened
-                joined = unused.pop() if unused else opened.enter_context(self._reopened())
-                return joined.run_at(how, step, progress, look_again)
-
-            choice = None
-            if how.step is not None or how.adaptive:
-                run = run_at(step, True)
-            elif own:
-                run, choice = only_step(run_at(own, True), own)
-            else:
-                # a call of an FMU in its own process takes much longer
-                slow = any(isinstance(f, IsolatedInstance) for f in self.fmus.values())
-                most = MOST_OF_ISOLATED if slow else MOST
-                run, choice = choose_step(run_at, first, most)
+        sides, choice = self._coupled(how), None
+        if how.step is None and not how.adaptive and not own:
+            # a call of an FMU in its own process takes much longer
+            slow = any(isinstance(f, IsolatedInstance) for f in self.fmus.values())
+            runs = Runs(sides, step, progress)
+            run, choice = choose_step(runs, MOST_OF_ISOLATED if slow else MOST)
+        else:
+            run = run_loop(sides, step, progress=progress)
+            if own and not how.adaptive:
+                run, choice = only_step(run, own)
+        run = limited(self.finish(run), self.values[self.main])
         step = choice.step if choice else step
         return run, choice, (*self.notes, *states, *self._notes_on(run, step))
 
     def _check_states(self, step: float) -> list[str]:
         items = self.fmus.items()
         return [t for n, f in items for t in check_state(f, self.values[n], self.stop, step)]
-
-    @contextmanager
-    def _reopened(self) -> Iterator[Joined]:
-        with ExitStack() as opened:
-            sides = []
-            for side in self.sides:
-                sides.append(side.reopened())
-                opened.callback(sides[-1].close)
-            yield replace(self, sides=(sides[0], sides[1]))
 
     def _notes_on(self, run: LoopRun, step: float) -> Iterator[str]:
         for name, fmu in self.fmus.items():

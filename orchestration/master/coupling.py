@@ -224,11 +224,6 @@ class CoupledPair:
         """Communication points at which an algebraic loop found no solution."""
         return int(self.record.unsolved)
 
-    @property
-    def safety(self) -> float:
-        """Factor on the first estimate: 1 if the run is better than its co-run, else 2."""
-        return 1.0 if self.corrected and self.averaged else 2.0
-
     def begin(self) -> None:
         """Read the controller's other outputs at the start again."""
         self.rows[0][0, len(self.outputs) :] = self._others()

@@ -71,12 +71,6 @@ class LoopRun:
         return self.coupling.value if self.coupling else WITHOUT_FMUS
 
     @property
-    def judged(self) -> dict[str, Vector]:
-        """The outputs that the verdict covers."""
-        judged = self.verdict.error_estimate
-        return self.outputs | {n: values for n, values in self.others.items() if n in judged}
-
-    @property
     def alone(self) -> bool:
         """Whether the plant ran without commands, and so without a set-point."""
         return not self.commands

@@ -1,31 +1,32 @@
-"""The master: simulate a plant and a controller together, and judge the result."""
+"""The master: run a plant and a controller together, judge the result, and choose the step.
+
+A run with step H is judged by the rungs of one ladder, runs with 4 H and 2 H first, which cost less
+than the run itself. If that is not enough, or if an output jumps or the set-point bends within the
+steps, a rung with H/2 follows, then one with H/4; where outputs jump, also what they are close to
+the jumps (`jumps.py`). The choice of the step walks down the same ladder: no rung is run twice.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from ..fmu.limits import check_memory
-from ..fmu.wiring import CONTROLLER, PLANT, names_on
-from .algebraic_loop import with_ring_named
-from .coupling import Answer, CoupledPair
-from .march import Clock, LoopRun, Progress, Record, Stop, march_on
-from .second_look import Setting, with_second_look
-from .sides import Sides, step_that_meets
-from .verdict import ACCURACY, Verdict, scales, verdict_of
+from ..fmu.fmu_instance import SHORTER
+from .march import UNBOUNDED, LoopRun, Progress
+from .runs import Runs
+from .sides import Sides
+from .verdict import ACCURACY, Rung, Verdict, moves, scales, verdict_of
 
-Vector = npt.NDArray[np.float64]
+# Communication steps of a run. Numbers, not seconds: so no result depends on the computer.
+MOST, MOST_OF_ISOLATED = 400_000, 40_000
+LEVELS = 12
+HOPELESS = 10.0  # times the allowed error: no finer rung follows
+FEWEST = 3  # rungs that show whether runs converge
 
 
 def run_loop(
-    sides: Sides,
-    step: float,
-    *,
-    progress: Progress | None = None,
-    look_again: bool | Callable[[LoopRun], bool] = True,
+    sides: Sides, step: float, *, progress: Progress | None = None, look: bool = True
 ) -> LoopRun:
     """Run a closed loop of two FMU instances.
 
@@ -35,9 +36,9 @@ def run_loop(
     step : float
         Communication step [s]; for an adaptive run the longest step.
     progress : function, optional
-        Called repeatedly with the present time.
-    look_again : bool or function of the run
-        Whether an unclear verdict is checked by runs with finer steps.
+        Called repeatedly with the present time of each run.
+    look : bool
+        Whether the run is judged.
 
     Returns
     -------
@@ -50,150 +51,139 @@ def run_loop(
     UserError
         If the rows of all steps do not fit.
     """
-    plant, controller, wiring = sides.plant, sides.controller, sides.wiring
-    main = sides.main()
-    step, reason = _meet_samples(main, step, sides.reason_of(main))
-    varies = all(getattr(side, "steps_vary", True) for side in (plant, controller))
-    breaks = sides.reference.jumps(wiring.orders) if varies else np.zeros(0)
-    curved = sides.reference.bends_within(step, sides.stop, wiring.orders, breaks)
-    co_runs = sides.co_runs(main, curved or wiring.network)
-    _check_room(main, len(co_runs), sides.stop / step)
-    record = Record(main, sides.reference, wiring.orders)
-    clock = Clock(sides.stop, step, sides.adaptive, breaks)
-    try:
-        why = march_on([main, *co_runs], clock, record, progress)
-    finally:
-        for co_run in co_runs:
-            co_run.close()
-    first = _concluded(sides, [main, *co_runs], record, clock, why)
-    first = replace(first, coupling_reason=reason)
-    if wiring.is_empty and first.verdict.trusted:
-        own = (
-            f"there is no coupling; this run does not check how accurate {plant.name}'s own "
-            "solver is"
+    runs = Runs(sides, step, progress)
+    if sides.adaptive:
+        return _adaptive(runs)
+    return judged(runs, 0) if look else runs.run(0)
+
+
+def judged(runs: Runs, level: int, deepest: int = 2) -> LoopRun:
+    """The run of a level with its verdict.
+
+    It is from rungs down to so many levels below it; down to two if outputs or set-points jump.
+    """
+    run = runs.run(level)
+    if run.alone and not run.stopped:
+        reason = "there is no coupling; this run does not check how accurate the plant's own "
+        estimate = dict.fromkeys(runs.names, 0.0)
+        verdict = Verdict(True, f"{reason}solver is", "", estimate, run.verdict.contraction)
+        return replace(run, verdict=verdict)
+    verdict = run.verdict if run.stopped else _verdict(runs, level, deepest)
+    return runs.named(level, replace(run, verdict=verdict))
+
+
+def _verdict(runs: Runs, level: int, deepest: int) -> Verdict:
+    verdict = first = runs.run(level).verdict
+    own, jump = runs.own(level), runs.jumps(level)
+    if not runs.varies and runs.sides.reversible:
+        pair = own, runs.otherwise(level)
+        return verdict_of(first, runs.names, own, pair, otherwise=True)
+    rungs: list[Rung] = []
+    irregular = jump or runs.switches(level)  # errors that do not fall evenly with the step
+    hidden = irregular or runs.bends(level)  # longer steps may show nothing of it
+    for k in (level,) if irregular else (level, level - 1, level - 2):
+        rung = runs.rung(k)
+        if rung is None or rung.failure:
+            break
+        rungs.insert(0, rung)
+    for below in range(1 + (2 if hidden else deepest)):
+        rung = runs.rung(level + below)
+        if rung is None or rung.failure:
+            return verdict if rung is None else replace(first, reason=rung.failure)
+        if below:
+            rungs.append(rung)
+        if len(rungs) < FEWEST or (hidden and not below):
+            continue
+        verdict = verdict_of(first, runs.names, own, rungs)
+        if verdict.trusted:
+            around = runs.around(level, rungs[-1]) if jump else 0.0
+            timed = runs.of_command_times(level, below)
+            verdict = verdict_of(first, runs.names, own, rungs, around, timed)
+        error = np.array([*verdict.error_estimate.values()]) / scales(own.outputs)
+        if verdict.trusted or (below and not error.max() <= HOPELESS * ACCURACY):
+            break
+    return verdict
+
+
+def _adaptive(runs: Runs) -> LoopRun:
+    """The run with adaptive steps, judged by one with half of each of them."""
+    run, own, half = runs.adaptive()
+    verdict = verdict_of(run.verdict, runs.names, own, [own, half])
+    if failure := run.stopped or half.failure:
+        verdict = replace(run.verdict, reason=failure)
+    return runs.named(0, replace(run, verdict=verdict))
+
+
+@dataclass(frozen=True)
+class StepChoice:
+    """The chosen step [s], the reason, and every tried step with its verdict."""
+
+    step: float
+    reason: str
+    tried: tuple[tuple[float, str], ...]
+
+
+def choose_step(runs: Runs, most: int = MOST) -> tuple[LoopRun, StepChoice]:
+    """Run with decreasing steps, from level 0 on, until a run can be trusted.
+
+    No run has more than `most` steps, except the first. Returns the last run, with the verdict of
+    all.
+    """
+    tried: list[LoopRun] = []
+
+    def choice(reason: str) -> StepChoice:
+        words = tuple((runs.step(k), run.verdict.word) for k, run in enumerate(tried))
+        return StepChoice(words[-1][0], reason, words)
+
+    while True:
+        # after the first, the next try says what a second rung below would say
+        run = judged(runs, len(tried), 1 if tried else 2)
+        tried.append(run)
+        count = len(tried)
+        if run.verdict.trusted:
+            why = "the first step that was tried" if count == 1 else f"of {count} tried"
+            return run, choice(f"{why}, the first whose run is trusted")
+        if ended := _ended(runs, tried, most):
+            run = replace(run, verdict=replace(run.verdict, advice=ended))
+            return run, choice(f"the last of {count} tried: {ended}")
+
+
+def _ended(runs: Runs, tried: list[LoopRun], most: int) -> str:
+    """Why a shorter step would not help, or has too many steps; empty if it may help."""
+    run, count = tried[-1], len(tried)
+    if not run.verdict.step_helps:
+        return run.verdict.advice
+    discarded = run.verdict.advice == SHORTER
+    if run.stopped and run.verdict.advice not in (SHORTER, UNBOUNDED):  # fails with any step
+        return run.verdict.advice
+    if count > 1 and run.stopped and tried[-2].stopped and not discarded:
+        ends = tried[-2].time[-1], run.time[-1]
+        if abs(ends[0] - ends[1]) <= 0.02 * max(ends):
+            return f"with steps of half the length it ends at the same time: {run.stopped}"
+    if count >= 4 and not run.stopped:
+        own = [runs.own(level) for level in range(count - 3, count)]
+        before, moved = moves(own, scales(own[-1].outputs))
+        if np.isfinite(before) and moved > 0.9 * before > 0.1:
+            return "the runs do not converge with shorter steps; shorten the run"
+    if count >= LEVELS:
+        return f"{count} steps were tried"
+    if (to_come := 2 * run.macro_steps) > most:
+        step = runs.step(count)
+        return (
+            f"a step of {step:g} s makes {to_come} steps, and at most {most} are tried; "
+            f"use it with --step {step:g}"
         )
-        return replace(first, verdict=replace(first.verdict, reason=own))
-    ended = why.reason or any(pair.failure for pair in co_runs)
-    asked = look_again if isinstance(look_again, bool) else look_again(first)
-    if asked and not sides.adaptive and not ended:
-        # in a network the reverse order may be wrong where the run is right
-        judges = co_runs[-1:] if wiring.network else co_runs[:1]
-        judges = judges if sides.reversible else co_runs
-        setting = Setting(sides, step, breaks, progress)
-        first = with_second_look(first, main, judges, setting)
-    return with_ring_named(first, main, sides, step)
+    return ""
 
 
-def _meet_samples(main: CoupledPair, step: float, reason: str) -> tuple[float, str]:
-    period = main.controller.sample_time
-    met = step_that_meets(period, step)
-    if abs(met - step) > 1e-9 * step:
-        reason += f"; steps of {met:g} s meet its samples every {period:g} s"
-    return met, reason
-
-
-def _check_room(main: CoupledPair, co_runs: int, steps: float) -> None:
-    """Refuse a run whose rows do not fit into memory.
-
-    Each row exists twice while the chunks are joined; the verdict and the pictures need some more
-    columns.
-    """
-    outputs, others = len(main.outputs), len(main.given) + len(main.other_names)
-    rows = 2 * (outputs * (1 + co_runs) + others + 2) + 3 * outputs
-    check_memory(
-        8.0 * rows * steps,
-        f"{steps:.3g} communication steps need",
-        "use a longer --step or a shorter --stop",
-    )
-
-
-def _concluded(
-    sides: Sides, pairs: Sequence[CoupledPair], record: Record, clock: Clock, why: Stop
-) -> LoopRun:
-    """The run of the first of the pairs, with the verdict that the others give it."""
-    main, network = pairs[0], sides.wiring.network
-    called = names_on(PLANT, [*sides.plant.outputs, *sides.plant.inputs], sides.mapping)
-    names = [called[n] for n in sides.plant.outputs]
-    ours = [called[theirs] for _, theirs in sides.wiring.commands]
-    judged = [*names, *(main.other_names if network else ())]
-    commands = np.concatenate(record.commands)
-    outputs, others = np.split(np.concatenate(main.rows), [len(names)], axis=1)
-    effects = dict(zip(names, record.effect_rate.tolist(), strict=True))
-    return LoopRun(
-        time=np.concatenate(record.times),
-        outputs={n: outputs[:, k] for k, n in enumerate(names)},
-        commands={n: commands[:, k] for k, n in enumerate(ours)},
-        reference=np.concatenate(record.references),
-        coupling=sides.scheme,
-        coupling_reason="",
-        corrected=main.corrected,
-        residual_max=dict(zip(ours, record.residual.tolist(), strict=True)),
-        effect_rate_max=effects if sides.reversible else {},
-        macro_steps=len(commands) - 1,
-        step_range=clock.used,
-        verdict=_first_verdict(
-            sides,
-            pairs,
-            judged,
-            record.contraction,
-            why,
-            _advice(sides, main, commands, ours, clock),
-        ),
-        stopped=why.reason,
-        diverged=why.diverged,
-        others={
-            n if network else f"{CONTROLLER}.{n}": others[:, k]
-            for k, n in enumerate(main.other_names)
-        },
-        sampling_period=main.controller.sample_time,
-    )
-
-
-def _first_verdict(
-    sides: Sides,
-    pairs: Sequence[CoupledPair],
-    names: list[str],
-    contraction: float,
-    why: Stop,
-    smaller: str,
-) -> Verdict:
-    """From the co-runs that accompany the run; `smaller` says what to do about its step."""
-    run, *others = (np.concatenate(pair.rows)[:, : len(names)] for pair in pairs)
-    if not sides.reversible:
-        contraction, others = _grid_contraction(run, *others), others[:1]
-    failure = why.reason or next((p.failure for p in pairs[1:] if p.failure), "")
-    safety = pairs[0].safety
-    return verdict_of(names, run, others, contraction, smaller, safety, failure, why.advice)
-
-
-def _advice(
-    sides: Sides, main: CoupledPair, commands: Vector, names: list[str], clock: Clock
-) -> str:
-    """What to do about a residual that is too large.
-
-    With jacobi, its first step may hold a start value far from the first command.
-    """
-    smaller = "use a smaller --step"
-    if not sides.scheme.law:
-        smaller += ", or --coupling interface-jacobian if both sides support it"
-    smaller += f"; this run used steps of {clock.used[1]:g} s"
-    if not sides.scheme.late or main.answer is not Answer.STEPPED or not names:
-        return smaller
-    off = np.abs(commands[0] - main.given) / scales(commands)
-    worst = int(np.argmax(off))
-    if not off[worst] > ACCURACY:
-        return smaller
-    return (
-        f"{names[worst]} starts at {main.given[worst]:.4g} and is {commands[0, worst]:.4g} after "
-        "the first step of the controller, which jacobi does not use: give it that "
-        "start value, or use --coupling gauss-seidel"
-    )
-
-
-def _grid_contraction(coarse: Vector, half: Vector, quarter: Vector) -> float:
-    """Ratio of the change from H/2 to H/4 to the change from H to H/2."""
-    rows = min(len(coarse), len(half), len(quarter))
-    scale = np.maximum(np.ptp(coarse[:rows], axis=0), 1e-12)
-    first = float(np.max(np.abs(coarse[:rows] - half[:rows]) / scale))
-    second = float(np.max(np.abs(half[:rows] - quarter[:rows]) / scale))
-    return second / first if first > 1e-9 else 0.0
+def only_step(run: LoopRun, step: float) -> tuple[LoopRun, StepChoice]:
+    """Return a run of FMUs that accept only this step [s], with advice that fits, and the step."""
+    verdict = run.verdict
+    if not verdict.trusted and verdict.step_helps and not run.stopped:
+        advice = (
+            f"its FMUs take steps of {step:g} s only: export them with a shorter step, "
+            "or with variable steps"
+        )
+        run = replace(run, verdict=replace(verdict, advice=advice, step_helps=False))
+    tried = ((step, verdict.word),)
+    return run, StepChoice(step, "the only one that its FMUs accept", tried)

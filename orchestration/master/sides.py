@@ -1,9 +1,9 @@
-"""Both sides of a loop and how they are coupled; the run and its co-runs are opened from them."""
+"""Both sides of a loop and how they are coupled; what is run is opened from them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,23 +11,13 @@ import numpy.typing as npt
 
 from ...solver.errors import CouplingError
 from ..fmu.fmu_instance import Instance, Value
-from ..fmu.group import Group, initialize
+from ..fmu.group import initialize
 from ..fmu.wiring import UNWIRED, Wiring, wire
 from .coupling import Answer, CoupledPair
 from .couplings import Coupling
 from .reference_signal import Reference
 
 Vector = npt.NDArray[np.float64]
-Reopen = Callable[[Instance], Instance]
-
-
-def _reopened(part: Instance) -> Instance:
-    return part.reopened()
-
-
-def _turned(part: Instance) -> Instance:
-    """Opened again; the steps of a group begin with the reverse order."""
-    return part.reopened(True) if isinstance(part, Group) else part.reopened()
 
 
 @dataclass
@@ -108,69 +98,51 @@ class Sides:
             "command is held"
         )
 
-    def opened(self, reopen: Reopen = _reopened) -> tuple[Instance, Instance]:
-        """Plant and controller, opened again by this function and initialized together."""
-        p, c = reopen(self.plant), reopen(self.controller)
+    def opened(self, again: bool = True) -> tuple[Instance, Instance]:
+        """Plant and controller, opened again or these themselves, and initialized together."""
+        p, c = self.plant, self.controller
+        if again:
+            p, c = p.reopened(), c.reopened()
         initialize(p, c, self.wiring, self.values, self.stop, self.start)
         return p, c
 
-    def main(self) -> CoupledPair:
-        """The loop of the run: these instances themselves."""
-        p, c = self.opened(lambda part: part)
+    def main(self, again: bool = False) -> CoupledPair:
+        """The loop as asked."""
+        p, c = self.opened(again)
         averaged = self.scheme.law or self.corrected
         return CoupledPair(p, c, self.wiring, self.scheme, self.corrected, averaged, self.start)
 
     def again(
-        self,
-        corrected: bool,
-        averaged: bool,
-        parts: int = 1,
-        scheme: Coupling | None = None,
-        reopen: Reopen = _reopened,
+        self, corrected: bool, averaged: bool, parts: int = 1, scheme: Coupling | None = None
     ) -> CoupledPair:
         """Open the loop again at its start, to judge the run; each step in so many parts."""
-        p, c = self.opened(reopen)
+        p, c = self.opened()
         # other outputs are judged in networks only
         wiring = self.wiring if self.wiring.network else replace(self.wiring, others=())
         scheme = scheme or self.scheme
         return CoupledPair(p, c, wiring, scheme, corrected, averaged, self.start, parts)
 
-    def best(self, parts: int) -> CoupledPair:
-        """The loop, corrected if possible, with each step in so many parts."""
-        return self.again(self.reversible, self.scheme.law or self.reversible, parts)
+    def best(self) -> CoupledPair:
+        """The loop, corrected if possible."""
+        return self.again(self.reversible, self.scheme.law or self.reversible)
 
-    def co_runs(self, main: CoupledPair, curved: bool) -> list[CoupledPair]:
-        """Open the co-runs: the other scheme, or shorter steps if no states can be saved.
+    def otherwise(self, main: CoupledPair) -> CoupledPair:
+        """The loop that corrects its steps if the run does not, and vice versa."""
+        return self.again(not main.corrected, not self.scheme.law)
 
-        The other scheme has the same error as the run if the set-point is `curved` within the
-        steps; then a co-run with half of the step is added. In a network, the other scheme also
-        steps the parts in reverse order.
-        """
-        tangent = self.scheme.law
-        if not self.reversible:
-            return [self.again(False, tangent, parts) for parts in (2, 4)]
-        reopen = _turned if self.wiring.network else _reopened
-        other = self.again(not main.corrected, not tangent, reopen=reopen)
-        if not curved:
-            return [other]
-        return [other, self.again(main.corrected, main.averaged, 2)]
-
-    def late(self, main: CoupledPair) -> Callable[[], CoupledPair] | None:
-        """Return a function that opens a loop with other command times; None if not useful."""
+    def times_commands(self, answer: Answer) -> bool:
+        """Whether the exchange decides when a command arrives, and no correction mends it."""
         # the times of sampled commands are given; a law follows the signals within the step
-        in_time = main.answer is Answer.SAMPLED
-        in_time |= self.scheme.law and main.answer is Answer.DIRECT
-        if in_time or self.reversible:
-            return None
+        in_time = answer is Answer.SAMPLED or (self.scheme.law and answer is Answer.DIRECT)
+        return not (in_time or self.reversible or self.wiring.is_empty)
+
+    def a_step_off(self, answer: Answer) -> CoupledPair:
+        """The loop whose commands arrive a step later or earlier than those of the run."""
         scheme = Coupling.GAUSS_SEIDEL if self.scheme.late else Coupling.JACOBI
-
-        def opened() -> CoupledPair:
-            pair = self.again(False, False, scheme=scheme)
-            if scheme.late and main.answer is Answer.STEPPED:
-                pair.begin_with_first_command()  # so does the first step of the run
-            return pair
-
-        return opened
+        pair = self.again(False, False, scheme=scheme)
+        if scheme.late and answer is Answer.STEPPED:
+            pair.begin_with_first_command()  # so does the first step of the run
+        return pair
 
 
 def step_that_meets(period: float, step: float) -> float:

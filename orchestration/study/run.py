@@ -120,7 +120,7 @@ class FmuLoop:
         signals = {}
         try:
             with joined_pair(loop) as joined:
-                found = joined.run_at(loop, step, look_again=False)
+                found = joined.run_at(loop, step)
             stopped = found.stopped
             if not stopped:
                 known = {**found.outputs, "u": found.commands["u"]}

@@ -14,16 +14,16 @@ from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.march import UNBOUNDED, LoopRun
-from ballscrew.orchestration.master.step_choice import choose_step, only_step
-from ballscrew.orchestration.master.verdict import Verdict
+from ballscrew.orchestration.master.master import choose_step, judged, only_step
+from ballscrew.orchestration.master.verdict import Rung, Verdict
 
 
-def made_up(step: float, values: np.ndarray, trusted: bool, stopped: str = "") -> LoopRun:
+def made_up(step: float, values: np.ndarray, stopped: str = "", trusted: bool = False) -> LoopRun:
     time = np.linspace(0.0, 1.0, len(values))
     return LoopRun(
         time=time,
         outputs={"x": values},
-        commands={},
+        commands={"u": values},
         reference=np.zeros(len(values)),
         coupling=Coupling.JACOBI,
         coupling_reason="",
@@ -37,49 +37,94 @@ def made_up(step: float, values: np.ndarray, trusted: bool, stopped: str = "") -
     )
 
 
-def with_error(error):
-    """Runs of x = t whose error is a function of the step, without a verdict of their own."""
+class MadeUp:
+    """Runs of x = t whose error is a function of the level; they may jump, or end early."""
 
-    def run_at(step: float, _again) -> LoopRun:
+    names, varies = ("x",), True
+
+    def __init__(self, error, jump=0.0, ends=lambda _level: (1.0, "")):
+        self.error, self.jump, self.ends, self.ran = error, jump, ends, []
+
+    def step(self, level):
+        return 1e-3 / 2.0**level
+
+    def run(self, level):
+        end, stopped = self.ends(level)
         time = np.linspace(0.0, 1.0, 201)
-        return made_up(step, time + error(step) * np.sin(np.pi * time), False)
+        values = time + self.error(level) * np.sin(np.pi * time) + self.jump * (time > 0.5)
+        run = made_up(self.step(level), values, stopped)
+        return replace(run, time=end * run.time)
 
-    return run_at
+    def rung(self, level):
+        if level not in self.ran:
+            self.ran.append(level)
+        return self.own(level)
+
+    def own(self, level):
+        run = self.run(level)
+        return Rung(self.step(level), run.time, run.outputs["x"][:, None])
+
+    def of_command_times(self, _level, _below):
+        return 0.0
+
+    def switches(self, _level):
+        return False
+
+    def jumps(self, _level):
+        return self.jump > 0.0
+
+    def bends(self, _level):
+        return False
+
+    def around(self, _level, _finest):
+        return np.array([0.02 * self.jump])
+
+    def named(self, _level, run):
+        return run
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_halvings_that_converge_are_trusted_and_bound_the_error(order: int) -> None:
-    def error(step: float) -> float:
-        return 0.2 * (step / 1e-3) ** order
-
-    run, choice = choose_step(with_error(error))
+def test_runs_that_converge_are_trusted_and_the_estimate_bounds_the_error(order: int) -> None:
+    runs = MadeUp(lambda level: 0.1 / 2.0 ** (order * level))
+    run, choice = choose_step(runs)
     assert run.verdict.trusted
-    assert "halving the step" in run.verdict.reason
-    assert error(choice.step) <= run.verdict.error_estimate["x"] * (1 + 1e-9)
+    error = runs.error(len(choice.tried) - 1)
+    assert error <= run.verdict.error_estimate["x"] * (1 + 1e-9)
     assert run.verdict.error_estimate["x"] <= 0.01 * 1.2
+    assert max(runs.ran) <= len(choice.tried)  # no rung is more than one level below
 
 
-@pytest.mark.parametrize(("ratio", "number"), [(0.69, 9), (0.71, 12)])
-def test_each_halving_must_move_less_than_seven_tenths_of_the_last(ratio, number) -> None:
-    """Then all to come is a geometric series, which is the estimate of the last run."""
-    moved = 0.05 * ratio ** np.arange(12)
-    errors = iter(np.cumsum([0.0, *moved]))
-    run, choice = choose_step(with_error(lambda _h: next(errors)))
-    assert len(choice.tried) == number
-    assert run.verdict.trusted == (ratio < 0.7)
-    assert choice.step == 1e-3 / 2 ** (number - 1)
-    if run.verdict.trusted:
-        to_come = ratio / (1 - ratio)
-        assert run.verdict.error_estimate["x"] == pytest.approx(to_come * moved[number - 2])
-        assert to_come * moved[number - 2] < 0.01 < to_come * moved[number - 3]
-    else:
-        assert choice.reason == "the last of 12 tried: 12 steps were tried"
+def test_longer_steps_decide_alone_if_they_are_enough() -> None:
+    runs = MadeUp(lambda level: 1e-3 / 4.0**level)
+    run, choice = choose_step(runs)
+    assert choice.tried == ((1e-3, "trusted"),)
+    assert sorted(runs.ran) == [-2, -1, 0]
+    assert run.verdict.error_estimate["x"] == pytest.approx(3e-3)
+    assert "by runs with steps down to 0.001 s" in run.verdict.reason
 
 
-@pytest.mark.parametrize(("apart", "number"), [(0.12, 4), (0.11, 12)])
+@pytest.mark.parametrize(("size", "deepest"), [(0.03, 2), (0.3, 1)])
+def test_shorter_steps_follow_unless_it_is_hopeless(size, deepest) -> None:
+    """Runs that come closer by a fifth only; hopeless is ten times what is allowed."""
+    runs = MadeUp(lambda level: size * 0.8**level)
+    assert not judged(runs, 0).verdict.trusted
+    assert max(runs.ran) == deepest
+
+
+@pytest.mark.parametrize(("jump", "trusted"), [(0.5, True), (2.0, False)])
+def test_what_jumps_is_judged_by_shorter_steps_only_and_the_parts_of_its_jumps(
+    jump, trusted
+) -> None:
+    runs = MadeUp(lambda _level: 0.0, jump)
+    verdict = judged(runs, 0).verdict
+    assert verdict.trusted is trusted
+    assert verdict.error_estimate["x"] == pytest.approx(0.02 * jump)
+    assert runs.ran == [0, 1, 2]
+
+
+@pytest.mark.parametrize(("apart", "number"), [(0.12, 4), (0.09, 12)])
 def test_runs_that_do_not_come_closer_to_each_other_are_given_up(apart, number) -> None:
-    errors = itertools.cycle([0.0, apart])
-    run, choice = choose_step(with_error(lambda _h: next(errors)))
+    run, choice = choose_step(MadeUp(lambda level: apart * (level % 2)))
     assert not run.verdict.trusted
     assert len(choice.tried) == number
     assert ("do not converge" in choice.reason) == (number == 4)
@@ -88,13 +133,9 @@ def test_runs_that_do_not_come_closer_to_each_other_are_given_up(apart, number) 
 
 @pytest.mark.parametrize(("end", "number"), [(0.981, 2), (0.979, 12)])
 def test_runs_that_end_at_the_same_time_are_not_refined_on(end, number) -> None:
-    ends = itertools.chain([1.0], itertools.cycle([end, 1.0]))
-
-    def run_at(step: float, _again) -> LoopRun:
-        run = made_up(step, np.arange(3.0), False, "the loop diverges: x exceeds its bound")
-        return replace(run, time=run.time * next(ends))
-
-    run, choice = choose_step(run_at)
+    told = "the loop diverges: x exceeds its bound"
+    runs = MadeUp(lambda _level: 0.0, ends=lambda level: (end if level % 2 else 1.0, told))
+    run, choice = choose_step(runs)
     assert not run.verdict.trusted
     assert len(choice.tried) == number
     assert ("at the same time: the loop diverges" in choice.reason) == (number == 2)
@@ -109,22 +150,19 @@ def test_runs_that_end_at_the_same_time_are_not_refined_on(end, number) -> None:
     ],
 )
 def test_what_no_shorter_step_mends_is_not_tried_again(advice, helps, stopped, number) -> None:
+    runs = MadeUp(lambda level: level % 2, ends=lambda _level: (1.0, stopped))
     verdict = Verdict(False, "its own", advice, {"x": 1.0}, step_helps=helps)
-    _, choice = choose_step(
-        lambda h, _: replace(made_up(h, np.arange(3.0), False, stopped), verdict=verdict)
-    )
+    runs.named = lambda _level, run: replace(run, verdict=verdict)
+    _, choice = choose_step(runs)
     assert len(choice.tried) == number
     assert (advice in choice.reason) == (number == 1)
 
 
 def test_a_step_that_makes_too_many_steps_is_only_named() -> None:
     """A run of 120 000 steps, then one of 240 000."""
-
-    def run_at(step: float, _again) -> LoopRun:
-        run = made_up(step, np.linspace(0.0, 1.0, 11) * (1 + 100 * step**0.2), False)
-        return replace(run, macro_steps=round(120.0 / step))
-
-    run, choice = choose_step(run_at)
+    runs = MadeUp(lambda level: 50 * 0.8**level)
+    runs.named = lambda level, run: replace(run, macro_steps=120_000 * 2**level)
+    run, choice = choose_step(runs)
     assert len(choice.tried) == 2
     assert "a step of 0.00025 s makes 480000 steps, and at most 400000" in run.verdict.advice
     assert "--step 0.00025" in run.verdict.advice
@@ -147,11 +185,11 @@ def test_no_number_depends_on_the_time_that_computing_takes(native, monkeypatch)
 
 
 def test_fmus_of_one_step_only_are_told_to_be_made_with_a_shorter_one() -> None:
-    run, choice = only_step(made_up(1e-3, np.arange(3.0), False), 1e-3)
+    run, choice = only_step(made_up(1e-3, np.arange(3.0)), 1e-3)
     assert (choice.step, choice.tried) == (1e-3, ((1e-3, "not converged"),))
     assert "its FMUs take steps of 0.001 s only" in run.verdict.advice
     assert not run.verdict.step_helps
-    fine = made_up(1e-3, np.arange(3.0), True)
+    fine = made_up(1e-3, np.arange(3.0), trusted=True)
     assert only_step(fine, 1e-3)[0] == fine
 
 
@@ -164,38 +202,6 @@ def test_the_command_says_which_step_was_taken_and_why(native, tmp_path, capsys)
     assert "the first whose run is trusted" in capsys.readouterr().out
     figures = json.loads((out / "metrics.json").read_text())
     assert figures["steps_tried"][0] == [1e-3, "not converged"]
-    assert figures["steps_tried"][-1] == [6.25e-5, "trusted"]
+    assert figures["steps_tried"][-1] == [1.25e-4, "trusted"]
     assert main([*arguments, "--step", "1e-3"]) == 1
     assert json.loads((out / "metrics.json").read_text())["step_reason"] == "as asked"
-
-
-def test_halvings_of_what_jumps_are_looked_at_again() -> None:
-    asked = []
-
-    def run_at(step: float, is_open) -> LoopRun:
-        values = np.linspace(0.0, 1.0, 11) * (1 + 0.2 * step / 1e-3) + (np.arange(11) > 5)
-        run = made_up(step, values, False)
-        asked.append((step, is_open(run)))
-        return run
-
-    choose_step(run_at)
-    assert asked[0] == (1e-3, True)
-    assert any(again for _, again in asked[1:])
-
-
-def test_no_run_is_trusted_by_a_first_estimate_alone() -> None:
-    """What only the first estimate trusts, and the second look does not, is refined on."""
-
-    def run_at(step: float, is_open) -> LoopRun:
-        first = made_up(step, np.arange(3.0) * (1 + step), True)
-        return made_up(step, np.arange(3.0) * (1 + step), not is_open(first) or step < 4e-4)
-
-    run, choice = choose_step(run_at)
-    assert run.verdict.trusted
-    assert choice.tried == ((1e-3, "not converged"), (5e-4, "not converged"), (2.5e-4, "trusted"))
-
-
-def test_runs_that_are_equal_to_the_last_digit_are_trusted() -> None:
-    run, choice = choose_step(with_error(lambda _h: 0.1))
-    assert (run.verdict.trusted, len(choice.tried)) == (True, 3)
-    assert run.verdict.error_estimate == {"x": 0.0}

@@ -1,4 +1,4 @@
-"""A second check of a run: finer co-runs, and the outputs close to its jumps.
+"""What the outputs are close to their jumps.
 
 If an output jumps, for example a velocity at an impact, its value is wrong at a communication
 point between the true jump and the jump in the run, even if these are very close; and other runs
@@ -10,18 +10,17 @@ it is exactly there, as the tick of a clock: then it is on the same side of the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
 
 from .compiled import GOES_ON
-from .coupling import CHUNK, CoupledPair
-from .march import Clock, LoopRun, Progress, Record, march, march_on
+from .coupling import CHUNK
+from .march import Clock, Record, march
 from .sides import Sides
-from .verdict import ACCURACY, asks_again, scales, second_verdict
+from .verdict import ACCURACY, scales
 
 Vector = npt.NDArray[np.float64]
 
@@ -45,35 +44,6 @@ class Setting:
     sides: Sides
     step: float  # [s]
     breaks: Vector  # further times at which steps end [s]
-    progress: Progress | None
-
-    def record(self, pair: CoupledPair) -> Record:
-        """A record without commands."""
-        return Record(pair, self.sides.reference, self.sides.wiring.orders, False)
-
-
-def with_second_look(
-    first: LoopRun, main: CoupledPair, co_runs: Sequence[CoupledPair], setting: Setting
-) -> LoopRun:
-    """Return the run of `main`, with the verdict of a second look if the first is not clear."""
-    n = len(main.outputs)  # further columns: sampled outputs of controllers jump on time
-    judged = len(first.verdict.error_estimate)  # columns after these are only recorded
-    outputs, *others = (np.concatenate(pair.rows)[:, :judged] for pair in (main, *co_runs))
-    blind = len(others) > 1 or bool(jumps(outputs[:, :n]).any())
-    if not asks_again(first.verdict, outputs, others[0], main.safety, blind):
-        return first
-    found = others if len(others) > 1 else finer(setting, first.time)
-    if found is None:
-        return first
-    half, quarter = (table[:, :judged] for table in found)
-    opened_late = setting.sides.late(main)
-    late = delayed(setting, first.time, opened_late()) if opened_late else None
-    late = None if late is None else late[:, :judged]
-    apart = np.abs(outputs - quarter) + np.abs(half - quarter)
-    around = np.zeros_like(outputs)
-    around[:, :n] = around_jumps(setting, outputs[:, :n], apart[:, :n])
-    verdict = second_verdict(first.verdict, outputs, half, quarter, late, around)
-    return replace(first, verdict=verdict)
 
 
 def jumps(run: Vector) -> npt.NDArray[np.bool_]:
@@ -85,34 +55,6 @@ def jumps(run: Vector) -> npt.NDArray[np.bool_]:
     beside[:-1] = np.maximum(beside[:-1], bend)
     size = np.abs(change)
     return np.asarray(((size > ACCURACY) & (beside > BENT * size)).any(axis=1))
-
-
-def finer(setting: Setting, times: Vector) -> list[Vector] | None:
-    """Outputs at the run's times with a half and a quarter of its step; None if these runs fail."""
-    return _marched(setting, times, setting.step / 2, *map(setting.sides.best, (1, 2)))
-
-
-def delayed(setting: Setting, times: Vector, pair: CoupledPair) -> Vector | None:
-    """Outputs of a loop at the run's times, with a quarter of its step; None if the loop fails."""
-    tables = _marched(setting, times, setting.step / 4, pair)
-    return None if tables is None else tables[0]
-
-
-def _marched(
-    setting: Setting, times: Vector, step: float, *pairs: CoupledPair
-) -> list[Vector] | None:
-    try:
-        record = setting.record(pairs[0])
-        clock = Clock(setting.sides.stop, step, False, setting.breaks)
-        march_on(pairs, clock, record, setting.progress)
-    finally:
-        for pair in pairs:
-            pair.close()
-    tables = [np.concatenate(pair.rows) for pair in pairs]
-    rows = np.searchsorted(np.concatenate(record.times), times - 1e-6 * setting.step)
-    if min(map(len, tables)) <= rows[-1]:
-        return None
-    return [table[rows] for table in tables]
 
 
 def around_jumps(setting: Setting, run: Vector, distance: Vector) -> Vector:
@@ -186,9 +128,9 @@ def _seen_within(setting: Setting, points: int, parts: dict[int, int]) -> dict[i
     rows = {k: _points(ends[k], ends[k + 1], size) for k, size in parts.items()}
     all_rows = sorted({*ends[:points], *(row for within in rows.values() for row in within)})
     clock = Clock(setting.sides.stop, setting.step / whole, False, setting.breaks)
-    pair = setting.sides.best(1)
+    pair = setting.sides.best()
     try:
-        record = setting.record(pair)
+        record = Record(pair, setting.sides.reference, setting.sides.wiring.orders, False)
         for ticks, alike in groupby(np.diff(all_rows).tolist()):
             left = len(list(alike))
             while left:
