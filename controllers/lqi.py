@@ -17,16 +17,14 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
 from ..plant.axis import axis
 from ..plant.ball_screw import ball_screw, bare_ball_screw
 from ..plant.instruments import NOMINAL_VOLTAGE
+from ..solver.arrays import Matrix
 from ..solver.component import Component, ForceTerm, Parameter, symbol
 from .limited import U_MAX, tracked_integral, tracking_time, voltage_law
-
-Matrix = npt.NDArray[np.float64]
 
 LARGEST_ERROR = 0.05  # m
 LARGEST_INTEGRAL = 0.025  # m*s

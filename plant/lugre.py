@@ -14,8 +14,6 @@ from ..solver.component import ForceTerm, Parameter, State, symbol
 from .law import Claims, friction_term
 
 _DAMPING = "Table 3.1; 2 sqrt(sigma0 m) - sigma2 by Eq. 2.17"
-
-_DAMPING = "Table 3.1; 2 sqrt(sigma0 m) - sigma2 by Eq. 2.17"
 PARAMETERS = (
     Parameter(
         "sigma0", 66967.231, "N/m", "stiffness of the bristles", "Tables 2.9 and 3.1", minimum=1e-3

@@ -16,11 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from . import core
+from .arrays import Matrix, Vector
 from .kernel_cache import compiled_path, is_whole
 from .signals import Input, Parameter
 
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 DEFAULT_TOLERANCE = 1e-8

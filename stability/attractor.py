@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..solver.arrays import Vector
 from ..solver.kernel import Model
 from ..solver.spectrum import Returns
 from .equilibria import Equilibrium
-
-Vector = npt.NDArray[np.float64]
 
 CLOSED = 1e-3  # share of the size of a motion: a smaller remaining distance counts as closed
 SAME = 1e-2  # relative difference up to which periods and amplitudes are the same

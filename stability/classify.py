@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from ..solver.arrays import Vector
 from ..solver.core import ACCEPTED, EVENTS, REACHED
 from ..solver.kernel import IntegrationError, Model
 from ..solver.spectrum import Returns, follow_returns
@@ -34,8 +34,6 @@ from .equilibria import (
     unchanged,
     with_round_off,
 )
-
-Vector = npt.NDArray[np.float64]
 
 SETTLED = 1e-7  # nominal magnitudes: a smaller distance from an equilibrium counts as zero
 RESOLVED = 100.0  # tolerances: a smaller distance from an equilibrium has no certain direction

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from ..solver.arrays import Matrix, Vector
 from ..solver.kernel import Model
 from ..solver.spectrum import Returns, Spectrum, follow_returns, follow_tangents
 from .attractor import (
@@ -22,8 +23,6 @@ from .attractor import (
 )
 from .equilibria import is_driven, unchanged
 
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 Plane = tuple[int, float]
 """A state and its level at the returns."""
 

@@ -15,11 +15,9 @@ from scipy.linalg import expm
 
 from ..orchestration.loop.whole_loop import STARTED, term_name
 from ..orchestration.master.reference_signal import TERMS
+from ..solver.arrays import Matrix, Vector
 from ..solver.kernel import Model
 from ..solver.spectrum import check_all_are_states, follow_tangents
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 NEUTRAL = 1e-11  # share of the Jacobian's largest entry below which an eigenvalue is zero
 SAME_INSTANT = 1e-6  # share of the sampling period, as in the core

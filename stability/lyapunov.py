@@ -17,6 +17,7 @@ import numpy.typing as npt
 from ..orchestration.fmu.limits import TOLERANCE
 from ..orchestration.loop.loop import Loop
 from ..orchestration.loop.whole_loop import held_loop_kernel, loop_kernel, model_of
+from ..solver.arrays import Vector
 from ..solver.core import REACHED
 from ..solver.files import write_atomically, write_json
 from ..solver.for_tangents import NODES
@@ -26,7 +27,6 @@ from .attractor import Attractor, Kind, agree, bars, ended
 from .classify import RESOLVED, classify_attractor
 from .equilibria import sample_after
 
-Vector = npt.NDArray[np.float64]
 Maker = Callable[[float], Model]
 """Makes the same model, at its start, with a relative tolerance."""
 

@@ -19,6 +19,7 @@ from ..orchestration.loop.catalogue import ready_fmu
 from ..orchestration.loop.loop import Loop
 from ..orchestration.loop.parts import Part
 from ..orchestration.loop.whole_loop import held_loop_kernel
+from ..solver.arrays import Vector
 from ..solver.errors import FmuError, UserError
 from ..solver.spectrum import Spectrum
 from .attractor import Attractor, Kind
@@ -27,7 +28,6 @@ from .lyapunov import SAMPLES, LyapunovRun, Watching, loop_lyapunov
 from .tangent_sides import ordinary
 from .tangents_over_fmus import ACCURACY, TangentRun, follow_over_fmus
 
-Vector = npt.NDArray[np.float64]
 _Instance = FmuInstance | IsolatedInstance
 
 FINER = 0.1  # of the accuracy of the tangents, with half the step: the change is the error

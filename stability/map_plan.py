@@ -11,13 +11,13 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..orchestration.fmu.limits import TOLERANCE_OF_MAPS, check_memory
 from ..orchestration.loop.catalogue import kept_as
 from ..orchestration.loop.loop import Loop
 from ..orchestration.loop.whole_loop import held_loop_kernel, model_of
 from ..orchestration.master.reference_signal import Reference
+from ..solver.arrays import Vector
 from ..solver.core import System
 from ..solver.errors import UserError, nearest
 from ..solver.kernel import CONTROLLER, PLANT, Kernel, Model
@@ -27,7 +27,6 @@ from .attractor import EXPONENTS, LONGER_RUN, OTHER_SOLVER, Kind
 from .classify import classify_attractor
 from .lyapunov import BITS
 
-Vector = npt.NDArray[np.float64]
 Columns = dict[str, list[Any]]
 PER_CELL = 1000  # bytes of a cell while the map is merged and drawn, measured
 MOST_BYTES = 10**30  # counts on the command line can have any number of digits

@@ -8,16 +8,15 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
 from ..fmus.ports import FRAME, TRACE, is_tangent_port, set_port, tangent_port, tangent_states
 from ..orchestration.fmu.fmu_instance import Instance, Reader, StepFailed, Writer
 from ..orchestration.fmu.wiring import Wiring
 from ..orchestration.master.compiled import USES, Bound, Struct
 from ..orchestration.master.coupling import Answer, ControllerSide
+from ..solver.arrays import Vector
 from ..solver.errors import FmuError
 
-Vector = npt.NDArray[np.float64]
 SHIFT = 1e-4  # of a signal's nominal value, to measure how it moves a controller's state
 RELATIVE = 3e-4  # share of the growth that is allowed in addition to the accuracy
 

@@ -22,7 +22,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ..fmus.ports import tangent_port
 from ..orchestration.fmu.fmu_instance import FmuInstance, StepFailed
@@ -40,11 +39,10 @@ from ..orchestration.master.compiled import (
     struct,
 )
 from ..orchestration.master.march import Clock, bounds
+from ..solver.arrays import Matrix, Vector
 from ..solver.errors import FmuError
 from .tangent_sides import RELATIVE, ProbedController, Side, ordinary
 
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 ACCURACY = 1e-2  # nats: largest total change of the growth by the corrections
 # Of the FMUs' own solvers. Compared with 1e-10, the growth of slow tangents changes by less than
 # 1e-5 nats, that of a fast one by 4e-9 of it (loop with NCTF, 20 s), with a fifth of the steps.

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Matrix, Vector
 from .causes.cause import Shape
 from .drive import Drive
 from .modelled_record import (
@@ -22,9 +23,6 @@ from .modelled_record import (
     true_current,
 )
 from .weak_form import averaged, lagged, rate, windows
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 EXACT = 3e-3
 """Smallest noise, as a share of the friction: friction laws are not exact."""

@@ -19,14 +19,12 @@ from scipy.fft import rfft
 from scipy.ndimage import binary_opening
 from scipy.signal.windows import tukey
 
+from ...solver.arrays import Matrix, Vector
 from ..identification.fitted_law import BRISTLES
 from .balance import EXACT, Added, leftovers
 from .drive import Drive
 from .modelled_record import ModelledRecord, carried, read_anew
 from .weak_form import averaged, windows
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 BLOCKS = 5
 """Number of blocks, held out one at a time; with more records than this, one per record."""

@@ -7,13 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import t as student
 
+from ...solver.arrays import Mask, Vector
 from .modelled_record import ModelledRecord
-
-Vector = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 _DRAWS = 2000
 _FEWEST = 4  # blocks needed for an interval

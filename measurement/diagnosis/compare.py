@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from ...orchestration.loop.parameter_file import (
     TURNS,
@@ -17,6 +16,7 @@ from ...orchestration.loop.parameter_file import (
     read_parameters,
 )
 from ...plant.law import claims
+from ...solver.arrays import Mask, Vector
 from ...solver.errors import BadParameters, BadRecord
 from ..identification.motion_parts import PARTS, REST, motion_parts
 from ..records.examine import check_identifiable
@@ -36,8 +36,6 @@ from .residuals import at_samples, check_motion, floor, residual, rms
 from .weak_form import averaged
 from .with_causes import PARTING
 
-Vector = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 Causes = Mapping[str, Mapping[str, float]]
 
 _GAINS = ((ADJUSTED, PRIOR), (CORRECTED, PRIOR), (CORRECTED, ADJUSTED))

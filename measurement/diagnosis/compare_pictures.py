@@ -9,9 +9,8 @@ import numpy.typing as npt
 
 from ...orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
 from ...orchestration.loop.shown import shown_unit
+from ...solver.arrays import Vector
 from .compared import MODEL, Compared
-
-Vector = npt.NDArray[np.float64]
 
 _MOST_POINTS = 6000
 _SHOWN = (0.002, 0.998)  # quantiles of a curve at the lower and upper end of a picture

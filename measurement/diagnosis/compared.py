@@ -6,14 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
+from ...solver.arrays import Mask, Vector
 from ...solver.files import write_json
 from .blocks import Estimate
-
-Vector = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 MODEL, PRIOR, ADJUSTED, CORRECTED = "model", "prior", "adjusted", "corrected"
 ALL, REST = "all", "rest"

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from ...orchestration.loop.parameter_file import TURNS, ParameterFile, read_parameters
 from ..records.examine import check_identifiable
@@ -40,8 +39,6 @@ from .noise_floor import AT_FLOOR, NoiseFloor, Remainder, noise_floor, remainder
 from .residuals import Residual, residual, rms
 from .scores import OUTSIDE
 from .study import study_of
-
-Vector = npt.NDArray[np.float64]
 
 
 def diagnose(

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ...solver.files import write_atomically
 from .causes import CAUSES
 from .drive import Drive
 from .experiment_motions import Motion
-
-Vector = npt.NDArray[np.float64]
 
 NONE, EXPLAINED, PARTLY, UNEXPLAINED = "none", "explained", "partly", "unexplained"
 UNDECIDED = "undecided"

@@ -10,10 +10,8 @@ import numpy.typing as npt
 
 from ...orchestration.loop.pictures import COLOURS, STYLE, new_figure
 from ...orchestration.loop.shown import shown_unit
+from ...solver.arrays import Mask, Vector
 from .diagnosis import Curves, Diagnosis
-
-Vector = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 SMOOTH = 0.1  # averaging time of a force residual in pictures [s]
 _MOST = 4000  # points of a curve

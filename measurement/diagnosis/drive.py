@@ -13,7 +13,6 @@ from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
 from ...fmus.interface import START
@@ -26,12 +25,11 @@ from ...plant.instruments.amplifier import PARAMETERS as AMPLIFIER
 from ...plant.law import claims
 from ...plant.law import law as friction_law
 from ...plant.two_masses import block_of
+from ...solver.arrays import Vector
 from ...solver.component import Component, symbol
 from ...solver.errors import BadParameters
 from ..identification.fitted_law import BRISTLES, LAWS
 from ..identification.law_along_record import LawValues, mean_friction_along
-
-Vector = npt.NDArray[np.float64]
 
 TOLERANCE = 0.03
 """Relative tolerance of a value without a given tolerance."""

@@ -15,13 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ...solver.files import write_atomically
 from .drive import Drive
 from .machine_reach import MARGIN, Reach, acceleration_to, columns, fastest_speed
-
-Vector = npt.NDArray[np.float64]
 
 COMMAND_FILE = "next_experiment.csv"
 POSITION = "x_d"

@@ -7,16 +7,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from .balance import Added, recalibrated
 from .drive import Drive
 from .modelled_record import ModelledRecord
 from .scores import OUTSIDE, Catalogue, Form, Suspect
 from .sets import NOTHING, Likely
 from .study import Fit, Study
-
-Vector = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

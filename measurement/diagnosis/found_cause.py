@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-import numpy as np
-import numpy.typing as npt
 from scipy.stats import t as student
 
 from .causes import CAUSES
@@ -20,7 +18,6 @@ from .sets import Likely
 from .signals import CURRENT_GAIN, SIGNALS
 from .study import Study
 
-Vector = npt.NDArray[np.float64]
 Numbers = dict[str, float]
 Ends = dict[str, tuple[float, float]]
 

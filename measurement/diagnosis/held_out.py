@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from .balance import Added
 from .blocks import Blocks, ends_of_seconds
 from .drive import Drive
@@ -19,8 +19,6 @@ from .predicted import NotPredicted, Predictor
 from .residuals import Residual, residual, rms
 from .scores import Form
 from .study import Study
-
-Vector = npt.NDArray[np.float64]
 
 _LAPS = range(3, 7)  # numbers of laps of one motion for which repetition is used
 _SAME = 1e-3  # largest difference of laps, as a share of the motion's mean square

@@ -19,13 +19,11 @@ from scipy.ndimage import (
 )
 from scipy.signal import lfilter, savgol_filter, welch
 
+from ...solver.arrays import Vector
 from ..records.record import Record
 from ..records.resolution import fast_noise
 from .drive import Drive, midway
 from .weak_form import acceleration, averaged, between_samples, lagged
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 _ROUGH = 0.1  # largest force error in a window due to the encoder, as a share of friction
 _SHOWN = 0.05  # largest force error in a window due to position noise, as a share of friction

@@ -9,8 +9,8 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from ...solver.arrays import Matrix, Vector
 from ..records.record import Record
 from .balance import responses
 from .bands import cut, products
@@ -23,9 +23,6 @@ from .scores import OUTSIDE
 from .sets import Likely
 from .signals import entry
 from .study import Study, base_columns, told_of
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 _MOST = 3  # suspects in the text
 _TELLS = 6.0  # difference of log-likelihoods at which two suspects are distinguished

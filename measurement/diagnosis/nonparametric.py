@@ -10,14 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import BSpline
 
+from ...solver.arrays import Vector
 from .causes.cause import Shape, engaged
 from .drive import Drive
 from .modelled_record import ModelledRecord
-
-Vector = npt.NDArray[np.float64]
 
 _TIME_KNOT = 0.35  # [s]
 _PLACE_KNOT = 4e-4  # [m]

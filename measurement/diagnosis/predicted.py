@@ -14,8 +14,8 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from ...solver.arrays import Matrix, Vector
 from ...solver.codegen import generate
 from ...solver.component import Component
 from ...solver.errors import ContractError
@@ -24,9 +24,6 @@ from .blocks import ends_of_seconds
 from .drive import Drive
 from .modelled_record import ModelledRecord
 from .with_causes import with_causes
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 _TOLERANCE = 1e-6
 _BESIDE = {"xb": "x", "vb": "v", "xl": "x", "vl": "v"}  # initial states from the encoder's side

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
 from .balance import Added, leftovers
 from .bands import moving
 from .drive import Drive
 from .modelled_record import ModelledRecord, read_anew
 from .weak_form import averaged, centres
-
-Vector = npt.NDArray[np.float64]
 
 _JUMP = 0.1  # jump of the law's force between two samples, as a share of friction
 _FEWEST = 50  # smallest number of windows in motion to judge a model

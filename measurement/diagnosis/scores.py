@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Matrix, Vector
 from .balance import responses
 from .bands import EDGES, moving, products
 from .causes import CAUSES
@@ -30,10 +31,6 @@ from .study import (
     noise_products,
     trusted,
 )
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
-Array = npt.NDArray[np.float64]
 
 OUTSIDE = "outside the catalogue"
 
@@ -193,7 +190,7 @@ class Catalogue:
         first = [[b[:, : self.values] for b in block] for block in self.lines]
         self.with_values = np.concatenate([self.with_values, products(first, lines)], axis=3)
 
-    def _products(self, forms: Sequence[Form], beside: Sequence[Form]) -> Array:
+    def _products(self, forms: Sequence[Form], beside: Sequence[Form]) -> Vector:
         """Products of signal, values and forms, shape (blocks, used bands, N, columns, columns)."""
         own = [[] if f.freed else f.columns.tolist() for f in forms]
         more = [c for f in beside if not f.freed for c in f.columns.tolist()]

@@ -19,14 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from ...solver.arrays import Matrix, Vector
 from .causes import CAUSES
 from .scores import OUTSIDE, Scored, Suspect
 from .signals import SIGNALS
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 NOTHING = "none"
 EVERYONE = (*CAUSES, *SIGNALS, OUTSIDE)

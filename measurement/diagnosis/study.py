@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Matrix, Vector
 from ...solver.errors import BadRecord
 from ..records.record import Record
 from .balance import EXACT, Added, calibrated, leftovers, recalibrated, sensitivities
@@ -30,10 +31,6 @@ from .modelled_record import (
     with_own_offsets,
 )
 from .residuals import at_samples, check_motion
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
-Array = npt.NDArray[np.float64]
 
 FREEDOM = 4.0
 """Degrees of freedom of Student's distribution, as usual for noise with outliers."""
@@ -127,10 +124,10 @@ class Fit:
     """
 
     held: Matrix
-    squares: Array
+    squares: Vector
     amplitude: Matrix
     error: Matrix
-    ways: Array
+    ways: Vector
     cost: Vector
 
     def one(self, k: int) -> Fit:
@@ -166,7 +163,7 @@ def trusted(counts: Matrix) -> Matrix:
     return np.asarray(1.0 / (1.0 + counts / COARSE))
 
 
-def fitted(products: Array, bands: Bands, prior: Priors, exact: float) -> Fit:
+def fitted(products: Vector, bands: Bands, prior: Priors, exact: float) -> Fit:
     """Fit to all blocks, and to all blocks except each one in turn.
 
     Parameters
@@ -206,7 +203,7 @@ def fitted(products: Array, bands: Bands, prior: Priors, exact: float) -> Fit:
 
 
 def _with_noise(
-    products: Array,
+    products: Vector,
     counts: Matrix,
     prior: Priors,
     exact: float,
@@ -233,7 +230,7 @@ def _with_noise(
     return found, variance
 
 
-def within_most(inner: Array, prior: Priors, start: Bounded | None = None) -> Bounded:
+def within_most(inner: Vector, prior: Priors, start: Bounded | None = None) -> Bounded:
     """Least-squares amplitudes within their limits, by an active-set method.
 
     Each step goes towards the best free amplitudes, and the first one that reaches a limit is fixed
@@ -279,12 +276,12 @@ def within_most(inner: Array, prior: Priors, start: Bounded | None = None) -> Bo
     return Bounded(amplitude, side)
 
 
-def _floored(left: Array, counts: Matrix, exact: float) -> Array:
+def _floored(left: Vector, counts: Matrix, exact: float) -> Vector:
     """Squares plus those of the smallest noise, so that residuals below it are no gain."""
     return np.hypot(left, counts * exact**2)
 
 
-def _left(products: Array, amplitude: Matrix) -> Array:
+def _left(products: Vector, amplitude: Matrix) -> Vector:
     """Squares of the residual with these amplitudes, shape (blocks, N, channels * bands)."""
     signed = np.concatenate([np.ones((len(amplitude), 1)), -amplitude], axis=1)[:, :, None]
     half = np.matmul(products, signed)
@@ -344,7 +341,7 @@ def base_columns(study: Study, of_law: bool = True) -> list[Matrix]:
     return [np.concatenate([y[:, :, None], s], axis=2) for y, s in zip(left, columns, strict=True)]
 
 
-def noise_products(study: Study, columns: Sequence[Matrix], own: Array) -> Array:
+def noise_products(study: Study, columns: Sequence[Matrix], own: Vector) -> Vector:
     """Contribution of instrument noise to products of `base_columns`; zero for the signal's square.
 
     The signal and the columns have the same noise, so a fit would reduce a mass or a current only

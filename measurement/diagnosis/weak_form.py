@@ -19,8 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import lfilter
 
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
+from ...solver.arrays import Matrix, Vector
 
 
 def windows(samples: int, width: int) -> int:

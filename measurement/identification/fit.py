@@ -31,12 +31,12 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ...fmus.units import base_exponents
 from ...plant.law import law as law_of
 from ...plant.maxwell_slip import ELEMENTS
 from ...plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
+from ...solver.arrays import Vector
 from ...solver.component import symbol
 from ..records.record import Record
 from .fit_errors import sum_up
@@ -47,7 +47,6 @@ from .layout import StackedRecords, lay_out
 from .likelihood import Climb, Problem
 from .motion_parts import least_squares, way_since_reversal
 
-Vector = npt.NDArray[np.float64]
 Start = dict[str, float]
 
 _FAST = 0.3  # share of the fast speed above which the curve is nearly straight

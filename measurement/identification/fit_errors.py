@@ -10,14 +10,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
+from ...solver.arrays import Matrix, Vector
 from .fitted_law import BRISTLES, DRAWN, OFFSET, without_direction
 from .identifiability import blurred_elements, hardly_slides, peak_unseen
 from .intervals import CONFIDENCE, NARROW, Fit, Interval, is_narrow
 from .law_along_record import with_backlash
 from .likelihood import OWN, Climb, Pieces
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 PIECE = 1.0  # length of pieces taken as independent [s]
 # Smallest standard error of a logarithm: errors by counts and by smoothing between samples have

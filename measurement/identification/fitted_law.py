@@ -7,16 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
 from ...plant import LAWS as NAMES
 from ...plant.law import claims, law
 from ...plant.lugre import PARAMETERS as LUGRE
 from ...plant.maxwell_slip import ELEMENTS
+from ...solver.arrays import Vector
 from ...solver.component import Parameter, symbol
-
-Vector = npt.NDArray[np.float64]
 
 OFFSET = "offset"
 """Name of the constant force [N], against motion in +x as in the plants."""

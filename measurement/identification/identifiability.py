@@ -12,16 +12,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ...plant.maxwell_slip import ELEMENTS
+from ...solver.arrays import Vector
 from .fitted_law import BRISTLES, DRAWN, MASS, OFFSET, assumed_damping, without_direction
 from .intervals import CONFIDENCE, NARROW, Fit
 from .law_along_record import with_backlash
 from .layout import StackedRecords
 from .likelihood import UNDER, Climb, Problem
 
-Vector = npt.NDArray[np.float64]
 Motion = Callable[[Vector], Vector]  # from times [s] to positions [m]
 
 FORWARDS, BACKWARDS = "forwards", "backwards"

@@ -7,10 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Matrix, Vector
 from .fitted_law import FittedLaw
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 CONFIDENCE = 0.95
 NARROW = 0.3  # a parameter is identified if its interval is within this share of its value

@@ -19,6 +19,7 @@ import sympy as sp
 
 from ...plant import LAWS
 from ...plant.law import Law, law
+from ...solver.arrays import Matrix, Vector
 from ...solver.component import Component, Input, symbol
 from ...solver.core import NEXT_STEP, SUFFIX, at, library
 from ...solver.kernel import Model
@@ -26,8 +27,6 @@ from ...solver.stored import stored_kernel
 from .fitted_law import BRISTLES
 from .fitted_law import LAWS as FITTED
 
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 Bounds = npt.NDArray[np.int64]
 
 ANY = 5

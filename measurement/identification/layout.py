@@ -9,11 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Matrix, Vector
 from ..records.record import Record
 from .motion import SmoothedMotion, force_noise, motion_of
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 FREE_SHIFT = 1e-3  # [m]
 AROUND = 3  # uncertainty of the sample of a break-away, in samples

@@ -14,12 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Matrix, Vector
 from .intervals import Fit
 from .layout import StackedRecords
 from .motion_parts import PARTS, least_squares, motion_parts, steps_of, way_since_reversal
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 _WORTH = 0.05  # smallest reported part, as a share of the unexplained mean square
 _NEARLY = 0.7  # a simpler part with this share of the best prediction is preferred

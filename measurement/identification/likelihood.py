@@ -11,15 +11,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import lfilter
 
+from ...solver.arrays import Matrix, Vector
 from .fitted_law import FittedLaw
 from .law_along_record import LawValues, friction_along, score
 from .layout import AROUND, StackedRecords, break_aways
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 OWN = 4  # unknowns of each single record: displacement, two of scale, vibration
 UNDER = 0.01  # share by which a fitted Fs may be below Fc

@@ -17,10 +17,9 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
+from ...solver.arrays import Vector
 from ..records.record import Record
 from ..records.resolution import fast_noise, held_samples, resolution_of
-
-Vector = npt.NDArray[np.float64]
 
 _REST = 40  # samples at rest added before a record that begins at rest
 # Share of the smoothing strength at which residuals equal the noise. Less smoothing keeps corners;

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Mask = npt.NDArray[np.bool_]
-Matrix = npt.NDArray[np.float64]
-Vector = npt.NDArray[np.float64]
+from ...solver.arrays import Mask, Matrix, Vector
 
 REST = "rest"
 PARTS = {

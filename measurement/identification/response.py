@@ -16,13 +16,13 @@ from scipy.optimize import least_squares
 from scipy.signal import coherence, csd, find_peaks, welch
 from scipy.stats import t as student
 
+from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
 from ...solver.files import write_json
 from ..records.record import Record
 from ..records.units import UNITS
 from .intervals import CONFIDENCE, Interval, is_narrow
 
-Vector = npt.NDArray[np.float64]
 _BAND = np.log(1.3)  # of the frequency ratios to the peak that are fitted
 
 

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
 
-Vector = npt.NDArray[np.float64]
 Array = npt.NDArray[Any]
 
 MOST = {

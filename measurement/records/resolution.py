@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-Vector = npt.NDArray[np.float64]
+from ...solver.arrays import Vector
 
 _ROUNDING = 0.4  # noise in counts up to which most of it is rounding
 

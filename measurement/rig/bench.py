@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ...solver.core import DONE, NOT_FINITE, at
 from ...solver.kernel import MAX_STEPS, IntegrationError, Model, describe_failure
 from .machine import TRIAL, Machine
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from ...orchestration.loop.parameter_file import ParameterFile
 
 
-Vector = npt.NDArray[np.float64]
 TOLERANCE = 1e-6
 """Relative tolerance of the solver; its error is far below the instruments' steps."""
 

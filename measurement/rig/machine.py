@@ -9,7 +9,6 @@ from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
 from ...orchestration.loop.parameter_file import BALL_SCREW, COMMANDS, ROTARY, check_values
@@ -18,6 +17,7 @@ from ...plant import NOMINAL, TURNING
 from ...plant.instruments import UNITS, UNLIMITED
 from ...plant.instruments.acquisition import SAMPLE_TIME
 from ...plant.law import claims
+from ...solver.arrays import Vector
 from ...solver.component import Parameter, in_units, symbol, unit_in
 from ...solver.errors import BadParameter, BadParameters, did_you_mean
 from .program import PARTS, PLANT, of_part, plant_kernel
@@ -37,7 +37,6 @@ from .trials import (
 if TYPE_CHECKING:
     from ...orchestration.loop.parameter_file import ParameterFile
 
-Vector = npt.NDArray[np.float64]
 
 TRIAL = "trial"
 """Prefix of the names of sizes of trials; names of parts have the part's name as prefix."""

@@ -9,15 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ...orchestration.loop.pictures import COLOURS, STYLE, empty_figure
 from ...plant.instruments.acquisition import SAMPLE_TIME, filter_lag
+from ...solver.arrays import Vector
 from ...solver.files import write_atomically, write_json
 from .setup import Setup
 from .trials import VELOCITY
-
-Vector = npt.NDArray[np.float64]
 
 UNITS = {
     "time": "s",

@@ -17,17 +17,15 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
 from ...plant.ball_screw import PARAMETERS as AXIS
 from ...plant.instruments import NOMINAL_VOLTAGE
 from ...plant.instruments.acquisition import SAMPLE_TIME, filter_lag, sampling_period
 from ...plant.lugre import PARAMETERS as FRICTION
+from ...solver.arrays import Vector
 from ...solver.component import Component, DiscreteState, Input, Output, Parameter, symbol
 
-Vector = npt.NDArray[np.float64]
 Gains: TypeAlias = tuple[float, float, float]
 """Kp, Ki and Kd of the parallel form: command per unit of the error, its integral, its rate."""
 

@@ -14,13 +14,12 @@ import numpy.typing as npt
 from ...orchestration.loop.loop import list_used
 from ...orchestration.loop.parameter_file import ParameterFile, Value
 from ...plant.instruments.capacitance_sensor import PER_PICOFARAD
+from ...solver.arrays import Vector
 from ...solver.component import in_units
 from ...solver.errors import BadParameter
 from .machine import SIZED, Machine
 from .program import PARTS, PLANT, REFERENCE, of_part, program_kernel
 from .trials import BREAK_AWAY, Trial
-
-Vector = npt.NDArray[np.float64]
 
 POINTS = np.arange(0.0, 75e-6, 10e-6)
 """Displacements at which the capacitance is measured [m]: 0 to 70 um in steps of 10 um."""

@@ -13,14 +13,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ...plant.instruments.acquisition import SAMPLE_TIME
+from ...solver.arrays import Vector
 from ...solver.component import unit_in
 from ...solver.errors import BadParameter, did_you_mean
 from .regulators import loading_voltage
-
-Vector = npt.NDArray[np.float64]
 
 VELOCITY, FORCE, VOLTAGE = "velocity", "force", "voltage"  # what a trial controls
 FASTEST, BREAK_AWAY = 8e-3, 2.35

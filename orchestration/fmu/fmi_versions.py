@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from ...fmus.process_end import end_cleanly
 from ...fmus.reading import WHOLE, NumberVariable, UnpackedFmu
+from ...solver.arrays import Vector
 
-Vector = npt.NDArray[np.float64]
 Types = dict[str, tuple[str, npt.DTypeLike]]
 """By type: the name of its calls after the verb, and how its values are kept."""
 

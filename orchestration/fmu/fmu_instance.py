@@ -12,14 +12,12 @@ from types import MappingProxyType
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from ...fmus.ports import law_ports
 from ...fmus.reading import SETTABLE, Description, UnpackedFmu, unpack
+from ...solver.arrays import Vector
 from ...solver.errors import FmuError, UserError
 from .fmi_versions import DISCARD, END, ERROR, FATAL, OK, Fmi2, Fmi3, Ports, Refused
-
-Vector = npt.NDArray[np.float64]
 
 ENTRY_POINTS = "component set_real get_real do_step get_state set_state free_state".split()
 SAMPLE_TIME = "sample_time"

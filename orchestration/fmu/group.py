@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from .fmu_instance import Instance, Reader, StepFailed, Value, Writer
 from .wiring import Wiring
 
-Vector = npt.NDArray[np.float64]
 SETTLED = 1e-12  # largest last change, as a share of a value or of its nominal value
 STALE, BACK = range(2)  # flags, see `Group`
 SWEEPS = 3  # enough for a ring that is not an algebraic loop

@@ -22,16 +22,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ...fmus.made_here import is_ours
 from ...fmus.reading import Description, UnpackedFmu
+from ...solver.arrays import Vector
 from ...solver.errors import FmuError
 from .fmu_instance import SHORTER, AnyFmu, FmuInstance, Reader, StepFailed, Value, Writer
 from .limits import TIME_LIMIT
 from .operating_system import end_host, how_ended, start_host
-
-Vector = npt.NDArray[np.float64]
 
 DONE, FAILED, REFUSED, DISCARDED = range(4)
 _KEPT = 4096  # bytes of its output

@@ -12,15 +12,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar, cast
 
 import numpy as np
-import numpy.typing as npt
 
 from ...fmus.made_here import is_ours
 from ...fmus.ports import law_ports
 from ...fmus.reading import Description
+from ...solver.arrays import Vector
 from ...solver.errors import FmuError
 from .fmu_instance import SAMPLE_TIME, AnyFmu, Instance, StepFailed, Value, Wrapped, Writer
 
-Vector = npt.NDArray[np.float64]
 Kind = TypeVar("Kind", bound=Instance)
 
 _MOVED = 1e-3  # of its size, by which an input moves

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ...solver.errors import CouplingError, FmuError
 from ...solver.files import write_atomically, write_json
 from ..fmu.fmu_instance import StepFailed
@@ -24,8 +24,6 @@ from .loop import Loop, SystemLoop
 from .parameter_file import ParameterFile
 from .system import joined_system
 from .whole_loop import run_monolithic
-
-Vector = npt.NDArray[np.float64]
 
 BAND = 0.02  # of a step
 ROWS = 10_000  # of a table that are text in memory at a time

@@ -25,13 +25,12 @@ from ...fmus.interface import TOLERANCE
 from ...fmus.native.partials import entry_of
 from ...fmus.units import base_exponents
 from ...plant.instruments import NOMINAL_VOLTAGE, UNLIMITED, PartName
+from ...solver.arrays import Matrix, Vector
 from ...solver.errors import BadParameter
 from ...solver.kernel import Model
 from .catalogue import AMPLIFIER, LIMIT, OWN_LIMIT
 from .parts import Part, resolve_controller
 
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 Response = npt.NDArray[np.complex128]
 
 LOWEST, HIGHEST, POINTS = 0.1, 1e5, 2000  # of the frequency response [rad/s]

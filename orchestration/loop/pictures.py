@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ...solver.files import write_atomically
 from .shown import labelled, shown_unit
 
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from ..master.march import LoopRun
     from .closed_loop import ClosedLoopResult
 
-Vector = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")

@@ -7,14 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 
-import numpy as np
-import numpy.typing as npt
-
 from ...fmus.ports import gain_port, law_ports, rate_port, reference_port
 from ...fmus.system_export import SAMPLE_TIME
 from ...fmus.system_network import SystemConnection, SystemPort
 from ...fmus.system_reading import SystemStructure, read_system
 from ...fmus.units import Unit
+from ...solver.arrays import Vector
 from ...solver.errors import BadParameter, FmuError, nearest
 from ...solver.signals import set_point_orders
 from ..fmu.fmu_instance import Instance, Value
@@ -36,7 +34,6 @@ from .joined import Fmu, Joined, free_input, opened
 from .loop import STOP, SystemLoop
 from .parts import as_taken, check_names, settable_of
 
-Vector = npt.NDArray[np.float64]
 Fmus = Mapping[str, Fmu]
 Values = Mapping[str, Mapping[str, Value]]
 """Start values by element."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ...solver.errors import CouplingError
 from ...solver.kernel import IntegrationError, Kernel, Model
 from ...solver.signals import REFERENCES, set_point_orders
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from ...solver.core import System
     from .loop import Loop
 
-Vector = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
 TIGHT, LOOSE = 1e-10, 1e-8

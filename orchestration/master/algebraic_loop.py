@@ -10,15 +10,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ..fmu.fmu_instance import StepFailed
 from .coupling import Answer, CoupledPair
 from .march import LoopRun
 from .sides import Sides
 from .verdict import WORST_CONTRACTION
 
-Vector = npt.NDArray[np.float64]
 SHORT = 1e-4, 1e-5  # of a communication step: effects through states vanish with its length
 MOVED = 1e-3  # of a command's nominal value
 LASTS = 0.5  # share of the gain that has to remain at the shorter of the two

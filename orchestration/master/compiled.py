@@ -23,12 +23,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ...solver.core import SUFFIX
 from ..fmu.fmi_versions import OK, STATE, STEP
 from ..fmu.fmu_instance import ENTRY_POINTS, FmuInstance, Instance
 from ..fmu.group import Group, Member
-
-Vector = npt.NDArray[np.float64]
 
 USES = 3  # uses of saved states
 FARTHEST = 1e4  # times an output's nominal value: beyond it, a loop diverges

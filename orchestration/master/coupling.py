@@ -25,15 +25,12 @@ from enum import Enum
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from ...solver.arrays import Matrix, Vector
 from ..fmu.fmu_instance import Instance, StepFailed
 from ..fmu.wiring import Wiring
 from .compiled import OWN_STEP, USES, Bound, Guarded, Struct, ask, failure_of, struct
 from .couplings import Coupling
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 CHUNK = 4096  # most steps between two checks of the elapsed time
 

@@ -16,13 +16,12 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from .compiled import GOES_ON
 from .coupling import CHUNK
 from .march import Clock, Record, march
 from .sides import Sides
 from .verdict import ACCURACY, scales
-
-Vector = npt.NDArray[np.float64]
 
 PARTS = 4096  # of a step: the resolution of times close to a jump
 TICKS = 256  # of such a part: a jump closer than one tick to a point is exactly there

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ..fmu.fmu_instance import StepFailed
 from .compiled import (
     CALL_FAILED,
@@ -27,7 +28,6 @@ from .couplings import WITHOUT_FMUS, Coupling
 from .reference_signal import ROUND_OFF, Reference
 from .verdict import ACCURACY, Verdict
 
-Vector = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
 FINEST = 12  # adaptive steps go down to 2^-12 of the given one

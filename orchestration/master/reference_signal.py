@@ -12,11 +12,9 @@ import numpy.typing as npt
 
 from ...measurement.records.table import listed, read_tables, rename
 from ...measurement.records.units import NO_UNIT, UNITS, spell
+from ...solver.arrays import Matrix, Vector
 from ...solver.errors import BadParameter, BadRecord
 from ...solver.signals import DERIVATIVES, SET_POINT
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 TERMS = 8
 """Coefficients of each piece: a sine is exact to round-off within a twentieth of a radian."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ..fmu.limits import check_memory
 from ..fmu.wiring import CONTROLLER, PLANT, names_on
 from .algebraic_loop import with_ring_named
@@ -15,8 +15,6 @@ from .jumps import Setting, around_jumps, jumps
 from .march import Clock, LoopRun, Progress, Record, Stop, march_on
 from .sides import Sides, step_that_meets
 from .verdict import ACCURACY, Rung, Verdict, apart, scales
-
-Vector = npt.NDArray[np.float64]
 
 FEWEST = 4  # steps of a longer one that says anything
 

@@ -6,9 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-import numpy.typing as npt
-
+from ...solver.arrays import Vector
 from ...solver.errors import CouplingError
 from ..fmu.fmu_instance import Instance, Value
 from ..fmu.group import initialize
@@ -16,8 +14,6 @@ from ..fmu.wiring import UNWIRED, Wiring, wire
 from .coupling import Answer, CoupledPair
 from .couplings import Coupling
 from .reference_signal import Reference
-
-Vector = npt.NDArray[np.float64]
 
 
 @dataclass

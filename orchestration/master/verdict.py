@@ -17,9 +17,8 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
-Vector = npt.NDArray[np.float64]
+from ...solver.arrays import Vector
 
 ACCURACY = 0.01
 """Largest share of an output's range that its estimated error may be."""

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ...controllers import tunable
+from ...solver.arrays import Vector
 from ...solver.errors import BadParameters, UserError
 from ..loop import parameter_file as toml
 from ..loop.loop import Loop, as_reference, for_plant
@@ -22,7 +22,6 @@ from .run import NAMES, STEP, Motion
 VERSION = 1
 MOST, MOST_SEED = 100_000, 2**63 - 1  # of a number of plants, candidates, tunings or points
 MOST_RUNS, MOST_SAMPLES = 10_000_000, 10_000_000  # of a study, of a run
-Vector = npt.NDArray[np.float64]
 Ranges = Mapping[str, tuple[float, float]]
 
 UNIFORM, NORMAL, LOGNORMAL, TEMPERATURE = "uniform", "normal", "lognormal", "temperature"

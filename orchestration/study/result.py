@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
+from ...solver.arrays import Matrix
 from ...solver.files import write_json, write_table
 from .plan import Plan
 from .run import JUDGED_BY, MEASURED, NAMES, SIZES, TRUSTED, FmuCheck, hunting_verdict
 from .tuning import Tuned
 
-Array = npt.NDArray[np.float64]
 Place: TypeAlias = tuple[int, ...]
 """Numbers of the controller, the tuning, the duty and the plant of a run."""
 
@@ -74,7 +73,7 @@ class Sensitivity:
         return max(self.coefficients, key=lambda name: abs(self.coefficients[name]))
 
 
-def mean_over_plants(figure: Array, geometric: bool) -> Mean:
+def mean_over_plants(figure: Matrix, geometric: bool) -> Mean:
     """The mean of a figure over the drawn plants, each with its own noise.
 
     The figure is by tuning and plant, shape (seeds, plants). Student's interval over the plants, of
@@ -93,7 +92,7 @@ def mean_over_plants(figure: Array, geometric: bool) -> Mean:
     return Mean(mean, low, high, geometric)
 
 
-def compare(first: Array, second: Array) -> Difference:
+def compare(first: Matrix, second: Matrix) -> Difference:
     """Compare a positive, finite figure of two controllers, shape (seeds, plants).
 
     The plants are the same for both, so that their differences are paired; tunings are not. The
@@ -113,7 +112,7 @@ def compare(first: Array, second: Array) -> Difference:
     return Difference(ratio, least, most, told, alike)
 
 
-def _variance(values: Array) -> tuple[float, int]:
+def _variance(values: Matrix) -> tuple[float, int]:
     """Variance of the mean, and its degrees of freedom."""
     count = len(values)
     return float(np.var(values, ddof=1) / count) if count > 1 else 0.0, count - 1
@@ -130,7 +129,7 @@ def _half_width(parts: Sequence[tuple[float, int]]) -> float:
     return float(stats.t.ppf((1 + LEVEL) / 2, freedom)) * math.sqrt(variance)
 
 
-def sensitivity(factors: Array, figure: Array, names: list[str]) -> Sensitivity:
+def sensitivity(factors: Matrix, figure: Matrix, names: list[str]) -> Sensitivity:
     """Regress the logarithm of a positive figure on factors, shape (runs, names).
 
     A. Saltelli et al., Global Sensitivity Analysis: The Primer (2008), section 1.2.5.
@@ -175,7 +174,7 @@ class StudyResult:
     plan: Plan
     tunings: Mapping[str, list[Tuned]]  # by controller, one for each seed
     # shape (controllers, seeds, duties, plants); by name, see `Figures`
-    figures: Mapping[str, Array]
+    figures: Mapping[str, Matrix]
     answers: list[DutyAnswer]
     # by duty and pair of controllers, of the rms error
     differences: dict[str, dict[tuple[str, str], Difference]]
@@ -336,7 +335,7 @@ class StudyResult:
 def concluded(
     plan: Plan,
     tunings: Mapping[str, list[Tuned]],
-    figures: Mapping[str, Array],
+    figures: Mapping[str, Matrix],
     checks: dict[Place, FmuCheck],
     courses: dict[str, dict[str, Shown]],
 ) -> StudyResult:

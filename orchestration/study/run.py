@@ -13,9 +13,9 @@ from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from ...solver import core
+from ...solver.arrays import Vector
 from ...solver.kernel import CONTROLLER, DEFAULT_TOLERANCE, PLANT, Kernel, Model
 from ...solver.signals import Parameter
 from ..fmu.fmu_instance import StepFailed
@@ -25,7 +25,6 @@ from ..loop.loop import Loop
 from ..loop.whole_loop import follow
 from ..master.reference_signal import Reference
 
-Vector = npt.NDArray[np.float64]
 Values: TypeAlias = Mapping[str, float]
 """Parameters that differ from their defaults, with the prefixes of a loop's parts."""
 Motion: TypeAlias = tuple[Reference, float]

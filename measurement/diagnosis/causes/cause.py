@@ -6,16 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
 from ....plant.ball_screw import bare_ball_screw
+from ....solver.arrays import Matrix, Vector
 from ....solver.component import Component, ForceTerm, Parameter, symbol
 from ..drive import Drive, compiled
 from ..modelled_record import ModelledRecord
-
-Vector = npt.NDArray[np.float64]
-Matrix = npt.NDArray[np.float64]
 
 FRICTION = symbol("friction")
 """The total friction force of the prior law, opposing motion [N]."""
