@@ -13,8 +13,9 @@ import numpy as np
 import sympy as sp
 
 from ..plant.axis import axis
+from ..solver.arrays import Vector
 from ..solver.component import Component, Parameter, State, symbol
-from ..solver.kernel import Model, Vector
+from ..solver.kernel import Model
 from ..solver.stored import stored_kernel
 from .limited import measurements_of, plain_output
 

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import core
+from .arrays import Matrix, Vector
 from .core import at
-from .kernel import MAX_STEPS, Matrix, Model, Vector, describe_failure
+from .kernel import MAX_STEPS, Model, describe_failure
 
 FARTHEST = 1e6  # times a state's nominal value
 APART = 1000.0  # ratio of rates up to which the explicit pair is tried

@@ -15,15 +15,15 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (5975, 5325),
+    "solver": (5976, 5326),
     "plant": (1589, 1313),
-    "controllers": (1104, 860),
+    "controllers": (1105, 861),
     "fmus": (4974, 4446),
-    "orchestration": (10289, 9011),
+    "orchestration": (10291, 9013),
     "stability": (2766, 2267),
     "ballscrew": (3502, 2899),
     "gallery": (2728, 2354),
-    "measurement": (13204, 11153),
+    "measurement": (13214, 11163),
     "proofs": (12912, 11543),
     "benchmarks": (1845, 1707),
     "docs": (1361, 1312),

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...solver.arrays import Vector
 from .causes import CAUSES
-from .causes.cause import Cause, Courses, Shape, Smaller, Values, Vector, of_command
+from .causes.cause import Cause, Courses, Shape, Smaller, Values, of_command
 
 if TYPE_CHECKING:
     from .drive import Drive

@@ -20,8 +20,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
-from .columns import Column, Table, Vector, check_size, table_of
+from .columns import Column, Table, check_size, table_of
 from .stamps import is_stamp, seconds
 from .units import NO_UNIT, quantity_of
 

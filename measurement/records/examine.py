@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import welch
 
+from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
 from .record import Record
-from .resolution import Vector, held_samples
+from .resolution import held_samples
 
 _CLIPPED = 0.02  # share of samples at one extreme above which a note is given
 _IN_A_ROW = 3  # samples at an extreme that make a flat top

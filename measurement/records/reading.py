@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.integrate import cumulative_trapezoid
 
+from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
 from .record import CURRENT, FORCE, TORQUE, VELOCITY, VOLTAGE, Record
-from .resolution import Vector
 from .rig_trial import described, read_about
 from .sampling import HOLES, even_out, pieces_between_gaps, recounted
 from .table import choose, in_si, read_tables

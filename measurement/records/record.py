@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from .resolution import Vector, encoder_count
+from ...solver.arrays import Vector
+from .resolution import encoder_count
 
 VELOCITY = "v"
 VOLTAGE, CURRENT, FORCE, TORQUE = "voltage", "current", "force", "torque"

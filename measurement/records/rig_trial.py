@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
+from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
 from .record import Record
-from .resolution import Vector
 
 _UNSAID_GAIN_STD = 0.01  # for a fine position without a known calibration
 

@@ -9,8 +9,9 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
-from .resolution import Vector, resolution_of
+from .resolution import resolution_of
 
 _JITTER = 0.2  # jitter, over the sampling interval, below which stamps count as equidistant
 _LONGEST_GAP = 5  # most missing samples in a row

@@ -9,7 +9,7 @@ from datetime import date
 
 import numpy as np
 
-from .columns import Vector
+from ...solver.arrays import Vector
 
 _DATE = r"(?P<date>\d{1,4}[-./]\d{1,2}[-./]\d{1,4})"
 _OF_DAY = r"(?P<h>\d{1,2}):(?P<m>\d\d)(?::(?P<s>\d\d(?:[.,]\d+)?))?(?P<half> ?[AaPp][Mm])?"

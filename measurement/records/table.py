@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...solver.arrays import Vector
 from ...solver.errors import BadRecord, nearest
-from .columns import Table, Vector
+from .columns import Table
 from .formats import tables_in
 from .sampling import unrounded, unwrapped
 from .units import NO_UNIT, UNITS, conversion, quantity_of, spell

@@ -211,7 +211,7 @@ class Machine:
     @cached_property
     def outputs(self) -> tuple[str, ...]:
         """Signals that a controller may measure."""
-        law = next((i.law for i in self.plant.kernel.inputs if i.name == "u"), [])
+        law = next((i.law for i in self.plant.kernel.inputs if i.name == "u"), ())
         return tuple(n for n in law if n in self.plant.outputs)
 
     def linear(self, outputs: Sequence[str], at: Mapping[str, float]) -> Linear:

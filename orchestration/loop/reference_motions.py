@@ -13,10 +13,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ...solver.arrays import Matrix, Vector
 from ...solver.errors import BadParameter, did_you_mean
 from ...solver.signals import START_VALUE
 from ..fmu.limits import as_number
-from ..master.reference_signal import TERMS, Matrix, Reference, Vector
+from ..master.reference_signal import TERMS, Reference
 
 PIECES = 128  # of each period of a sine
 MOST_POINTS = 4_000_000

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ...solver.arrays import Vector
+from ...solver.arrays import Matrix, Vector
 from ...solver.errors import CouplingError
 from ...solver.kernel import IntegrationError, Kernel, Model
 from ...solver.signals import REFERENCES, set_point_orders
@@ -18,7 +18,7 @@ from ...solver.stored import stored_kernel
 from ..fmu.limits import FIRST_STEP, check_memory
 from ..master.compiled import FARTHEST
 from ..master.march import LoopRun
-from ..master.reference_signal import ROUND_OFF, TERMS, Matrix, Reference
+from ..master.reference_signal import ROUND_OFF, TERMS, Reference
 from ..master.sides import step_that_meets
 from ..master.verdict import ACCURACY, Verdict
 from .catalogue import NAMES, component, kept_as

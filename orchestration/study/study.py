@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from ...solver.arrays import Matrix
 from ...solver.errors import UserError
 from ...solver.kernel import CONTROLLER, PLANT
 from ..loop.catalogue import fmu
 from ..loop.loop import Loop
 from .plan import Duty, Plan
-from .result import Array, Place, Shown, StudyResult, concluded
+from .result import Place, Shown, StudyResult, concluded
 from .run import NAMES, FmuCheck, StudyLoop, check_over_fmus, of_side
 from .tuning import Contender, Gains, Tuned, composed
 from .workers import KeptParts, Processes, Workers
@@ -105,7 +106,7 @@ class Work:
             for k, c in enumerate(self.contenders)
         }
 
-    def figures(self, tunings: Tunings) -> dict[str, Array]:
+    def figures(self, tunings: Tunings) -> dict[str, Matrix]:
         """Figures by name, shape (controllers, seeds, duties, plants)."""
         plants = range(self.plan.plants)
         jobs = {
@@ -119,7 +120,7 @@ class Work:
         table = np.array([row for name in jobs for row in found[name]], dtype=float)
         return {n: table[:, k].reshape(self._shape) for k, n in enumerate(NAMES)}
 
-    def checks(self, tunings: Tunings, figures: Mapping[str, Array]) -> dict[Place, FmuCheck]:
+    def checks(self, tunings: Tunings, figures: Mapping[str, Matrix]) -> dict[Place, FmuCheck]:
         """A random twentieth of the runs, at least one, repeated over FMUs.
 
         Without those of controllers that are FMUs, which are already made so.
@@ -138,7 +139,7 @@ class Work:
         return {place: FmuCheck(**done[name]) for place, name in zip(own, jobs, strict=True)}
 
     def _check(
-        self, place: Place, tunings: Tunings, figures: Mapping[str, Array]
+        self, place: Place, tunings: Tunings, figures: Mapping[str, Matrix]
     ) -> tuple[Any, ...]:
         """The arguments of `check_over_fmus` for one run."""
         (k, seed, d, p), plan = place, self.plan

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ....solver.arrays import Vector
 from ....solver.component import symbol
 from ..drive import Drive
 from ..modelled_record import ModelledRecord
-from .cause import FRICTION, Cause, Courses, Mechanism, Values, Vector, force, parameter
+from .cause import FRICTION, Cause, Courses, Mechanism, Values, force, parameter
 from .in_time import InTime, in_time
 from .travel import changing, either_way, viscous_share
 

@@ -15,10 +15,11 @@ import numpy as np
 import sympy as sp
 
 from ....plant.instruments.late_command import with_command_behind, with_late_command
+from ....solver.arrays import Vector
 from ....solver.component import Component, Parameter, symbol
 from ..drive import Drive
 from ..weak_form import lagged
-from .cause import Cause, Courses, Mechanism, Shape, Values, Vector, parameter
+from .cause import Cause, Courses, Mechanism, Shape, Values, parameter
 
 _SHARES = 2.0 ** np.arange(-5.0, 12.0)  # delays over a sampling interval
 _LONGEST = 5e-3  # longest delay [s]; at least eight samples

@@ -11,11 +11,12 @@ import sympy as sp
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
+from ....solver.arrays import Vector
 from ....solver.component import Parameter, symbol
 from ...records.resolution import resolution_of
 from ..drive import Drive
 from ..modelled_record import ModelledRecord
-from .cause import DRY, FRICTION, RELAXATION, Courses, Values, Vector, parameter
+from .cause import DRY, FRICTION, RELAXATION, Courses, Values, parameter
 
 _FEWEST_PERIODS = 2  # fewest periods in the travel
 _MOST_PERIODS = 250

@@ -8,10 +8,11 @@ import numpy as np
 import sympy as sp
 
 from ....plant.instruments.amplifier import clip
+from ....solver.arrays import Vector
 from ....solver.component import symbol
 from ..drive import Drive
 from ..modelled_record import ModelledRecord
-from .cause import Cause, Courses, Values, Vector, of_command, parameter, voltage
+from .cause import Cause, Courses, Values, of_command, parameter, voltage
 
 # limits over the largest command; the last one cuts nothing and is the end of the search
 _LEVELS = np.concatenate(
