@@ -14,7 +14,7 @@ from .coupling import Answer, CoupledPair
 from .jumps import Setting, around_jumps, jumps
 from .march import Clock, LoopRun, Progress, Record, Stop, march_on
 from .sides import Sides, step_that_meets
-from .verdict import ACCURACY, Rung, Verdict, apart, scales
+from .verdict import ACCURACY, Rung, Verdict, apart, largest, scales
 
 FEWEST = 4  # steps of a longer one that says anything
 
@@ -145,7 +145,8 @@ class Runs:
         distance = 2.0 * np.abs(own.outputs - finest.outputs[rows])[:, :n]
         setting = Setting(self.sides, self.step(level), self._breaks)
         found = np.zeros(len(self.names))
-        found[:n] = around_jumps(setting, own.outputs[:, :n], distance).max(axis=0)
+        run = own.outputs[:, :n]
+        found[:n] = largest(around_jumps(setting, run, distance), run)
         return found
 
     def named(self, level: int, run: LoopRun) -> LoopRun:

@@ -145,19 +145,22 @@ def _at_points(run: Rung, rung: Rung) -> Rung:
 
 
 def apart(coarse: Rung, fine: Rung) -> Vector:
-    """Largest difference of each output at the times of the coarse run, (n,).
-
-    For a flag (0 or 1), it is the share of time in which it differs: one that changes a little
-    earlier or later differs by its full range at one point, even if the shift is very small, and
-    its effects are visible in the other outputs.
-    """
+    """Largest difference of each output at the times of the coarse run, (n,), see `largest`."""
     rows = np.searchsorted(fine.times, coarse.times - 1e-6 * fine.step)
     run = coarse.outputs
     if rows[-1] >= len(fine.times):  # it ended early
         return np.full(run.shape[1], np.inf)
     with np.errstate(invalid="ignore", over="ignore"):
         error = np.abs(run - fine.outputs[rows])
-    error = np.where(np.isfinite(error), error, np.inf)
+    return largest(np.where(np.isfinite(error), error, np.inf), run)
+
+
+def largest(error: Vector, run: Vector) -> Vector:
+    """Largest error of each output of a run (k, n); for a flag, the share of time with an error.
+
+    A flag (0 or 1) that changes a little earlier or later is wrong by its full range at one point,
+    even if the shift is very small; its effects are visible in the other outputs.
+    """
     flags = np.isin(run, (0.0, 1.0)).all(axis=0) & (run.min(axis=0) < run.max(axis=0))
     return np.asarray(np.where(flags, np.minimum(error, 1.0).mean(axis=0), error.max(axis=0)))
 
