@@ -206,7 +206,7 @@ def test_the_conformance_suites_take_them(extended):
     suites = [
         "tests/test_conformance.py",
         "tests/plant/test_laws.py",
-        "tests/plant/instruments/test_signal_instruments.py",
+        "tests/plant/instruments/test_instruments.py",
         "tests/controllers/test_every_controller.py",
     ]
     which = ("-k", "cubic_slip or glass_scale or soft_pd")
