@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .api import check_whole_number
+from .api import check_whole_number, read_again
 from .console import print_notes
 from .solver.errors import UserError
 
@@ -178,16 +178,6 @@ def export(
     with temporary_folder("export") as folder:
         how.write(name, path, Path(folder))
     return path
-
-
-def read_again(part: str) -> str:
-    """The same part; a Python file is read as it is now."""
-    from .plant.instruments import PartName
-    from .solver.component_file import names_file, read_component
-
-    if names_file(name := PartName.of(part).bare):
-        read_component(name)
-    return part
 
 
 @dataclass(frozen=True)

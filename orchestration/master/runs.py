@@ -56,6 +56,7 @@ class Runs:
         others = sides.wiring.others if sides.wiring.network else ()
         self.names = [*self._outputs, *others]
         self._runs: dict[int, LoopRun] = {}
+        self._own: dict[int, Rung] = {}
         self._rungs: dict[int, Rung] = {}
         self._pairs: dict[int, CoupledPair] = {}
 
@@ -73,7 +74,8 @@ class Runs:
             # the effect of the residual is that of a correction
             best = [] if pair.corrected == self.sides.reversible else [self.sides.best()]
             run, rungs = self._marched([pair, *best], level)
-            self._runs[level], self._rungs[level], self._pairs[level] = run, rungs[-1], pair
+            self._runs[level], self._pairs[level] = run, pair
+            self._own[level], self._rungs[level] = rungs[0], rungs[-1]
         return self._runs[level]
 
     def rung(self, level: int) -> Rung | None:
@@ -91,10 +93,8 @@ class Runs:
 
     def own(self, level: int) -> Rung:
         """The outputs of the run as asked."""
-        run = self.run(level)
-        outputs = run.outputs | run.others
-        table = np.column_stack([outputs[n] for n in self.names])
-        return Rung(self.step(level), run.time, table)
+        self.run(level)
+        return self._own[level]
 
     def adaptive(self) -> tuple[LoopRun, Rung, Rung]:
         """The run with steps up to the first, chosen by the effect of the residual.
@@ -124,7 +124,7 @@ class Runs:
 
     def jumps(self, level: int) -> bool:
         """Whether an output of the plant jumps in the run."""
-        return bool(jumps(np.column_stack(list(self.run(level).outputs.values()))).any())
+        return bool(jumps(self.own(level).outputs[:, : len(self._outputs)]).any())
 
     def switches(self, level: int) -> bool:
         """Whether a command jumps, and not at the sample instants, which are given."""
