@@ -19,16 +19,16 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1589, 1313),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
-    "orchestration": (10293, 9015),
+    "orchestration": (10300, 9019),
     "stability": (2766, 2267),
-    "ballscrew": (3502, 2899),
+    "ballscrew": (3501, 2898),
     "gallery": (2728, 2354),
     "measurement": (13214, 11163),
     "proofs": (12912, 11543),
     "benchmarks": (1845, 1707),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (24813, 23635),
+    "tests": (24818, 23639),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -46,14 +46,22 @@ class Setting:
 
 
 def jumps(run: Vector) -> npt.NDArray[np.bool_]:
-    """Mark steps in which an output changes by more than the tolerance, unlike before or after."""
+    """Mark steps in which an output changes by more than the tolerance, unlike before or after.
+
+    The first steps are not marked as long as their changes get smaller: what dies out after the
+    start begins at the same time in all runs.
+    """
     change = np.diff(run, axis=0) / scales(run)
     bend = np.abs(np.diff(change, axis=0))
     beside = np.zeros_like(change)
     beside[1:] = bend
     beside[:-1] = np.maximum(beside[:-1], bend)
     size = np.abs(change)
-    return np.asarray(((size > ACCURACY) & (beside > BENT * size)).any(axis=1))
+    marked = np.asarray(((size > ACCURACY) & (beside > BENT * size)).any(axis=1))
+    largest = size.max(axis=1)
+    unlike_start = ~marked | (np.diff(largest, prepend=np.inf) >= 0.0)
+    marked[: int(np.argmax(unlike_start)) if unlike_start.any() else None] = False
+    return marked
 
 
 def around_jumps(setting: Setting, run: Vector, distance: Vector) -> Vector:
