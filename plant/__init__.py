@@ -1,7 +1,6 @@
 """The friction laws, and the plants that are exported by name.
 
-To add a law, add a file and a line in `LAWS`. The plants, the rig and the estimator then have it,
-too.
+To add a law, add a file and a line in `LAWS`; plants, rig and estimator then have it.
 """
 
 from .instruments import UNITS

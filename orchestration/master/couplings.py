@@ -20,7 +20,7 @@ class Coupling(Enum):
     GAUSS_SEIDEL = "gauss-seidel"
     INTERFACE_JACOBIAN = "interface-jacobian", False, True
 
-    late: bool  # whether the commands arrive one step late
+    late: bool  # whether the commands of steps that are not corrected arrive one step late
     law: bool  # whether the plant applies the feedback law inside its own solver
     # ``module:function`` that changes the law in each step; empty if there is none. It gets the
     # law, a `coupling.FeedbackLaw`, and the step [s], and changes the law's arrays to those that
