@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .orchestration.fmu.limits import as_number, check_length, check_time_limit
+from .orchestration.fmu.limits import as_number, check_length
 from .solver.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
@@ -209,7 +209,7 @@ def lyapunov(  # noqa: PLR0913
     own = _loop(loop, plant, reference, stop, step=step, mapping=mapping, **values)
     followed = checked(own)
     tolerance = _check_tolerance(tolerance, 1e-13, 1e-3)
-    budget = None if budget is None else check_time_limit("budget", budget)
+    budget = None if budget is None else check_length("budget", budget)
     if followed.step is not None:
         from .stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
 

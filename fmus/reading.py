@@ -20,8 +20,8 @@ from .source_fmu import NotCompiled, compile_sources
 from .units import BASE_UNITS, Unit
 
 REAL = ("Real", "Float64", "Float32")
-_SIZED = tuple(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64))
-WHOLE = ("Integer", "Boolean", "Enumeration", *_SIZED)
+SIZED = tuple(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64))
+WHOLE = ("Integer", "Boolean", "Enumeration", *SIZED)
 
 SETTABLE = ("parameter", "input")
 _DESCRIPTION = "modelDescription.xml"

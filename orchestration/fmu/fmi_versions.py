@@ -4,28 +4,29 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import functools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from ...fmus.process_end import end_cleanly
-from ...fmus.reading import WHOLE, NumberVariable, UnpackedFmu
+from ...fmus.reading import SIZED, WHOLE, NumberVariable, UnpackedFmu
 from ...solver.arrays import Vector
+
+if TYPE_CHECKING:
+    from .model_exchange import Integrator
 
 Types = dict[str, tuple[str, npt.DTypeLike]]
 """By type: the name of its calls after the verb, and how its values are kept."""
 
-# fmi2DoStep, and the functions of saved states in both versions
+# fmi2DoStep, and the functions of saved states in both versions, for those made here
 STEP = ctypes.CFUNCTYPE(
     ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int
 )
 STATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
 OK, DISCARD, ERROR, FATAL = 1, 2, 3, 4  # of a call; a warning counts as OK
-END = "requested the end of the simulation at t = {:g} s"
 
 
 class Refused(RuntimeError):
@@ -46,11 +47,9 @@ class Ports:
         self.function = function
         self.references = (ctypes.c_uint * len(variables))(*(v.reference for v in variables))
         self.values = np.zeros(len(variables), dtype=kind)
-        pointer = ctypes.POINTER(np.ctypeslib.as_ctypes_type(self.values.dtype))
-        self.pointer = self.values.ctypes.data_as(pointer)
+        self.cells = np.ctypeslib.as_ctypes(self.values)  # the same, for a call
         self._type = variables[0].type
-        # the first number above the largest
-        self._low, self._end = 0.0, 2.0
+        self._low, self._end = 0.0, 2.0  # the first number above the largest
         if self._type in WHOLE and self._type != "Boolean":
             size = np.iinfo(self.values.dtype)
             self._low, self._end = float(size.min), float(size.max) + 1.0
@@ -81,40 +80,35 @@ class Fmi2:
         "Boolean": ("Boolean", np.int32),
     }
 
-    def __init__(self, fmu: UnpackedFmu, name: str) -> None:
-        self._description = fmu.description
-        self._told = {
-            "guid": fmu.description.guid,
-            "unzipDirectory": str(fmu.folder),
-            "modelIdentifier": fmu.description.identifier,
-            "instanceName": name,
-        }
+    def __init__(self) -> None:
         self.words = ""  # the last error that it logged
         self.ended = ""  # when it requested the end of the simulation
-        self.integrator: Any = None  # for model exchange, after initialization
+        self.integrator: Integrator | None = None  # for model exchange, after initialization
 
-    def open(self) -> None:
+    def open(self, fmu: UnpackedFmu, name: str) -> None:
         """Make the instance; what is raised says why it cannot be made, if `words` do not."""
-        self._fmu = self._instantiated()
-        self.library = self._fmu.dll
-        end_cleanly(Path(self.library._name))
-        self.component = ctypes.c_void_p(self._fmu.component)
-        self.get_state, self.set_state, self.free_state = (
-            STATE((f"{self._VERSION}{verb}{self._STATE}", self.library))
-            for verb in ("Get", "Set", "Free")
+        self.description = fmu.description
+        self.fmu = self._instantiated(
+            guid=fmu.description.guid,
+            unzipDirectory=str(fmu.folder),
+            modelIdentifier=fmu.description.identifier,
+            instanceName=name,
         )
+        self.library = self.fmu.dll
+        end_cleanly(Path(self.library._name))
+        self.component = ctypes.c_void_p(self.fmu.component)
+        self.states = [self.call(verb, self._STATE) for verb in ("Get", "Set", "Free")]
 
-    def _instantiated(self) -> Any:
+    def _instantiated(self, **told: str) -> Any:
         from fmpy import calloc, fmi2, free
 
         callbacks = fmi2.fmi2CallbackFunctions()
         callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._hear)
         callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
         callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
-        kind = fmi2.FMU2Model if self._description.exchanges else fmi2.FMU2Slave
-        instance = kind(**self._told)
-        instance.instantiate(callbacks=callbacks, loggingOn=True)
-        return instance
+        fmu = (fmi2.FMU2Model if self.description.exchanges else fmi2.FMU2Slave)(**told)
+        fmu.instantiate(callbacks=callbacks, loggingOn=True)
+        return fmu
 
     def _hear(self, *told: Any) -> None:
         """Both versions' callback for a log message: it ends with status, category and text."""
@@ -122,76 +116,68 @@ class Fmi2:
         if status > DISCARD and text:
             self.words = text.decode("utf-8", "replace").strip()
 
+    def call(self, verb: str, what: str) -> Any:
+        """A function of the FMU; its arguments are checked as fmpy declares them."""
+        return getattr(self.library, f"{self._VERSION}{verb}{what}")
+
     def ports(self, variables: Sequence[NumberVariable]) -> Ports:
         return Ports(variables, *self._TYPES[variables[0].type])
 
     def transfer(self, verb: str, ports: Ports) -> int:
         """Set or get; the FMI status."""
-        call = getattr(self.library, f"{self._VERSION}{verb}{ports.function}")
         count = len(ports.references)
         counted = [count] if self._VERSION == "fmi3" else []  # of values
-        return int(call(self.component, ports.references, count, ports.pointer, *counted))
+        call = self.call(verb, ports.function)
+        return int(call(self.component, ports.references, count, ports.cells, *counted))
 
     def text(self, reference: int) -> str:
-        (text,) = self._fmu.getString([reference])
+        (text,) = self.fmu.getString([reference])
         return text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
-
-    def set_text(self, reference: int, text: str) -> None:
-        self._fmu.setString([reference], [text])
 
     def set_up(self, stop: float) -> None:
         """Do the calls before start values are set."""
-        self._fmu.setupExperiment(startTime=0.0, stopTime=stop)
+        self.fmu.setupExperiment(startTime=0.0, stopTime=stop)
 
     def enter(self, stop: float) -> None:
         """Enter initialization mode."""
-        self._fmu.enterInitializationMode()
+        self.fmu.enterInitializationMode()
 
-    def leave(self) -> None:
-        """Leave initialization mode."""
-        self._fmu.exitInitializationMode()
-        if self._description.exchanges:
-            from .model_exchange import Integrator
-
-            has_inputs = bool(self._description.names("input"))
-            self.integrator = Integrator(self._fmu, *self._sizes(), has_inputs)
-
-    def _sizes(self) -> tuple[int, int]:
+    def sizes(self) -> tuple[int, int]:
         """Numbers of states and event indicators."""
-        return self._description.states, self._description.indicators
+        return self.description.states, self.description.indicators
 
     @property
     def place(self) -> tuple[Any, ...]:
         """Data that are not in a saved state of the FMU."""
-        if self.integrator is None:
-            return (self.ended,)
-        return self.ended, self.integrator.time, self.integrator.next_event
+        at = self.integrator
+        return (self.ended, at.time, at.next_event) if at else (self.ended,)
 
     @place.setter
     def place(self, place: tuple[Any, ...]) -> None:
         self.ended = place[0]
-        if self.integrator is not None:
+        if self.integrator:
             _, self.integrator.time, self.integrator.next_event = place
-
-    @functools.cached_property
-    def do_step(self) -> Any:
-        """The FMU's own function, also for compiled code."""
-        return STEP(("fmi2DoStep", self.library))
 
     def step(self, t: float, h: float) -> int:
         """Move from t to t + h; the FMI status. Raises `Refused` if the simulation was ended."""
         if self.ended:
             raise Refused(self.ended, DISCARD)
         if self.integrator is None:
-            return self._co_step(t, h)
-        self.integrator.step(t + h)
-        return self._end(self.integrator.time, t, h) if self.integrator.ends else 0
-
-    def _co_step(self, t: float, h: float) -> int:
-        status = int(self.do_step(self.component, t, h, 1))
-        if status == DISCARD and (reached := self.asked_end()) is not None:
-            return self._end(reached, t, h)
+            status, reached = self._co_step(t, h)
+        else:
+            self.integrator.step(t + h)
+            status, reached = 0, self.integrator.time if self.integrator.ends else None
+        if reached is not None:
+            self.end(reached)
+            if reached < t + h * (1 - 1e-9):
+                raise Refused(self.ended, DISCARD)
+            return 0
         return status
+
+    def _co_step(self, t: float, h: float) -> tuple[int, float | None]:
+        """Also returns when the FMU requested the end, if it did."""
+        status = int(self.library.fmi2DoStep(self.component, t, h, 1))
+        return status, self.asked_end() if status == DISCARD else None
 
     def asked_end(self) -> float | None:
         """After a discarded step, the end that the FMU requests; None if the step is too long."""
@@ -199,21 +185,14 @@ class Fmi2:
         from fmpy.fmi1 import FMICallException
 
         with contextlib.suppress(FMICallException):  # not all answer this
-            if self._fmu.getBooleanStatus(fmi2.fmi2Terminated):
-                return float(self._fmu.getRealStatus(fmi2.fmi2LastSuccessfulTime))
+            if self.fmu.getBooleanStatus(fmi2.fmi2Terminated):
+                return float(self.fmu.getRealStatus(fmi2.fmi2LastSuccessfulTime))
         return None
 
-    def _end(self, reached: float, t: float, h: float) -> int:
-        self.ended = END.format(reached)
-        if reached < t + h * (1 - 1e-9):
-            raise Refused(self.ended, DISCARD)
-        return 0
-
-    def terminate(self) -> None:
-        self._fmu.terminate()
-
-    def free(self) -> None:
-        self._fmu.freeInstance()
+    def end(self, reached: float) -> str:
+        """Keep and return that the FMU requested the end at this time."""
+        self.ended = f"requested the end of the simulation at t = {reached:g} s"
+        return self.ended
 
 
 class Fmi3(Fmi2):
@@ -226,36 +205,29 @@ class Fmi3(Fmi2):
         "Float32": ("Float32", np.float32),
         "Boolean": ("Boolean", np.bool_),
         "Enumeration": ("Int64", np.int64),
-        **{
-            f"{sign}Int{bits}": (f"{sign}Int{bits}", np.dtype(f"{sign}Int{bits}".lower()))
-            for sign in ("", "U")
-            for bits in (8, 16, 32, 64)
-        },
+        **{name: (name, np.dtype(name.lower())) for name in SIZED},
     }
 
-    def _instantiated(self) -> Any:
+    def _instantiated(self, **told: str) -> Any:
         from fmpy import fmi3
 
-        kind = fmi3.FMU3Model if self._description.exchanges else fmi3.FMU3Slave
-        instance = kind(**self._told)
-        instance.instantiate(loggingOn=True, logMessage=self._hear)
-        return instance
+        fmu = (fmi3.FMU3Model if self.description.exchanges else fmi3.FMU3Slave)(**told)
+        fmu.instantiate(loggingOn=True, logMessage=self._hear)
+        return fmu
 
     def set_up(self, stop: float) -> None:
         pass
 
     def enter(self, stop: float) -> None:
-        self._fmu.enterInitializationMode(startTime=0.0, stopTime=stop)
+        self.fmu.enterInitializationMode(startTime=0.0, stopTime=stop)
 
-    def _sizes(self) -> tuple[int, int]:
-        return self._fmu.getNumberOfContinuousStates(), self._fmu.getNumberOfEventIndicators()
+    def sizes(self) -> tuple[int, int]:
+        return self.fmu.getNumberOfContinuousStates(), self.fmu.getNumberOfEventIndicators()
 
-    def _co_step(self, t: float, h: float) -> int:
-        _, ends, early, reached = self._fmu.doStep(t, h)
-        if ends:
-            return self._end(reached, t, h)
-        if early:
+    def _co_step(self, t: float, h: float) -> tuple[int, float | None]:
+        _, ends, early, reached = self.fmu.doStep(t, h)
+        if early and not ends:
             raise Refused(
                 f"stopped at t = {reached:g} s although early return is not allowed", DISCARD
             )
-        return 0
+        return 0, reached if ends else None

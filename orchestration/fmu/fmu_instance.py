@@ -17,12 +17,21 @@ from ...fmus.ports import law_ports
 from ...fmus.reading import SETTABLE, Description, UnpackedFmu, unpack
 from ...solver.arrays import Vector
 from ...solver.errors import FmuError, UserError
-from .fmi_versions import DISCARD, END, ERROR, FATAL, OK, Fmi2, Fmi3, Ports, Refused
+from .fmi_versions import DISCARD, ERROR, FATAL, OK, Fmi2, Fmi3, Ports, Refused
 
 ENTRY_POINTS = "component set_real get_real do_step get_state set_state free_state".split()
 SAMPLE_TIME = "sample_time"
 AS_PRINTED = 1e-6  # of a start value: what a tool that prints few digits may change
-SHORTER = "it needs shorter steps: use a smaller --step"
+SHORTER = "it needs shorter communication steps"
+_ADVICE = (
+    "use shorter communication steps; if the result is the same, the loop itself is unstable or "
+    "a parameter is wrong"
+)
+_FAILED_STEPS = {
+    DISCARD: "rejects the step because it is too long",
+    ERROR: "the step ended with an error",
+    FATAL: "the step ended with a fatal error",
+}
 
 Value: TypeAlias = "float | str"
 """Value of a parameter: a number, or the text of a String."""
@@ -38,10 +47,7 @@ class StepFailed(UserError, RuntimeError):
 
     def __init__(self, message: str, advice: str = "") -> None:
         super().__init__(message)
-        self.advice = advice or (
-            "use a smaller --step; if the result is the same, the loop itself is "
-            "unstable or a parameter is wrong"
-        )
+        self.advice = advice or _ADVICE
 
 
 class Instance(Protocol):
@@ -84,21 +90,20 @@ class Instance(Protocol):
 class Wrapped:
     """An instance with something changed; the rest is passed on to it."""
 
+    initialize = Instance.initialize
+
     def __init__(self, instance: Instance) -> None:
         self._instance = instance
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._instance, name)
 
-    def initialize(self, values: Mapping[str, Value], stop: float) -> None:
-        self.enter_initialization(values, stop)
-        self.leave_initialization()
-
 
 class AnyFmu(Instance):
     """Common part of FMU instances in this or another process."""
 
     can_save = False  # as declared, until a trial shows that it cannot
+    sample_time, stop = 0.0, math.inf
     # after initialization: texts on values that the FMU did not have, or does not take; parameters
     # that could not be set, with the values that the FMU has
     notes: Sequence[str] = ()
@@ -122,7 +127,6 @@ class AnyFmu(Instance):
         self.inputs = [n for n in inputs if n not in law]
         self.can_save = self.description.saves_state
         self.steps_vary = self.description.steps_vary
-        self.sample_time, self.stop = 0.0, math.inf
 
     def nominal(self, name: str) -> float:
         return self._variables[name].nominal
@@ -146,6 +150,7 @@ class AnyFmu(Instance):
         What the FMU does not have as its description says is set then, too. Parameters that still
         differ from that, or from the given values, are `kept`.
         """
+        self.stop = stop
         self.enter(values, stop)
         settable = (v for v in self._variables.values() if v.causality in SETTABLE)
         told = {v.name: v.start for v in settable if v.start is not None and v.name not in values}
@@ -155,16 +160,17 @@ class AnyFmu(Instance):
         given = {n: float(values[n]) for n in self.parameters if n in values}
         kept = self._unlike({n: told[n] for n in had} | given)
         self.kept = {n: value for n, value in kept.items() if n in self.parameters}
+        file = self.path.name
         self.notes = [
-            f"{self.path.name} starts with {name} = {value:g}, but its description says "
-            f"{told[name]:g}: {'this cannot be set' if name in kept else 'this was set'}"
-            for name, value in had.items()
-            if name in self.parameters
+            f"{file} starts with {n} = {value:g}, but its description says {told[n]:g}: "
+            f"{'this cannot be set' if n in kept else 'this was set'}"
+            for n, value in had.items()
+            if n in self.parameters
         ]
         self.notes += [
-            f"{self.path.name} has {name} = {value:g}: it does not take the given {given[name]:g}"
-            for name, value in kept.items()
-            if name in given
+            f"{file} has {n} = {kept[n]:g}: it does not take the given {value:g}"
+            for n, value in given.items()
+            if n in kept
         ]
 
     def _unlike(self, told: Mapping[str, float]) -> dict[str, float]:
@@ -195,19 +201,15 @@ class FmuInstance(AnyFmu):
         super().__init__(source, name)
         self._given: Mapping[str, Value] = {}
         self._status = 0  # the worst so far
-        self._fmi = (Fmi2 if self.description.fmi == 2 else Fmi3)(self._fmu, name)
+        self._fmi = Fmi2() if self.description.fmi == 2 else Fmi3()
         try:
-            self._fmi.open()
-        except BaseException as error:
-            self._clean()
-            if not isinstance(error, Exception):
-                raise
-            reason = self._fmi.words or str(error)
+            self._fmi.open(self._fmu, name)
+        except Exception as error:
+            reason = self._fmi.words or error
             raise FmuError(f"{self.path}: cannot be instantiated: {reason}") from error
         self._open = True
 
     def enter(self, values: Mapping[str, Value], stop: float) -> None:
-        self.stop = stop
         self._given = {name: v for name, v in values.items() if name in self.inputs}
         with self._initializing():
             self._fmi.set_up(stop)
@@ -218,7 +220,12 @@ class FmuInstance(AnyFmu):
     def leave_initialization(self) -> None:
         """Leave initialization mode, and set the inputs among the values again."""
         with self._initializing():
-            self._fmi.leave()
+            self._fmi.fmu.exitInitializationMode()
+            if self.description.exchanges:
+                from .model_exchange import Integrator
+
+                moved = bool(self.description.names("input"))
+                self._fmi.integrator = Integrator(self._fmi.fmu, *self._fmi.sizes(), moved)
             self._set(self._given)
             if SAMPLE_TIME in self.parameters:
                 self.sample_time = float(self.reader([SAMPLE_TIME])()[0])
@@ -228,7 +235,7 @@ class FmuInstance(AnyFmu):
     def _set(self, values: Mapping[str, Value]) -> None:
         for name, value in values.items():
             if isinstance(value, str):
-                self._fmi.set_text(self.description.strings[name], value)
+                self._fmi.fmu.setString([self.description.strings[name]], [value])
             else:
                 self.writer([name])(np.array([value], dtype=float))
 
@@ -239,8 +246,7 @@ class FmuInstance(AnyFmu):
         except StepFailed:
             raise
         except Exception as error:
-            status = getattr(error, "status", FATAL)
-            raise self.failed(status, f"cannot be initialized: {error}") from error
+            raise self._refusal(error, "cannot be initialized: ") from error
 
     def message(self) -> str:
         """The FMU's error message: for our FMUs from their String, for others from their log."""
@@ -255,9 +261,8 @@ class FmuInstance(AnyFmu):
                 try:
                     ports.put(values[places])
                 except Refused as error:
-                    raise self.failed(error.status, str(error)) from error
-                if (status := self._fmi.transfer("Set", ports)) > OK:
-                    raise self.failed(status, f"rejects the values of {', '.join(ports.names)}")
+                    raise self._refusal(error) from error
+                self._check(self._fmi.transfer("Set", ports), "rejects the values of", ports.names)
 
         return write
 
@@ -267,8 +272,7 @@ class FmuInstance(AnyFmu):
         def read() -> Vector:
             values = np.empty(len(names))
             for places, ports in parts:
-                if (status := self._fmi.transfer("Get", ports)) > OK:
-                    raise self.failed(status, f"cannot give {', '.join(ports.names)}")
+                self._check(self._fmi.transfer("Get", ports), "cannot give", ports.names)
                 values[places] = ports.values
             return values
 
@@ -288,21 +292,16 @@ class FmuInstance(AnyFmu):
         try:
             status = self._fmi.step(t, h)
         except Exception as error:
-            status = getattr(error, "status", FATAL)
-            raise self.failed(status, str(error).rstrip(".")) from error
+            raise self._refusal(error) from error
         if status > OK:
             raise self.step_failed(status)
 
     def step_failed(self, status: int) -> StepFailed:
         """The error for a step that ended with this status."""
-        words = {
-            DISCARD: "rejects the step because it is too long",
-            ERROR: "the step ended with an error",
-            FATAL: "the step ended with a fatal error",
-        }
+        said = _FAILED_STEPS.get(status, f"the step ended with FMI status {status}")
         if status == DISCARD and (reached := self._fmi.asked_end()) is not None:
-            self._fmi.ended = words[DISCARD] = END.format(reached)
-        return self.failed(status, words.get(status, f"the step ended with FMI status {status}"))
+            said = self._fmi.end(reached)
+        return self.failed(status, said)
 
     def failed(self, status: int, what: str) -> StepFailed:
         """The error for a call that ended with this status, with the FMU's own message."""
@@ -314,21 +313,26 @@ class FmuInstance(AnyFmu):
         text = f"{what}{': ' if reason else ''}{' '.join(reason.split())}"
         return StepFailed(f"{self.name} ({self.path.name}): {text}", advice)
 
+    def _refusal(self, error: Exception, what: str = "") -> StepFailed:
+        return self.failed(getattr(error, "status", FATAL), what + str(error).rstrip("."))
+
+    def _check(self, status: int, failure: str, names: Sequence[str] = ()) -> None:
+        if status > OK:
+            raise self.failed(status, f"{failure} {', '.join(names)}".strip())
+
     def save(self) -> Any:
         state = ctypes.c_void_p()
-        self._done(self._fmi.get_state, ctypes.addressof(state), "cannot save its state")
+        status = self._fmi.states[0](self._fmi.component, ctypes.byref(state))
+        self._check(status, "cannot save its state")
         return state, self._fmi.place
 
     def restore(self, state: Any) -> None:
-        self._done(self._fmi.set_state, state[0], "cannot restore its state")
+        status = self._fmi.states[1](self._fmi.component, state[0])
+        self._check(status, "cannot restore its state")
         self._fmi.place = state[1]
 
-    def _done(self, call: Any, state: Any, failure: str) -> None:
-        if (status := call(self._fmi.component, state)) > OK:
-            raise self.failed(status, failure)
-
     def release(self, state: Any) -> None:
-        self._fmi.free_state(self._fmi.component, ctypes.addressof(state[0]))
+        self._fmi.states[2](self._fmi.component, ctypes.byref(state[0]))
 
     def is_compiled(self, names: Sequence[str]) -> bool:
         """Whether compiled code can call its functions directly for these ports."""
@@ -337,11 +341,10 @@ class FmuInstance(AnyFmu):
 
     def entry_points(self) -> tuple[int, ...]:
         """Addresses of the instance and of its functions, in the order of `ENTRY_POINTS`."""
-        fmi, library = self._fmi, self._fmi.library
-        moves = library.fmi2SetReal, library.fmi2GetReal, fmi.do_step
-        states = fmi.get_state, fmi.set_state, fmi.free_state
-        addresses = (ctypes.cast(call, ctypes.c_void_p).value or 0 for call in (*moves, *states))
-        return (fmi.component.value or 0, *addresses)
+        of = self._fmi.library
+        calls = (of.fmi2SetReal, of.fmi2GetReal, of.fmi2DoStep, *self._fmi.states)
+        addresses = (ctypes.cast(call, ctypes.c_void_p).value or 0 for call in calls)
+        return (self._fmi.component.value or 0, *addresses)
 
     def references(self, names: Sequence[str]) -> list[int]:
         """Value references of variables."""
@@ -362,5 +365,5 @@ class FmuInstance(AnyFmu):
         # its results are already read: a failure at the end has no effect
         with contextlib.suppress(Exception):
             if self._status <= OK:
-                self._fmi.terminate()
-        self._fmi.free()
+                self._fmi.fmu.terminate()
+        self._fmi.fmu.freeInstance()

@@ -10,7 +10,7 @@ newest values of the FMUs before it, and values that are computed only then are 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from ...solver.arrays import Vector
 from .fmu_instance import Instance, Reader, StepFailed, Value, Writer
-from .wiring import Wiring
+from .wiring import CONTROLLER, PLANT, Wiring
 
 SETTLED = 1e-12  # largest last change, as a share of a value or of its nominal value
 STALE, BACK = range(2)  # flags, see `Group`
@@ -60,14 +60,12 @@ def initialize(
     connected; `reference` has the set-points at the start. Raises `StepFailed` if a part rejects
     its values, or an algebraic loop has no solution.
     """
-    goals = [f"set-point {k}" for k in range(len(wiring.references))]
-    feeds = [
-        *(Feed(f"plant.{y}", "controller", port) for y, port in wiring.signals),
-        *(Feed(f"controller.{u}", "plant", port) for u, port in wiring.commands),
-        *(Feed(goal, "controller", r) for goal, r in zip(goals, wiring.references, strict=True)),
-    ]
-    both = Group("loop", {"plant": plant, "controller": controller}, feeds, goals)
-    own = zip(("plant", "controller"), values, strict=True)
+    goals = [f"set-point of {r}" for r in wiring.references]
+    feeds = [Feed(f"{PLANT}.{y}", CONTROLLER, port) for y, port in wiring.signals]
+    feeds += [Feed(f"{CONTROLLER}.{u}", PLANT, port) for u, port in wiring.commands]
+    feeds += [Feed(f"set-point of {r}", CONTROLLER, r) for r in wiring.references]
+    both = Group("loop", {PLANT: plant, CONTROLLER: controller}, feeds, goals)
+    own = zip((PLANT, CONTROLLER), values, strict=True)
     both.enter_initialization({f"{side}.{n}": v for side, vs in own for n, v in vs.items()}, stop)
     both.writer(goals)(reference)
     both.leave_initialization()
@@ -96,6 +94,12 @@ class Group(Instance):
         Whether outputs of parts with direct feedthrough are outdated after a step.
     """
 
+    sample_time, stop = 0.0, math.inf
+    parts: Sequence[Member] = ()
+    there: Sequence[Member] = ()
+    back: Sequence[Member] = ()
+    lags = _initializing = False
+
     def __init__(
         self,
         name: str,
@@ -103,10 +107,8 @@ class Group(Instance):
         feeds: Sequence[Feed],
         inputs: Sequence[str],
     ) -> None:
-        self.name, self.inputs = name, list(inputs)
+        self.name, self.inputs, self._feeds = name, list(inputs), list(feeds)
         self.steps_vary = all(getattr(p, "steps_vary", True) for p in members.values())
-        self.sample_time, self.stop = 0.0, math.inf
-        self._feeds = list(feeds)
         self._at_once = {m for m, p in members.items() if any(map(p.follows_at_once, p.outputs))}
         # member and port of each output, and of what each input feeds
         self._ports = {f"{m}.{y}": [(m, y)] for m, p in members.items() for y in p.outputs}
@@ -118,18 +120,17 @@ class Group(Instance):
         # places of the outputs that feed their own member or an earlier one
         before = {m: order[k:] for k, m in enumerate(order)}
         back = {f.source for f in feeds if self._source(f) in before[f.member]}
-        self._ring = sorted(self.place[source] for source in back)
+        self._ring = [n for n in self.outputs if n in back]
         self._ports |= of_inputs
         self.values = np.zeros(len(self.place))
-        self.parts: list[Member] = []
-        self.there: list[Member] = []
-        self.back: list[Member] = []
-        self.lags = self._initializing = False
         self.flags = np.ones(2, dtype=np.int64)
 
     @property
     def can_save(self) -> bool:
         return all(p.can_save for p in self._members.values())
+
+    def _places(self, names: Iterable[str]) -> npt.NDArray[np.intp]:
+        return np.array([self.place[n] for n in names], dtype=np.intp)
 
     def _source(self, feed: Feed) -> str:
         """The member that a feed comes from; empty for an input of the group."""
@@ -158,20 +159,19 @@ class Group(Instance):
 
     def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
         """Let every member enter the mode; values are named ``member.variable``."""
-        self.parts, self.stop = [], stop
+        self.stop = stop
         self.values[:] = np.nan  # not known yet
-        begin = len(self.inputs)
+        parts, begin = [], len(self.inputs)
         for name, instance in self._members.items():
             own = {k[len(name) + 1 :]: v for k, v in values.items() if k.startswith(name + ".")}
             instance.enter_initialization(own, stop)
             feeds = [f for f in self._feeds if f.member == name]
             write = instance.writer([f.port for f in feeds])
-            sources = np.array([self.place[f.source] for f in feeds], dtype=np.intp)
-            outputs = slice(begin, begin + len(instance.outputs))
             read = instance.reader(instance.outputs)
-            self.parts.append(Member(instance, feeds, write, read, sources, outputs))
-            begin = outputs.stop
-        self._initializing = True
+            sources = self._places(f.source for f in feeds)
+            outputs = slice(begin, begin := begin + len(instance.outputs))
+            parts.append(Member(instance, feeds, write, read, sources, outputs))
+        self.parts, self._initializing = parts, True
         self.flags[STALE] = True
 
     def leave_initialization(self) -> None:
@@ -235,24 +235,22 @@ class Group(Instance):
 
     def _read(self, part: Member, known: npt.NDArray[np.bool_], all_: bool = False) -> int:
         """Read outputs of a member that are not known and need no others, or all; their number."""
-        outputs, first = part.instance.outputs, part.outputs.start
         waits = {f.port for f, k in zip(part.feeds, known[part.sources], strict=True) if not k}
-        ready = [
-            (first + k, y)
-            for k, y in enumerate(outputs)
-            if not known[first + k] and (all_ or waits.isdisjoint(part.instance.initially_from(y)))
-        ]
+        first, fmu = part.outputs.start, part.instance
+        ready = {
+            place: y
+            for place, y in enumerate(fmu.outputs, first)
+            if not known[place] and (all_ or waits.isdisjoint(fmu.initially_from(y)))
+        }
         if ready:
             self._feed(part)
-            places = [place for place, _ in ready]
-            self.values[places] = part.instance.reader([y for _, y in ready])()
-            known[places] = True
+            self.values[[*ready]] = fmu.reader([*ready.values()])()
+            known[[*ready]] = True
         return len(ready)
 
     def _iterate(self) -> None:
         """Feed and read all members until nothing changes; solve a ring that does not settle."""
-        ring = self._ring
-        names = [n for n, place in self.place.items() if place in ring]
+        ring, names = self._places(self._ring), self._ring
         nominal = np.array([self.nominal(n) for n in names])
 
         def missed(values: Vector) -> Vector:
@@ -292,15 +290,15 @@ class Group(Instance):
 
     def _feed(self, part: Member) -> None:
         values = self.values[part.sources]
-        if self._initializing and not np.isfinite(values).all():  # some are not known yet
-            known = np.isfinite(values)
+        known = np.isfinite(values)
+        if known.all() or not self._initializing:
+            part.write(values)
+        else:
             ports = [f.port for f, k in zip(part.feeds, known, strict=True) if k]
             part.instance.writer(ports)(values[known])
-        else:
-            part.write(values)
 
     def writer(self, names: Sequence[str]) -> Writer:
-        at = np.array([self.place[n] for n in names], dtype=np.intp)
+        at = self._places(names)
 
         def write(values: Vector) -> None:
             self.values[at] = values
@@ -309,7 +307,7 @@ class Group(Instance):
         return write
 
     def reader(self, names: Sequence[str]) -> Reader:
-        at = np.array([self.place[n] for n in names], dtype=np.intp)
+        at = self._places(names)
 
         def read() -> Vector:
             if self.flags[STALE]:

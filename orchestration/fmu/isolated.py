@@ -26,7 +26,7 @@ import numpy as np
 from ...fmus.made_here import is_ours
 from ...fmus.reading import Description, UnpackedFmu
 from ...solver.arrays import Vector
-from ...solver.errors import FmuError
+from ...solver.errors import FmuError, UserError
 from .fmu_instance import SHORTER, AnyFmu, FmuInstance, Reader, StepFailed, Value, Writer
 from .limits import TIME_LIMIT
 from .operating_system import end_host, how_ended, start_host
@@ -35,6 +35,7 @@ DONE, FAILED, REFUSED, DISCARDED = range(4)
 _KEPT = 4096  # bytes of its output
 _FAREWELL = 5.0  # s, time limit for a normal end
 _AT_ONCE, _LARGEST = 1 << 16, 1 << 28  # bytes of an answer
+_ALONE = "test this FMU alone: the error is in the FMU itself"
 
 
 class IsolatedInstance(AnyFmu):
@@ -62,7 +63,6 @@ class IsolatedInstance(AnyFmu):
         self._waiting: list[tuple[Any, ...]] = []
         self._changes = 0  # number of calls that may have changed outputs
         self._made = 0  # number of writers, readers and states in the other process
-        self._stepping = False
         self._dead = ""
         folder = self._fmu.folder
         self._socket, self._process = start_host(__name__, folder)
@@ -75,17 +75,13 @@ class IsolatedInstance(AnyFmu):
         self._listener.start()
         try:
             self._ask("open", str(self.path), str(folder), self.description.to_dict(), name)
-        except BaseException as error:
+        except UserError as error:
             self._end()
-            self._clean()
             if isinstance(error, StepFailed):
                 raise FmuError(f"{self.path}: cannot be instantiated: {error}") from error
-            if isinstance(error, FmuError) and (words := self._last_line()):
-                raise FmuError(f"{error}; its last output: {words}") from error
-            raise
+            raise FmuError(f"{error}{self._last_output()}") from error
 
     def enter(self, values: Mapping[str, Value], stop: float) -> None:
-        self.stop = stop
         self._ask("do", "enter", dict(values), stop)
 
     def leave_initialization(self) -> None:
@@ -121,7 +117,6 @@ class IsolatedInstance(AnyFmu):
     def step(self, t: float, h: float) -> None:
         """Move on; a failure shows when something is read."""
         self._tell("do", "step", t, h)
-        self._stepping = True
 
     def save(self) -> Any:
         return self._make("save")
@@ -162,20 +157,19 @@ class IsolatedInstance(AnyFmu):
         if self._dead:
             raise StepFailed(self._dead)
         self._changes += call[0] != "read"
-        line = json.dumps([*self._waiting, call]).encode() + b"\n"
-        self._waiting.clear()
+        calls, self._waiting = [*self._waiting, call], []
         try:
-            self._socket.sendall(line)
+            self._socket.sendall(json.dumps(calls).encode() + b"\n")
             status, result = json.loads(self._received())
         except TimeoutError:
-            name = "step" if self._stepping else call[1] if call[0] == "do" else call[0]
+            names = [c[1] if c[0] == "do" else c[0] for c in calls]
+            name = "step" if "step" in names else names[-1]
             what = f"did not answer the call {name} within {self.time_limit:g} s"
-            raise self._lost(what, "if it is only slow, use a longer --time-limit") from None
+            raise self._lost(what, "if it is only slow, use a longer time limit") from None
         except (OSError, EOFError):
             raise self._lost(self._how_it_ended()) from None
         except (ValueError, TypeError, RecursionError):
             raise self._lost("gave an answer that is not understood") from None
-        self._stepping = False
         if status == DONE:
             return result
         text = " ".join(str(result).split())
@@ -195,9 +189,7 @@ class IsolatedInstance(AnyFmu):
                 raise EOFError
         return data
 
-    def _lost(
-        self, how: str, advice: str = "test this FMU alone: the error is in the FMU itself"
-    ) -> StepFailed:
+    def _lost(self, how: str, advice: str = _ALONE) -> StepFailed:
         self._dead = f"{self.name} ({self.path.name}) {how}"
         end_host(self._process)
         return StepFailed(self._dead, advice)
@@ -207,14 +199,13 @@ class IsolatedInstance(AnyFmu):
             self._process.wait(_FAREWELL)
         code = self._process.returncode
         how = "closed the connection" if code is None else how_ended(code)
-        last = self._last_line()
-        return f"{how}; its last output: {last}" if last else how
+        return how + self._last_output()
 
-    def _last_line(self) -> str:
-        """The last line that it printed; it has ended."""
+    def _last_output(self) -> str:
+        """The last line that it printed, for a message; it has ended."""
         self._listener.join(_FAREWELL)
-        lines = self._printed.decode("utf-8", "replace").split("\n")
-        return next((line.strip()[:200] for line in reversed(lines) if line.strip()), "")
+        lines = self._printed.decode("utf-8", "replace").strip().split("\n")
+        return f"; its last output: {lines[-1].strip()[:200]}" if lines[-1] else ""
 
 
 def _keep_end(stream: Any, printed: bytearray) -> None:
@@ -248,31 +239,32 @@ def main(connection: socket.socket) -> None:
     host = _Host()
     with contextlib.suppress(OSError):
         for line in connection.makefile("rb"):
-            connection.sendall(json.dumps(_answer(host, line)).encode() + b"\n")
+            connection.sendall(json.dumps(host.answer(line)).encode() + b"\n")
     # Without the interpreter's own end, in which a third-party library may still crash.
     os._exit(0)
-
-
-def _answer(host: _Host, line: bytes) -> tuple[int, Any]:
-    """Do every call of a message; return a status and the answer to the last."""
-    result: Any = None
-    try:
-        for name, *arguments in json.loads(line):
-            result = getattr(host, name)(*arguments)
-    except StepFailed as error:
-        return DISCARDED if error.advice == SHORTER else FAILED, str(error)
-    except FmuError as error:
-        return REFUSED, str(error)
-    except Exception as error:
-        return FAILED, f"{type(error).__name__}: {error}"
-    return DONE, result
 
 
 class _Host:
     """The FMU, and by number what was made of it: writers, readers and saved states."""
 
+    _fmu: FmuInstance
+
     def __init__(self) -> None:
         self._made: dict[int, Any] = {}
+
+    def answer(self, line: bytes) -> tuple[int, Any]:
+        """Do every call of a message; return a status and the answer to the last."""
+        result: Any = None
+        try:
+            for name, *arguments in json.loads(line):
+                result = getattr(self, name)(*arguments)
+        except StepFailed as error:
+            return DISCARDED if error.advice == SHORTER else FAILED, str(error)
+        except FmuError as error:
+            return REFUSED, str(error)
+        except Exception as error:
+            return FAILED, f"{type(error).__name__}: {error}"
+        return DONE, result
 
     def open(self, path: str, folder: str, description: dict[str, Any], name: str) -> None:
         unpacked = UnpackedFmu(Path(path), Description.from_dict(description), Path(folder))

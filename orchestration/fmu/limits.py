@@ -8,7 +8,7 @@ from typing import Any
 from ...solver.errors import BadParameter, UserError
 from .operating_system import available_memory
 
-SHORTEST = 1e-9  # motion [s]: a shorter one has no steps
+SHORTEST = 1e-9  # [s]: a shorter motion has no steps
 MOST_STEPS = 1e9  # a run with more would not end in reasonable time
 FIRST_STEP = 1e-3  # first step that is tried; step of exponents and maps over FMUs [s]
 TIME_LIMIT = 60.0  # for any one call of an FMU in its own process [s]
@@ -28,11 +28,11 @@ def as_number(what: str, given: Any) -> float:
 
 
 def check_length(what: str, given: Any) -> float:
-    """Length of a motion [s]; raises `BadParameter`."""
-    stop = check_time_limit(what, given)
-    if stop < SHORTEST:
-        raise BadParameter(f"{what} is {given} s, expected at least {SHORTEST:g} s")
-    return stop
+    """A length of time [s]; raises `BadParameter`."""
+    length = as_number(what, given)
+    if length < SHORTEST:
+        raise BadParameter(f"{what} is {given} s, expected more than 0, at least {SHORTEST:g} s")
+    return length
 
 
 def check_corrections(what: str, given: Any) -> int | None:
@@ -42,24 +42,16 @@ def check_corrections(what: str, given: Any) -> int | None:
     return None if given is None else int(given)
 
 
-def check_time_limit(what: str, given: Any) -> float:
-    """Time limit of a call of an FMU [s]; raises `BadParameter`."""
-    limit = as_number(what, given)
-    if limit <= 0:
-        raise BadParameter(f"{what} is {given} s, expected more than 0")
-    return limit
-
-
 def check_step(what: str, given: Any, stop: float | None) -> float:
     """A communication step [s] of a motion of this length; raises `BadParameter`.
 
     The length is None if it is not known yet.
     """
-    step = as_number(what, given)
-    longest = what.replace("step", "stop")
-    if step <= 0 or (stop is not None and step > stop):
+    step, stop = as_number(what, given), math.inf if stop is None else stop
+    if not 0 < step <= stop:
+        longest = what.replace("step", "stop")
         raise BadParameter(f"{what} is {given} s, expected more than 0 and at most {longest}")
-    if stop is not None and stop / step > MOST_STEPS:
+    if stop < math.inf and stop / step > MOST_STEPS:
         raise BadParameter(f"{what} {step:g} makes {stop / step:.3g} steps; use a larger one")
     return step
 
@@ -68,11 +60,7 @@ def check_memory(needed: float, what: str, remedy: str) -> None:
     """Reject a request that would need so many bytes: what it is and the remedy become one line."""
     room = available_memory()
     if room is not None and needed > room:
-        raise UserError(
-            f"{what}, about {_shown(needed)} of memory, but only {_shown(room)} is available; "
-            f"{remedy}"
+        most, least = (
+            f"{n / 1e6:.3g} MB" if n < 1e9 else f"{n / 1e9:.3g} GB" for n in (needed, room)
         )
-
-
-def _shown(size: float) -> str:
-    return f"{size / 1e9:.3g} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"
+        raise UserError(f"{what}, about {most} of memory, but only {least} is available; {remedy}")

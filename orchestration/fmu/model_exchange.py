@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 from fmpy.sundials import CVodeSolver, byref
@@ -19,12 +20,12 @@ _MOST_STEPS = 100_000  # of CVODE in one communication step
 _SAME = 1e-13  # largest difference of equal times, as a share of them
 _ONE_STEP = 2  # CV_ONE_STEP
 _RECOVERABLE, _FAILED = 1, -1
+_HELD = SimpleNamespace(apply=lambda t: None)  # inputs, over a step
 
 _stop_at = sundials_cvode.CVodeSetStopTime
 _stop_at.argtypes = [ctypes.c_void_p, ctypes.c_double]
 _warn_at_most = sundials_cvode.CVodeSetMaxHnilWarns
 _warn_at_most.argtypes = [ctypes.c_void_p, ctypes.c_int]
-_clear_handlers = sundials_core.SUNContext_ClearErrHandlers
 
 
 class _Cvode(CVodeSolver):  # type: ignore[misc]
@@ -33,9 +34,9 @@ class _Cvode(CVodeSolver):  # type: ignore[misc]
     error: Exception | None = None
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
+        super().__init__(input=_HELD, startTime=0.0, relativeTolerance=TOLERANCE, **options)
         _warn_at_most(self.cvode_mem, -1)
-        _clear_handlers(self.sunctx)  # removes the handler that prints
+        sundials_core.SUNContext_ClearErrHandlers(self.sunctx)  # removes the one that prints
         SUNContext_PushErrHandler(self.sunctx, self.ehfun_, None)
 
     def f(self, *given: Any) -> int:
@@ -67,12 +68,6 @@ class _Cvode(CVodeSolver):  # type: ignore[misc]
         return flag == CV_ROOT_RETURN, reached.value
 
 
-class _Held:
-    """Inputs that are held over a step."""
-
-    def apply(self, t: float) -> None: ...
-
-
 class Integrator:
     """Does communication steps of a model-exchange FMU. Between them it is in event mode.
 
@@ -101,9 +96,6 @@ class Integrator:
             get_z=model.getEventIndicators,
             get_nominals=model.getNominalsOfContinuousStates,
             set_time=model.setTime,
-            input=_Held(),
-            startTime=0.0,
-            relativeTolerance=TOLERANCE,
         )
 
     def step(self, end: float) -> None:
@@ -126,17 +118,18 @@ class Integrator:
             if not self.ends and (changes or asks or (due and not waits)):
                 self._model.enterEventMode()
                 self._settle()
-                if not self.ends:
-                    self._resume()
+                self._resume()
         if not self.ends:
             self._model.enterEventMode()
             if not (self._has_inputs and _reached(end, self.next_event)):
                 self._settle()
 
     def _resume(self) -> None:
-        self._model.enterContinuousTimeMode()
-        self._solver.error = None
-        self._solver.reset(self.time)
+        """Enter continuous time, except if the FMU requested the end."""
+        if not self.ends:
+            self._model.enterContinuousTimeMode()
+            self._solver.error = None
+            self._solver.reset(self.time)
 
     def _settle(self) -> None:
         """Find the discrete states at an event."""

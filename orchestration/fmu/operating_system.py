@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
     from subprocess import Popen
 
-_LOCK = ".lock"  # if a folder itself cannot be locked
 _ADOPT = 36  # PR_SET_CHILD_SUBREAPER: orphans of children become children
 _PAUSE = 0.05  # s, between two checks of a lock of another process
 _CGROUPS = Path("/sys/fs/cgroup")
@@ -49,7 +48,8 @@ def lock(folder: Path, left: bool = False) -> int:
     if sys.platform == "win32":
         import msvcrt
 
-        descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT)
+        # a folder itself cannot be locked
+        descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT)
         while True:
             try:
                 msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
@@ -96,8 +96,7 @@ def fork(signals: set[signal.Signals]) -> int:
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGCHLD})
     ctypes.CDLL(None).prctl(_ADOPT, 1, 0, 0, 0)
     until, held = os.pipe()
-    child = os.fork()
-    if child:
+    if child := os.fork():
         os.close(until)
         return child
     os.close(held)
@@ -119,13 +118,13 @@ def outcome(child: int, signals: set[signal.Signals]) -> tuple[int, str]:
     while True:
         number = signal.sigwait({*signals, signal.SIGCHLD})
         ended, status = os.waitpid(child, os.WNOHANG)
-        if ended:
-            _end_children()
-            code = os.waitstatus_to_exitcode(status)
-            return code, how_ended(code).removeprefix("was ") if code < 0 else ""
-        if number in signals:
-            _end_children()
+        if not ended and number not in signals:
+            continue
+        _end_children()
+        if not ended:
             return -number, "interrupted"
+        code = os.waitstatus_to_exitcode(status)
+        return code, how_ended(code).removeprefix("was ") if code < 0 else ""
 
 
 def _end_children() -> None:
@@ -162,8 +161,7 @@ def end_when_closed(descriptor: int, whole_group: bool = False) -> None:
 
     fcntl.fcntl(descriptor, fcntl.F_SETOWN, -os.getpid() if whole_group else os.getpid())
     fcntl.fcntl(descriptor, fcntl.F_SETSIG, signal.SIGKILL)
-    flags = fcntl.fcntl(descriptor, fcntl.F_GETFL)
-    fcntl.fcntl(descriptor, fcntl.F_SETFL, flags | os.O_ASYNC)
+    fcntl.fcntl(descriptor, fcntl.F_SETFL, fcntl.fcntl(descriptor, fcntl.F_GETFL) | os.O_ASYNC)
     poll = select.poll()
     poll.register(descriptor, 0)
     if poll.poll(0):  # closed before the signal was requested from the kernel
@@ -234,8 +232,8 @@ def start_host(module: str, folder: Path) -> tuple[socket.socket, Popen[bytes]]:
     if sys.platform == "win32":
         how = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
     how |= {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    command = [sys.executable, "-P", "-c", code]
     with theirs:
+        command = [sys.executable, "-P", "-c", code]
         process = subprocess.Popen(command, bufsize=0, cwd=folder, **how)
         if sys.platform == "win32":
             assert process.stdin is not None
@@ -291,14 +289,7 @@ def how_ended(code: int) -> str:
 def available_memory() -> int | None:
     """Bytes that this process can still get; None if the system does not report it."""
     if sys.platform == "win32":
-        import ctypes
-        import struct
-
-        status = struct.Struct("II7Q")  # MEMORYSTATUSEX
-        buffer = ctypes.create_string_buffer(status.pack(status.size, *[0] * 8), status.size)
-        ctypes.windll.kernel32.GlobalMemoryStatusEx(buffer)
-        _, _, _, free, _, free_pages, *_ = status.unpack(buffer.raw)
-        return min(free, free_pages) or None
+        return None
     import resource
 
     rooms = [1024 * n for n in _numbers(Path("/proc/meminfo"), "MemAvailable:")]

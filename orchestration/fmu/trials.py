@@ -7,6 +7,7 @@ Saved states that are not really restored are not used.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar, cast
@@ -53,22 +54,19 @@ def answers_in_steps(
     return whole > 0.0 and _moved(opened(), values, stop, short) > 0.5 * whole
 
 
-def _moved(probe: AnyFmu, values: Mapping[str, float], stop: float, step: float) -> float:
+def _moved(fmu: AnyFmu, values: Mapping[str, float], stop: float, step: float) -> float:
     """How far outputs move in a step after inputs have moved; 0 if they follow inputs at once."""
-    try:
+    # the run itself will report an error
+    with contextlib.closing(fmu) as probe, contextlib.suppress(StepFailed):
         probe.initialize({n: v for n, v in values.items() if n in probe.parameters}, stop)
         inputs = [n for n in probe.inputs if probe.is_real(n)]
         read = probe.reader([n for n in probe.outputs if probe.is_real(n)])
         before = read()
         probe.writer(inputs)(_MOVED * np.array([probe.nominal(n) for n in inputs]))
-        if not np.array_equal(read(), before):
-            return 0.0
-        probe.step(0.0, step)
-        return float(np.abs(read() - before).max(initial=0.0))
-    except StepFailed:
-        return 0.0  # the run itself will report the error
-    finally:
-        probe.close()
+        if np.array_equal(read(), before):
+            probe.step(0.0, step)
+            return float(np.abs(read() - before).max(initial=0.0))
+    return 0.0
 
 
 def check_state(
@@ -101,37 +99,32 @@ def _comes_back(fmu: AnyFmu, values: Mapping[str, Value], stop: float, step: flo
     inputs = [name for name in fmu.inputs if fmu.is_real(name)]
     sizes = np.array([fmu.nominal(name) for name in inputs])
     moves = sizes * np.random.default_rng(0).uniform(0.5, 1.0, (2 * STEPS, len(inputs)))
-    try:
-        trial = fmu.reopened()
-    except FmuError:
-        return True
     saving = False  # or restoring, which a failure is then of
     try:
-        trial.initialize(values, stop)
-        write, read = trial.writer(inputs), trial.reader(trial.outputs)
+        with contextlib.closing(fmu.reopened()) as trial:
+            trial.initialize(values, stop)
+            write, read = trial.writer(inputs), trial.reader(trial.outputs)
 
-        def passed(first: int) -> Vector:
-            rows = []
-            for k in range(first, first + STEPS):
-                if (k + 1) * h <= stop:
-                    write(moves[k])
-                    trial.step(k * h, h)
-                    rows.append(read())
-            return np.array(rows)
+            def passed(first: int) -> Vector:
+                rows = []
+                for k in range(first, first + STEPS):
+                    if (k + 1) * h <= stop:
+                        write(moves[k])
+                        trial.step(k * h, h)
+                        rows.append(read())
+                return np.array(rows)
 
-        passed(0)
-        saving = True
-        state, _ = (trial.save(), read())  # a process of its own answers only when it is read
-        saving, once = False, passed(STEPS)
-        saving = True
-        trial.restore(state)
-        read()
-        saving, again = False, passed(STEPS)
-        trial.release(state)
-    except StepFailed:
+            passed(0)
+            saving = True
+            state, _ = (trial.save(), read())  # a process of its own answers only when it is read
+            saving, once = False, passed(STEPS)
+            saving = True
+            trial.restore(state)
+            read()
+            saving, again = False, passed(STEPS)
+            trial.release(state)
+    except (FmuError, StepFailed):
         return not saving  # any other error is reported by the run itself
-    finally:
-        trial.close()
     allowed = SAME * np.abs(once).max(axis=0, initial=0.0)
     return bool(np.all((np.abs(again - once) <= allowed) | ~np.isfinite(once)))
 

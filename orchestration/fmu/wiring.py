@@ -24,7 +24,7 @@ from ...fmus.ports import (
     tangent_states,
 )
 from ...fmus.units import Unit, conversion
-from ...solver.errors import CouplingError, FmuError, nearest
+from ...solver.errors import CouplingError, nearest
 from ...solver.signals import DERIVATIVES, SET_POINT, set_point_orders
 from .fmu_instance import AnyFmu, Instance, Reader, Wrapped, Writer
 
@@ -47,8 +47,8 @@ class Wiring:
     # inputs that take the set-point: the one called ``x_d``, else the only one that nothing drives;
     # with ``x_d`` also those that take its derivatives, ``v_d`` and ``a_d``
     references: tuple[str, ...]
-    accepts_law: bool  # whether the plant has the law's inputs
-    reports_law: bool  # whether the controller has its outputs
+    accepts_law: bool = False  # whether the plant has the law's inputs
+    reports_law: bool = False  # whether the controller has its outputs
     # inputs of the controller that nothing drives: they stay at their start or given values
     unconnected: tuple[str, ...] = ()
     orders: tuple[int, ...] = ()  # of the time derivative of each of `references`
@@ -56,10 +56,6 @@ class Wiring:
     others: tuple[str, ...] = ()  # further outputs of the controller that are recorded
     # whether parts feed each other within a side: their signals and outputs are judged, too
     network: bool = False
-
-    def __post_init__(self) -> None:
-        if not self.orders:
-            object.__setattr__(self, "orders", (0,) * len(self.references))
 
     @property
     def is_empty(self) -> bool:
@@ -95,7 +91,7 @@ class Wiring:
         return [gain_port(*pair) for pair in pairs] + [rate_port(c) for c, _ in self.commands]
 
 
-UNWIRED = Wiring((), (), (), accepts_law=False, reports_law=False)
+UNWIRED = Wiring((), (), ())
 """Stands for connections that are still to be found, by `wire`."""
 
 
@@ -127,45 +123,38 @@ def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | Non
     needed = {on_plant[n]: n for n in plant.inputs if n not in law}
     commands = tuple((n, needed[ours[n]]) for n in controller.outputs if ours[n] in needed)
     # beside x_d these are the set-point's, also if the plant has such outputs, except if mapped
-    own = [
-        n for n, order in set_point_orders([ours[n] for n in controller.inputs]).items() if order
-    ]
-    signals = tuple(
-        (measured[ours[n]], n)
-        for n in controller.inputs
-        if ours[n] in measured and (n not in own or ours[n] != n)
-    )
-    missing = [n for n in needed.values() if n not in {theirs for _, theirs in commands}]
-    if missing and not commands:
+    orders = set_point_orders([ours[n] for n in controller.inputs])
+    own = [n for n in controller.inputs if ours[n] == n and orders.get(n)]
+    found = {n: measured[ours[n]] for n in controller.inputs if ours[n] in measured}
+    signals = tuple((theirs, n) for n, theirs in found.items() if n not in own)
+    acting, driven = ({pair[side] for pair in commands} for side in (0, 1))
+    of_plant = [n for n in needed.values() if n not in driven]
+    if of_plant and not commands:
         raise CouplingError(
-            f"nothing is connected to the input {missing[0]!r} of {plant.name}: {controller.name} "
+            f"nothing is connected to the input {of_plant[0]!r} of {plant.name}: {controller.name} "
             f"has the outputs {', '.join(controller.outputs) or 'none'}"
-            f"{nearest(missing[0], controller.outputs)}; use --map theirs=ours"
+            f"{nearest(of_plant[0], controller.outputs)}; map one of them: THEIRS={of_plant[0]}"
         )
     if not signals and (controller.inputs or controller.outputs):
         raise CouplingError(
             f"{controller.name} has no input that fits an output of {plant.name}: its inputs are "
             f"{', '.join(controller.inputs) or 'none'}, the plant's outputs are "
-            f"{', '.join(plant.outputs)}; use --map theirs=ours"
+            f"{', '.join(plant.outputs)}; map one of them: THEIRS=OURS"
         )
-    connected = {theirs for _, theirs in signals}
-    free = {ours[n]: n for n in controller.inputs if n not in connected}
+    free = {ours[n]: n for n in controller.inputs if n not in {n for _, n in signals}}
     taken = set_point_orders([*free])
     if free and not taken:
         raise CouplingError(
             f"{controller.name} has the inputs {', '.join(free.values())} that are not connected "
-            f"to {plant.name}; give the set-point, such as --map {min(free.values())}={SET_POINT}"
+            f"to {plant.name}; map one of them to the set-point: {min(free.values())}={SET_POINT}"
         )
-    references, acting = tuple(free[n] for n in taken), {c for c, _ in commands}
     wiring = Wiring(
         commands,
         signals,
-        references,
-        accepts_law=False,
-        reports_law=False,
-        unconnected=tuple(n for n in free.values() if n not in references),
+        references=tuple(free[n] for n in taken),
+        unconnected=tuple(theirs for n, theirs in free.items() if n not in taken),
         orders=tuple(taken.values()),
-        of_plant=tuple(missing),
+        of_plant=tuple(of_plant),
         others=tuple(n for n in plain_outputs(controller) if n not in acting),
     )
     return replace(
@@ -184,13 +173,12 @@ def with_aliases(plant: AnyFmu, controller: AnyFmu, mapping: Mapping[str, str]) 
         for alias, port in fmu.description.aliases.items():
             if port not in (*fmu.inputs, *fmu.outputs):
                 continue
-            own, bare = f"{side}.{port}", alias not in theirs
-            for key in (f"{side}.{alias}", *([alias] if bare else [])):
+            own = f"{side}.{port}"
+            for key in (f"{side}.{alias}", *([] if alias in theirs else [alias])):
                 if key in found:
                     found[own] = found.pop(key)
-            if {port, own} & {*found, *theirs} or (side == PLANT and alias in COLUMNS):
-                continue
-            if alias in known:
+            taken = {port, own} & {*found, *theirs} or (side == PLANT and alias in COLUMNS)
+            if alias in known and not taken:
                 found[own] = alias
     return found
 
@@ -218,23 +206,24 @@ def _check_mapping(plant: Instance, controller: Instance, mapping: Mapping[str, 
     both = [*ports[PLANT], *ports[CONTROLLER]]
     for theirs in mapping:
         side, _, own = theirs.partition(".")
-        has, name = (f"{side} has no", own) if side in ports else ("neither side has a", theirs)
+        where, name = (f"{side} has no", own) if side in ports else ("neither side has a", theirs)
         known = ports.get(side, both)
         if theirs not in both and name not in known:
-            raise CouplingError(f"--map: {has} port {name!r}{nearest(name, known)}")
-    for side, group, taken in (
-        (PLANT, ports[PLANT], COLUMNS),
-        (CONTROLLER, controller.inputs, ()),
-        (CONTROLLER, controller.outputs, ()),
+            raise CouplingError(f"mapping: {where} port {name!r}{nearest(name, known)}")
+    for side, group in (
+        (PLANT, ports[PLANT]),
+        (CONTROLLER, controller.inputs),
+        (CONTROLLER, controller.outputs),
     ):
         called = names_on(side, group, mapping)
         for theirs, ours in called.items():
-            others = [n for n, name in called.items() if name == ours and n != theirs]
-            if ours != theirs and (others or ours in taken):
-                whose = f"{side}'s port {others[0]!r}" if others else "a column of the results"
+            others = [f"{side}'s port {n!r}" for n in called if called[n] == ours and n != theirs]
+            if side == PLANT and ours in COLUMNS:
+                others.append("a column of the results")
+            if ours != theirs and others:
                 raise CouplingError(
-                    f"--map {theirs}={ours} has the same name as {whose}; map one of them to an "
-                    "unused name"
+                    f"mapping: {theirs}={ours} has the same name as {others[0]}; map one of them "
+                    "to an unused name"
                 )
 
 
@@ -256,25 +245,21 @@ def convert(
 
     Raises
     ------
-    CouplingError
+    FmuError, CouplingError
         If the units of two ports that are joined cannot be converted.
     """
     p, c = plant.description, controller.description
     scales: dict[str, Scale] = {}
     one_sided = []  # ports whose unit only one side gives, with that unit
-    joined: list[tuple[str, AnyFmu, str, AnyFmu, str]] = [
-        *((theirs, plant, ours, controller, theirs) for ours, theirs in wiring.signals),
-        *((theirs, controller, theirs, plant, ours) for theirs, ours in wiring.commands),
-    ]
+    joined: list[tuple[str, AnyFmu, str, AnyFmu, str]]
+    joined = [(n, plant, ours, controller, n) for ours, n in wiring.signals]
+    joined += [(n, controller, n, plant, ours) for n, ours in wiring.commands]
     for port, giver, source, taker, target in joined:
         given, taken = giver.description.unit(source), taker.description.unit(target)
         scales[port], only = AS_IS, given or taken
         if given is not None and taken is not None:
             where = f"{giver.name}.{source} to {taker.name}.{target}"
-            try:
-                scales[port] = conversion(given, taken, where)
-            except FmuError as error:
-                raise CouplingError(str(error)) from error
+            scales[port] = conversion(given, taken, where)
         elif only is not None and not only.is_plain:
             one_sided.append(f"{port} [{only.name}]")
     one_sided += _add_set_points(scales, plant, controller, wiring)
@@ -301,6 +286,7 @@ def _add_set_points(
     measured = [plant.description.unit(ours) for ours, _ in wiring.signals]
     own = [controller.description.unit(theirs) for _, theirs in wiring.signals]
     others = any(u is not None and u.factor != 1.0 for u in (*measured, *own))
+    defined = [u for u in measured if u is not None and u.exponents is not None]
     untold = []
     for name, order in zip(wiring.references, wiring.orders, strict=True):
         unit = controller.description.unit(name)
@@ -308,12 +294,12 @@ def _add_set_points(
             untold += [f"{name} (the set-point)"] if others or unit is not None else []
             continue
         scales[name] = from_si(unit, order)
-        known = [m.exponents for m in measured if m is not None and m.exponents is not None]
-        if order == 0 and len(known) == len(measured) and known and unit.exponents not in known:
-            names = ", ".join(m.name for m in measured if m is not None)
+        fits = unit.exponents in [u.exponents for u in defined]
+        if order == 0 and measured and len(defined) == len(measured) and not fits:
             raise CouplingError(
                 f"{controller.name}.{name} has the set-point in {unit.name!r}, but no signal that "
-                f"{controller.name} measures is of this quantity: it measures values in {names}"
+                f"{controller.name} measures is of this quantity: it measures values in "
+                f"{', '.join(u.name for u in defined)}"
             )
     return untold
 

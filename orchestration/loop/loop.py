@@ -69,7 +69,7 @@ class HowCoupled:
         self._set(
             coupling=None if coupling is None else Coupling(coupling),
             corrections=limits.check_corrections("corrections", self.corrections),
-            time_limit=limits.check_time_limit("time_limit", self.time_limit),
+            time_limit=limits.check_length("time_limit", self.time_limit),
         )
         if self.step is not None:
             self._set(step=limits.check_step("step", self.step, stop))

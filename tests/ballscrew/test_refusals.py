@@ -38,7 +38,7 @@ SHOWN = [
     (f"{RUN} --set plant.m=-1", "plant: parameter m = -1 kg is out of its range [1e-06, inf]"),
     (f"{WHOLE} --set plant.Fc=-1", "plant: parameter Fc = -1 is out of its range"),
     (f"{RUN} --set plant.m=1 --set plant.m=2", "plant.m is given as 1 and as 2"),
-    (f"{RUN} --map a=b", "--map: neither side has a port 'a'"),
+    (f"{RUN} --map a=b", "mapping: neither side has a port 'a'"),
     (f"{RUN} --reference none.csv", "none.csv: there is no such file"),
     (f"{RUN} --reference mvoe:speed=1", "did you mean move"),
     (f"{RUN} --reference move:speed=1e-300", "its times or places are beyond all numbers"),

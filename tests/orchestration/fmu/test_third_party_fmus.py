@@ -57,7 +57,7 @@ def test_a_map_and_a_value_can_be_for_one_of_several_controllers(hand, tmp_path,
     [
         (("--map", "pos=x", "--map", "pos=v"), "--map pos is given as x and as v"),
         (("--map", "pos=x", "--map", "Hand.pos=v"), "--map Hand.pos and --map pos: expected one"),
-        (("--map", "pos=x", "--map", "v=u"), "--map v=u has the same name as plant's port 'u'"),
+        (("--map", "pos=x", "--map", "v=u"), "mapping: v=u has the same name as plant's port 'u'"),
         (("--map", "pos=x", "--map", "v=x_d"), "has the same name as a column of the results"),
         (("--map", "pos=x", "--map", "Hand.spin=v"), "controller has no port 'spin'"),
         (("--map", "pos=x", "--set", "Hnd.Kp=1"), "plant.NAME=VALUE, Hand.NAME=VALUE"),
@@ -91,7 +91,7 @@ def test_a_set_point_by_another_name_is_taken_and_said(folder):
 @pytest.mark.ci
 def test_two_candidates_for_the_set_point_are_refused_and_steps_that_may_not_vary_are_told(folder):
     path = by_hand(folder, "Two", "goal", canHandleVariableCommunicationStepSize=False)
-    with pytest.raises(CouplingError, match="give the set-point, such as --map goal=x_d"):
+    with pytest.raises(CouplingError, match="map one of them to the set-point: goal=x_d"):
         run_closed_loop(Loop(str(path), mapping={"pos": "x"}, stop=0.01, step=1e-3))
     mapping = {"pos": "x", "goal": "x_d"}
     notes = run_closed_loop(Loop(str(path), mapping=mapping, stop=0.01, step=1e-3)).notes
