@@ -23,11 +23,8 @@ def check(component: Component) -> None:
     balanced = [b.state for b in component.balances]
     for name in balanced:
         if name not in states or balanced.count(name) > 1:
-            _refuse(
-                component,
-                f"{name!r} has {balanced.count(name)} force balances and in "
-                f"{'a' if name in states else 'no'} state; expected one of a state",
-            )
+            has = f"{balanced.count(name)} force balances and is {'' if name in states else 'no '}"
+            _refuse(component, f"{name!r} has {has}state; expected one balance of a state")
     _check_modes(component, states, outputs)
     for state in component.all_states:
         if (state.derivative is None) != (state.name in balanced):
@@ -75,11 +72,8 @@ def _check_expression(
         if name not in declared:
             _refuse(component, f"{where} uses {name!r}, which is not declared")
         if symbol(name) not in symbols_in(expression):
-            _refuse(
-                component,
-                f"{where} uses a symbol {name!r} with other assumptions; make it with "
-                "ballscrew.symbol",
-            )
+            how = "with other assumptions; make it with ballscrew.symbol"
+            _refuse(component, f"{where} uses a symbol {name!r} {how}")
 
 
 def _check_modes(component: Component, states: list[str], outputs: list[str]) -> None:

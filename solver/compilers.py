@@ -38,16 +38,11 @@ _MACHINES = {"x86_64": ("x86_64", "amd64"), "aarch64": ("aarch64", "arm64")}
 # FMI 2.0 has names of folders for x86-64 only
 _OLD = {"linux": "linux64", "windows": "win64", "darwin": "darwin64"}
 # of each system: suffix, target, flags, and tags of its wheels by machine
+_WHEELS = "manylinux_2_17_x86_64 manylinux_2_17_aarch64", "macosx_11_0_x86_64 macosx_11_0_arm64"
 _SYSTEMS = {
-    "linux": (
-        *(".so", "linux-gnu.2.17", ("-fPIC", "-lm")),
-        ("manylinux_2_17_x86_64", "manylinux_2_17_aarch64"),
-    ),
-    "windows": (".dll", "windows-gnu", (), ("win_amd64", "win_arm64")),
-    "darwin": (
-        *(".dylib", "macos.11.0", ("-fPIC",)),
-        ("macosx_11_0_x86_64", "macosx_11_0_arm64"),
-    ),
+    "linux": (".so", "linux-gnu.2.17", ("-fPIC", "-lm"), _WHEELS[0].split()),
+    "windows": (".dll", "windows-gnu", (), ["win_amd64", "win_arm64"]),
+    "darwin": (".dylib", "macos.11.0", ("-fPIC",), _WHEELS[1].split()),
 }
 
 

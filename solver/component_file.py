@@ -43,9 +43,8 @@ def read_component(part: str) -> Component:
     """
     path, function = _split(part)
     with _LOCK:
-        made = _run(Path(path), function)
-        _LOADED[part] = made
-    return made
+        _LOADED[part] = _run(Path(path), function)
+    return _LOADED[part]
 
 
 def load_component(part: str) -> Component:
@@ -115,11 +114,8 @@ def _run(path: Path, function: str) -> Component:
 
 def _function(path: Path, module: ModuleType, name: str) -> Callable[[], object]:
     """The function of this name, which can be called without arguments."""
-    own = [
-        n
-        for n, thing in vars(module).items()
-        if callable(thing) and getattr(thing, "__module__", "") == module.__name__
-    ]
+    names = [n for n, thing in vars(module).items() if callable(thing)]
+    own = [n for n in names if getattr(getattr(module, n), "__module__", "") == module.__name__]
     has = f"it has {', '.join(own) or 'none'}"
     if not name:
         raise ContractError(
@@ -149,11 +145,9 @@ def _refuse(path: Path, folder: Path, error: BaseException, what: str) -> NoRetu
     frames = [(f.filename, f.lineno) for f in traceback.extract_tb(error.__traceback__)]
     if isinstance(error, SyntaxError) and error.filename:
         frames.append((error.filename, error.lineno))
-    said = error.msg if isinstance(error, SyntaxError) else str(error)
-    text = " ".join(said.split())
+    text = " ".join((error.msg if isinstance(error, SyntaxError) else str(error)).split())
     if not isinstance(error, ContractError):  # whose text is complete
-        kind = type(error).__name__
-        text = f"{what}: {kind}: {text}" if text else f"{what}: {kind}"
+        text = ": ".join(filter(None, (what, type(error).__name__, text)))
     shown = {str(path): path}
     for file, _ in frames:
         if Path(file).parent == folder:
@@ -204,7 +198,6 @@ def _place(root: str) -> Path | None:
     """The folder in which a module or package that is imported was found."""
     module = sys.modules.get(root)
     file = getattr(module, "__file__", None)
-    inside = list(getattr(module, "__path__", []))
-    if inside:
+    if inside := list(getattr(module, "__path__", [])):
         return Path(os.path.realpath(inside[0])).parent
     return Path(os.path.realpath(file)).parent if file else None

@@ -57,10 +57,8 @@ def replace(source: Path | str, target: Path | str) -> None:
 
 def temporary_folder(purpose: str) -> tempfile.TemporaryDirectory[str]:
     """A folder that is removed at the end of a ``with``; libraries loaded by Windows remain."""
-    windows = sys.platform == "win32"
-    return tempfile.TemporaryDirectory(
-        prefix=f"ballscrew-{purpose}-", ignore_cleanup_errors=windows
-    )
+    prefix, windows = f"ballscrew-{purpose}-", sys.platform == "win32"
+    return tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=windows)
 
 
 def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
@@ -178,10 +176,9 @@ def read_table(path: Path) -> dict[str, list[Any]]:
         raise NoPyarrow(f"{path} {PYARROW}") from None
     try:
         found: dict[str, list[Any]] = pq.read_table(path).to_pydict()
-        found = {n: [None if v == "" else v for v in column] for n, column in found.items()}
     except (OSError, pa.ArrowInvalid) as error:
         raise BadTable(f"{path} is damaged") from error
-    return found
+    return {n: [None if v == "" else v for v in column] for n, column in found.items()}
 
 
 def _value(text: str) -> Any:

@@ -155,9 +155,8 @@ def connect(plant: Component, controller: Component) -> Component:
         connections[f"controller.{i.name}"] = f"plant.{i.name}"
     for i in plant.inputs:
         if i.name not in commands:
-            raise ContractError(
-                f"{controller.name} has no output {i.name!r}, {plant.name} needs it"
-            )
+            fault = f"has no output {i.name!r}, {plant.name} needs it"
+            raise ContractError(f"{controller.name} {fault}")
         connections[f"plant.{i.name}"] = f"controller.{i.name}"
     parts = {"plant": plant, "controller": controller}
     shown = [(n, o.name) for n, part in parts.items() for o in part.outputs]

@@ -170,14 +170,10 @@ class Model:
         held = [i.start for i in kernel.inputs] + [d.start for d in kernel.discrete]
         held += [0.0] * (2 * len(kernel.delays))  # values of delayed signals, and their rates
         self.u = np.array(held + [0.0] * bool(kernel.modes), dtype=float)
-        places: dict[str, tuple[Vector, int]] = {}
-        for vector, first, names in (
-            (self.p, 0, [p.name for p in kernel.parameters]),
-            (self.x, 0, [f"{s.name}_start" for s in kernel.states]),
-            (self.u, len(kernel.inputs), [f"{d.name}_start" for d in kernel.discrete]),
-        ):
-            for k, name in enumerate(names, first):
-                places.setdefault(name, (vector, k))
+        first = len(kernel.inputs)
+        places = {f"{d.name}_start": (self.u, first + k) for k, d in enumerate(kernel.discrete)}
+        places |= {f"{s.name}_start": (self.x, k) for k, s in enumerate(kernel.states)}
+        places |= {p.name: (self.p, k) for k, p in enumerate(kernel.parameters)}
         for name, value in (values or {}).items():
             if name not in places:
                 known = ", ".join(places)
@@ -221,7 +217,7 @@ class Model:
         """
         status = self.system.settle(t, self.x, self.u, self.p, self.info)
         if status != core.DONE:
-            raise IntegrationError(describe_failure(self.kernel.name, status, self.info, t))
+            raise self._failed(status, t)
 
     def derivatives(self, t: float, x: Vector) -> Vector:
         """dx/dt, shape (n,)."""
@@ -253,9 +249,7 @@ class Model:
             t0, t1, self.x, self.u, self.p, self.atol, self.tolerance, self.info, max_steps
         )
         if status != core.DONE:
-            raise IntegrationError(
-                describe_failure(self.kernel.name, status, self.info, t1, max_steps)
-            )
+            raise self._failed(status, t1, max_steps)
 
     def simulate(
         self,
@@ -288,14 +282,14 @@ class Model:
         solver = self.u, self.p, self.atol, self.tolerance, self.info, MAX_STEPS
         done = self.system.trajectory(grid, states, outputs, given, samples, *solver)
         if done < len(grid):
-            status = int(self.info[core.STATUS])
-            error = IntegrationError(
-                describe_failure(self.kernel.name, status, self.info, grid[done])
-            )
+            error = self._failed(int(self.info[core.STATUS]), grid[done])
             error.so_far = self._trajectory(grid[:done], states[:done], outputs[:done])
             raise error
         self.x[:] = states[-1]
         return self._trajectory(grid, states, outputs)
+
+    def _failed(self, status: int, target: float, most: int = MAX_STEPS) -> IntegrationError:
+        return IntegrationError(describe_failure(self.kernel.name, status, self.info, target, most))
 
     def _trajectory(self, grid: Vector, states: Matrix, outputs: Matrix) -> Trajectory:
         return Trajectory(

@@ -8,6 +8,7 @@ be written, everything, also of Matplotlib, goes to a private one that is remove
 from __future__ import annotations
 
 import atexit
+import contextlib
 import hashlib
 import os
 import shutil
@@ -150,14 +151,14 @@ def _digest(data: bytes | None) -> bytes:
 
 def _content(path: Path) -> bytes | None:
     """Content of a file that nobody else can write."""
-    try:
-        with open(os.open(path, os.O_RDONLY | _UNREADABLE), "rb") as stream:
-            if who := _who_else_writes(path):
-                print(f"note: an entry of the cache is made again: {who}", file=sys.stderr)
-            elif stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-                return stream.read()
-    except OSError:
-        pass
+    with (
+        contextlib.suppress(OSError),
+        open(os.open(path, os.O_RDONLY | _UNREADABLE), "rb") as stream,
+    ):
+        if who := _who_else_writes(path):
+            print(f"note: an entry of the cache is made again: {who}", file=sys.stderr)
+        elif stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+            return stream.read()
     return None
 
 
@@ -221,11 +222,8 @@ def ready() -> None:
 
 
 def _matplotlib_has_folders() -> bool:
-    try:
-        home = Path.home()
-    except RuntimeError:
-        return False
-    return all(
-        can_be_written(Path(os.environ.get(variable) or home / usual) / "matplotlib")
-        for variable, usual in (("XDG_CONFIG_HOME", ".config"), ("XDG_CACHE_HOME", ".cache"))
-    )
+    usual = {"XDG_CONFIG_HOME": ".config", "XDG_CACHE_HOME": ".cache"}
+    with contextlib.suppress(RuntimeError):  # a user without a home folder
+        places = [Path(os.environ.get(v) or Path.home() / usual[v]) for v in usual]
+        return all(can_be_written(place / "matplotlib") for place in places)
+    return False

@@ -133,16 +133,11 @@ def check_all_are_states(model: Model) -> None:
     ------
     ValueError
     """
-    kernel = model.kernel
-    for what, held, change in (
-        ("discrete state", kernel.discrete, "with_held_states"),
-        ("delayed signal", kernel.delays, "with_delay_states"),
-    ):
-        if held:
-            raise ValueError(
-                f"{kernel.name} has the {what} {held[0].name}; expected it among the states, by "
-                f"{change}"
-            )
+    held = [("discrete state", d.name, "with_held_states") for d in model.kernel.discrete]
+    held += [("delayed signal", d.name, "with_delay_states") for d in model.kernel.delays]
+    for what, name, change in held:
+        fault = f"has the {what} {name}; expected it among the states, by {change}"
+        raise ValueError(f"{model.kernel.name} {fault}")
 
 
 def _may_be_explicit(model: Model, t: float) -> bool:

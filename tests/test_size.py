@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
-    "solver": (5976, 5326),
+    "solver": (5940, 5290),
     "plant": (1588, 1313),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
