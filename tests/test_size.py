@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1845, 1707),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (24818, 23639),
+    "tests": (24678, 23501),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

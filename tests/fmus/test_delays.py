@@ -10,7 +10,6 @@ from ballscrew.solver.component import (
     TIME,
     Component,
     Delay,
-    DiscreteState,
     Input,
     Output,
     Parameter,
@@ -37,16 +36,6 @@ LOOP = Component(
         Delay("seen", X, 3 * TAU, unit="V", start=0.2),
         Delay("later", HEARD, TAU / 2, unit="V", start=-1.0),
     ),
-)
-SAMPLED = Component(
-    "late_samples",
-    "Counts what it hears, sampled",
-    parameters=(Parameter("tau", 0.013, "s", "delay", "made up"),),
-    inputs=(Input("u", "V", "command"),),
-    outputs=(Output("total", "V", "sum", symbol("total")), Output("y", "V", "late", HEARD)),
-    discrete=(DiscreteState("total", "V", "sum", symbol("total") + HEARD),),
-    sample_time=Parameter("period", 0.005, "s", "period", "made up"),
-    delays=(Delay("heard", U, TAU, unit="V"),),
 )
 OUTPUTS = ("x", "heard", "twice")
 rare = pytest.mark.ci
@@ -117,18 +106,6 @@ def test_a_saved_state_holds_what_delayed_signals_were(files, kind, steps):
     assert go_on(other, 0) == begin
     host.close()
     other.close()
-
-
-@pytest.mark.ci
-@every_kind
-def test_samples_hear_what_is_late_at_their_instant(files, kind):
-    host = Host(files(SAMPLED, kind))
-    for k in range(40):
-        host.set({"u": 1.0})
-        host.step(1e-3 * k, 1e-3)
-    # samples at 0, 5, 10, ... 35 ms; from 13 ms on the command is heard: at 15, 20, 25, 30, 35
-    assert host.get("total", "y") == pytest.approx([5.0, 1.0])
-    host.close()
 
 
 @every_kind

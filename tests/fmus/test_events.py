@@ -12,7 +12,6 @@ from exchange_host import ExchangeHost
 from fmpy.validation import validate_fmu
 
 from ballscrew.fmus.native.export import export_native
-from ballscrew.orchestration.loop.catalogue import fmu_kernel
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import (
     TIME,
@@ -32,26 +31,6 @@ every_kind = pytest.mark.parametrize("kind", KINDS)
 
 
 # -- co-simulation ---------------------------------------------------------------------------
-
-
-@every_kind
-def test_sticking_and_sliding_is_that_of_the_equations_to_the_last_bit(made, kind):
-    host, model = Host(made("plant_classical", kind)), Model(fmu_kernel("plant_classical"))
-    names = ["x", "v", "friction", "stuck"]
-    seen = []
-    for k in range(7 * 50):
-        t = 2e-3 * k
-        host.set({"u": VOLTAGES[k // 50]})
-        model.set_input("u", VOLTAGES[k // 50])
-        host.step(t, 2e-3)
-        model.advance(t, t + 2e-3)
-        y = model.outputs(t + 2e-3, model.x)
-        seen.append(host.get(*names))
-        assert seen[-1] == [y[n] for n in names]
-    host.close()
-    stuck = np.array(seen)[:, 3]
-    assert [int(stuck[50 * k + 49]) for k in range(7)] == [1, 0, 1, 1, 0, 0, 1]
-    assert model.info[4] == 6  # break-aways and stops; the reversal is one of each
 
 
 @pytest.mark.parametrize("kind", ["readable", "native-2"])

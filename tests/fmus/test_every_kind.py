@@ -12,9 +12,8 @@ from every_component import EVERY_COMPONENT
 from fmpy.validation import validate_fmu
 from thesis_axis import axis_under
 
-from ballscrew.fmus.native.export import write_native
 from ballscrew.orchestration.fmu.fmu_instance import FmuInstance, StepFailed
-from ballscrew.orchestration.loop.catalogue import catalogued_model, fmu, fmu_kernel
+from ballscrew.orchestration.loop.catalogue import fmu_kernel
 from ballscrew.orchestration.master.master import run_loop
 from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.orchestration.master.sides import Sides
@@ -152,27 +151,6 @@ def test_kinds_agree_along_the_closed_loop(made, plant, controller, kind):
     for name, values in theirs.items():
         for other in (mixed, ours):
             assert np.abs(other[name] - values).max() <= 1e-9 * np.ptp(values), name
-
-
-@pytest.mark.ci
-@pytest.mark.parametrize(
-    "kind", [k if k == "native-2" else pytest.param(k, marks=pytest.mark.ci) for k in KINDS]
-)
-def test_tangents_are_carried_and_set_at_a_new_frame(tmp_path, kind):
-    if kind == "readable":
-        path = fmu("plant", tangents=2)
-    else:
-        model = catalogued_model("plant", tangents=2)
-        path = write_native(model, tmp_path / "v.fmu", int(kind[-1])).path
-    assert validate_fmu(str(path)) == []
-    assert fmpy.read_model_description(str(path)).modelExchange is None
-    host = Host(path, {"u": 5.0})
-    host.step(0.0, 1e-3)
-    host.set({"x_d1_set": 0.5, "v_d2_set": 2.0, "tangent_frame": 1.0})
-    assert host.get("x_d1", "v_d2", "x_d2") == [0.5, 2.0, 0.0]
-    host.set({"x_d1_set": 7.0, "tangent_frame": 1.0})  # the same number: nothing new
-    assert host.get("x_d1") == [0.5]
-    host.close()
 
 
 # -- saved states ------------------------------------------------------------------------------

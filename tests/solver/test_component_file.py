@@ -12,7 +12,7 @@ import pytest
 
 from ballscrew.controllers.pid import pid
 from ballscrew.solver.component import Component, DiscreteState, Mode, Parameter, symbol
-from ballscrew.solver.component_file import load_component, names_file, read_component
+from ballscrew.solver.component_file import load_component, read_component
 from ballscrew.solver.errors import ContractError
 
 GAIN = """
@@ -40,13 +40,6 @@ def written(folder: Path, text: str = GAIN, gain: float = 2.0) -> str:
 
 def gain_of(part: str) -> float:
     return float(read_component(part).output("u").value.coeff(symbol("x")))
-
-
-def test_a_python_file_is_told_from_a_name_and_an_fmu():
-    for name in ("mine.py:pi", "a/b.c/mine.py", "C:\\mine.py:pi", "mine.py:"):
-        assert names_file(name), name
-    for name in ("iol", "mine.fmu", "mine.pyx:pi", ""):
-        assert not names_file(name), name
 
 
 def test_files_and_helpers_of_one_name_in_two_folders_do_not_meet(tmp_path):

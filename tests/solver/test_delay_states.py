@@ -45,21 +45,6 @@ def test_leading_eigenvalues_are_those_of_lamberts_w(a, b, tau):
     assert found[:3] * tau == pytest.approx(real_parts(a, b, tau, 3) * tau, abs=1e-7)
 
 
-@pytest.mark.parametrize(("a", "b", "tau"), CASES[1:])
-def test_tangents_grow_as_lamberts_w_says(a, b, tau):
-    """The three leading exponents; those of a pair swing about what is said of both."""
-    model = Model(generate(with_delay_states(scalar(a * X + b * LATE, tau))), tolerance=1e-9)
-    run = follow_tangents(model, np.linspace(0.0, 160.0 * tau, 161))
-    assert not run.failure
-    rates = np.sort((run.growth[-1] - run.growth[40]) / (120.0 * tau))[::-1][:3] * tau
-    exact = real_parts(a, b, tau, 4) * tau
-    assert rates == pytest.approx(exact[:3], abs=0.02)
-    if exact[0] == exact[1]:
-        assert rates[:2].mean() == pytest.approx(exact[0], abs=1e-4)
-    else:
-        assert rates[0] == pytest.approx(exact[0], abs=1e-6)
-
-
 def test_what_has_delays_is_not_followed_as_if_it_had_none():
     model = Model(generate(scalar(-LATE, 1.0)))
     told = "scalar has the delayed signal late; expected it among the states, by with_delay_states"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import sympy as sp
-from known_systems import entries, linear, lorenz, stretched, van_der_pol
+from known_systems import entries, linear, stretched, van_der_pol
 
 from ballscrew.solver import core
 from ballscrew.solver.codegen import generate
@@ -28,10 +28,6 @@ def explicitly(model, stop, count=None):
     return _followed(model, np.array([0.0, stop]), frame, FARTHEST, explicitly=True)
 
 
-def stiffly(model, stop):
-    return _followed(model, np.array([0.0, stop]), np.eye(len(model.x)), FARTHEST)
-
-
 def test_the_order_is_eight_on_a_nonlinear_problem():
     """With steps of a length that is given, by a tolerance that accepts them all."""
     states = (
@@ -49,18 +45,6 @@ def test_the_order_is_eight_on_a_nonlinear_problem():
     errors = [np.abs(swung(int(count)) - exact).max() for count in counts]
     order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
     assert 7.5 < order < 9.0
-
-
-@pytest.mark.parametrize(
-    ("kernel", "values", "stop"), [(lorenz, {}, 5.0), (van_der_pol, {"mu": 5.0}, 20.0)]
-)
-def test_the_exponents_are_those_of_the_stiff_step(kernel, values, stop):
-    ours = explicitly(Model(kernel(), values, 1e-10), stop)
-    theirs = stiffly(Model(kernel(), values, 1e-13), stop)
-    np.testing.assert_allclose(ours.exponents, theirs.exponents, atol=2e-8)
-    np.testing.assert_allclose(ours.states, theirs.states, atol=2e-8)
-    np.testing.assert_allclose(ours.trace, theirs.trace, atol=2e-8)
-    assert ours.growth[-1].sum() == pytest.approx(ours.trace[-1], rel=1e-9)
 
 
 def test_the_exponents_of_a_linear_system_are_the_exact_ones():

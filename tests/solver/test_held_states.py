@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 import sympy as sp
@@ -81,33 +79,6 @@ def test_what_an_update_forgets_has_minus_infinity_behind_all_that_is_finite() -
         run = follow_tangents(model, [40.0, 41.0], frame=settle.frame)
         assert run.exponents[-1] == -np.inf
         np.testing.assert_allclose(run.exponents[:3], exact, rtol=1e-9)
-
-
-@pytest.mark.ci
-def test_exponents_of_the_henon_map_are_the_published_ones() -> None:
-    """0.4192 nats (J. C. Sprott, Chaos and Time-Series Analysis, 2003); the sum is ln 0.3."""
-    a, b = symbol("a"), symbol("b")
-    model = model_of(sampled({}, {"a": 1 - 1.4 * a**2 + b, "b": 0.3 * a}))
-    run = follow_tangents(model, [0.0, 20_000 * PERIOD])
-    growth = run.exponents * PERIOD
-    assert growth[0] == pytest.approx(0.4192, abs=3e-3)
-    assert growth.sum() == pytest.approx(np.log(0.3), rel=1e-9)
-
-
-def test_a_walk_may_be_broken_anywhere() -> None:
-    """A sample at the end of one call is taken by the next, once."""
-    a, b = np.array([[0.0, 1.0], [-2.0, -3.0]]), np.array([[0.0], [1.0]])
-    c, d = np.array([[-9.0, -1.0]]), np.array([[0.5]])
-    whole = model_of(linear(a, b, c, d))
-    broken = model_of(linear(a, b, c, d))
-    one = follow_tangents(whole, [0.0, 1.0])
-    growth, frame = np.zeros(3), np.eye(3)
-    cuts = [0.0, 0.013, 0.02, 0.26, 0.2600001, 0.7, 1.0]
-    for start, end in pairwise(cuts):
-        part = follow_tangents(broken, [start, end], frame=frame)
-        growth, frame = growth + part.growth[-1], part.frame
-    np.testing.assert_allclose(growth, one.growth[-1], rtol=1e-9)
-    np.testing.assert_allclose(broken.x, whole.x, rtol=1e-9)
 
 
 def test_returns_are_seen_at_sample_instants() -> None:

@@ -135,12 +135,3 @@ def test_a_loop_without_a_solution_is_named():
     group.enter_initialization({}, 1.0)
     with pytest.raises(StepFailed, match=r"algebraic loop through one\.y0 has no solution"):
         group.leave_initialization()
-
-
-def test_a_group_saves_its_state_if_all_members_do_also_when_one_turns_out_not_to():
-    one, two = (Static(name, np.ones((1, 1)), np.ones(1)) for name in ("one", "two"))
-    one.can_save = two.can_save = True
-    group = joined([one, two], [0, 1])
-    assert group.can_save
-    two.can_save = False  # which a trial finds out
-    assert not group.can_save
