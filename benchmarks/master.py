@@ -117,8 +117,6 @@ def _opened(chain: TimedChain) -> tuple[FmuInstance, Group, Wiring]:
         commands=(("m1.x", "after"),),
         signals=(("x", "plant.x"),),
         references=(),
-        accepts_law=False,
-        reports_law=False,
         others=tuple(f"{name}.x" for name in rest),
         network=True,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -27,6 +28,7 @@ STEP = ctypes.CFUNCTYPE(
 )
 STATE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
 OK, DISCARD, ERROR, FATAL = 1, 2, 3, 4  # of a call; a warning counts as OK
+_SAME = 1e-9  # largest difference of equal times, as a share of them
 
 
 class Refused(RuntimeError):
@@ -82,7 +84,7 @@ class Fmi2:
 
     def __init__(self) -> None:
         self.words = ""  # the last error that it logged
-        self.ended = ""  # when it requested the end of the simulation
+        self.end = math.inf  # when it requested the end of the simulation [s]
         self.integrator: Integrator | None = None  # for model exchange, after initialization
 
     def open(self, fmu: UnpackedFmu, name: str) -> None:
@@ -130,10 +132,6 @@ class Fmi2:
         call = self.call(verb, ports.function)
         return int(call(self.component, ports.references, count, ports.cells, *counted))
 
-    def text(self, reference: int) -> str:
-        (text,) = self.fmu.getString([reference])
-        return text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
-
     def set_up(self, stop: float) -> None:
         """Do the calls before start values are set."""
         self.fmu.setupExperiment(startTime=0.0, stopTime=stop)
@@ -146,53 +144,36 @@ class Fmi2:
         """Numbers of states and event indicators."""
         return self.description.states, self.description.indicators
 
-    @property
-    def place(self) -> tuple[Any, ...]:
-        """Data that are not in a saved state of the FMU."""
-        at = self.integrator
-        return (self.ended, at.time, at.next_event) if at else (self.ended,)
-
-    @place.setter
-    def place(self, place: tuple[Any, ...]) -> None:
-        self.ended = place[0]
-        if self.integrator:
-            _, self.integrator.time, self.integrator.next_event = place
-
     def step(self, t: float, h: float) -> int:
-        """Move from t to t + h; the FMI status. Raises `Refused` if the simulation was ended."""
-        if self.ended:
-            raise Refused(self.ended, DISCARD)
-        if self.integrator is None:
-            status, reached = self._co_step(t, h)
-        else:
-            self.integrator.step(t + h)
-            status, reached = 0, self.integrator.time if self.integrator.ends else None
-        if reached is not None:
-            self.end(reached)
-            if reached < t + h * (1 - 1e-9):
-                raise Refused(self.ended, DISCARD)
-            return 0
+        """Move from t to t + h; the FMI status. Raises `Refused` beyond its end."""
+        if t >= self.end * (1 - _SAME):
+            raise Refused(self.ending, DISCARD)
+        self.end = math.inf  # also where an earlier state was restored
+        status = self._co_step(t, h) if self.integrator is None else 0
+        if self.integrator and self.integrator.step(t, t + h):
+            self.end = self.integrator.time
+        if self.end < t + h * (1 - _SAME):
+            raise Refused(self.ending, DISCARD)
+        return status if self.end == math.inf else 0
+
+    def _co_step(self, t: float, h: float) -> int:
+        status = int(self.library.fmi2DoStep(self.component, t, h, 1))
+        if status == DISCARD:
+            self.ask_for_end()
         return status
 
-    def _co_step(self, t: float, h: float) -> tuple[int, float | None]:
-        """Also returns when the FMU requested the end, if it did."""
-        status = int(self.library.fmi2DoStep(self.component, t, h, 1))
-        return status, self.asked_end() if status == DISCARD else None
-
-    def asked_end(self) -> float | None:
-        """After a discarded step, the end that the FMU requests; None if the step is too long."""
+    def ask_for_end(self) -> None:
+        """After a discarded step: whether the FMU requests the end; else the step is too long."""
         from fmpy import fmi2
         from fmpy.fmi1 import FMICallException
 
         with contextlib.suppress(FMICallException):  # not all answer this
             if self.fmu.getBooleanStatus(fmi2.fmi2Terminated):
-                return float(self.fmu.getRealStatus(fmi2.fmi2LastSuccessfulTime))
-        return None
+                self.end = float(self.fmu.getRealStatus(fmi2.fmi2LastSuccessfulTime))
 
-    def end(self, reached: float) -> str:
-        """Keep and return that the FMU requested the end at this time."""
-        self.ended = f"requested the end of the simulation at t = {reached:g} s"
-        return self.ended
+    @property
+    def ending(self) -> str:
+        return f"requested the end of the simulation at t = {self.end:g} s"
 
 
 class Fmi3(Fmi2):
@@ -224,10 +205,11 @@ class Fmi3(Fmi2):
     def sizes(self) -> tuple[int, int]:
         return self.fmu.getNumberOfContinuousStates(), self.fmu.getNumberOfEventIndicators()
 
-    def _co_step(self, t: float, h: float) -> tuple[int, float | None]:
+    def _co_step(self, t: float, h: float) -> int:
         _, ends, early, reached = self.fmu.doStep(t, h)
         if early and not ends:
             raise Refused(
                 f"stopped at t = {reached:g} s although early return is not allowed", DISCARD
             )
-        return 0, reached if ends else None
+        self.end = reached if ends else math.inf
+        return 0

@@ -17,7 +17,7 @@ from ...fmus.ports import law_ports
 from ...fmus.reading import SETTABLE, Description, UnpackedFmu, unpack
 from ...solver.arrays import Vector
 from ...solver.errors import FmuError, UserError
-from .fmi_versions import DISCARD, ERROR, FATAL, OK, Fmi2, Fmi3, Ports, Refused
+from .fmi_versions import DISCARD, FATAL, OK, Fmi2, Fmi3, Ports, Refused
 
 ENTRY_POINTS = "component set_real get_real do_step get_state set_state free_state".split()
 SAMPLE_TIME = "sample_time"
@@ -27,11 +27,6 @@ _ADVICE = (
     "use shorter communication steps; if the result is the same, the loop itself is unstable or "
     "a parameter is wrong"
 )
-_FAILED_STEPS = {
-    DISCARD: "rejects the step because it is too long",
-    ERROR: "the step ended with an error",
-    FATAL: "the step ended with a fatal error",
-}
 
 Value: TypeAlias = "float | str"
 """Value of a parameter: a number, or the text of a String."""
@@ -183,19 +178,7 @@ class AnyFmu(Instance):
 
 
 class FmuInstance(AnyFmu):
-    """An FMU, run in this process.
-
-    Parameters
-    ----------
-    source : path-like or UnpackedFmu
-    name : str
-        Instance name; also the name of the FMU in messages.
-
-    Raises
-    ------
-    FmuError
-        If the file is not an FMU that can run here.
-    """
+    """An FMU, run in this process; messages have its instance name. Raises `FmuError`."""
 
     def __init__(self, source: Path | str | UnpackedFmu, name: str) -> None:
         super().__init__(source, name)
@@ -250,8 +233,10 @@ class FmuInstance(AnyFmu):
 
     def message(self) -> str:
         """The FMU's error message: for our FMUs from their String, for others from their log."""
-        reference = self.description.message_reference
-        return self._fmi.words if reference is None else self._fmi.text(reference)
+        if (reference := self.description.message_reference) is None:
+            return self._fmi.words
+        (text,) = self._fmi.fmu.getString([reference])
+        return text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
 
     def writer(self, names: Sequence[str]) -> Writer:
         parts = self._ports(names)
@@ -298,16 +283,18 @@ class FmuInstance(AnyFmu):
 
     def step_failed(self, status: int) -> StepFailed:
         """The error for a step that ended with this status."""
-        said = _FAILED_STEPS.get(status, f"the step ended with FMI status {status}")
-        if status == DISCARD and (reached := self._fmi.asked_end()) is not None:
-            said = self._fmi.end(reached)
-        return self.failed(status, said)
+        if status != DISCARD:
+            fatal = "a fatal " if status == FATAL else "an "
+            return self.failed(status, f"the step ended with {fatal}error")
+        self._fmi.ask_for_end()
+        too_long = "rejects the step because it is too long"
+        return self.failed(status, too_long if self._fmi.end == math.inf else self._fmi.ending)
 
     def failed(self, status: int, what: str) -> StepFailed:
         """The error for a call that ended with this status, with the FMU's own message."""
         self._status = max(self._status, status)
         reason = self.message() if status < FATAL else self._fmi.words
-        advice = SHORTER if status == DISCARD and not self._fmi.ended else ""
+        advice = SHORTER if status == DISCARD and self._fmi.end == math.inf else ""
         if reason.startswith(f"{self.name}: "):  # ours put the instance's name first
             return StepFailed(reason, advice)
         text = f"{what}{': ' if reason else ''}{' '.join(reason.split())}"
@@ -324,15 +311,14 @@ class FmuInstance(AnyFmu):
         state = ctypes.c_void_p()
         status = self._fmi.states[0](self._fmi.component, ctypes.byref(state))
         self._check(status, "cannot save its state")
-        return state, self._fmi.place
+        return state
 
     def restore(self, state: Any) -> None:
-        status = self._fmi.states[1](self._fmi.component, state[0])
+        status = self._fmi.states[1](self._fmi.component, state)
         self._check(status, "cannot restore its state")
-        self._fmi.place = state[1]
 
     def release(self, state: Any) -> None:
-        self._fmi.states[2](self._fmi.component, ctypes.byref(state[0]))
+        self._fmi.states[2](self._fmi.component, ctypes.byref(state))
 
     def is_compiled(self, names: Sequence[str]) -> bool:
         """Whether compiled code can call its functions directly for these ports."""

@@ -117,7 +117,7 @@ class Group(Instance):
         self._members = {m: members[m] for m in order}
         self.outputs = [f"{m}.{y}" for m, p in self._members.items() for y in p.outputs]
         self.place = {n: k for k, n in enumerate([*self.inputs, *self.outputs])}
-        # places of the outputs that feed their own member or an earlier one
+        # outputs that feed their own member or an earlier one
         before = {m: order[k:] for k, m in enumerate(order)}
         back = {f.source for f in feeds if self._source(f) in before[f.member]}
         self._ring = [n for n in self.outputs if n in back]
@@ -169,8 +169,9 @@ class Group(Instance):
             write = instance.writer([f.port for f in feeds])
             read = instance.reader(instance.outputs)
             sources = self._places(f.source for f in feeds)
-            outputs = slice(begin, begin := begin + len(instance.outputs))
+            outputs = slice(begin, begin + len(instance.outputs))
             parts.append(Member(instance, feeds, write, read, sources, outputs))
+            begin = outputs.stop
         self.parts, self._initializing = parts, True
         self.flags[STALE] = True
 

@@ -39,20 +39,9 @@ _ALONE = "test this FMU alone: the error is in the FMU itself"
 
 
 class IsolatedInstance(AnyFmu):
-    """An FMU, run in another process.
+    """An FMU, run in another process, with a time limit for each call [s].
 
-    Parameters
-    ----------
-    source : path-like or UnpackedFmu
-    name : str
-        Instance name; also the name of the FMU in messages.
-    time_limit : float
-        Time limit of one call [s].
-
-    Raises
-    ------
-    FmuError
-        If the file is not an FMU that can run here, or its process ends when it is opened.
+    Raises `FmuError` as `FmuInstance`, and if its process ends when it is opened.
     """
 
     def __init__(
@@ -138,8 +127,6 @@ class IsolatedInstance(AnyFmu):
             self._socket.settimeout(min(self.time_limit, _FAREWELL))
             with contextlib.suppress(OSError, StepFailed, FmuError):
                 self._ask("do", "close")
-                self._socket.shutdown(socket.SHUT_WR)
-                self._process.wait(_FAREWELL)
         self._end()
         self._clean()
 

@@ -76,15 +76,14 @@ class Integrator:
     values of that time, and a sampled controller reads them in its event.
 
     The model is fmpy's FMU2Model or FMU3Model, just initialized, at time 0; `states` and
-    `indicators` are numbers of them. `time` and `next_event` are in seconds, and `ends` says
-    whether it requested the end of the simulation.
+    `indicators` are numbers of them; `time` [s] is the one that was reached.
     """
 
     def __init__(self, model: Any, states: int, indicators: int, has_inputs: bool) -> None:
         self._model, self._has_inputs = model, has_inputs
         three = hasattr(model, "updateDiscreteStates")
         self._update = model.updateDiscreteStates if three else model.newDiscreteStates
-        self.time, self.next_event, self.ends = 0.0, math.inf, False
+        self.time, self._next_event, self._ends = 0.0, math.inf, False
         if not has_inputs:
             self._settle()
         self._solver = _Cvode(
@@ -98,35 +97,41 @@ class Integrator:
             set_time=model.setTime,
         )
 
-    def step(self, end: float) -> None:
-        """Move to a time, or until the FMU requests the end; raises `Refused`, FMICallException."""
+    def step(self, start: float, end: float) -> bool:
+        """Move to a time, or until the FMU requests the end: whether it did.
+
+        Raises `Refused`, FMICallException.
+        """
+        if not _reached(start, self.time):  # an earlier state was restored
+            self.time = start
         self._settle()  # changes by the inputs
         self._resume()
         left = _MOST_STEPS
-        while not self.ends and not _reached(self.time, end):
+        while not self._ends and not _reached(self.time, end):
             if not (left := left - 1):
                 raise Refused(f"CVODE is at t = {self.time:g} s after {_MOST_STEPS} steps")
             changes = False
-            until = min(end, self.next_event)
+            until = min(end, self._next_event)
             if not _reached(self.time, until):
                 changes, self.time = self._solver.advance(until)
-            if due := _reached(self.time, self.next_event):  # its own number, to the last digit
-                self.time = max(self.time, self.next_event)
+            if due := _reached(self.time, self._next_event):  # its own number, to the last digit
+                self.time = max(self.time, self._next_event)
                 self._model.setTime(self.time)
-            asks, self.ends = self._model.completedIntegratorStep()
+            asks, self._ends = self._model.completedIntegratorStep()
             waits = self._has_inputs and _reached(self.time, end)
-            if not self.ends and (changes or asks or (due and not waits)):
+            if not self._ends and (changes or asks or (due and not waits)):
                 self._model.enterEventMode()
                 self._settle()
                 self._resume()
-        if not self.ends:
+        if not self._ends:
             self._model.enterEventMode()
-            if not (self._has_inputs and _reached(end, self.next_event)):
+            if not (self._has_inputs and _reached(end, self._next_event)):
                 self._settle()
+        return self._ends
 
     def _resume(self) -> None:
         """Enter continuous time, except if the FMU requested the end."""
-        if not self.ends:
+        if not self._ends:
             self._model.enterContinuousTimeMode()
             self._solver.error = None
             self._solver.reset(self.time)
@@ -135,9 +140,9 @@ class Integrator:
         """Find the discrete states at an event."""
         again = True
         while again:
-            again, self.ends, _, _, defined, when = self._update()
-            again = again and not self.ends
-        self.next_event = when if defined else math.inf
+            again, self._ends, _, _, defined, when = self._update()
+            again = again and not self._ends
+        self._next_event = when if defined else math.inf
 
 
 def _reached(time: float, wanted: float) -> bool:

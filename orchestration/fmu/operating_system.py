@@ -297,25 +297,18 @@ def available_memory() -> int | None:
     if limit != resource.RLIM_INFINITY:
         rooms += [limit - n * resource.getpagesize() for n in _numbers(Path("/proc/self/statm"))]
     with contextlib.suppress(OSError):
-        for line in Path("/proc/self/cgroup").read_text("ascii").splitlines():
-            rooms += _of_the_cgroups(*line.split(":", 2)[1:])
+        rooms += _of_the_cgroups(Path("/proc/self/cgroup").read_text("ascii"))
     return max(0, min(rooms)) if rooms else None
 
 
-def _of_the_cgroups(kinds: str, path: str) -> Iterator[int]:
-    """Yield the bytes that a control group of this process, and its parents, leave for it."""
-    top, names = _CGROUPS, ("memory.max", "memory.current", "inactive_file")
-    if kinds:  # version 1
-        top /= "memory"
-        names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
-        if "memory" not in kinds.split(","):
-            return
-    group = top / path.strip("/")
-    for place in (group, *(p for p in group.parents if p.is_relative_to(top))):
+def _of_the_cgroups(told: str) -> Iterator[int]:
+    """Yield the bytes that the control groups (version 2) of this process leave for it."""
+    group = _CGROUPS / told.rpartition("::/")[2].strip()
+    for place in (group, *(p for p in group.parents if p.is_relative_to(_CGROUPS))):
         # cached files are released when a group is short of memory
-        cached = sum(_numbers(place / "memory.stat", names[2]))
-        for limit in _numbers(place / names[0]):  # none if it is ``max``
-            yield from (limit - used + cached for used in _numbers(place / names[1]))
+        cached = sum(_numbers(place / "memory.stat", "inactive_file"))
+        for limit in _numbers(place / "memory.max"):  # none if it is ``max``
+            yield from (limit - used + cached for used in _numbers(place / "memory.current"))
 
 
 def _numbers(path: Path, name: str = "") -> list[int]:

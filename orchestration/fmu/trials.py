@@ -40,9 +40,8 @@ def answers_in_steps(
 ) -> bool:
     """Whether outputs stay when inputs change, and move as far in a very short step as in a long.
 
-    What moves less in a shorter step are states of a continuous controller. `opened` opens an
-    instance, `values` are its parameters that are not default; `stop` and `step` [s] are those of
-    the run.
+    What moves less in a shorter step are states of a continuous controller. `values` are parameters
+    that are not default; `stop` and `step` [s] are those of the run.
     """
     if SAMPLE_TIME in fmu.by_name:
         return False  # its parameter for the period is known, and read at initialization

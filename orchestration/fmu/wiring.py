@@ -101,18 +101,10 @@ UNWIRED = Wiring((), (), ())
 def wire(plant: Instance, controller: Instance, mapping: Mapping[str, str] | None = None) -> Wiring:
     """Match the ports of a plant and a controller.
 
-    Parameters
-    ----------
-    mapping : mapping of str to str, optional
-        ``theirs -> ours``: a third-party FMU's ports to their partners on the other side.
-        ``plant.theirs`` and ``controller.theirs`` are for one side only.
-
-    Raises
-    ------
-    CouplingError
-        If every command of the plant or every measurement of the controller stays unmatched, a
-        name of the mapping is no port, two ports would have one name, or the set-point is not
-        given.
+    The mapping is ``theirs -> ours``: a third-party FMU's ports to their partners on the other
+    side; ``plant.theirs`` and ``controller.theirs`` are for one side only. Raises `CouplingError`
+    if every command of the plant or every measurement of the controller stays unmatched, a name of
+    the mapping is no port, two ports would have one name, or the set-point is not given.
     """
     mapping = mapping or {}
     _check_mapping(plant, controller, mapping)
@@ -243,10 +235,7 @@ def convert(
 ) -> tuple[Fmu, PortUnits]:
     """The controller with its ports in the plant's units, or unchanged; and the conversions.
 
-    Raises
-    ------
-    FmuError, CouplingError
-        If the units of two ports that are joined cannot be converted.
+    Raises `FmuError` or `CouplingError` if units of two ports that are joined do not fit.
     """
     p, c = plant.description, controller.description
     scales: dict[str, Scale] = {}
@@ -312,8 +301,7 @@ def from_si(unit: Unit, order: int = 0) -> Scale:
 def scale_of_results(position: Unit | None, told: Sequence[Unit | None]) -> Scale:
     """From the set-point's SI unit to the one of the plant's position, as `LoopRun.scale`.
 
-    The controller's units of the set-point and of the position that it compares are `told`; if none
-    of them fits, the set-point is not converted.
+    It is not converted if none fits of the units that the controller has of both, which are `told`.
     """
     if position is None or position.exponents is None:
         return AS_IS
@@ -324,12 +312,8 @@ def scale_of_results(position: Unit | None, told: Sequence[Unit | None]) -> Scal
 def converted(instance: Kind, scales: Mapping[str, Scale]) -> Kind:
     """The instance with its ports in other units; itself if nothing changes.
 
-    Parameters
-    ----------
-    instance : Instance
-    scales : mapping of str to Scale
-        By port: of inputs from the given unit to its own, of outputs from its own to the given.
-        Parameters and start values stay in its own units.
+    Scales of inputs are from the given unit to its own, of outputs from its own to the given.
+    Parameters and start values stay in its own units.
     """
     changed = {name: scale for name, scale in scales.items() if scale != AS_IS}
     return cast("Kind", _Converted(instance, changed)) if changed else instance

@@ -56,31 +56,15 @@ def test_exit_codes_of_both_systems_are_put_into_words():
     assert operating_system.how_ended(0xC0000005) == "was ended by exception 0xc0000005"
 
 
-@pytest.mark.parametrize(
-    ("kinds", "folder", "limit", "used", "cached"),
-    [
-        ("", "", "memory.max", "memory.current", "inactive_file"),
-        (
-            "memory",
-            "memory",
-            "memory.limit_in_bytes",
-            "memory.usage_in_bytes",
-            "total_inactive_file",
-        ),
-    ],
-)
-def test_a_control_group_leaves_its_limit_less_what_is_used_and_not_cached(
-    tmp_path, monkeypatch, kinds, folder, limit, used, cached
-):
-    """Of both versions; the parent has no limit."""
+def test_a_control_group_leaves_its_limit_less_what_is_used_and_not_cached(tmp_path, monkeypatch):
+    """The parent has no limit."""
     monkeypatch.setattr(operating_system, "_CGROUPS", tmp_path)
-    group = tmp_path / folder / "inner"
+    group = tmp_path / "job" / "inner"
     group.mkdir(parents=True)
-    texts = {limit: "9000", used: "5000", "memory.stat": f"x 1\n{cached} 7"}
-    for name, text in texts.items():
-        (group / name).write_text(text)
-    (group.parent / limit).write_text("max")
-    assert list(operating_system._of_the_cgroups(kinds, "/inner")) == [4007]
+    for name, text in {"max": "9000", "current": "5000", "stat": "x 1\ninactive_file 7"}.items():
+        (group / f"memory.{name}").write_text(text)
+    (group.parent / "memory.max").write_text("max")
+    assert list(operating_system._of_the_cgroups("1:cpu:/a\n0::/job/inner\n")) == [4007]
 
 
 @pytest.mark.parametrize(

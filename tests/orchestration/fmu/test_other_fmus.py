@@ -157,7 +157,7 @@ def test_a_time_event_comes_at_its_own_time_to_the_last_digit(period, driven):
     fmu = Ticking(period)
     master = Integrator(fmu, 0, 0, driven)
     for k in range(1, 71):
-        master.step(k * 1e-2)
+        master.step((k - 1) * 1e-2, k * 1e-2)
         periods = Fraction(k, 100) / Fraction(str(period))
         assert fmu.count == (math.ceil(periods) - 1 if driven else math.floor(periods))
 
