@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1843, 1705),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (24662, 23485),
+    "tests": (24591, 23414),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -9,12 +9,10 @@ from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
 from ballscrew.cli import main
-from ballscrew.controllers import CONTROLLERS
 from ballscrew.orchestration.loop import catalogue
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.whole_loop import run_monolithic
 from ballscrew.orchestration.master.reference_signal import Reference
-from ballscrew.solver.component import Component, Input, Output, symbol
 
 GOAL, STOP, STEP = 0.08, 2.0, 1e-2
 OPTIONS = {"readable": [], "native-2": ["--native"], "native-3": ["--native", "--fmi", "3"]}
@@ -113,18 +111,6 @@ def test_it_is_valid_with_the_set_point_as_input_and_names_that_say_whose_they_a
     assert {"plant_sigma0", "plant_x_start", *(f"controller_{p.name}" for p in own)} <= parameters
 
 
-@rare
-@pytest.mark.parametrize("kind", ["readable", "native-2"])
-def test_parameters_of_both_sides_act(loop, truth, kind):
-    expected = truth(
-        "nctf", plant_values={"sigma2": 200.0, "x_start": 0.01}, controller_values={"Kp": 4000.0}
-    )
-    values = {"plant_sigma2": 200.0, "plant_x_start": 0.01, "controller_Kp": 4000.0}
-    got = stepped(loop("nctf", kind), ["x"], values)
-    assert np.abs(expected["x"] - truth("nctf")["x"]).max() > 1e-3
-    assert np.abs(got["x"] - expected["x"]).max() < 1e-8
-
-
 # -- model exchange --------------------------------------------------------------------------
 
 
@@ -196,27 +182,3 @@ def test_two_twins_for_model_exchange_in_one_solver_are_the_loop(
     assert np.abs(done.y[0] - truth(controller)["x"]).max() < allowed
     plant.close()
     other.close()
-
-
-# -- what makes no sense ---------------------------------------------------------------------
-
-
-def far_sighted():
-    """A controller that asks for a signal which no plant has."""
-    return Component(
-        "far_sighted",
-        "a controller of the distance to the moon",
-        inputs=(Input("moon", "m", "distance", role="measurement"),),
-        outputs=(Output("u", "V", "command", symbol("moon")),),
-    )
-
-
-def test_a_controller_that_cannot_be_connected_is_one_line(tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(CONTROLLERS, "far_sighted", f"{__name__}:far_sighted")
-    monkeypatch.setitem(catalogue.NAMES, "far_sighted", f"{__name__}:far_sighted")
-    assert main(["export", "--loop", "far_sighted", "--out", str(tmp_path)]) == 2
-    heard = capsys.readouterr().err
-    assert heard.startswith("ballscrew: ")
-    assert "no output 'moon'" in heard
-    assert heard.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []

@@ -163,15 +163,6 @@ def test_a_delayed_signal_makes_an_event_happen():
     assert model.info[core.EVENTS] in (4, 5)
 
 
-def test_a_run_that_begins_again_has_forgotten():
-    model = model_of(scalar(-LATE))
-    model.advance(0.0, 3.0)
-    model.x[:] = 1.0
-    model.info[:] = 0.0
-    model.advance(0.0, 2.0)
-    assert model.x[0] == pytest.approx(decay_by_steps(2.0, 1.0, 1.0), abs=1e-9)
-
-
 def test_a_duration_that_moves_is_refused():
     with pytest.raises(ContractError, match=r"^scalar: the duration .* depends on 'x'"):
         generate(

@@ -126,18 +126,6 @@ def test_a_damaged_entry_is_made_anew(damage, whole, get, tmp_path, monkeypatch)
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("kind", ["equations", "fmu"])
-def test_an_entry_of_each_kind_is_made_anew(kind, get, tmp_path, monkeypatch):
-    monkeypatch.setenv("BALLSCREW_CACHE", str(tmp_path / "cache"))
-    found = get[kind]()
-    entry = entry_of(kind, tmp_path / "cache")
-    kept = entry.read_bytes()
-    _flipped(entry)
-    assert get[kind]() == found
-    assert kernel_cache.read(entry) == kept
-
-
-@pytest.mark.ci
 def test_only_the_user_can_open_what_is_made_whatever_the_umask(get, tmp_path, monkeypatch):
     monkeypatch.setenv("BALLSCREW_CACHE", str(tmp_path / "above" / "cache"))
     before = os.umask(0)

@@ -77,13 +77,6 @@ def test_finite_time_exponents_are_those_of_the_first_frame_asked_for():
     assert np.max(np.abs(turned - linear_exponents(MATRIX, 1.0).exponents)) > 0.1
 
 
-def test_fewer_tangents_give_the_same_first_exponents():
-    whole = linear_exponents(MATRIX, 1.0).exponents
-    for count in (1, 2):
-        few = linear_exponents(MATRIX, 1.0, count=count)
-        np.testing.assert_allclose(few.exponents, whole[:count], atol=1e-11)
-
-
 def variational(model, stop, interval):
     """Exponents by scipy's Radau on motion and all tangents at once, a QR after every interval.
 
