@@ -19,7 +19,7 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1588, 1313),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
-    "orchestration": (10168, 8925),
+    "orchestration": (10120, 8874),
     "stability": (2766, 2267),
     "ballscrew": (3501, 2898),
     "gallery": (2728, 2354),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1843, 1705),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (24591, 23414),
+    "tests": (24593, 23416),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

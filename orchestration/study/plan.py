@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeAlias, get_type_hints
 
 import numpy as np
 
@@ -35,15 +35,45 @@ DISTRIBUTIONS = {
 OUTERMOST = 2.0**-53  # share of all draws: the smallest that doubles distinguish from zero
 
 
+def _numbers(where: str, given: Any) -> tuple[float, ...]:
+    return tuple(toml.as_finite(where, v) for v in toml.as_list(where, given))
+
+
+def _at_least(least: float) -> toml.Reader:
+    def read(where: str, given: Any) -> float:
+        if not (value := toml.as_finite(where, given)) >= least:
+            raise BadParameters(f"{where} is {value:g}, expected {least:g} or more")
+        return value
+
+    return read
+
+
+_LIMITS = partial(toml.as_record, readers=dict.fromkeys(NAMES, toml.as_finite))
+# a value of a study file, and what reads it
+Text: TypeAlias = Annotated[str, toml.as_text]
+Texts: TypeAlias = Annotated[tuple[str, ...], toml.as_texts]
+Numbers: TypeAlias = Annotated[Mapping[str, float], toml.as_numbers]
+Positive: TypeAlias = Annotated[float, _at_least(1e-9)]
+Limits: TypeAlias = Annotated[Mapping[str, float], _LIMITS]
+Count: TypeAlias = Annotated[int, toml.as_whole(0, MOST)]
+CountFrom1: TypeAlias = Annotated[int, toml.as_whole(1, MOST)]
+
+
+def _readers(kind: type) -> dict[str, toml.Reader]:
+    """The readers of the fields of a class, by their names in a study file."""
+    hints = get_type_hints(kind, include_extras=True).items()
+    return {name: hint.__metadata__[0] for name, hint in hints if hasattr(hint, "__metadata__")}
+
+
 @dataclass(frozen=True)
 class Variation:
     """A draw for each plant: a factor on nominal values of parameters, or a temperature."""
 
-    parameters: tuple[str, ...]  # of the plant; a drawn factor is that of all of them
+    parameters: Texts  # of the plant; a drawn factor is that of all of them
     numbers: tuple[float, float]  # see `DISTRIBUTIONS`: of factors, or kelvins above nominal
     distribution: str = UNIFORM
     # for a temperature: change of each parameter, relative to its nominal value, per kelvin
-    coefficients: Mapping[str, float] = field(default_factory=dict)
+    coefficients: Numbers = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -61,12 +91,11 @@ class Variation:
         from scipy import stats
 
         first, second = self.numbers
+        law = stats.uniform(first, second - first)
         if self.distribution == NORMAL:
             law = stats.norm(first, second)
         elif self.distribution == LOGNORMAL:
             law = stats.lognorm(second, scale=first)
-        else:
-            law = stats.uniform(first, second - first)
         return np.asarray(law.ppf(np.clip(shares, OUTERMOST, 1 - OUTERMOST)))
 
     def factors(self, draw: float) -> dict[str, float]:
@@ -80,12 +109,13 @@ class Variation:
 class Duty:
     """A motion to follow."""
 
-    name: str
-    reference: str  # a motion, see `read_motion`, or the path of a table
-    stop: float  # [s]
-    tune: bool = False  # whether controllers are tuned on it; they are judged on the others
+    name: Text
+    reference: Text  # a motion, see `read_motion`, or the path of a table
+    stop: Positive  # [s]
+    # whether controllers are tuned on it; they are judged on the others
+    tune: Annotated[bool, toml.as_flag] = False
     # parameters of the plant with other values than default at this duty, such as a load
-    plant: Mapping[str, float] = field(default_factory=dict)
+    plant: Numbers = field(default_factory=dict)
 
     @property
     def motion(self) -> Motion:
@@ -101,39 +131,44 @@ class Entrant:
     """A controller that takes part."""
 
     name: str  # name in tables
-    component: str  # a name of the catalogue, ``file.py:function``, or the path of an FMU
+    component: Text  # a name of the catalogue, ``file.py:function``, or the path of an FMU
     # with other values than default: fixed parameters, and the start of tuned ones
-    values: Mapping[str, float] = field(default_factory=dict)
-    tune: Ranges = field(default_factory=dict)  # of the parameters that are tuned
+    values: Numbers = field(default_factory=dict)
+    # of the parameters that are tuned
+    tune: Annotated[Ranges, toml.as_table] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Tuning:
     """How all controllers are tuned."""
 
-    budget: int = 100  # candidates; twice as many are tried to find what that would gain
-    plants: int = 2  # drawn plants on which each candidate runs, in addition to the nominal one
-    seeds: int = 3  # number of repeated tunings of each, so that the scatter of a tuning is known
-    limits: Mapping[str, float] = field(default_factory=dict)  # largest values of `Figures`
+    budget: CountFrom1 = 100  # candidates; twice as many are tried to find what that would gain
+    plants: Count = 2  # drawn plants on which each candidate runs, in addition to the nominal one
+    seeds: CountFrom1 = 3  # repeated tunings of each, so that the scatter of a tuning is known
+    limits: Limits = field(default_factory=dict)  # largest values of `Figures`
 
 
 @dataclass(frozen=True)
 class Plan:
     """A whole study."""
 
-    plant: str
+    plant: Text
     entrants: tuple[Entrant, ...]
     duties: tuple[Duty, ...]
     variations: tuple[Variation, ...] = ()
     tuning: Tuning = field(default_factory=Tuning)
-    plants: int = 20  # drawn plants on which the tuned controllers are judged
-    period: float = 1e-3  # of the sampling of all controllers [s]; 0: continuous ones
-    delay: int = 0  # samples until a computed command is put out
-    instruments: tuple[str, ...] = ()  # see `measured_through`
-    command_limit: float | None = None  # in the command's unit; None: see `limit_of` of `machine`
-    count: float = 1 / 512_000  # of the position sensor, for figures in counts [m]
-    tolerance: float = 1e-6  # relative, of the solver
-    seed: int = 1
+    # drawn plants on which the tuned controllers are judged
+    plants: Annotated[int, toml.as_whole(2, MOST)] = 20
+    # of the sampling of all controllers [s]; 0: continuous ones
+    period: Annotated[float, _at_least(0.0)] = 1e-3
+    delay: Count = 0  # samples until a computed command is put out
+    instruments: Texts = ()  # see `measured_through`
+    # in the command's unit; None: see `limit_of` of `machine`
+    command_limit: Annotated[float | None, _at_least(1e-9)] = None
+    # of the position sensor, for figures in counts [m]
+    count: Annotated[float, _at_least(1e-15)] = 1 / 512_000
+    tolerance: Annotated[float, _at_least(1e-12)] = 1e-6  # relative, of the solver
+    seed: Annotated[int, toml.as_whole(0, MOST_SEED)] = 1
 
     @property
     def command_unit(self) -> str:
@@ -181,7 +216,7 @@ def read_plan(path: Path | str) -> Plan:
 def _plan(table: dict[str, Any], folder: Path) -> Plan:
     if (version := table.pop("version", None)) != VERSION:
         raise UserError(f"version is {version!r}, expected {VERSION}")
-    read = toml.as_record("", table, _KEYS, "controllers", "duty")
+    read = toml.as_record("", table, {**_readers(Plan), **_TABLES}, "controllers", "duty")
     machine: dict[str, float] = {}
     plant = read.pop("plant", "plant")
     if "params" in read:
@@ -191,8 +226,7 @@ def _plan(table: dict[str, Any], folder: Path) -> Plan:
     how = plant, machine, read.get("command_limit")
     entrants = tuple(_entrant(n, c, *how) for n, c in read.pop("controllers").items())
     duties = tuple(replace(d, plant={**machine, **d.plant}) for d in read.pop("duty"))
-    variations = read.pop("vary", ())
-    return Plan(plant=plant, entrants=entrants, duties=duties, variations=variations, **read)
+    return Plan(plant, entrants, duties, read.pop("vary", ()), **read)
 
 
 def _entrant(
@@ -200,7 +234,7 @@ def _entrant(
 ) -> Entrant:
     """A controller of the plan; for a `machine`, with the values that follow from it."""
     where = f"[controllers.{name}]"
-    read = {"component": name, "values": {}} | toml.as_record(where, given, _OF_CONTROLLER)
+    read = {"component": name, "values": {}} | toml.as_record(where, given, _readers(Entrant))
     component, values = read["component"], read["values"]
     known: dict[str, float] = {}
     if machine and tunable(component):  # else a user's file gives all of this itself
@@ -215,12 +249,9 @@ def _entrant(
     return Entrant(name, component, {**known, **values}, tune)
 
 
-def _duty(where: str, given: Any) -> Duty:
-    return Duty(**toml.as_record(where, given, _OF_DUTY, "name", "reference", "stop"))
-
-
 def _variation(where: str, given: Any) -> Variation:
-    read = toml.as_record(where, given, _OF_VARIATION)
+    readers = _readers(Variation) | dict.fromkeys(DISTRIBUTIONS, _numbers)
+    read = toml.as_record(where, given, readers)
     kinds = [kind for kind in DISTRIBUTIONS if kind in read]
     if len(kinds) != 1:
         found = " and ".join(kinds) or "no distribution"
@@ -240,17 +271,10 @@ def _variation(where: str, given: Any) -> Variation:
     return Variation(tuple(names), numbers, kind, names if kind == TEMPERATURE else {})
 
 
-def _numbers(where: str, given: Any) -> tuple[float, ...]:
-    return tuple(toml.as_finite(where, v) for v in toml.as_list(where, given))
-
-
-def _at_least(least: float) -> toml.Reader:
-    def read(where: str, given: Any) -> float:
-        if not (value := toml.as_finite(where, given)) >= least:
-            raise BadParameters(f"{where} is {value:g}, expected {least:g} or more")
-        return value
-
-    return read
+def _table_of(kind: type, place: str, *required: str) -> toml.Reader:
+    """The reader of a table with the fields of a class; `place` is how messages name it."""
+    readers = _readers(kind)
+    return lambda where, v: kind(**toml.as_record(place.format(where), v, readers, *required))
 
 
 def _each(reader: toml.Reader) -> toml.Reader:
@@ -263,50 +287,12 @@ def _each(reader: toml.Reader) -> toml.Reader:
     return read
 
 
-def _tuning(where: str, given: Any) -> Tuning:
-    return Tuning(**toml.as_record(f"[{where}]", given, _OF_TUNING))
-
-
-# the keys of a study file, and the readers of their values
-_OF_CONTROLLER: dict[str, toml.Reader] = {
-    "component": toml.as_text,
-    "values": toml.as_numbers,
-    "tune": toml.as_table,
-}
-_OF_DUTY: dict[str, toml.Reader] = {
-    "name": toml.as_text,
-    "reference": toml.as_text,
-    "stop": _at_least(1e-9),
-    "tune": toml.as_flag,
-    "plant": toml.as_numbers,
-}
-_OF_VARIATION: dict[str, toml.Reader] = {
-    "parameters": toml.as_texts,
-    "coefficients": toml.as_numbers,
-    **dict.fromkeys(DISTRIBUTIONS, _numbers),
-}
-_LIMITS: dict[str, toml.Reader] = dict.fromkeys(NAMES, toml.as_finite)
-_OF_TUNING: dict[str, toml.Reader] = {
-    "budget": toml.as_whole(1, MOST),
-    "plants": toml.as_whole(0, MOST),
-    "seeds": toml.as_whole(1, MOST),
-    "limits": partial(toml.as_record, readers=_LIMITS),
-}
-_KEYS: dict[str, toml.Reader] = {
-    "params": toml.as_text,
-    "plant": toml.as_text,
+_TABLES: dict[str, toml.Reader] = {
     "controllers": toml.as_table,
-    "duty": _each(_duty),
+    "duty": _each(_table_of(Duty, "{}", "name", "reference", "stop")),
     "vary": _each(_variation),
-    "tuning": _tuning,
-    "instruments": toml.as_texts,
-    "period": _at_least(0.0),
-    "command_limit": _at_least(1e-9),
-    "count": _at_least(1e-15),
-    "tolerance": _at_least(1e-12),
-    "plants": toml.as_whole(2, MOST),
-    "seed": toml.as_whole(0, MOST_SEED),
-    "delay": toml.as_whole(0, MOST),
+    "tuning": _table_of(Tuning, "[{}]"),
+    "params": toml.as_text,
 }
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Iterator
-from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,14 +25,20 @@ _MEANS = (
     "these intervals; it is in those of the differences. A dash: not in every run. Hunting is "
     "judged in the last quarter of the last rest; a longer cycle is not seen."
 )
+_COSTS = (
+    "Cost: mean of the rms error over the size of the motion, and penalties beyond the limits. "
+    "A controller with fewer parameters tunes faster: compare the last two costs."
+)
 
 
 def tables_of(study: StudyResult) -> list[Table]:
     """Answers, figures, differences, tunings and sensitivities."""
-    return [answers(study), *_figures(study), *_differences(study), *_tunings(study)]
+    duties = [d.name for d in study.plan.judged_duties]
+    figures = (_figures(study, duty, "" if k else _MEANS) for k, duty in enumerate(duties))
+    return [_answers(study), *figures, *_differences(study), *_tunings(study)]
 
 
-def answers(study: StudyResult) -> Table:
+def _answers(study: StudyResult) -> Table:
     """The best controller of each duty, and how far the runs over FMUs agree."""
     rows = []
     for a in study.answers:
@@ -67,29 +72,27 @@ def number(value: float) -> str:
     return "never" if math.isinf(value) else f"{value:.3g}"
 
 
-def _figures(study: StudyResult) -> Iterator[Table]:
+def _figures(study: StudyResult, duty: str, says: str) -> Table:
     names = [e.name for e in study.plan.entrants]
-    for k, duty in enumerate(d.name for d in study.plan.judged_duties):
-        titles, columns = ["controller"], [names]
-        for figure in MEASURED:
-            means = [study.mean(figure, name, duty) for name in names]
-            factor, unit = 1.0, UNITS[figure]
-            if unit == "m":
-                sizes = [m.mean for m in means if math.isfinite(m.mean)]
-                factor, unit = shown_unit(statistics.median(sizes or [0.0]), unit)
-            cells = []
-            for m in means:
-                ends = f" ({number(factor * m.low)} to {number(factor * m.high)})"
-                cells.append(number(factor * m.mean) + ends * (m.low < m.high))
-            titles.append(f"{figure.replace('_', ' ')} [{unit}]")
-            columns.append(cells)
-        hunts = [study.hunting(name, duty) for name in names]
-        undecided = [f", {h['undecided']} undecided" if h["undecided"] else "" for h in hunts]
-        both = zip(hunts, undecided, strict=True)
-        columns.append([f"{h['hunting']} of {sum(h.values())}{more}" for h, more in both])
-        rows = list(zip(*columns, strict=True))
-        says = "" if k else _MEANS
-        yield Table(f"Figures: {duty}", (*titles, "hunts"), rows, says=says)
+    titles, columns = ["controller"], [names]
+    for figure in MEASURED:
+        means = [study.mean(figure, name, duty) for name in names]
+        factor, unit = 1.0, UNITS[figure]
+        if unit == "m":
+            sizes = [m.mean for m in means if math.isfinite(m.mean)]
+            factor, unit = shown_unit(statistics.median(sizes or [0.0]), unit)
+        cells = []
+        for m in means:
+            ends = f" ({number(factor * m.low)} to {number(factor * m.high)})"
+            cells.append(number(factor * m.mean) + ends * (m.low < m.high))
+        titles.append(f"{figure.replace('_', ' ')} [{unit}]")
+        columns.append(cells)
+    hunts = []
+    for said in (study.hunting(name, duty) for name in names):
+        undecided = f", {said['undecided']} undecided" if said["undecided"] else ""
+        hunts.append(f"{said['hunting']} of {sum(said.values())}{undecided}")
+    rows = list(zip(*columns, hunts, strict=True))
+    return Table(f"Figures: {duty}", (*titles, "hunts"), rows, says=says)
 
 
 def _differences(study: StudyResult) -> Iterator[Table]:
@@ -103,26 +106,18 @@ def _differences(study: StudyResult) -> Iterator[Table]:
 
 
 def _tunings(study: StudyResult) -> Iterator[Table]:
-    costs = ("cost of the published rule", "tuned", "with twice the budget")
-    rows = [
-        (name, *map(number, (t.published_cost, t.cost, t.doubled_cost)), ", ".join(t.at_bound))
-        for name, found in study.tunings.items()
-        for t in found
-    ]
-    says = (
-        "Cost: mean of the rms error over the size of the motion, and penalties beyond the limits. "
-        "A controller with fewer parameters tunes faster: compare the last two costs."
-    )
-    yield Table("Tuning", ("controller", *costs, "at the end of its range"), rows, says=says)
-    rows = [
-        (
-            name,
-            s.foremost or "-",
-            " ".join(f"{n}: {number(c)}" for n, c in s.coefficients.items()),
-            f"{number(100 * s.explained)} %",
-        )
-        for name, s in study.sensitivities.items()
-    ]
+    rows: list[tuple[str, ...]] = []
+    for name, found in study.tunings.items():
+        for t in found:
+            costs = map(number, (t.published_cost, t.cost, t.doubled_cost))
+            rows.append((name, *costs, ", ".join(t.at_bound)))
+    names = ("cost of the published rule", "tuned", "with twice the budget")
+    columns = ("controller", *names, "at the end of its range")
+    yield Table("Tuning", columns, rows, says=_COSTS)
+    rows = []
+    for name, s in study.sensitivities.items():
+        each = " ".join(f"{n}: {number(c)}" for n, c in s.coefficients.items())
+        rows.append((name, s.foremost or "-", each, f"{number(100 * s.explained)} %"))
     columns = ("controller", "foremost", "coefficients", "variance explained")
     yield Table("What each is most sensitive to", columns, rows)
 
@@ -145,12 +140,11 @@ def courses_figure(study: StudyResult) -> Any:
             far = sorted(n for n, peak in peaks.items() if peak > FAR * usual)
             factor, unit = shown_unit(usual, "m")
             for k, (name, course) in enumerate(courses.items()):
-                shown = slice(0, 0 if name in far else None)
+                time, error, command = (np.array([] if name in far else s) for s in course)
                 dash = DASHES[k // len(COLOURS) % len(DASHES)]
                 style = {"color": COLOURS[k % len(COLOURS)], "ls": dash, "lw": 1.3}
-                error = factor * np.array(course.error)
-                errors.plot(course.time[shown], error[shown], label=name, **style)
-                commands.plot(course.time[shown], course.command[shown], **style)
+                errors.plot(time, factor * error, label=name, **style)
+                commands.plot(time, command, **style)
             left_out = f" (far off: {', '.join(far)})" if far else ""
             errors.set_title(f"{duty}{left_out}", loc="left")
             errors.set_ylabel(f"error [{unit}]")
@@ -166,21 +160,20 @@ def effort_figure(study: StudyResult) -> Any:
     import matplotlib as mpl
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
-    names, duties = list(study.tunings), list(study.differences)
+    duties = list(study.differences)
     columns = min(3, len(duties))
     rows = -(-len(duties) // columns)
     with mpl.rc_context(STYLE):
         figure, axes = new_figure(rows, columns, (4.2 * columns, 3.4 * rows + 0.8))
-        for panel, duty in zip_longest(axes.flat, duties):
-            if duty is None:
-                panel.set_axis_off()
-                continue
-            for k, name in enumerate(names):
+        for panel in axes.flat[len(duties) :]:
+            panel.set_axis_off()
+        for panel, duty in zip(axes.flat, duties, strict=False):
+            for k, name in enumerate(study.tunings):
                 effort = study.mean("total_variation", name, duty).mean
                 error = 1e6 * study.mean(JUDGED_BY, name, duty).mean
                 mark = MARKS[(k + k // len(COLOURS)) % len(MARKS)]  # 49 differ in mark or colour
-                style = {"marker": mark, "color": COLOURS[k % len(COLOURS)], "ls": "none"}
-                panel.loglog(effort, error, label=name, **style)
+                colour = COLOURS[k % len(COLOURS)]
+                panel.loglog(effort, error, label=name, marker=mark, color=colour, ls="none")
             panel.set_title(duty)
             panel.set_xlabel(f"total variation of the command [{study.plan.command_unit}]")
             panel.set_ylabel("rms error [µm]")
@@ -237,11 +230,11 @@ def bode_figure(tuned: TunedController) -> Any:
             sensitivity.loglog(m.frequency, np.abs(1 / (1 + m.response)), **style)
         gain.axhline(1, color="#555555", lw=0.8)
         phase.axhline(-180, color="#555555", lw=0.8)
-        gain.set_ylabel("gain of the open loop")
-        phase.set_ylabel("phase [degrees]")
         sensitivity.set_ylim(bottom=1e-3)
-        sensitivity.set_ylabel("sensitivity |1/(1 + L)|")
         sensitivity.set_xlabel("frequency [Hz]")
+        labels = "gain of the open loop", "phase [degrees]", "sensitivity |1/(1 + L)|"
+        for axis, label in zip((gain, phase, sensitivity), labels, strict=True):
+            axis.set_ylabel(label)
         gain.set_title(f"{tuned.loop.title}, broken at the command")
         gain.legend()
         figure.align_ylabels()

@@ -20,12 +20,9 @@ from .tuning import Tuned
 Place: TypeAlias = tuple[int, ...]
 """Numbers of the controller, the tuning, the duty and the plant of a run."""
 
-LEVEL = 0.90
-"""At most one study in ten calls equal controllers different."""
-RELEVANT = 0.02
-"""Smallest relevant difference of two figures: their ratio minus 1."""
-ALIKE = 0.1
-"""Equal figures have a ratio within this share of 1, by all of its interval."""
+LEVEL = 0.90  # at most one study in ten calls equal controllers different
+RELEVANT = 0.02  # smallest relevant difference of two figures: their ratio minus 1
+ALIKE = 0.1  # equal figures have a ratio within this share of 1, by all of its interval
 SMALLEST = 1e-12  # m; errors below it are equal
 FAR = 2.0  # times the least known cost of a controller: a tuning that ends above it failed
 
@@ -212,17 +209,14 @@ class StudyResult:
         winner = max((e.name for e in self.plan.entrants), key=firsts.count)
         won = [a for a in self.answers if a.order[:1] == (winner,)]
         text = f"{winner} wins {len(won)} of {len(self.answers)} duties"
-        shared = sum(len(a.best) > 1 for a in won)
-        unclear = sum(bool(a.unclear) for a in won)
-        if shared:
+        if shared := sum(len(a.best) > 1 for a in won):
             text += f", {shared} of them together with others, equal within {100 * ALIKE:g} %"
-        if unclear:
+        if unclear := sum(bool(a.unclear) for a in won):
             text += f"; at {unclear} of them {self.cannot_tell} whether others are as good"
         lost: dict[str, list[str]] = {}
-        for a in self.answers:
-            if a not in won:
-                by = f"{a.order[0]} does" if a.order else "no controller does"
-                lost.setdefault(by, []).append(a.duty)
+        for a in (a for a in self.answers if a not in won):
+            by = f"{a.order[0]} does" if a.order else "no controller does"
+            lost.setdefault(by, []).append(a.duty)
         others = [f"{_listed(duties)} ({by})" for by, duties in lost.items()]
         return f"{text}; it does not win {_listed(others)}" if lost else text
 
@@ -234,32 +228,29 @@ class StudyResult:
     def doubts(self) -> list[str]:
         """What weakens the result, one sentence each; empty if nothing does."""
         found = []
-        failed = [(n, count) for a in self.answers for n, count in a.failed.items() if count]
+        failed = [n for a in self.answers for n, count in a.failed.items() for _ in range(count)]
         if failed:
-            names = _listed([*dict(failed)])
-            found.append(f"{sum(count for _, count in failed)} runs FAILED, of {names}")
+            found.append(f"{len(failed)} runs FAILED, of {_listed([*dict.fromkeys(failed)])}")
         if self.disagreed:
             found.append(f"{self.disagreed} of {len(self.checks)} runs DIFFER over FMUs")
         for name, tunings in self.tunings.items():
             least = min(t.doubled_cost for t in tunings)
-            costs = [t.cost for t in tunings if t.cost > FAR * least]
-            if costs:
+            if costs := [t.cost for t in tunings if t.cost > FAR * least]:
                 found.append(
                     f"tuning of {name} FAILED in {len(costs)} of {len(tunings)} tries: it ended at "
                     f"a cost of {max(costs):.3g}, but {least:.3g} was found with more budget or "
                     "another seed"
                 )
-        for name in [e.name for e in self.plan.entrants if e.tune]:
-            if all(t.cost >= t.published_cost for t in self.tunings[name]):
-                found.append(f"tuning of {name} found no better values than the published ones")
+        for e in self.plan.entrants:
+            if e.tune and all(t.cost >= t.published_cost for t in self.tunings[e.name]):
+                found.append(f"tuning of {e.name} found no better values than the published ones")
         return found
 
     def headline(self) -> str:
         """The best controller, then limitations, then the size of the study."""
-        entrants, duties = len(self.plan.entrants), len(self.plan.judged_duties)
-        runs = self.figures[JUDGED_BY].size
-        size = f"{entrants} controllers, {duties} duties, {runs} runs"
-        parts = [*self.doubts(), size]
+        entrants, seeds, duties, plants = self.figures[JUDGED_BY].shape
+        runs = entrants * seeds * duties * plants
+        parts = [*self.doubts(), f"{entrants} controllers, {duties} duties, {runs} runs"]
         return ". ".join([self.verdict, *(part[0].upper() + part[1:] for part in parts)])
 
     def mean(self, figure: str, controller: str, duty: str) -> Mean:
@@ -268,20 +259,21 @@ class StudyResult:
         Geometric for figures that are positive in the runs of all controllers at this duty, see
         `SIZES`.
         """
-        d = [d.name for d in self.plan.judged_duties].index(duty)
-        every = self.figures[figure][:, :, d]
+        runs = self._runs(figure, duty)
+        every = np.array([*runs.values()])
         geometric = figure in SIZES and bool((every[np.isfinite(every)] > 0).all())
-        return mean_over_plants(every[self._number(controller)], geometric)
+        return mean_over_plants(runs[controller], geometric)
 
     def hunting(self, controller: str, duty: str) -> dict[str, int]:
         """Numbers of runs by the verdict on hunting; see `Figures`."""
-        d = [d.name for d in self.plan.judged_duties].index(duty)
-        runs = self.figures["hunting"][self._number(controller), :, d].ravel()
-        said = [hunting_verdict(v) for v in runs]
+        said = [hunting_verdict(v) for v in self._runs("hunting", duty)[controller].ravel()]
         return {word: said.count(word) for word in ("hunting", "none", "undecided")}
 
-    def _number(self, controller: str) -> int:
-        return [e.name for e in self.plan.entrants].index(controller)
+    def _runs(self, figure: str, duty: str) -> dict[str, Matrix]:
+        """A figure of all runs at a duty, by controller; shape (seeds, plants)."""
+        d = [d.name for d in self.plan.judged_duties].index(duty)
+        names = (e.name for e in self.plan.entrants)
+        return dict(zip(names, self.figures[figure][:, :, d], strict=True))
 
     def run(self, place: Place) -> dict[str, Any]:
         """What identifies a run."""

@@ -95,14 +95,10 @@ class Work:
     def tunings(self) -> dict[str, list[Tuned]]:
         """Tunings of each controller, one for each seed."""
         seeds = range(self.plan.tuning.seeds)
-        jobs = {
-            f"tune-{k}-{seed}.json": (c, seed)
-            for k, c in enumerate(self.contenders)
-            for seed in seeds
-        }
-        done = self._done(jobs, _tuned, "tuning")
+        jobs = {(k, s): (c, s) for k, c in enumerate(self.contenders) for s in seeds}
+        done = self._done("tuning", _tuned, jobs)
         return {
-            c.entrant.name: [Tuned(**done[f"tune-{k}-{seed}.json"]) for seed in seeds]
+            c.entrant.name: [Tuned(**done[k, s]) for s in seeds]
             for k, c in enumerate(self.contenders)
         }
 
@@ -110,14 +106,14 @@ class Work:
         """Figures by name, shape (controllers, seeds, duties, plants)."""
         plants = range(self.plan.plants)
         jobs = {
-            f"run-{k}-{seed}-{d}-{first}.json": (c, t.values, duty, plants[first : first + CHUNK])
+            (k, seed, d, first): (c, t.values, duty, plants[first : first + CHUNK])
             for k, c in enumerate(self.contenders)
             for seed, t in enumerate(tunings[c.entrant.name])
             for d, duty in enumerate(self.plan.judged_duties)
             for first in plants[::CHUNK]
         }
-        found = self._done(jobs, _judged, "judging")
-        table = np.array([row for name in jobs for row in found[name]], dtype=float)
+        rows = [row for chunk in self._done("judging", _judged, jobs).values() for row in chunk]
+        table = np.array(rows, dtype=float)
         return {n: table[:, k].reshape(self._shape) for k, n in enumerate(NAMES)}
 
     def checks(self, tunings: Tunings, figures: Mapping[str, Matrix]) -> dict[Place, FmuCheck]:
@@ -128,15 +124,13 @@ class Work:
         runs = math.prod(self._shape)
         random = np.random.default_rng([self.plan.seed, len(PARTS)])
         drawn = np.sort(random.choice(runs, math.ceil(runs / SHARE), replace=False))
-        places = [tuple(map(int, np.unravel_index(number, self._shape))) for number in drawn]
-        own = [p for p in places if isinstance(self.contenders[p[0]].loop, StudyLoop)]
-        jobs = {
-            f"fmu-{k}.json": self._check(place, tunings, figures) for k, place in enumerate(own)
-        }
+        places = (tuple(map(int, np.unravel_index(number, self._shape))) for number in drawn)
+        own = (p for p in places if isinstance(self.contenders[p[0]].loop, StudyLoop))
+        jobs = {place: self._check(place, tunings, figures) for place in own}
         # the FMUs are files
         here = self.workers if isinstance(self.workers, Processes) else Processes(1)
-        done = replace(self, workers=here)._done(jobs, _checked, "over FMUs")
-        return {place: FmuCheck(**done[name]) for place, name in zip(own, jobs, strict=True)}
+        done = replace(self, workers=here)._done("over-fmus", _checked, jobs)
+        return {place: FmuCheck(**found) for place, found in done.items()}
 
     def _check(
         self, place: Place, tunings: Tunings, figures: Mapping[str, Matrix]
@@ -146,13 +140,9 @@ class Work:
         c, duty = self.contenders[k], plan.judged_duties[d]
         gains = tunings[c.entrant.name][seed].values
         values = c.values(gains, duty, plan.draws("judge")[p], FIRST_JUDGED + p)
-        over = Loop(
-            fmu(composed(plan, c.entrant)),
-            fmu(plan.plant),
-            plant_values=of_side(PLANT, values),
-            controller_values=of_side(CONTROLLER, values),
-            isolate=False,
-        )
+        plant, own = (of_side(side, values) for side in (PLANT, CONTROLLER))
+        over = Loop(fmu(composed(plan, c.entrant)), fmu(plan.plant), isolate=False)
+        over = replace(over, plant_values=plant, controller_values=own)
         table = {name: float(figure[place]) for name, figure in figures.items()}
         return c.loop, over, duty.motion, plan.tolerance, table
 
@@ -163,28 +153,27 @@ class Work:
         """
         best = [min(tunings[c.entrant.name], key=lambda t: t.cost) for c in self.contenders]
         jobs = {
-            f"course-{k}-{d}.json": (c, best[k].values, duty)
+            (d, k): (c, best[k].values, duty)
+            for d, duty in enumerate(self.plan.judged_duties)
             for k, c in enumerate(self.contenders)
-            for d, duty in enumerate(self.plan.judged_duties)
         }
-        done = self._done(jobs, _shown, "courses")
-        return {
-            duty.name: {
-                c.entrant.name: Shown(*done[f"course-{k}-{d}.json"])
-                for k, c in enumerate(self.contenders)
-            }
-            for d, duty in enumerate(self.plan.judged_duties)
-        }
+        found: dict[str, dict[str, Shown]] = {d.name: {} for d in self.plan.judged_duties}
+        for (d, k), shown in self._done("courses", _shown, jobs).items():
+            found[self.plan.judged_duties[d].name][self.contenders[k].entrant.name] = Shown(*shown)
+        return found
 
     def _done(
-        self, jobs: Mapping[str, tuple[Any, ...]], function: Callable[..., Any], stage: str
-    ) -> dict[str, Any]:
-        """Results of all jobs by name; those that are on disk are not done again."""
-        results: dict[str, Any] = {}
-        for name, found in self.parts.results(jobs, function, self.workers):
-            results[name] = found
+        self, stage: str, function: Callable[..., Any], jobs: Mapping[Place, tuple[Any, ...]]
+    ) -> dict[Place, Any]:
+        """Results of all jobs in their order; those that are on disk are not done again."""
+        places = {f"{stage}-{'-'.join(map(str, place))}.json": place for place in jobs}
+        named = {name: jobs[place] for name, place in places.items()}
+        results: dict[Place, Any] = dict.fromkeys(jobs)
+        done = self.parts.results(named, function, self.workers)
+        for count, (name, found) in enumerate(done, start=1):
+            results[places[name]] = found
             if self.progress:
-                self.progress(stage, len(results), len(jobs))
+                self.progress(stage, count, len(jobs))
         return results
 
     @property

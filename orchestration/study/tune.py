@@ -20,7 +20,7 @@ from ...controllers import CONTROLLERS, tunable
 from ...fmus.units import base_exponents
 from ...solver.errors import BadParameter
 from ...solver.files import write_json
-from ...solver.kernel import CONTROLLER, Kernel, Model
+from ...solver.kernel import CONTROLLER, Model
 from ..loop.catalogue import component
 from ..loop.loop import Loop, as_reference
 from ..loop.machine import (
@@ -38,7 +38,7 @@ from ..loop.machine import (
 )
 from ..loop.whole_loop import follow, loop_kernel
 from ..master.reference_signal import Reference
-from .plan import Duty, Entrant, Plan, Ranges, Tuning
+from .plan import Duty, Entrant, Plan, Tuning
 from .run import STEP, Course, Figures, FmuLoop, StudyLoop, of_side
 from .tuning import OVER_LIMIT, Contender, Gains, Tuned, tune
 
@@ -115,9 +115,9 @@ class TunedController:
             elif loop.sensitivity > MOST_SENSITIVE * (1 + AGREE):
                 found.append(f"Ms is more than {MOST_SENSITIVE:g} while {loop.state}")
         found += [f"{g.name} is at the {g.at_end} end of its range" for g in self.gains if g.at_end]
-        if self.tuned.doubled_cost < (1 - MORE) * self.tuned.cost:
-            gain = 100 * (1 - self.tuned.doubled_cost / self.tuned.cost)
-            found.append(f"twice the budget would gain {gain:.0f} %")
+        doubled, cost = self.tuned.doubled_cost, self.tuned.cost
+        if doubled < (1 - MORE) * cost:
+            found.append(f"twice the budget would gain {100 * (1 - doubled / cost):.0f} %")
         return found
 
     @property
@@ -128,25 +128,20 @@ class TunedController:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``tuning.json``."""
-        motions = [
-            {
-                "name": m.duty.name,
-                "reference": m.duty.reference,
-                "tuned_on": m.duty.tune,
-                "converged": m.converged,
-                **{n: getattr(m.figures, n) for n in _FIGURES},
-            }
-            for m in self.motions
-        ]
-        curves = "frequency", "response"
+        tuned, curves = self.tuned, ("frequency", "response")
+        motions = []
+        for m in self.motions:
+            about = {"name": m.duty.name, "reference": m.duty.reference, "tuned_on": m.duty.tune}
+            figures = {name: getattr(m.figures, name) for name in _FIGURES}
+            motions.append({**about, "converged": m.converged, **figures})
         return {
             "controller": self.loop.controller.label,
             "plant": self.loop.plant.label,
             "limit": self.limit,
             "command_unit": self.plan.command_unit,
-            "start_cost": self.tuned.published_cost,
-            "cost": self.tuned.cost,
-            "doubled_cost": self.tuned.doubled_cost,
+            "start_cost": tuned.published_cost,
+            "cost": tuned.cost,
+            "doubled_cost": tuned.doubled_cost,
             "budget": self.plan.tuning.budget,
             "seed": self.plan.seed,
             "gains": [asdict(g) for g in self.gains],
@@ -204,8 +199,8 @@ def tune_loop(
         """All values of the controller with these gains."""
         return {**_tracking(loop, gains), **fixed, **gains}
 
-    plan = _plan(loop, machine, reference, stop)
     limits = {"saturated_share": 0.0, "peak_command": machine.limit}
+    plan = _plan(loop, machine, reference, stop)
     plan = replace(plan, tuning=Tuning(budget, 0, 1, limits), seed=seed)
     own = StudyLoop(loop_kernel(plan.plant, part.name)) if part.has_equations else FmuLoop(loop)
     contender = Contender(plan, plan.entrants[0], own)
@@ -227,11 +222,17 @@ def tune_loop(
     best = every(tuned.values)
     judging, length = plan.duties[-1].motion
     result = replace(loop, plant_values=dict(machine.values), controller_values={**given, **best})
+    gains = []
+    for n, value in tuned.values.items():
+        low, high = ranges[n]
+        near = "low" if value - low < high - value else "high"
+        end = near if n in tuned.at_bound else ""
+        gains.append(Gain(n, value, start[n], known[n].unit, low, high, end))
     return TunedController(
         replace(result, reference=judging, stop=length),
         plan,
         tuned,
-        tuple(_gain(n, tuned, start, known[n].unit, ranges) for n in ranges),
+        tuple(gains),
         tuple(_shown(contender, best, duty) for duty in plan.duties),
         *linear.margins(best),
     )
@@ -264,13 +265,6 @@ def _shown(contender: Contender, gains: Gains, duty: Duty) -> MotionRun:
     return MotionRun(duty, course, figures, abs(figures.rms_error - other) <= AGREE * other)
 
 
-def _gain(name: str, tuned: Tuned, start: Gains, unit: str, ranges: Ranges) -> Gain:
-    value, (low, high) = tuned.values[name], ranges[name]
-    near = "low" if value - low < high - value else "high"
-    end = near if name in tuned.at_bound else ""
-    return Gain(name, value, start[name], unit, low, high, end)
-
-
 def _tracking(loop: Loop, gains: Gains) -> dict[str, float]:
     """The tracking time of the anti-windup: the integral time that follows from the gains."""
     known = loop.controller.parameters
@@ -289,16 +283,14 @@ class _Linearized:
         self.contender, self.part, self.machine = contender, loop.controller, machine
         self.states: list[tuple[str, float, Linear, dict[str, float]]] = []
         self.missing = ""
-        if self.part.bare in NOT_LINEAR:
-            self.missing = "it switches or adapts, and has no slope at the set-point"
         if not isinstance(contender.loop, StudyLoop):
             self.missing = "an FMU has no equations"
-        elif not self.missing:
-            self._linearize(contender.loop.kernel)
-
-    def _linearize(self, kernel: Kernel) -> None:
-        self.kernel, part, machine = kernel, self.part, self.machine
-        used = {str(s) for s in component(part.name).used_symbols()}
+            return
+        if self.part.bare in NOT_LINEAR:
+            self.missing = "it switches or adapts, and has no slope at the set-point"
+            return
+        self.kernel = contender.loop.kernel
+        used = {str(s) for s in component(self.part.name).used_symbols()}
         self.seen = tuple(n for n in machine.outputs if n in used)
         at = {} if machine.plant.kernel.modes else {"stuck": (0.0, machine.stuck())}
         at["sliding"] = (machine.speed, machine.sliding(machine.speed))
@@ -341,8 +333,7 @@ class _Linearized:
         model = self._model(gains)
         ramp = Reference.of_pieces([0.0, 2 * SLIDE], [[0.0, speed], [2 * SLIDE * speed, 0.0]])
         step = model.sample_time or STEP
-        time = np.arange(round(SLIDE / step) + 1, dtype=np.float64) * step
-        y, stopped = follow(model, ramp, time)
+        y, stopped = follow(model, ramp, np.arange(round(SLIDE / step) + 1, dtype=float) * step)
         if stopped or abs(y["v"][-1] / speed - 1) > AGREE:
             return None
         kernel, first = model.kernel, len(model.kernel.inputs)
@@ -352,9 +343,9 @@ class _Linearized:
         return {**plant, **own, "x": float(y["x"][-1]), "x_d": SLIDE * speed, "v_d": speed}
 
     def _model(self, gains: Gains) -> Model:
-        contender = self.contender
-        values = contender.values(gains, contender.plan.duties[-1], (), 0)
-        return Model(self.kernel, values, contender.plan.tolerance)
+        c = self.contender
+        values = c.values(gains, c.plan.duties[-1], (), 0)
+        return Model(self.kernel, values, c.plan.tolerance)
 
     def _open(self, gains: Gains, plant: Linear, at: Mapping[str, float]) -> Any:
         law = linearized(self.part, self.seen, ("u",), gains, at)

@@ -86,8 +86,10 @@ def test_runs_over_fmus_come_out_as_in_one_solver(result):
 @pytest.mark.ci
 def test_a_study_that_goes_on_after_a_kill_gives_the_same_numbers(plan, folder, result, tmp_path):
     shutil.copytree(folder / PARTS, tmp_path / PARTS)
-    (tmp_path / PARTS / "tune-0-0.json").unlink()
-    (tmp_path / PARTS / "run-1-1-0-0.json").write_text('{"of": "0", "found": [[1.0,')  # half of it
+    (tmp_path / PARTS / "tuning-0-0.json").unlink()
+    (tmp_path / PARTS / "judging-1-1-0-0.json").write_text(
+        '{"of": "0", "found": [[1.0,'
+    )  # half of it
     again = do_study(plan, tmp_path, Processes(1), resume=True)
     assert json.dumps(again.to_dict()) == json.dumps(result.to_dict())  # NaN and all
 
@@ -120,10 +122,10 @@ def test_a_table_that_is_not_that_of_its_runs_is_found_over_fmus(plan, folder, r
     shutil.copytree(folder / PARTS, tmp_path / PARTS)
     for part in (tmp_path / PARTS).iterdir():
         kept = json.loads(part.read_text())
-        if part.name.startswith("run-"):
+        if part.name.startswith("judging-"):
             kept["found"] = [[1.01 * figure for figure in row] for row in kept["found"]]
             part.write_text(json.dumps(kept))
-        elif part.name.startswith("fmu-"):
+        elif part.name.startswith("over-fmus-"):
             part.unlink()
     found = do_study(plan, tmp_path, Processes(1), resume=True)
     assert found.disagreed == len(found.checks) == 1
