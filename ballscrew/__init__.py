@@ -11,7 +11,8 @@ if not os.path.isdir(os.path.join(__path__[0], "solver")):
 
 # module: names; a name is imported when it is first asked for, since SymPy takes half a second
 _NAMES = {
-    "api": "run swap lyapunov stability_map swap_study tune",
+    "api": "run swap lyapunov stability_map",
+    "study_api": "tune swap_study",
     "part_api": "catalogue component with_friction export",
     "measured_api": "run_trial read_force_records read_drive_records read_parameters identify "
     "diagnose compare",
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from .solver.errors import UserError as UserError
     from .solver.interconnect import connect as connect
     from .solver.interconnect import interconnect as interconnect
+    from .study_api import *  # noqa: F403
 else:
 
     def __getattr__(name: str) -> Any:

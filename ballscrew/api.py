@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from .orchestration.fmu.limits import as_number, check_length
 from .solver.errors import UserError, did_you_mean
@@ -25,25 +25,45 @@ if TYPE_CHECKING:
     from .orchestration.master.couplings import Coupling
     from .orchestration.study.workers import Processes
     from .stability.map_plan import MapPlan
-    from .study_results import Exponents, StabilityMap, SwapStudy, TunedGains
+    from .study_results import Exponents, StabilityMap
 
     Values = Mapping[str, float]
 
 
-def run(  # noqa: PLR0913
+class OfPlant(TypedDict, total=False):
+    """Arguments of `Loop` that may be the same for all controllers; None is the default."""
+
+    step: float | None
+    plant_values: Values | None
+    sampled: float | None
+    fmus: bool | None
+
+
+class OfLoop(OfPlant, total=False):
+    """Arguments of `Loop`, or what is to change in a given one."""
+
+    controller_values: Values | None
+    mapping: Mapping[str, str] | None
+    coupling: str | Coupling | None
+
+
+class OfMap(OfLoop, total=False):
+    """All arguments of `Loop`."""
+
+    plant: PartLike | None
+    reference: ReferenceLike | None
+    stop: float | None
+
+
+def run(
     loop: Loop | SystemLoop | PartLike,
     plant: PartLike | None = None,
     reference: ReferenceLike | None = None,
     stop: float | None = None,
-    step: float | None = None,
-    plant_values: Values | None = None,
-    controller_values: Values | None = None,
-    coupling: str | Coupling | None = None,
-    mapping: Mapping[str, str] | None = None,
-    sampled: float | None = None,
+    *,
     progress: Callable[[float], None] | None = None,
     params: ParameterFile | Path | str | None = None,
-    fmus: bool | None = None,
+    **others: Unpack[OfLoop],
 ) -> RunResult:
     """Run a closed loop, by default of FMUs, with a verdict on the coupling.
 
@@ -78,9 +98,7 @@ def run(  # noqa: PLR0913
     from .orchestration.loop.closed_loop import run_closed_loop
     from .orchestration.loop.loop import Loop, with_file
 
-    values = {"plant_values": plant_values, "controller_values": controller_values}
-    how = {"step": step, "coupling": coupling, "mapping": mapping, "sampled": sampled, "fmus": fmus}
-    found = _loop(loop, plant, reference, stop, **values, **how)
+    found = loop_of(loop, plant=plant, reference=reference, stop=stop, **others)
     if (told := file_of(params)) is not None:
         if not isinstance(found, Loop):
             raise UserError("params is for a loop of two parts; an .ssp contains its values")
@@ -88,19 +106,17 @@ def run(  # noqa: PLR0913
     return RunResult.of(run_closed_loop(found, progress))
 
 
-def swap(  # noqa: PLR0913
+def swap(
     controllers: Sequence[Loop | PartLike],
     plant: PartLike | None = None,
     reference: ReferenceLike | None = None,
     stop: float | None = None,
-    step: float | None = None,
-    plant_values: Values | None = None,
-    sampled: float | None = None,
+    *,
     noise: bool = False,
     controller_values: Mapping[str, Values] | None = None,
     mapping: Mapping[str, Mapping[str, str]] | None = None,
     progress: Callable[[str, float], None] | None = None,
-    fmus: bool | None = None,
+    **others: Unpack[OfPlant],
 ) -> Comparison:
     """Run several controllers on the same plant, and compare them.
 
@@ -132,10 +148,11 @@ def swap(  # noqa: PLR0913
     from .orchestration.loop.closed_loop import swap as swapped
     from .orchestration.loop.parts import in_practice
 
+    sampled = others.pop("sampled", None)
     sampled = None if sampled is None else check_length("sampled", sampled)
     given = [controllers] if isinstance(controllers, str | Path) else controllers
-    how = {"step": step, "plant_values": plant_values, "fmus": fmus}
-    loops = [_loop(c, plant, reference, stop, **how) for c in given]
+    asked = {"plant": plant, "reference": reference, "stop": stop, **others}
+    loops = [loop_of(c, **asked) for c in given]
     if not loops:
         raise UserError("controllers is empty; expected one or more")
     names = [loop.controller.own_name for loop in loops]
@@ -154,18 +171,16 @@ def swap(  # noqa: PLR0913
     return Comparison.of(swapped(loops, progress))
 
 
-def lyapunov(  # noqa: PLR0913
+def lyapunov(
     loop: Loop | PartLike,
     plant: PartLike | None = None,
     reference: ReferenceLike | None = None,
     stop: float | None = None,
-    step: float | None = None,
-    plant_values: Values | None = None,
-    controller_values: Values | None = None,
-    mapping: Mapping[str, str] | None = None,
+    *,
     tolerance: float = 1e-11,
     budget: float | None = None,
     progress: Callable[[str], None] | None = None,
+    **others: Unpack[OfLoop],
 ) -> Exponents:
     """Lyapunov exponents of a closed loop, and the kind of its long-term motion.
 
@@ -205,9 +220,7 @@ def lyapunov(  # noqa: PLR0913
 
     if stop is None and not isinstance(loop, Loop):
         stop = 300.0
-    values = {"plant_values": plant_values, "controller_values": controller_values}
-    own = _loop(loop, plant, reference, stop, step=step, mapping=mapping, **values)
-    followed = checked(own)
+    followed = checked(loop_of(loop, plant=plant, reference=reference, stop=stop, **others))
     tolerance = _check_tolerance(tolerance, 1e-13, 1e-3)
     budget = None if budget is None else check_length("budget", budget)
     if followed.step is not None:
@@ -219,20 +232,17 @@ def lyapunov(  # noqa: PLR0913
     return Exponents.of(loop_lyapunov(followed, tolerance, Watching(progress, budget)))
 
 
-def stability_map(  # noqa: PLR0913
+def stability_map(
     loop: Loop | PartLike,
     x: str,
     y: str,
     folder: Path | str,
-    plant: PartLike | None = None,
-    reference: ReferenceLike | None = None,
-    stop: float | None = None,
-    plant_values: Values | None = None,
-    controller_values: Values | None = None,
+    *,
     exponents: bool = False,
     resume: bool = False,
     workers: int = 1,
     tolerance: float | None = None,
+    **others: Unpack[OfMap],
 ) -> StabilityMap:
     """Long-term motion of a closed loop over a grid of two of its parameters.
 
@@ -267,140 +277,13 @@ def stability_map(  # noqa: PLR0913
     from .stability.stability_map import make_map
     from .study_results import StabilityMap
 
-    values = {"plant_values": plant_values, "controller_values": controller_values}
-    plan = plan_of(_loop(loop, plant, reference, stop, **values), x, y, exponents, tolerance)
+    plan = plan_of(loop_of(loop, **others), x, y, exponents, tolerance)
     found = StabilityMap(make_map(plan, Path(folder), processes(workers), resume), Path(folder))
     found.add_report()
     return found
 
 
-def swap_study(
-    study: Path | str, folder: Path | str, resume: bool = False, workers: int = 1
-) -> SwapStudy:
-    """Tune several controllers in the same way, and compare them on other duties.
-
-    They are compared by the ratio of their rms errors, with intervals after Welch (1947).
-
-    Parameters
-    ----------
-    study : path-like
-        A study file, see ``docs/study.md``.
-    folder : path-like
-        Folder for finished tasks until all are done; with `resume`, an interrupted study
-        continues there.
-    resume : bool
-        Whether to finish the study in the folder.
-    workers : int
-        Processes.
-
-    Returns
-    -------
-    SwapStudy
-        ``trusted`` says whether no run failed, and whether a twentieth of them gave the same result
-        when repeated over FMUs.
-
-    Examples
-    --------
-    >>> import ballscrew, pathlib, tempfile
-    >>> text = '''
-    ... version = 1
-    ... plants = 2
-    ... controllers = {pid = {tune = {Kp = [50.0, 2000.0]}}, nctf = {tune = {}}}
-    ... duty = [
-    ...     {name = "there", reference = "step:size=1e-3", stop = 0.2, tune = true},
-    ...     {name = "back", reference = "step:size=-1e-3", stop = 0.2}]
-    ... tuning = {budget = 2, seeds = 1}
-    ... '''
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     _ = pathlib.Path(folder, "study.toml").write_text(text)
-    ...     found = ballscrew.swap_study(folder + "/study.toml", folder + "/out")
-    >>> found.headline()
-    'pid wins 1 of 1 duties. 2 controllers, 1 duties, 4 runs'
-    """
-    from .orchestration.study.plan import read_plan
-    from .orchestration.study.study import discard_parts, do_study
-    from .study_results import SwapStudy
-
-    plan = read_plan(study)
-    for part in (plan.plant, *(e.component for e in plan.entrants)):
-        read_again(part)
-    result = SwapStudy.of(do_study(plan, Path(folder), processes(workers), resume))
-    discard_parts(Path(folder))
-    return result
-
-
-def read_again(part: str) -> str:
-    """The same part; a Python file is read as it is now."""
-    from .plant.instruments import PartName
-    from .solver.component_file import names_file, read_component
-
-    if names_file(name := PartName.of(part).bare):
-        read_component(name)
-    return part
-
-
-def tune(  # noqa: PLR0913
-    loop: Loop | PartLike,
-    plant: PartLike | None = None,
-    reference: str | None = None,
-    stop: float | None = None,
-    limit: float | None = None,
-    plant_values: Values | None = None,
-    controller_values: Values | None = None,
-    budget: int = 100,
-    seed: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-) -> TunedGains:
-    """Find the gains of one controller for one machine, and test them on another motion.
-
-    The search is CMA-ES (Hansen, "The CMA evolution strategy", 2006); see ``docs/howto/tune.md``.
-
-    Parameters
-    ----------
-    loop : Loop, or a controller
-        Its set-point and coupling are not used.
-    plant, plant_values, controller_values
-        As in `run`. Gains among the values are a start of the search.
-    reference : str, optional
-        Motion for the tuning: its description or the path of a table. Default: a step and a
-        reversing move within the limit.
-    stop : float, optional
-        Length of the reference [s]. Default: its end plus 0.5 s.
-    limit : float, optional
-        Largest command, in its unit. Default: ``voltage_limit`` of the plant; 36 V for an axis.
-    budget : int
-        Number of candidates; the same number again shows what more candidates would improve.
-    seed : int
-    progress : function of int and int, optional
-        Called with the number of finished candidates and the number of all.
-
-    Returns
-    -------
-    TunedGains
-        ``values`` are the gains; ``trusted`` says whether all runs converged and
-        the linearized loop is stable.
-
-    Examples
-    --------
-    >>> import ballscrew
-    >>> result = ballscrew.tune("pid", "drive_lugre", limit=20.0, budget=4)
-    >>> sorted(result.values), [m.state for m in result.margins]
-    (['Kd', 'Ki', 'Kp'], ['stuck', 'sliding'])
-    """
-    from .orchestration.study.tune import tune_loop
-    from .study_results import TunedGains
-
-    if stop is not None and reference is None:
-        raise UserError("stop is the length of reference; give reference as well")
-    length = None if stop is None else check_length("stop", stop)
-    count = check_whole_number("budget", budget, 2, 100_000)
-    seed = check_whole_number("seed", seed, 0)
-    limit = None if limit is None else as_number("limit", limit)
-    own = _loop(loop, plant, plant_values=plant_values, controller_values=controller_values)
-    return TunedGains.of(tune_loop(own, reference, length, limit, count, seed, progress))
-
-
-# -- what is checked here, also for the command ---------------------------------------------
+# -- what is checked here, also for the other functions and the command ----------------------
 
 
 def check_name(argument: str, name: str, known: Iterable[str]) -> None:
@@ -471,17 +354,10 @@ def file_of(params: ParameterFile | Path | str | None) -> ParameterFile | None:
     return read_parameters(params) if isinstance(params, str | Path) else params
 
 
-def _loop(
-    loop: Any,
-    plant: PartLike | None = None,
-    reference: ReferenceLike | None = None,
-    stop: float | None = None,
-    **others: Any,
-) -> Any:
+def loop_of(loop: Any, **asked: Any) -> Any:
     """The loop of a controller with these arguments of `Loop`, or a given one with those given."""
     from .orchestration.loop.loop import Loop, SystemLoop
 
-    asked = {"plant": plant, "reference": reference, "stop": stop, **others}
     asked = {name: value for name, value in asked.items() if value is not None}
     return replace(loop, **asked) if isinstance(loop, Loop | SystemLoop) else Loop(loop, **asked)
 

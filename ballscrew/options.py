@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 # A word that begins like a number is a value, also where argparse takes it for an option: -3e-2.
 NEGATIVE_NUMBER = re.compile(r"-(\d|\.\d|inf|nan)", re.IGNORECASE)
 COUPLINGS = ", ".join([*(coupling.value for coupling in Coupling), WITHOUT_FMUS])
-_SOURCES = "api part_api measured_api orchestration/loop/loop"  # in the package
+_SOURCES = "api study_api part_api measured_api orchestration/loop/loop"  # in the package
 _LOOPS, _RECORDS = "run swap lyapunov map", "identify diagnose compare"
 _FUNCTIONS = {"map": "stability_map", "study": "swap_study", "rig": "run_trial"}
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .api import check_whole_number, read_again
+from .api import check_whole_number
 from .console import print_notes
 from .solver.errors import UserError
 
@@ -67,6 +67,16 @@ def component(name: str) -> Component:
     from .orchestration.loop.catalogue import component as made
 
     return made(read_again(name))
+
+
+def read_again(part: str) -> str:
+    """The same part; a Python file is read as it is now."""
+    from .plant.instruments import PartName
+    from .solver.component_file import names_file, read_component
+
+    if names_file(name := PartName.of(part).bare):
+        read_component(name)
+    return part
 
 
 def with_friction(

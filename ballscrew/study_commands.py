@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from . import api
 from .console import NOT_TRUSTED, TRUSTED, Count, print_json, text_of, warn
 from .loop_options import loops_of
 from .options import given, open_workers
 from .results_folder import prepare_folder, save_result
+from .study_api import tune as tuned
 
 TUNE = r"""
 Write parameters.toml with the gains, for run, swap and export, tuning.json, report.html, and
@@ -37,7 +37,7 @@ def tune(options: argparse.Namespace) -> int:
     prepare_folder(options.out, [options.params, options.reference])
     how = given(options, "reference", "stop", "limit", "budget", "seed")
     with Count("candidates") as progress:
-        result = api.tune(loop, progress=progress, **how)
+        result = tuned(loop, progress=progress, **how)
     save_result(options, result)
     if options.json:
         print_json(result.to_dict())

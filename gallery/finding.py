@@ -152,7 +152,9 @@ def cells(
 ) -> dict[str, list[Any]]:
     """The table of a map by column; `more` as `stability_map`."""
     with tempfile.TemporaryDirectory() as folder:
-        found = ballscrew.stability_map(law, x, y, folder, plant, stop=stop, reference=goal, **more)
+        found = ballscrew.stability_map(
+            law, x, y, folder, plant=plant, stop=stop, reference=goal, **more
+        )
         return found.columns()
 
 

@@ -21,14 +21,14 @@ MOST = {  # folder: lines, lines without docstrings
     "fmus": (4974, 4446),
     "orchestration": (10120, 8874),
     "stability": (2766, 2267),
-    "ballscrew": (3501, 2898),
-    "gallery": (2728, 2354),
+    "ballscrew": (3510, 2903),
+    "gallery": (2730, 2356),
     "measurement": (13214, 11163),
     "proofs": (12912, 11543),
     "benchmarks": (1843, 1705),
     "docs": (1361, 1312),
     ".ci": (276, 255),
-    "tests": (24593, 23416),
+    "tests": (24409, 23240),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

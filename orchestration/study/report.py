@@ -112,7 +112,7 @@ def _tunings(study: StudyResult) -> Iterator[Table]:
             costs = map(number, (t.published_cost, t.cost, t.doubled_cost))
             rows.append((name, *costs, ", ".join(t.at_bound)))
     names = ("cost of the published rule", "tuned", "with twice the budget")
-    columns = ("controller", *names, "at the end of its range")
+    columns: tuple[str, ...] = ("controller", *names, "at the end of its range")
     yield Table("Tuning", columns, rows, says=_COSTS)
     rows = []
     for name, s in study.sensitivities.items():

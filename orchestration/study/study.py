@@ -26,6 +26,8 @@ from .workers import KeptParts, Processes, Workers
 
 Progress = Callable[[str, int, int], None]
 Tunings = Mapping[str, list[Tuned]]
+Jobs = dict[Place, tuple[Any, ...]]
+"""Arguments of each task of a stage."""
 
 PARTS = "study.parts"
 CHUNK = 10  # plants of a task
@@ -95,7 +97,7 @@ class Work:
     def tunings(self) -> dict[str, list[Tuned]]:
         """Tunings of each controller, one for each seed."""
         seeds = range(self.plan.tuning.seeds)
-        jobs = {(k, s): (c, s) for k, c in enumerate(self.contenders) for s in seeds}
+        jobs: Jobs = {(k, s): (c, s) for k, c in enumerate(self.contenders) for s in seeds}
         done = self._done("tuning", _tuned, jobs)
         return {
             c.entrant.name: [Tuned(**done[k, s]) for s in seeds]
@@ -105,7 +107,7 @@ class Work:
     def figures(self, tunings: Tunings) -> dict[str, Matrix]:
         """Figures by name, shape (controllers, seeds, duties, plants)."""
         plants = range(self.plan.plants)
-        jobs = {
+        jobs: Jobs = {
             (k, seed, d, first): (c, t.values, duty, plants[first : first + CHUNK])
             for k, c in enumerate(self.contenders)
             for seed, t in enumerate(tunings[c.entrant.name])
@@ -126,7 +128,7 @@ class Work:
         drawn = np.sort(random.choice(runs, math.ceil(runs / SHARE), replace=False))
         places = (tuple(map(int, np.unravel_index(number, self._shape))) for number in drawn)
         own = (p for p in places if isinstance(self.contenders[p[0]].loop, StudyLoop))
-        jobs = {place: self._check(place, tunings, figures) for place in own}
+        jobs: Jobs = {place: self._check(place, tunings, figures) for place in own}
         # the FMUs are files
         here = self.workers if isinstance(self.workers, Processes) else Processes(1)
         done = replace(self, workers=here)._done("over-fmus", _checked, jobs)
@@ -152,7 +154,7 @@ class Work:
         By duty and controller.
         """
         best = [min(tunings[c.entrant.name], key=lambda t: t.cost) for c in self.contenders]
-        jobs = {
+        jobs: Jobs = {
             (d, k): (c, best[k].values, duty)
             for d, duty in enumerate(self.plan.judged_duties)
             for k, c in enumerate(self.contenders)
@@ -162,9 +164,7 @@ class Work:
             found[self.plan.judged_duties[d].name][self.contenders[k].entrant.name] = Shown(*shown)
         return found
 
-    def _done(
-        self, stage: str, function: Callable[..., Any], jobs: Mapping[Place, tuple[Any, ...]]
-    ) -> dict[Place, Any]:
+    def _done(self, stage: str, function: Callable[..., Any], jobs: Jobs) -> dict[Place, Any]:
         """Results of all jobs in their order; those that are on disk are not done again."""
         places = {f"{stage}-{'-'.join(map(str, place))}.json": place for place in jobs}
         named = {name: jobs[place] for name, place in places.items()}

@@ -39,18 +39,6 @@ def files(tmp_path_factory):
     return folder
 
 
-def test_the_first_line_says_it_and_a_table_has_each_part_of_the_motion(files):
-    record, params = files / "other.csv", files / "parameters.toml"
-    code, printed, said = run("compare", record, "--params", params)
-    assert (code, said) == (0, "")
-    lines = printed.splitlines()
-    told = compare(record, params)
-    assert lines[0] == f"The corrected {told.says.removeprefix('the corrected ')}."
-    assert "load_bias" in lines[4]
-    for name in ("in all", "reversals", "slow", "fast", "accelerating", "steady", "forwards"):
-        assert sum(line.strip().startswith(name) for line in lines) == 2, name
-
-
 def test_a_file_without_a_diagnosis_has_one_model(files, tmp_path):
     plain = tmp_path / "plain.toml"
     plain.write_text("[plant]\n" + "".join(f"{n} = {v!r}\n" for n, v in NOMINAL.items()))

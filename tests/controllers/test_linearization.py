@@ -88,15 +88,6 @@ def test_with_exact_parameters_the_loop_is_the_linear_one(goal):
     np.testing.assert_allclose(distance, exact(run.time, goal), atol=2e-10)
 
 
-def test_published_figures_of_the_nominal_step():
-    run = run_monolithic(Loop("iol", reference=Reference.constant(0.08), stop=20.0), 1e-3)
-    u = run.commands["u"]
-    assert u.max() == pytest.approx(32.1, abs=0.05)
-    assert run.time[u.argmax()] == pytest.approx(0.336, abs=1e-3)
-    assert run.outputs["x"][500] - 0.08 == pytest.approx(-0.0347358664, abs=1e-9)
-    assert run.outputs["x"].max() <= 0.08 + 1e-12  # no overshoot
-
-
 @pytest.mark.ci
 def test_a_little_wrong_friction_ends_beside_the_set_point():
     """3.5.1.2 of the thesis: 66966.331 and 349.41; here it rests at +23.4 um, +26 um."""

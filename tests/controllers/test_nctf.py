@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ballscrew.controllers.nctf import _stopping, design, nctf
+from ballscrew.controllers.nctf import design, nctf
 from ballscrew.orchestration.loop.closed_loop import metrics
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.whole_loop import run_monolithic
@@ -47,12 +47,3 @@ def test_published_figures_of_the_nominal_step():
     assert abs(m.steady_state_error) < 1e-9
     mirrored = run_monolithic(Loop("nctf", reference=Reference.constant(-0.08), stop=20.0), 1e-3)
     np.testing.assert_allclose(mirrored.outputs["x"], -run.outputs["x"], atol=1e-9)
-
-
-def test_the_stop_is_where_the_speed_stays_below_the_threshold_between_two_samples():
-    """It springs back once: of 2 to 0.5 m/s between 2 and 3 s, 1.5 is passed after a third."""
-    time, speed = np.arange(5.0), np.array([4.0, 1.0, -2.0, -0.5, 0.1])
-    assert _stopping(time, speed, 1.5) == pytest.approx(2.0 + 1.0 / 3.0)
-    assert [p.minimum for p in nctf().parameters[:2]] == [0.0, 0.0]
-    with pytest.raises(ValueError, match=r"does not fall below 0.05 m/s"):
-        _stopping(time, speed, 0.05)
