@@ -1,95 +1,95 @@
-"""Loops of the thesis, simulated with exponents by this program."""
+"""Loops of the thesis run by this program; each is run once."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+from scipy.integrate import solve_ivp
 
+from ballscrew.orchestration.loop.closed_loop import metrics
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.whole_loop import run_monolithic
 from ballscrew.orchestration.master.reference_signal import Reference
-from ballscrew.solver.kernel import IntegrationError
+from ballscrew.solver.arrays import Vector
+from ballscrew.solver.kernel import IntegrationError, Model
 from ballscrew.solver.spectrum import follow_returns, follow_tangents
-from ballscrew.stability.lyapunov import LyapunovRun, loop_maker, loop_order
+from ballscrew.stability.lyapunov import LyapunovRun, loop_lyapunov, loop_maker, loop_order
 from thesis.printed import BITS, SETPOINT, STOP
 
-Figures = dict[str, Any]
-
-
-Vector = npt.NDArray[np.float64]
-
-
 SWING = 1e-6  # amplitude in the last two seconds below which the loop is at rest [m]
-
-
 SEEN = 1e-5  # the same for a reader of a picture of 8 cm [m]
 
 
-def hats(sigma0: float, sigma1: float) -> dict[str, float]:
-    """Parameters of the linearizing controller."""
-    return {"sigma0_hat": sigma0, "sigma1_hat": sigma1}
+def hats(system: tuple[float, float]) -> dict[str, float]:
+    """Parameters of the linearizing controller, from its estimates of sigma0 and sigma1."""
+    return dict(zip(("sigma0_hat", "sigma1_hat"), system, strict=True))
 
 
-def loop_run(
-    controller: str,
-    values: dict[str, float] | None = None,
-    stop: float = STOP,
-    setpoint: float = SETPOINT,
-    plant: str = "plant",
-) -> Any:
-    """One step to a set-point in one solver, on a grid of one millisecond."""
-    reference = Reference.constant(setpoint)
+@cache
+def step(controller: str, stop: float = STOP, plant: str = "plant", **values: float) -> Any:
+    """A step to 8 cm in one solver, on a grid of one millisecond."""
+    reference = Reference.constant(SETPOINT)
     return run_monolithic(Loop(controller, plant, reference, stop, controller_values=values), 1e-3)
 
 
+@cache
+def figures(controller: str, stop: float = STOP, **values: float) -> Any:
+    """Figures of merit of such a step."""
+    return metrics(step(controller, stop, **values))
+
+
+@cache
+def spectrum(
+    controller: str, stop: float, setpoint: float = SETPOINT, **values: float
+) -> LyapunovRun:
+    """All exponents, after `stop` seconds and in the limit."""
+    return loop_lyapunov(Loop(controller, reference=setpoint, stop=stop, controller_values=values))
+
+
+def model_of(
+    controller: str, tolerance: float, setpoint: float = SETPOINT, **values: float
+) -> Model:
+    loop = Loop(controller, reference=setpoint, controller_values=values)
+    return loop_maker(loop)(tolerance)
+
+
+@cache
 def growth(
-    controller: str,
-    values: dict[str, float] | None,
-    stop: float,
-    setpoint: float = SETPOINT,
-    tolerance: float = 1e-9,
-    points: int = 2,
+    controller: str, stop: float, tolerance: float = 1e-9, points: int = 2, **values: float
 ) -> tuple[Vector, Vector]:
     """Times [s] and the largest exponent's estimate times time [bits], by the first tangent."""
-    model = loop_maker(Loop(controller, reference=setpoint, controller_values=values))(tolerance)
-    first = loop_order(model.kernel)[0]
-    frame = np.eye(len(model.x))[[first]]
+    model = model_of(controller, tolerance, **values)
+    frame = np.eye(len(model.x))[[loop_order(model.kernel)[0]]]
     run = follow_tangents(model, np.linspace(0.0, stop, points), count=1, frame=frame)
     if run.failure:
         raise IntegrationError(run.failure)
     return run.time, run.growth[:, 0] * BITS
 
 
-def spectrum_figures(run: LyapunovRun) -> Figures:
-    """The part of ``lyapunov.json`` needed here."""
-    keep = (
-        "time_s", "exponents_bits_per_s", "exponents_error_bits_per_s", "asymptotic_bits_per_s",
-        "mean_trace_bits_per_s", "sum_rule_error", "lambda1_times_t_bits", "verdict", "rest",
-    )  # fmt: skip
-    figures = run.figures()
-    return {name: figures[name] for name in keep}
+def largest(controller: str, stop: float, tolerance: float = 1e-9, **values: float) -> float:
+    """The largest exponent after `stop` seconds [bits/s]."""
+    return float(growth(controller, stop, tolerance, **values)[1][-1]) / stop
 
 
 @dataclass(frozen=True)
 class End:
-    """Motion of a loop in the last two seconds of 20 s, as visible in a picture of the thesis."""
+    """Motion of a loop in the last two of 20 s."""
 
     kind: str  # "diverges", "swings", "stands"
     swing: float  # m to either side
     offset: float  # m from the set-point
 
 
+@cache
 def end_of(
     sigma0: float, sigma1: float, controller: str = "iol", setpoint: float = SETPOINT
 ) -> End:
-    """The end of one loop of the plane of Fig. 3.18."""
-    model = loop_maker(
-        Loop(controller, reference=setpoint, controller_values=hats(sigma0, sigma1))
-    )(1e-8)
+    """The end of a linearizing loop."""
+    model = model_of(controller, 1e-8, setpoint, **hats((sigma0, sigma1)))
     x = [s.name for s in model.kernel.states].index("plant_x")
     for start, stop in ((0.0, STOP - 2.0), (STOP - 2.0, STOP)):
         seen = follow_returns(model, start, stop, x, math.inf, 1)
@@ -99,3 +99,23 @@ def end_of(
             raise IntegrationError(seen.failure)
     swing = float(seen.high[x] - seen.low[x]) / 2.0
     return End("swings" if swing > SWING else "stands", swing, float(model.x[x]) - setpoint)
+
+
+@cache
+def scipy_end(system: tuple[float, float], method: str, rtol: float, atol: float) -> End:
+    """The same by a solver of SciPy, with one absolute tolerance for all states."""
+    model = model_of("iol", 1e-8, **hats(system))
+    x = [s.name for s in model.kernel.states].index("plant_x")
+
+    def far(t: float, state: Vector) -> float:
+        return 1.0 - abs(float(state[x]))
+
+    far.terminal = True  # type: ignore[attr-defined]
+    with np.errstate(all="ignore"):
+        run = solve_ivp(
+            model.derivatives, (0.0, STOP), model.x.copy(), method, rtol=rtol, atol=atol, events=far
+        )
+    if run.t[-1] < STOP:
+        return End("diverges", math.inf, math.inf)
+    swing = float(np.ptp(run.y[x][run.t >= STOP - 2.0])) / 2.0
+    return End("swings" if swing > SWING else "stands", swing, float(run.y[x][-1]) - SETPOINT)

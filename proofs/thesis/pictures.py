@@ -17,16 +17,14 @@ from PIL import Image
 from scipy.integrate import solve_ivp
 
 from ballscrew.controllers.nctf import STEP_VOLTAGE, design
-from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
 from ballscrew.plant.axis import axis
 from ballscrew.solver.files import write_atomically
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.solver.stored import stored_kernel
-from ballscrew.stability.lyapunov import loop_maker, loop_order
-from thesis.loops import end_of, hats
-from thesis.model import parameters
+from ballscrew.stability.lyapunov import loop_order
+from thesis.loops import end_of, hats, model_of
 from thesis.printed import (
     BITS,
     CYCLE,
@@ -49,22 +47,10 @@ from thesis.printed import (
     SYSTEM_1,
     SYSTEM_2,
 )
+from thesis.region_and_tables import grid
 
-FOLDER = Path(__file__).resolve().parents[2] / "docs" / "images" / "reproduction"
+FOLDER = Path(__file__).resolve().parents[2] / "docs" / "images" / "thesis"
 SIZE = (9.6, 5.6)  # in
-MOST_BYTES = 60_000
-CAPTIONS = {
-    "linearization": "Figs. 3.4 and 3.5. The linearizing controller on the nominal plant.",
-    "nctf": "Figs. 3.7 to 3.10. The NCTF controller: its design, and its step on the nominal "
-    "plant. Fig. 3.6 is a block diagram. It has no numbers and is not drawn.",
-    "system_1": "Figs. 3.11 to 3.13. The linearizing controller of Section 3.5.1.1.",
-    "system_2": "Figs. 3.14 to 3.17. The linearizing controller of Section 3.5.1.2. The close-up "
-    "has the same equations by scipy's RK45 with tolerances of 1e-3 and 1e-6, too. That solver "
-    "does not come to rest. Where it goes changes with the last bit.",
-    "plane": "Fig. 3.18. What 1938 loops do, on a grid of 34 x 57.",
-    "nctf_70": "Figs. 3.19 to 3.21. The NCTF controller of a plant with 70 % of sigma0 and sigma1.",
-    "nctf_130": "Figs. 3.22 to 3.24. The same for 130 % of both.",
-}
 
 
 def thesis_text(axes: Any, text: str, place: tuple[float, float], **style: Any) -> None:
@@ -79,15 +65,14 @@ def titled(axes: Any, title: str, across: str, up: str) -> None:
     axes.set_ylabel(up)
 
 
-def course(controller: str, values: dict[str, float] | None, stop: float, points: int) -> Any:
+def course(controller: str, values: dict[str, float], stop: float, points: int) -> Any:
     """A step to 8 cm by this program."""
-    model = loop_maker(Loop(controller, reference=SETPOINT, controller_values=values))(1e-9)
-    return model.simulate(np.linspace(0.0, stop, points))
+    return model_of(controller, 1e-9, **values).simulate(np.linspace(0.0, stop, points))
 
 
-def exponents(controller: str, values: dict[str, float] | None, stop: float) -> tuple[Any, Any]:
+def exponents(controller: str, values: dict[str, float], stop: float) -> tuple[Any, Any]:
     """Times [s], and all finite-time exponents [bits/s] in descending order, one per column."""
-    model = loop_maker(Loop(controller, reference=SETPOINT, controller_values=values))(1e-11)
+    model = model_of(controller, 1e-11, **values)
     frame = np.eye(len(model.x))[loop_order(model.kernel)]
     run = follow_tangents(model, np.linspace(0.0, stop, 401), frame=frame)
     rates = run.growth[1:] * BITS / run.time[1:, None]
@@ -112,7 +97,7 @@ def draw_voltage(axes: Any, run: Any, figure: str, steady: float) -> None:
 
 
 def linearization() -> Any:
-    run = course("iol", None, 3.0, 1501)
+    run = course("iol", {}, 3.0, 1501)
     figure, ((left, right),) = new_figure(1, 2, (9.6, 3.8))
     draw_position(left, run, "3.4")
     draw_voltage(right, run, "3.5", STEADY)
@@ -152,7 +137,7 @@ def nctf() -> Any:
     plane.set_xlim(1e-2, 1e5)
     plane.legend(loc="center left", fontsize=9)
     titled(plane, "Figs. 3.7, 3.8: speed and way to go", "way to go $e$ [um]", "velocity [m/s]")
-    run = course("nctf", None, 4.0, 4001)
+    run = course("nctf", {}, 4.0, 4001)
     draw_position(position, run, "3.9")
     draw_voltage(voltage, run, "3.10", STEADY_NCTF)
     later = run.time > 0.05
@@ -204,10 +189,10 @@ def draw_exponents(
 
 def system_1() -> Any:
     figure, grid = new_figure(2, 3, SIZE)
-    run = course("iol", hats(*SYSTEM_1), STOP, 4001)
+    run = course("iol", hats(SYSTEM_1), STOP, 4001)
     draw_states(grid[:, :2].T.flat, run, ("3.11", "3.11", "3.12", "3.12"))
     thesis_text(grid[0][0], "the states converge", (0.97, 0.1), ha="right")
-    found = exponents("iol", hats(*SYSTEM_1), 400.0)
+    found = exponents("iol", hats(SYSTEM_1), 400.0)
     said = f"{LARGEST_1} ($\\lambda_1$)"
     draw_exponents(grid[0][2], found, "3.13", (LARGEST_1,), said)
     largest = grid[1][2]
@@ -221,7 +206,7 @@ def system_1() -> Any:
 
 def loose_course() -> Any:
     """System 2 by scipy's RK45 with its default relative tolerance and one of 1e-6 for all."""
-    model = loop_maker(Loop("iol", reference=SETPOINT, controller_values=hats(*SYSTEM_2)))(1e-8)
+    model = model_of("iol", 1e-8, **hats(SYSTEM_2))
     return solve_ivp(
         model.derivatives, (0.0, STOP), model.x.copy(), "RK45", rtol=1e-3, atol=1e-6,
         t_eval=np.linspace(0.0, STOP, 20_001),
@@ -230,7 +215,7 @@ def loose_course() -> Any:
 
 def system_2() -> Any:
     figure, grid = new_figure(2, 4, (12.0, 5.6))
-    run, loose = course("iol", hats(*SYSTEM_2), STOP, 4001), loose_course()
+    run, loose = course("iol", hats(SYSTEM_2), STOP, 4001), loose_course()
     draw_states(grid[:, :2].T.flat, run, ("3.14", "3.14", "3.15", "3.15"))
     thesis_text(grid[0][0], "it swings on", (0.97, 0.1), ha="right")
     thesis_text(grid[0][1], "it swings on", (0.97, 0.1), ha="right")
@@ -248,7 +233,7 @@ def system_2() -> Any:
     titled(phase, "Fig. 3.16: phase portrait", "$x_1$ [cm]", "$x_2$ [cm/s]")
     close.legend(loc="lower left", fontsize=8)
     titled(close, "Fig. 3.14, close-up", "time [s]", "$x_1$ [um]")
-    found = exponents("iol", hats(*SYSTEM_2), LONG)
+    found = exponents("iol", hats(SYSTEM_2), LONG)
     said = "{:g}, {:g},\n{:g}, {:g}".format(*SPECTRUM_2)
     draw_exponents(grid[1][2], found, "3.17", SPECTRUM_2, said)
     slow = grid[1][3]
@@ -271,15 +256,9 @@ def system_2() -> Any:
 KINDS = ("stands", "swings", "diverges")
 
 
-def kinds_of(across: Any, up: Any) -> Any:
-    """Motion of loops as index in `KINDS`: one row per sigma1_hat, one column per sigma0_hat."""
-    return np.array([[KINDS.index(end_of(a, b).kind) for a in across] for b in up])
-
-
 def plane() -> Any:
-    box = parameters()["region_1"]
-    across, up = np.linspace(*box["sigma0_hat"], 34), np.linspace(*box["sigma1_hat"], 57)
-    cells = kinds_of(across, up)
+    across, up = grid()
+    cells = np.array([[KINDS.index(end_of(a, b).kind) for a in across] for b in up])
     figure, ((axes,),) = new_figure(1, 1, (8.0, 5.2))
     colours = ("#666666", "#56B4E9", "#E69F00")
     axes.pcolormesh(across - SIGMA0, up, cells, cmap=ListedColormap(colours), shading="nearest")
@@ -323,14 +302,18 @@ PICTURES: dict[str, Callable[[], Any]] = {
 }
 
 
-def save(name: str, folder: Path = FOLDER) -> Any:
-    """Draw one picture and write it as PNG of 256 colours; the figure is returned."""
+def write(draw: Callable[[], Any], path: Path) -> None:
+    """Draw a picture and write it as PNG of 256 colours."""
     with mpl.rc_context({**STYLE, "font.size": 10}):
-        figure = PICTURES[name]()
         drawn, packed = io.BytesIO(), io.BytesIO()
-        figure.savefig(drawn, format="png", dpi=100)
+        draw().savefig(drawn, format="png", dpi=100)
     image = Image.open(drawn).convert("RGB")
     image.quantize(256, dither=Image.Dither.NONE).save(packed, format="png", optimize=True)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / f"{name}.png", packed.getvalue())
-    return figure
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, packed.getvalue())
+
+
+def save_all() -> None:
+    """Draw Figs. 3.4 to 3.24."""
+    for name, draw in PICTURES.items():
+        write(draw, FOLDER / f"{name}.png")

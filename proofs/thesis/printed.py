@@ -1,4 +1,4 @@
-"""The numbers of the thesis, and the nominal parameters for them."""
+"""Numbers that the thesis prints, and the nominal parameters."""
 
 from __future__ import annotations
 
@@ -8,82 +8,23 @@ from ballscrew.plant.ball_screw import PARAMETERS as AXIS
 from ballscrew.plant.lugre import PARAMETERS as LUGRE
 
 NOMINAL = {p.name: p.default for p in (*AXIS, *LUGRE)}
-
-
 SIGMA0, SIGMA1 = NOMINAL["sigma0"], NOMINAL["sigma1"]
-
-
 BITS = 1.0 / math.log(2.0)
-
-
-SETPOINT = 0.08  # m, Sections 3.4.1.2 and 3.4.2.2
-
-
-STOP = 20.0  # s, the same
-
-
-LONG = 300.0  # s
-
-
-VARIANTS = {"estimated": "iol", "true": "iol_true_acceleration"}
-
-
-# The numbers of the thesis.
-NOMINAL_VOLTAGE = 35.0  # V, 3.4.1.2
-
-
-PEAK = (0.32, 33.0)  # Fig. 3.5, s and V, "approximately"
-
-
-STEADY = 1.5  # Fig. 3.5: the voltage is steady after this time, s
-
-
-SECOND_PEAK = 0.3  # Fig. 3.10: time of the second peak, s, "approximately"
-
-
-STEADY_NCTF = 2.2  # Fig. 3.10: the voltage is steady after this time, s
-
-
+SETPOINT = 0.08  # Sections 3.4.1.2 and 3.4.2.2 [m]
+STOP, LONG = 20.0, 300.0  # of the text, and the time that fits Tables 3.3 and 3.4 [s]
+NOMINAL_VOLTAGE = 35.0  # 3.4.1.2 [V]
+PEAK = (0.32, 33.0)  # Fig. 3.5, "approximately" [s], [V]
+STEADY, STEADY_NCTF = 1.5, 2.2  # times after which the voltage is steady: Figs. 3.5, 3.10 [s]
+SECOND_PEAK = 0.3  # Fig. 3.10, "approximately" [s]
 SYSTEM_1 = (66967.331, 355.76)  # 3.5.1.1: sigma0_hat, sigma1_hat
-
-
 SYSTEM_2 = (66966.331, 349.41)  # 3.5.1.2
-
-
-LARGEST_1 = -0.03413  # Fig. 3.13, bits/s
-
-
-SPECTRUM_2 = (0.0, -0.00173, -13.03, -13.19)  # Fig. 3.17, bits/s
-
-
-SECONDS_1 = 1177.0  # 3.5.1.1: to compute the exponents
-
-
-RUNAWAY = 66968.98  # Fig. 3.18: critical sigma0_hat
-
-
-CYCLE = 344.16  # Fig. 3.18: critical sigma1_hat
-
-
-REGION_1 = ((0.99998, 1.00003), (0.98548, 1.06675))  # Eq. 3.29
-
-
-GRID_1 = 0.05
-
-
+LARGEST_1 = -0.03413  # Fig. 3.13 [bits/s]
+SPECTRUM_2 = (0.0, -0.00173, -13.03, -13.19)  # Fig. 3.17 [bits/s]
+RUNAWAY, CYCLE = 66968.98, 344.16  # Fig. 3.18: critical sigma0_hat, sigma1_hat
+REGION = ((0.99998 * SIGMA0, 1.00003 * SIGMA0), (0.98548 * SIGMA1, 1.06675 * SIGMA1))  # Eq. 3.29
+GRID = 0.05  # of the region
 PRINTED_H, PRINTED_A, PRINTED_M, PRINTED_C = 0.1193, 0.1, -1.193, 13.25  # 3.4.2.1
-
-
-PERCENT = tuple(range(70, 131, 5))  # rows and columns of Tables 3.3 and 3.4
-
-
-COARSE = PERCENT[::2]  # those for which sigma0 and sigma1 are both perturbed here
-
-
-ROWS = (
-    -0.0167, -0.0161, -0.0154, -0.0147, -0.0142, -0.0137, -0.0134,
-    -0.0130, -0.0127, -0.0125, -0.0124, -0.0123, -0.0123,
-)  # fmt: skip
-
-
-MISPRINT = (130, 90, 0.0123)  # row, column and value of the only cell that differs from its row
+LARGEST_BY_SIGMA1 = {
+    70: -0.0167, 75: -0.0161, 80: -0.0154, 85: -0.0147, 90: -0.0142, 95: -0.0137, 100: -0.0134,
+    105: -0.0130, 110: -0.0127, 115: -0.0125, 120: -0.0124, 125: -0.0123, 130: -0.0123,
+}  # Tables 3.3-3.4: rows, all columns alike [bits/s]  # fmt: skip
