@@ -58,16 +58,14 @@ prove: $(VENV)/ci
 	$(BIN)/python proofs/networks.py
 	$(BIN)/python proofs/fuzz.py
 	$(BIN)/python proofs/identification.py --rigs 30
-	$(BIN)/python proofs/criteria.py
-	$(BIN)/python proofs/table_2_12.py
 	$(BIN)/python proofs/variational.py
-	$(BIN)/python proofs/exchange.py
+	$(BIN)/python proofs/interoperability/exchange.py
 	$(BIN)/python proofs/calibrate_sets.py
 	$(BIN)/python proofs/calibrate_sets.py --held-back --first-seed 1010000 --faultless 35 --effects 70 --rows out/held_back.jsonl
 	$(BIN)/python proofs/ablation.py
 	$(BIN)/python proofs/diagnosis_loop.py --faultless 3 --effects 6 --first-seed 1020000
-	$(BIN)/python proofs/reproduction.py
-	$(BIN)/python proofs/reproduction.py --pictures
+	$(BIN)/python proofs/thesis
+	$(BIN)/python proofs/thesis --pictures
 	$(BIN)/python proofs/emps.py
 	$(BIN)/python proofs/tro2021.py
 	$(BIN)/python proofs/own_records.py
@@ -77,9 +75,9 @@ prove: $(VENV)/ci
 
 # Tools of others, each in an environment of its own that pip fills. FLAGS=--quick is what CI runs.
 tools: $(VENV)/ci
-	$(BIN)/python proofs/tools.py $(FLAGS)
-	$(BIN)/python proofs/made_by_others.py $(FLAGS)
-	$(BIN)/python proofs/modelica.py $(FLAGS)
+	$(BIN)/python proofs/interoperability/tools.py $(FLAGS)
+	$(BIN)/python proofs/interoperability/made_by_others.py $(FLAGS)
+	$(BIN)/python proofs/interoperability/modelica.py $(FLAGS)
 
 # In an environment of their own, with the programs that they compare with.
 PEERS := .venv-peers/bin/python

@@ -24,11 +24,11 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (3510, 2903),
     "gallery": (2730, 2356),
     "measurement": (13214, 11163),
-    "proofs": (11072, 9873),
+    "proofs": (10933, 9753),
     "benchmarks": (1843, 1705),
-    "docs": (1361, 1312),
+    "docs": (1333, 1284),
     ".ci": (276, 255),
-    "tests": (24365, 23199),
+    "tests": (24363, 23197),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

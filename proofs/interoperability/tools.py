@@ -1,22 +1,19 @@
 """Proof: other tools run the exported files unchanged, with the error of each.
 
 Makes an environment for each tool under ``out/tools`` (with pip), exports loops, parts and systems
-with the command, runs them in every tool (``hosts/``), and compares the position of the block with
-the complete loop in SciPy's Radau solver. Two tools run at a time. Writes
-``docs/proof/tools.json``: provenance, versions, errors. It fails if a tool does not accept a file,
-or has twice the error allowed in its row. A tool whose environment cannot be made is listed at the
-end. ``--quick`` runs only what is fast enough for continuous integration, and writes no file.
+with the command, runs them in every tool (``hosts.py``), and compares the position of the block
+with the complete loop in SciPy's Radau solver. Two tools run at a time. Writes
+``docs/proof/tools.json``. It fails if a tool does not accept a file, or has twice the error allowed
+in its row. A tool whose environment cannot be made is listed at the end. ``--quick`` runs only what
+is fast enough for continuous integration, and writes no file.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 import tempfile
-import time
-import venv
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -25,16 +22,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from provenance import provenance
 from scipy.integrate import solve_ivp
 
 from ballscrew.cli import main as ballscrew
 from ballscrew.orchestration.loop.catalogue import fmu_kernel
+from ballscrew.solver.arrays import Vector
 from ballscrew.solver.kernel import Model
 
-ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from provenance import provenance
+
+from interoperability.environments import FOLDER, ROOT, NotMade, by_host, python_of
+
 TARGET = ROOT / "docs" / "proof" / "tools.json"
-HOSTS = Path(__file__).resolve().parent / "hosts"
 PACKAGES = {
     "casadi": ["casadi==3.8.2", "fmpy==0.3.32"],  # needs FMPy's headers to make FMUs
     "pathsim": ["pathsim==0.27.1", "pathsim-fmi==0.1.1"],
@@ -45,17 +45,16 @@ PACKAGES = {
     "fmuloader": ["fmuloader==0.1.2rc0"],
     "fmucontainer": ["fmu_manipulation_toolbox==2.0", "fmpy==0.3.32"],
     "fmpy": ["fmpy==0.3.32"],
-    "libcosim": ["libcosimpy==0.0.6", "numpy"],  # readable FMUs need numpy,
+    "libcosim": ["libcosimpy==0.0.6", "numpy"],  # readable FMUs need numpy
     "ecos": ["ecospy==0.7.2", "numpy"],
     "sofirpy": ["sofirpy==1.0.2"],
     "jaxonomy": ["jaxonomy==3.4.1", "fmpy==0.3.32", "pythonfmu==0.7.0"],
 }
-CONTROLLERS = "iol", "nctf"
-FMPY = {"iol": {1e-6: 6.2e-7, 1e-8: 2.9e-8}, "nctf": {1e-6: 3.4e-9, 1e-8: 2.3e-10}}
 QUICK = ("pathsim", "fmuloader", "fmucontainer", "fmpy", "libcosim", "ecos")
-_KINDS = "outputs", "inputs"
+FMPY = {"iol": {1e-6: 6.2e-7, 1e-8: 2.9e-8}, "nctf": {1e-6: 3.4e-9, 1e-8: 2.3e-10}}
+CVODES = {"iol": {1e-6: 1.7e-6, 1e-8: 1.3e-8}, "nctf": {1e-6: 1.9e-7, 1e-8: 1.4e-9}}
 REFERENCE_TOLERANCE = 1e-11
-GRID = 1e-3  # [s]
+GRID, STEP = 1e-3, 1e-3  # [s]
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,6 @@ class Job:
     what: str
     controller: str
     allowed: float
-    step: float = 1e-3
     stop: float = 1.0
     more: dict[str, Any] = field(default_factory=dict)
 
@@ -78,22 +76,21 @@ class Job:
 
 def jobs() -> Iterator[Job]:
     """Every tool with every kind of file that it accepts."""
-    solved = {"iol": {1e-6: 1.7e-6, 1e-8: 1.3e-8}, "nctf": {1e-6: 1.9e-7, 1e-8: 1.4e-9}}
-    for c in CONTROLLERS:
+    stepped = {"kind": "CoSimulation"}
+    for c in ("iol", "nctf"):
         exact = 2.6e-9 if c == "iol" else 1e-11
         for fmi in (2, 3):
-            for tolerance, off in solved[c].items():
+            for tolerance in (1e-6, 1e-8):
                 more = {"tolerance": tolerance}
-                yield Job("casadi", f"loop {fmi}", c, off, stop=20.0, more=more)
+                yield Job("casadi", f"loop {fmi}", c, CVODES[c][tolerance], 20.0, more)
                 more = {"kind": "ModelExchange", "tolerance": tolerance}
                 yield Job("fmpy", f"loop {fmi}", c, FMPY[c][tolerance], more=more)
-            more = {"kind": "ModelExchange", "tolerance": 1e-8}
             off = 3.8e-9 if c == "iol" else 1e-11
-            yield Job("jaxonomy", f"loop {fmi}", c, off, stop=0.2, more=more)
+            yield Job("jaxonomy", f"loop {fmi}", c, off, 0.2, more)
             for tool in ("pathsim", "gemseo", "fmuloader", "estim8", "fmpy", "jaxonomy"):
-                yield Job(tool, f"loop {fmi}", c, exact, more={"kind": "CoSimulation"})
+                yield Job(tool, f"loop {fmi}", c, exact, more=stepped)
         for tool in ("pathsim", "gemseo", "estim8", "fmpy", "sofirpy", "jaxonomy"):
-            yield Job(tool, "readable loop", c, exact, more={"kind": "CoSimulation"})
+            yield Job(tool, "readable loop", c, exact, more=stepped)
         for tool in ("libcosim", "ecos", "sofirpy"):
             yield Job(tool, "loop 2", c, exact)
         for tool in ("libcosim", "ecos"):
@@ -113,36 +110,41 @@ def jobs() -> Iterator[Job]:
 
 def files(folder: Path, what: str, controller: str) -> dict[str, str]:
     """A job's files by the names of their elements; exported if they do not exist."""
-    build = [] if what.startswith("readable") else ["--native"]
     kind = what.removeprefix("readable ").split()[0]
-    build += ["--fmi", what[-1]] if what[-1].isdigit() else []
-    out = folder / what.replace(" ", "_") / controller
-    asked = {
-        "loop": ["--loop", controller],
-        "law": ["--only", "plant", controller],
-        "system": ["--ssp", "--only", controller],
+    asked, names = {
+        "loop": (["--loop", controller], {"loop": f"{controller}_loop.fmu"}),
+        "law": (
+            ["--only", "plant", controller],
+            {"plant": "plant.fmu", "controller": f"{controller}.fmu"},
+        ),
+        "system": (["--ssp", "--only", controller], {"system": f"{controller}.ssp"}),
     }[kind]
-    if not out.is_dir() and ballscrew(["export", *asked, *build, "--out", str(out)]):
+    asked += [] if what.startswith("readable") else ["--native"]
+    asked += ["--fmi", what[-1]] if what[-1].isdigit() else []
+    out = folder / what.replace(" ", "_") / controller
+    if not out.is_dir() and ballscrew(["export", *asked, "--out", str(out)]):
         raise RuntimeError(f"cannot export {what} of {controller}")
-    if kind == "loop":
-        return {"loop": str(out / f"{controller}_loop.fmu")}
-    if kind == "system":
-        return {"system": str(out / f"{controller}.ssp")}
-    return {"plant": str(out / "plant.fmu"), "controller": str(out / f"{controller}.fmu")}
+    return {element: str(out / name) for element, name in names.items()}
 
 
 def wires(fmus: dict[str, str], controller: str) -> list[list[list[str]]]:
     """Connections from outputs to inputs, including law ports."""
     if len(fmus) < 2:
         return []
-    sides = fmu_kernel("plant"), fmu_kernel(controller)
-    outputs, inputs = ([{v.name for v in getattr(k, kind)} for k in sides] for kind in _KINDS)
-    measured = [[["plant", n], ["controller", n]] for n in sorted(outputs[0] & inputs[1])]
-    return measured + [[["controller", n], ["plant", n]] for n in sorted(outputs[1] & inputs[0])]
+    plant, own = fmu_kernel("plant"), fmu_kernel(controller)
+
+    def between(a: str, source: Any, b: str, target: Any) -> list[list[list[str]]]:
+        common = {v.name for v in source.outputs} & {v.name for v in target.inputs}
+        return [[[a, n], [b, n]] for n in sorted(common)]
+
+    return [
+        *between("plant", plant, "controller", own),
+        *between("controller", own, "plant", plant),
+    ]
 
 
 @cache
-def reference(controller: str) -> np.ndarray:
+def reference(controller: str) -> Vector:
     """Position of the block on a grid of `GRID` over 20 s [m]."""
     kernel = fmu_kernel(controller, "plant")
     model = Model(kernel)
@@ -158,83 +160,41 @@ def reference(controller: str) -> np.ndarray:
     )
     if not course.success:
         raise RuntimeError(course.message)
-    return course.y[[s.name for s in kernel.states].index("plant_x")]
-
-
-class NotMade(RuntimeError):
-    """An environment that pip could not fill; the message is pip's last line."""
-
-
-def python_of(tool: str, folder: Path, packages: Sequence[str]) -> Path:
-    """The interpreter of a tool's environment, which is made if it does not exist.
-
-    Raises
-    ------
-    NotMade
-        If pip ends with an error.
-    """
-    home = folder / tool
-    if not (home / "ready").is_file():
-        venv.create(home, with_pip=True, clear=True)
-        pip = [home / "bin" / "python", "-m", "pip", "install", "--quiet"]
-        done = subprocess.run(
-            [*pip, "--disable-pip-version-check", *packages],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if done.returncode:
-            raise NotMade(_last_line(done.stderr))
-        (home / "ready").touch()
-    return home / "bin" / "python"
-
-
-def _last_line(text: str) -> str:
-    return (text.strip().splitlines() or ["no word"])[-1]
+    return np.asarray(course.y[[s.name for s in kernel.states].index("plant_x")])
 
 
 def run(job: Job, folder: Path, python: Path) -> dict[str, Any]:
     """A row of the result; `error` [m] is None if the tool did not reach the end."""
     fmus = files(folder, job.what, job.controller)
-    connections = wires(fmus, job.controller)
-    told = {"fmus": fmus, "connections": connections, "step": job.step, "stop": job.stop}
+    asked = {"fmus": fmus, "connections": wires(fmus, job.controller), "step": STEP}
     row = {"tool": job.tool, "file": job.what, "controller": job.controller, **job.more}
-    row |= {"step": job.step, "stop": job.stop, "allowed": job.allowed}
-    with tempfile.TemporaryDirectory() as place:
-        given, got = Path(place) / "job.json", Path(place) / "result.json"
-        given.write_text(json.dumps(told | job.more), encoding="utf-8")
-        host = HOSTS / f"{job.tool}_host.py"
-        done = subprocess.run(
-            [python, host, given, got], cwd=place, capture_output=True, text=True, check=False
-        )
-        if done.returncode or not got.is_file():
-            return row | {"error": None, "why": _last_line(done.stderr or done.stdout)}
-        result = json.loads(got.read_text(encoding="utf-8"))
+    row |= {"step": STEP, "stop": job.stop, "allowed": job.allowed}
+    try:
+        result = by_host(job.tool, python, asked | {"stop": job.stop} | job.more)
+    except NotMade as error:
+        return row | {"error": None, "why": str(error)}
     time, x = np.array(result["time"]), np.array(result["x"])
     nearest = np.rint(time / GRID).astype(int)
     on_grid = np.abs(time - GRID * nearest) < 1e-9
-    if on_grid.sum() < 0.99 * job.stop / job.step or time[-1] < job.stop - 1.5 * job.step:
+    if on_grid.sum() < 0.99 * job.stop / STEP or time[-1] < job.stop - 1.5 * STEP:
         return row | {"error": None, "why": f"{on_grid.sum()} points, the last at {time[-1]} s"}
     inside = on_grid & (nearest <= 20_000)
     error = np.abs(x[inside] - reference(job.controller)[nearest[inside]]).max()
     return row | {"error": float(error)}
 
 
-def runs_of(tool: str, asked: Sequence[Job], folder: Path, environments: Path) -> list[Any]:
-    """The rows of a tool.
+def wrong_in(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows without an end, or with more than twice the allowed error."""
+    return [r for r in rows if r["error"] is None or not r["error"] <= 2.0 * r["allowed"]]
 
-    Raises
-    ------
-    NotMade
-        As in `python_of`.
-    """
-    start = time.monotonic()
-    python = python_of(tool, environments, PACKAGES[tool])
+
+def runs_of(tool: str, asked: Sequence[Job], folder: Path) -> list[Any]:
+    """The rows of a tool; `NotMade` if its environment cannot be made."""
+    python = python_of(tool, PACKAGES[tool])
     rows = []
     for job in asked:
         rows.append(run(job, folder, python))
         print(json.dumps(rows[-1]), flush=True)
-    print(f"{tool}: {len(rows)} runs, {time.monotonic() - start:.0f} s", file=sys.stderr)
     return rows
 
 
@@ -242,7 +202,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="+", default=list(PACKAGES), choices=list(PACKAGES))
     parser.add_argument("--quick", action="store_true", help="what CI runs: six tools, iol")
-    parser.add_argument("--environments", type=Path, default=ROOT / "out" / "tools")
     options = parser.parse_args()
     asked = [j for j in jobs() if j.tool in options.only and (j.quick or not options.quick)]
     rows, not_made = [], {}
@@ -251,13 +210,7 @@ def main() -> int:
             files(Path(place), job.what, job.controller)
             reference(job.controller)
         ends = {
-            tool: pool.submit(
-                runs_of,
-                tool,
-                [j for j in asked if j.tool == tool],
-                Path(place),
-                options.environments.resolve(),
-            )
+            tool: pool.submit(runs_of, tool, [j for j in asked if j.tool == tool], Path(place))
             for tool in dict.fromkeys(j.tool for j in asked)
         }
         for tool, end in ends.items():
@@ -265,12 +218,12 @@ def main() -> int:
                 rows += end.result()
             except NotMade as error:
                 not_made[tool] = str(error)
-    wrong = [r for r in rows if r["error"] is None or not r["error"] <= 2.0 * r["allowed"]]
+    wrong = wrong_in(rows)
     if options.only == list(PACKAGES) and not options.quick:
         report = {**provenance("tools"), "packages": PACKAGES, "wrong": len(wrong)}
         report |= {"not_made": not_made, "rows": rows}
         TARGET.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    print(f"{len(rows)} runs, {len(wrong)} wrong", file=sys.stderr)
+    print(f"{len(rows)} runs in {FOLDER}, {len(wrong)} wrong", file=sys.stderr)
     for row in wrong:
         print(f"wrong: {json.dumps(row)}", file=sys.stderr)
     for tool, why in not_made.items():

@@ -13,16 +13,12 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import sympy as sp
-from provenance import provenance
-from tools import HOSTS, ROOT, NotMade, python_of
 
 from ballscrew.fmus.modelica import modelica
 from ballscrew.orchestration.loop.catalogue import NAMES, component, fmu_kernel
@@ -31,6 +27,11 @@ from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import TIME, Component, symbol
 from ballscrew.solver.files import write_json
 from ballscrew.solver.kernel import Model
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from provenance import provenance
+
+from interoperability.environments import ROOT, NotMade, by_host, python_of
 
 TARGET = ROOT / "docs" / "proof" / "modelica.json"
 BY_HAND = Path(
@@ -74,16 +75,6 @@ def _grid(stop: float) -> np.ndarray:
     return STEP * np.arange(round(stop / STEP) + 1)
 
 
-def by_compiler(python: Path, compiler: str, job: dict[str, Any]) -> dict[str, Any]:
-    """Results of a compiler for all models of a job."""
-    with tempfile.TemporaryDirectory() as place:
-        given, got = Path(place) / "job.json", Path(place) / "result.json"
-        given.write_text(json.dumps(job), encoding="utf-8")
-        host = HOSTS / f"{compiler}_host.py"
-        subprocess.run([python, host, given, got], cwd=place, check=True, capture_output=True)
-        return dict(json.loads(got.read_text(encoding="utf-8")))
-
-
 def error_of(found: dict[str, Any], known: dict[str, Any], stop: float) -> tuple[float, str]:
     """Largest error of any signal as a share of its largest value, and the signal's name."""
     worst = 0.0, ""
@@ -96,7 +87,6 @@ def error_of(found: dict[str, Any], known: dict[str, Any], stop: float) -> tuple
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--environments", type=Path, default=ROOT / "out" / "tools")
     parser.add_argument("--quick", action="store_true", help="what CI runs: four components")
     options = parser.parse_args()
     names = QUICK if options.quick else NAMES
@@ -109,11 +99,11 @@ def main() -> int:
     not_made = {}
     for compiler, packages in COMPILERS.items():
         try:
-            python = python_of(compiler, options.environments.resolve(), packages)
+            python = python_of(compiler, packages)
         except NotMade as error:
             not_made[compiler] = str(error)
             continue
-        found = by_compiler(python, compiler, job)
+        found = by_host(compiler, python, job)
         for name, result in found.items():
             row = {"compiler": compiler, "model": name, "allowed": ALLOWED, "error": None}
             if "why" in result:
@@ -148,7 +138,7 @@ def by_hand(python: Path, compiler: str) -> list[dict[str, Any]]:
     job = {"tolerance": TOLERANCE, "step": STEP, "stop": 20.0}
     job |= {"models": dict.fromkeys(LOOPS, text), "columns": {n: ["x"] for n in LOOPS}}
     rows = []
-    for name, result in by_compiler(python, compiler, job).items():
+    for name, result in by_host(compiler, python, job).items():
         row = {"compiler": compiler, "model": f"by another hand: {LOOPS[name]}"}
         row |= {"allowed": ALLOWED_BY_HAND, "signal": "x", "error": None}
         if "why" in result:
@@ -181,7 +171,7 @@ def of_howto(python: Path, compiler: str) -> list[dict[str, Any]]:
         text = f"{whole}\n{text}"
     job = {"tolerance": 1e-8, "step": 5e-3, "stop": 2.0}
     job |= {"models": {"Axis": text}, "columns": {"Axis": ["x"]}}
-    (result,) = by_compiler(python, compiler, job).values()
+    (result,) = by_host(compiler, python, job).values()
     row = {"compiler": compiler, "model": "how-to of OpenModelica: Axis"}
     row |= {"allowed": ALLOWED_OF_HOWTO, "signal": "x", "error": None}
     if "why" in result:

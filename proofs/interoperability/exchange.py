@@ -15,9 +15,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 TARGET = ROOT / "docs" / "proof" / "exchange.json"
-sys.path.insert(0, str(ROOT / "tests" / "support"))
+sys.path[:0] = [str(ROOT / "tests" / "support"), str(ROOT / "proofs")]
 
 from exchange_courses import COMPONENTS, cases, complaint, outcome  # noqa: E402
 from provenance import provenance  # noqa: E402
