@@ -24,7 +24,7 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (3510, 2903),
     "gallery": (2730, 2356),
     "measurement": (13214, 11163),
-    "proofs": (10933, 9753),
+    "proofs": (10934, 9754),
     "benchmarks": (1843, 1705),
     "docs": (1333, 1284),
     ".ci": (276, 255),
