@@ -26,7 +26,7 @@ MOST = {  # folder: lines, lines without docstrings
     "measurement": (13214, 11163),
     "proofs": (10934, 9754),
     "benchmarks": (1843, 1705),
-    "docs": (1333, 1284),
+    "docs": (1327, 1278),
     ".ci": (276, 255),
     "tests": (24363, 23197),
 }
