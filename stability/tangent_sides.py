@@ -12,7 +12,7 @@ import numpy as np
 from ..fmus.ports import FRAME, TRACE, is_tangent_port, set_port, tangent_port, tangent_states
 from ..orchestration.fmu.fmu_instance import Instance, Reader, StepFailed, Writer
 from ..orchestration.fmu.wiring import Wiring
-from ..orchestration.master.compiled import USES, Bound, Struct
+from ..orchestration.master.compiled import Bound, Struct
 from ..orchestration.master.coupling import Answer, ControllerSide
 from ..solver.arrays import Vector
 from ..solver.errors import FmuError
@@ -59,8 +59,8 @@ class Side:
         shown = [*own, TRACE] if own else []
         calls, frames = side.part("calls"), side.part("frames")
         return (
-            Bound(self.called, [*inputs, *given], [*outputs, *taken], USES, calls),
-            Bound(self.called, frame, shown, USES, frames),
+            Bound(self.called, [*inputs, *given], [*outputs, *taken], calls),
+            Bound(self.called, frame, shown, frames),
         )
 
 
@@ -124,7 +124,7 @@ class ProbedController(Side):
 
     def _law(self) -> Vector:
         signals, n = self._signals, self.side.n
-        law = self.side.law_at(self._t, self._h, signals[0], self._reference, probe=True)
+        law = self.side.law_at(self._t, self._h, signals[0], self._reference)
         out = np.zeros((len(signals), 2 + n))
         out[0] = [*law.command, *law.gain.ravel(), *law.rate]
         out[1:, 0] = signals[1:] @ law.gain[0] + self._added

@@ -32,7 +32,6 @@ from ..orchestration.master.compiled import (
     DIVERGES,
     GOES_ON,
     STEP_FAILED,
-    USES,
     Bound,
     call,
     failure_of,
@@ -253,7 +252,7 @@ class _Joint:
         The run ends if one of them leaves its `bounds`. A joint tangent is a row of the frame.
         """
         plant, count = self._plant.instance, self._count
-        shown = Bound(plant, [], names, USES, self._whole.part("shown"))
+        shown = Bound(plant, [], names, self._whole.part("shown"))
         rooms = [np.zeros((CHUNK + 1, k)) for k in (1, len(names), count, 1)]
         rooms[1][0] = plant.reader(names)()
         bound = bounds(np.array([plant.nominal(n) for n in names]), rooms[1][0])

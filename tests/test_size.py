@@ -19,8 +19,8 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1588, 1313),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
-    "orchestration": (10120, 8874),
-    "stability": (2766, 2267),
+    "orchestration": (10064, 8825),
+    "stability": (2765, 2266),
     "ballscrew": (3510, 2903),
     "gallery": (2730, 2356),
     "measurement": (13214, 11163),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1843, 1705),
     "docs": (1327, 1278),
     ".ci": (276, 255),
-    "tests": (24363, 23197),
+    "tests": (24362, 23196),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -7,6 +7,7 @@ outputs only in a step, the master is always one step late, for any step size.
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -32,23 +33,11 @@ def loop_gain(sides: Sides, step: float) -> float:
 
     Both are opened again for each change, and moved by very short parts of the step [s].
     """
-    wiring = sides.wiring
-    commands = [theirs for _, theirs in wiring.commands]
-    sizes = np.array([MOVED * sides.plant.nominal(n) for n in commands])
+    sizes = np.array([MOVED * sides.plant.nominal(n) for _, n in sides.wiring.commands])
 
     def answer(time: float, moved: Vector) -> Vector:
-        plant, controller = sides.opened()
-        try:
-            command = controller.reader([ours for ours, _ in wiring.commands])
-            plant.writer(commands)(command() + moved)
-            plant.step(0.0, time)
-            signals = plant.reader([ours for ours, _ in wiring.signals])()
-            given = [*(n for _, n in wiring.signals), *wiring.references]
-            controller.writer(given)(np.concatenate([signals, sides.start]))
-            return command()
-        finally:
-            plant.close()
-            controller.close()
+        with closing(sides.main(again=True)) as pair:
+            return pair.answer_to(pair.given + moved, time, sides.start)
 
     def gain(time: float) -> float:
         before = answer(time, 0.0 * sizes)
@@ -64,15 +53,14 @@ def loop_gain(sides: Sides, step: float) -> float:
 
 def with_ring_named(run: LoopRun, loop: CoupledPair, sides: Sides, step: float) -> LoopRun:
     """The run, after its end, with a verdict on an algebraic loop that remains for any step."""
-    if loop.unsolved:
-        found = f"has no solution at {loop.unsolved} communication points"
+    if unsolved := int(loop.whole.record.unsolved):
+        found = f"has no solution at {unsolved} communication points"
     else:
         follows = any(sides.plant.follows_at_once(ours) for ours, _ in sides.wiring.signals)
         if run.verdict.trusted or not follows or loop.answer is not Answer.DIRECT:
             return run
-        gain = loop_gain(sides, step)
         # corrected steps must halve the residual; others converge as long as it does not grow
-        corrects = loop.plant.can_save and loop.controller.can_save
+        gain, corrects = loop_gain(sides, step), loop.plant.can_save and loop.controller.can_save
         if gain < (WORST_CONTRACTION if corrects else 1.0):
             return run
         found = f"has a loop gain of {gain:.3g}"

@@ -27,12 +27,12 @@ from ...solver.arrays import Vector
 from ...solver.core import SUFFIX
 from ..fmu.fmi_versions import OK, STATE, STEP
 from ..fmu.fmu_instance import ENTRY_POINTS, FmuInstance, Instance
-from ..fmu.group import Group, Member
+from ..fmu.group import Group
 
 USES = 3  # uses of saved states
 FARTHEST = 1e4  # times an output's nominal value: beyond it, a loop diverges
 GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED = range(6)
-PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # kinds of failed calls
+MOVE = 2  # of the kinds of failed calls: a step
 
 OWN_STEP = ct.CFUNCTYPE(ct.c_int, ct.c_double)
 # fmi2SetReal, with pointers as plain addresses
@@ -67,11 +67,7 @@ class Struct:
     def __init__(self, whole: Any, kept: list[Any]) -> None:
         self._whole, self._kept = whole, kept
         self.record: Any = whole[0]
-
-    @property
-    def address(self) -> int:
-        """Its address, for compiled code."""
-        return int(self._whole.ctypes.data)
+        self.address = int(whole.ctypes.data)  # for compiled code
 
     def part(self, name: str) -> Struct:
         """A record within this one."""
@@ -148,9 +144,10 @@ class Guarded:
 
 
 class Bound:
-    """An initialized instance, in its record `calls`, with the ports that will be set and read.
+    """An instance for compiled code: its functions, and these ports, in the given record.
 
-    A call sets all of them, or reads any number of the first; `uses` states are saved at a time.
+    Compiled code finds the signals in the order of the ports; as many states as there are `uses`
+    can be saved at a time.
     """
 
     def __init__(
@@ -158,27 +155,28 @@ class Bound:
         instance: Instance,
         inputs: Sequence[str],
         outputs: Sequence[str],
-        uses: int,
         calls: Struct,
+        uses: int = USES,
     ) -> None:
         self._calls, self._ports = calls, (list(inputs), list(outputs))
-        values = np.zeros(len(inputs)), np.zeros(len(outputs))
+        given, taken = np.zeros(len(inputs)), np.zeros(len(outputs))
+        places: list[Sequence[int]] = [[0] * len(inputs), [0] * len(outputs)]
+        self._error: Callable[[], BaseException | None]
         if isinstance(instance, FmuInstance) and instance.is_compiled([*inputs, *outputs]):
-            points: tuple[Any, ...] = instance.entry_points()
-            places = instance.references(inputs), instance.references(outputs)
-            self._error: Callable[[], BaseException | None] = lambda: self._error_of(instance)
+            points: Sequence[Any] = instance.entry_points()
+            places = [instance.references(names) for names in self._ports]
+            self._error = lambda: self._error_of(instance)
         elif isinstance(instance, Group):
             points, self._error = _group_calls(instance)
-            places = [instance.place[n] for n in inputs], [instance.place[n] for n in outputs]
+            places = [[instance.place[n] for n in names] for names in self._ports]
         else:
-            points, self._error = _python_calls(instance, *self._ports, *values)
-            places = [0] * len(inputs), [0] * len(outputs)
+            points, self._error = _python_calls(instance, *self._ports, given, taken)
         calls.set(
             **dict(zip(ENTRY_POINTS, points, strict=True)),
             inputs=np.array(places[0], dtype=np.uint32),
-            given=values[0],
+            given=given,
             outputs=np.array(places[1], dtype=np.uint32),
-            taken=values[1],
+            taken=taken,
             stop=getattr(instance, "stop", math.inf),
             states=np.zeros(uses, dtype=np.int64),
         )
@@ -191,13 +189,11 @@ class Bound:
         status, what = int(self._calls.record.status), int(self._calls.record.failed)
         if what == MOVE:
             return fmu.step_failed(status)
-        said = {
-            PUT: f"rejects the values of {', '.join(self._ports[0])}",
-            TAKE: f"cannot give {', '.join(self._ports[1])}",
-            SAVE: "cannot save its state",
-            RESTORE: "cannot restore its state",
-        }
-        return fmu.failed(status, said[what])
+        given, taken = map(", ".join, self._ports)
+        said = f"rejects the values of {given}", f"cannot give {taken}", ""
+        return fmu.failed(
+            status, (*said, "cannot save its state", "cannot restore its state")[what]
+        )
 
 
 def failure_of(*bound: Bound) -> BaseException | None:
@@ -211,7 +207,7 @@ def ask(bound: Sequence[Bound], function: str, *arguments: Any) -> None:
         raise failure_of(*bound) or RuntimeError(function)
 
 
-_Calls = tuple[tuple[Any, ...], Callable[[], BaseException | None]]
+_Calls = tuple[Sequence[Any], Callable[[], BaseException | None]]
 """An instance and the addresses of its functions, and what gives the error of a failed call."""
 
 
@@ -221,17 +217,14 @@ def _group_calls(group: Group) -> _Calls:
     for part in group.parts:
         member, ports = struct("Member"), [f.port for f in part.feeds]
         member.set(sources=part.sources.astype(np.int64), first=part.outputs.start)
-        outputs = part.instance.outputs
-        bound.append(Bound(part.instance, ports, outputs, 0, member.part("calls")))
+        bound.append(Bound(part.instance, ports, part.instance.outputs, member.part("calls"), 0))
         addresses[id(part)] = member.address
-
-    def order(parts: Sequence[Member]) -> npt.NDArray[np.int64]:
-        return np.array([addresses[id(part)] for part in parts], dtype=np.int64)
-
-    whole.set(members=order(group.parts), there=order(group.there), back=order(group.back))
+    for name in ("parts", "there", "back"):
+        order = [addresses[id(part)] for part in getattr(group, name)]
+        whole.set(**{name: np.array(order, dtype=np.int64)})
     whole.set(values=group.values, flags=group.flags, lags=group.lags)
-    functions = (getattr(library(), f"group_{name}") for name in ENTRY_POINTS[1:])
-    return (whole, *map(address_of, functions)), lambda: failure_of(*bound)
+    functions = (address_of(getattr(library(), f"group_{name}")) for name in ENTRY_POINTS[1:])
+    return (whole, *functions), lambda: failure_of(*bound)
 
 
 def _python_calls(
@@ -242,9 +235,6 @@ def _python_calls(
     states, numbers = dict[int, Any](), itertools.count(1)
     write = instance.writer(inputs)
     reader = cache(lambda count: instance.reader(outputs[:count]))
-
-    def put(_: Any, __: Any, ___: int, ____: Any) -> None:
-        write(given.copy())
 
     def take(_: Any, __: Any, count: int, ___: Any) -> None:
         taken[:count] = reader(count)()
@@ -258,7 +248,7 @@ def _python_calls(
         instance.release(states.pop(ct.c_void_p.from_address(slot).value or 0))
 
     functions = (
-        (VALUES, put),
+        (VALUES, lambda *_: write(given.copy())),
         (VALUES, take),
         (STEP, lambda _, t, h, __: instance.step(t, h)),
         (STATE, save),

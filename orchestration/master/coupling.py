@@ -13,7 +13,8 @@
 With any coupling, a step can be *corrected*: the **coupling residual** is the controller's true
 output at the end of the step minus the value applied by the plant there; the step is repeated
 from the controller's true output at the start, with a ramp that ends at the true value. The
-change of the plant's outputs by the correction is the residual's effect.
+change of the plant's outputs by the correction is the residual's effect. The step itself is
+``c/coupling.c``; here are the records that it works on.
 """
 
 from __future__ import annotations
@@ -22,14 +23,13 @@ import importlib
 import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
 
 from ...solver.arrays import Matrix, Vector
 from ..fmu.fmu_instance import Instance, StepFailed
 from ..fmu.wiring import Wiring
-from .compiled import OWN_STEP, USES, Bound, Guarded, Struct, ask, failure_of, struct
+from .compiled import OWN_STEP, Bound, Guarded, Struct, ask, failure_of, struct
 from .couplings import Coupling
 
 CHUNK = 4096  # most steps between two checks of the elapsed time
@@ -77,7 +77,7 @@ class ControllerSide:
         inputs = [*(s for _, s in wiring.signals), *wiring.references]
         law = wiring.controller_law() if wiring.reports_law else []
         outputs = [*(c for c, _ in wiring.commands), *law, *wiring.others]
-        self.bound = Bound(instance, inputs, outputs, USES, self._side.part("calls"))
+        self.bound = Bound(instance, inputs, outputs, self._side.part("calls"))
         self._side.set(
             m=self.m,
             n=self.n,
@@ -122,12 +122,10 @@ class ControllerSide:
         self._ask("command_at", signals, reference, commands)
         return commands
 
-    def law_at(
-        self, t: float, h: float, signals: Vector, reference: Vector, probe: bool
-    ) -> FeedbackLaw:
-        """The commands, and with `probe` their derivatives, at the given signals."""
+    def law_at(self, t: float, h: float, signals: Vector, reference: Vector) -> FeedbackLaw:
+        """The commands and their derivatives at the given signals."""
         law = np.zeros(self.m * (2 + self.n))
-        self._ask("law_at", t, h, signals, reference, probe, law)
+        self._ask("law_at", t, h, signals, reference, True, law)
         return law_of(law, self.m, self.n)
 
     def advance(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
@@ -158,23 +156,26 @@ class CoupledPair:
         self.plant, self.controller = plant, controller
         self.corrected, self.averaged = corrected, averaged
         self.other_names = wiring.others
-        self.failure = ""  # why a reference co-run ended early; empty if it did not
+        self.failure = ""  # why it ended early; empty if it did not
         self.whole = struct("Loop")
         law = wiring.plant_law() if wiring.accepts_law else []
         names = [*(theirs for _, theirs in wiring.commands), *law]
-        self._plant = Bound(plant, names, plant.outputs, USES, self.whole.part("plant"))
-        self.outputs = np.array(plant.reader(plant.outputs)())  # at present
+        self._plant = Bound(plant, names, plant.outputs, self.whole.part("plant"))
+        present = plant.reader(plant.outputs)()
         at = [list(plant.outputs).index(s) for s, _ in wiring.signals]
         side = self.whole.part("controller")
-        self._side = ControllerSide(controller, wiring, self.outputs[at], reference, side)
+        self._side = ControllerSide(controller, wiring, present[at], reference, side)
         self.answer, m, n = self._side.answer, self._side.m, self._side.n
         self.given = self._side.last_command()  # before the controller has moved
-        size, outputs = m * (2 + n), len(self.outputs)
+        size, outputs = m * (2 + n), len(present)
+        passed = np.concatenate([present, self.given, np.zeros(size)])
+        self.outputs, self.late, following = np.split(passed, [outputs, outputs + m])
         rooms = {
-            "kept_late residual command first": m,
+            "residual command first": m,
             "start end mean": n,
-            "following kept_following law applied stepped": size,
-            "kept_outputs effect reached": outputs,
+            "law applied stepped": size,
+            "effect reached": outputs,
+            "kept": len(passed),
             "goal": len(reference),
             "ring": m * (m + 2),
         }
@@ -188,59 +189,53 @@ class CoupledPair:
             own = self._guarded.address(OWN_STEP, lambda h: change(applied, h))
         self.whole.set(
             **made,
+            passed=passed,
+            outputs=self.outputs,
+            late=self.late,
+            following=following,
+            following_step=math.nan,
             takes_law=wiring.accepts_law,
             follows=any(map(plant.follows_at_once, plant.outputs)) and m > 0,
             commands=np.array([plant.nominal(theirs) for _, theirs in wiring.commands]),
             signals=np.array(at, dtype=np.int64),
-            delayed=coupling.late,
+            delayed=coupling.late and not corrected,
             tangent=coupling.law,
             own=own,
             corrected=corrected,
             averaged=averaged,
-            outputs=self.outputs,
-            late=self.given.copy(),
             contraction=math.nan,
             parts=parts,
             recorded=self._room,
             failed=math.nan,
         )
-        # the plant's outputs, then the controller's others, at communication points
-        self.rows = [np.concatenate([self.outputs, self._others()])[None]]
-
-    def _others(self) -> Vector:
-        """Present values of the controller's outputs that are not commands."""
-        return self.controller.reader(self.other_names)() if self.other_names else np.empty(0)
-
-    @property
-    def record(self) -> Any:
-        """The record `Loop`, as compiled code sees it."""
-        return self.whole.record
-
-    @property
-    def unsolved(self) -> int:
-        """Communication points at which an algebraic loop found no solution."""
-        return int(self.record.unsolved)
+        self.rows: list[Matrix] = []
 
     def begin(self) -> None:
-        """Read the controller's other outputs at the start again."""
-        self.rows[0][0, len(self.outputs) :] = self._others()
-
-    def begin_with_first_command(self) -> None:
-        """Use the controller's output in the first step instead of a start value."""
-        self.whole.set(late=np.full(self._side.m, np.nan))
+        """Record the start: the plant's outputs, then the controller's others."""
+        others = self.controller.reader(self.other_names)() if self.other_names else np.empty(0)
+        self.rows = [np.concatenate([self.outputs, others])[None]]
 
     def command(self, t: float, h: float, reference: Vector) -> Vector:
         """The controller's true command at the present signals."""
         commands = np.zeros(self._side.m)
-        bound = self._plant, self._side.bound
-        ask(bound, "command_now", self.whole, t, h, reference, False, commands)
+        self._ask("command_now", t, h, reference, False, commands)
         return commands
+
+    def answer_to(self, commands: Vector, h: float, reference: Vector) -> Vector:
+        """The controller's commands after the plant has moved with these for the time h [s]."""
+        answer = np.zeros(self._side.m)
+        self._ask("answer_to", commands, h, reference, answer)
+        return answer
+
+    def _ask(self, function: str, *arguments: Vector | float) -> None:
+        ask((self._plant, self._side.bound), function, self.whole, *arguments)
 
     def collect(self) -> None:
         """Keep what the last chunk recorded."""
-        self.rows.append(self._room[: self.record.rows].copy())
-        if not math.isnan(self.record.failed) and not self.failure:
-            t = self.record.failed
+        record = self.whole.record
+        self.rows.append(self._room[: record.rows].copy())
+        if not math.isnan(record.failed) and not self.failure:
+            t = record.failed
             self.failure = f"the reference co-run loop failed at t = {t:.6g} s: {self.error()}"
 
     def failed(self) -> BaseException | None:

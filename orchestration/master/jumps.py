@@ -10,7 +10,7 @@ it is exactly there, as the tick of a clock: then it is on the same side of the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import closing
 from itertools import groupby
 
 import numpy as np
@@ -36,15 +36,6 @@ SHARP = 0.6  # share of the change in a step: a larger share in an eighth of the
 BENT = 0.5  # share of a change: a larger difference from the adjacent changes makes it a jump
 
 
-@dataclass(frozen=True)
-class Setting:
-    """A run whose loop is opened again."""
-
-    sides: Sides
-    step: float  # [s]
-    breaks: Vector  # further times at which steps end [s]
-
-
 def jumps(run: Vector) -> npt.NDArray[np.bool_]:
     """Mark steps in which an output changes by more than the tolerance, unlike before or after.
 
@@ -64,19 +55,23 @@ def jumps(run: Vector) -> npt.NDArray[np.bool_]:
     return marked
 
 
-def around_jumps(setting: Setting, run: Vector, distance: Vector) -> Vector:
+def around_jumps(
+    sides: Sides, step: float, breaks: Vector, run: Vector, distance: Vector
+) -> Vector:
     """Part of each output's jump that may belong on the other side of a communication point.
 
-    `run` (k, n) has the outputs at these points, `distance` (k, n) their largest error.
+    `run` (k, n) has the outputs at these points, `distance` (k, n) their largest error; steps of
+    this length also end at the times `breaks` [s].
     """
     around = np.zeros_like(run)
     parts = {k: _parts(k, run, distance) for k in np.flatnonzero(jumps(run)).tolist()}
     if not parts:
         return around
-    seen = _seen_within(setting, len(run), parts)
+    seen = _seen_within(sides, step, breaks, len(run), parts)
     beside = {k: _beside(run[k : k + 2], seen.get(k)) for k in parts}
     jumped = {k: 0 for k in seen if (beside[k] > 0.0).any()}
-    for k, outputs in (_seen_within(setting, len(run), jumped) if jumped else {}).items():
+    again = _seen_within(sides, step, breaks, len(run), jumped) if jumped else {}
+    for k, outputs in again.items():
         exact = np.abs(np.diff(outputs, axis=0))[[BEFORE, -1]]
         exact = exact if len(beside[k]) == 2 else exact.max(axis=0)
         beside[k] = np.where(exact > SHARP * beside[k], 0.0, beside[k])
@@ -127,25 +122,25 @@ def _points(start: int, end: int, parts: int) -> list[int]:
     return [start, *(start + offset for offset in inside), end]
 
 
-def _seen_within(setting: Setting, points: int, parts: dict[int, int]) -> dict[int, Vector]:
+def _seen_within(
+    sides: Sides, step: float, breaks: Vector, points: int, parts: dict[int, int]
+) -> dict[int, Vector]:
     """Outputs within steps, by their numbers, at the points of `_points`; empty if it fails."""
     whole = PARTS * TICKS
-    last = round(setting.sides.stop / setting.step * whole)
+    last = round(sides.stop / step * whole)
     ends = [min(k * whole, last) for k in range(points + 1)]
     rows = {k: _points(ends[k], ends[k + 1], size) for k, size in parts.items()}
     all_rows = sorted({*ends[:points], *(row for within in rows.values() for row in within)})
-    clock = Clock(setting.sides.stop, setting.step / whole, False, setting.breaks)
-    pair = setting.sides.best()
-    try:
-        record = Record(pair, setting.sides.reference, setting.sides.wiring.orders, False)
+    clock = Clock(sides.stop, step / whole, False, breaks)
+    with closing(sides.best()) as pair:
+        record = Record(pair, sides.reference, sides.wiring.orders, False)
+        pair.begin()
         for ticks, alike in groupby(np.diff(all_rows).tolist()):
             left = len(list(alike))
+            clock.whole.set(stride=ticks)
             while left:
-                clock.next_ticks(ticks)
                 if march([pair], clock, record, min(left, CHUNK)) != GOES_ON:
                     return {}
-                left -= pair.record.rows
-    finally:
-        pair.close()
+                left -= pair.whole.record.rows
     table = np.concatenate(pair.rows)[:, : len(pair.outputs)]
     return {k: table[np.searchsorted(all_rows, within)] for k, within in rows.items()}

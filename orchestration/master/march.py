@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from ...solver.arrays import Vector
+from ...solver.arrays import Matrix, Vector
 from ..fmu.fmu_instance import StepFailed
 from .compiled import (
     CALL_FAILED,
@@ -119,10 +119,6 @@ class Clock:
         """Length of the next step [s]: a multiple of the tick, except a last, shorter one."""
         return float(call("clock_step_to_come", self.whole))
 
-    def next_ticks(self, count: int) -> None:
-        """Set the length of the next step of a fixed-step clock in ticks."""
-        self.whole.set(stride=count)
-
     @property
     def used(self) -> tuple[float, float]:
         """Shortest and longest step so far [s]."""
@@ -142,7 +138,7 @@ def bounds(nominal: Vector, start: Vector) -> Vector:
 
 
 class Record:
-    """The rows of a run in chunks, and the measurements during the run.
+    """The rows of a run in chunks, the measurements during it, and how it ended.
 
     Each of the set-points has one of `orders`; the commands at the end of each step are kept if
     asked.
@@ -182,7 +178,8 @@ class Record:
         first = reference.all_at(0.0, shown)
         self.start = first[1:].copy()
         self.times, self.references = [np.zeros(1)], [first[:1]]
-        self.commands: list[Vector] = []
+        self.commands: list[Matrix] = []
+        self.advice, self.diverged = UNBOUNDED, False
 
     def collect(self, rows: int) -> None:
         """Keep what the last chunk recorded."""
@@ -198,15 +195,6 @@ class Record:
         return float(record.contraction / weight) if weight >= NEGLIGIBLE else 0.0
 
 
-@dataclass(frozen=True)
-class Stop:
-    """Reason for the early end of a run; empty if it did not end early."""
-
-    reason: str = ""
-    advice: str = UNBOUNDED
-    diverged: bool = False
-
-
 def march(pairs: Sequence[CoupledPair], clock: Clock, record: Record, most: int) -> int:
     """Move a loop, and its co-runs, by up to `most` steps; `GOES_ON`, or why it ended.
 
@@ -218,12 +206,13 @@ def march(pairs: Sequence[CoupledPair], clock: Clock, record: Record, most: int)
         raise next(p.error() for p in pairs if p.failed())
     for pair in pairs:
         pair.collect()
+    record.collect(pairs[0].whole.record.rows)
     return why
 
 
 def march_on(
     pairs: Sequence[CoupledPair], clock: Clock, record: Record, progress: Progress | None = None
-) -> Stop:
+) -> None:
     """Move a loop, and its reference co-runs, to the clock's end.
 
     Raises `StepFailed` if a loop cannot save or restore its state; other failures end the run.
@@ -236,21 +225,19 @@ def march_on(
     while why == GOES_ON and not clock.done:
         began = time.perf_counter()
         why = march(pairs, clock, record, most)
-        record.collect(main.record.rows)
         # short chunks: interruptions and progress are handled between two of them
         slow = time.perf_counter() - began > LONGEST_WAIT
         most = max(1, most // 2) if slow else min(2 * most, CHUNK)
         if progress:
             progress(clock.now)
-    t = clock.now
+    record.diverged, at = why in (NOT_FINITE, DIVERGES), f"t = {clock.now:.6g} s"
     if why in (STEP_FAILED, COMMAND_FAILED):
         error = main.error()
-        where = f"in the step from t = {t:.6g} s" if why == STEP_FAILED else f"at t = {t:.6g} s"
-        return Stop(f"{error} ({where})", error.advice)
-    if why == NOT_FINITE:
-        return Stop(f"an output is not finite at t = {t:.6g} s", diverged=True)
-    if why == DIVERGES:
+        where = f"in the step from {at}" if why == STEP_FAILED else f"at {at}"
+        main.failure, record.advice = f"{error} ({where})", error.advice
+    elif why == NOT_FINITE:
+        main.failure = f"an output is not finite at {at}"
+    elif why == DIVERGES:
         worst = int(np.argmax(np.abs(main.outputs) / record.bounds))
         name = list(main.plant.outputs)[worst]
-        return Stop(f"the loop diverges: {name} exceeds its bound at t = {t:.6g} s", diverged=True)
-    return Stop()
+        main.failure = f"the loop diverges: {name} exceeds its bound at {at}"

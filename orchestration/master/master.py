@@ -171,7 +171,7 @@ def _ended(runs: Runs, tried: list[LoopRun], most: int) -> str:
         step = runs.step(count)
         return (
             f"a step of {step:g} s makes {to_come} steps, and at most {most} are tried; "
-            f"use it with --step {step:g}"
+            "give this step to use it"
         )
     return ""
 

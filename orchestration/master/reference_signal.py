@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...measurement.records.table import listed, read_tables, rename
-from ...measurement.records.units import NO_UNIT, UNITS, spell
+from ...measurement.records.units import NO_UNIT, UNITS, quantity_of, spell
 from ...solver.arrays import Matrix, Vector
 from ...solver.errors import BadParameter, BadRecord
 from ...solver.signals import DERIVATIVES, SET_POINT
@@ -20,8 +20,7 @@ TERMS = 8
 """Coefficients of each piece: a sine is exact to round-off within a twentieth of a radian."""
 ROUND_OFF = 1e-9  # of a step: times closer to each other are equal
 
-_COLUMNS = (SET_POINT, *DERIVATIVES)
-_QUANTITIES = {
+_QUANTITIES = {  # of the columns of a file
     "time": ("time",),
     SET_POINT: ("length", "angle"),
     "v_d": ("velocity", "angular velocity"),
@@ -80,21 +79,20 @@ class Reference:
         BadParameter
             If the file is missing or is not such a table.
         """
-        names = "time", *_COLUMNS
         try:
             tables = read_tables(Path(path))
-            fitting = [t for t in tables if {*names[:2]} <= t.columns.keys() | t.faults.keys()]
-            table = rename(fitting[0], {}, names, ()) if len(fitting) == 1 else None
+            fitting = [
+                t for t in tables if {"time", SET_POINT} <= t.columns.keys() | t.faults.keys()
+            ]
+            if len(fitting) != 1:
+                there = "; ".join(listed(t.columns) for t in fitting or tables)
+                raise BadParameter(
+                    f"{path}: has the columns {there}, expected one table with time and x_d"
+                )
+            table = rename(fitting[0], {}, list(_QUANTITIES), ())
         except BadRecord as error:
             raise BadParameter(str(error)) from error
-        if table is None:
-            there = "; ".join(listed(t.columns) for t in fitting or tables)
-            many = f"{len(fitting)} tables with " if fitting else ""
-            raise BadParameter(
-                f"{path}: has {many}the columns {there}, expected one table with time and x_d"
-            )
-        units = {n: table.units.get(n, "") for n in table.columns}
-        given = {n: column * _size(path, n, units[n]) for n, column in table.columns.items()}
+        given = {n: c * _size(path, n, table.units.get(n, "")) for n, c in table.columns.items()}
         time = given.pop("time")
         if not np.isfinite([time, *given.values()]).all():
             raise BadParameter(f"{path}: contains values that are not finite")
@@ -105,13 +103,13 @@ class Reference:
             before = time[np.argmax(wrong)]
             raise BadParameter(f"{path}: time does not increase after {before:g} s")
         velocity, acceleration = (given.get(name) for name in DERIVATIVES)
-        measure = _measure(units[SET_POINT])
+        measure = quantity_of(table.units.get(SET_POINT, ""))
         return cls(time, given[SET_POINT], velocity, acceleration, measure=measure)
 
     def check_measure(self, unit: str) -> None:
         """Raise `BadParameter` if a plant whose position has this unit cannot follow it."""
-        expected = _measure(unit)
-        if self.measure and expected and self.measure != expected:
+        expected = quantity_of(unit)
+        if self.measure and expected in _QUANTITIES[SET_POINT] and self.measure != expected:
             raise BadParameter(
                 f"the set-point's file has x_d as {self.measure}, and the plant's position is in "
                 f"{unit!r}; give x_d as {expected}"
@@ -243,19 +241,14 @@ class Reference:
         return times, [_moved(self.pieces(order)[index], since) for order in orders]
 
 
-def _measure(unit: str) -> str:
-    """Whether a position's unit is one of length or angle; empty if of neither."""
-    return next((m for m in _QUANTITIES[SET_POINT] if spell(unit) in UNITS[m]), "")
-
-
 def _size(path: Path | str, name: str, unit: str) -> float:
     """Factor of a column to SI."""
     if unit in NO_UNIT:
         return 1.0
-    known = {u: f for quantity in _QUANTITIES[name] for u, f in UNITS[quantity].items()}
-    if spell(unit) not in known:
-        raise BadParameter(f"{path}: {name} is in {unit!r}, expected one of {', '.join(known)}")
-    return known[spell(unit)]
+    if (quantity := quantity_of(unit)) in _QUANTITIES[name]:
+        return UNITS[quantity][spell(unit)]
+    known = ", ".join(u for q in _QUANTITIES[name] for u in UNITS[q])
+    raise BadParameter(f"{path}: {name} is in {unit!r}, expected one of {known}")
 
 
 def _differences(times: Vector, values: Vector) -> Vector:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from ...solver.arrays import Vector
 from ...solver.errors import CouplingError
 from ..fmu.fmu_instance import Instance, Value
@@ -137,7 +139,7 @@ class Sides:
         scheme = Coupling.GAUSS_SEIDEL if self.scheme.late else Coupling.JACOBI
         pair = self.again(False, False, scheme=scheme)
         if scheme.late and answer is Answer.STEPPED:
-            pair.begin_with_first_command()  # so does the first step of the run
+            pair.late[:] = np.nan  # the first command, as in the first step of the run
         return pair
 
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from ...solver.arrays import Vector
 
@@ -138,16 +139,20 @@ def verdict_of(
 
 def _at_points(run: Rung, rung: Rung) -> Rung:
     """A rung with a shorter step at the points of a run only: between them nothing is judged."""
-    rows = np.searchsorted(rung.times, run.times - 1e-6 * rung.step)
+    rows = rows_at(run, rung)
     if not rung.step < 0.9 * run.step or rows[-1] >= len(rung.times):
         return rung
     return replace(rung, times=rung.times[rows], outputs=rung.outputs[rows])
 
 
+def rows_at(run: Rung, fine: Rung) -> npt.NDArray[np.intp]:
+    """Rows of a finer run at the times of a run; beyond its last row if it ended early."""
+    return np.searchsorted(fine.times, run.times - 1e-6 * fine.step)
+
+
 def apart(coarse: Rung, fine: Rung) -> Vector:
     """Largest difference of each output at the times of the coarse run, (n,), see `largest`."""
-    rows = np.searchsorted(fine.times, coarse.times - 1e-6 * fine.step)
-    run = coarse.outputs
+    rows, run = rows_at(coarse, fine), coarse.outputs
     if rows[-1] >= len(fine.times):  # it ended early
         return np.full(run.shape[1], np.inf)
     with np.errstate(invalid="ignore", over="ignore"):

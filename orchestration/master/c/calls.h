@@ -78,15 +78,19 @@ static inline int move(Calls *c, double t, double h)
     return checked(c, c->do_step(c->component, t, h, 1), MOVE);
 }
 
-static inline int save(Calls *c, int use)
+static inline int save_as(Calls *c, void **state)
 {
-    return checked(c, c->get_state(c->component, c->states.at + use), SAVE);
+    return checked(c, c->get_state(c->component, state), SAVE);
 }
 
-static inline int restore(Calls *c, int use)
+static inline int restore_from(Calls *c, void *state)
 {
-    return checked(c, c->set_state(c->component, c->states.at[use]), RESTORE);
+    return checked(c, c->set_state(c->component, state), RESTORE);
 }
+
+static inline int save(Calls *c, int use) { return save_as(c, c->states.at + use); }
+
+static inline int restore(Calls *c, int use) { return restore_from(c, c->states.at[use]); }
 
 /* Forget the state kept for a use, if there is one. */
 static inline void release(Calls *c, int use)
@@ -95,6 +99,19 @@ static inline void release(Calls *c, int use)
         c->free_state(c->component, c->states.at + use);
         c->states.at[use] = NULL;
     }
+}
+
+static inline int save_both(Calls *a, Calls *b, int use) { return save(a, use) && save(b, use); }
+
+static inline int restore_both(Calls *a, Calls *b, int use)
+{
+    return restore(a, use) && restore(b, use);
+}
+
+static inline void release_both(Calls *a, Calls *b, int use)
+{
+    release(a, use);
+    release(b, use);
 }
 
 static inline void copy(const double *source, double *target, int64_t count)

@@ -22,13 +22,10 @@ typedef struct {
     int64_t corrected, averaged;
     int64_t parts;            /* of each step */
     /* passed from step to step: outputs, last commands, and the law at the end of the last step,
-     * with which the next step begins */
-    Vector outputs, late, following;
-    int64_t has_following;
-    double following_step; /* length of the step that the law was found with, if it matters [s] */
-    /* the same, saved by `keep` */
-    Vector kept_outputs, kept_late, kept_following;
-    int64_t kept_has_following;
+     * with which the next step begins; as one array, and what `keep` saved of it */
+    Vector outputs, late, following, passed, kept;
+    /* length of the step that the law was found with [s], NaN if there is none; the same, kept */
+    double following_step, kept_step;
     /* results of the last step: final coupling residual; change of each output by the correction;
      * contraction: small if correcting converges fast, 1 or more if the step is too long for it,
      * NaN if nothing was corrected */
@@ -86,11 +83,10 @@ static int miss(Loop *l, const double *reference, const double *law, double *out
 /* Whether commands missed by no more than this share of them. */
 static int agrees(const Loop *l, const double *law, const double *missed, double share)
 {
-    for (int64_t k = 0; k < l->controller.m; k++) {
-        if (!(fabs(missed[k]) <= share * fmax(fabs(law[k]), l->commands.at[k])))
-            return 0;
-    }
-    return 1;
+    int found = 1;
+    for (int64_t k = 0; k < l->controller.m; k++)
+        found = found && fabs(missed[k]) <= share * fmax(fabs(law[k]), l->commands.at[k]);
+    return found;
 }
 
 /* Solve an algebraic loop: find commands that are equal to the controller's commands at the outputs
@@ -126,19 +122,17 @@ static int solve_ring(Loop *l, const double *reference, double *law, double *out
 static int settle(Loop *l, double t, double h, const double *reference, double *law, double *outputs,
                   double *signals)
 {
-    Controller *const c = &l->controller;
+    const double *const nominal = l->controller.nominal.at;
+    int changed = 0;
     if (!l->follows)
         return 1;
     TRY(give_law(l, law, signals) && take_all(&l->plant, outputs));
-    int changed = 0;
     for (int64_t k = 0; k < l->signals.size; k++) {
         const double now = outputs[l->signals.at[k]];
-        changed = changed || fabs(now - signals[k]) > AGREE * fmax(fabs(now), c->nominal.at[k]);
+        changed = changed || fabs(now - signals[k]) > AGREE * fmax(fabs(now), nominal[k]);
     }
-    if (!changed)
-        return 1;
-    TRY(solve_ring(l, reference, law, outputs, signals));
-    return master_law_at(c, t, h, signals, reference, (int)l->tangent, law);
+    return !changed || (solve_ring(l, reference, law, outputs, signals) &&
+                        master_law_at(&l->controller, t, h, signals, reference, (int)l->tangent, law));
 }
 
 /* Find the law at the present signals: it is known from the end of the last step, except at a start,
@@ -147,7 +141,7 @@ static int law_now(Loop *l, double t, double h, const double *reference, int pro
 {
     Controller *const c = &l->controller;
     signals_of(l, l->outputs.at, l->start.at);
-    if (!l->has_following || (c->answer != DIRECT && l->following_step != h))
+    if (isnan(l->following_step) || (c->answer != DIRECT && l->following_step != h))
         return master_law_at(c, t, h, l->start.at, reference, probe, l->law.at);
     copy(l->following.at, l->law.at, l->law.size);
     return 1;
@@ -199,43 +193,47 @@ static int law_of_step(Loop *l, double t, double h, const double *before, const 
     return 1;
 }
 
+/* Move a controller that answers in its step, and find its true command at the end. */
+static int move_stepped(Loop *l, double t, double h, const double *before, const double *after)
+{
+    Controller *const c = &l->controller;
+    TRY(master_advance(c, t, h, l->start.at, before) && master_read_commands(c, l->late.at));
+    copy(l->late.at, l->command.at, c->m);
+    if (c->answer != STEPPED || !c->saves)
+        return 1;
+    TRY(master_law_at(c, t + h, h, l->end.at, after, 0, l->stepped.at));
+    copy(l->stepped.at, l->command.at, c->m);
+    if (!l->tangent) { /* the next step begins with it, so that it is not probed again */
+        copy(l->stepped.at, l->following.at, l->following.size);
+        l->following_step = h;
+    }
+    return 1;
+}
+
 /* Move the plant, then the controller; find the reached outputs and the true command at the end. */
 static int move_both(Loop *l, double t, double h, const double *before, const double *after)
 {
     Controller *const c = &l->controller;
-    const int is_late = l->delayed && !l->corrected;
     double *const start = l->start.at, *const end = l->end.at;
+    const double *signals = l->delayed ? start : end, *goal = l->delayed ? before : after;
     TRY(give_law(l, l->applied.at, start));
     TRY(move(&l->plant, t, h) && take_all(&l->plant, l->reached.at));
     signals_of(l, l->reached.at, end);
-    if (c->answer != DIRECT) {
-        TRY(master_advance(c, t, h, start, before) && master_read_commands(c, l->late.at));
-        copy(l->late.at, l->command.at, c->m);
-        if (c->answer == STEPPED && c->saves) {
-            TRY(master_law_at(c, t + h, h, end, after, 0, l->stepped.at));
-            copy(l->stepped.at, l->command.at, c->m);
-            if (!l->tangent) { /* the next step begins with it, so that it is not probed again */
-                copy(l->stepped.at, l->following.at, l->following.size);
-                l->following_step = h;
-                l->has_following = 1;
-            }
-        }
-        return 1;
-    }
+    if (c->answer != DIRECT)
+        return move_stepped(l, t, h, before, after);
     if (l->averaged) {
         for (int64_t k = 0; k < l->end.size; k++)
             l->mean.at[k] = c->real.at[k] ? 0.5 * (start[k] + end[k]) : end[k];
         for (int64_t k = 0; k < l->goal.size; k++)
             l->goal.at[k] = c->real.at[c->n + k] ? 0.5 * (before[k] + after[k]) : after[k];
-        TRY(master_advance(c, t, h, l->mean.at, l->goal.at));
-    } else {
-        TRY(master_advance(c, t, h, is_late ? start : end, is_late ? before : after));
+        signals = l->mean.at, goal = l->goal.at;
     }
-    if (is_late) /* the next command has not seen the end of this step, however it is averaged */
+    TRY(master_advance(c, t, h, signals, goal));
+    if (l->delayed) /* the next command has not seen the end of this step, however it is averaged */
         TRY(master_command_at(c, start, before, l->late.at));
     TRY(master_law_at(c, t + h, h, end, after, (int)l->tangent, l->following.at));
     TRY(settle(l, t + h, h, after, l->following.at, l->reached.at, end));
-    l->has_following = 1;
+    l->following_step = h;
     copy(l->following.at, l->command.at, c->m);
     return 1;
 }
@@ -246,13 +244,11 @@ static void find_residual(const Loop *l, double h, double *residual)
     const int64_t m = l->controller.m, n = l->controller.n;
     const double *const applied = l->applied.at;
     for (int64_t k = 0; k < m; k++) {
-        double given = applied[k];
-        if (l->takes_law) {
-            double change = 0.0;
-            for (int64_t j = 0; j < n; j++)
-                change += applied[m + k * n + j] * (l->end.at[j] - l->start.at[j]);
+        double given = applied[k], change = 0.0;
+        for (int64_t j = 0; j < n && l->takes_law; j++)
+            change += applied[m + k * n + j] * (l->end.at[j] - l->start.at[j]);
+        if (l->takes_law)
             given = given + change + applied[m * (1 + n) + k] * h;
-        }
         residual[k] = l->command.at[k] - given;
         const double at_start = l->law.at[k] - applied[k];
         if (!l->corrected && fabs(at_start) > fabs(residual[k]))
@@ -288,49 +284,32 @@ static double contraction_of(const Loop *l)
     return size > 0 ? sqrt(rest) / (share * sqrt(size)) : 0.0;
 }
 
-static int save_both(Loop *l, int use)
-{
-    return save(&l->plant, use) && save(&l->controller.calls, use);
-}
-
-static int restore_both(Loop *l, int use)
-{
-    return restore(&l->plant, use) && restore(&l->controller.calls, use);
-}
-
-static void release_both(Loop *l, int use)
-{
-    release(&l->plant, use);
-    release(&l->controller.calls, use);
-}
-
 /* Move from t to t + h while the set-points go from `before` to `after`. */
 static int step(Loop *l, double t, double h, const double *before, const double *after)
 {
-    const int64_t count = l->outputs.size;
+    Calls *const plant = &l->plant, *const controller = &l->controller.calls;
+    const int64_t count = l->outputs.size, m = l->controller.m;
     TRY(law_of_step(l, t, h, before, after));
     copy(l->law.at, l->applied.at, l->law.size);
-    if (l->delayed && !l->corrected) {
+    if (l->delayed) {
         /* a co-run begins with the command that the run begins with */
-        if (l->controller.m > 0 && isnan(l->late.at[0]))
-            copy(l->law.at, l->late.at, l->controller.m);
-        copy(l->late.at, l->applied.at, l->controller.m);
+        copy(m > 0 && isnan(l->late.at[0]) ? l->law.at : l->late.at, l->applied.at, m);
     }
     if (l->own)
         TRY(l->own(h));
     if (l->corrected) {
-        TRY(save_both(l, CORRECTION));
+        TRY(save_both(plant, controller, CORRECTION));
         TRY(move_both(l, t, h, before, after));
         find_residual(l, h, l->first.at);
         copy(l->reached.at, l->effect.at, count);
         mend(l, h);
-        TRY(restore_both(l, CORRECTION));
+        TRY(restore_both(plant, controller, CORRECTION));
     }
     TRY(move_both(l, t, h, before, after));
     find_residual(l, h, l->residual.at);
     copy(l->reached.at, l->outputs.at, count);
     if (l->corrected) {
-        release_both(l, CORRECTION);
+        release_both(plant, controller, CORRECTION);
         for (int64_t k = 0; k < count; k++)
             l->effect.at[k] = fabs(l->outputs.at[k] - l->effect.at[k]);
         l->contraction = contraction_of(l);
@@ -338,30 +317,33 @@ static int step(Loop *l, double t, double h, const double *before, const double 
     return 1;
 }
 
-/* Save everything that `take_back` needs to undo later steps; `drop` it at the end. */
-static int keep(Loop *l)
+/* The controller's commands after the plant has moved with the given ones, for a time from zero. */
+API int master_answer_to(Loop *l, const double *given, double h, const double *reference,
+                         double *commands)
 {
-    copy(l->outputs.at, l->kept_outputs.at, l->outputs.size);
-    copy(l->late.at, l->kept_late.at, l->late.size);
-    copy(l->following.at, l->kept_following.at, l->following.size);
-    l->kept_has_following = l->has_following;
-    return save_both(l, CHECKPOINT);
+    copy(given, l->law.at, l->controller.m);
+    TRY(give_law(l, l->law.at, l->start.at) && move(&l->plant, 0.0, h));
+    TRY(take_all(&l->plant, l->reached.at));
+    signals_of(l, l->reached.at, l->end.at);
+    return master_command_at(&l->controller, l->end.at, reference, commands);
 }
 
-static int is_kept(const Loop *l) { return l->plant.states.at[CHECKPOINT] != NULL; }
+/* Save everything that `take_back` needs to undo a step; `drop` it at the end. */
+static int keep(Loop *l)
+{
+    copy(l->passed.at, l->kept.at, l->passed.size);
+    l->kept_step = l->following_step;
+    return save_both(&l->plant, &l->controller.calls, CHECKPOINT);
+}
 
-static void drop(Loop *l) { release_both(l, CHECKPOINT); }
+static void drop(Loop *l) { release_both(&l->plant, &l->controller.calls, CHECKPOINT); }
 
-/* Go back to the time of `keep`, and drop what it saved. */
+/* Go back to the time of `keep`. */
 static int take_back(Loop *l)
 {
     l->plant.status = l->controller.calls.status = 0;
     l->failed = NAN;
-    copy(l->kept_outputs.at, l->outputs.at, l->outputs.size);
-    copy(l->kept_late.at, l->late.at, l->late.size);
-    copy(l->kept_following.at, l->following.at, l->following.size);
-    l->has_following = l->kept_has_following;
-    TRY(restore_both(l, CHECKPOINT));
-    drop(l);
-    return 1;
+    copy(l->kept.at, l->passed.at, l->passed.size);
+    l->following_step = l->kept_step;
+    return restore_both(&l->plant, &l->controller.calls, CHECKPOINT);
 }

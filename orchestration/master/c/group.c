@@ -8,7 +8,7 @@ typedef struct {
 } Member;
 
 typedef struct {
-    Slots members;        /* in the order of the signals */
+    Slots parts;          /* in the order of the signals */
     Slots there, back;    /* in the two alternating orders of the steps */
     Vector values;        /* inputs of the group, then outputs of the members */
     Places flags;         /* whether outputs are outdated, and the next step is in reverse */
@@ -33,8 +33,8 @@ static int read_member(Group *g, Member *m)
 
 static int swept(Group *g)
 {
-    for (int64_t k = 0; k < g->members.size; k++) {
-        Member *const m = g->members.at[k];
+    for (int64_t k = 0; k < g->parts.size; k++) {
+        Member *const m = g->parts.at[k];
         TRY(feed_member(g, m) && read_member(g, m));
     }
     g->flags.at[STALE] = 0;
@@ -80,19 +80,18 @@ typedef struct {
 
 static double *values_of(const Group *g, GroupState *s)
 {
-    return (double *)(s->of_members + g->members.size);
+    return (double *)(s->of_members + g->parts.size);
 }
 
 API int group_get_state(Group *g, void **state)
 {
-    const size_t count = (size_t)g->members.size;
+    const size_t count = (size_t)g->parts.size;
     if (!*state && !(*state = calloc(1, sizeof(GroupState) + count * sizeof(void *) +
                                             (size_t)g->values.size * sizeof(double))))
         return GROUP_FAILED;
     GroupState *const s = *state;
     for (size_t k = 0; k < count; k++) {
-        Calls *const c = &((Member *)g->members.at[k])->calls;
-        if (!checked(c, c->get_state(c->component, s->of_members + k), SAVE))
+        if (!save_as(&((Member *)g->parts.at[k])->calls, s->of_members + k))
             return GROUP_FAILED;
     }
     memcpy(s->flags, g->flags.at, sizeof s->flags);
@@ -103,9 +102,8 @@ API int group_get_state(Group *g, void **state)
 API int group_set_state(Group *g, void *state)
 {
     GroupState *const s = state;
-    for (int64_t k = 0; k < g->members.size; k++) {
-        Calls *const c = &((Member *)g->members.at[k])->calls;
-        if (!checked(c, c->set_state(c->component, s->of_members[k]), RESTORE))
+    for (int64_t k = 0; k < g->parts.size; k++) {
+        if (!restore_from(&((Member *)g->parts.at[k])->calls, s->of_members[k]))
             return GROUP_FAILED;
     }
     memcpy(g->flags.at, s->flags, sizeof s->flags);
@@ -116,8 +114,8 @@ API int group_set_state(Group *g, void *state)
 API int group_free_state(Group *g, void **state)
 {
     GroupState *const s = *state;
-    for (int64_t k = 0; s && k < g->members.size; k++) {
-        Calls *const c = &((Member *)g->members.at[k])->calls;
+    for (int64_t k = 0; s && k < g->parts.size; k++) {
+        Calls *const c = &((Member *)g->parts.at[k])->calls;
         if (s->of_members[k])
             c->free_state(c->component, s->of_members + k);
     }

@@ -108,11 +108,6 @@ static void find_mended(Joint *j, double h)
     }
 }
 
-static int restore_sides(Joint *j)
-{
-    return restore(&j->plant.calls, CORRECTION) && restore(&j->controller.calls, CORRECTION);
-}
-
 /* Do one corrected step of signals and tangents, similar to `step`, from the states saved by
  * `begin_step`; find the frames without and with the correction. */
 static int joint_step(Joint *j, double t, double h)
@@ -128,7 +123,7 @@ static int joint_step(Joint *j, double t, double h)
     TRY(joint_frame(j, j->plain.at, j->plain_logs.at));
     TRY(set_signals(j, j->end.at) && take_all(&j->controller.calls, j->ramped.at)); /* true commands */
     find_mended(j, h);
-    TRY(restore_sides(j));
+    TRY(restore_both(&j->plant.calls, &j->controller.calls, CORRECTION));
     TRY(step_with_law(j, t, 0.5 * h, j->mended.at));
     TRY(take_all(&j->plant.calls, j->middle.at));
     copy(j->mended.at, j->ramped.at, rows * width);
@@ -152,7 +147,7 @@ static int begin_step(Joint *j)
     TRY(set_tangents(j, &j->plant, 0));
     TRY(set_tangents(j, &j->controller, j->plant.states));
     TRY(take_all(&j->plant.calls, j->start.at));
-    return save(&j->plant.calls, CORRECTION) && save(&j->controller.calls, CORRECTION);
+    return save_both(&j->plant.calls, &j->controller.calls, CORRECTION);
 }
 
 /* The larger number; NaN if one of them is NaN. */
@@ -178,6 +173,12 @@ static double moved_share(const Joint *j, const Clock *clock, const Trail *trail
     return worst;
 }
 
+/* The integral of the trace of one side's Jacobian. */
+static double trace_of(const Side *s, int64_t count)
+{
+    return s->states > 0 ? s->frames.taken.at[count * s->states] : 0.0;
+}
+
 /* Do one step, halved until its correction is small, and record its row; 0 if a call failed. */
 static int joint_row(Joint *j, Clock *clock, Trail *trail)
 {
@@ -189,7 +190,7 @@ static int joint_row(Joint *j, Clock *clock, Trail *trail)
         share = moved_share(j, clock, trail);
         if (!(share > 1.0) || clock->stride <= 1)
             break;
-        TRY(restore_sides(j));
+        TRY(restore_both(&j->plant.calls, &j->controller.calls, CORRECTION));
         clock_adapt(clock, share);
     }
     TRY(take(&j->shown, outputs));
@@ -202,12 +203,7 @@ static int joint_row(Joint *j, Clock *clock, Trail *trail)
     copy(j->shown.taken.at, trail->outputs.at + row * outputs, outputs);
     for (int64_t k = 0; k < count; k++)
         growth[k] = growth[k - count] + j->logs.at[k];
-    trail->trace.at[row] = 0.0;
-    for (int side = 0; side < 2; side++) {
-        const Side *const s = side == 0 ? &j->plant : &j->controller;
-        if (s->states > 0)
-            trail->trace.at[row] += s->frames.taken.at[count * s->states];
-    }
+    trail->trace.at[row] = trace_of(&j->plant, count) + trace_of(&j->controller, count);
     return 1;
 }
 
@@ -218,10 +214,8 @@ API int joint_march(Joint *j, Clock *clock, Trail *trail, int64_t most)
     int why = GOES_ON;
     trail->rows = 0;
     while (why == GOES_ON && !clock_done(clock) && trail->rows < most) {
-        if (!joint_row(j, clock, trail))
-            why = STEP_FAILED;
-        release(&j->plant.calls, CORRECTION);
-        release(&j->controller.calls, CORRECTION);
+        why = joint_row(j, clock, trail) ? GOES_ON : STEP_FAILED;
+        release_both(&j->plant.calls, &j->controller.calls, CORRECTION);
         for (int64_t k = 0; k < j->shown.taken.size && why == GOES_ON; k++) {
             if (!(fabs(j->shown.taken.at[k]) <= trail->bound.at[k]))
                 why = DIVERGES;

@@ -57,6 +57,53 @@ static void set_points(const Course *c, double t, double bound, double *values)
 
 static int runs(const Loop *l) { return isnan(l->failed); }
 
+/* Put the set-points just after a time into `before`; if they jump, discard the law that the loop
+ * has from before the jump. */
+static void begin_step_at(Loop *l, Course *course, double t, double close)
+{
+    set_points(course, t, t - close, course->after.at);
+    set_points(course, t, t + close, course->before.at);
+    if (differ(course->before.at + 1, course->after.at + 1, course->before.size - 1))
+        l->following_step = NAN;
+}
+
+/* Move a loop over the next step of the clock, in the number of its parts. */
+static int step_along(Loop *l, Course *course, const Clock *clock)
+{
+    const double t = clock_now(clock), h = clock_step_to_come(clock), close = clock->close;
+    const double parts = (double)l->parts;
+    int done = 1;
+    for (int64_t j = 0; j < l->parts && done; j++) {
+        const double begin = t + (double)j * h / parts;
+        const double end = j + 1 < l->parts ? t + (double)(j + 1) * h / parts : next_time(clock);
+        begin_step_at(l, course, begin, close);
+        set_points(course, end, end - close, course->after.at);
+        done = step(l, begin, h / parts, course->before.at + 1, course->after.at + 1);
+    }
+    if (!done) {
+        release_both(&l->plant, &l->controller.calls, CORRECTION);
+        release_both(&l->plant, &l->controller.calls, PROBE);
+    }
+    return done;
+}
+
+/* Move all loops over the next step of the clock; with adaptive steps, it can be taken back. */
+static int step_all(Loop *const *loops, int64_t count, const Clock *clock, Course *course)
+{
+    for (int64_t k = 0; k < count && clock->adaptive; k++) {
+        if (runs(loops[k]) && !keep(loops[k]))
+            return CALL_FAILED;
+    }
+    for (int64_t k = 0; k < count; k++) {
+        if (!runs(loops[k]) || step_along(loops[k], course, clock))
+            continue;
+        if (k == 0)
+            return STEP_FAILED;
+        loops[k]->failed = clock_now(clock);
+    }
+    return GOES_ON;
+}
+
 static int record_outputs(Loop *l, const double *reference)
 {
     Controller *const c = &l->controller;
@@ -73,52 +120,6 @@ static int record_outputs(Loop *l, const double *reference)
     }
     l->rows++;
     return 1;
-}
-
-/* Put the set-points just after a time into `before`; if they jump, discard the law that the loop
- * has from before the jump. */
-static void begin_step_at(Loop *l, Course *course, double t, double close)
-{
-    set_points(course, t, t - close, course->after.at);
-    set_points(course, t, t + close, course->before.at);
-    if (differ(course->before.at + 1, course->after.at + 1, course->before.size - 1))
-        l->has_following = 0;
-}
-
-/* Move a loop over a step to the time `end`, in the number of its parts. */
-static int stepped_along(Loop *l, Course *course, double t, double h, double end, double close)
-{
-    const double parts = (double)l->parts, part = h / parts;
-    for (int64_t j = 0; j < l->parts; j++) {
-        const double begin = t + (double)j * h / parts;
-        const double until = j + 1 < l->parts ? t + (double)(j + 1) * h / parts : end;
-        begin_step_at(l, course, begin, close);
-        set_points(course, until, until - close, course->after.at);
-        if (!step(l, begin, part, course->before.at + 1, course->after.at + 1)) {
-            release_both(l, CORRECTION);
-            release_both(l, PROBE);
-            return 0;
-        }
-    }
-    return 1;
-}
-
-/* Move all loops over the next step of the clock; with adaptive steps, it can be taken back. */
-static int step_all(Loop *const *loops, int64_t count, const Clock *clock, Course *course)
-{
-    const double t = clock_now(clock), h = clock_step_to_come(clock), end = next_time(clock);
-    for (int64_t k = 0; k < count; k++) {
-        if (clock->adaptive && runs(loops[k]) && !keep(loops[k]))
-            return CALL_FAILED;
-    }
-    for (int64_t k = 0; k < count; k++) {
-        if (!runs(loops[k]) || stepped_along(loops[k], course, t, h, end, clock->close))
-            continue;
-        if (k == 0)
-            return STEP_FAILED;
-        loops[k]->failed = t;
-    }
-    return GOES_ON;
 }
 
 /* End a step of a loop: record its row, of the `run` with its commands, unless it ends at a break.
@@ -139,7 +140,7 @@ static int end_step(Loop *l, Course *course, const Clock *clock, double followin
     else if (!clock->broken && !record_outputs(l, goal))
         why = COMMAND_FAILED;
     if (why != GOES_ON)
-        release_both(l, PROBE);
+        release_both(&l->plant, &l->controller.calls, PROBE);
     return why;
 }
 
@@ -212,21 +213,20 @@ API int master_march(Loop *const *loops, int64_t count, Clock *clock, Course *co
         const Loop *const co_run = count > 1 && runs(loops[1]) ? loops[1] : NULL;
         const Loop *const corrected = co_run && co_run->corrected ? co_run : run;
         const double share = share_of_step(run, corrected, co_run, clock, course, h);
-        const int again =
-            why == GOES_ON && clock->adaptive && share > 1.0 && clock->stride > 1;
+        const int again = why == GOES_ON && clock->adaptive && share > 1.0 && clock->stride > 1;
         for (int64_t k = 0; k < count; k++) {
-            if (again && is_kept(loops[k]) && !take_back(loops[k]))
+            if (again && loops[k]->plant.states.at[CHECKPOINT] && !take_back(loops[k]))
                 why = CALL_FAILED;
             drop(loops[k]);
         }
-        if (again)
+        if (!again && why == GOES_ON) {
+            clock_accept(clock);
+            measure(run, corrected, co_run, course, h);
+        }
+        if (clock->adaptive)
             clock_adapt(clock, share);
         if (again || why != GOES_ON)
             continue;
-        clock_accept(clock);
-        measure(run, corrected, co_run, course, h);
-        if (clock->adaptive)
-            clock_adapt(clock, share);
         const double following = clock_done(clock) ? h : clock_step_to_come(clock);
         why = end_step(run, course, clock, following, 1);
         for (int64_t k = 1; k < count && why == GOES_ON; k++) {
