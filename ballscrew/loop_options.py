@@ -162,7 +162,7 @@ def _limits(options: argparse.Namespace, values: Mapping[str, float]) -> dict[st
 def coupled(options: argparse.Namespace) -> dict[str, Any]:
     """The set-point, and how the FMUs are coupled, for a `Loop` or a `SystemLoop`."""
     names = "stop", "step", "coupling", "corrections", "isolate", "time_limit", "reference"
-    how = given(options, *names) | goal_of(options) | {"adaptive": options.adaptive}
+    how = given(options, *names) | goal_of(options)
     if options.step is None and options.stop is not None:
         stop = check_length("stop", options.stop)
         if stop > FIRST_STEP:

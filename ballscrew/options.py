@@ -146,7 +146,6 @@ OPTIONS = (
     Option("--step", "SECONDS", "lyapunov", "step", f"With --via fmu; default {FIRST_STEP:g}."),
     Option("--coupling", "NAME", "run swap", "coupling", f"Names are {COUPLINGS}."),
     Option("--corrections", "0|1", "run swap", "corrections"),
-    Option("--adaptive", "", "run swap", "adaptive"),
     Option("--isolate", "", "run swap", "isolate", how=_YES_NO),
     Option("--time-limit", "SECONDS", "run swap", "time_limit", f"Default: {TIME_LIMIT:g}."),
     # exponents, maps, tuning, studies

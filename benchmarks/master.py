@@ -83,7 +83,7 @@ def step_cost(
         main = sides.main()
         record = Record(main, goal, (0,))
         began = perf_counter()
-        march_on([main], Clock(seconds, h), record)
+        march_on(main, Clock(seconds, h), record)
         best = min(best, (perf_counter() - began) / (seconds / h))
         assert not main.failure
         p.close()
@@ -138,7 +138,7 @@ def chain_cost(chain: TimedChain, judged: bool = False) -> float:
             main = sides.main()
             record = Record(main, still, ())
             began = perf_counter()
-            march_on([main], Clock(chain.stop, chain.step), record)
+            march_on(main, Clock(chain.stop, chain.step), record)
             assert not main.failure
         best = min(best, (perf_counter() - began) / (chain.stop / chain.step))
         plant.close()

@@ -12,7 +12,7 @@ import numpy as np
 from ..fmus.ports import FRAME, TRACE, is_tangent_port, set_port, tangent_port, tangent_states
 from ..orchestration.fmu.fmu_instance import Instance, Reader, StepFailed, Writer
 from ..orchestration.fmu.wiring import Wiring
-from ..orchestration.master.compiled import Bound, Struct
+from ..orchestration.master.compiled import Bound, Struct, struct
 from ..orchestration.master.coupling import Answer, ControllerSide
 from ..solver.arrays import Vector
 from ..solver.errors import FmuError
@@ -83,13 +83,15 @@ class ProbedController(Side):
 
     def look(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
         """Find out when it responds and whether it has a state; it must be initialized."""
-        self.side = ControllerSide(self.instance, self.wiring, signals, reference)
+        self.side = ControllerSide(
+            self.instance, self.wiring, signals, reference, struct("Controller")
+        )
         self._t, self._h = t, h
         self._ends = len(signals), len(signals) + len(reference)
         name = self.instance.name
         if self.side.answer is not Answer.DIRECT:
             raise FmuError(
-                f"{name} answers {self.side.answer.value}; tangents need a controller with "
+                f"{name} answers in its step or at its samples; tangents need a controller with "
                 "direct feedthrough: compute its output when it is read, or give its "
                 "equations as FILE.py:FUNCTION"
             )
@@ -124,10 +126,9 @@ class ProbedController(Side):
 
     def _law(self) -> Vector:
         signals, n = self._signals, self.side.n
-        law = self.side.law_at(self._t, self._h, signals[0], self._reference)
         out = np.zeros((len(signals), 2 + n))
-        out[0] = [*law.command, *law.gain.ravel(), *law.rate]
-        out[1:, 0] = signals[1:] @ law.gain[0] + self._added
+        out[0] = self.side.law_at(self._t, self._h, signals[0], self._reference)
+        out[1:, 0] = signals[1:] @ out[0, 1 : 1 + n] + self._added
         if self.states:  # change of the state within the step, by the rates from the last step
             out[1:, 1 + n] = self._fades * self._added + signals[1:] @ self._driven
         return out.ravel()

@@ -28,15 +28,7 @@ from ..orchestration.fmu.fmu_instance import FmuInstance, StepFailed
 from ..orchestration.fmu.group import initialize
 from ..orchestration.fmu.isolated import IsolatedInstance
 from ..orchestration.fmu.wiring import PLANT, Wiring, convert, names_on, wire
-from ..orchestration.master.compiled import (
-    DIVERGES,
-    GOES_ON,
-    STEP_FAILED,
-    Bound,
-    call,
-    failure_of,
-    struct,
-)
+from ..orchestration.master.compiled import Bound, Why, call, failure_of, struct
 from ..orchestration.master.march import Clock, bounds
 from ..solver.arrays import Matrix, Vector
 from ..solver.errors import FmuError
@@ -260,25 +252,25 @@ class _Joint:
         fields = ("times", "outputs", "growth", "trace")
         trail.set(bound=bound, accuracy=accuracy, relative=RELATIVE)
         trail.set(**dict(zip(fields, rooms, strict=True)))
-        kept, why = [[room[:1].copy()] for room in rooms], GOES_ON
-        while why == GOES_ON and not clock.done:
-            why = call("joint_march", self._whole, clock.whole, trail, CHUNK)
+        kept, why = [[room[:1].copy()] for room in rooms], Why.GOES_ON
+        while why is Why.GOES_ON and not clock.done:
+            why = Why(call("joint_march", self._whole, clock.whole, trail, CHUNK))
             last = int(trail.record.rows)
             for rows, room in zip(kept, rooms, strict=True):
                 rows.append(room[1 : last + 1].copy())
                 room[0] = room[last]
         times, outputs, growth, trace = map(np.concatenate, kept)
         stopped = ""
-        if why == STEP_FAILED:
+        if why is Why.STEP_FAILED:
             error = failure_of(*self._bound, shown)
             if not isinstance(error, StepFailed):
                 assert error is not None
                 raise error
             stopped = f"{error} (in the step from t = {clock.now:.6g} s)"
-        elif why != GOES_ON:
+        elif why is not Why.GOES_ON:
             beyond = np.nan_to_num(np.abs(outputs[-1]) / bound, nan=np.inf)
             name = names[int(np.argmax(beyond))]
             stopped = f"the loop diverges: {name} exceeds its bound at t = {clock.now:.6g} s"
         courses = dict(zip(names, outputs.T, strict=True))
-        unmet, diverged = int(trail.record.unmet), why == DIVERGES
+        unmet, diverged = int(trail.record.unmet), why is Why.DIVERGES
         return TangentRun(times[:, 0], courses, growth, trace[:, 0], stopped, diverged, unmet)

@@ -76,7 +76,6 @@ class Joined:
             self.stop,
             how.coupling,
             how.corrections,
-            how.adaptive,
             (self._of_side(0, [self.main]), self._of_side(1, others)),
             self.names,
             self.wiring,
@@ -105,14 +104,14 @@ class Joined:
         step = how.step or own or min(FIRST_STEP, self.stop)
         states = self._check_states(step)
         sides, choice = self._coupled(how), None
-        if how.step is None and not how.adaptive and not own:
+        if how.step is None and not own:
             # a call of an FMU in its own process takes much longer
             slow = any(isinstance(f, IsolatedInstance) for f in self.fmus.values())
             runs = Runs(sides, step, progress)
             run, choice = choose_step(runs, MOST_OF_ISOLATED if slow else MOST)
         else:
             run = run_loop(sides, step, progress=progress)
-            if own and not how.adaptive:
+            if own:
                 run, choice = only_step(run, own)
         run = limited(self.finish(run), self.values[self.main])
         step = choice.step if choice else step

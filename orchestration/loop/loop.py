@@ -40,7 +40,6 @@ class _How(TypedDict, total=False):
     step: float | None
     coupling: str | Coupling | None
     corrections: int | None
-    adaptive: bool
     isolate: bool | None
     time_limit: float
     fmus: bool
@@ -53,7 +52,6 @@ class HowCoupled:
     step: float | None = None
     coupling: Coupling | None = None
     corrections: int | None = None
-    adaptive: bool = False
     isolate: bool | None = None
     time_limit: float = limits.TIME_LIMIT
     fmus: bool = True
@@ -110,8 +108,6 @@ class Loop(HowCoupled):
         best supported one.
     corrections : int, optional
         Corrections of each step by rollback, 0 or 1.
-    adaptive : bool
-        Whether the steps, up to `step`, are chosen by the residual.
     isolate : bool, optional
         Whether each FMU runs in its own process. Default: FMUs not written by this program.
     time_limit : float
@@ -277,7 +273,7 @@ class SystemLoop(HowCoupled):
     values : mapping of str to float
         Parameters and start values as ``element.variable``; they replace those of the file. Text is
         a String, the name of an Enumeration's item, or a number.
-    step, coupling, corrections, adaptive, isolate, time_limit
+    step, coupling, corrections, isolate, time_limit
         As in `Loop`. With ``jacobi`` and ``gauss-seidel`` connected feedback-law ports
         are ordinary signals, as in other masters.
     """

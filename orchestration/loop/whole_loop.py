@@ -144,10 +144,10 @@ def run_monolithic(
                 f"without FMUs, the equations of {part} are needed, and an FMU has none; "
                 f"expected one of {', '.join(NAMES)}, and FILE.py:FUNCTION"
             )
-    if loop.coupling or loop.adaptive or loop.corrections or loop.mapping:
+    if loop.coupling or loop.corrections or loop.mapping:
         raise CouplingError(
             "a loop without FMUs has no coupling, communication steps or ports; remove coupling, "
-            "adaptive steps, corrections and mapped ports"
+            "corrections and mapped ports"
         )
     loop.check_values()
     kernel = loop_kernel(loop.plant.name, loop.controller.name)

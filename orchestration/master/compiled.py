@@ -16,6 +16,7 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Sequence
+from enum import IntEnum
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -25,18 +26,18 @@ import numpy.typing as npt
 
 from ...solver.arrays import Vector
 from ...solver.core import SUFFIX
-from ..fmu.fmi_versions import OK, STATE, STEP
+from ..fmu.fmi_versions import ERROR, OK, STATE, STEP
 from ..fmu.fmu_instance import ENTRY_POINTS, FmuInstance, Instance
 from ..fmu.group import Group
 
-USES = 3  # uses of saved states
+USES = 2  # uses of saved states
 FARTHEST = 1e4  # times an output's nominal value: beyond it, a loop diverges
-GOES_ON, STEP_FAILED, COMMAND_FAILED, NOT_FINITE, DIVERGES, CALL_FAILED = range(6)
+Why = IntEnum("Why", "GOES_ON STEP_FAILED DIVERGES", start=0)
+"""Why a march has ended; in the order of ``c/master.c``."""
 MOVE = 2  # of the kinds of failed calls: a step
 
 OWN_STEP = ct.CFUNCTYPE(ct.c_int, ct.c_double)
-# fmi2SetReal, with pointers as plain addresses
-VALUES = ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p)
+VALUES = ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p)  # fmi2SetReal
 
 _FOLDER = Path(__file__).parent / "c"
 _SOURCES = "calls.h controller.c coupling.c clock.c joint_step.c group.c master.c".split()
@@ -101,13 +102,11 @@ def library() -> Any:
 
 
 def call(function: str, *arguments: Struct | npt.NDArray[Any] | float) -> Any:
-    """Call a compiled function; records and arrays are read or written in place."""
+    """Call a compiled function; records and arrays are read or written in place; 0: no record."""
 
     def passed(given: Struct | npt.NDArray[Any] | float) -> Any:
-        if isinstance(given, Struct):
-            return ct.c_void_p(given.address)
-        if isinstance(given, np.ndarray):
-            return ct.c_void_p(given.ctypes.data)
+        if isinstance(given, Struct | np.ndarray):
+            return ct.c_void_p(given.address if isinstance(given, Struct) else given.ctypes.data)
         return ct.c_double(given) if isinstance(given, float) else ct.c_int64(given)
 
     return getattr(library(), function)(*map(passed, arguments))
@@ -120,12 +119,11 @@ def address_of(function: Any) -> int:
 class Guarded:
     """Python functions for compiled code; an error, also an interruption, is raised after it.
 
-    They return `done`, or `failed` after an error.
+    They return the status fmi2OK, or fmi2Error after an error.
     """
 
-    def __init__(self, done: int, failed: int) -> None:
+    def __init__(self) -> None:
         self.error: BaseException | None = None
-        self._done, self._failed = done, failed
         self._kept: list[Any] = []
 
     def address(self, kind: Any, method: Callable[..., Any]) -> int:
@@ -136,8 +134,8 @@ class Guarded:
                 method(*arguments)
             except BaseException as error:
                 self.error = error
-                return self._failed
-            return self._done
+                return ERROR
+            return 0
 
         self._kept.append(kind(called))
         return address_of(self._kept[-1])
@@ -171,15 +169,10 @@ class Bound:
             places = [[instance.place[n] for n in names] for names in self._ports]
         else:
             points, self._error = _python_calls(instance, *self._ports, given, taken)
-        calls.set(
-            **dict(zip(ENTRY_POINTS, points, strict=True)),
-            inputs=np.array(places[0], dtype=np.uint32),
-            given=given,
-            outputs=np.array(places[1], dtype=np.uint32),
-            taken=taken,
-            stop=getattr(instance, "stop", math.inf),
-            states=np.zeros(uses, dtype=np.int64),
-        )
+        calls.set(**dict(zip(ENTRY_POINTS, points, strict=True)))
+        calls.set(inputs=np.array(places[0], dtype=np.uint32), given=given)
+        calls.set(outputs=np.array(places[1], dtype=np.uint32), taken=taken)
+        calls.set(stop=getattr(instance, "stop", math.inf), states=np.zeros(uses, dtype=np.int64))
 
     def failure(self) -> BaseException | None:
         """The error of the last failed call, as raised by the FMU instance."""
@@ -190,10 +183,9 @@ class Bound:
         if what == MOVE:
             return fmu.step_failed(status)
         given, taken = map(", ".join, self._ports)
-        said = f"rejects the values of {given}", f"cannot give {taken}", ""
-        return fmu.failed(
-            status, (*said, "cannot save its state", "cannot restore its state")[what]
-        )
+        said = [f"rejects the values of {given}", f"cannot give {taken}", ""]
+        said += ["cannot save its state", "cannot restore its state"]
+        return fmu.failed(status, said[what])
 
 
 def failure_of(*bound: Bound) -> BaseException | None:
@@ -208,11 +200,10 @@ def ask(bound: Sequence[Bound], function: str, *arguments: Any) -> None:
 
 
 _Calls = tuple[Sequence[Any], Callable[[], BaseException | None]]
-"""An instance and the addresses of its functions, and what gives the error of a failed call."""
 
 
 def _group_calls(group: Group) -> _Calls:
-    """The functions of ``c/group.c``, for a group of any instances."""
+    """A group and the functions of ``c/group.c``, and what gives the error of a failed call."""
     whole, bound, addresses = struct("Group"), list[Bound](), dict[int, int]()
     for part in group.parts:
         member, ports = struct("Member"), [f.port for f in part.feeds]
@@ -231,8 +222,7 @@ def _python_calls(
     instance: Instance, inputs: Sequence[str], outputs: Sequence[str], given: Vector, taken: Vector
 ) -> _Calls:
     """Functions with FMI's signatures that call an instance's methods, with these two arrays."""
-    guarded = Guarded(0, 3)  # fmi2OK, fmi2Error
-    states, numbers = dict[int, Any](), itertools.count(1)
+    guarded, states, numbers = Guarded(), dict[int, Any](), itertools.count(1)
     write = instance.writer(inputs)
     reader = cache(lambda count: instance.reader(outputs[:count]))
 

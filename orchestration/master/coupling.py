@@ -19,10 +19,10 @@ change of the plant's outputs by the correction is the residual's effect. The st
 
 from __future__ import annotations
 
-import importlib
 import math
-from dataclasses import dataclass
-from enum import Enum
+from enum import IntEnum
+from pkgutil import resolve_name
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,16 +35,13 @@ from .couplings import Coupling
 CHUNK = 4096  # most steps between two checks of the elapsed time
 
 
-class Answer(Enum):
-    """When a controller's output responds to its inputs; in the order of ``c/controller.c``."""
+class Answer(IntEnum):
+    """When a controller's output responds to its inputs, as in ``c/controller.c``."""
 
-    DIRECT = "as soon as inputs are set"
-    STEPPED = "in its step"
-    SAMPLED = "at its sample instants"
+    DIRECT, STEPPED, SAMPLED = range(3)  # as soon as they are set, in its step, at its samples
 
 
-@dataclass(frozen=True)
-class FeedbackLaw:
+class FeedbackLaw(NamedTuple):
     """Commands (m,), their derivatives by the signals (m, n), and their own rates (m,)."""
 
     command: Vector
@@ -52,52 +49,34 @@ class FeedbackLaw:
     rate: Vector
 
 
-def law_of(numbers: Vector, m: int, n: int) -> FeedbackLaw:
-    """Split a law that is one array of compiled code, (m (2 + n),), into its parts, as views."""
-    return FeedbackLaw(numbers[:m], numbers[m : m * (1 + n)].reshape(m, n), numbers[m * (1 + n) :])
-
-
 class ControllerSide:
     """An initialized controller as a function: `m` commands for `n` given signals.
 
-    With `signals` and `reference` at the start its feedthrough is tested; `side` is the record
-    `Controller` to fill.
+    With `signals` and `reference` at the start its feedthrough is tested; `side` is its record, a
+    `Controller`.
     """
 
     def __init__(
-        self,
-        instance: Instance,
-        wiring: Wiring,
-        signals: Vector,
-        reference: Vector,
-        side: Struct | None = None,
+        self, instance: Instance, wiring: Wiring, signals: Vector, reference: Vector, side: Struct
     ) -> None:
-        self._side = side or struct("Controller")
+        self._side = side
         self.m, self.n = len(wiring.commands), len(wiring.signals)
         inputs = [*(s for _, s in wiring.signals), *wiring.references]
         law = wiring.controller_law() if wiring.reports_law else []
         outputs = [*(c for c, _ in wiring.commands), *law, *wiring.others]
         self.bound = Bound(instance, inputs, outputs, self._side.part("calls"))
-        self._side.set(
-            m=self.m,
-            n=self.n,
-            others=len(wiring.others),
-            group=wiring.network,
-            reports=wiring.reports_law,
-            saves=instance.can_save,
-            varies=getattr(instance, "steps_vary", True),
-            nominal=np.array([instance.nominal(s) for _, s in wiring.signals]),
-            real=np.array([float(instance.is_real(name)) for name in inputs]),
-            ahead=np.zeros(self.m),
-            moved=np.zeros(self.n),
-            answered=np.zeros(self.m),
-        )
+        self._side.set(m=self.m, n=self.n, others=len(wiring.others), group=wiring.network)
+        self._side.set(reports=wiring.reports_law, saves=instance.can_save)
+        self._side.set(varies=getattr(instance, "steps_vary", True))
+        self._side.set(nominal=np.array([instance.nominal(s) for _, s in wiring.signals]))
+        self._side.set(real=np.array([float(instance.is_real(name)) for name in inputs]))
+        self._side.set(ahead=np.zeros(self.m), answered=np.zeros(self.m), moved=np.zeros(self.n))
         self.answer = Answer.DIRECT
         if instance.sample_time > 0:
             self.answer = Answer.SAMPLED
         elif not self._follows(signals, reference):
             self.answer = Answer.STEPPED
-        self._side.set(answer=[*Answer].index(self.answer))
+        self._side.set(answer=self.answer)
 
     def _follows(self, signals: Vector, reference: Vector) -> bool:
         """Whether the output has direct feedthrough."""
@@ -110,23 +89,17 @@ class ControllerSide:
     def _ask(self, function: str, *arguments: Vector | float) -> None:
         ask([self.bound], function, self._side, *arguments)
 
-    def last_command(self) -> Vector:
-        """The present commands, without new inputs."""
-        commands = np.empty(self.m)
-        self._ask("read_commands", commands)
-        return commands
-
     def command_at(self, signals: Vector, reference: Vector) -> Vector:
         """Set the inputs and read the commands."""
         commands = np.empty(self.m)
         self._ask("command_at", signals, reference, commands)
         return commands
 
-    def law_at(self, t: float, h: float, signals: Vector, reference: Vector) -> FeedbackLaw:
-        """The commands and their derivatives at the given signals."""
+    def law_at(self, t: float, h: float, signals: Vector, reference: Vector) -> Vector:
+        """The law at the given signals: commands, their derivatives, and rates, (m (2 + n),)."""
         law = np.zeros(self.m * (2 + self.n))
         self._ask("law_at", t, h, signals, reference, True, law)
-        return law_of(law, self.m, self.n)
+        return law
 
     def advance(self, t: float, h: float, signals: Vector, reference: Vector) -> None:
         """Move the controller from t to t + h with these signals held."""
@@ -138,8 +111,8 @@ class CoupledPair:
 
     With `corrected`, every step is corrected once, which needs both sides to save their states.
     With `averaged`, the controller's own states use the mean of the signals over the step (second
-    order), else the value at one end, as in a simple master. Each step of a co-run has so many
-    `parts`; `reference` has the set-points at the start.
+    order), else the value at one end, as in a simple master. `reference` has the set-points at the
+    start.
     """
 
     def __init__(
@@ -151,63 +124,42 @@ class CoupledPair:
         corrected: bool,
         averaged: bool,
         reference: Vector,
-        parts: int = 1,
     ) -> None:
         self.plant, self.controller = plant, controller
-        self.corrected, self.averaged = corrected, averaged
+        self.corrected = corrected
         self.other_names = wiring.others
         self.failure = ""  # why it ended early; empty if it did not
         self.whole = struct("Loop")
-        law = wiring.plant_law() if wiring.accepts_law else []
-        names = [*(theirs for _, theirs in wiring.commands), *law]
+        names = [theirs for _, theirs in wiring.commands]
+        names += wiring.plant_law() if wiring.accepts_law else []
         self._plant = Bound(plant, names, plant.outputs, self.whole.part("plant"))
-        present = plant.reader(plant.outputs)()
+        self.outputs = np.array(plant.reader(plant.outputs)())  # at present
         at = [list(plant.outputs).index(s) for s, _ in wiring.signals]
         side = self.whole.part("controller")
-        self._side = ControllerSide(controller, wiring, present[at], reference, side)
+        self._side = ControllerSide(controller, wiring, self.outputs[at], reference, side)
         self.answer, m, n = self._side.answer, self._side.m, self._side.n
-        self.given = self._side.last_command()  # before the controller has moved
-        size, outputs = m * (2 + n), len(present)
-        passed = np.concatenate([present, self.given, np.zeros(size)])
-        self.outputs, self.late, following = np.split(passed, [outputs, outputs + m])
-        rooms = {
-            "residual command first": m,
-            "start end mean": n,
-            "law applied stepped": size,
-            "effect reached": outputs,
-            "kept": len(passed),
-            "goal": len(reference),
-            "ring": m * (m + 2),
-        }
+        # the commands before the controller has moved
+        self.given = np.array(controller.reader([u for u, _ in wiring.commands])())
+        self.late = self.given.copy()
+        outputs = len(self.outputs)
+        rooms = {"start end mean": n, "residual command first": m, "ring": m * (m + 2)}
+        rooms |= {"effect reached": outputs, "following law applied": m * (2 + n)}
+        rooms |= {"goal": len(reference)}
         made = {name: np.zeros(k) for names, k in rooms.items() for name in names.split()}
         self._room = np.empty((CHUNK, outputs + len(self.other_names)))
-        self._guarded, own = Guarded(1, 0), 0
+        self._guarded, own = Guarded(), 0
         if coupling.own:
-            module, _, function = coupling.own.partition(":")
-            change = getattr(importlib.import_module(module), function)
-            applied = law_of(made["applied"], m, n)
-            own = self._guarded.address(OWN_STEP, lambda h: change(applied, h))
-        self.whole.set(
-            **made,
-            passed=passed,
-            outputs=self.outputs,
-            late=self.late,
-            following=following,
-            following_step=math.nan,
-            takes_law=wiring.accepts_law,
-            follows=any(map(plant.follows_at_once, plant.outputs)) and m > 0,
-            commands=np.array([plant.nominal(theirs) for _, theirs in wiring.commands]),
-            signals=np.array(at, dtype=np.int64),
-            delayed=coupling.late and not corrected,
-            tangent=coupling.law,
-            own=own,
-            corrected=corrected,
-            averaged=averaged,
-            contraction=math.nan,
-            parts=parts,
-            recorded=self._room,
-            failed=math.nan,
-        )
+            change = resolve_name(coupling.own)
+            command, gain, rate = np.split(made["applied"], [m, m * (1 + n)])
+            law = FeedbackLaw(command, gain.reshape(m, n), rate)
+            own = self._guarded.address(OWN_STEP, lambda h: change(law, h))
+        self.whole.set(**made, outputs=self.outputs, late=self.late, recorded=self._room)
+        self.whole.set(following_step=math.nan, contraction=math.nan, failed=math.nan)
+        self.whole.set(tangent=coupling.law, delayed=coupling.late and not corrected, own=own)
+        self.whole.set(takes_law=wiring.accepts_law, corrected=corrected, averaged=averaged)
+        self.whole.set(follows=any(map(plant.follows_at_once, plant.outputs)) and m > 0)
+        self.whole.set(commands=np.array([plant.nominal(u) for _, u in wiring.commands]))
+        self.whole.set(signals=np.array(at, dtype=np.int64))
         self.rows: list[Matrix] = []
 
     def begin(self) -> None:
@@ -215,20 +167,11 @@ class CoupledPair:
         others = self.controller.reader(self.other_names)() if self.other_names else np.empty(0)
         self.rows = [np.concatenate([self.outputs, others])[None]]
 
-    def command(self, t: float, h: float, reference: Vector) -> Vector:
-        """The controller's true command at the present signals."""
-        commands = np.zeros(self._side.m)
-        self._ask("command_now", t, h, reference, False, commands)
-        return commands
-
-    def answer_to(self, commands: Vector, h: float, reference: Vector) -> Vector:
-        """The controller's commands after the plant has moved with these for the time h [s]."""
-        answer = np.zeros(self._side.m)
-        self._ask("answer_to", commands, h, reference, answer)
-        return answer
-
-    def _ask(self, function: str, *arguments: Vector | float) -> None:
-        ask((self._plant, self._side.bound), function, self.whole, *arguments)
+    def commands(self, function: str, *arguments: Vector | float) -> Vector:
+        """The commands that a function ``master_...`` of ``c/coupling.c`` gives, shape (m,)."""
+        found = np.zeros(self._side.m)
+        ask((self._plant, self._side.bound), function, self.whole, *arguments, found)
+        return found
 
     def collect(self) -> None:
         """Keep what the last chunk recorded."""
@@ -238,13 +181,9 @@ class CoupledPair:
             t = record.failed
             self.failure = f"the reference co-run loop failed at t = {t:.6g} s: {self.error()}"
 
-    def failed(self) -> BaseException | None:
-        """Error of the last failed call."""
-        return self._guarded.error or failure_of(self._plant, self._side.bound)
-
     def error(self) -> StepFailed:
         """Return the loop's StepFailed; raise any other error, such as an interruption."""
-        error = self.failed()
+        error = self._guarded.error or failure_of(self._plant, self._side.bound)
         assert error is not None
         if not isinstance(error, StepFailed):
             raise error

@@ -2,8 +2,10 @@
 
 Every step begins with the controller's output at the last communication point: its commands
 and, if a coupling needs the `law`, their derivatives by the signals and their own rates. The
-plant applies them over the step, unchanged or modified by a coupling's `own` function; `late`
-commands arrive one step later.
+plant applies them over the step; `late` commands arrive one step later. A coupling may have its
+`own` function for this, as ``module:function``: it gets the law, a `coupling.FeedbackLaw`, and the
+step [s], and changes the law's arrays to those that the plant applies. It must keep no state,
+because steps are repeated.
 """
 
 from __future__ import annotations
@@ -22,10 +24,7 @@ class Coupling(Enum):
 
     late: bool  # whether the commands of steps that are not corrected arrive one step late
     law: bool  # whether the plant applies the feedback law inside its own solver
-    # ``module:function`` that changes the law in each step; empty if there is none. It gets the
-    # law, a `coupling.FeedbackLaw`, and the step [s], and changes the law's arrays to those that
-    # the plant applies. It must keep no state, because steps are repeated.
-    own: str
+    own: str  # empty if there is none
 
     def __new__(cls, name: str, late: bool = False, law: bool = False, own: str = "") -> Coupling:
         member = object.__new__(cls)

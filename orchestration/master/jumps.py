@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...solver.arrays import Vector
-from .compiled import GOES_ON
+from .compiled import Why
 from .coupling import CHUNK
 from .march import Clock, Record, march
 from .sides import Sides
@@ -131,7 +131,7 @@ def _seen_within(
     ends = [min(k * whole, last) for k in range(points + 1)]
     rows = {k: _points(ends[k], ends[k + 1], size) for k, size in parts.items()}
     all_rows = sorted({*ends[:points], *(row for within in rows.values() for row in within)})
-    clock = Clock(sides.stop, step / whole, False, breaks)
+    clock = Clock(sides.stop, step / whole, breaks=breaks)
     with closing(sides.best()) as pair:
         record = Record(pair, sides.reference, sides.wiring.orders, False)
         pair.begin()
@@ -139,7 +139,7 @@ def _seen_within(
             left = len(list(alike))
             clock.whole.set(stride=ticks)
             while left:
-                if march([pair], clock, record, min(left, CHUNK)) != GOES_ON:
+                if march(pair, clock, record, min(left, CHUNK)) is not Why.GOES_ON:
                     return {}
                 left -= pair.whole.record.rows
     table = np.concatenate(pair.rows)[:, : len(pair.outputs)]

@@ -10,27 +10,17 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from ...solver.arrays import Matrix, Vector
+from ...solver.arrays import Vector
 from ..fmu.fmu_instance import StepFailed
-from .compiled import (
-    CALL_FAILED,
-    COMMAND_FAILED,
-    DIVERGES,
-    FARTHEST,
-    GOES_ON,
-    NOT_FINITE,
-    STEP_FAILED,
-    call,
-    struct,
-)
+from .compiled import FARTHEST, Why, call, struct
 from .coupling import CHUNK, CoupledPair
 from .couplings import WITHOUT_FMUS, Coupling
 from .reference_signal import ROUND_OFF, Reference
-from .verdict import ACCURACY, Verdict
+from .verdict import Verdict
 
 Progress = Callable[[float], None]
 
-FINEST = 12  # adaptive steps go down to 2^-12 of the given one
+FINEST = 12  # adaptive steps of tangents go down to 2^-12 of the given one
 LONGEST_WAIT = 0.05  # s; after a chunk that took longer, the next one is shorter
 NEGLIGIBLE = 1e-7  # of the range: a smaller sum of effects is round-off
 UNKNOWN = 1e12  # like FARTHEST, for outputs without a known nominal value
@@ -49,8 +39,7 @@ class LoopRun:
     coupling_reason: str  # reason for the coupling, if it was chosen by rule
     corrected: bool
     residual_max: dict[str, float]  # largest coupling residual of each command, in its unit
-    # largest effect of the residual on each output, per second; empty if there was no correction
-    effect_rate_max: dict[str, float]
+    effect_rate_max: dict[str, float]  # largest of the residual, per second; empty: not corrected
     macro_steps: int
     step_range: tuple[float, float]  # shortest and longest communication step [s]
     verdict: Verdict
@@ -59,11 +48,9 @@ class LoopRun:
     others: dict[str, Vector] = field(default_factory=dict)  # further outputs of the controller
     units: dict[str, str] = field(default_factory=dict)  # as far as the parts declare them
     sampling_period: float = 0.0  # of the controller and its instruments [s]; 0: not sampled
-    # factor and offset from the set-point's SI unit to the unit of `reference` and the position
-    scale: tuple[float, float] = (1.0, 0.0)
+    scale: tuple[float, float] = (1.0, 0.0)  # factor and offset from SI to the set-point's unit
     limit: float = math.inf  # largest command that the plant lets through, in the command's unit
-    # the same with points between the communication points, where equations are solved
-    between: LoopRun | None = None
+    between: LoopRun | None = None  # with points between these, where equations are solved
 
     @property
     def coupled_by(self) -> str:
@@ -77,10 +64,10 @@ class LoopRun:
 
 
 class Clock:
-    """State of a run in time, from zero to `stop`, with steps of a length, or up to it [s].
+    """State of a run in time, from zero to `stop`, with steps of a length [s].
 
     Communication points are multiples of one tick, so that time does not drift. A step must also
-    end at each of the rising `breaks` [s].
+    end at each of the rising `breaks` [s]. With `adaptive`, shorter steps are possible.
     """
 
     def __init__(
@@ -92,17 +79,9 @@ class Clock:
         times = np.asarray(breaks, dtype=float)
         times = times[(times > close) & (times < stop - close)]
         self.whole = struct("Clock")
-        self.whole.set(
-            tick=tick,
-            stop=stop,
-            last=max(1, math.ceil(stop / tick - 1e-9)),
-            longest=size,
-            stride=size,
-            adaptive=adaptive,
-            shortest_used=math.inf,
-            close=close,
-            breaks=times[np.diff(times, prepend=0.0) > close],
-        )
+        self.whole.set(tick=tick, stop=stop, last=max(1, math.ceil(stop / tick - 1e-9)))
+        self.whole.set(longest=size, stride=size, shortest_used=math.inf)
+        self.whole.set(close=close, breaks=times[np.diff(times, prepend=0.0) > close])
 
     @property
     def now(self) -> float:
@@ -145,99 +124,85 @@ class Record:
     """
 
     def __init__(
-        self,
-        pair: CoupledPair,
-        reference: Reference,
-        orders: Sequence[int],
-        keeps_commands: bool = True,
+        self, pair: CoupledPair, reference: Reference, orders: Sequence[int], commands: bool = True
     ) -> None:
         outputs, m = pair.outputs, len(pair.given)
         nominal = np.array([pair.plant.nominal(name) for name in pair.plant.outputs])
         self.bounds = bounds(nominal, outputs)
         self.residual, self.effect_rate = np.zeros(m), np.zeros(len(outputs))
-        self._room = np.empty(CHUNK), np.empty(CHUNK), np.empty((CHUNK, m * keeps_commands))
+        self._room = np.empty(CHUNK), np.empty(CHUNK), np.empty((CHUNK, m * commands))
         shown = 0, *orders  # the recorded set-point, then those of the controller
         self.whole = struct("Course")
-        self.whole.set(
-            times=self._room[0],
-            references=self._room[1],
-            commands=self._room[2],
-            nominal=nominal,
-            bounds=self.bounds,
-            low=outputs.copy(),
-            high=outputs.copy(),
-            residual=self.residual,
-            effect_rate=self.effect_rate,
-            apart=np.zeros(len(outputs)),
-            goal_times=np.ascontiguousarray(reference.times, dtype=float),
-            goal_pieces=np.stack([reference.pieces(k) for k in shown], axis=1).ravel(),
-            accuracy=ACCURACY,
-            before=np.zeros(len(shown)),
-            after=np.zeros(len(shown)),
-        )
-        first = reference.all_at(0.0, shown)
-        self.start = first[1:].copy()
-        self.times, self.references = [np.zeros(1)], [first[:1]]
-        self.commands: list[Matrix] = []
+        self.whole.set(**dict(zip(("times", "references", "commands"), self._room, strict=True)))
+        self.whole.set(residual=self.residual, effect_rate=self.effect_rate)
+        self.whole.set(nominal=nominal, bounds=self.bounds)
+        self.whole.set(low=outputs.copy(), high=outputs.copy())
+        self.whole.set(goal_times=np.ascontiguousarray(reference.times, dtype=float))
+        pieces = np.stack([reference.pieces(k) for k in shown], axis=1)
+        self.whole.set(goal_pieces=pieces.ravel())
+        self.whole.set(before=np.zeros(len(shown)), after=np.zeros(len(shown)))
+        self._goal, *start = reference.all_at(0.0, shown)
+        self.start = np.array(start)
+        self._chunks: list[Sequence[Vector]] = []
         self.advice, self.diverged = UNBOUNDED, False
+
+    def begin(self, commands: Vector) -> None:
+        """Record the start."""
+        self._chunks = [[np.zeros(1), np.array([self._goal]), commands[None]]]
 
     def collect(self, rows: int) -> None:
         """Keep what the last chunk recorded."""
-        kept = self.times, self.references, self.commands
-        for chunks, room in zip(kept, self._room, strict=True):
-            chunks.append(room[:rows].copy())
+        self._chunks.append([room[:rows].copy() for room in self._room])
+
+    def courses(self) -> list[Vector]:
+        """Times (k,), set-points (k,) and commands (k, m) of all rows."""
+        return [np.concatenate(parts) for parts in zip(*self._chunks, strict=True)]
 
     @property
     def contraction(self) -> float:
         """Of the corrections, weighted by their effect; 0 if they had none."""
         record = self.whole.record
-        weight = record.contraction_weight
-        return float(record.contraction / weight) if weight >= NEGLIGIBLE else 0.0
+        return float(record.contraction / record.weight) if record.weight >= NEGLIGIBLE else 0.0
 
 
-def march(pairs: Sequence[CoupledPair], clock: Clock, record: Record, most: int) -> int:
-    """Move a loop, and its co-runs, by up to `most` steps; `GOES_ON`, or why it ended.
-
-    Raises `StepFailed` if a loop cannot save or restore its state.
-    """
-    loops = np.array([pair.whole.address for pair in pairs])
-    why = int(call("master_march", loops, len(loops), clock.whole, record.whole, most))
-    if why == CALL_FAILED:
-        raise next(p.error() for p in pairs if p.failed())
-    for pair in pairs:
+def march(
+    run: CoupledPair, clock: Clock, record: Record, most: int, co_run: CoupledPair | None = None
+) -> Why:
+    """Move a loop, and its co-run, by up to `most` steps; `GOES_ON`, or why it ended."""
+    other = co_run.whole if co_run else 0
+    why = Why(call("master_march", run.whole, other, clock.whole, record.whole, most))
+    for pair in [run, co_run] if co_run else [run]:
         pair.collect()
-    record.collect(pairs[0].whole.record.rows)
+    record.collect(run.whole.record.rows)
     return why
 
 
 def march_on(
-    pairs: Sequence[CoupledPair], clock: Clock, record: Record, progress: Progress | None = None
+    run: CoupledPair,
+    clock: Clock,
+    record: Record,
+    co_run: CoupledPair | None = None,
+    progress: Progress | None = None,
 ) -> None:
-    """Move a loop, and its reference co-runs, to the clock's end.
-
-    Raises `StepFailed` if a loop cannot save or restore its state; other failures end the run.
-    """
-    main = pairs[0]
-    record.commands.append(main.command(0.0, clock.step_to_come, record.start)[None])
-    for pair in pairs:
+    """Move a loop, and its co-run, to the clock's end; a failure ends it early."""
+    record.begin(run.commands("command_now", 0.0, clock.step_to_come, record.start, False))
+    for pair in [run, co_run] if co_run else [run]:
         pair.begin()
-    why, most = GOES_ON, 1
-    while why == GOES_ON and not clock.done:
+    why, most = Why.GOES_ON, 1
+    while why is Why.GOES_ON and not clock.done:
         began = time.perf_counter()
-        why = march(pairs, clock, record, most)
+        why = march(run, clock, record, most, co_run)
         # short chunks: interruptions and progress are handled between two of them
         slow = time.perf_counter() - began > LONGEST_WAIT
         most = max(1, most // 2) if slow else min(2 * most, CHUNK)
         if progress:
             progress(clock.now)
-    record.diverged, at = why in (NOT_FINITE, DIVERGES), f"t = {clock.now:.6g} s"
-    if why in (STEP_FAILED, COMMAND_FAILED):
-        error = main.error()
-        where = f"in the step from {at}" if why == STEP_FAILED else f"at {at}"
-        main.failure, record.advice = f"{error} ({where})", error.advice
-    elif why == NOT_FINITE:
-        main.failure = f"an output is not finite at {at}"
-    elif why == DIVERGES:
-        worst = int(np.argmax(np.abs(main.outputs) / record.bounds))
-        name = list(main.plant.outputs)[worst]
-        main.failure = f"the loop diverges: {name} exceeds its bound at {at}"
+    record.diverged = why is Why.DIVERGES
+    if why is Why.STEP_FAILED:
+        error = run.error()
+        run.failure = f"{error} (in the step from t = {clock.now:.6g} s)"
+        record.advice = error.advice
+    elif why is Why.DIVERGES:
+        beyond = np.nan_to_num(np.abs(run.outputs) / record.bounds, nan=np.inf)
+        name = list(run.plant.outputs)[int(np.argmax(beyond))]
+        run.failure = f"the loop diverges: {name} exceeds its bound at t = {clock.now:.6g} s"

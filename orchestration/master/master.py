@@ -34,7 +34,7 @@ def run_loop(
     ----------
     sides : Sides
     step : float
-        Communication step [s]; for an adaptive run the longest step.
+        Communication step [s].
     progress : function, optional
         Called repeatedly with the present time of each run.
     look : bool
@@ -52,8 +52,6 @@ def run_loop(
         If the rows of all steps do not fit.
     """
     runs = Runs(sides, step, progress)
-    if sides.adaptive:
-        return _adaptive(runs)
     return judged(runs, 0) if look else runs.run(0)
 
 
@@ -105,15 +103,6 @@ def _verdict(runs: Runs, level: int, deepest: int) -> Verdict:
     return verdict
 
 
-def _adaptive(runs: Runs) -> LoopRun:
-    """The run with adaptive steps, judged by one with half of each of them."""
-    run, own, half = runs.adaptive()
-    verdict = verdict_of(run.verdict, runs.names, own, [own, half])
-    if failure := run.stopped or half.failure:
-        verdict = replace(run.verdict, reason=failure)
-    return runs.named(0, replace(run, verdict=verdict))
-
-
 @dataclass(frozen=True)
 class StepChoice:
     """The chosen step [s], the reason, and every tried step with its verdict."""
@@ -130,33 +119,28 @@ def choose_step(runs: Runs, most: int = MOST) -> tuple[LoopRun, StepChoice]:
     all.
     """
     tried: list[LoopRun] = []
-
-    def choice(reason: str) -> StepChoice:
-        words = tuple((runs.step(k), run.verdict.word) for k, run in enumerate(tried))
-        return StepChoice(words[-1][0], reason, words)
-
-    while True:
+    ended = ""
+    while not (ended or (tried and tried[-1].verdict.trusted)):
         # after the first, the next try says what a second rung below would say
-        run = judged(runs, len(tried), 1 if tried else 2)
-        tried.append(run)
-        count = len(tried)
-        if run.verdict.trusted:
-            why = "the first step that was tried" if count == 1 else f"of {count} tried"
-            return run, choice(f"{why}, the first whose run is trusted")
-        if ended := _ended(runs, tried, most):
-            run = replace(run, verdict=replace(run.verdict, advice=ended))
-            return run, choice(f"the last of {count} tried: {ended}")
+        tried.append(judged(runs, len(tried), 1 if tried else 2))
+        ended = "" if tried[-1].verdict.trusted else _ended(runs, tried, most)
+    run, count = tried[-1], len(tried)
+    why = "the first step that was tried" if count == 1 else f"of {count} tried"
+    reason = f"{why}, the first whose run is trusted"
+    if ended:
+        run = replace(run, verdict=replace(run.verdict, advice=ended))
+        reason = f"the last of {count} tried: {ended}"
+    words = tuple((runs.step(k), run.verdict.word) for k, run in enumerate(tried))
+    return run, StepChoice(words[-1][0], reason, words)
 
 
 def _ended(runs: Runs, tried: list[LoopRun], most: int) -> str:
     """Why a shorter step would not help, or has too many steps; empty if it may help."""
-    run, count = tried[-1], len(tried)
-    if not run.verdict.step_helps:
-        return run.verdict.advice
-    discarded = run.verdict.advice == SHORTER
-    if run.stopped and run.verdict.advice not in (SHORTER, UNBOUNDED):  # fails with any step
-        return run.verdict.advice
-    if count > 1 and run.stopped and tried[-2].stopped and not discarded:
+    run, count, advice = tried[-1], len(tried), tried[-1].verdict.advice
+    fails = run.stopped and advice not in (SHORTER, UNBOUNDED)  # with any step
+    if fails or not run.verdict.step_helps:
+        return advice
+    if count > 1 and run.stopped and tried[-2].stopped and advice != SHORTER:
         ends = tried[-2].time[-1], run.time[-1]
         if abs(ends[0] - ends[1]) <= 0.02 * max(ends):
             return f"with steps of half the length it ends at the same time: {run.stopped}"

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +52,7 @@ class Reference:
     acceleration: Vector | None = None
     curve: Matrix | None = None
     measure: str = ""
+    _pieces: dict[int, Matrix] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def constant(cls, value: float) -> Reference:
@@ -184,10 +184,6 @@ class Reference:
         else:
             rows[0, 0] = rows[1, 0]
         return rows
-
-    @cached_property
-    def _pieces(self) -> dict[int, Matrix]:
-        return {}
 
     def jumps(self, orders: Sequence[int]) -> Vector:
         """Times at which the set-point or one of these derivatives jumps, shape (k,) [s]."""

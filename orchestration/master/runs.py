@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ...solver.arrays import Vector
 from ..fmu.limits import check_memory
 from ..fmu.wiring import CONTROLLER, PLANT, names_on
-from .algebraic_loop import with_ring_named
 from .coupling import Answer, CoupledPair
 from .jumps import around_jumps, jumps
 from .march import Clock, LoopRun, Progress, Record, march_on
 from .sides import Sides, step_that_meets
-from .verdict import ACCURACY, Rung, Verdict, apart, largest, rows_at, scales
+from .verdict import ACCURACY, WORST_CONTRACTION, Rung, Verdict, apart, largest, rows_at, scales
 
 FEWEST = 4  # steps of a longer one that says anything
 
@@ -42,11 +41,9 @@ class Runs:
         self._main: CoupledPair | None = sides.main()
         self._reason = sides.reason_of(self._main)
         self._period = self._main.controller.sample_time
-        self._first = step_that_meets(self._period, first)
-        if abs(self._first - first) > 1e-9 * first:
-            self._reason += (
-                f"; steps of {self._first:g} s meet its samples every {self._period:g} s"
-            )
+        self._first = step = step_that_meets(self._period, first)
+        if abs(step - first) > 1e-9 * first:
+            self._reason += f"; steps of {step:g} s meet its samples every {self._period:g} s"
         self.varies = all(getattr(s, "steps_vary", True) for s in (sides.plant, sides.controller))
         self._breaks = sides.reference.jumps(sides.wiring.orders) if self.varies else np.zeros(0)
         # of results; in a network, the outputs of all elements are judged
@@ -75,11 +72,11 @@ class Runs:
     def _asked(self, level: int) -> tuple[LoopRun, Rung, CoupledPair]:
         """The run as asked, its outputs, and its loop, which is closed."""
         if level not in self._runs:
-            pair = self._main or self.sides.main(again=True)
+            pair = self._main or self.sides.main()
             # the effect of the residual is that of a correction
-            best = [] if pair.corrected == self.sides.reversible else [self.sides.best()]
-            run, rungs = self._marched([pair, *best], level)
-            self._runs[level], self._rungs[level] = (run, rungs[0], pair), rungs[-1]
+            best = None if pair.corrected == self.sides.reversible else self.sides.best()
+            run, own, self._rungs[level] = self._marched(pair, level, best)
+            self._runs[level] = run, own, pair
         return self._runs[level]
 
     def rung(self, level: int) -> Rung | None:
@@ -95,30 +92,17 @@ class Runs:
                 self._rungs[level] = self._alone(self.sides.best(), level)
         return self._rungs[level]
 
-    def adaptive(self) -> tuple[LoopRun, Rung, Rung]:
-        """The run with steps up to the first, chosen by the effect of the residual.
-
-        Its outputs follow, and those with half of each step.
-        """
-        main = self._main or self.sides.main(again=True)
-        half = self.sides.again(main.corrected, main.averaged, 2)
-        pairs = [main, self.sides.otherwise(main), half]
-        run, rungs = self._marched(pairs, 0, adaptive=True)
-        self._runs[0] = run, rungs[0], main
-        return run, rungs[0], rungs[2]
-
     def otherwise(self, level: int) -> Rung:
         """The same steps with the other way of exchange, see `Sides.otherwise`."""
         return self._alone(self.sides.otherwise(self._asked(level)[2]), level)
 
     def of_command_times(self, level: int, below: int) -> Vector | float:
         """Effect of commands that are late or early by a step of this level, (n,)."""
-        answer = self._asked(level)[2].answer
-        if not self.sides.times_commands(answer):
+        answer, finest = self._asked(level)[2].answer, self.rung(level + below)
+        if finest is None or not self.sides.times_commands(answer):
             return 0.0
-        finest = self.rung(level + below)
         off = self._alone(self.sides.a_step_off(answer), level + below)
-        return 2.0**below * apart(off, finest) if finest else 0.0
+        return 2.0**below * apart(off, finest)
 
     def jumps(self, level: int) -> bool:
         """Whether an output of the plant jumps in the run."""
@@ -128,11 +112,9 @@ class Runs:
         """Whether a command jumps, and not at the sample instants, which are given."""
         run, _, pair = self._asked(level)
         commands = list(run.commands.values())
-        return bool(
-            commands
-            and pair.answer is not Answer.SAMPLED
-            and jumps(np.column_stack(commands)).any()
-        )
+        if not commands or pair.answer is Answer.SAMPLED:
+            return False
+        return bool(jumps(np.column_stack(commands)).any())
 
     def bends(self, level: int) -> bool:
         """Whether the set-point is not straight within the steps."""
@@ -148,17 +130,47 @@ class Runs:
         return np.append(largest(around, run), np.zeros(len(self.names) - n))
 
     def named(self, level: int, run: LoopRun) -> LoopRun:
-        """The run; the verdict says if an algebraic loop is why it is not trusted."""
-        return with_ring_named(run, self._asked(level)[2], self.sides, self.step(level))
+        """The run; the verdict says if an algebraic loop is why it is not trusted, with any step.
+
+        If a plant updates its outputs when its inputs are set, the master solves the loop at every
+        communication point (`settle` in ``c/coupling.c``). If one with direct feedthrough updates
+        them in its step only, the master is always one step late.
+        """
+        sides, pair = self.sides, self._asked(level)[2]
+        if unsolved := int(pair.whole.record.unsolved):
+            found = f"has no solution at {unsolved} communication points"
+        else:
+            follows = any(sides.plant.follows_at_once(ours) for ours, _ in sides.wiring.signals)
+            if run.verdict.trusted or not follows or pair.answer is not Answer.DIRECT:
+                return run
+            # corrected steps must halve the residual; others converge as long as it does not grow
+            corrects = pair.plant.can_save and pair.controller.can_save
+            gain = sides.loop_gain(self.step(level))
+            if gain < (WORST_CONTRACTION if corrects else 1.0):
+                return run
+            found = f"has a loop gain of {gain:.3g}"
+        reason = (
+            "the plant's outputs and the controller's commands depend on each other without "
+            f"delay: this algebraic loop {found}, and a shorter step does not help"
+        )
+        advice = (
+            "let the plant update its outputs as soon as its inputs are set, as in model exchange, "
+            "add a filter or a delay to the loop, or combine the two FMUs into one"
+        )
+        verdict = replace(
+            run.verdict, trusted=False, reason=reason, advice=advice, step_helps=False
+        )
+        return replace(run, verdict=verdict)
 
     def _alone(self, pair: CoupledPair, level: int) -> Rung:
-        return self._marched([pair], level)[1][0]
+        return self._marched(pair, level)[1]
 
     def _marched(
-        self, pairs: Sequence[CoupledPair], level: int, adaptive: bool = False
-    ) -> tuple[LoopRun, list[Rung]]:
-        """The run of the first of the loops, and the outputs of each of them."""
-        sides, main, step = self.sides, pairs[0], self.step(level)
+        self, main: CoupledPair, level: int, best: CoupledPair | None = None
+    ) -> tuple[LoopRun, Rung, Rung]:
+        """A run, its outputs, and those of the co-run, or again its own."""
+        sides, step = self.sides, self.step(level)
+        pairs = [main, best] if best else [main]
         # each row exists twice while the chunks are joined; verdict and pictures need more columns
         columns = len(main.outputs) * (len(pairs) + 1) + len(main.given) + len(main.other_names) + 2
         check_memory(
@@ -167,33 +179,33 @@ class Runs:
             "use longer communication steps or a shorter run",
         )
         record = Record(main, sides.reference, sides.wiring.orders)
-        clock = Clock(sides.stop, step, adaptive, self._breaks)
+        clock = Clock(sides.stop, step, breaks=self._breaks)
         try:
-            march_on(pairs, clock, record, self._progress)
+            march_on(main, clock, record, best, self._progress)
         finally:
             for pair in pairs:
                 if pair is not self._main:
                     pair.close()
         self._main = None
-        times, rungs = np.concatenate(record.times), list[Rung]()
+        run, rungs = self._concluded(main, record, clock), list[Rung]()
         for pair in pairs:
             table = np.concatenate(pair.rows)[:, : len(self.names)]
-            rungs.append(Rung(step, times[: len(table)], table, pair.failure))
-        return self._concluded(main, record, clock), rungs
+            rungs.append(Rung(step, run.time[: len(table)], table, pair.failure))
+        return run, rungs[0], rungs[-1]
 
     def _concluded(self, main: CoupledPair, record: Record, clock: Clock) -> LoopRun:
         sides, stopped = self.sides, main.failure
-        commands = np.concatenate(record.commands)
+        times, references, commands = record.courses()
         outputs, others = np.split(np.concatenate(main.rows), [len(self._outputs)], axis=1)
         effects = dict(zip(self._outputs, record.effect_rate.tolist(), strict=True))
         advice = record.advice if stopped else self._advice(main, commands, clock)
         contraction = record.contraction if sides.reversible else np.nan
         prefix = "" if sides.wiring.network else f"{CONTROLLER}."
         return LoopRun(
-            time=np.concatenate(record.times),
+            time=times,
             outputs={n: outputs[:, k] for k, n in enumerate(self._outputs)},
             commands={n: commands[:, k] for k, n in enumerate(self._commands)},
-            reference=np.concatenate(record.references),
+            reference=references,
             coupling=sides.scheme,
             coupling_reason=self._reason,
             corrected=main.corrected,
@@ -217,14 +229,12 @@ class Runs:
             off = np.abs(commands[0] - main.given) / scales(commands)
             worst = int(np.argmax(off))
             if off[worst] > ACCURACY:
+                start, first = main.given[worst], commands[0, worst]
                 return (
-                    f"{self._commands[worst]} starts at {main.given[worst]:.4g} and is "
-                    f"{commands[0, worst]:.4g} after the first step of the controller, which "
-                    "jacobi does not use: give it that start value, or use the coupling "
-                    "gauss-seidel"
+                    f"{self._commands[worst]} starts at {start:.4g} and is {first:.4g} after the "
+                    "first step of the controller, which jacobi does not use: give it that start "
+                    "value, or use the coupling gauss-seidel"
                 )
         better = ", or the coupling interface-jacobian if both sides support it"
-        return (
-            f"use a shorter communication step{'' if self.sides.scheme.law else better}; this run "
-            f"used steps of {clock.used[1]:g} s"
-        )
+        used = f"use shorter communication steps than {clock.used[1]:g} s"
+        return used if self.sides.scheme.law else used + better

@@ -31,8 +31,7 @@ NEGLIGIBLE = 0.01, 0.1
 """Shares of the allowed error; a move below the first, after one below the second, may be
 round-off, whose ratio says nothing."""
 AT_A_QUARTER = 2.0
-"""What is to come after a rung with a quarter of the step, as a multiple of the last move. For a
-coupling of first order, this is twice the true error."""
+"""What is to come after a rung with a quarter of the step, as a multiple of the last move."""
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,9 @@ def test_a_result_not_trusted_has_exit_code_one_and_says_what_to_change(tmp_path
     assert main(arguments) == 1
     heard = capsys.readouterr().err
     assert "not converged" in heard
-    assert "use a shorter communication step, or the coupling interface-jacobian" in heard
+    assert (
+        "use shorter communication steps than 0.0001 s, or the coupling interface-jacobian" in heard
+    )
     assert json.loads((tmp_path / "metrics.json").read_text())["verdict"] == "not converged"
 
 

@@ -64,7 +64,7 @@ def test_a_first_command_that_jacobi_does_not_wait_for_is_told(folder, command):
     assert code == 1
     assert "u starts at 0 and is 33.49 after the first step of the controller" in said
     assert "use the coupling gauss-seidel" in said
-    assert "use a shorter communication step" not in said
+    assert "use shorter communication steps" not in said
 
 
 @pytest.mark.ci

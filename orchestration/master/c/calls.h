@@ -78,22 +78,18 @@ static inline int move(Calls *c, double t, double h)
     return checked(c, c->do_step(c->component, t, h, 1), MOVE);
 }
 
-static inline int save_as(Calls *c, void **state)
+static inline int save(Calls *c, int64_t use)
 {
-    return checked(c, c->get_state(c->component, state), SAVE);
+    return checked(c, c->get_state(c->component, c->states.at + use), SAVE);
 }
 
-static inline int restore_from(Calls *c, void *state)
+static inline int restore(Calls *c, int64_t use)
 {
-    return checked(c, c->set_state(c->component, state), RESTORE);
+    return checked(c, c->set_state(c->component, c->states.at[use]), RESTORE);
 }
-
-static inline int save(Calls *c, int use) { return save_as(c, c->states.at + use); }
-
-static inline int restore(Calls *c, int use) { return restore_from(c, c->states.at[use]); }
 
 /* Forget the state kept for a use, if there is one. */
-static inline void release(Calls *c, int use)
+static inline void release(Calls *c, int64_t use)
 {
     if (c->states.size > use && c->states.at[use]) {
         c->free_state(c->component, c->states.at + use);

@@ -4,11 +4,8 @@
 typedef struct {
     double tick;      /* unit of time [s] */
     double stop;      /* end [s] */
-    int64_t last;     /* ticks of the run */
-    int64_t longest;  /* ticks of the longest step */
-    int64_t adaptive;
-    int64_t count;    /* elapsed ticks */
-    int64_t stride;   /* ticks of the next step */
+    int64_t last, longest; /* ticks of the run, and of the longest step */
+    int64_t count, stride; /* elapsed ticks, and ticks of the next step */
     double shortest_used, longest_used; /* [s] */
     double close;   /* times that are closer to each other count as equal [s] */
     Vector breaks;  /* further times at which a step has to end, rising [s] */
@@ -75,14 +72,4 @@ static void clock_accept(Clock *c)
     while (!c->broken && c->passed < c->breaks.size &&
            c->breaks.at[c->passed] <= clock_now(c) + c->close)
         c->passed++;
-}
-
-/* Halve or double the step, so that steps stay aligned with multiples of themselves; `share` is the
- * error of the last step as a share of the allowed error. */
-static void clock_adapt(Clock *c, double share)
-{
-    if (share > 1.0 && c->stride > 1)
-        c->stride /= 2;
-    else if (share < 0.1 && !c->broken && c->stride < c->longest && c->count % (2 * c->stride) == 0)
-        c->stride *= 2;
 }

@@ -11,7 +11,7 @@
 #endif
 
 enum { DIRECT, STEPPED, SAMPLED };       /* when commands respond, see `coupling.Answer` */
-enum { CHECKPOINT, CORRECTION, PROBE }; /* uses of saved states */
+enum { CORRECTION, PROBE };       /* uses of saved states */
 
 #define PROBE_PARTS 64
 
@@ -91,19 +91,17 @@ API int master_advance(Controller *c, double t, double h, const double *signals,
 static int stepped_law(Controller *c, double t, double h, const double *signals,
                        const double *reference, int probe, double *law)
 {
-    if (c->saves) {
-        TRY(save(&c->calls, PROBE));
-        TRY(answer_at(c, t, h, signals, reference, law));
-        if (probe && c->answer == STEPPED)
-            TRY(master_probe_gains(c, t, h, signals, reference, law));
-        release(&c->calls, PROBE);
+    if (!c->saves) {
+        if (!c->is_ahead)
+            TRY(master_advance(c, t, h, signals, reference) && master_read_commands(c, c->ahead.at));
+        c->is_ahead = 1;
+        copy(c->ahead.at, law, c->m);
         return 1;
     }
-    if (!c->is_ahead) {
-        TRY(master_advance(c, t, h, signals, reference) && master_read_commands(c, c->ahead.at));
-        c->is_ahead = 1;
-    }
-    copy(c->ahead.at, law, c->m);
+    TRY(save(&c->calls, PROBE) && answer_at(c, t, h, signals, reference, law));
+    if (probe && c->answer == STEPPED)
+        TRY(master_probe_gains(c, t, h, signals, reference, law));
+    release(&c->calls, PROBE);
     return 1;
 }
 
@@ -115,10 +113,8 @@ static int probe_rates(Controller *c, double t, double h, const double *signals,
     double *const rate = law + c->m * (1 + c->n);
     if (!c->varies || at_end(&c->calls, t))
         return 1;
-    TRY(save(&c->calls, PROBE));
-    TRY(master_set_inputs(c, signals, reference));
-    TRY(move(&c->calls, t, h / PROBE_PARTS));
-    TRY(master_command_at(c, signals, reference, rate));
+    TRY(save(&c->calls, PROBE) && master_set_inputs(c, signals, reference));
+    TRY(move(&c->calls, t, h / PROBE_PARTS) && master_command_at(c, signals, reference, rate));
     for (int64_t k = 0; k < c->m; k++)
         rate[k] = (rate[k] - law[k]) * PROBE_PARTS / h;
     TRY(restore(&c->calls, PROBE));
@@ -135,8 +131,7 @@ API int master_law_at(Controller *c, double t, double h, const double *signals,
 {
     const int64_t m = c->m, size = m * (2 + c->n);
     if (c->answer == DIRECT && c->reports && probe) {
-        TRY(master_set_inputs(c, signals, reference));
-        TRY(take(&c->calls, size));
+        TRY(master_set_inputs(c, signals, reference) && take(&c->calls, size));
         copy(c->calls.taken.at, law, size);
         return 1;
     }

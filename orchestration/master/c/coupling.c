@@ -15,28 +15,25 @@ typedef struct {
     Controller controller;
     Places signals;           /* which outputs the controller measures */
     Vector commands;          /* nominal values of the plant's commands */
-    int64_t takes_law;
+    int64_t takes_law, corrected, averaged;
     int64_t follows;          /* whether outputs may follow inputs without a step */
     int64_t delayed, tangent; /* whether commands come one step late; whether a law is used */
-    int (*own)(double h);     /* changes the law that the plant applies; may be NULL */
-    int64_t corrected, averaged;
-    int64_t parts;            /* of each step */
+    int (*own)(double h);     /* changes the law that the plant applies; 0: done; may be NULL */
     /* passed from step to step: outputs, last commands, and the law at the end of the last step,
-     * with which the next step begins; as one array, and what `keep` saved of it */
-    Vector outputs, late, following, passed, kept;
-    /* length of the step that the law was found with [s], NaN if there is none; the same, kept */
-    double following_step, kept_step;
+     * with which the next step begins */
+    Vector outputs, late, following;
+    double following_step; /* length of the step that the law was found with [s]; NaN: none */
     /* results of the last step: final coupling residual; change of each output by the correction;
      * contraction: small if correcting converges fast, 1 or more if the step is too long for it,
      * NaN if nothing was corrected */
     Vector residual, effect;
     double contraction;
     /* room for one step; for an algebraic loop m (m + 2) */
-    Vector start, end, mean, goal, law, applied, stepped, reached, command, first, ring;
+    Vector start, end, mean, goal, law, applied, reached, command, first, ring;
     /* outputs of the plant and others of the controller at the end of each step */
     Vector recorded;
     int64_t rows;
-    double failed;    /* time of the step in which a reference co-run failed [s], else NaN */
+    double failed;    /* time of the step in which a co-run failed [s], else NaN */
     int64_t unsolved; /* communication points at which an algebraic loop found no solution */
 } Loop;
 
@@ -67,41 +64,42 @@ static int give_law(Loop *l, const double *law, const double *signals)
     return put(&l->plant);
 }
 
-/* Try the commands in `law`: read the outputs that follow from them, and put the difference of the
- * controller's commands at these outputs from the tried ones into `missed`. */
-static int miss(Loop *l, const double *reference, const double *law, double *outputs, double *signals,
-                double *missed)
+/* Try the commands of the next step: read the outputs that follow from them, and put the difference
+ * of the controller's commands at these outputs from the tried ones into `missed`. */
+static int miss(Loop *l, const double *reference, double *missed)
 {
-    TRY(give_law(l, law, signals) && take_all(&l->plant, outputs));
-    signals_of(l, outputs, signals);
-    TRY(master_command_at(&l->controller, signals, reference, missed));
+    TRY(give_law(l, l->following.at, l->end.at) && take_all(&l->plant, l->reached.at));
+    signals_of(l, l->reached.at, l->end.at);
+    TRY(master_command_at(&l->controller, l->end.at, reference, missed));
     for (int64_t k = 0; k < l->controller.m; k++)
-        missed[k] -= law[k];
+        missed[k] -= l->following.at[k];
     return 1;
 }
 
 /* Whether commands missed by no more than this share of them. */
-static int agrees(const Loop *l, const double *law, const double *missed, double share)
+static int agrees(const Loop *l, const double *missed, double share)
 {
+    const double *const law = l->following.at, *const nominal = l->commands.at;
     int found = 1;
     for (int64_t k = 0; k < l->controller.m; k++)
-        found = found && fabs(missed[k]) <= share * fmax(fabs(law[k]), l->commands.at[k]);
+        found = found && fabs(missed[k]) <= share * fmax(fabs(law[k]), nominal[k]);
     return found;
 }
 
 /* Solve an algebraic loop: find commands that are equal to the controller's commands at the outputs
  * that follow from them, by Newton's method with differences. */
-static int solve_ring(Loop *l, const double *reference, double *law, double *outputs, double *signals)
+static int solve_ring(Loop *l, const double *reference)
 {
     const int64_t m = l->controller.m;
     double *const missed = l->ring.at, *const moved = missed + m, *const slopes = moved + m;
+    double *const law = l->following.at;
     int32_t pivots[m];
-    TRY(miss(l, reference, law, outputs, signals, missed));
-    for (int left = MOST_ITERATIONS; left > 0 && !agrees(l, law, missed, AGREE); left--) {
+    TRY(miss(l, reference, missed));
+    for (int left = MOST_ITERATIONS; left > 0 && !agrees(l, missed, AGREE); left--) {
         for (int64_t j = 0; j < m; j++) {
             const double before = law[j];
             law[j] += 1e-6 * fmax(fabs(before), l->commands.at[j]);
-            TRY(miss(l, reference, law, outputs, signals, moved));
+            TRY(miss(l, reference, moved));
             for (int64_t k = 0; k < m; k++)
                 slopes[k * m + j] = (moved[k] - missed[k]) / (law[j] - before);
             law[j] = before;
@@ -111,28 +109,29 @@ static int solve_ring(Loop *l, const double *reference, double *law, double *out
         solve_factorized(slopes, pivots, (int)m, missed);
         for (int64_t k = 0; k < m; k++)
             law[k] -= missed[k];
-        TRY(miss(l, reference, law, outputs, signals, missed));
+        TRY(miss(l, reference, missed));
     }
-    l->unsolved += !agrees(l, law, missed, sqrt(AGREE));
+    l->unsolved += !agrees(l, missed, sqrt(AGREE));
     return 1;
 }
 
-/* Update outputs with direct feedthrough to the command of the same instant, and `law` and
- * `signals` of a controller that has direct feedthrough, too. */
-static int settle(Loop *l, double t, double h, const double *reference, double *law, double *outputs,
-                  double *signals)
+/* Update reached outputs with direct feedthrough to the command of the same instant, and the signals
+ * and the next law of a controller that has direct feedthrough, too. */
+static int settle(Loop *l, double t, double h, const double *reference)
 {
-    const double *const nominal = l->controller.nominal.at;
+    Controller *const c = &l->controller;
+    const double *const signals = l->end.at;
     int changed = 0;
     if (!l->follows)
         return 1;
-    TRY(give_law(l, law, signals) && take_all(&l->plant, outputs));
+    TRY(give_law(l, l->following.at, signals) && take_all(&l->plant, l->reached.at));
     for (int64_t k = 0; k < l->signals.size; k++) {
-        const double now = outputs[l->signals.at[k]];
-        changed = changed || fabs(now - signals[k]) > AGREE * fmax(fabs(now), nominal[k]);
+        const double now = l->reached.at[l->signals.at[k]];
+        changed = changed || fabs(now - signals[k]) > AGREE * fmax(fabs(now), c->nominal.at[k]);
     }
-    return !changed || (solve_ring(l, reference, law, outputs, signals) &&
-                        master_law_at(&l->controller, t, h, signals, reference, (int)l->tangent, law));
+    return !changed ||
+           (solve_ring(l, reference) &&
+            master_law_at(c, t, h, signals, reference, (int)l->tangent, l->following.at));
 }
 
 /* Find the law at the present signals: it is known from the end of the last step, except at a start,
@@ -173,10 +172,10 @@ static int settle_row(Loop *l, double t, double h, const double *reference, int 
 
 static int differ(const double *a, const double *b, int64_t count)
 {
-    int found = 0;
-    for (int64_t k = 0; k < count; k++)
-        found = found || a[k] != b[k];
-    return found;
+    int64_t same = 0;
+    while (same < count && a[same] == b[same])
+        same++;
+    return same < count;
 }
 
 /* The law at the start of a step; its rates include the change of the set-points. */
@@ -201,12 +200,10 @@ static int move_stepped(Loop *l, double t, double h, const double *before, const
     copy(l->late.at, l->command.at, c->m);
     if (c->answer != STEPPED || !c->saves)
         return 1;
-    TRY(master_law_at(c, t + h, h, l->end.at, after, 0, l->stepped.at));
-    copy(l->stepped.at, l->command.at, c->m);
-    if (!l->tangent) { /* the next step begins with it, so that it is not probed again */
-        copy(l->stepped.at, l->following.at, l->following.size);
+    TRY(master_law_at(c, t + h, h, l->end.at, after, 0, l->following.at));
+    copy(l->following.at, l->command.at, c->m);
+    if (!l->tangent) /* the next step begins with it, so that it is not probed again */
         l->following_step = h;
-    }
     return 1;
 }
 
@@ -232,7 +229,7 @@ static int move_both(Loop *l, double t, double h, const double *before, const do
     if (l->delayed) /* the next command has not seen the end of this step, however it is averaged */
         TRY(master_command_at(c, start, before, l->late.at));
     TRY(master_law_at(c, t + h, h, end, after, (int)l->tangent, l->following.at));
-    TRY(settle(l, t + h, h, after, l->following.at, l->reached.at, end));
+    TRY(settle(l, t + h, h, after));
     l->following_step = h;
     copy(l->following.at, l->command.at, c->m);
     return 1;
@@ -291,15 +288,12 @@ static int step(Loop *l, double t, double h, const double *before, const double 
     const int64_t count = l->outputs.size, m = l->controller.m;
     TRY(law_of_step(l, t, h, before, after));
     copy(l->law.at, l->applied.at, l->law.size);
-    if (l->delayed) {
-        /* a co-run begins with the command that the run begins with */
-        copy(m > 0 && isnan(l->late.at[0]) ? l->law.at : l->late.at, l->applied.at, m);
-    }
+    if (l->delayed && !(m > 0 && isnan(l->late.at[0]))) /* NaN: not late at the start */
+        copy(l->late.at, l->applied.at, m);
     if (l->own)
-        TRY(l->own(h));
+        TRY(l->own(h) == 0);
     if (l->corrected) {
-        TRY(save_both(plant, controller, CORRECTION));
-        TRY(move_both(l, t, h, before, after));
+        TRY(save_both(plant, controller, CORRECTION) && move_both(l, t, h, before, after));
         find_residual(l, h, l->first.at);
         copy(l->reached.at, l->effect.at, count);
         mend(l, h);
@@ -326,24 +320,4 @@ API int master_answer_to(Loop *l, const double *given, double h, const double *r
     TRY(take_all(&l->plant, l->reached.at));
     signals_of(l, l->reached.at, l->end.at);
     return master_command_at(&l->controller, l->end.at, reference, commands);
-}
-
-/* Save everything that `take_back` needs to undo a step; `drop` it at the end. */
-static int keep(Loop *l)
-{
-    copy(l->passed.at, l->kept.at, l->passed.size);
-    l->kept_step = l->following_step;
-    return save_both(&l->plant, &l->controller.calls, CHECKPOINT);
-}
-
-static void drop(Loop *l) { release_both(&l->plant, &l->controller.calls, CHECKPOINT); }
-
-/* Go back to the time of `keep`. */
-static int take_back(Loop *l)
-{
-    l->plant.status = l->controller.calls.status = 0;
-    l->failed = NAN;
-    copy(l->kept.at, l->passed.at, l->passed.size);
-    l->following_step = l->kept_step;
-    return restore_both(&l->plant, &l->controller.calls, CHECKPOINT);
 }

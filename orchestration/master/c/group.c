@@ -19,26 +19,13 @@ typedef struct {
 
 enum { STALE, BACK };
 
-static int feed_member(Group *g, Member *m)
+/* Set a member's inputs, and read its outputs, after a step if it is one. */
+static int pass_on(Group *g, Member *m, int steps, double t, double h)
 {
     for (int64_t k = 0; k < m->sources.size; k++)
         m->calls.given.at[k] = g->values.at[m->sources.at[k]];
-    return put(&m->calls);
-}
-
-static int read_member(Group *g, Member *m)
-{
+    TRY(put(&m->calls) && (!steps || move(&m->calls, t, h)));
     return take_all(&m->calls, g->values.at + m->first);
-}
-
-static int swept(Group *g)
-{
-    for (int64_t k = 0; k < g->parts.size; k++) {
-        Member *const m = g->parts.at[k];
-        TRY(feed_member(g, m) && read_member(g, m));
-    }
-    g->flags.at[STALE] = 0;
-    return 1;
 }
 
 API int group_set_real(Group *g, const uint32_t *places, size_t count, const double *values)
@@ -51,8 +38,11 @@ API int group_set_real(Group *g, const uint32_t *places, size_t count, const dou
 
 API int group_get_real(Group *g, const uint32_t *places, size_t count, double *values)
 {
-    if (g->flags.at[STALE] && !swept(g))
-        return GROUP_FAILED;
+    for (int64_t k = 0; k < g->parts.size && g->flags.at[STALE]; k++) {
+        if (!pass_on(g, g->parts.at[k], 0, 0.0, 0.0))
+            return GROUP_FAILED;
+    }
+    g->flags.at[STALE] = 0;
     for (size_t k = 0; k < count; k++)
         values[k] = g->values.at[places[k]];
     return 0;
@@ -63,8 +53,7 @@ API int group_do_step(Group *g, double t, double h, int no_way_back)
     (void)no_way_back;
     const Slots *const order = g->flags.at[BACK] ? &g->back : &g->there;
     for (int64_t k = 0; k < order->size; k++) {
-        Member *const m = order->at[k];
-        if (!feed_member(g, m) || !move(&m->calls, t, h) || !read_member(g, m))
+        if (!pass_on(g, order->at[k], 1, t, h))
             return GROUP_FAILED;
     }
     g->flags.at[BACK] = !g->flags.at[BACK];
@@ -83,15 +72,24 @@ static double *values_of(const Group *g, GroupState *s)
     return (double *)(s->of_members + g->parts.size);
 }
 
+/* A member, whose states are those in a state of the group: its own is the k-th. */
+static Calls *member_in(const Group *g, GroupState *s, int64_t k)
+{
+    Calls *const c = &((Member *)g->parts.at[k])->calls;
+    c->states.at = s->of_members;
+    c->states.size = g->parts.size;
+    return c;
+}
+
 API int group_get_state(Group *g, void **state)
 {
-    const size_t count = (size_t)g->parts.size;
-    if (!*state && !(*state = calloc(1, sizeof(GroupState) + count * sizeof(void *) +
-                                            (size_t)g->values.size * sizeof(double))))
+    const size_t count = (size_t)g->parts.size, values = (size_t)g->values.size;
+    const size_t size = sizeof(GroupState) + count * sizeof(void *) + values * sizeof(double);
+    if (!*state && !(*state = calloc(1, size)))
         return GROUP_FAILED;
     GroupState *const s = *state;
-    for (size_t k = 0; k < count; k++) {
-        if (!save_as(&((Member *)g->parts.at[k])->calls, s->of_members + k))
+    for (int64_t k = 0; k < g->parts.size; k++) {
+        if (!save(member_in(g, s, k), k))
             return GROUP_FAILED;
     }
     memcpy(s->flags, g->flags.at, sizeof s->flags);
@@ -103,7 +101,7 @@ API int group_set_state(Group *g, void *state)
 {
     GroupState *const s = state;
     for (int64_t k = 0; k < g->parts.size; k++) {
-        if (!restore_from(&((Member *)g->parts.at[k])->calls, s->of_members[k]))
+        if (!restore(member_in(g, s, k), k))
             return GROUP_FAILED;
     }
     memcpy(g->flags.at, s->flags, sizeof s->flags);
@@ -113,13 +111,9 @@ API int group_set_state(Group *g, void *state)
 
 API int group_free_state(Group *g, void **state)
 {
-    GroupState *const s = *state;
-    for (int64_t k = 0; s && k < g->parts.size; k++) {
-        Calls *const c = &((Member *)g->parts.at[k])->calls;
-        if (s->of_members[k])
-            c->free_state(c->component, s->of_members + k);
-    }
-    free(s);
+    for (int64_t k = 0; *state && k < g->parts.size; k++)
+        release(member_in(g, *state, k), k);
+    free(*state);
     *state = NULL;
     return 0;
 }

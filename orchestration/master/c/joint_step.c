@@ -4,6 +4,8 @@
  * k-th tangent. Signals and their tangents are rows of n. */
 #include "../../../solver/c/orthonormalize.h"
 
+#define LEAST_SHARE 1e-3 /* of the total allowed error, which any one step may have */
+
 /* An FMU with tangents.
  *
  * Inputs of a plant: laws with the signals they refer to, then their tangents; of a controller:
@@ -38,14 +40,14 @@ typedef struct {
     int64_t unmet;             /* number of shortest steps with a larger change */
 } Trail;
 
-/* Apply a law over a part of the step; it refers to the signals at the step's start. */
-static int step_with_law(Joint *j, double t, double h, const double *law)
+/* Apply a law over a part of the step, and read the signals; it refers to those at the start. */
+static int step_with_law(Joint *j, double t, double h, const double *law, double *signals)
 {
     const int64_t m = j->m, n = j->n, width = m * (2 + n);
     double *given = j->plant.calls.given.at;
     for (int64_t row = 0; row <= j->count; row++)
         given = write_law(law + row * width, j->start.at + row * n, given, m, n);
-    return put(&j->plant.calls) && move(&j->plant.calls, t, h);
+    return put(&j->plant.calls) && move(&j->plant.calls, t, h) && take_all(&j->plant.calls, signals);
 }
 
 /* Set the controller's signals and their tangents. */
@@ -75,11 +77,11 @@ static int set_tangents(Joint *j, Side *side, int64_t first)
 static int joint_frame(Joint *j, double *frame, double *logs)
 {
     const int64_t p = j->plant.states, c = j->controller.states;
-    TRY(take(&j->plant.frames, j->plant.frames.taken.size));
-    TRY(take(&j->controller.frames, j->controller.frames.taken.size));
+    const Vector *const plant = &j->plant.frames.taken, *const controller = &j->controller.frames.taken;
+    TRY(take(&j->plant.frames, plant->size) && take(&j->controller.frames, controller->size));
     for (int64_t k = 0; k < j->count; k++) {
-        copy(j->plant.frames.taken.at + k * p, frame + k * (p + c), p);
-        copy(j->controller.frames.taken.at + k * c, frame + k * (p + c) + p, c);
+        copy(plant->at + k * p, frame + k * (p + c), p);
+        copy(controller->at + k * c, frame + k * (p + c) + p, c);
         logs[k] = 0.0;
     }
     orthonormalize(frame, (int)j->count, (int)(p + c), logs);
@@ -108,15 +110,14 @@ static void find_mended(Joint *j, double h)
     }
 }
 
-/* Do one corrected step of signals and tangents, similar to `step`, from the states saved by
- * `begin_step`; find the frames without and with the correction. */
+/* Do one corrected step of signals and tangents, similar to `step`, from the states saved
+ * before; find the frames without and with the correction. */
 static int joint_step(Joint *j, double t, double h)
 {
     const int64_t m = j->m, rate = m + m * j->n, width = m * (2 + j->n), rows = 1 + j->count;
     const int64_t signals = rows * j->n;
     TRY(set_signals(j, j->start.at) && take_all(&j->controller.calls, j->law.at));
-    TRY(step_with_law(j, t, h, j->law.at));
-    TRY(take_all(&j->plant.calls, j->end.at));
+    TRY(step_with_law(j, t, h, j->law.at, j->end.at));
     for (int64_t k = 0; k < signals; k++)
         j->middle.at[k] = 0.5 * (j->start.at[k] + j->end.at[k]);
     TRY(set_signals(j, j->middle.at) && move(&j->controller.calls, t, h));
@@ -124,30 +125,19 @@ static int joint_step(Joint *j, double t, double h)
     TRY(set_signals(j, j->end.at) && take_all(&j->controller.calls, j->ramped.at)); /* true commands */
     find_mended(j, h);
     TRY(restore_both(&j->plant.calls, &j->controller.calls, CORRECTION));
-    TRY(step_with_law(j, t, 0.5 * h, j->mended.at));
-    TRY(take_all(&j->plant.calls, j->middle.at));
+    TRY(step_with_law(j, t, 0.5 * h, j->mended.at, j->middle.at));
     copy(j->mended.at, j->ramped.at, rows * width);
     for (int64_t row = 0; row < rows; row++) {
         for (int64_t k = 0; k < m; k++)
             j->ramped.at[row * width + k] += j->mended.at[row * width + rate + k] * 0.5 * h;
     }
-    TRY(step_with_law(j, t + 0.5 * h, 0.5 * h, j->ramped.at));
-    TRY(take_all(&j->plant.calls, j->end.at));
+    TRY(step_with_law(j, t + 0.5 * h, 0.5 * h, j->ramped.at, j->end.at));
     /* Simpson's mean for the controller's states; the first pass used the trapezoidal mean. Their
      * difference shows the error of both for signals that move fast within the step. */
     for (int64_t k = 0; k < signals; k++)
         j->middle.at[k] = (j->start.at[k] + 4.0 * j->middle.at[k] + j->end.at[k]) / 6.0;
     TRY(set_signals(j, j->middle.at) && move(&j->controller.calls, t, h));
     return joint_frame(j, j->frame.at, j->logs.at);
-}
-
-/* Set the tangents at the start of a step, read the plant's signals, and save the states. */
-static int begin_step(Joint *j)
-{
-    TRY(set_tangents(j, &j->plant, 0));
-    TRY(set_tangents(j, &j->controller, j->plant.states));
-    TRY(take_all(&j->plant.calls, j->start.at));
-    return save_both(&j->plant.calls, &j->controller.calls, CORRECTION);
 }
 
 /* The larger number; NaN if one of them is NaN. */
@@ -173,6 +163,16 @@ static double moved_share(const Joint *j, const Clock *clock, const Trail *trail
     return worst;
 }
 
+/* Halve or double the step, so that steps stay aligned with multiples of themselves; `share` is the
+ * error of the last step as a share of the allowed error. */
+static void clock_adapt(Clock *c, double share)
+{
+    if (share > 1.0 && c->stride > 1)
+        c->stride /= 2;
+    else if (share < 0.1 && c->stride < c->longest && c->count % (2 * c->stride) == 0)
+        c->stride *= 2;
+}
+
 /* The integral of the trace of one side's Jacobian. */
 static double trace_of(const Side *s, int64_t count)
 {
@@ -184,7 +184,9 @@ static int joint_row(Joint *j, Clock *clock, Trail *trail)
 {
     const int64_t count = j->count, outputs = j->shown.taken.size;
     double share;
-    TRY(begin_step(j));
+    TRY(set_tangents(j, &j->plant, 0) && set_tangents(j, &j->controller, j->plant.states));
+    TRY(take_all(&j->plant.calls, j->start.at));
+    TRY(save_both(&j->plant.calls, &j->controller.calls, CORRECTION));
     for (;;) {
         TRY(joint_step(j, clock_now(clock), clock_step_to_come(clock)));
         share = moved_share(j, clock, trail);
@@ -211,15 +213,14 @@ static int joint_row(Joint *j, Clock *clock, Trail *trail)
  * why the run ended. */
 API int joint_march(Joint *j, Clock *clock, Trail *trail, int64_t most)
 {
-    int why = GOES_ON;
     trail->rows = 0;
-    while (why == GOES_ON && !clock_done(clock) && trail->rows < most) {
-        why = joint_row(j, clock, trail) ? GOES_ON : STEP_FAILED;
+    while (!clock_done(clock) && trail->rows < most) {
+        const int done = joint_row(j, clock, trail);
         release_both(&j->plant.calls, &j->controller.calls, CORRECTION);
-        for (int64_t k = 0; k < j->shown.taken.size && why == GOES_ON; k++) {
-            if (!(fabs(j->shown.taken.at[k]) <= trail->bound.at[k]))
-                why = DIVERGES;
-        }
+        if (!done)
+            return STEP_FAILED;
+        if (!within(j->shown.taken.at, &trail->bound))
+            return DIVERGES;
     }
-    return why;
+    return GOES_ON;
 }
