@@ -12,47 +12,36 @@ from scipy.integrate import solve_ivp
 
 from ballscrew.orchestration.loop.closed_loop import metrics, run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.orchestration.loop.reference_motions import read_motion
-from ballscrew.orchestration.loop.whole_loop import loop_kernel, run_monolithic
+from ballscrew.orchestration.loop.whole_loop import run_monolithic
 from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.reference_signal import Reference
-from ballscrew.orchestration.study.run import StudyLoop
 
 STOP = 0.5
 TURNS, PLACES = np.array([0.0, 0.1037, 0.2041, 0.3513, 0.4]), np.array([0.0, 0.0, 0.01, 0.01, 0.0])
 
 
-def after(t, at):
-    return 0.08 * (np.asarray(t) >= at)
+def step_at(at, length):
+    return f"step:size=0.08,at={at}", lambda t: 0.08 * (np.asarray(t) >= at), [at], length
+
+
+def sine(size, frequency):
+    def moved(t):
+        return 0.5 * size * (1 - np.cos(2 * np.pi * frequency * t))
+
+    return f"sine:amplitude={size},frequency={frequency}", moved, [], 0.1
+
+
+def trapezoid(t):
+    return np.interp(t, TURNS, PLACES)
 
 
 SET_POINTS = {
     # motion, the same as a function, where it is not smooth, communication step
-    "step": (read_motion("step:size=0.08,at=0.1"), lambda t: after(t, 0.1), [0.1], 1e-3),
-    "step off the grid": (
-        read_motion("step:size=0.08,at=0.10037"),
-        lambda t: after(t, 0.10037),
-        [0.10037],
-        5e-4,
-    ),
-    "sine": (
-        read_motion("sine:amplitude=0.01,frequency=1"),
-        lambda t: 0.005 * (1 - np.cos(2 * np.pi * t)),
-        [],
-        0.1,
-    ),
-    "sine of the steps' frequency": (
-        read_motion("sine:amplitude=1e-3,frequency=10"),
-        lambda t: 5e-4 * (1 - np.cos(20 * np.pi * t)),
-        [],
-        0.1,
-    ),
-    "trapezoid": (
-        Reference(TURNS, PLACES),
-        lambda t: np.interp(t, TURNS, PLACES),
-        [*TURNS[1:]],
-        1e-2,
-    ),
+    "step": step_at(0.1, 1e-3),
+    "step off the grid": step_at(0.10037, 5e-4),
+    "sine": sine(0.01, 1),
+    "sine of the steps' frequency": sine(1e-3, 10),
+    "trapezoid": (Reference(TURNS, PLACES), trapezoid, [*TURNS[1:]], 1e-2),
 }
 
 
@@ -111,7 +100,7 @@ def test_in_one_solver_whatever_the_step(name):
 )
 @pytest.mark.parametrize("name", SET_POINTS)
 def test_over_fmus_no_error_is_larger_than_the_one_a_trusted_run_states(coupling, name, native):
-    motion, _, ends, step = SET_POINTS[name]
+    motion, goal, _, step = SET_POINTS[name]
     fmus = str(native("iol")), str(native("plant"))
     result = run_closed_loop(Loop(*fmus, motion, STOP, step=step, coupling=coupling))
     run = result.run
@@ -121,7 +110,7 @@ def test_over_fmus_no_error_is_larger_than_the_one_a_trusted_run_states(coupling
     if name.startswith("step") and coupling is Coupling.INTERFACE_JACOBIAN:
         assert run.verdict.trusted  # the jump itself costs nothing, wherever it is
         assert len(run.time) == round(STOP / step) + 1
-        np.testing.assert_array_equal(run.reference, after(run.time + 1e-12, ends[0]))
+        np.testing.assert_array_equal(run.reference, goal(run.time + 1e-12))
     if name.startswith("sine"):
         assert not run.verdict.trusted  # which a grid of 0.1 s does not see
 
@@ -131,14 +120,11 @@ def test_over_fmus_no_error_is_larger_than_the_one_a_trusted_run_states(coupling
     ["pid_sampled", pytest.param("nctf+velocity_estimate", marks=pytest.mark.ci)],
 )
 def test_what_is_sampled_sees_a_jump_no_sooner_and_at_the_next_sample(controller):
-    """A jump between two samples, in one solver, over FMUs and in a study's loop."""
-    motion = read_motion("step:size=0.01,at=0.01037")
+    """A jump between two samples, in one solver and over FMUs."""
+    motion = "step:size=0.01,at=0.01037"
     whole = run_monolithic(Loop(controller, reference=motion, stop=0.05), 1e-3)
-    study = StudyLoop(loop_kernel("plant", controller)).run({}, (motion, 0.05), 1e-10)
     over = run_closed_loop(Loop(controller, reference=motion, stop=0.05, step=1e-3)).run
     assert over.verdict.trusted is (controller == "pid_sampled")  # the other moves in between, too
-    rows = np.searchsorted(study.time, whole.time - 1e-9)
-    np.testing.assert_allclose(study.position[rows], whole.outputs["x"], atol=1e-12)
     at = np.searchsorted(over.time, whole.time - 1e-9)
     estimate = over.verdict.error_estimate["x"] + 1e-10
     np.testing.assert_allclose(over.outputs["x"][at], whole.outputs["x"], atol=estimate)

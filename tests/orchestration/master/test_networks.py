@@ -1,12 +1,12 @@
 """Systems of more than two FMUs against the whole of them in one solver of SciPy's."""
 
 import json
-import zipfile
 from pathlib import Path
 
 import networks
 import numpy as np
 import pytest
+import small_fmus
 from networks_of_parts import (
     CUT_IN_THREE,
     LAW_WIRES,
@@ -129,14 +129,8 @@ def with_words(folder):
     """An FMU u = gain (0.05 - x), whose gain has a name and whose sign is of an enumeration."""
     (folder / "worded.py").write_text(WORDED)
     FmuBuilder.build_FMU(folder / "worded.py", dest=folder / "Worded.fmu")
-    with zipfile.ZipFile(folder / "Worded.fmu") as old:
-        files = {name: old.read(name) for name in old.namelist()}
-    head, name, rest = files["modelDescription.xml"].decode().partition('name="sign"')
-    rest = rest.replace("<Integer", '<Enumeration declaredType="Sign"', 1)
-    changed = (head + name + rest).replace("<ModelVariables>", ENUMERATION)
-    with zipfile.ZipFile(folder / "Worded.fmu", "w") as new:
-        for name, data in (files | {"modelDescription.xml": changed}).items():
-            new.writestr(name, data)
+    integer = "<Integer", '<Enumeration declaredType="Sign"'
+    small_fmus.edited(str(folder / "Worded.fmu"), integer, ("<ModelVariables>", ENUMERATION))
     return folder / "Worded.fmu"
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.io
 
 from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.solver.errors import BadParameter
@@ -44,7 +43,3 @@ def test_set_points_are_read_as_records_are(tmp_path):
     reference = Reference.read(path)
     assert reference.at(0.25) == pytest.approx(0.75e-3)
     np.testing.assert_allclose(reference.velocity, [0.01, -0.01])
-    with pytest.raises(BadParameter, match="has x_d as length, and the plant's position is in 'r"):
-        reference.check_measure("rad")
-    scipy.io.savemat(tmp_path / "r.mat", {"time": [0.0, 1.0], "x_d": [0.0, 0.1]})
-    assert Reference.read(tmp_path / "r.mat").at(0.5) == pytest.approx(0.05)
