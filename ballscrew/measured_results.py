@@ -163,7 +163,7 @@ class ModelComparison(Result, Compared):
     badge = "compared"
 
     def pictures(self) -> dict[str, Any]:
-        from .measurement.diagnosis.compare_pictures import compare_figure
+        from .measurement.diagnosis.compared import compare_figure
 
         return {"compare": compare_figure(self)}
 

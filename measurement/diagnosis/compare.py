@@ -18,29 +18,27 @@ from ...orchestration.loop.parameter_file import (
 from ...plant.law import claims
 from ...solver.arrays import Mask, Vector
 from ...solver.errors import BadParameters, BadRecord
-from ..identification.motion_parts import PARTS, REST, motion_parts
+from ..identification.motion_parts import REST, motion_parts
 from ..records.examine import check_identifiable
 from ..records.reading import read_drive_records
-from ..records.record import CURRENT, TORQUE, Record
-from .balance import Added, balance
+from ..records.record import Record
+from .balance import Added, balance, recalibrated
 from .bands import AROUND_REST
 from .blocks import Blocks, Estimate, ends_of_seconds
 from .causes import CAUSES
-from .commanded import by_current, by_torque, commanded
 from .compared import ADJUSTED, ALL, CORRECTED, MODEL, PRIOR, Compared, Gain, Left, Traces
-from .diagnosis_pictures import binned
-from .drive import Drive, compiled, drive_of
+from .drive import Drive, commanded, compiled, drive_of
 from .modelled_record import ModelledRecord, jumps_of, lay_along, shaken, with_law_force
 from .predicted import NotPredicted, Predictor
 from .residuals import at_samples, check_motion, floor, residual, rms
 from .weak_form import averaged
 from .with_causes import PARTING
 
+Courses = Sequence[ModelledRecord]
 Causes = Mapping[str, Mapping[str, float]]
 
 _GAINS = ((ADJUSTED, PRIOR), (CORRECTED, PRIOR), (CORRECTED, ADJUSTED))
 _SLOWEST = 1e-5  # speed just above rest, at which stiction is computed [m/s]
-_SPEEDS = 200  # points of a curve in each direction
 
 
 def compare(
@@ -54,8 +52,9 @@ def compare(
     """Compare the models of a parameter file with records; see `ballscrew.compare`."""
     progress("reading")
     file = read_parameters(params).with_lead(lead)
-    lead = lead or file.lead
-    return compare_records(read_drive_records(data, mapping, units, lead), file, progress)
+    return compare_records(
+        read_drive_records(data, mapping, units, lead or file.lead), file, progress
+    )
 
 
 def compare_records(
@@ -71,45 +70,31 @@ def compare_records(
         If an input cannot be used; the message says why in one line.
     """
     told = file.diagnosis
-    if told is None:
-        records, drive, notes = commanded(records, drive_of(file))
-        models = {MODEL: drive}
-        if file.found:
-            notes.append(f"left aside: {', '.join(file.found)} of [found], no part of the plant")
-    else:
-        models = _models(file, told)
-        known = [_commanded(r, told) for r in records]
-        records, _, notes = commanded(known, models[PRIOR])
+    models = _models(file, told) if told else {MODEL: drive_of(file)}
+    first = next(iter(models))
+    records, accepts, notes = commanded(records, models[first])
+    if told and accepts.kind != models[first].kind:
+        raise BadRecord(
+            f"{records[0].name}: the current is its only command; the model was diagnosed with a "
+            f"{told.command} as u"
+        )
+    models[first] = accepts
+    if file.found and not told:
+        notes.append(f"left aside: {', '.join(file.found)} of [found], no part of the plant")
     notes += [TURNS] * file.turns + check_identifiable(records)
-    first = next(iter(models.values()))
-    shift = told.command_shift if told else 0.0
-    courses = [_laid(r, first, shift) for r in records]
-    check_motion(courses, first)
+    shift = {"command_shift": told.command_shift if told else 0.0}
+    courses = recalibrated([lay_along(r, accepts) for r in records], shift)
+    check_motion(courses, accepts)
     notes += jumps_of(courses)
-    nothing = Added.nothing(courses)
-    extras = {name: _Extra(nothing, nothing.force, {}, False) for name in models}
-    if told is not None:
-        extras[CORRECTED] = _causes_along(courses, models[CORRECTED], file, told)
     found = {}
     for name, model in models.items():
         progress(f"solving the {name} model" if told else "solving the model")
-        found[name] = _along(courses, model, extras[name])
+        causes = told.causes if told and name == CORRECTED else {}
+        found[name] = _found(courses, model, causes, file.path)
         if found[name].why:
             notes.append(f"no position is predicted with the {name} model: {found[name].why}")
-    return _compared(courses, models, found, told, notes)
-
-
-@dataclass(frozen=True)
-class _Extra:
-    """What is added to a model's equations: signals along the records, and causes in its plant.
-
-    Forces in `at_rest` also act on a body at rest; the force of a joint does not.
-    """
-
-    added: Added
-    at_rest: list[Vector]
-    built: Causes
-    caused: bool
+    lowest = ADJUSTED if told else MODEL
+    return _compared(courses, found, floor(courses, models[lowest]).force, told, notes)
 
 
 @dataclass(frozen=True)
@@ -119,26 +104,25 @@ class _Found:
     force: Vector
     required: Vector
     counted: Mask
-    predict: Callable[[Sequence[ModelledRecord]], Vector]
+    predict: Callable[[Courses], Vector]
     predicted: Vector | None
     why: str
-    curve: tuple[Vector, Vector]
 
 
-def _along(courses: Sequence[ModelledRecord], model: Drive, extra: _Extra) -> _Found:
-    """Residuals of a model on the records."""
-    added = extra.added
+def _found(courses: Courses, model: Drive, causes: Causes, path: Path | None) -> _Found:
+    """Residuals of a model with its causes on the records."""
+    added, at_rest, built = _causes_along(courses, model, causes, path)
     required = [_required(c, model, u) for c, u in zip(courses, added.command, strict=True)]
     left = residual(courses, model, added)
     beyond = [
         _beyond_stiction(c, model, *forces)
-        for c, *forces in zip(courses, required, extra.at_rest, strict=True)
+        for c, *forces in zip(courses, required, at_rest, strict=True)
     ]
     rests = np.concatenate([c.rests for c in courses])
     force = np.where(rests, np.concatenate(beyond), left.force)
-    predictor = Predictor(model, extra.built)
+    predictor = Predictor(model, built)
 
-    def predict(them: Sequence[ModelledRecord]) -> Vector:
+    def predict(them: Courses) -> Vector:
         return np.concatenate([predictor(c, u) for c, u in zip(them, added.command, strict=True)])
 
     predicted, why = None, ""
@@ -146,29 +130,23 @@ def _along(courses: Sequence[ModelledRecord], model: Drive, extra: _Extra) -> _F
         predicted = predict(courses)
     except NotPredicted as error:
         why = str(error)
-    whole = np.concatenate(required)
-    curve = _curve(model, courses)
-    if extra.caused:
-        v = np.concatenate([c.v for c in courses])
-        curve = binned(v, whole - force, left.telling, alike=True)
-    return _Found(force, whole, left.telling, predict, predicted, why, curve)
+    return _Found(force, np.concatenate(required), left.telling, predict, predicted, why)
 
 
 def _compared(
-    courses: Sequence[ModelledRecord],
-    models: Mapping[str, Drive],
+    courses: Courses,
     found: Mapping[str, _Found],
+    noise: Vector,
     told: Diagnosed | None,
     notes: Sequence[str],
 ) -> Compared:
-    first = next(iter(found.values()))
-    lowest = next(iter(models)) if told is None else ADJUSTED
+    first, lowest = next(iter(found.values())), found[ADJUSTED if told else MODEL]
     x = np.concatenate([c.x for c in courses])
     ends = ends_of_seconds(courses)
     squares = Blocks(ends)
     parts = [motion_parts(c.step, c.v, c.mean_a, c.rests) for c in courses]
     masks = {ALL: np.ones(len(x), dtype=bool)}
-    masks |= {name: np.concatenate([p[name] for p in parts]) for name in PARTS}
+    masks |= {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
     counted = {n: m & first.counted for n, m in masks.items()}
     counted[REST] = np.concatenate([_well_within_rest(c) for c in courses])
 
@@ -176,45 +154,41 @@ def _compared(
         return squares.rms(values, mask) if mask.any() else None
 
     def left(f: _Found) -> dict[str, Left]:
+        off = None if f.predicted is None else f.predicted - x
         return {
-            n: Left(
-                root(f.force, counted[n]),
-                None if f.predicted is None else root(f.predicted - x, mask),
-            )
+            n: Left(root(f.force, counted[n]), None if off is None else root(off, mask))
             for n, mask in masks.items()
             if mask.any()
         }
 
     def gain(model: str, over: str) -> Gain:
         one, other = found[model], found[over]
-        known = one.predicted is not None and other.predicted is not None
-        return Gain(
-            squares.gain(other.force, one.force, counted[ALL]),
-            squares.gain(other.predicted - x, one.predicted - x) if known else None,
-            model,
-            over,
-        )
+        position = None
+        if one.predicted is not None and other.predicted is not None:
+            position = squares.gain(other.predicted - x, one.predicted - x)
+        return Gain(squares.gain(other.force, one.force, counted[ALL]), position, model, over)
 
-    noise = floor(courses, models[lowest])
-    once, shown = found[lowest].predicted, None
-    if once is not None:
+    shown = None
+    if lowest.predicted is not None:
         random = np.random.default_rng(0)
-        shown = squares.rms(found[lowest].predict([shaken(c, random) for c in courses]) - once)
+        again = lowest.predict([shaken(c, random) for c in courses])
+        shown = squares.rms(again - lowest.predicted)
     starts = np.zeros(len(x), dtype=bool)
     starts[ends[:-1]] = True
+    begins = np.cumsum([0.0, *(len(c.x) * c.step for c in courses)])
     return Compared(
         records=tuple(c.record.name for c in courses),
         diagnosed=told.records if told else (),
         causes=tuple(told.causes) if told else (),
-        seconds=float(sum(len(c.x) * c.step for c in courses)),
+        seconds=float(begins[-1]),
         friction=rms(first.required[first.counted]),
         shares={n: float(m.mean()) for n, m in masks.items() if n != ALL and m.any()},
         models={name: left(f) for name, f in found.items()},
-        floor=Left(root(noise.force, counted[ALL]), shown),
+        floor=Left(root(noise, counted[ALL]), shown),
         gains=tuple(gain(*pair) for pair in _GAINS) if told else (),
         notes=tuple(notes),
         traces=Traces(
-            time=_end_to_end(courses),
+            time=np.concatenate([c.time + t for c, t in zip(courses, begins, strict=False)]),
             x=x,
             v=np.concatenate([c.v for c in courses]),
             required=first.required,
@@ -223,7 +197,6 @@ def _compared(
             starts=starts,
             left={name: f.force for name, f in found.items()},
             predicted={n: f.predicted for n, f in found.items() if f.predicted is not None},
-            curves={name: f.curve for name, f in found.items()},
         ),
     )
 
@@ -231,18 +204,10 @@ def _compared(
 # -- along one record ------------------------------------------------------------------------
 
 
-def _laid(record: Record, model: Drive, shift: float) -> ModelledRecord:
-    """The record with its motion; the command is shifted in time as in the diagnosis."""
-    course = lay_along(record, model)
-    return replace(course, calibration={**course.calibration, "command_shift": shift})
-
-
 def _required(course: ModelledRecord, model: Drive, command: Vector) -> Vector:
     """Force of the command less mass times acceleration, shape (n,) [N]."""
-    nothing = np.zeros(len(course.x))
-    less_viscous = balance(course, model, nothing, nothing, command)[:, 0]
-    viscous = _scale(course, model) * model.linear_friction * averaged(course.moved_v, course.width)
-    return at_samples(course, less_viscous + viscous)
+    nothing, viscous = np.zeros(len(course.x)), model.linear_friction * course.moved_v
+    return at_samples(course, balance(course, model, nothing, -viscous, command)[:, 0])
 
 
 def _well_within_rest(course: ModelledRecord) -> Mask:
@@ -257,37 +222,14 @@ def _beyond_stiction(
 ) -> Vector:
     """Required force beyond what friction can hold at rest, shape (n,) [N].
 
-    Friction at rest can hold as much as the law's friction at a speed just above rest.
+    Friction at rest can hold as much as the law's friction in sliding at a speed just above rest.
     """
-    scale = _scale(course, model)
+    scale = course.per_command / model.per_command  # as in `balance`
     asked = required - scale * (force + model.values.get("offset", 0.0))
-    backwards, forwards = scale * _sliding(model, np.array([-_SLOWEST, _SLOWEST]))
-    return np.asarray(asked - np.clip(asked, backwards, forwards))
-
-
-def _scale(course: ModelledRecord, model: Drive) -> float:
-    """Scale of forces: the first model's force per unit of the command, see `balance`."""
-    return course.per_command / model.per_command
-
-
-def _sliding(model: Drive, v: Vector) -> Vector:
-    """Friction in steady sliding at these velocities, shape (n,) [N]."""
     names, steady = compiled(claims(model.law).steady_state)
-    numbers = {**model.values, "v": v}
-    return np.broadcast_to(np.asarray(steady(*(numbers[n] for n in names)), dtype=float), v.shape)
-
-
-def _curve(model: Drive, courses: Sequence[ModelledRecord]) -> tuple[Vector, Vector]:
-    """Friction over velocity, within the records' speeds: [m/s] and [N]."""
-    fastest = max(float(np.abs(c.v).max()) for c in courses)
-    speeds = np.linspace(0.0, 1.0, _SPEEDS) ** 3 * fastest + _SLOWEST
-    v = np.concatenate([-speeds[::-1], speeds])
-    return v, _sliding(model, v) + model.values.get("offset", 0.0)
-
-
-def _end_to_end(courses: Sequence[ModelledRecord]) -> Vector:
-    lasting = np.cumsum([0.0, *(len(c.x) * c.step for c in courses)])
-    return np.concatenate([c.time + begin for c, begin in zip(courses, lasting[:-1], strict=True)])
+    sides = ({**model.values, "v": v} for v in (-_SLOWEST, _SLOWEST))
+    backwards, forwards = (scale * float(steady(*(v[n] for n in names))) for v in sides)
+    return np.asarray(asked - np.clip(asked, backwards, forwards))
 
 
 # -- the models of a diagnosis ---------------------------------------------------------------
@@ -296,61 +238,39 @@ def _end_to_end(courses: Sequence[ModelledRecord]) -> Vector:
 def _models(file: ParameterFile, told: Diagnosed) -> dict[str, Drive]:
     """The three models, by name, without forces of causes."""
 
-    def model(where: str, values: Mapping[str, Value]) -> Drive:
+    def model(where: str, values: Mapping[str, Value | float]) -> Drive:
         missing = [n for n in told.prior if n not in values]
         if missing:
             raise BadParameters(f"{file.path}: [{where}] has no {missing[0]!r}")
-        own = {n: values[n] for n in told.prior}
-        return drive_of(replace(file, law=told.law, plant=own, found={}, tolerance={}))
-
-    def plain(values: Mapping[str, float]) -> dict[str, Value]:
-        return {n: Value(v) for n, v in values.items()}
+        own = {n: v if isinstance(v := values[n], Value) else Value(v) for n in told.prior}
+        drive = drive_of(replace(file, law=told.law, plant=own, found={}, tolerance={}))
+        return drive if drive.has_motor else replace(drive, command=told.command)
 
     return {
-        PRIOR: model("diagnosis.prior", plain(told.prior)),
-        ADJUSTED: model("diagnosis.adjusted", plain(told.adjusted)),
+        PRIOR: model("diagnosis.prior", told.prior),
+        ADJUSTED: model("diagnosis.adjusted", told.adjusted),
         CORRECTED: model("plant", file.plant),
     }
 
 
-def _commanded(record: Record, told: Diagnosed) -> Record:
-    """The record with the command that the models take."""
-    record = by_torque(record) if told.command == TORQUE else record
-    current = by_current(record) if told.command == CURRENT else None
-    if current is not None:
-        return current
-    if record.current_alone:
-        raise BadRecord(
-            f"{record.name}: has the current i and no command u; the model was diagnosed with a "
-            f"{told.command} as u"
-        )
-    if record.command != told.command:
-        raise BadRecord(
-            f"{record.name}: u is a {record.command}, but the model was diagnosed with a "
-            f"{told.command} as u; use such a record, or give its unit with unit u=UNIT"
-        )
-    return record
-
-
 def _causes_along(
-    courses: Sequence[ModelledRecord], model: Drive, file: ParameterFile, told: Diagnosed
-) -> _Extra:
-    """The named causes: signals along each record, and causes to include in the plant.
+    courses: Courses, model: Drive, causes: Causes, path: Path | None
+) -> tuple[Added, list[Vector], Causes]:
+    """Signals of causes along the records, their forces at rest, and causes to have in the plant.
 
     Causes that are values are already in the model. Causes in the command are known along a record,
-    also at the start of each second, so they are not included in the plant.
+    also at the start of each second, so they are not included in the plant. The force of a joint
+    does not act on a body at rest.
     """
     forces, commands, at_rest = [], [], []
     built: dict[str, Mapping[str, float]] = {}
     for course in courses:
         alone = [with_law_force(course, model)]
         added = resting = Added.nothing(alone)
-        for name, values in told.causes.items():
+        for name, values in causes.items():
+            where = f"{path}: [diagnosis.causes"
             if name not in CAUSES:
-                raise BadParameters(
-                    f"{file.path}: [diagnosis.causes] there is no {name!r}; there are "
-                    f"{', '.join(CAUSES)}"
-                )
+                raise BadParameters(f"{where}] there is no {name!r}; there are {', '.join(CAUSES)}")
             if "warming" in values and "temperature" not in course.record.signals:
                 raise BadRecord(
                     f"{course.record.name}: has no column 'temperature', with which {name} changes"
@@ -359,9 +279,7 @@ def _causes_along(
                 shape = CAUSES[name].at(alone, model, values)
                 sizes = [1.0 if shape.sure is not None else values[n] for n in shape.amplitudes]
             except KeyError as error:
-                raise BadParameters(
-                    f"{file.path}: [diagnosis.causes.{name}] has no {error.args[0]!r}"
-                ) from error
+                raise BadParameters(f"{where}.{name}] has no {error.args[0]!r}") from error
             if shape.command is None:
                 built[name] = values
             if not shape.freed:
@@ -371,4 +289,4 @@ def _causes_along(
         forces += added.force
         commands += added.command
         at_rest += resting.force
-    return _Extra(Added(forces, commands), at_rest, built, bool(told.causes))
+    return Added(forces, commands), at_rest, built

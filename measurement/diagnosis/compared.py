@@ -1,4 +1,4 @@
-"""The result of `compare`: residuals of models on records, in newtons and metres."""
+"""The result of `compare`: residuals of models on records, in newtons and metres; its picture."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ...orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
+from ...orchestration.loop.shown import length, shown_unit
 from ...solver.arrays import Mask, Vector
 from ...solver.files import write_json
 from .blocks import Estimate
+from .diagnosis_pictures import binned
 
 MODEL, PRIOR, ADJUSTED, CORRECTED = "model", "prior", "adjusted", "corrected"
 ALL, REST = "all", "rest"
+_MOST_POINTS = 6000
+_SHOWN = (0.002, 0.998)  # quantiles of a curve at the lower and upper end of a picture
+_MEASURED, _REST = "#000000", "#e8e8e8"
 
 
 @dataclass(frozen=True)
 class Left:
-    """Rms residuals of a model in a part of the motion; None if not known.
+    """Rms residuals of a model in a part of the motion; None if not known."""
 
-    Attributes
-    ----------
-    force : Estimate or None
-        Force missing in the model [N]; at rest, the force beyond its stiction.
-    position : Estimate or None
-        Error of the position predicted from the state at the start of each second [m].
-    """
-
-    force: Estimate | None
-    position: Estimate | None
+    force: Estimate | None  # missing in the model [N]; at rest, beyond its stiction
+    position: Estimate | None  # error of the prediction from the start of each second [m]
 
 
 @dataclass(frozen=True)
@@ -40,40 +40,17 @@ class Gain(Left):
 
 @dataclass(frozen=True)
 class Traces:
-    """Signals shown in the picture, the records end to end, shape (n,) each.
+    """Signals shown in the picture, the records end to end, shape (n,) each."""
 
-    Attributes
-    ----------
-    time : ndarray
-        Time from the first record's start, without the time between records [s].
-    x, v : ndarray
-        Measured, smoothed [m], [m/s].
-    required : ndarray
-        Force of the command less mass times acceleration: friction and all other forces that oppose
-        motion in +x [N].
-    rests, counted : ndarray of bool
-        Samples at rest, and samples at which forces are known.
-    starts : ndarray of bool
-        First sample of each second, where the state is set to the recorded state.
-    left : dict of str to ndarray
-        By model: force missing in the model [N].
-    predicted : dict of str to ndarray
-        By model: position predicted from each second's start [m].
-    curves : dict of str to two ndarrays
-        By model: velocities [m/s] and friction in steady sliding [N]; for a model with causes, the
-        mean of its force along the records.
-    """
-
-    time: Vector
-    x: Vector
-    v: Vector
-    required: Vector
+    time: Vector  # from the first record's start, without the time between records [s]
+    x: Vector  # measured, smoothed [m]
+    v: Vector  # [m/s]
+    required: Vector  # force of the command less mass times acceleration [N]
     rests: Mask
-    counted: Mask
-    starts: Mask
-    left: dict[str, Vector]
-    predicted: dict[str, Vector]
-    curves: dict[str, tuple[Vector, Vector]]
+    counted: Mask  # samples at which forces are known
+    starts: Mask  # first sample of each second, where the state is set to the recorded state
+    left: dict[str, Vector]  # by model: force missing in it [N]
+    predicted: dict[str, Vector]  # by model: position predicted from each second's start [m]
 
 
 @dataclass(frozen=True)
@@ -85,13 +62,11 @@ class Compared:
     records : tuple of str
         Their names.
     diagnosed, causes : tuple of str
-        If the file comes from a diagnosis: its records, and the causes included in
-        ``corrected``.
+        If the file comes from a diagnosis: its records, and the causes in ``corrected``.
     seconds : float
         Length of the records [s].
     friction : float
-        Root mean square of the force required by the motion, over samples where forces are known
-        [N].
+        Rms force required by the motion, over samples where forces are known [N].
     shares : dict of str to float
         Share of time in each part of the motion, see `PARTS`.
     models : dict of str to dict of str to Left
@@ -131,7 +106,8 @@ class Compared:
                 f"{self.friction:.3g} N rms ({share:.2g} %)"
             )
         if whole.position:
-            words += f"; its position drifts {length(whole.position.value)} rms within a second"
+            drift = length(whole.position.value)
+            words += f"; its position drifts {drift} rms within a second"
         return words
 
     def to_dict(self) -> dict[str, Any]:
@@ -166,6 +142,53 @@ class Compared:
         write_json(Path(folder) / "compare.json", self.to_dict())
 
 
-def length(metres: float) -> str:
-    """A length as text, in mm or um."""
-    return f"{1e3 * metres:.2g} mm" if metres >= 1e-4 else f"{1e6 * metres:.2g} um"
+def compare_figure(found: Compared) -> Any:
+    """Error of the position and the force over time, and friction over velocity."""
+    import matplotlib as mpl
+
+    t = found.traces
+    begins_again = np.append(t.starts[1:], False)
+    with mpl.rc_context(STYLE):
+        figure, grid = new_figure(2, 2, (14, 7))
+        (off, _), (force, over_velocity) = grid
+        off.sharex(force)
+        spec = off.get_gridspec()
+        spec.set_width_ratios([1.5, 1])
+        for axes in grid[:, 1]:
+            axes.remove()
+        over_velocity = figure.add_subplot(spec[:, 1])
+        figure.suptitle(found.says[0].upper() + found.says[1:], fontsize=12)
+        errors = {n: x - t.x for n, x in t.predicted.items()}
+        size, unit = shown_unit(np.concatenate([*errors.values(), np.zeros(1)]), "m")
+        force.plot(t.time, t.required, color=_MEASURED, lw=1.2, label="required by the motion")
+        some = np.flatnonzero(t.counted)
+        some = some[:: max(1, len(some) // _MOST_POINTS)]
+        look = {"ms": 2.5, "color": COLOURS[5], "label": "record, while moving", "rasterized": True}
+        over_velocity.plot(1e3 * t.v[some], t.required[some], ".", **look)
+        for k, (name, left) in enumerate(t.left.items()):
+            label = name if name == MODEL else f"{name} model"
+            style = {"color": COLOURS[(1, 4, 0)[k]], "ls": DASHES[k], "lw": 1.3, "label": label}
+            if name in errors:
+                off.plot(t.time, np.where(begins_again, np.nan, size * errors[name]), **style)
+            force.plot(t.time, t.required - left, **style)
+            v, friction = binned(t.v, t.required - left, t.counted, alike=True)
+            over_velocity.plot(1e3 * v, friction, **{**style, "lw": 2.0})
+        grey = "; grey: at rest" if t.rests.any() else ""
+        off.set_title(f"Predicted minus measured position, by the second{grey}", loc="left")
+        off.set_ylabel(f"error [{unit}]")
+        force.set_title("Force against the motion", loc="left")
+        force.set(ylabel="force [N]", xlabel="time [s]")
+        over_velocity.set_title("Friction over velocity", loc="left")
+        over_velocity.set(xlabel="velocity [mm/s]", ylabel="friction [N]")
+        low, high = np.quantile(t.required, _SHOWN)  # a jump of friction makes few samples large
+        room = 0.1 * max(high - low, 1e-9)
+        force.set_ylim(low - room, high + room)
+        over_velocity.sharey(force)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], t.rests, [0]])))
+        for begin, end in zip(t.time[edges[::2]], t.time[edges[1::2] - 1], strict=True):
+            for axes in (off, force):
+                axes.axvspan(begin, end, color=_REST, lw=0, zorder=0)
+        place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "handlelength": 1.6}
+        force.legend(ncols=4, fontsize=9, **place)
+        over_velocity.legend(loc="upper left", fontsize=9)
+    return figure

@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from ...orchestration.loop.parameter_file import TURNS, ParameterFile, read_parameters
+from ...orchestration.loop.shown import length
 from ..records.examine import check_identifiable
 from ..records.reading import read_drive_records
 from ..records.record import Record
 from .balance import Added
 from .building import alternatives, explained
 from .causes import CAUSES
-from .commanded import commanded
-from .compared import length
 from .diagnosis import (
     EXPLAINED,
     NONE,
@@ -29,7 +28,7 @@ from .diagnosis import (
     Level,
     holds,
 )
-from .drive import Drive, drive_of
+from .drive import Drive, commanded, drive_of
 from .explained import Explained, built, outside
 from .found_cause import found_cause, level, suspect_found
 from .held_out import HeldOut, held_out

@@ -1,13 +1,9 @@
-"""The prior model of a drive: values of a plant, and their tolerances.
-
-The linear part (motor, inertia, viscous friction) is in a filter. The rest of the friction law is
-integrated along the measured motion and enters the filter as a known force.
-"""
+"""The prior model of a drive: values of a plant, their tolerances, and the command it takes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any, NamedTuple
@@ -27,9 +23,10 @@ from ...plant.law import law as friction_law
 from ...plant.two_masses import block_of
 from ...solver.arrays import Vector
 from ...solver.component import Component, symbol
-from ...solver.errors import BadParameters
+from ...solver.errors import BadParameters, BadRecord
 from ..identification.fitted_law import BRISTLES, LAWS
 from ..identification.law_along_record import LawValues, mean_friction_along
+from ..records.record import CURRENT, FORCE, TORQUE, VOLTAGE, Record
 
 TOLERANCE = 0.03
 """Relative tolerance of a value without a given tolerance."""
@@ -191,7 +188,7 @@ def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
     ----------
     file : ParameterFile
     law : str, optional
-        Friction law in place of the file's.
+        Friction law in place of the file's; values of the file's law only are then not used.
 
     Raises
     ------
@@ -203,7 +200,6 @@ def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
             "equations are needed"
         )
     own = file.law or law or DEFAULT_LAW
-    # if a file is read with another law, values of the file's law only are not used
     laws = (own, law or own)
     plants = [_plant(file.kind, name, file.command) for name in laws]
     known = {p.name: p for plant in plants for p in plant.all_parameters}
@@ -213,11 +209,21 @@ def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
     file.check_complete({p.name: p for p in plants[-1].all_parameters}, numbers)
     values = {p.name: numbers.get(p.name, p.default) for p in plants[-1].all_parameters}
     ways = [Drive(file.kind, name, {}).parameters for name in laws]
-    adjusted = [[n for n in names if n not in _NEVER_ADJUSTED] for names in ways]
-    _check_tolerance(file, {n for names in adjusted for n in names})
+    adjusted = {n for names in ways for n in names} - set(_NEVER_ADJUSTED)
+    for name, share in file.tolerance.items():
+        said = ""
+        if name in _NEVER_ADJUSTED:
+            said = f"[tolerance] has {name}, which is never adjusted; remove it"
+        elif name not in adjusted:
+            said = f"[tolerance] there is no {name!r}; there are {', '.join(sorted(adjusted))}"
+        elif not 0 <= share < 1:
+            said = f"the tolerance of {name} is {share:g}, expected a share of its value, 0 to 1"
+        if said:
+            raise BadParameters(f"{file.path}: {said}")
     tolerance = {
         n: file.tolerance[n] if n in file.tolerance else _tolerance_of(file.plant.get(n))
-        for n in adjusted[-1]
+        for n in ways[-1]
+        if n in adjusted
     }
     return Drive(file.kind, laws[-1], values, tolerance, file.command, file.turns)
 
@@ -231,22 +237,91 @@ def _tolerance_of(value: Value | None) -> float:
     return half if math.isfinite(half) and half < _WIDEST else _WIDEST
 
 
-def _check_tolerance(file: ParameterFile, adjusted: Iterable[str]) -> None:
-    for name, share in file.tolerance.items():
-        if name in _NEVER_ADJUSTED:
-            raise BadParameters(
-                f"{file.path}: [tolerance] has {name}, which is never adjusted; remove it"
+def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Drive, list[str]]:
+    """Return records with a command that the model accepts, the model, and notes on changes.
+
+    If only the current of a ball screw is known, it becomes a drive, see `driven_by_current`. The
+    current of a drive is left out, because a drive has no equation for it.
+
+    Raises
+    ------
+    BadRecord
+        If the model does not accept a record's command.
+    """
+    if not records:
+        raise BadRecord("there is no record: expected one file of measured data at least")
+    currents = [r.current_alone or r.command == CURRENT for r in records]
+    if model.has_motor and any(currents):
+        if not all(currents):
+            raise BadRecord(
+                f"{records[currents.index(True)].name}: has the current as its only command, and "
+                f"{records[currents.index(False)].name} does not; diagnose them separately"
             )
-        if name not in adjusted:
-            raise BadParameters(
-                f"{file.path}: [tolerance] there is no {name!r}; there are "
-                f"{', '.join(sorted(adjusted))}"
+        model = driven_by_current(model)
+        known = [_with_command(r, CURRENT) for r in records]
+        said = (
+            f"there is no voltage: the current is the command of a drive with gain = kt*2*pi*p = "
+            f"{model.values['gain']:.4g} N/A and m = {model.values['m']:.4g} kg, the rotor in it"
+        )
+        return known, model, [f"{r.name}: {said}" for r in known]
+    told = VOLTAGE if model.has_motor else model.command or records[0].command
+    known = []
+    for record in records:
+        said = ""
+        if record.current_alone and model.command != CURRENT:
+            said = (
+                'has the current i and no command u; with kind = "drive" say map i=u unit u=A, and '
+                "give gain in N/A"
             )
-        if not 0 <= share < 1:
-            raise BadParameters(
-                f"{file.path}: the tolerance of {name} is {share:g}, expected a share of its "
-                "value, from 0 to below 1"
+        elif (made := _with_command(record, told)).command == told:
+            known.append(made)
+        elif model.has_motor:
+            said = (
+                f"u is a {record.command}, but the ball screw is driven by a voltage; use "
+                'kind = "drive", whose force is gain*u'
             )
+        else:
+            said = (
+                f"u is a {record.command}, and the drive's command is a {told}; say its unit as "
+                f'unit u=UNIT, or command = "{record.command}" in the parameter file with its gain'
+            )
+        if said:
+            raise BadRecord(f"{record.name}: {said}")
+    return known, model if model.has_motor else replace(model, command=told), []
+
+
+def driven_by_current(model: Drive) -> Drive:
+    """A ball screw as a drive whose command is the motor's current.
+
+    The gain is the motor's force per ampere, with the tolerance of `kt`. The mass is that of all
+    moving bodies; its tolerance is the mean of those of block and rotor, weighted by their masses.
+    """
+    known = {p.name for p in _plant(DRIVE, model.law).all_parameters}
+    values = {n: v for n, v in model.values.items() if n in known}
+    values |= {"m": model.inertia, "gain": model.per_ampere, "offset": 0.0}
+    given = model.tolerance
+    block, rotor = model.values["m"], model.inertia - model.values["m"]
+    tolerance = {n: t for n, t in given.items() if n in values}
+    tolerance["gain"] = given.get("kt", 0.0)
+    tolerance["m"] = (block * given.get("m", 0.0) + rotor * given.get("Jm", 0.0)) / model.inertia
+    return Drive(DRIVE, model.law, values, tolerance, CURRENT)
+
+
+def _with_command(record: Record, told: str) -> Record:
+    """The record with this command, where it can be had; `i` stays beside a voltage only.
+
+    A recorded torque may have become a force by the lead of a screw.
+    """
+    u = None
+    if told == CURRENT and (record.current_alone or record.command != CURRENT):
+        u = record.signals.get("i")
+    elif told == TORQUE and record.command == FORCE and record.lead is not None:
+        u = record.u * record.lead / (2 * np.pi)
+    if u is not None and np.isfinite(u).all():
+        record = replace(record, signals={**record.signals, "u": u}, command=told)
+    if told == VOLTAGE:
+        return record
+    return replace(record, signals={n: s for n, s in record.signals.items() if n != "i"})
 
 
 @cache

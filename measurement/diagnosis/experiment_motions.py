@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,13 @@ import numpy as np
 from ...solver.arrays import Vector
 from ...solver.files import write_atomically
 from .drive import Drive
-from .machine_reach import MARGIN, Reach, acceleration_to, columns, fastest_speed
+from .modelled_record import ModelledRecord
 
 COMMAND_FILE = "next_experiment.csv"
-POSITION = "x_d"
+_MARGIN = 0.05  # of the travel, left at each end
+_USED = 0.9  # of the largest speed and command
+_HEADROOM = 0.5  # share of the force beyond friction that is used to accelerate
+_AT_SPEED = 0.8  # share of that force that viscous friction may take
 _ROWS = 1e-3  # shortest time between rows of a command file [s]
 _REST = 0.1  # rest before the motion [s]
 _SHORTEST = 12.0  # [s]
@@ -35,38 +39,54 @@ _SAMPLES_A_PERIOD = 40
 
 
 @dataclass(frozen=True)
+class Reach:
+    """Range of a machine, as its records show it."""
+
+    low: float  # ends of the travel [m]
+    high: float
+    speed: float  # largest [m/s]
+    acceleration: float  # exceeded in a twentieth of the time [m/s^2]
+    command: float  # largest magnitude, in its unit
+    step: float  # sampling interval [s]
+    lasts: float  # longest record [s]
+
+    def fastest_and_hardest(self, model: Drive) -> tuple[float, float]:
+        """Used speed [m/s] and acceleration [m/s^2], for which the command has force by a model."""
+        static = [abs(model.values[n]) for n in ("Fs", "Fs_pos", "Fs_neg") if n in model.values]
+        spare = _USED * abs(model.per_command) * self.command
+        spare -= max([model.friction_scale, *static])  # of slow motion, break-away included
+        spare -= 0.0 if model.has_motor else abs(model.values["offset"])
+        fastest = _USED * self.speed
+        if spare > 0.0 and model.damping > 0.0:
+            fastest = min(fastest, _AT_SPEED * spare / model.damping)
+        hardest = _HEADROOM * (spare - model.damping * fastest) / model.inertia
+        recorded = self.acceleration
+        return fastest, min(recorded, hardest) if hardest > 0.0 else 0.5 * recorded
+
+
+def reach_of(courses: Sequence[ModelledRecord]) -> Reach:
+    """Range shown by all records of a study together."""
+    return Reach(
+        low=min(float(c.x.min()) for c in courses),
+        high=max(float(c.x.max()) for c in courses),
+        speed=max(float(np.abs(c.v).max()) for c in courses),
+        acceleration=max(float(np.quantile(np.abs(c.mean_a), 0.95)) for c in courses),
+        command=max(float(np.abs(c.u).max()) for c in courses),
+        step=min(c.step for c in courses),
+        lasts=max(float(c.time[-1]) for c in courses),
+    )
+
+
+@dataclass(frozen=True)
 class Motion:
-    """The motion to command, and the signals to record.
+    """The motion to command, from rest to rest, and the signals to record."""
 
-    Attributes
-    ----------
-    kind : str
-    says : str
-        Description with numbers, as a clause.
-    reference : {"x_d"}
-        Kind of `values`: the reference position of the controller [m].
-    time, values : ndarray, shape (n,)
-        Rows of the command file, from rest to rest.
-    amplitude : float
-        Half of the difference between the largest and the smallest value.
-    speeds : tuple of float
-        Largest speeds of the motion over the travel and of the oscillation, in both directions
-        [m/s].
-    record : tuple of str
-        Columns, with our names.
-    sampling : float
-        Largest sampling interval of the record [s].
-    """
-
-    kind: str
-    says: str
-    reference: str
-    time: Vector
-    values: Vector
-    amplitude: float
-    speeds: tuple[float, ...]
-    record: tuple[str, ...]
-    sampling: float
+    says: str  # description with numbers, as a clause
+    time: Vector  # rows of the command file [s]
+    values: Vector  # reference position of the controller [m]
+    speeds: tuple[float, float]  # largest, of the motion over the travel and of the oscillation
+    record: tuple[str, ...]  # columns, with our names
+    sampling: float  # largest sampling interval of the record [s]
 
     @property
     def duration(self) -> float:
@@ -76,10 +96,10 @@ class Motion:
     def to_dict(self) -> dict[str, Any]:
         """Its content in `diagnosis.json`."""
         return {
-            "kind": self.kind,
+            "kind": "travel with reversals",
             "says": self.says,
-            "reference": self.reference,
-            "amplitude": self.amplitude,
+            "reference": "x_d",
+            "amplitude": 0.5 * float(np.ptp(self.values)),
             "speeds_m_per_s": list(self.speeds),
             "start": float(self.values[0]),
             "duration_s": self.duration,
@@ -89,17 +109,9 @@ class Motion:
         }
 
     def save(self, folder: Path) -> None:
-        """Write ``next_experiment.csv``: ``time`` [s] and ``x_d`` [m].
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
-        stream = io.StringIO()
-        table = np.column_stack([self.time, self.values])
-        header = f"time,{self.reference}"
-        np.savetxt(stream, table, fmt="%.9g", delimiter=",", header=header, comments="")
+        """Write ``next_experiment.csv``: ``time`` [s] and ``x_d`` [m]; an OSError says why not."""
+        stream, table = io.StringIO(), np.column_stack([self.time, self.values])
+        np.savetxt(stream, table, fmt="%.9g", delimiter=",", header="time,x_d", comments="")
         write_atomically(folder / COMMAND_FILE, stream.getvalue().encode())
 
 
@@ -116,9 +128,9 @@ def survey(reach: Reach, model: Drive, lasts: float) -> Motion:
         the present records to resolve effects of milliseconds equally well.
     """
     rows = max(reach.step, _ROWS)
-    way = (1.0 - 2.0 * MARGIN) * reach.travel
-    fastest = fastest_speed(reach, model)
-    hardest = _HARDNESS * acceleration_to(reach, model, fastest)
+    way = (1.0 - 2.0 * _MARGIN) * (reach.high - reach.low)
+    fastest, hardest = reach.fastest_and_hardest(model)
+    hardest *= _HARDNESS
     lasts = max(lasts, _SHORTEST)
     over = min(_OVER * way, _GOING * fastest * lasts / (2 * math.pi))
     going = 2 * math.pi / lasts * over
@@ -134,25 +146,13 @@ def survey(reach: Reach, model: Drive, lasts: float) -> Motion:
     x += 0.5 * (reach.low + reach.high)
     values = np.concatenate([np.full(max(round(_REST / rows), 1), x[0]), x])
     time = np.asarray(rows * np.arange(len(values)), dtype=float)
-    record = columns(model)
+    record = ("time", "u", "x", *(("i",) if model.has_motor else ()))
+    start, low, high = (f"{1e3 * float(p):.3g} mm" for p in (x[0], values.min(), values.max()))
+    quick, slow = (f"{r / (2 * math.pi):.3g} Hz" for r in (rate, rate / _SLOWER))
     says = (
-        f"forwards and backwards over {_mm(2.0 * over)} and in addition forwards and backwards by "
-        "up to "
-        f"{_mm(2.0 * swing)}, at {_hz(rate)} and {_hz(rate / _SLOWER)} alternately; from x = "
-        f"{_mm(float(values[0]))}, between {_mm(float(values.min()))} and "
-        f"{_mm(float(values.max()))}, {time[-1]:.3g} s; record {', '.join(record)} every "
+        f"forwards and backwards over {2e3 * over:.3g} mm and in addition forwards and backwards "
+        f"by up to {2e3 * swing:.3g} mm, at {quick} and {slow} alternately; from x = {start}, "
+        f"between {low} and {high}, {time[-1]:.3g} s; record {', '.join(record)} every "
         f"{1e3 * reach.step:.3g} ms or faster"
     )
-    amplitude = 0.5 * float(np.ptp(values))
-    speeds = going, swing * rate
-    return Motion(
-        "travel with reversals", says, POSITION, time, values, amplitude, speeds, record, reach.step
-    )
-
-
-def _mm(metres: float) -> str:
-    return f"{1e3 * metres:.3g} mm"
-
-
-def _hz(rate: float) -> str:
-    return f"{rate / (2 * math.pi):.3g} Hz"
+    return Motion(says, time, values, (going, swing * rate), record, reach.step)

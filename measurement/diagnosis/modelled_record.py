@@ -23,7 +23,7 @@ from ...solver.arrays import Vector
 from ..records.record import Record
 from ..records.resolution import fast_noise
 from .drive import Drive, midway
-from .weak_form import acceleration, averaged, between_samples, lagged
+from .weak_form import acceleration, averaged, between_samples, lagged, per_interval
 
 _ROUGH = 0.1  # largest force error in a window due to the encoder, as a share of friction
 _SHOWN = 0.05  # largest force error in a window due to position noise, as a share of friction
@@ -44,64 +44,42 @@ _OWN_OFFSET = 0.5  # largest offset of a single record, as a share of friction
 
 @dataclass(frozen=True)
 class ModelledRecord:
-    """A record with its motion and the law's force along it.
+    """A record of n samples with its motion and the law's force along it.
 
-    Attributes
-    ----------
-    record : Record
-    width : int
-        Spacing of the windows, and quarter of the length of one, in samples.
-    resistance : float
-        Prior value; balances are scaled with it [Ohm].
-    x, v, i : ndarray, shape (n,)
-        Smoothed motion and the current [m, m/s, A]; `i` is zero without a motor.
-    bristle : ndarray, shape (n,)
-        The law's force without its viscous part and offset, mean over the interval after each
-        sample [N].
-    unknown : ndarray, shape (n,)
-        Opposing force that is missing in the model [N].
-    force_variance : ndarray, shape (windows,)
-        Variance of the law's force due to the error of the motion [N^2].
-    calibration : mapping of str to float
-        Known errors of the instruments: ``command_shift`` in sampling intervals; ``current_offset``
-        of the reading [A]; ``current_gain``, the share by which the true current is larger;
-        ``current_jump``, the share of a voltage's jump that the current sample at the same time
-        already has; ``fast_speed``, the weight of `inner_a`, for a speed that follows a held
-        command within an interval.
-    answers : float
-        Sampling interval over the time constant of the drive's speed, by the prior values.
-    jumps : tuple of int
-        Samples before which the position jumps faster than any force of the drive can move it.
-    offset_name : str
-        Name in `calibration` of this record's offset less that of the first record [N]; empty if
-        all have the same offset.
-    per_command : float
-        Static force per unit of a constant command, prior value; balances are scaled with it [N/V].
-    by_current : bool
-        Whether the motor's force is computed from the current. Otherwise it is computed from the
-        voltage and the mean speed: if the speed follows the voltage within a sampling interval, the
-        samples do not show the current in between.
+    Forces oppose motion in +x, and are means over the interval after each sample. `calibration` has
+    the known errors of the instruments, see `calibration_priors`: ``command_shift`` in sampling
+    intervals; ``current_offset`` of the reading [A]; ``current_gain``, the share by which the true
+    current is larger; ``current_jump``, the share of a voltage's jump that the current sample at
+    the same time already has; ``fast_speed``, the weight of `inner_a`; and the offset of a record
+    less that of the first one, see `with_own_offsets` [N].
+
+    If the speed follows the voltage within a sampling interval, the samples do not show the current
+    in between: then `by_current` is false, and the motor's force is that of the voltage.
     """
 
     record: Record
-    width: int
-    resistance: float
-    x: Vector
-    v: Vector
-    i: Vector
-    bristle: Vector
-    unknown: Vector
-    force_variance: Vector
+    width: int  # spacing of the windows, and quarter of the length of one, in samples
+    resistance: float  # prior value [Ohm]
+    x: Vector  # smoothed [m]
+    v: Vector  # smoothed [m/s]
+    i: Vector  # current; zero without a motor [A]
+    bristle: Vector  # the law's force without its viscous part and offset [N]
+    unknown: Vector  # opposing force that is missing in the model [N]
+    force_variance: Vector  # of the law's force due to the error of the motion, by window [N^2]
     calibration: Mapping[str, float] = field(default_factory=dict)
     by_current: bool = False
-    offset_name: str = ""
-    per_command: float = 1.0
-    answers: float = 0.0
-    jumps: tuple[int, ...] = ()
+    offset_name: str = ""  # of this record's offset in `calibration`; empty if all have the same
+    per_command: float = 1.0  # static force per unit of a constant command, prior value [N/V]
+    answers: float = 0.0  # sampling interval over the time constant of the speed, by prior values
+    jumps: tuple[int, ...] = ()  # samples before which x jumps faster than any force can move it
 
     @property
     def step(self) -> float:
         return self.record.step
+
+    @property
+    def u(self) -> Vector:
+        return self.record.u
 
     @property
     def has_current(self) -> bool:
@@ -151,8 +129,7 @@ class ModelledRecord:
     @cached_property
     def moved_v(self) -> Vector:
         """Mean velocity over each interval, from recorded positions, shape (n,)."""
-        moved = np.diff(self.record.x) / self.step
-        return np.append(moved, moved[-1])
+        return per_interval(self.record.x) / self.step
 
     @cached_property
     def measured_a(self) -> Vector:
@@ -199,12 +176,7 @@ class ModelledRecord:
     @property
     def mean_a(self) -> Vector:
         """Mean acceleration over the interval after each sample [m/s^2]."""
-        change = np.diff(self.v) / self.step
-        return np.append(change, change[-1])
-
-    @property
-    def u(self) -> Vector:
-        return self.record.u
+        return per_interval(self.v) / self.step
 
 
 def position_noise(record: Record) -> float:
@@ -213,7 +185,7 @@ def position_noise(record: Record) -> float:
 
 
 class CalibrationPrior(NamedTuple):
-    """Prior of an instrument's error: its spread and its limits."""
+    """Spread of an instrument's error, and its limits."""
 
     spread: float
     low: float
@@ -270,23 +242,20 @@ def lay_along(record: Record, model: Drive) -> ModelledRecord:
     while width * record.step < _LONGEST and _rough(record, width, model) > _ROUGH:
         width = math.ceil(1.2 * width)
     x, v = _smoothed(record.x, width, record.step)
-    nothing = np.zeros(len(x))
-    current = _current(record, v, model)
+    nothing, current = np.zeros(len(x)), _current(record, v, model)
     resistance = model.values["R"] if model.has_motor else 0.0
-    course = ModelledRecord(record, width, resistance, x, v, current, nothing, nothing, nothing)
-    course = replace(course, answers=record.step * model.damping / model.inertia)
-    course = replace(
-        course,
+    course = ModelledRecord(
+        *(record, width, resistance, x, v, current, nothing, nothing),
+        force_variance=_force_variance(record, x, v, width, model),
         per_command=model.per_command,
-        calibration=dict.fromkeys(calibration_priors(course), 0.0),
-        jumps=_jumps(course, model, noise),
+        answers=record.step * model.damping / model.inertia,
     )
-    return replace(
-        with_law_force(course, model), force_variance=_force_variance(course, model, noise)
-    )
+    errors = dict.fromkeys(calibration_priors(course), 0.0)
+    course = replace(course, calibration=errors, jumps=_jumps(course, model))
+    return with_law_force(course, model)
 
 
-def _jumps(course: ModelledRecord, model: Drive, noise: float) -> tuple[int, ...]:
+def _jumps(course: ModelledRecord, model: Drive) -> tuple[int, ...]:
     """Samples before which x jumps while the drive moves, such as by lost counts of an encoder.
 
     The speed before and after is the same, so that two opposite forces would act within a step.
@@ -301,7 +270,7 @@ def _jumps(course: ModelledRecord, model: Drive, noise: float) -> tuple[int, ...
     swing = maximum_filter1d(u, _AROUND)[1:-2] - minimum_filter1d(u, _AROUND)[1:-2]
     swing = abs(model.per_command) * swing + 2.0 * model.friction_scale
     possible = swing * course.step**2 / model.inertia
-    least = np.maximum(possible, _JUMP * max(usual, noise))
+    least = np.maximum(possible, _JUMP * max(usual, position_noise(course.record)))
     return tuple((np.flatnonzero(moves & (size > least)) + 2).tolist())
 
 
@@ -365,27 +334,21 @@ def _current_noise(course: ModelledRecord) -> float:
     return max(fast_noise(course.i), step / math.sqrt(12.0))
 
 
-def driven_by_current(course: ModelledRecord) -> ModelledRecord:
-    """The course with the motor's force taken from the current."""
-    return replace(course, by_current=True)
-
-
-def _force_variance(course: ModelledRecord, model: Drive, noise: float) -> Vector:
+def _force_variance(record: Record, x: Vector, v: Vector, width: int, model: Drive) -> Vector:
     """Variance of the law's force due to the error of the motion, shape (windows,) [N^2].
 
     The error of the motion is its noise and the change caused by smoothing over twice the time.
     """
     random = np.random.default_rng(0)
-    n, width = len(course.x), course.width
-    window = min(8 * width + 1, n // 2 * 2 - 1)
-    smoother = savgol_filter(course.record.x, window, 3)
-    blur = np.hypot(noise / math.sqrt(width), smoother - course.x)
-    known = averaged(model.friction(course.x, course.v, course.step), width)
+    window = min(8 * width + 1, len(x) // 2 * 2 - 1)
+    smoother = savgol_filter(record.x, window, 3)
+    blur = np.hypot(position_noise(record) / math.sqrt(width), smoother - x)
+    known = averaged(model.friction(x, v, record.step), width)
     total = np.zeros(len(known))
     for _ in range(_SHAKES):
-        shake = savgol_filter(random.standard_normal(n), window, 3) * math.sqrt(width) * blur
-        v = course.v + np.gradient(shake, course.step)
-        total += (averaged(model.friction(course.x + shake, v, course.step), width) - known) ** 2
+        shake = savgol_filter(random.standard_normal(len(x)), window, 3) * math.sqrt(width) * blur
+        faster = v + np.gradient(shake, record.step)
+        total += (averaged(model.friction(x + shake, faster, record.step), width) - known) ** 2
     # rounding in the running sums can give values below zero
     return np.asarray(np.maximum(uniform_filter1d(total / _SHAKES, _AROUND), 0.0))
 

@@ -15,9 +15,8 @@ from ..records.record import Record
 from .balance import responses
 from .bands import cut, products
 from .diagnosis import NextExperiment
-from .experiment_motions import Motion, survey
+from .experiment_motions import Motion, reach_of, survey
 from .explained import Explained
-from .machine_reach import reach_of
 from .modelled_record import lay_along, with_own_offsets
 from .scores import OUTSIDE
 from .sets import Likely

@@ -1,16 +1,16 @@
 """The position that a model predicts from the recorded state at the start of each second.
 
 The method is the same for every law: the package's solver solves the model's component, with its
-causes, under the recorded command. So a classical law sticks in a mode with events, and bristles
-are states. States that are not recorded (bristles, the current, a block behind a joint) are
-computed by solving the component from sample to sample; its position and velocity are reset to the
-recorded ones at each sample. At rest, the bristles then balance the force of the command.
+causes, under the recorded command. States that are not recorded (bristles, the current, a block
+behind a joint) come from solving it from sample to sample, with its position and velocity reset to
+the recorded ones at each. At rest, the bristles then balance the force of the command.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +25,8 @@ from .drive import Drive
 from .modelled_record import ModelledRecord
 from .with_causes import with_causes
 
+Causes = Mapping[str, Mapping[str, float]]
+
 _TOLERANCE = 1e-6
 _BESIDE = {"xb": "x", "vb": "v", "xl": "x", "vl": "v"}  # initial states from the encoder's side
 
@@ -36,21 +38,11 @@ class NotPredicted(ValueError):
 class Predictor:
     """The equations of a drive with causes, to predict the motion of a record.
 
-    Parameters
-    ----------
-    drive : Drive
-    causes : mapping of str to mapping of str to float
-        Without causes in the command, see `__call__`.
-    like : Predictor, optional
-        Of a drive with the same causes and other values: its equations are used.
+    The causes have none in the command, which changes the command instead. `like` is a predictor
+    of a drive with the same causes and other values, whose equations are used.
     """
 
-    def __init__(
-        self,
-        drive: Drive,
-        causes: Mapping[str, Mapping[str, float]],
-        like: Predictor | None = None,
-    ) -> None:
+    def __init__(self, drive: Drive, causes: Causes, like: Predictor | None = None) -> None:
         self._drive, self._causes, self._like = drive, causes, like
 
     @cached_property
@@ -77,19 +69,10 @@ class Predictor:
     ) -> Vector:
         """Position from the recorded state at the start of each second, shape (n,) [m].
 
-        Parameters
-        ----------
-        change : ndarray, shape (n,)
-            Change of the command by causes in the command.
-        seconds : sequence of (first, end), optional
-            Samples of the seconds to predict, all by default; the others are NaN.
-        states : ndarray, shape (n, states), optional
-            Those of `states`, if they are known already.
-
-        Raises
-        ------
-        NotPredicted
-            If the plant cannot have these causes, or its equations cannot be solved.
+        `change` is that of the command by causes in the command, shape (n,). Only the `seconds`,
+        (first, end), are predicted if they are given; other samples are NaN. `states` are those of
+        `states`, if they are known already. Raises NotPredicted if the plant cannot have these
+        causes, or its equations cannot be solved.
         """
         if states is None:
             states = self.states(course, change)
@@ -97,7 +80,7 @@ class Predictor:
             seconds = list(itertools.pairwise(ends_of_seconds([course])))
         model, command = self._along(course, change)
         out = np.full(len(course.x), np.nan)
-        try:
+        with _solved():
             for first, last in seconds:
                 model.x[:] = states[first]
                 model.x[self._measured] = course.x[first], course.v[first]
@@ -105,8 +88,6 @@ class Predictor:
                 now = command[first:last, None]
                 given = np.vstack([now[:1], now[:-1]]), now
                 out[first:last] = model.simulate(course.time[first:last], given).states["x"]
-        except IntegrationError as error:
-            raise NotPredicted(str(error)) from error
         return out
 
     def states(self, course: ModelledRecord, change: Vector) -> Matrix:
@@ -119,7 +100,7 @@ class Predictor:
         motion = np.column_stack([course.x, course.v])
         states = np.empty((len(motion), len(names)))
         inner = len(names) > len(self._measured)
-        try:
+        with _solved():
             for k, t in enumerate(course.time):
                 model.x[self._measured] = motion[k]
                 states[k] = model.x
@@ -127,8 +108,6 @@ class Predictor:
                     _let_go(model)
                     model.u[0] = command[k]
                     model.advance(t, course.time[k + 1])
-        except IntegrationError as error:
-            raise NotPredicted(str(error)) from error
         return states
 
     @property
@@ -143,6 +122,14 @@ class Predictor:
             values["offset"] += course.own_offset
         command = course.u + course.calibration["command_shift"] * course.next_change + change
         return Model(self._kernel, values, tolerance=_TOLERANCE), command
+
+
+@contextmanager
+def _solved() -> Iterator[None]:
+    try:
+        yield
+    except IntegrationError as error:
+        raise NotPredicted(str(error)) from error
 
 
 def _let_go(model: Model) -> None:

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from ...solver.arrays import Vector
+from ...solver.arrays import Mask, Vector
 from ...solver.errors import BadRecord
 from .balance import Added, leftovers
 from .bands import moving
@@ -22,22 +21,11 @@ _FEWEST = 50  # smallest number of windows in motion to judge a model
 
 @dataclass(frozen=True)
 class Residual:
-    """Residuals of one study, its records end to end.
+    """Residuals of one study, its records end to end, shape (n,)."""
 
-    Attributes
-    ----------
-    force : ndarray, shape (n,)
-        Force that opposes motion in +x and is missing in the model [N].
-    by_current : ndarray, shape (n,)
-        Motor force computed from the voltage less that from the current [N]; zero without a
-        current.
-    telling : ndarray of bool, shape (n,)
-        Samples at which forces are known.
-    """
-
-    force: Vector
-    by_current: Vector
-    telling: npt.NDArray[np.bool_]
+    force: Vector  # opposes motion in +x and is missing in the model [N]
+    by_current: Vector  # motor force by the voltage less that by the current, 0 without one [N]
+    telling: Mask  # samples at which forces are known
 
     @property
     def force_rms(self) -> float:
@@ -54,36 +42,24 @@ def rms(values: Vector) -> float:
 
 
 def check_motion(courses: Sequence[ModelledRecord], model: Drive) -> None:
-    """Raise BadRecord for records with almost no motion.
-
-    Raises
-    ------
-    BadRecord
-    """
-    count, all_there = (
-        int(sum(moving(c, model).sum() for c in courses)),
-        sum(len(c.resting) for c in courses),
-    )
+    """Raise BadRecord for records with almost no motion."""
+    count = int(sum(moving(c, model).sum() for c in courses))
     if count < _FEWEST:
-        names = ", ".join(c.record.name for c in courses)
+        names, parts = (
+            ", ".join(c.record.name for c in courses),
+            sum(len(c.resting) for c in courses),
+        )
         raise BadRecord(
-            f"{names}: only {count} of {all_there} parts of {courses[0].width} samples are "
-            f"in motion; expected {_FEWEST} at least: x is constant, jumps from sample to sample "
-            "or is noise"
+            f"{names}: only {count} of {parts} parts of {courses[0].width} samples are in motion; "
+            f"expected {_FEWEST} at least: x is constant, jumps from sample to sample or is noise"
         )
 
 
 def residual(courses: Sequence[ModelledRecord], model: Drive, added: Added) -> Residual:
-    """Force missing in the model along each record.
+    """Force missing in a model and what is added to its equations, along each record.
 
-    Forces are scaled to the prior model's force per unit of the command, see `balance`.
-
-    Parameters
-    ----------
-    model : Drive
-        The model, with the values to judge.
-    added : Added
-        Additions to the model's own equations.
+    Forces are scaled to the prior model's force per unit of the command, see `balance`. At jumps of
+    the law's force they are not known, because the instant within a sampling interval is not.
     """
     parts = []
     for c, left in zip(courses, leftovers(courses, model, added), strict=True):
@@ -91,19 +67,11 @@ def residual(courses: Sequence[ModelledRecord], model: Drive, added: Added) -> R
         between = at_samples(c, left[:, 1]) if c.has_current else np.zeros(len(whole))
         if c.by_current:  # the input of a simulation is the voltage
             whole = whole + between
-        keep = at_samples(c, _telling(c, model)) == 1.0
+        jumps = np.abs(np.diff(c.bristle, append=c.bristle[-1:]))
+        steady = averaged(jumps, c.width) < _JUMP * model.friction_scale
+        keep = at_samples(c, np.asarray(moving(c, model) * steady, dtype=float)) == 1.0
         parts.append((whole, between, keep))
     return Residual(*map(np.concatenate, zip(*parts, strict=True)))
-
-
-def _telling(course: ModelledRecord, model: Drive) -> Vector:
-    """One for each window that gives forces, shape (windows,).
-
-    Jumps of the law's force are excluded: their instant within a sampling interval is not known.
-    """
-    jumps = np.abs(np.diff(course.bristle, append=course.bristle[-1:]))
-    steady = averaged(jumps, course.width) < _JUMP * model.friction_scale
-    return np.asarray(moving(course, model) * steady, dtype=float)
 
 
 def floor(courses: Sequence[ModelledRecord], model: Drive) -> Residual:
@@ -115,11 +83,8 @@ def floor(courses: Sequence[ModelledRecord], model: Drive) -> Residual:
     nothing = Added.nothing(courses)
     once = residual(courses, model, nothing)
     again = residual([read_anew(c, model, random) for c in courses], model, nothing)
-    return Residual(
-        again.force - once.force,
-        again.by_current - once.by_current,
-        once.telling,
-    )
+    between = again.by_current - once.by_current
+    return Residual(again.force - once.force, between, once.telling)
 
 
 def repetition(found: Residual, courses: Sequence[ModelledRecord], laps: Sequence[float]) -> float:

@@ -24,7 +24,6 @@ from .bands import Bands, cut, products
 from .drive import Drive
 from .modelled_record import (
     ModelledRecord,
-    driven_by_current,
     lay_along,
     read_anew,
     with_law_force,
@@ -303,7 +302,7 @@ def study_of(records: Sequence[Record], prior_model: Drive) -> Study:
     check_motion(courses, prior_model)
     studies = [_adjusted(courses, prior_model)]
     if all(c.has_current for c in courses):
-        studies.append(_adjusted([driven_by_current(c) for c in courses], prior_model))
+        studies.append(_adjusted([replace(c, by_current=True) for c in courses], prior_model))
     likely = [float(s[1].held.sum()) for s in studies]
     return studies[int(np.argmax(likely))][0]
 

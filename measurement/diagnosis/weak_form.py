@@ -88,8 +88,13 @@ def acceleration(x: Vector, step: float, width: int) -> Vector:
 
 def rate(values: Vector, step: float, width: int) -> Vector:
     """Average rate of change of a sampled signal under each bell, shape (windows,)."""
-    change = np.diff(values) / step
-    return averaged(np.append(change, change[-1]), width)
+    return averaged(per_interval(values) / step, width)
+
+
+def per_interval(values: Vector) -> Vector:
+    """Change over the interval after each sample, the last one twice, shape (n,)."""
+    change = np.diff(values)
+    return np.append(change, change[-1])
 
 
 def lagged(command: Matrix, step: float, time_constant: float) -> Matrix:

@@ -10,10 +10,10 @@ from diagnosed import nominal
 from worlds import layout as at
 
 from ballscrew.measurement.diagnosis.balance import Added
-from ballscrew.measurement.diagnosis.commanded import commanded, driven_by_current
 from ballscrew.measurement.diagnosis.compare import compare_records
 from ballscrew.measurement.diagnosis.corrected import corrected
 from ballscrew.measurement.diagnosis.diagnose import diagnose
+from ballscrew.measurement.diagnosis.drive import commanded, driven_by_current
 from ballscrew.measurement.diagnosis.modelled_record import lay_along
 from ballscrew.measurement.diagnosis.residuals import residual
 from ballscrew.measurement.records.reading import check_record
@@ -92,5 +92,5 @@ def test_current_alone_is_diagnosed_and_compared_in_any_units(signals, tmp_path)
     other = check_record("other", loaded(seed=5))
     models = compare_records([other], file).models
     assert models["prior"]["all"].force.value == pytest.approx(LOAD, rel=0.1)
-    with pytest.raises(BadRecord, match="u is a voltage, but the model was diagnosed with a curr"):
+    with pytest.raises(BadRecord, match="u is a voltage, and the drive's command is a current"):
         compare_records([check_record("voltage", without(other.signals, "i"))], file)

@@ -14,9 +14,8 @@ from ballscrew.measurement.diagnosis import next_experiment as module
 from ballscrew.measurement.diagnosis.causes import CAUSES
 from ballscrew.measurement.diagnosis.diagnose import diagnose_records
 from ballscrew.measurement.diagnosis.drive import Drive
-from ballscrew.measurement.diagnosis.experiment_motions import COMMAND_FILE, survey
+from ballscrew.measurement.diagnosis.experiment_motions import COMMAND_FILE, Reach, reach_of, survey
 from ballscrew.measurement.diagnosis.explained import Explained
-from ballscrew.measurement.diagnosis.machine_reach import Reach, reach_of
 from ballscrew.measurement.diagnosis.modelled_record import lay_along
 from ballscrew.measurement.diagnosis.next_experiment import next_experiment
 from ballscrew.measurement.diagnosis.scores import OUTSIDE, Catalogue
@@ -27,7 +26,7 @@ from ballscrew.orchestration.master.reference_signal import Reference
 
 VALUES = {"m": 10.0, "gain": 2.0, "offset": 0.0, "sigma2": 20.0, "Fc": 5.0, "Fs": 6.0, "Vs": 1.0}
 # 0.4 m, half a metre a second, and 40 N of which 6 N is friction
-REACH = Reach(-0.1, 0.3, 0.5, 2.0, 20.0, 2e-3, 1e-6, 20.0)
+REACH = Reach(-0.1, 0.3, 0.5, 2.0, 20.0, 2e-3, 20.0)
 
 
 @pytest.mark.ci

@@ -127,7 +127,7 @@ def test_the_figures_of_a_comparison_are_those_of_the_prediction(stuck):
     assert weak.models["model"]["rest"].force.value == pytest.approx(1.0, rel=0.02)
     assert weak.models["model"]["steady"].force.value == pytest.approx(7.0, rel=0.02)
     assert weak.says.startswith("the model leaves 7 N rms of a friction of ")
-    assert weak.says.endswith(f"; its position drifts {1e3 * drifts:.2g} mm rms within a second")
+    assert weak.says.endswith(f"; its position drifts {1e3 * drifts:.3g} mm rms within a second")
 
 
 @pytest.mark.ci
