@@ -56,7 +56,7 @@ examples:
 DIAGNOSE = r"""
 Simulate your model on the recorded data, name the causes of its errors, and measure the
 improvement on held-out data. Writes diagnosis.json, report.html, curves.parquet (curves.csv
-without pyarrow), pictures, the corrected values as parameters.toml, extended_plant.fmu if causes
+without pyarrow), a picture, the corrected values as parameters.toml, extended_plant.fmu if causes
 are found, and next_experiment.csv unless everything is explained. Exit code 0: nothing is wrong, or
 all is explained, also by either of two causes; 1: partly, unexplained, or undecided because a fault
 above a fifth of the friction would not be seen; 2: bad input.
@@ -184,10 +184,8 @@ def diagnose(options: argparse.Namespace) -> int:
     told = file_of(options.params)
     written = ("diagnosis.json", "report.html", _FMU, _NEXT, f"{_CURVES}.parquet", f"{_CURVES}.csv")
     prepare_folder(options.out, [*options.data, options.params], written)
-    from .measurement.diagnosis.corrected import corrected
+    from .measurement.diagnosis.corrected import as_it_moves, corrected
     from .measurement.diagnosis.diagnosis import ANSWERED
-    from .measurement.diagnosis.report_words import DOES_NOT_HOLD, does_not_hold
-    from .measurement.diagnosis.with_causes import as_it_moves
     from .orchestration.loop.parameter_file import ParameterFile
 
     with Stages() as progress:
@@ -208,11 +206,10 @@ def diagnose(options: argparse.Namespace) -> int:
 
         save_results(options.out, save)
     files = ["report.html", "diagnosis.json", "parameters.toml", table_path(Path(), _CURVES).name]
-    files += ["diagnosis.png", "forces.png", "places.png", *([_FMU] if plant else [])]
+    files += ["diagnosis.png", *([_FMU] if plant else [])]
     text = result.say(_diagnosis_text(result))
     print_result(options.json, result.to_dict(), text, ", ".join(files), options.out)
-    notes = [*result.notes, *notes, *([DOES_NOT_HOLD] if does_not_hold(result) else [])]
-    print_notes(notes, options.json)
+    print_notes([*result.notes, *notes], options.json)
     return TRUSTED if result.verdict in ANSWERED else NOT_TRUSTED
 
 
@@ -220,7 +217,7 @@ def _extended(result: DiagnosisResult) -> tuple[Component | None, list[str]]:
     """The extended plant, or why there is none."""
     if not result.causes:
         return None, []
-    from .measurement.diagnosis.with_causes import with_causes
+    from .measurement.diagnosis.corrected import with_causes
 
     try:
         return with_causes(result.corrected, result.found()), []
@@ -229,17 +226,10 @@ def _extended(result: DiagnosisResult) -> tuple[Component | None, list[str]]:
 
 
 def _diagnosis_text(result: DiagnosisResult) -> str:
-    from .measurement.diagnosis.report_words import suspect_lines
-
-    tables = result.tables()[: 1 + len(result.causes)]  # before and after; each cause
-    said = [f"{t.title}: {t.says}\n{text_of(t)}" for t in tables[1:]]
-    said += ["\n".join(suspect_lines(result.suspects))] if result.suspects else []
-    lines = [f"no cause found: the remaining error varies {where}" for where in result.unnamed]
-    if result.next_experiment is not None:
-        lines.append(f"next experiment: {result.next_experiment.says}")
-        lines.append(f"  {result.next_experiment.motion.says}: {_NEXT}")
-    said += ["\n".join(lines)] if lines else []
-    return "\n\n".join([result.headline(), text_of(tables[0]), tables[0].says, *said])
+    """What is wrong, the causes, and what to do next; the page has the rest."""
+    shown = [t for t in result.tables() if t.title in ("Before and after", "Causes", "Do next")]
+    said = [f"{t.title}: {t.says}\n{text_of(t)}" if t.says else text_of(t) for t in shown]
+    return "\n\n".join([result.headline(), *said])
 
 
 def compare(options: argparse.Namespace) -> int:

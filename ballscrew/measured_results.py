@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from .measurement.diagnosis.blocks import Estimate
 from .measurement.diagnosis.compared import ALL, Compared, Left
 from .measurement.diagnosis.diagnosis import ANSWERED, Diagnosis
+from .measurement.diagnosis.report import WORDS, diagnosis_figure, tables_of, verdict_sentence
 from .measurement.identification.identification import Identification
 from .measurement.rig.record import TrialRecord
 from .orchestration.loop.shown import Table, shown_unit
@@ -100,27 +101,17 @@ class DiagnosisResult(Result, Diagnosis):
     @property
     def trusted(self) -> bool:
         """Whether all of the residual but noise is explained, confirmed on held-out data."""
-        from .measurement.diagnosis.report_words import does_not_hold
-
-        return self.verdict in ANSWERED and not does_not_hold(self)
+        return self.verdict in ANSWERED and self.confirmed
 
     @property
     def badge(self) -> str:
-        return self.verdict
+        return WORDS[self.verdict]
 
     def pictures(self) -> dict[str, Any]:
-        from .measurement.diagnosis import diagnosis_pictures as drawn
-
-        return {
-            "diagnosis": drawn.diagnosis_figure(self),
-            "forces": drawn.forces_figure(self),
-            "places": drawn.places_figure(self),
-        }
+        return {"diagnosis": diagnosis_figure(self)}
 
     def headline(self) -> str:
-        from .measurement.diagnosis.report_words import verdict_sentence
-
-        return f"{self.verdict}: {verdict_sentence(self)}"
+        return f"{self.badge}: {verdict_sentence(self)}"
 
     def write(self, folder: Path) -> None:
         """Write ``diagnosis.json``, the table ``curves``, and the next experiment's commands."""
@@ -128,8 +119,6 @@ class DiagnosisResult(Result, Diagnosis):
         Diagnosis.save(self, folder)
 
     def tables(self) -> list[Table]:
-        from .measurement.diagnosis.diagnosis_report import tables_of
-
         return tables_of(self)
 
     def extended_plant(self) -> Component:
@@ -137,7 +126,7 @@ class DiagnosisResult(Result, Diagnosis):
 
         A ValueError says why no plant can hold these causes.
         """
-        from .measurement.diagnosis.with_causes import as_it_moves, with_causes
+        from .measurement.diagnosis.corrected import as_it_moves, with_causes
 
         return as_it_moves(with_causes(self.corrected, self.found()), self.corrected)
 

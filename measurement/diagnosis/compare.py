@@ -27,12 +27,12 @@ from .bands import AROUND_REST
 from .blocks import Blocks, Estimate, ends_of_seconds
 from .causes import CAUSES
 from .compared import ADJUSTED, ALL, CORRECTED, MODEL, PRIOR, Compared, Gain, Left, Traces
+from .corrected import PARTING
 from .drive import Drive, commanded, compiled, drive_of
 from .modelled_record import ModelledRecord, jumps_of, lay_along, shaken, with_law_force
 from .predicted import NotPredicted, Predictor
 from .residuals import at_samples, check_motion, floor, residual, rms
 from .weak_form import averaged
-from .with_causes import PARTING
 
 Courses = Sequence[ModelledRecord]
 Causes = Mapping[str, Mapping[str, float]]
@@ -86,31 +86,32 @@ def compare_records(
     courses = recalibrated([lay_along(r, accepts) for r in records], shift)
     check_motion(courses, accepts)
     notes += jumps_of(courses)
-    found = {}
+    found, lowest = {}, ADJUSTED if told else MODEL
     for name, model in models.items():
         progress(f"solving the {name} model" if told else "solving the model")
         causes = told.causes if told and name == CORRECTED else {}
-        found[name] = _found(courses, model, causes, file.path)
+        found[name] = _found(courses, model, causes, file.path, name == lowest)
         if found[name].why:
             notes.append(f"no position is predicted with the {name} model: {found[name].why}")
-    lowest = ADJUSTED if told else MODEL
     return _compared(courses, found, floor(courses, models[lowest]).force, told, notes)
 
 
 @dataclass(frozen=True)
 class _Found:
-    """Residuals of one model, the records end to end, shape (n,); a prediction may be missing."""
+    """Residuals of one model, the records end to end, shape (n,)."""
 
     force: Vector
     required: Vector
     counted: Mask
-    predict: Callable[[Courses], Vector]
-    predicted: Vector | None
+    predicted: Vector  # NaN if it cannot be predicted
+    noise: Vector  # change of the prediction with another reading of the encoder; perhaps NaN
     why: str
 
 
-def _found(courses: Courses, model: Drive, causes: Causes, path: Path | None) -> _Found:
-    """Residuals of a model with its causes on the records."""
+def _found(
+    courses: Courses, model: Drive, causes: Causes, path: Path | None, lowest: bool
+) -> _Found:
+    """Residuals of a model with its causes on the records; `lowest` also has the noise."""
     added, at_rest, built = _causes_along(courses, model, causes, path)
     required = [_required(c, model, u) for c, u in zip(courses, added.command, strict=True)]
     left = residual(courses, model, added)
@@ -120,17 +121,19 @@ def _found(courses: Courses, model: Drive, causes: Causes, path: Path | None) ->
     ]
     rests = np.concatenate([c.rests for c in courses])
     force = np.where(rests, np.concatenate(beyond), left.force)
-    predictor = Predictor(model, built)
-
-    def predict(them: Courses) -> Vector:
-        return np.concatenate([predictor(c, u) for c, u in zip(them, added.command, strict=True)])
-
-    predicted, why = None, ""
+    predictor, random, why = Predictor(model, built), np.random.default_rng(0), ""
+    predicted, again = np.full((2, len(force)), np.nan)
+    readings = [(predicted, courses)]
+    if lowest:
+        readings.append((again, [shaken(c, random) for c in courses]))
     try:
-        predicted = predict(courses)
+        for out, them in readings:
+            along = zip(them, added.command, strict=True)
+            out[:] = np.concatenate([predictor(c, u) for c, u in along])
     except NotPredicted as error:
         why = str(error)
-    return _Found(force, np.concatenate(required), left.telling, predict, predicted, why)
+    noise = again - predicted
+    return _Found(force, np.concatenate(required), left.telling, predicted, noise, why)
 
 
 def _compared(
@@ -151,28 +154,20 @@ def _compared(
     counted[REST] = np.concatenate([_well_within_rest(c) for c in courses])
 
     def root(values: Vector, mask: Mask) -> Estimate | None:
-        return squares.rms(values, mask) if mask.any() else None
+        known = mask.any() and not np.isnan(values).any()
+        return squares.rms(values, mask) if known else None
 
     def left(f: _Found) -> dict[str, Left]:
-        off = None if f.predicted is None else f.predicted - x
-        return {
-            n: Left(root(f.force, counted[n]), None if off is None else root(off, mask))
-            for n, mask in masks.items()
-            if mask.any()
-        }
+        off = f.predicted - x
+        there = {n: mask for n, mask in masks.items() if mask.any()}
+        return {n: Left(root(f.force, counted[n]), root(off, m)) for n, m in there.items()}
 
     def gain(model: str, over: str) -> Gain:
         one, other = found[model], found[over]
-        position = None
-        if one.predicted is not None and other.predicted is not None:
-            position = squares.gain(other.predicted - x, one.predicted - x)
+        before, after = other.predicted - x, one.predicted - x
+        position = None if one.why or other.why else squares.gain(before, after)
         return Gain(squares.gain(other.force, one.force, counted[ALL]), position, model, over)
 
-    shown = None
-    if lowest.predicted is not None:
-        random = np.random.default_rng(0)
-        again = lowest.predict([shaken(c, random) for c in courses])
-        shown = squares.rms(again - lowest.predicted)
     starts = np.zeros(len(x), dtype=bool)
     starts[ends[:-1]] = True
     begins = np.cumsum([0.0, *(len(c.x) * c.step for c in courses)])
@@ -184,7 +179,7 @@ def _compared(
         friction=rms(first.required[first.counted]),
         shares={n: float(m.mean()) for n, m in masks.items() if n != ALL and m.any()},
         models={name: left(f) for name, f in found.items()},
-        floor=Left(root(noise, counted[ALL]), shown),
+        floor=Left(root(noise, counted[ALL]), root(lowest.noise, masks[ALL])),
         gains=tuple(gain(*pair) for pair in _GAINS) if told else (),
         notes=tuple(notes),
         traces=Traces(
@@ -196,7 +191,7 @@ def _compared(
             counted=first.counted,
             starts=starts,
             left={name: f.force for name, f in found.items()},
-            predicted={n: f.predicted for n, f in found.items() if f.predicted is not None},
+            predicted={n: f.predicted for n, f in found.items() if not f.why},
         ),
     )
 

@@ -13,7 +13,7 @@ from ...orchestration.loop.shown import length, shown_unit
 from ...solver.arrays import Mask, Vector
 from ...solver.files import write_json
 from .blocks import Estimate
-from .diagnosis_pictures import binned
+from .residuals import binned
 
 MODEL, PRIOR, ADJUSTED, CORRECTED = "model", "prior", "adjusted", "corrected"
 ALL, REST = "all", "rest"
@@ -57,40 +57,20 @@ class Traces:
 class Compared:
     """Errors of models on records.
 
-    Attributes
-    ----------
-    records : tuple of str
-        Their names.
-    diagnosed, causes : tuple of str
-        If the file comes from a diagnosis: its records, and the causes in ``corrected``.
-    seconds : float
-        Length of the records [s].
-    friction : float
-        Rms force required by the motion, over samples where forces are known [N].
-    shares : dict of str to float
-        Share of time in each part of the motion, see `PARTS`.
-    models : dict of str to dict of str to Left
-        By model and by part of the motion, all of it first: the one ``model`` of the file, or
-        ``prior``, ``adjusted`` and ``corrected`` of a diagnosis.
-    floor : Left
-        Residuals due to instrument noise alone.
-    gains : tuple of Gain
-        Gains of one model over another.
-    notes : tuple of str
-        Warnings.
-    traces : Traces
+    The models are the one ``model`` of a file, or ``prior``, ``adjusted`` and ``corrected`` of a
+    diagnosis.
     """
 
-    records: tuple[str, ...]
-    diagnosed: tuple[str, ...]
-    causes: tuple[str, ...]
-    seconds: float
-    friction: float
-    shares: dict[str, float]
-    models: dict[str, dict[str, Left]]
-    floor: Left
-    gains: tuple[Gain, ...]
-    notes: tuple[str, ...]
+    records: tuple[str, ...]  # their names
+    diagnosed: tuple[str, ...]  # if the file comes from a diagnosis: its records
+    causes: tuple[str, ...]  # and the causes in ``corrected``
+    seconds: float  # length of the records [s]
+    friction: float  # rms force required by the motion, where forces are known [N]
+    shares: dict[str, float]  # share of time in each part of the motion, see `PARTS`
+    models: dict[str, dict[str, Left]]  # by model, and by part of the motion, all of it first
+    floor: Left  # due to the noise of the instruments alone
+    gains: tuple[Gain, ...]  # of one model over another
+    notes: tuple[str, ...]  # warnings
     traces: Traces
 
     @property
@@ -188,7 +168,7 @@ def compare_figure(found: Compared) -> Any:
         for begin, end in zip(t.time[edges[::2]], t.time[edges[1::2] - 1], strict=True):
             for axes in (off, force):
                 axes.axvspan(begin, end, color=_REST, lw=0, zorder=0)
-        place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "handlelength": 1.6}
-        force.legend(ncols=4, fontsize=9, **place)
-        over_velocity.legend(loc="upper left", fontsize=9)
+        known = force.get_legend_handles_labels()
+        figure.legend(*known, loc="outside lower left", ncols=4, fontsize=10)
+        over_velocity.legend(loc="upper left", fontsize=10)
     return figure

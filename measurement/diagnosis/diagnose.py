@@ -131,6 +131,7 @@ def diagnose_records(
         baseline_residual=before,
         adjusted_residual=fitted,
         final_residual=final,
+        friction=friction,
         left_of_friction=max(final.force, held.all.by_current_rms) / friction,
         unseen=remains.unseen,
         gain_interval=interval,

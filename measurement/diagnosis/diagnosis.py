@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...solver.arrays import Vector
-from ...solver.files import write_atomically
+from ...solver.arrays import Mask, Vector
+from ...solver.files import write_json
 from .causes import CAUSES
 from .drive import Drive
 from .experiment_motions import Motion
@@ -25,29 +24,17 @@ ANSWERED = (NONE, EXPLAINED)
 
 @dataclass(frozen=True)
 class Level:
-    """A residual in the two domains.
+    """A residual in the two domains, root mean square."""
 
-    Attributes
-    ----------
-    force : float
-        Root mean square, at frequencies at which the record gives forces [N].
-    position : float or None
-        Root mean square error of the prediction from the start of each second [m], if known.
-    """
-
-    force: float
-    position: float | None
+    force: float  # at frequencies at which the record gives forces [N]
+    position: float | None  # of the prediction from the start of each second, if known [m]
 
 
 def holds(gain_interval: tuple[float, float], before: Level, after: Level) -> bool:
-    """Whether the corrected model is certainly better on held-out data than the model without it.
+    """Whether the corrected model is certainly better on held-out data than the one before.
 
-    Parameters
-    ----------
-    gain_interval : tuple of float
-        95 % interval of the removed share of the mean square in force.
-    before, after : Level
-        Residual on held-out data without and with the causes found.
+    The lower end of the removed share of the mean square in force is above zero, and the residual
+    in position does not grow.
     """
     better = gain_interval[0] > 0.0
     if before.position is None or after.position is None:
@@ -57,76 +44,34 @@ def holds(gain_interval: tuple[float, float], before: Level, after: Level) -> bo
 
 @dataclass(frozen=True)
 class SuspectFound:
-    """One member of a set.
-
-    Attributes
-    ----------
-    name, says : str
-    probability : float
-        Probability among all hypotheses.
-    parameters : mapping of str to float
-        Its values, SI; empty for a suspect outside the catalogue.
-    intervals : mapping of str to (float, float)
-        95 % intervals, computed by leaving out one block of the records at a time.
-    units : mapping of str to str
-    force : float
-        Its rms effect on a balance of forces, or of voltages
-        converted to a force [N].
-    of_friction : float
-        `force` as a share of the friction.
-    confirm : str
-        Experiment that would confirm it.
-    """
+    """One member of a set."""
 
     name: str
     says: str
-    probability: float
-    parameters: Mapping[str, float]
-    intervals: Mapping[str, tuple[float, float]]
+    probability: float  # among all hypotheses
+    parameters: Mapping[str, float]  # its values, SI; empty for one outside the catalogue
+    intervals: Mapping[str, tuple[float, float]]  # 95 %, by leaving out one block at a time
     units: Mapping[str, str]
-    force: float
-    of_friction: float
-    confirm: str
+    force: float  # rms effect on a balance of forces, or of voltages converted to a force [N]
+    of_friction: float  # the same as a share of the friction
+    confirm: str  # experiment that would confirm it
 
 
 @dataclass(frozen=True)
 class FoundCause(SuspectFound):
-    """A suspect that is included in the model.
+    """A suspect that is included in the model."""
 
-    Attributes
-    ----------
-    certain : bool
-        Whether it is named; otherwise it is only the most probable one.
-    gain_heldout : float
-        Share of the mean square of the force residual that it removes, on data not used
-        to select or fit it, with all other causes included.
-    gain_interval : tuple of float
-        95 % interval, by resampling the seconds of the record.
-    gain_alone : float
-        The same share without other causes.
-    before, after : float
-        Force residual on held-out data without and with it [N].
-    """
-
-    certain: bool
-    gain_heldout: float
-    gain_interval: tuple[float, float]
-    gain_alone: float
-    before: float
-    after: float
+    certain: bool  # whether it is named
+    gain_heldout: float  # removed share of the mean square on held-out data, beside other causes
+    gain_interval: tuple[float, float]  # 95 %, by resampling the seconds of the record
+    gain_alone: float  # the same share without other causes
+    before: float  # force residual on held-out data without it [N]
+    after: float  # and with it [N]
 
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """The next experiment.
-
-    Attributes
-    ----------
-    says : str
-        Purpose.
-    motion : Motion
-        Motion of the machine.
-    """
+    """The purpose of the next experiment, and the motion of the machine."""
 
     says: str
     motion: Motion
@@ -134,119 +79,65 @@ class NextExperiment:
 
 @dataclass(frozen=True)
 class Curves:
-    """Signals for pictures, records end to end, shape (n,) each.
+    """Signals along the records, end to end, shape (n,) each."""
 
-    Attributes
-    ----------
-    time, record : ndarray
-        Time within each record [s], and number of the record.
-    x, v : ndarray
-        Position [m] and velocity [m/s].
-    force, predicted : ndarray
-        Friction and all other opposing forces, by the record and by the prior model [N].
-    before, after : ndarray
-        Force residual of the prior and of the corrected model [N].
-    position_before, position_after : ndarray
-        Position residual of the same models, the corrected one held out [m]; NaN if not known.
-    cause : ndarray
-        Force of the named causes together [N].
-    shape : ndarray
-        Force of the residual without a known cause [N]; NaN where forces are not known.
-    telling : ndarray of bool
-        Samples at which forces are known.
-    """
-
-    time: Vector
-    record: npt.NDArray[np.int64]
-    x: Vector
-    v: Vector
-    force: Vector
-    predicted: Vector
-    before: Vector
-    after: Vector
-    position_before: Vector
-    position_after: Vector
-    cause: Vector
-    shape: Vector
-    telling: npt.NDArray[np.bool_]
+    time: Vector  # within each record [s]
+    record: npt.NDArray[np.int64]  # number of the record
+    x: Vector  # [m]
+    v: Vector  # [m/s]
+    force: Vector  # friction and all other opposing forces, by the record [N]
+    predicted: Vector  # the same by the prior model [N]
+    before: Vector  # force residual of the prior model [N]
+    after: Vector  # force residual of the corrected model [N]
+    position_before: Vector  # position residual of the prior model; NaN if not known [m]
+    position_after: Vector  # position residual of the corrected model, held out [m]
+    cause: Vector  # force of the named causes together [N]
+    shape: Vector  # force without a known cause; NaN where forces are not known [N]
+    telling: Mask  # samples at which forces are known
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Result of a study.
+    """Errors of a model on records, their causes, and the next experiment.
 
-    Attributes
-    ----------
-    verdict : {"none", "explained", "partly", "unexplained", "undecided"}
-    where : str
-        Size of the residual, and the motion at which it occurs, in a sentence.
-    floor, baseline_residual, adjusted_residual, final_residual : Level
-        Residual of noise; of the prior model; with values adjusted within their tolerances; with
-        the causes. The last two are on held-out data.
-    left_of_friction : float
-        Final residual on held-out data, as a share of the friction along the records. It is the
-        residual of the force from the voltage, or the difference between voltage and current,
-        whichever is larger.
-    unseen : float
-        Largest fault that these records would not show, as a share of the friction: twice the
-        noise, or the whole final residual.
-    gain_interval : tuple of float
-        95 % interval of the removed share of the adjusted residual's mean square in force.
-    held_out : str
-        What was held out, one at a time: "4 laps", "5 parts".
-    causes : tuple of FoundCause
-        Included causes from the catalogue, and errors of recorded signals, in the order in which
-        they were found.
-    suspects : tuple of SuspectFound
-        Other possible causes, in addition to or instead of those, the most probable first. Together
-        they contain the true cause in 95 of 100 records like those of the calibration.
-    alternatives : mapping of str to tuple of str
-        By included cause that is not certain: suspects that explain the data as well in its place,
-        if only noise is left.
-    unnamed : tuple of str
-        How a residual without a known cause varies.
-    next_experiment : NextExperiment or None
-    prior, adjusted, corrected : Drive
-        The prior model; with values adjusted within their tolerances and no cause; with the values
-        fitted together with the causes.
-    command : {"voltage", "current", "force"}
-        Kind of the records' `u`.
-    command_shift : float
-        Time by which the command acts before its stamp, in sampling intervals.
-    adjustments : mapping of str to float
-        Relative changes of the prior values.
-    noise : mapping of str to float
-        Root mean square residual of each balance due to noise [N].
-    notes : tuple of str
-        Warnings.
+    Of the residuals, `baseline_residual` is that of the prior model, `adjusted_residual` that with
+    values adjusted within their tolerances, `final_residual` that with the causes; the last two are
+    on held-out data.
     """
 
-    verdict: str
-    where: str
-    floor: Level
+    verdict: str  # "none", "explained", "partly", "unexplained" or "undecided"
+    where: str  # size of the residual, in a sentence
+    floor: Level  # residual of noise
     baseline_residual: Level
     adjusted_residual: Level
     final_residual: Level
-    left_of_friction: float
-    unseen: float
-    gain_interval: tuple[float, float]
-    held_out: str
-    causes: tuple[FoundCause, ...]
-    suspects: tuple[SuspectFound, ...]
-    alternatives: Mapping[str, tuple[str, ...]]
-    unnamed: tuple[str, ...]
+    friction: float  # root mean square along the records [N]
+    left_of_friction: float  # final residual, or voltage against current, as a share of it
+    unseen: float  # largest fault that would not be seen: twice the noise, or what is left
+    gain_interval: tuple[float, float]  # 95 %, of the removed share of the mean square in force
+    held_out: str  # what was held out, one at a time: "4 laps", "5 parts"
+    causes: tuple[FoundCause, ...]  # included, also errors of signals, in the order of finding
+    suspects: tuple[SuspectFound, ...]  # in addition to or instead of those, the best one first
+    alternatives: Mapping[str, tuple[str, ...]]  # suspects that explain as much as a cause
+    unnamed: tuple[str, ...]  # how a residual without a known cause varies
     next_experiment: NextExperiment | None
     prior: Drive
-    adjusted: Drive
-    corrected: Drive
-    command: str
-    command_shift: float
-    adjustments: Mapping[str, float]
-    noise: Mapping[str, float]
+    adjusted: Drive  # within the tolerances, and no cause
+    corrected: Drive  # values fitted together with the causes
+    command: str  # kind of the records' `u`
+    command_shift: float  # the command acts before its stamp by this, in sampling intervals
+    adjustments: Mapping[str, float]  # relative changes of the prior values
+    noise: Mapping[str, float]  # rms residual of each balance due to noise [N]
     records: tuple[str, ...]
     curves: Curves
-    seconds: float
-    notes: tuple[str, ...] = field(default_factory=tuple)
+    seconds: float  # computing time [s]
+    notes: tuple[str, ...] = field(default_factory=tuple)  # warnings
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether what is built in is certainly better on held-out data."""
+        levels = self.adjusted_residual, self.final_residual
+        return not self.causes or holds(self.gain_interval, *levels)
 
     def to_dict(self) -> dict[str, Any]:
         """Content of ``diagnosis.json``."""
@@ -257,16 +148,8 @@ class Diagnosis:
         return [(c.name, dict(c.parameters)) for c in self.causes if c.name in CAUSES]
 
     def save(self, folder: Path) -> None:
-        """Write ``diagnosis.json``, and the command file of the next experiment, if there is one.
-
-        Raises
-        ------
-        OSError
-            If a file cannot be written.
-        """
-        folder.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
-        write_atomically(folder / "diagnosis.json", text.encode())
+        """Write ``diagnosis.json`` and the commands of the next experiment; see `write_json`."""
+        write_json(folder / "diagnosis.json", self.to_dict())
         if self.next_experiment is not None:
             self.next_experiment.motion.save(folder)
 
@@ -286,8 +169,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {name: _plain(v) for name, v in value.items()}
     return [_plain(v) for v in value] if isinstance(value, tuple | list) else value
-
-
-def names_of(causes: Sequence[SuspectFound]) -> str:
-    """Names of the causes, for sentences."""
-    return ", ".join(c.name for c in causes) or "no cause"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -39,16 +39,7 @@ _TURN = symbol("turn")  # screw angle per travel; pi is then in the equations on
 _FREED = 0.3  # relative spread of a freed value
 _MORE_MASS = 2.0  # spread of an unknown mass, relative to the total moving mass
 _FINEST = 2.5e-4  # largest step of the law between two samples [s]
-
-
-class _Linear(NamedTuple):
-    """The linear part of a plant's equations, without friction."""
-
-    inertia: float
-    block: float
-    per_ampere: float
-    back_emf: float
-    per_command: float
+_LINEAR = ("inertia", "block", "per_ampere", "back_emf", "per_command")
 
 
 @dataclass(frozen=True)
@@ -91,35 +82,37 @@ class Drive:
         return LAWS[self.law].names
 
     @cached_property
-    def _linear(self) -> _Linear:
+    def _linear(self) -> dict[str, float]:
+        """The linear part of the plant's equations, without friction."""
         names, numbers = _linear_of(self.kind)
         known = {**self.values, _TURN.name: 2 * math.pi * self.values.get("p", 0.0)}
-        return _Linear(*map(float, numbers(*(known[n] for n in names))))
+        found = map(float, numbers(*(known[n] for n in names)))
+        return dict(zip(_LINEAR, found, strict=True))
 
     @property
     def inertia(self) -> float:
         """Total moving mass [kg]."""
-        return self._linear.inertia
+        return self._linear["inertia"]
 
     @property
     def block(self) -> float:
         """Mass of the body on which friction acts [kg]."""
-        return self._linear.block
+        return self._linear["block"]
 
     @property
     def per_ampere(self) -> float:
         """Force of the motor per ampere; zero without a motor [N/A]."""
-        return self._linear.per_ampere
+        return self._linear["per_ampere"]
 
     @property
     def back_emf(self) -> float:
         """Back-EMF per velocity; zero without a motor [V*s/m]."""
-        return self._linear.back_emf
+        return self._linear["back_emf"]
 
     @property
     def per_command(self) -> float:
         """Static force per unit of a constant command [N/V]."""
-        return self._linear.per_command
+        return self._linear["per_command"]
 
     @property
     def can_bend(self) -> bool:
@@ -177,22 +170,12 @@ class Drive:
 
 
 def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
-    """The drive that a parameter file describes, as the prior model.
+    """The drive that a parameter file describes, as the prior model, perhaps with another law.
 
     A file without ``[plant]`` is the nominal axis. The tolerance of a value is that in
     ``[tolerance]``, else half of its interval, else `TOLERANCE`. Values that only a closed loop
-    needs (amplifier, initial states, controllers) and the table ``[found]``, of an extended plant,
-    are ignored.
-
-    Parameters
-    ----------
-    file : ParameterFile
-    law : str, optional
-        Friction law in place of the file's; values of the file's law only are then not used.
-
-    Raises
-    ------
-    BadParameters
+    needs (amplifier, initial states, controllers), those of the file's own law if it is another,
+    and the table ``[found]`` are ignored. Raises BadParameters.
     """
     if file.kind not in _PLANTS:
         raise BadParameters(
@@ -241,22 +224,11 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
     """Return records with a command that the model accepts, the model, and notes on changes.
 
     If only the current of a ball screw is known, it becomes a drive, see `driven_by_current`. The
-    current of a drive is left out, because a drive has no equation for it.
-
-    Raises
-    ------
-    BadRecord
-        If the model does not accept a record's command.
+    current of a drive is left out, because a drive has no equation for it. Raises BadRecord.
     """
     if not records:
         raise BadRecord("there is no record: expected one file of measured data at least")
-    currents = [r.current_alone or r.command == CURRENT for r in records]
-    if model.has_motor and any(currents):
-        if not all(currents):
-            raise BadRecord(
-                f"{records[currents.index(True)].name}: has the current as its only command, and "
-                f"{records[currents.index(False)].name} does not; diagnose them separately"
-            )
+    if model.has_motor and all(r.current_alone or r.command == CURRENT for r in records):
         model = driven_by_current(model)
         known = [_with_command(r, CURRENT) for r in records]
         said = (
@@ -339,7 +311,7 @@ def curve_of(law: str) -> sp.Expr:
 
 @cache
 def _linear_of(kind: str) -> tuple[tuple[str, ...], Callable[..., Any]]:
-    """Names of the symbols of `_Linear`, and a function of them, from the plant's equations."""
+    """Names of the symbols of `_LINEAR`, and a function of them, from the plant's equations."""
     plant = _plant(kind, DEFAULT_LAW)
     (balance,), (u, v, i) = plant.balances, map(symbol, ("u", "v", "i"))
     force = next(t.force for t in balance.terms if t.name in ("motor", "drive"))

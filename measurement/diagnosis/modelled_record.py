@@ -138,11 +138,10 @@ class ModelledRecord:
 
     @cached_property
     def inner_a(self) -> Vector:
-        """Correction of `measured_a` if the speed responds within an interval, shape (windows,).
+        """Correction of `measured_a` for a speed that follows a held command within an interval.
 
-        Forces are means over an interval. The mean acceleration is then the difference of the
-        speeds at the ends of the interval. With a held command the speed approaches its final value
-        exponentially, and the speed at the end of an interval is computed from the mean speed.
+        The mean acceleration is the difference of the speeds at the ends of the interval; they
+        follow from its mean speed and the exponential approach. Shape (windows,).
         """
         kept = math.exp(-self.answers)
         mean = (1.0 - kept) / self.answers
@@ -193,11 +192,7 @@ class CalibrationPrior(NamedTuple):
 
 
 def calibration_priors(course: ModelledRecord) -> dict[str, CalibrationPrior]:
-    """Priors of the instruments' errors, with the names of `ModelledRecord.calibration`.
-
-    A command acts at its stamp, or up to half an interval before or after it. A current sample at a
-    jump of the voltage has between none and all of the jump.
-    """
+    """Priors of the instruments' errors, with the names of `ModelledRecord.calibration`."""
     found = {"command_shift": CalibrationPrior(0.4, -0.6, 0.6)}
     if course.answers > _ANSWERS:
         found["fast_speed"] = CalibrationPrior(0.7, -0.2, 1.4)
@@ -214,10 +209,7 @@ def calibration_priors(course: ModelledRecord) -> dict[str, CalibrationPrior]:
 
 
 def with_own_offsets(courses: Sequence[ModelledRecord], model: Drive) -> list[ModelledRecord]:
-    """The courses of a drive with an offset for each record after the first.
-
-    Between records, an amplifier drifts, and the force of a cable or a slope changes.
-    """
+    """The courses of a drive with an offset for each record after the first, as of a cable."""
     if model.has_motor:
         return list(courses)
     names = ["", *(f"{_OFFSETS}{k + 1}" for k in range(1, len(courses)))]
@@ -256,10 +248,7 @@ def lay_along(record: Record, model: Drive) -> ModelledRecord:
 
 
 def _jumps(course: ModelledRecord, model: Drive) -> tuple[int, ...]:
-    """Samples before which x jumps while the drive moves, such as by lost counts of an encoder.
-
-    The speed before and after is the same, so that two opposite forces would act within a step.
-    """
+    """Samples before which x jumps in motion, as by lost counts: the speed stays the same."""
     bent = np.diff(course.record.x, 2)
     first, second = bent[:-1], bent[1:]
     size = np.where(first * second < 0.0, np.minimum(np.abs(first), np.abs(second)), 0.0)
@@ -302,11 +291,7 @@ def shaken(course: ModelledRecord, random: np.random.Generator) -> ModelledRecor
 
 
 def read_anew(course: ModelledRecord, model: Drive, random: np.random.Generator) -> ModelledRecord:
-    """The course with new noise of each instrument.
-
-    The smoothed motion, along which the law is computed, does not change: its error is in
-    `force_variance`.
-    """
+    """The course with new noise of each instrument, but the same smoothed motion."""
     record = course.record
     white = random.standard_normal((2, len(record.x)))
     read = {"x": record.x + position_noise(record) * white[0]}
@@ -317,11 +302,7 @@ def read_anew(course: ModelledRecord, model: Drive, random: np.random.Generator)
 
 
 def _rough(record: Record, width: int, model: Drive) -> float:
-    """Random force change between neighbouring windows, relative to friction.
-
-    The error of an interpolating encoder oscillates with position and is not visible in the noise
-    of single readings.
-    """
+    """Random change of the force between windows, as by an interpolating encoder, over friction."""
     bent = np.diff(model.inertia * acceleration(record.x, record.step, width), 4)
     # a fourth difference of white noise is larger by the root of 70, and by 1.4 as bells overlap
     usual = 1.48 * float(np.median(np.abs(bent))) if len(bent) else 0.0
@@ -335,10 +316,7 @@ def _current_noise(course: ModelledRecord) -> float:
 
 
 def _force_variance(record: Record, x: Vector, v: Vector, width: int, model: Drive) -> Vector:
-    """Variance of the law's force due to the error of the motion, shape (windows,) [N^2].
-
-    The error of the motion is its noise and the change caused by smoothing over twice the time.
-    """
+    """Variance of the law's force due to noise and smoothing of the motion, (windows,) [N^2]."""
     random = np.random.default_rng(0)
     window = min(8 * width + 1, len(x) // 2 * 2 - 1)
     smoother = savgol_filter(record.x, window, 3)
@@ -354,10 +332,9 @@ def _force_variance(record: Record, x: Vector, v: Vector, width: int, model: Dri
 
 
 def carried(record: Record) -> float:
-    """Cut-off frequency of a position filter [Hz]; half the sampling rate without a filter.
+    """Cut-off frequency of a position filter, by a steep fall of the spectrum [Hz].
 
-    The rounding of an encoder gives noise at all frequencies. If the spectrum falls far below it
-    within less than an octave, the position was filtered.
+    Without a filter, it is half the sampling rate.
     """
     bent = np.diff(record.x, 2)
     frequency, power = welch(bent, 1.0 / record.step, nperseg=min(512, len(bent)))
@@ -385,9 +362,8 @@ def _current(record: Record, v: Vector, model: Drive) -> Vector:
 
 def with_law_force(course: ModelledRecord, model: Drive) -> ModelledRecord:
     """The course with the law's force along it."""
-    friction = model.friction(course.x, course.v, course.step)
     offset = 0.0 if model.has_motor else model.values["offset"]
-    return replace(course, bristle=friction - offset)
+    return replace(course, bristle=model.friction(course.x, course.v, course.step) - offset)
 
 
 def opposing(course: ModelledRecord, model: Drive) -> Vector:
@@ -404,15 +380,8 @@ def true_current(course: ModelledRecord) -> Vector:
 
 def mean_current(course: ModelledRecord, model: Drive) -> Vector:
     """The true current, mean over the interval after each sample, shape (n,) [A]."""
-    resistance = model.values["R"]
+    resistance, slowed = model.values["R"], max(model.damping, 1e-12)
     jumps = np.diff(course.u, prepend=course.u[0]) / resistance
-    # the sample may already have a share of the jump
-    had = course.calibration["current_jump"] * jumps
-    slowed = max(model.damping, 1e-12)
-    return between_samples(
-        true_current(course) - had,
-        jumps,
-        course.step,
-        model.values["L"] / resistance,
-        model.inertia / slowed,
-    )
+    had = course.calibration["current_jump"] * jumps  # the sample may already have a share of it
+    times = model.values["L"] / resistance, model.inertia / slowed
+    return between_samples(true_current(course) - had, jumps, course.step, *times)

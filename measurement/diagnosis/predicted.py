@@ -21,9 +21,9 @@ from ...solver.component import Component
 from ...solver.errors import ContractError
 from ...solver.kernel import IntegrationError, Kernel, Model
 from .blocks import ends_of_seconds
+from .corrected import with_causes
 from .drive import Drive
 from .modelled_record import ModelledRecord
-from .with_causes import with_causes
 
 Causes = Mapping[str, Mapping[str, float]]
 

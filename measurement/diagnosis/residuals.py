@@ -16,6 +16,8 @@ from .modelled_record import ModelledRecord, read_anew
 from .weak_form import averaged, centres
 
 _JUMP = 0.1  # jump of the law's force between two samples, as a share of friction
+_BINS = 60
+_LEAST_IN_BIN = 20
 _FEWEST = 50  # smallest number of windows in motion to judge a model
 
 
@@ -105,3 +107,22 @@ def repetition(found: Residual, courses: Sequence[ModelledRecord], laps: Sequenc
 def at_samples(course: ModelledRecord, values: Vector) -> Vector:
     """Values in windows, shape (windows,), interpolated at the samples, shape (n,)."""
     return np.interp(np.arange(len(course.x)), centres(len(course.x), course.width), values)
+
+
+def binned(x: Vector, y: Vector, keep: Mask, alike: bool = False) -> tuple[Vector, Vector]:
+    """Means of y over parts of the range of x, NaN for parts with almost no samples.
+
+    The parts have equal width or, with `alike`, equal numbers of samples, for speeds held constant.
+    """
+    if not np.any(keep) or np.ptp(x[keep]) == 0:
+        return np.array([np.nan]), np.array([np.nan])
+    if alike:
+        order = np.flatnonzero(keep)[np.argsort(x[keep], kind="stable")]
+        parts = np.array_split(order, min(2 * _BINS, max(1, len(order) // _LEAST_IN_BIN)))
+        return np.array([x[k].mean() for k in parts]), np.array([y[k].mean() for k in parts])
+    edges = np.linspace(x[keep].min(), x[keep].max(), _BINS + 1)
+    place = np.clip(np.digitize(x[keep], edges) - 1, 0, _BINS - 1)
+    count = np.bincount(place, minlength=_BINS)
+    total = np.bincount(place, weights=y[keep], minlength=_BINS)
+    mean = np.where(count >= _LEAST_IN_BIN, total / np.maximum(count, 1), np.nan)
+    return 0.5 * (edges[1:] + edges[:-1]), mean

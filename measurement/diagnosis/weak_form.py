@@ -47,18 +47,9 @@ def _bell(width: int) -> Matrix:
 
 
 def averaged(values: Matrix, width: int) -> Matrix:
-    """Averages of interval values under each bell.
+    """Averages of interval values, shape (n, ...), under each bell, shape (windows, ...).
 
-    Parameters
-    ----------
-    values : ndarray, shape (n, ...)
-        One for each sample: the mean over the interval after it.
-    width : int
-        Spacing of the bells, and quarter of the length of one, in intervals.
-
-    Returns
-    -------
-    ndarray, shape (windows(n, width), ...)
+    `width` is the spacing of the bells, and quarter of the length of one, in intervals.
     """
     count = windows(len(values), width)
     blocks = count + 3
@@ -73,13 +64,7 @@ def averaged(values: Matrix, width: int) -> Matrix:
 
 
 def acceleration(x: Vector, step: float, width: int) -> Vector:
-    """Average acceleration under each bell, shape (windows,) [m/s^2].
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Recorded positions [m].
-    """
+    """Average acceleration under each bell, from positions [m], shape (windows,) [m/s^2]."""
     smeared = np.convolve(x - x[0], _hat(width), mode="same")
     at = centres(len(x), width)
     second = smeared[at + width] - 2.0 * smeared[at] + smeared[at - width]
@@ -119,16 +104,8 @@ def between_samples(
 
     If the winding responds within the interval, the current jumps with the voltage and then
     approaches its next sample with the speed. If the winding is slower, the current is linear
-    between samples.
-
-    Parameters
-    ----------
-    current : ndarray, shape (n,)
-        At the samples, before the voltage jumps [A].
-    jumps : ndarray, shape (n,)
-        Jumps of the voltage at the samples, over the resistance [A].
-    electrical, mechanical : float
-        Time constants of the winding and of the speed [s].
+    between samples. `jumps` of the voltage at the samples, after the current is read, are divided
+    by the resistance [A]. The times are the constants of the winding and of the speed [s].
     """
     after = np.append(current[1:], current[-1])
     straight = _start_share(step, electrical)

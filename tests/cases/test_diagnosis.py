@@ -85,8 +85,8 @@ def test_the_line_to_line_voltage_taken_for_the_phases_is_named_with_its_size(tm
     words = "diagnose run.csv --params axis.toml --lead 0.001 --out out"
     code, printed, _ = command(folder, words)
     assert code == 0
-    assert printed.startswith("explained: scale_of_u explains the error of the model")
-    (size,) = re.findall(r"^scale_of_u +([0-9.]+)\b", printed, re.MULTILINE)
+    assert printed.startswith("cause found: scale_of_u (scale_of_u = ")
+    (size,) = re.findall(r"scale_of_u = ([0-9.]+) \(", printed)
     assert float(size) == pytest.approx(1.0 / math.sqrt(3.0), rel=0.01)
     assert (folder / "out" / "report.html").is_file()
 

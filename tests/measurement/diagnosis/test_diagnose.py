@@ -28,7 +28,7 @@ from worlds import write_case as write_world
 
 from ballscrew.measurement.diagnosis.compare import compare
 from ballscrew.measurement.diagnosis.diagnose import diagnose, diagnose_records
-from ballscrew.measurement.diagnosis.report_words import verdict_sentence
+from ballscrew.measurement.diagnosis.report import verdict_sentence
 from ballscrew.measurement.diagnosis.scores import OUTSIDE
 from ballscrew.measurement.records.reading import check_record
 from ballscrew.solver.errors import BadRecord
@@ -107,8 +107,8 @@ def test_where_more_than_a_fifth_of_the_friction_would_not_be_seen_nothing_is_de
     unseen = max(2.0 * found.floor.force, found.final_residual.force) / friction
     assert found.unseen == pytest.approx(unseen, rel=0.02)
     assert found.unseen > 0.2
-    sentence = f"a fault up to {100 * found.unseen:.3g} % of the friction would not be seen."
-    assert verdict_sentence(found).startswith(sentence)
+    sentence = f"A fault up to {100 * found.unseen:.3g} % of the friction would not be seen."
+    assert sentence in verdict_sentence(found)
 
 
 @pytest.mark.parametrize("command", [diagnose, compare])

@@ -5,9 +5,8 @@ from types import SimpleNamespace
 import pytest
 from diagnosed import whole
 
-from ballscrew.measurement.diagnosis.corrected import corrected
+from ballscrew.measurement.diagnosis.corrected import corrected, with_causes
 from ballscrew.measurement.diagnosis.drive import drive_of
-from ballscrew.measurement.diagnosis.with_causes import with_causes
 from ballscrew.orchestration.loop.parameter_file import ParameterFile, read_parameters
 from ballscrew.plant import plant_of
 from ballscrew.solver.errors import BadParameters

@@ -10,9 +10,9 @@ from ballscrew.cli import main
 from ballscrew.fmus.export import export
 from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.measurement.diagnosis.causes import CAUSES
+from ballscrew.measurement.diagnosis.corrected import with_causes
 from ballscrew.measurement.diagnosis.drive import Drive, midway
 from ballscrew.measurement.diagnosis.modelled_record import ModelledRecord
-from ballscrew.measurement.diagnosis.with_causes import with_causes
 from ballscrew.measurement.records.record import Record
 from ballscrew.plant.ball_screw import PARAMETERS as SCREW
 from ballscrew.plant.direct_drive import PARAMETERS as DRIVE

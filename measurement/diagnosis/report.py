@@ -1,0 +1,254 @@
+"""The report of a diagnosis: its sentence, its tables and its picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from ...orchestration.loop.pictures import COLOURS, STYLE, new_figure
+from ...orchestration.loop.shown import Table, length
+from ...solver.arrays import Mask, Vector
+from .diagnosis import (
+    EXPLAINED,
+    NONE,
+    PARTLY,
+    UNDECIDED,
+    UNEXPLAINED,
+    Curves,
+    Diagnosis,
+    FoundCause,
+    SuspectFound,
+)
+from .experiment_motions import COMMAND_FILE
+from .residuals import binned
+from .scores import OUTSIDE
+
+WORDS = {
+    NONE: "no fault seen",
+    EXPLAINED: "cause found",
+    PARTLY: "partly explained",
+    UNEXPLAINED: "cause not found",
+    UNDECIDED: "cannot tell",
+}
+"""Verdicts for a person."""
+
+_SCALED = {"scale_of_u": "command", "scale_of_i": "current", "scale_of_x": "position"}
+_TIMES = 2.0  # shares of friction above this are written as multiples
+_FEW = 3  # suspects that a sentence lists
+_NOT_SHOWN = 1e-9  # relative change below which a value counts as unchanged
+_KINDS = {"ball_screw": "ball screw with a motor", "drive": "drive whose command is a force"}
+_NOISE = {"force_N": "noise in the force", "voltage_N": "noise in the voltage, as a force"}
+
+
+# -- the sentence ----------------------------------------------------------------------------
+
+
+def verdict_sentence(d: Diagnosis) -> str:
+    """What is wrong in newtons and per cent, by which cause, and what is not known."""
+    names = " and ".join(_either(d, c) for c in d.causes)
+    begin, fitted, left = (
+        level.force for level in (d.baseline_residual, d.adjusted_residual, d.final_residual)
+    )
+    built = "this cause" if len(d.causes) == 1 else "these causes"
+    said = [f"{names}."] if names else []
+    said.append(
+        f"The model's force is wrong by {begin:.3g} N rms, {of_friction(begin / d.friction)}; "
+        + (f"with {built} by {left:.3g} N" if names else f"with adjusted values by {fitted:.3g} N")
+        + f"; noise alone makes {d.floor.force:.3g} N."
+    )
+    if any(d.alternatives.values()):
+        said.append("These records cannot tell which.")
+    elif doubtful := [c.name for c in d.causes if not c.certain]:
+        said.append(f"Not certain: {', '.join(doubtful)}.")
+    said += [f"What is left varies {lives}; no known cause does this." for lives in d.unnamed]
+    others = {n for names in d.alternatives.values() for n in names}
+    if possible := [s.name for s in d.suspects if s.name not in (*others, OUTSIDE)]:
+        more = f" or {len(possible) - _FEW} more" if len(possible) > _FEW else ""
+        said.append(f"It may {'also ' * bool(names)}be {', '.join(possible[:_FEW])}{more}.")
+    said += [
+        f"The {_SCALED[s.name]} fits with a factor of {s.parameters[s.name]:.3g}: check its unit."
+        for s in (*d.causes, *d.suspects)[: max(len(d.causes), 1)]
+        if s.name in _SCALED
+    ]
+    if not d.confirmed:
+        said.append("This is not confirmed on held-out data: do not rely on it.")
+    elif d.verdict in (NONE, UNDECIDED, PARTLY):
+        said.append(f"A fault up to {of_friction(d.unseen)} would not be seen.")
+    return " ".join(said)
+
+
+def _either(d: Diagnosis, cause: FoundCause) -> str:
+    """A cause, or the causes that explain as much in its place, each with its first size."""
+    found = {s.name: s for s in (*d.suspects, *d.causes)}
+    words = []
+    for name in (cause.name, *d.alternatives.get(cause.name, ())):
+        sizes = _sizes(found[name], ends=False) if name in found else []
+        words.append(f"{name} ({sizes[0]})" if sizes else name)
+    return " or ".join(words)
+
+
+def _sizes(found: SuspectFound, ends: bool = True) -> list[str]:
+    """Sizes with their units and, if asked for, their 95 % intervals."""
+    words = []
+    for name, value in found.parameters.items():
+        unit = found.units.get(name, "")
+        words.append(f"{name} = {value:.4g} {'' if unit == '1' else unit}".rstrip())
+        if ends and name in found.intervals:
+            low, high = found.intervals[name]
+            words[-1] += f" ({low:.4g} to {high:.4g})"
+    return words
+
+
+def of_friction(share: float) -> str:
+    """A force as a share of the friction, as text."""
+    if share < _TIMES:
+        return f"{percent(share)} of the friction"
+    return f"{share:.3g} times the friction"
+
+
+def percent(share: float) -> str:
+    return f"{100 * share:.3g} %"
+
+
+# -- the tables ------------------------------------------------------------------------------
+
+
+def tables_of(d: Diagnosis) -> list[Table]:
+    """Errors before and after, causes, what they are, what to do, values, and the records."""
+    return [_before_and_after(d), *_causes(d), *_next_experiment(d), _values(d), _about(d)]
+
+
+def _before_and_after(d: Diagnosis) -> Table:
+    levels = (
+        ("your model", d.baseline_residual),
+        ("with values within their tolerances *", d.adjusted_residual),
+        *([("with the causes found *", d.final_residual)] if d.causes else []),
+        ("noise alone", d.floor),
+    )
+    rows = [
+        (
+            name,
+            f"{level.force:.4g} N",
+            percent(level.force / d.friction),
+            "-" if level.position is None else length(level.position),
+        )
+        for name, level in levels
+    ]
+    says = "* On data that neither the choice nor the fit has seen."
+    if d.causes:
+        low, high = map(percent, d.gain_interval)
+        says += f" Of the mean square of the force there, the causes remove {low} to {high}."
+    columns = ("error, rms", "force", "of the friction", "position after up to 1 s")
+    return Table("Before and after", columns, rows, says=says)
+
+
+def _causes(d: Diagnosis) -> Iterator[Table]:
+    """A row for each size of each cause, and what the causes are."""
+    found: Sequence[SuspectFound] = (*d.causes, *d.suspects)
+    if not found:
+        return
+    rows = []
+    for c in found:
+        kept, removes = "possible", ""
+        if isinstance(c, FoundCause):
+            kept = "named" if c.certain else "built in, not certain"
+            low, high = map(percent, c.gain_interval)
+            removes = f"{percent(c.gain_heldout)} ({low} to {high})"
+        force = (f"{c.force:.3g} N", percent(c.of_friction), removes, f"{c.probability:.2f}")
+        first, *others = _sizes(c) or ["-"]
+        rows += [(c.name, kept, first, *force), *(("", "", more, *[""] * 4) for more in others)]
+    columns = ("cause", "", "size (95 %)", "force, rms", "of the friction")
+    yield Table("Causes", (*columns, "removes, held out", "probability"), rows)
+    said = [(c.name, c.says, c.confirm) for c in found]
+    yield Table("What they are", ("cause", "what it does", "would confirm it"), said)
+
+
+def _next_experiment(d: Diagnosis) -> Iterator[Table]:
+    if d.next_experiment:
+        rows = [("motion", d.next_experiment.motion.says), ("commands", COMMAND_FILE)]
+        text = d.next_experiment.says
+        yield Table("Do next", ("", ""), rows, says=f"{text[:1].upper()}{text[1:]}.")
+
+
+def _values(d: Diagnosis) -> Table:
+    rows = [
+        (
+            name,
+            f"{d.prior.values[name]:.5g}",
+            f"{d.corrected.values[name]:.5g}",
+            f"{100 * change:+.2g} %" if abs(change) > _NOT_SHOWN else "0",
+            percent(d.prior.tolerance.get(name, 0.0)),
+            d.prior.units[name],
+        )
+        for name, change in d.adjustments.items()
+    ]
+    columns = ("value", "prior", "adjusted", "change", "tolerance", "unit")
+    return Table("Values adjusted", columns, rows)
+
+
+def _about(d: Diagnosis) -> Table:
+    kind = _KINDS.get(d.prior.kind, d.prior.kind)
+    if d.prior.turns:
+        kind = "rotating body, driven by a torque"
+    rows = [("records", ", ".join(d.records)), ("model", kind), ("law", d.prior.law)]
+    rows += [(_NOISE.get(name, name), f"{size:.3g} N rms") for name, size in d.noise.items()]
+    rows += [("held out", d.held_out), ("computing time", f"{d.seconds:.1f} s")]
+    return Table("What was diagnosed", ("", ""), rows)
+
+
+# -- the picture -----------------------------------------------------------------------------
+
+
+def diagnosis_figure(d: Diagnosis) -> Any:
+    """Mean error of the force before and after, over what it may go with."""
+    import matplotlib as mpl
+
+    c = d.curves
+    ways = (("forwards", c.v > 0.0, "-"), ("backwards", c.v <= 0.0, "--"))
+    with mpl.rc_context(STYLE):
+        figure, grid = new_figure(2, 2, (12, 7.5))
+        for axes, (name, unit, signal, alike) in zip(grid.flat, _signals(c), strict=True):
+            share = 0.0
+            axes.sharey(grid[0][0])
+            for label, colour, wide, values in (
+                ("your model", COLOURS[1], 2.8, c.before),
+                ("corrected", COLOURS[0], 1.2, c.after),
+            ):
+                for way, there, dash in ways:
+                    kept = c.telling & there
+                    x, y = binned(signal, values, kept, alike)
+                    axes.plot(x, y, dash, color=colour, lw=wide, label=f"{label}, {way}")
+                    share += _share(signal, c.before, c.telling, kept, x, y) * (values is c.before)
+            axes.set_title(f"{100 * share:.0f} % goes with the {name}", loc="left")
+            axes.set(xlabel=f"{name} [{unit}]", ylabel="mean error of the force [N]")
+        figure.suptitle(f"What the error of the force goes with: {WORDS[d.verdict]}", fontsize=12)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _signals(c: Curves) -> list[tuple[str, str, Vector, bool]]:
+    """Name, unit and signal of each panel; whether its parts have equal numbers of samples."""
+    steps = np.diff(c.time, prepend=c.time[0])
+    again = np.append(True, np.diff(c.record) > 0)
+    time = np.cumsum(np.where(again, 0.0, steps))
+    turned = again | (np.diff(np.sign(c.v), prepend=np.sign(c.v[0])) != 0.0)
+    since = time - np.maximum.accumulate(np.where(turned, time, 0.0))
+    return [
+        ("position", "mm", 1e3 * c.x, False),
+        ("velocity", "mm/s", 1e3 * c.v, True),
+        ("time since reversal", "ms", 1e3 * since, True),
+        ("time", "s", time, False),
+    ]
+
+
+def _share(signal: Vector, error: Vector, all_: Mask, kept: Mask, x: Vector, y: Vector) -> float:
+    """Share of the mean square of an error that its means over a signal have."""
+    known = np.isfinite(y)
+    if not known.any():
+        return 0.0
+    whole = float(np.sum(error[all_] ** 2))
+    mean = np.interp(signal[kept], x[known], y[known])
+    gone = np.sum(error[kept] ** 2) - np.sum((error[kept] - mean) ** 2)
+    return max(float(gone) / whole, 0.0) if whole else 0.0
