@@ -36,7 +36,7 @@ SHOWN = [
     (f"{RUN} --coupling magic", "coupling is 'magic', expected one of jacobi, gauss-seidel"),
     (f"{RUN} --set plant.mass=1", "plant has no parameter 'mass'; it has "),
     (f"{RUN} --set plant.m=-1", "plant: parameter m = -1 kg is out of its range [1e-06, inf]"),
-    (f"{WHOLE} --set plant.Fc=-1", "plant: parameter Fc = -1 is out of its range"),
+    (f"{WHOLE} --set plant.Fc=-1", "plant: parameter Fc = -1 N is out of its range"),
     (f"{RUN} --set plant.m=1 --set plant.m=2", "plant.m is given as 1 and as 2"),
     (f"{RUN} --map a=b", "mapping: neither side has a port 'a'"),
     (f"{RUN} --reference none.csv", "none.csv: there is no such file"),
@@ -95,7 +95,7 @@ MORE = [
     (f"{SWAP} pid_sampled+position_encoder --noise", "already has instruments; expected pid_samp"),
     (f"{SWAP} hand.fmu --noise", "hand.fmu is an FMU without equations"),
     (f"{SWAP} mine.py:blind --noise", "blind measures nothing, but the instruments measure x_m"),
-    (f"{SWAP} pid+position_encoder+sampled", "'sampled' must appear once, after 'pid'"),
+    (f"{SWAP} pid+position_encoder+sampled", "no instrument 'sampled'; there are position_encoder"),
     # tuning
     (HEAVY, "drive_lugre has no limit of its command; give one"),
     ("run --system s.ssp --plant p.fmu", "plant cannot be used with --system"),
@@ -128,6 +128,7 @@ MORE = [
         "export --loop pid --plant mine.py:make",
         "pid_a has no output 'x', pid measures it; it has u",
     ),
+    ("export --ssp --only pid+position_encoder --params behind.toml", "are separate parts"),
     ("export --component pid --plant mine.py:body", "--plant is for --loop or --ssp"),
     ("export --ssp --component pid --plant mine.py:make", "its inputs do not fit the outputs of"),
     # the rig and the gallery
@@ -167,6 +168,7 @@ PARAMETERS = {
     "screw": "plant = {p = 200.0}",
     "sigma": "plant = {sigma = 1e5}",
     "grams": 'plant = {m = {value = 1, unit = "g"}}',
+    "behind": '[controller."pid+position_encoder"]\nKp = 1.0',
     "interval": "plant = {m = {value = 1, interval = [2, 3]}}",
     "misspelt": 'plant = {m = {value = 1, uint = "kg"}}',
     "newer": 'format = "ballscrew-parameters 2"',

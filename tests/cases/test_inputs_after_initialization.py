@@ -22,13 +22,6 @@ def test_what_was_set_is_there_when_initialization_ends(folder, command):
         np.testing.assert_array_equal(trajectory(folder / "out")["u"], u)
 
 
-def test_what_holds_the_axis_where_it_is_leaves_it_there(folder, command):
-    start = "--set plant.x_start=0.05 --setpoint 0.05"
-    words = f"run --no-isolate --controller hold.fmu {start} --step 1e-3 --stop 0.2 --out out"
-    assert command(folder, words)[0] == 0
-    np.testing.assert_array_equal(trajectory(folder / "out")["x"], 0.05)
-
-
 def test_an_element_of_a_system_starts_from_its_inputs(folder, command):
     system(folder, "s.ssp", controller="hold")
     words = "run --no-isolate --system s.ssp --setpoint 0.08 --step 1e-3 --stop 0.01 --out out"

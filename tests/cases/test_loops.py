@@ -214,18 +214,6 @@ def test_fmus_that_refuse_a_step_behind_the_stop_time(tmp_path, saves, in_step):
 
 
 @pytest.mark.ci
-def test_an_integral_that_a_saved_state_does_not_have_is_noticed(tmp_path):
-    path = case("state_not_restored_probe", tmp_path) / "PiUnreg.fmu"
-    loop = Loop(str(path), reference=Reference.constant(0.02), stop=1.0, step=1e-3)
-    result = run_closed_loop(loop)
-    assert not result.run.stopped
-    assert result.run.outputs["x"][-1] == pytest.approx(0.02266, abs=2e-4)
-    (note,) = (n for n in result.notes if "does not restore it correctly" in n)
-    assert "PiUnreg.fmu" in note
-    assert "pythonfmu build --handle-state" in note
-
-
-@pytest.mark.ci
 @pytest.mark.parametrize("lost", [False, True])
 def test_state_that_an_fmu_keeps_elsewhere(tmp_path, lost):
     """An integral in the instance is saved with it, one in a variable of the library is not."""
@@ -235,5 +223,6 @@ def test_state_that_an_fmu_keeps_elsewhere(tmp_path, lost):
     mk.plant(str(tmp_path / "cart.fmu"))
     mk.pd(str(tmp_path / f"{name}.fmu"), name=name, out="", step=step, init="$u$=2.5;")
     result = run_closed_loop(study(tmp_path, controller=name))
-    assert any("does not restore it correctly" in n for n in result.notes) == lost
+    said = "lost.fmu declares that it can save its state but does not restore it correctly"
+    assert any(note.startswith(said) for note in result.notes) == lost
     assert not result.run.stopped

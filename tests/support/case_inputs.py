@@ -457,12 +457,12 @@ PORTS = [*((n, "input", 0, "") for n in ("x", "v", "x_d")), ("u", "output", None
 OURS = (418.44677021819587, 174.3135365959808, 0.1517675138068781)  # gains of the built-in pid
 
 
-def _pid(folder, name, start=0.0, gains=OURS, **options):
+def _pid(folder, name, start=0.0, **options):
     """In Python: u is known after the first step, and what is summed up is no variable."""
     lines = {
         "at_start": f"self.sum, self.u = 0.0, {start}",
         "in_step": "self.sum += (self.x_d - self.x) * step_size",
-        "law": "{} * (self.x_d - self.x) + {} * self.sum - {} * self.v".format(*gains),
+        "law": "{} * (self.x_d - self.x) + {} * self.sum - {} * self.v".format(*OURS),
     }
     proportional(folder, name, **lines, **options)
 
@@ -480,10 +480,6 @@ def inputs_after_initialization(folder):
     _pid(folder, "PyPid")
     _pid(folder, "PidA", start=0.08 * OURS[0])
     _pid(folder, "Fixed", canHandleVariableCommunicationStepSize=False)
-
-
-def state_not_restored_probe(folder):
-    _pid(folder, "PiUnreg", gains=(300.0, 600.0, 5.0), canGetAndSetFMUstate=True)
 
 
 UNITS = {  # by name: base units and what to multiply with

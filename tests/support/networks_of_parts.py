@@ -24,7 +24,7 @@ SSD = """<?xml version="1.0"?>
     xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
     xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"
     xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues">
-  <ssd:System name="parts">{inputs}
+  <ssd:System name="parts">
     <ssd:Elements>{elements}</ssd:Elements>
     <ssd:Connections>{connections}</ssd:Connections>
   </ssd:System>
@@ -37,13 +37,10 @@ def write_system(
     elements: Mapping[str, Path],
     connections: Sequence[str],
     values: Mapping[str, Mapping[str, float | tuple[str, str]]] | None = None,
-    inputs: Sequence[str] = (),
 ) -> Path:
-    """An .ssp of FMUs by the names of their elements, with connections such as "a.x -> b.y * 2".
+    """An .ssp of FMUs by the names of their elements, with connections such as "a.x -> b.y".
 
-    `values` are the parameters of elements, by element and name, as numbers or as kinds and texts;
-    `inputs` are those of the system,
-    connected as in ".goal -> b.x_d".
+    `values` are the parameters of elements, by element and name, as numbers or as kinds and texts.
     """
     listed = "".join(
         f'<ssd:Component name="{name}" source="resources/{fmu.name}">'
@@ -52,20 +49,11 @@ def write_system(
     )
     joined = ""
     for text in connections:
-        ends, _, factor = text.partition(" * ")
-        (a, x), (b, y) = (end.split(".") for end in ends.split(" -> "))
-        start = f'startElement="{a}" ' if a else ""
-        scaled = f'<ssc:LinearTransformation factor="{factor}"/>' if factor else ""
-        joined += (
-            f'<ssd:Connection {start}startConnector="{x}" endElement="{b}" endConnector="{y}">'
-            f"{scaled}</ssd:Connection>"
-        )
-    ports = "".join(
-        f'<ssd:Connector name="{n}" kind="input"><ssc:Real/></ssd:Connector>' for n in inputs
-    )
-    ports = f"<ssd:Connectors>{ports}</ssd:Connectors>" if inputs else ""
+        (a, x), (b, y) = (end.split(".") for end in text.split(" -> "))
+        start, end = f'startElement="{a}" startConnector="{x}"', f'endElement="{b}"'
+        joined += f'<ssd:Connection {start} {end} endConnector="{y}"/>'
     with zipfile.ZipFile(path, "w") as archive:
-        ssd = SSD.format(inputs=ports, elements=listed, connections=joined)
+        ssd = SSD.format(elements=listed, connections=joined)
         archive.writestr("SystemStructure.ssd", ssd)
         for fmu in sorted(set(elements.values())):
             archive.write(fmu, f"resources/{fmu.name}")

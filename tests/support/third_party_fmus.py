@@ -88,13 +88,6 @@ def following(folder: Path, name: str, options: dict[str, bool], **parts) -> Pat
     return path
 
 
-def feedthrough(folder: Path, name: str) -> Path:
-    """A part with direct feedthrough: b = gain * a."""
-    return following(
-        folder, name, {}, inputs=("a",), gain=1.0, output="b", law="self.gain * self.a"
-    )
-
-
 def state_feedback(folder: Path, name: str, saves: bool = True) -> Path:
     """A controller with direct feedthrough: voltage = gain (goal - position) - 2 speed."""
     options = {"canGetAndSetFMUstate": True} if saves else {}

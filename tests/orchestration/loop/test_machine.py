@@ -147,12 +147,6 @@ def test_a_command_that_slides_steadily_overcomes_friction_and_back_emf(law):
         assert friction == pytest.approx(steady, rel=1e-5)
 
 
-def test_a_heavy_drive_is_its_mass_and_its_viscous_friction():
-    machine = heavy(gain=4.0)
-    assert machine.command_per_speed == pytest.approx(200.0 / 4, rel=1e-6)
-    assert machine.command_per_acceleration == pytest.approx(40.0 / 4, rel=1e-6)
-
-
 def test_ranges_go_with_the_inertia_and_inversely_with_the_command_s_force():
     one, _ = gain_ranges(Part("pid"), heavy(sigma2=0.0))
     other, _ = gain_ranges(Part("pid"), heavy(sigma2=0.0, m=80.0, gain=4.0))

@@ -5,12 +5,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from ballscrew.orchestration.loop.reference_motions import (
-    move,
-    move_times,
-    sine,
-    triangle,
-)
+from ballscrew.orchestration.loop.reference_motions import move, move_times, sine, triangle
 from ballscrew.orchestration.master.reference_signal import Reference
 
 sizes = st.floats(1e-6, 0.5)

@@ -3,14 +3,11 @@
 import numpy as np
 import pytest
 from instrument_loops import SIGNALS, apart, exact_course, exported
-from networks_of_parts import write_system
-from third_party_fmus import feedthrough, proportional
 
 from ballscrew.fmus.system_export import export_system
 from ballscrew.orchestration.loop.catalogue import component, fmu
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop, SystemLoop
-from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.reference_signal import Reference
 
 STEP = 1e-3  # where runs are compared with each other, none needs to choose its step
@@ -51,47 +48,6 @@ def test_set_point_stop_time_and_parameters_come_from_the_file_unless_told(ours,
         Loop("nctf", reference=Reference.constant(0.02), stop=0.1, plant_values={"sigma0": 6e4})
     ).run
     np.testing.assert_array_equal(told.outputs["z"], same.outputs["z"])
-
-
-LOOP = ["axis.x -> ctl.x", "axis.v -> ctl.v", "ctl.u -> axis.u"]
-
-
-@pytest.fixture(scope="module")
-def parts(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("parts")
-    return {
-        "axis": fmu("plant"),
-        "ctl": proportional(folder, "Ctl"),
-        "amplifier": feedthrough(folder, "Amplifier"),
-    }
-
-
-@pytest.mark.ci
-def test_a_factor_on_a_connection_is_honoured(parts, tmp_path):
-    scaled = write_system(
-        tmp_path / "scaled.ssp",
-        {k: parts[k] for k in ("axis", "ctl")},
-        [*LOOP[:2], "ctl.u -> axis.u * 0.5", ".goal -> ctl.x_d * 0.01"],
-        inputs=["goal"],
-    )
-    run = run_closed_loop(SystemLoop(scaled, Reference.constant(8.0), stop=0.05, step=1e-4)).run
-    plain = write_system(
-        tmp_path / "plain.ssp",
-        {k: parts[k] for k in ("axis", "ctl", "amplifier")},
-        [*LOOP[:2], "ctl.u -> amplifier.a", "amplifier.b -> axis.u", ".goal -> ctl.x_d"],
-        inputs=["goal"],
-    )
-    study = SystemLoop(
-        plain,
-        Reference.constant(0.08),
-        stop=0.05,
-        step=1e-4,
-        values={"amplifier.gain": 0.5},
-        coupling=Coupling.GAUSS_SEIDEL,
-    )
-    np.testing.assert_allclose(
-        run.outputs["x"], run_closed_loop(study).run.outputs["x"], atol=1e-12
-    )
 
 
 @pytest.mark.parametrize("parts", [1, 2])
