@@ -19,9 +19,10 @@ from .solver.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
     from .loop_results import Comparison, RunResult
-    from .orchestration.loop.loop import Loop, ReferenceLike, SystemLoop
+    from .orchestration.loop.loop import Loop, SystemLoop
     from .orchestration.loop.parameter_file import ParameterFile
     from .orchestration.loop.parts import PartLike
+    from .orchestration.loop.reference_motions import ReferenceLike
     from .orchestration.master.couplings import Coupling
     from .orchestration.study.workers import Processes
     from .stability.map_plan import MapPlan

@@ -176,12 +176,12 @@ def export(
     'pid.fmu'
     """
     from .orchestration.loop.loop import plant_of
-    from .orchestration.loop.parts import resolve, resolve_plant
+    from .orchestration.loop.parts import resolve
     from .solver.files import temporary_folder
 
     path = Path(path)
     name = read_again(part) if isinstance(part, str) else resolve("part", part).name
-    around = None if plant is None else resolve_plant(plant, fmus=False).name
+    around = None if plant is None else resolve("plant", plant, fmus=False).name
     if path.suffix == SYSTEM:
         around = plant_of(params, around)
     how = Export(around or "", tangents, params, native, fmi, platforms)

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from .orchestration.loop.loop import Loop, SystemLoop
+from .orchestration.loop.loop import HowCoupled, Loop, SystemLoop
 from .orchestration.loop.pictures import drawing, in_words, inline, write_figure
 from .orchestration.loop.shown import (
     REPORT,
@@ -209,6 +209,7 @@ def _values_table(
 
 
 def _settings(loop: Loop | SystemLoop, parts: Mapping[str, str], coupled: bool) -> Table:
+    how: HowCoupled = loop
     goal = loop.reference
     if goal is None:
         said = "as the file says"
@@ -224,5 +225,5 @@ def _settings(loop: Loop | SystemLoop, parts: Mapping[str, str], coupled: bool) 
     if coupled:
         rows["communication step"] = "chosen" if loop.step is None else f"{loop.step:g} s"
         by_rule = "by rule" if loop.fmus else WITHOUT_FMUS
-        rows["coupling"] = loop.coupling.value if loop.coupling else by_rule
+        rows["coupling"] = how.coupling.value if how.coupling else by_rule
     return Table("The loop", ("setting", "value"), list(rows.items()))

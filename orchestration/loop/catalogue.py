@@ -54,18 +54,8 @@ AMPLIFIER = "current_limit"  # a plant that has it is driven by volts, through a
 OWN_LIMIT = "u_max"  # parameters of a controller for the limit of the nominal amplifier, in volts
 
 
-def has_equations(part: str) -> bool:
-    """Whether a part's name has equations; if not, it is the path of an FMU."""
-    name = PartName.of(part).bare
-    return name in NAMES | ALONE or names_file(name)
-
-
 def component(part: str | Component) -> Component:
-    """The component of a part; it is made if the part is a name of the catalogue.
-
-    Raises `UnknownName`, and `ContractError` for a user's file that cannot be used, instruments
-    that do not fit the controller, or a controller that cannot be sampled or have feed-forward.
-    """
+    """The component of a part; it is made if the part is a name of the catalogue."""
     if not isinstance(part, str):
         return part
     named = PartName.of(part)
@@ -85,10 +75,7 @@ def component(part: str | Component) -> Component:
 
 
 def in_units_of(part: str, plant: str) -> str:
-    """A built-in controller or instrument in the units of a built-in drive: ``pid+rotary+torque``.
-
-    Others, and those that already have units in their name, are not changed.
-    """
+    """A built-in controller or instrument in the units of a built-in drive: ``pid+torque``."""
     drive, named = PartName.of(plant), PartName.of(part)
     if named.bare not in CONTROLLERS | INSTRUMENTS or named.units:
         return part
@@ -106,10 +93,9 @@ def _in_units(part: Component, units: Sequence[str]) -> Component:
             f"command of the drive is a {units[-1]}; expected a part without such values"
         )
     made = part.in_units(words)
-    if "V" in words and any(p.name == OWN_LIMIT for p in made.all_parameters):
-        none = "none: the limit of the machine is not known"
-        made = made.with_defaults({OWN_LIMIT: UNLIMITED}, none)
-    return made
+    if "V" not in words or all(p.name != OWN_LIMIT for p in made.all_parameters):
+        return made
+    return made.with_defaults({OWN_LIMIT: UNLIMITED}, "none: the limit of the machine is not known")
 
 
 def _in_practice(law: Component, is_sampled: bool, instruments: Sequence[str]) -> Component:
@@ -125,12 +111,10 @@ def _in_practice(law: Component, is_sampled: bool, instruments: Sequence[str]) -
             )
         law = sampled(law)
     parts = [component(name) for name in instruments]
-    if law.sample_time:
-        period = law.sample_time.default
-        parts = [
-            replace(i, sample_time=replace(i.sample_time, default=period)) if i.sample_time else i
-            for i in parts
-        ]
+    for k, (part, own) in enumerate((p, p.sample_time) for p in parts):
+        if own and law.sample_time:
+            period = replace(own, default=law.sample_time.default)
+            parts[k] = replace(part, sample_time=period)
     return measured_through(law, parts) if parts else law
 
 
@@ -144,11 +128,7 @@ def name_of(part: str | Component) -> str:
 
 
 def kept_as(part: str | Component) -> tuple[str, tuple[str, ...]]:
-    """Key of a part's kernels on disk: a name, and the modules with its equations.
-
-    For a component that is not in the catalogue, the name contains a hash of its equations. Raises
-    as `component` does.
-    """
+    """Key of a part's kernels on disk: a name, for others' parts with a hash, and its modules."""
     if not isinstance(part, str) or names_file(PartName.of(part).bare):
         made = component(part)
         return f"{made.name}_{made.digest}", ()
@@ -179,11 +159,7 @@ def fmu_component(part: str | Component, plant: str = "", tangents: int = 0) -> 
 
 
 def fmu_kernel(part: str | Component, plant: str = "", tangents: int = 0) -> Kernel:
-    """The compiled component of a part, from disk if available.
-
-    With a `plant`, it is the whole closed loop of this and the part, a controller; with `tangents`
-    the part has as many of them, in place of the ports of the feedback law.
-    """
+    """The compiled part; with a `plant` its whole loop, with `tangents` no ports of a law."""
     name, modules = kept_as(part)
     made_by = _EXPORT
     if tangents:
@@ -205,14 +181,13 @@ def partials_kernel(part: str) -> Kernel:
         from ...solver.for_tangents import dithered_average
 
         made = dithered_average(component(part))
-        if (period := made.sample_time) is not None:
-            next_values = tuple(
-                State(d.name, d.unit, d.meaning, d.update, d.start, d.nominal)
-                for d in made.discrete
-            )
-            known = (*made.parameters, period)
-            states = (*made.states, *next_values)
-            made = replace(made, states=states, discrete=(), sample_time=None, parameters=known)
+        if (period := made.sample_time) is None:
+            return partials(made)
+        after = (
+            State(d.name, d.unit, d.meaning, d.update, d.start, d.nominal) for d in made.discrete
+        )
+        states, known = (*made.states, *after), (*made.parameters, period)
+        made = replace(made, states=states, discrete=(), sample_time=None, parameters=known)
         return partials(made)
 
     name, modules = kept_as(part)
@@ -225,10 +200,7 @@ def fmu(part: str | Component, plant: str = "", tangents: int = 0) -> Path:
 
 
 def stored_fmu(kernel: Kernel, everywhere: bool = False) -> Path:
-    """Path of a kernel's FMU, kept under a hash of its complete content.
-
-    It runs on this platform; if `everywhere`, on all platforms of `carried_runtime`.
-    """
+    """Path of a kernel's FMU in the cache, for this platform or for all of `carried_runtime`."""
     package, _ = carried_runtime(everywhere)
     content = kernel.to_json() + package + fingerprint(_EXPORT)
 
@@ -263,14 +235,6 @@ def catalogued_model(part: str | Component, plant: str = "", tangents: int = 0) 
 
 def ready_fmu(name: str, tangents: int = 0) -> tuple[Path, str]:
     """As `fmu`, and its build: `NATIVE` if there is a C compiler, else `READABLE`."""
-    try:
-        return _native_fmu(name, tangents), NATIVE
-    except CompilerFailed:
-        return fmu(name, tangents=tangents), READABLE
-
-
-def _native_fmu(name: str, tangents: int) -> Path:
-    """Raises CompilerFailed also if there is no compiler."""
     kernel = fmu_kernel(name, tangents=tangents)
 
     def write(path: Path) -> None:
@@ -281,7 +245,11 @@ def _native_fmu(name: str, tangents: int) -> Path:
             raise CompilerFailed("there is no C compiler")
         write_native(catalogued_model(name, tangents=tangents), path, 2, [platform])
 
-    return _kept(f"{kernel.name}_native", kernel.to_json() + _way_of_making(), write)
+    try:
+        content = kernel.to_json() + _way_of_making()
+        return _kept(f"{kernel.name}_native", content, write), NATIVE
+    except CompilerFailed:
+        return stored_fmu(kernel), READABLE
 
 
 @cache
@@ -296,11 +264,7 @@ def _way_of_making() -> str:
 
 
 def loop(controller: str | Component, plant: str = "plant") -> Component:
-    """The whole closed loop of a plant and a controller, as one component.
-
-    It is named after the controller, ``<name>_loop``, and its set-point starts at `START_VALUE`.
-    Raises `UnknownName`, `ContractError`.
-    """
+    """The whole closed loop of a plant and a controller, as one component, ``<name>_loop``."""
     from ...solver.interconnect import connect
 
     law = component(controller)

@@ -19,10 +19,10 @@ from ...solver.files import write_atomically, write_json
 from ..fmu.fmu_instance import StepFailed
 from ..master.march import LoopRun
 from ..master.master import StepChoice
-from .joined import Progress, amplifier_notes, as_it_answers, joined_pair, limited
+from .joined import Progress, amplifier_notes, as_it_answers, limited
 from .loop import Loop, SystemLoop
 from .parameter_file import ParameterFile
-from .system import joined_system
+from .system import joined
 from .whole_loop import run_monolithic
 
 BAND = 0.02  # of a step
@@ -35,23 +35,16 @@ COLUMNS = (
 
 
 def run_closed_loop(loop: Loop | SystemLoop, progress: Progress | None = None) -> ClosedLoopResult:
-    """Run a closed loop, with a verdict on its coupling.
-
-    Raises `FmuError`, `CouplingError`, `BadParameter`, and `StepFailed` if a part rejects its
-    initial values.
-    """
-    if isinstance(loop, SystemLoop):
-        joining = joined_system(loop)
-    elif not loop.fmus:
-        run = limited(run_monolithic(loop, loop.step, progress), loop.plant_values)
-        notes = (*loop.notes, *amplifier_notes(run, loop.plant.parameters))
-        return ClosedLoopResult(loop, run, notes)
-    else:
+    """Run a closed loop, with a verdict on its coupling."""
+    if isinstance(loop, Loop):
+        if not loop.fmus:
+            run = limited(run_monolithic(loop, loop.step, progress), loop.plant_values)
+            notes = (*loop.notes, *amplifier_notes(run, loop.plant.parameters))
+            return ClosedLoopResult(loop, run, notes)
         loop = as_it_answers(loop)
-        joining = joined_pair(loop)
-    with joining as joined:
-        run, choice, notes = joined.run(loop, progress)
-        if kept := {name: fmu.kept for name, fmu in joined.fmus.items() if fmu.kept}:
+    with joined(loop) as both:
+        run, choice, notes = both.run(progress)
+        if kept := {name: fmu.kept for name, fmu in both.fmus.items() if fmu.kept}:
             loop = loop.with_kept(kept)  # what the results name is what the FMUs have
     digital = isinstance(loop, SystemLoop) or loop.controller.has_equations or run.sampling_period
     if not run.verdict.trusted and not digital:
@@ -65,17 +58,16 @@ def swap(loops: Sequence[Loop], progress: Callable[[str, float], None] | None = 
     Errors are those of `run_closed_loop`, if no controller can be run; else failures are part of
     the result. `progress` gets a loop's label and the time that it has reached [s].
     """
-    results, failures, errors = [], [], []
+    results, failed = [], list[tuple[str, FmuError | CouplingError | StepFailed]]()
     for loop in loops:
         at = None if progress is None else partial(progress, loop.label)
         try:
             results.append(run_closed_loop(loop, at))
         except (FmuError, CouplingError, StepFailed) as error:
-            failures.append((loop.label, str(error)))
-            errors.append(error)
-    if not results and errors:
-        raise errors[0]
-    return SwapResult(tuple(results), tuple(failures))
+            failed.append((loop.label, error))
+    if failed and not results:
+        raise failed[0][1]
+    return SwapResult(tuple(results), tuple((label, str(error)) for label, error in failed))
 
 
 @dataclass(frozen=True)
@@ -93,9 +85,6 @@ class Metrics:
     # of set-point minus position over the run [m]; None if the set-point is constant
     rms_error: float | None
     largest_error: float | None
-
-    def to_dict(self) -> dict[str, float | None]:
-        return asdict(self)
 
 
 def units_of_figures(run: LoopRun) -> dict[str, str]:
@@ -118,19 +107,20 @@ def metrics(run: LoopRun) -> Metrics:
     command = np.minimum(np.abs(known.commands["u"]), run.limit)
     peak = int(np.argmax(command))
     error, step = goal - x, float(goal[0] - x[0])
-    constant = bool(np.all(goal == goal[0]))
+    moves = bool(np.any(goal != goal[0]))
+    steps = step != 0.0 and not moves
     beyond = (-np.inf, goal[0]) if step > 0.0 else (goal[0], np.inf)
     duration = max(float(time[-1] - time[0]), np.finfo(float).tiny)
     mean_square = float(np.trapezoid(error**2, time)) / duration
     return Metrics(
         peak_voltage=float(command[peak]),
         peak_voltage_time=float(time[peak]),
-        settling_time_2pct=_settling(time, error, BAND * abs(step)) if constant and step else None,
-        overshoot=overshoot(x, *beyond) if constant and step else None,
+        settling_time_2pct=_settling(time, error, BAND * abs(step)) if steps else None,
+        overshoot=overshoot(x, *beyond) if steps else None,
         steady_state_error=float(error[-1]),
         iae=float(np.trapezoid(np.abs(error), time)),
-        rms_error=None if constant else float(np.sqrt(mean_square)),
-        largest_error=None if constant else float(np.max(np.abs(error))),
+        rms_error=float(np.sqrt(mean_square)) if moves else None,
+        largest_error=float(np.max(np.abs(error))) if moves else None,
     )
 
 
@@ -175,7 +165,7 @@ class ClosedLoopResult:
         has_axis = "x" in run.outputs and "u" in run.commands
         return {
             "controller": self.loop.label,
-            **(metrics(run).to_dict() if has_axis else {}),
+            **(asdict(metrics(run)) if has_axis else {}),
             "coupling_residual_max": max(run.residual_max.values(), default=0.0),
             "coupling_residual_effect_per_second": run.effect_rate_max,
             "error_estimate": verdict.error_estimate,
@@ -245,11 +235,10 @@ class SwapResult:
     def trajectories(self) -> list[str]:
         """A file's name for each result, by its label; numbered if labels are equal."""
         labels = [result.loop.label for result in self.results]
-        before = [labels[:k].count(label) for k, label in enumerate(labels)]
-        return [
-            os.fsdecode(f"trajectory_{label}{f'_{n + 1}' if n else ''}.csv".encode())
-            for label, n in zip(labels, before, strict=True)
-        ]
+        again = [labels[:k].count(label) for k, label in enumerate(labels)]
+        numbers = [f"_{n + 1}" if n else "" for n in again]
+        names = (f"trajectory_{n}{k}.csv" for n, k in zip(labels, numbers, strict=True))
+        return [os.fsdecode(name.encode()) for name in names]
 
     def save(self, folder: Path | str) -> None:
         """Write comparison.csv, comparison.json, trajectories and parameters.toml."""

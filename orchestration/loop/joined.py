@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from ...fmus.ports import reference_port
 from ...fmus.reading import Description
+from ...fmus.system_network import SystemConnection, SystemPort
 from ...plant.instruments import NOMINAL_VOLTAGE, UNLIMITED
 from ...solver.errors import CouplingError
 from ...solver.signals import SET_POINT
@@ -21,9 +21,10 @@ from ..fmu.isolated import IsolatedInstance, open_fmu
 from ..fmu.limits import FIRST_STEP
 from ..fmu.trials import answers_in_steps, check_state, sampled_every
 from ..fmu.wiring import (
+    AS_IS,
     CONTROLLER,
     PLANT,
-    PortUnits,
+    Scale,
     Wiring,
     convert,
     names_on,
@@ -31,14 +32,7 @@ from ..fmu.wiring import (
     with_aliases,
 )
 from ..master.march import LoopRun
-from ..master.master import (
-    MOST,
-    MOST_OF_ISOLATED,
-    StepChoice,
-    choose_step,
-    only_step,
-    run_loop,
-)
+from ..master.master import MOST, MOST_OF_ISOLATED, StepChoice, choose_step, only_step, run_loop
 from ..master.reference_signal import Reference
 from ..master.runs import Runs
 from ..master.sides import Sides
@@ -50,26 +44,55 @@ Fmu = FmuInstance | IsolatedInstance
 Values = Mapping[str, Value]
 Progress = Callable[[float], None]
 
+COARSE = 0.05  # of the largest error: more between two points is noted
+PARTS = 8  # of a step, in which the set-point is looked at
+
 
 @dataclass(frozen=True)
 class Joined:
     """Both sides of a loop, not initialized, and what runs of them need."""
 
+    how: HowCoupled
     fmus: Mapping[str, Fmu]  # all of them, by name
     values: Mapping[str, Values]  # of each of them
     main: str  # the plant among them
     sides: tuple[Instance, Instance]  # plant and controller, alone or within a group
     wiring: Wiring
     names: Mapping[str, str]  # of ports, in the results
+    commands: tuple[SystemConnection, ...]  # into the plant, without those of the law
+    scale: Scale  # from the set-point's SI unit to that of the plant's position
     reference: Reference
     stop: float  # [s]
-    finish: Callable[[LoopRun], LoopRun]  # a run in the units of the results
     notes: tuple[str, ...]
-    sampled: Mapping[str, float]  # periods of FMUs that are stepped at their samples only [s]
+    sampled: Mapping[str, float] = field(default_factory=dict)  # periods of digital FMUs [s]
 
-    def _coupled(self, how: HowCoupled) -> Sides:
+    def run_at(self, step: float) -> LoopRun:
+        """Run both sides once, with this step [s], without a verdict."""
+        self._check_states(step)
+        return self._finished(run_loop(self._coupled(), step, look=False))
+
+    def run(self, progress: Progress | None) -> tuple[LoopRun, StepChoice | None, tuple[str, ...]]:
+        """Run with the requested step, else that of the FMUs, else as by `choose_step`."""
+        how, choice = self.how, None
+        stepped = [f for n, f in self.fmus.items() if n not in self.sampled]
+        own = 0.0 if how.step else _own_step({f.path.name: f.description for f in stepped})
+        step = how.step or own or min(FIRST_STEP, self.stop)
+        states, sides = self._check_states(step), self._coupled()
+        if how.step is None and not own:
+            # a call of an FMU in its own process takes much longer
+            slow = any(isinstance(f, IsolatedInstance) for f in self.fmus.values())
+            most = MOST_OF_ISOLATED if slow else MOST
+            run, choice = choose_step(Runs(sides, step, progress), most)
+        else:
+            run = run_loop(sides, step, progress=progress)
+            if own:
+                run, choice = only_step(run, own)
+        run, step = self._finished(run), choice.step if choice else step
+        return run, choice, (*self.notes, *states, *self._notes_on(run, step))
+
+    def _coupled(self) -> Sides:
         """Both sides, as the master runs them."""
-        others = [n for n in self.fmus if n != self.main]
+        how, others = self.how, [n for n in self.fmus if n != self.main]
         return Sides(
             *self.sides,
             self.reference,
@@ -81,45 +104,47 @@ class Joined:
             self.wiring,
         )
 
-    def run_at(self, how: HowCoupled, step: float, progress: Progress | None = None) -> LoopRun:
-        """Run both sides once, with this step [s], without a verdict."""
-        self._check_states(step)
-        run = run_loop(self._coupled(how), step, progress=progress, look=False)
-        return limited(self.finish(run), self.values[self.main])
-
-    def _of_side(self, side: int, names: Sequence[str]) -> Values:
+    def _of_side(self, side: int, names: list[str]) -> Values:
         if isinstance(self.sides[side], Group):
             return {f"{e}.{name}": v for e in names for name, v in self.values[e].items()}
         return self.values[names[0]]
 
-    def run(
-        self, how: HowCoupled, progress: Progress | None
-    ) -> tuple[LoopRun, StepChoice | None, tuple[str, ...]]:
-        """Run with the requested step, else with that of the FMUs, else as by `choose_step`.
-
-        Also returns how the step was chosen, and notes.
-        """
-        stepped = [f for n, f in self.fmus.items() if n not in self.sampled]
-        own = 0.0 if how.step else _own_step({f.path.name: f.description for f in stepped})
-        step = how.step or own or min(FIRST_STEP, self.stop)
-        states = self._check_states(step)
-        sides, choice = self._coupled(how), None
-        if how.step is None and not own:
-            # a call of an FMU in its own process takes much longer
-            slow = any(isinstance(f, IsolatedInstance) for f in self.fmus.values())
-            runs = Runs(sides, step, progress)
-            run, choice = choose_step(runs, MOST_OF_ISOLATED if slow else MOST)
-        else:
-            run = run_loop(sides, step, progress=progress)
-            if own:
-                run, choice = only_step(run, own)
-        run = limited(self.finish(run), self.values[self.main])
-        step = choice.step if choice else step
-        return run, choice, (*self.notes, *states, *self._notes_on(run, step))
-
     def _check_states(self, step: float) -> list[str]:
         items = self.fmus.items()
         return [t for n, f in items for t in check_state(f, self.values[n], self.stop, step)]
+
+    def _finished(self, run: LoopRun) -> LoopRun:
+        """The run with commands and set-point in the plant's units, all units, and its limit."""
+        plant = self.fmus[self.main]
+        called = names_on(PLANT, [*plant.outputs, *plant.inputs], self.names)
+        known = {v.name: v.unit for v in plant.description.variables}
+        units = {name: known[n] for n, name in called.items()}
+        commands, residual = dict(run.commands), dict(run.residual_max)
+        own = next(n for n in self.fmus if n != self.main)
+        by = "" if isinstance(self.sides[1], Group) else f"{own}."
+        given = {by + n.removeprefix(f"{CONTROLLER}."): v for n, v in run.others.items()}
+        for c in self.commands:
+            name, source = called[c.target.connector], str(c.source)
+            fmu = self.fmus[c.source.element]
+            if source in given and not fmu.sample_time:
+                # the recorded commands of a sampled group are those of the end of the next step
+                commands[name] = given[source]
+            if isinstance(self.sides[0], Group):
+                commands[name] = c.factor * commands[name] + c.offset
+                residual[name] *= abs(c.factor)
+            if not units[name] and (c.factor, c.offset) == AS_IS:
+                units[name] = fmu.description.by_name[c.source.connector].unit
+        acting, (factor, offset) = {str(c.source) for c in self.commands}, self.scale
+        run = replace(
+            run,
+            commands=commands,
+            others={n: y for n, y in given.items() if n not in acting},
+            residual_max=residual,
+            reference=factor * run.reference + offset,
+            scale=self.scale,
+            units={n: units[n] for n in (*run.outputs, *run.commands)},
+        )
+        return limited(run, self.values[self.main])
 
     def _notes_on(self, run: LoopRun, step: float) -> Iterator[str]:
         for name, fmu in self.fmus.items():
@@ -159,17 +184,12 @@ def amplifier_notes(run: LoopRun, parameters: Iterable[str]) -> Iterator[str]:
         return
     peak = float(np.max(np.abs(run.commands["u"])))
     if peak > NOMINAL_VOLTAGE:
-        limit = run.limit
-        has = "has no limit" if limit >= UNLIMITED else f"is limited to {limit:g} V"
+        has = "has no limit" if run.limit >= UNLIMITED else f"is limited to {run.limit:g} V"
         yield (
             f"the peak of {peak:.4g} V is more than the {NOMINAL_VOLTAGE:g} V of the nominal "
             f"amplifier, and this run {has}; with the plant's {LIMIT} of {NOMINAL_VOLTAGE:g} V the "
             "motor would get no more"
         )
-
-
-COARSE = 0.05  # of the largest error: more between two points is noted
-PARTS = 8  # of a step, in which the set-point is looked at
 
 
 def _coarse_notes(run: LoopRun, reference: Reference) -> Iterator[str]:
@@ -192,39 +212,33 @@ def _coarse_notes(run: LoopRun, reference: Reference) -> Iterator[str]:
         )
 
 
-@contextmanager
-def joined_pair(loop: Loop) -> Iterator[Joined]:
-    """Both FMUs of a loop, joined; closed at the end.
-
-    Raises `FmuError`, `CouplingError`, `BadParameter` if they cannot be joined.
-    """
-    parts = {PLANT: loop.plant, CONTROLLER: loop.controller}
-    fmus = (opened(loop, part.fmu(), side) for side, part in parts.items())
-    with closing(next(fmus)) as plant, closing(next(fmus)) as own:
-        sampled = {CONTROLLER: loop.sampled} if loop.sampled else {}
-        controller = sampled_every(own, loop.sampled) if loop.sampled else own
-        values = {
-            PLANT: taken(PLANT, plant.description, loop.plant_values),
-            CONTROLLER: taken(CONTROLLER, own.description, loop.controller_values),
-        }
-        mapping = with_aliases(plant, controller, loop.mapping)
-        wiring = wire(plant, controller, mapping)
-        wiring.check_given(values[PLANT], values[CONTROLLER])
-        converted, units = convert(plant, controller, wiring, mapping)
-        notes = _connection_notes(loop, mapping, plant, converted, wiring)
-        yield Joined(
-            fmus={PLANT: plant, CONTROLLER: controller},
-            values=values,
-            main=PLANT,
-            sides=(plant, converted),
-            wiring=wiring,
-            names=mapping,
-            reference=loop.reference,
-            stop=loop.stop,
-            finish=partial(_in_units, plant=plant, mapping=mapping, units=units),
-            notes=(*loop.notes, *notes, *units.notes),
-            sampled=sampled,
-        )
+def join_pair(loop: Loop, plant: Fmu, own: Fmu) -> Joined:
+    """Both FMUs of a loop, joined; `CouplingError`, `BadParameter` if they cannot be."""
+    controller = sampled_every(own, loop.sampled) if loop.sampled else own
+    values = {
+        PLANT: taken(PLANT, plant.description, loop.plant_values),
+        CONTROLLER: taken(CONTROLLER, own.description, loop.controller_values),
+    }
+    mapping = with_aliases(plant, controller, loop.mapping)
+    wiring = wire(plant, controller, mapping)
+    wiring.check_given(values[PLANT], values[CONTROLLER])
+    converted, units = convert(plant, controller, wiring, mapping)
+    ports = ((SystemPort(CONTROLLER, u), SystemPort(PLANT, n)) for u, n in wiring.commands)
+    return Joined(
+        how=loop,
+        fmus={PLANT: plant, CONTROLLER: controller},
+        values=values,
+        main=PLANT,
+        sides=(plant, converted),
+        wiring=wiring,
+        names=mapping,
+        commands=tuple(SystemConnection(*both) for both in ports),
+        scale=units.set_point,
+        reference=loop.reference,
+        stop=loop.stop,
+        notes=(*loop.notes, *_connection_notes(loop, mapping, plant, own, wiring), *units.notes),
+        sampled={CONTROLLER: loop.sampled} if loop.sampled else {},
+    )
 
 
 def opened(how: HowCoupled, path: Path, name: str) -> Fmu:
@@ -247,20 +261,6 @@ def as_it_answers(loop: Loop) -> Loop:
         "has another"
     )
     return replace(loop, sampled=step, notes=(*loop.notes, note))
-
-
-def _in_units(run: LoopRun, plant: Fmu, mapping: Mapping[str, str], units: PortUnits) -> LoopRun:
-    """The run with the set-point in the plant's unit, and with all units."""
-    known = {v.name: v.unit for v in plant.description.variables} | dict(units.commands)
-    ours = names_on(PLANT, [*plant.outputs, *plant.inputs], mapping)
-    recorded = {**run.outputs, **run.commands}
-    factor, offset = units.set_point
-    return replace(
-        run,
-        units={ours[n]: known[n] for n in ours if ours[n] in recorded},
-        reference=factor * run.reference + offset,
-        scale=units.set_point,
-    )
 
 
 def free_input(name: str, label: str, fmu: Fmu) -> str:

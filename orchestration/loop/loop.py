@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias, TypedDict, Unpack
+from typing import Any, Generic, TypeAlias, TypeVar, cast
 
 from ...controllers import CONTROLLERS
 from ...fmus.interface import START, TOLERANCE
@@ -22,27 +23,54 @@ from ..fmu import limits
 from ..master.couplings import WITHOUT_FMUS, Coupling
 from ..master.reference_signal import Reference
 from .catalogue import in_units_of
-from .parameter_file import FMU, Known, ParameterFile, Value, check_values
+from .parameter_file import FMU, Known, ParameterFile, Value, check_values, readable
 from .parameter_file import Values as FileValues
-from .parts import Part, PartLike, in_practice, readable, resolve_controller, resolve_plant
-from .reference_motions import read_set_point
+from .parts import Part, PartLike, in_practice, resolve
+from .reference_motions import ReferenceLike, as_reference
 
 STOP = 20.0  # [s]
 
-ReferenceLike: TypeAlias = "float | str | Path | Reference"
 Values: TypeAlias = "Mapping[str, float]"
 SystemValues: TypeAlias = "Mapping[str, float | str]"
+Ports: TypeAlias = "Mapping[str, str]"
+Given = TypeVar("Given")
+Found = TypeVar("Found")
 
 
-class _How(TypedDict, total=False):
-    """The arguments of `HowCoupled`, before they are resolved."""
+class Resolved(Generic[Given, Found]):
+    """A field of a dataclass that takes what is given, and holds what it is resolved to."""
 
-    step: float | None
-    coupling: str | Coupling | None
-    corrections: int | None
-    isolate: bool | None
-    time_limit: float
-    fmus: bool
+    def __init__(self, resolve: Callable[[str, Given], Found], *default: Given) -> None:
+        self._resolve, self._default = resolve, default  # by the field's name, for messages
+
+    def __set_name__(self, _: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, owner: object, _: type) -> Found:
+        if owner is None and not self._default:
+            raise AttributeError(self._name)  # so it has no default
+        return cast("Found", self._default[0] if owner is None else vars(owner)[self._name])
+
+    def __set__(self, owner: object, given: Given) -> None:
+        vars(owner)[self._name] = self._resolve(self._name, given)
+
+
+def _optional(resolve: Callable[[str, Any], Found]) -> Callable[[str, Any], Found | None]:
+    return lambda what, given: None if given is None else resolve(what, given)
+
+
+def _numbers(what: str, given: SystemValues | None, texts: bool = False) -> dict[str, Any]:
+    """Values by name as numbers; some may be `texts`."""
+    if not isinstance(given or {}, Mapping):
+        raise BadParameter(f"{what} is {given!r}, expected a mapping of names to numbers")
+    return {
+        n: v if texts and isinstance(v, str) else limits.as_number(f"{what}[{n!r}]", v)
+        for n, v in (given or {}).items()
+    }
+
+
+def _set_point(_: str, given: ReferenceLike) -> Reference:
+    return as_reference(given)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,30 +78,25 @@ class HowCoupled:
     """How the FMUs of a loop are coupled; see `Loop`."""
 
     step: float | None = None
-    coupling: Coupling | None = None
-    corrections: int | None = None
+    coupling: Resolved[str | Coupling | None, Coupling | None] = Resolved(
+        _optional(lambda _, given: Coupling(given)), None
+    )
+    corrections: Resolved[int | None, int | None] = Resolved(limits.check_corrections, None)
     isolate: bool | None = None
-    time_limit: float = limits.TIME_LIMIT
+    time_limit: Resolved[float, float] = Resolved(limits.check_length, limits.TIME_LIMIT)
     fmus: bool = True
 
     def _set(self, **resolved: Any) -> None:
         for name, value in resolved.items():
             object.__setattr__(self, name, value)
 
-    def _set_coupling(self, stop: float | None, how: Mapping[str, Any]) -> None:
-        """Check how it is coupled over a motion of this length [s]; None: not known yet."""
-        self._set(**vars(HowCoupled(**how)))
-        coupling: Any = self.coupling
-        self._set(
-            coupling=None if coupling is None else Coupling(coupling),
-            corrections=limits.check_corrections("corrections", self.corrections),
-            time_limit=limits.check_length("time_limit", self.time_limit),
-        )
+    def _check_step(self, stop: float | None) -> None:
+        """Check the step of a motion of this length [s]; None: not known yet."""
         if self.step is not None:
             self._set(step=limits.check_step("step", self.step, stop))
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True)
 class Loop(HowCoupled):
     """A plant and its controller around a set-point, and how they are coupled.
 
@@ -128,56 +151,31 @@ class Loop(HowCoupled):
     ('iol', 'u')
     """
 
-    controller: Part
-    plant: Part
-    reference: Reference
-    stop: float
-    plant_values: Values
-    controller_values: Values
-    mapping: Mapping[str, str]
-    told: ParameterFile | None
-    notes: tuple[str, ...]
-    sampled: float | None
+    controller: Resolved[PartLike, Part] = Resolved(resolve)
+    plant: Resolved[PartLike, Part] = Resolved(resolve, "plant")
+    reference: Resolved[ReferenceLike, Reference] = Resolved(_set_point, START_VALUE)
+    stop: Resolved[float, float] = Resolved(limits.check_length, STOP)
+    plant_values: Resolved[Values | None, Values] = Resolved(_numbers, None)
+    controller_values: Resolved[Values | None, Values] = Resolved(_numbers, None)
+    mapping: Resolved[Ports | None, Ports] = Resolved(lambda _, given: dict(given or {}), None)
+    told: ParameterFile | None = None
+    notes: tuple[str, ...] = ()
+    sampled: Resolved[float | None, float | None] = Resolved(_optional(limits.check_length), None)
 
-    def __init__(  # noqa: PLR0913
-        self,
-        controller: PartLike,
-        plant: PartLike = "plant",
-        reference: ReferenceLike = START_VALUE,
-        stop: float = STOP,
-        plant_values: Values | None = None,
-        controller_values: Values | None = None,
-        mapping: Mapping[str, str] | None = None,
-        told: ParameterFile | None = None,
-        notes: tuple[str, ...] = (),
-        sampled: float | None = None,
-        **how: Unpack[_How],
-    ) -> None:
-        moved, own = resolve_plant(plant), resolve_controller(controller)
-        self._set(
-            controller=Part(in_units_of(own.name, moved.name)),
-            plant=moved,
-            reference=as_reference(reference),
-            stop=limits.check_length("stop", stop),
-            plant_values=_numbers("plant_values", plant_values),
-            controller_values=_numbers("controller_values", controller_values),
-            mapping=dict(mapping or {}),
-            told=told,
-            sampled=sampled,
-        )
+    def __post_init__(self) -> None:
+        own, plant = self.controller, self.plant
         if self.reference.measure:
             theirs = {ours: n for n, ours in self.mapping.items()}.get("x", "x")
-            self.reference.check_measure(moved.unit_of(theirs.removeprefix("plant.")))
-        still = (n for n in self.reference.notes(self.stop) if n not in notes)
-        self._set(notes=(*notes, *still))
-        self._set_coupling(self.stop, how)
-        if sampled is not None:
-            self._set_sampled(limits.check_length("sampled", sampled))
+            self.reference.check_measure(plant.unit_of(theirs.removeprefix("plant.")))
+        still = (n for n in self.reference.notes(self.stop) if n not in self.notes)
+        self._set(controller=Part(in_units_of(own.name, plant.name)), notes=(*self.notes, *still))
+        self._check_step(self.stop)
+        if self.sampled is not None:
+            self._set_sampled(self.sampled)
 
     def _set_sampled(self, period: float) -> None:
         if period > self.stop:
             raise BadParameter(f"sampled is {period:g} s, expected at most stop, {self.stop:g} s")
-        self._set(sampled=period)
         if self.controller.is_none:
             raise BadParameter("sampled is for a loop with a controller, and there is none")
         if self.controller.has_equations:
@@ -225,27 +223,21 @@ class Loop(HowCoupled):
         )
 
     def parameters(self) -> ParameterFile:
-        """All parameters used, as a parameter file that the next command can read.
-
-        Values that are unchanged from `told` keep their interval and source.
-        """
-        told, source = self.told or ParameterFile(), "given to this run"
-        plant, controller = self.plant, self.controller
+        """All parameters used, as a file that the next command can read; see `list_used`."""
+        told, plant, controller = self.told or ParameterFile(), self.plant, self.controller
         known = plant.settable(self.plant_values)
-        found = list_used(known, self.plant_values, {**told.plant, **told.found}, source)
+        found = list_used(known, self.plant_values, {**told.plant, **told.found})
         of_controller = list_used(
             controller.settable(self.controller_values),
             self.controller_values,
             told.controllers.get(table_of(told, controller), {}),
-            source,
         )
-        (kind, law), command, own = (FMU, ""), told.command, set(known)
+        (kind, law), command, own = (FMU, ""), told.command, {*known}
         if plant.named.plain in DESCRIBED:
             (kind, law), command = DESCRIBED[plant.named.plain], "+".join(plant.named.units)
         elif self.told is not None and set(told.plant) <= own:
-            kind, law, own = told.kind, told.law, set(told.plant)
-            if kind != FMU:
-                own |= set(Part(told.plant_name).parameters)
+            kind, law, own = told.kind, told.law, {*told.plant}
+            own |= set() if kind == FMU else {*Part(told.plant_name).parameters}
         return ParameterFile(
             kind=kind,
             command=command,
@@ -258,7 +250,7 @@ class Loop(HowCoupled):
         )
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True)
 class SystemLoop(HowCoupled):
     """The closed loop that an .ssp describes.
 
@@ -279,27 +271,16 @@ class SystemLoop(HowCoupled):
     """
 
     system: Path | str
-    reference: Reference | None
-    stop: float | None
-    values: SystemValues
+    reference: Resolved[ReferenceLike | None, Reference | None] = Resolved(
+        _optional(_set_point), None
+    )
+    stop: Resolved[float | None, float | None] = Resolved(_optional(limits.check_length), None)
+    values: Resolved[SystemValues | None, SystemValues] = Resolved(
+        partial(_numbers, texts=True), None
+    )
 
-    def __init__(
-        self,
-        system: Path | str,
-        reference: ReferenceLike | None = None,
-        stop: float | None = None,
-        values: SystemValues | None = None,
-        **how: Unpack[_How],
-    ) -> None:
-        texts = {n: v for n, v in (values or {}).items() if isinstance(v, str)}
-        numbers = {n: v for n, v in (values or {}).items() if not isinstance(v, str)}
-        self._set(
-            system=system,
-            reference=None if reference is None else as_reference(reference),
-            stop=None if stop is None else limits.check_length("stop", stop),
-            values=_numbers("values", numbers) | texts,
-        )
-        self._set_coupling(self.stop, how)
+    def __post_init__(self) -> None:
+        self._check_step(self.stop)
         if not self.fmus:
             asked = f"fmus=False (--coupling {WITHOUT_FMUS})"
             raise BadParameter(f"{asked} needs equations; an .ssp does not give them")
@@ -316,43 +297,20 @@ class SystemLoop(HowCoupled):
 
 
 def table_of(file: ParameterFile, controller: Part) -> str:
-    """Name of a controller's table in a parameter file: its own, else that of the bare controller.
-
-    So ``[controller.pid]`` is also used for ``pid+position_encoder`` if that has no table.
-    """
+    """A controller's table in a file: its own, else that of the controller without instruments."""
     own = controller.label
     return own if own in file.controllers else Part(controller.bare).label
 
 
-def as_reference(given: ReferenceLike) -> Reference:
-    """A set-point over time; a number is a constant one, text a motion or a file."""
-    if isinstance(given, Reference):
-        return given
-    if isinstance(given, str | Path):
-        return read_set_point(str(given))
-    return Reference.constant(limits.as_number("reference", given))
-
-
-def _numbers(what: str, values: Values | None) -> dict[str, float]:
-    if not isinstance(values or {}, Mapping):
-        raise BadParameter(f"{what} is {values!r}, expected a mapping of names to numbers")
-    return {n: limits.as_number(f"{what}[{n!r}]", v) for n, v in (values or {}).items()}
-
-
 def list_used(
-    known: Known, values: Mapping[str, float], told: FileValues, source: str
+    known: Known, values: Mapping[str, float], told: FileValues, source: str = "given to this run"
 ) -> dict[str, Value]:
-    """All parameters of a part with the values that they had, as a parameter file lists them.
-
-    Initial states and the solver's tolerance are listed only if they are among `values`. What a
-    file has and is not changed keeps its interval and source; others have `source`.
-    """
+    """All parameters of a part; a value that a file has keeps its interval and source."""
     found = {}
     for name, p in known.items():
         if name in values:
-            said = told.get(name)
-            if said is None or said.value != values[name]:
-                said = Value(values[name], source=source)
+            said = told.get(name, Value(math.nan))
+            said = said if said.value == values[name] else Value(values[name], source=source)
             found[name] = replace(said, unit=p.unit)
         elif not name.endswith(START) and name != TOLERANCE and math.isfinite(p.default):
             found[name] = Value(p.default, p.unit, None, p.source)
@@ -365,10 +323,7 @@ def file_values(
     controllers: Sequence[str],
     given: Collection[str] = (),
 ) -> tuple[str, dict[str, float], dict[str, dict[str, float]], list[str]]:
-    """The plant to run, the values of a file for it and each controller, and what is not used.
-
-    The plant is the requested one, else that of the file; `given` are its values from elsewhere.
-    """
+    """The plant of a file or the requested one, values for it and each controller, and notes."""
     plant = plant_of(told, plant)
     if told is None:
         return plant, {}, {name: {} for name in controllers}, []
@@ -376,12 +331,9 @@ def file_values(
     values_of = {n: for_controller(told, in_units_of(n, plant)) for n in controllers}
     parts = [Part(c) for c in controllers]
     known = {*CONTROLLERS, *(p.label for p in parts), *(table_of(told, p) for p in parts)}
-    unknown = [
-        f"{told.path}: [controller.{name}]: no controller of this name runs here; left aside"
-        for name in told.controllers
-        if name not in known
-    ]
-    return plant, values, values_of, [*aside(told, values, plant), *unknown]
+    unused = "no controller of this name runs here; left aside"
+    notes = [f"{told.path}: [controller.{n}]: {unused}" for n in told.controllers if n not in known]
+    return plant, values, values_of, [*aside(told, values, plant), *notes]
 
 
 def plant_of(told: ParameterFile | None, plant: str | None) -> str:

@@ -29,7 +29,7 @@ from ...solver.arrays import Matrix, Vector
 from ...solver.errors import BadParameter
 from ...solver.kernel import Model
 from .catalogue import AMPLIFIER, LIMIT, OWN_LIMIT
-from .parts import Part, resolve_controller
+from .parts import Part, resolve
 
 Response = npt.NDArray[np.complex128]
 
@@ -69,10 +69,7 @@ def linearized(
     values: Mapping[str, float],
     at: Mapping[str, float],
 ) -> Linear:
-    """The equations of a part about a state, sliding forward if the part has modes.
-
-    States and inputs that are not in `at` have their start values.
-    """
+    """The equations of a part about a state, sliding forward; `at` has what is not at its start."""
     kernel = part.partials
     model = Model(kernel, values)
     states, given = ([v.name for v in of] for of in (kernel.states, kernel.inputs))
@@ -91,11 +88,7 @@ def linearized(
 
 
 def open_loop(plant: Linear, controller: Linear, period: float = 0.0) -> Any:
-    """The loop from the plant's command back to it, with the sign of negative feedback.
-
-    A sampled controller has a `period` [s]; the plant is then discretized with a held command.
-    Returns a control.StateSpace.
-    """
+    """The loop from command to command, a control.StateSpace; `period` [s] if it is sampled."""
     import control
 
     p = control.ss(plant.a, plant.b, plant.c, plant.d)
@@ -310,11 +303,7 @@ class Machine:
 
 
 def limit_of(known: Container[str], values: Mapping[str, float], asked: float | None) -> float:
-    """Largest command of a plant with `known` parameters, in the unit of its command.
-
-    The requested one, else that of its values, else the nominal amplifier's 36 V if it has an
-    amplifier. Others have none: a limit in volts has no meaning if the command is a force.
-    """
+    """Largest command: the requested one, else that of the values, else the nominal amplifier's."""
     if asked is not None:
         return asked
     given = values.get(LIMIT, UNLIMITED)
@@ -327,7 +316,7 @@ def own_ranges(controller: str) -> dict[str, tuple[float, float]]:
         return tunable(controller)
     return {
         n: (p.minimum, p.maximum)
-        for n, p in resolve_controller(controller).parameters.items()
+        for n, p in resolve("controller", controller).parameters.items()
         if n not in ("sample_time", TOLERANCE, OWN_LIMIT)
         and -math.inf < p.minimum < p.maximum < math.inf
     }

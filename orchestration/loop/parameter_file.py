@@ -21,6 +21,7 @@ from ...plant import DEFAULT_LAW, LAWS, NOMINAL, TURNING, plant_of
 from ...plant.instruments import UNLIMITED
 from ...solver.errors import BadParameters, did_you_mean
 from ...solver.files import write_atomically
+from ...solver.signals import unit_in
 
 if TYPE_CHECKING:
     from ...solver.signals import Parameter
@@ -97,17 +98,13 @@ class ParameterFile:
         """Travel of the screw per turn [m], by `p`, or a drive's gain; 2 pi if m means rad."""
         if self.turns:
             return 2 * math.pi
-        gain = self.plant.get("gain") if (self.kind, self.command) == (DRIVE, "torque") else None
-        if gain and gain.value > 0:
-            return 2 * math.pi / gain.value
+        gain = self.plant.get("gain", Value(0.0)).value
+        if gain > 0 and (self.kind, self.command) == (DRIVE, "torque"):
+            return 2 * math.pi / gain
         return 1 / self.plant["p"].value if "p" in self.plant else None
 
     def with_lead(self, lead: float | None) -> ParameterFile:
-        """The file with this travel of the screw per turn [m], if its plant has a screw.
-
-        A rotating body has none, and is described as a sliding one, see `sliding`. Raises
-        `BadParameters` if the plant has another lead, or the body rotates.
-        """
+        """The file with this travel of the screw per turn [m]; a rotating body as by `sliding`."""
         if self.kind == ROTARY:
             if lead is not None:
                 body = f"{self.path} describes a rotating body without one; leave the lead out"
@@ -135,44 +132,28 @@ class ParameterFile:
         return self
 
     def sliding(self) -> ParameterFile:
-        """A rotating body described as a sliding one: rad for m, N*m for N, `m` for `J`.
-
-        This fits records with a lead of 2 pi; `turning` is the inverse. Raises as `checked`.
-        """
+        """A rotating body described as a sliding one with a lead of 2 pi, with `m` for `J`."""
         self.checked()
         plant = {"m" if n == "J" else n: replace(v, unit="") for n, v in self.plant.items()}
         tolerance = {"m" if n == "J" else n: share for n, share in self.tolerance.items()}
         command = "force" if self.command == "torque" else self.command
-        told = replace(self, kind=DRIVE, plant=plant, tolerance=tolerance, command=command)
-        return replace(told, turns=True)
+        slides = replace(self, kind=DRIVE, command=command, turns=True)
+        return replace(slides, plant=plant, tolerance=tolerance)
 
     def turning(self) -> ParameterFile:
         """The rotating body, if this is a result of `sliding`; else unchanged."""
         if not self.turns:
             return self
-        from ...solver.component import unit_in
-
-        plant, found = (
-            {
-                "J" if n == "m" else n: replace(v, unit=unit_in(v.unit, TURNING))
-                for n, v in values.items()
-            }
-            for values in (self.plant, self.found)
-        )
         command = "torque" if self.command == "force" else self.command
-        told = replace(self, kind=ROTARY, turns=False, command=command)
-        return replace(told, plant=plant, found=found)
+        turns = replace(self, kind=ROTARY, command=command, turns=False)
+        return replace(turns, plant=_turned(self.plant), found=_turned(self.found))
 
     def plant_values(self, known: Known, others: Collection[str] = ()) -> dict[str, float]:
-        """Values for a plant with `known` parameters, checked.
-
-        If the file has Fc and not Fs, the break-away force is Fc. `others` are parameters of the
-        plant that the file describes: one that is not known is ignored. Raises `BadParameters`.
-        """
+        """Checked values for a plant with `known` parameters; what it lacks of `others` is left."""
         use = {n: v for n, v in self.plant.items() if n in known or n not in others}
-        found = {n: v for n, v in self.found.items() if n in known}
         values = check_values(use, known, f"{self.path}: [plant]")
-        values |= check_values(found, known, f"{self.path}: [found]")
+        use = {n: v for n, v in self.found.items() if n in known}
+        values |= check_values(use, known, f"{self.path}: [found]")
         for coulomb in [n for n in values if n in ("Fc", "Fc_pos", "Fc_neg")]:
             breakaway, speed = (coulomb.replace("Fc", other) for other in ("Fs", "Vs"))
             if breakaway in known:
@@ -198,20 +179,14 @@ class ParameterFile:
         """The file's text, TOML."""
         import tomli_w
 
-        groups = {"controller": self.controllers, "rig": self.rig}
-        data: dict[str, Any] = {
-            "format": FORMAT,
-            "kind": self.kind,
-            "command": self.command,
-            "law": self.law,
-            "plant": _tables(self.plant),
-            "found": _tables(self.found),
-            **{k: {n: _tables(v) for n, v in group.items() if v} for k, group in groups.items()},
-            "tolerance": dict(self.tolerance),
-            "not_identified": {n: _written(why) for n, why in self.not_identified.items()},
-        }
+        data: dict[str, Any] = {"format": FORMAT, "kind": self.kind, "command": self.command}
+        data |= {"law": self.law, "plant": _tables(self.plant), "found": _tables(self.found)}
+        for name, group in (("controller", self.controllers), ("rig", self.rig)):
+            data[name] = {n: _tables(values) for n, values in group.items() if values}
+        data["tolerance"] = dict(self.tolerance)
+        data["not_identified"] = {n: readable(why) for n, why in self.not_identified.items()}
         if self.diagnosis:
-            records = [_written(name) for name in self.diagnosis.records]
+            records = [readable(name) for name in self.diagnosis.records]
             data["diagnosis"] = {**asdict(self.diagnosis), "records": records}
         return tomli_w.dumps({n: part for n, part in data.items() if part or n == "plant"})
 
@@ -226,12 +201,17 @@ def _tables(values: Values) -> dict[str, dict[str, Any]]:
     tables = {}
     for name, v in values.items():
         ends = v.interval and [float(end) for end in v.interval]
-        table = {"unit": v.unit, "interval": ends, "source": _written(v.source)}
+        table = {"unit": v.unit, "interval": ends, "source": readable(v.source)}
         tables[name] = {"value": float(v.value)} | {n: t for n, t in table.items() if t}
     return tables
 
 
-def _written(text: str) -> str:
+def _turned(values: Values) -> Values:
+    units = {n: unit_in(v.unit, TURNING) for n, v in values.items()}
+    return {"J" if n == "m" else n: replace(v, unit=units[n]) for n, v in values.items()}
+
+
+def readable(text: str) -> str:
     """The text with file names in UTF-8, also if the locale does not have their characters."""
     return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
@@ -260,30 +240,23 @@ def _same(one: str, other: str) -> bool:
 
 
 def read_parameters(path: Path | str) -> ParameterFile:
-    """Read a parameter file; the names of parameters are checked where they are used.
-
-    Raises `BadParameters`, in one line: what cannot be used and why.
-    """
+    """Read a parameter file; raises `BadParameters`. Names are checked where they are used."""
     try:
         given = as_record("", read_toml(Path(path)), _READERS)
         form, kind = given.pop("format", FORMAT), given.setdefault("kind", BALL_SCREW)
         if form != FORMAT:
             raise BadParameters(f"format is {form!r}, expected {FORMAT!r}")
-        if "command" in given:
-            given["command"] = _command(kind, given["command"])
+        if (command := given.get("command")) is not None:
+            if kind not in COMMANDS_OF:
+                raise BadParameters(
+                    f"has the key command, and a plant of the kind {kind!r} has its own; remove "
+                    f"it, or set kind to one of {', '.join(COMMANDS_OF)}"
+                )
+            command = as_choice("command", command, COMMANDS_OF[kind])
+            given["command"] = "" if command == COMMANDS[0] else command
     except BadParameters as error:
         raise BadParameters(f"{path}: {error}") from error
     return ParameterFile(Path(path), controllers=given.pop("controller", {}), **given)
-
-
-def _command(kind: str, given: Any) -> str:
-    if kind not in COMMANDS_OF:
-        raise BadParameters(
-            f"has the key command, and a plant of the kind {kind!r} has its own; remove it, or set "
-            f"kind to one of {', '.join(COMMANDS_OF)}"
-        )
-    command = as_choice("command", given, COMMANDS_OF[kind])
-    return "" if command == COMMANDS[0] else command
 
 
 Reader: TypeAlias = Callable[[str, Any], Any]
@@ -346,15 +319,9 @@ def as_range(where: str, name: str, given: Any) -> tuple[float, float]:
     if len(pair) != 2 or not all(map(is_number, pair)):
         raise BadParameters(f"{where}: {name} is {given!r:.80}, expected two finite numbers")
     if not pair[0] < pair[1]:
-        raise BadParameters(
-            f"{where}: {name} is {given!r}, an empty range; give the lower bound first"
-        )
+        said = "an empty range; give the lower bound first"
+        raise BadParameters(f"{where}: {name} is {given!r}, {said}")
     return float(pair[0]), float(pair[1])
-
-
-def as_numbers(where: str, given: Any) -> dict[str, float]:
-    """A table of finite numbers."""
-    return {n: as_finite(f"{where}: {n}", v) for n, v in as_table(where, given).items()}
 
 
 def as_whole(least: int, most: int) -> Reader:
@@ -403,7 +370,7 @@ def _table_of(read: Reader, form: str) -> Reader:
 def _value(where: str, given: Any) -> Value:
     if not isinstance(given, dict):
         return Value(as_finite(where, given))
-    readers = {"value": as_finite, "unit": as_text, "interval": _pair, "source": as_text}
+    readers = {"value": as_finite, "unit": as_text, "interval": _ends, "source": as_text}
     value = Value(**as_record(where, given, readers, "value"))
     low, high = value.interval or (value.value, value.value)
     if not low <= value.value <= high:
@@ -412,18 +379,19 @@ def _value(where: str, given: Any) -> Value:
     return value
 
 
-def _pair(where: str, given: Any) -> tuple[float, float]:
+def _ends(where: str, given: Any) -> tuple[float, float]:
     """The ends of an interval, which may be infinite."""
-    pair: list[Any] = given if isinstance(given, list) and len(given) == 2 else [None]
-    if not all(isinstance(end, float) or is_number(end) for end in pair):
+    if len(pair := as_list(where, given)) != 2:
         raise BadParameters(f"{where} is {given!r}, expected [low, high]")
-    return float(pair[0]), float(pair[1])
+    low, high = (end if isinstance(end, float) else as_finite(where, end) for end in pair)
+    return low, high
 
 
 def _diagnosed(where: str, given: Any) -> Diagnosed:
     return Diagnosed(**as_record(where, given, _OF_DIAGNOSIS, *_OF_DIAGNOSIS))
 
 
+as_numbers = _table_of(as_finite, "{}: {}")
 _law = partial(as_choice, names=(*LAWS,))
 _values = _table_of(_value, "[{}] {}")
 _groups = _table_of(_values, "{}.{}")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ...controllers import ALONE, CONTROLLERS
 from ...fmus.interface import START
-from ...fmus.reading import SETTABLE, Description, read_description
+from ...fmus.reading import SETTABLE, Description, NumberVariable, read_description
 from ...fmus.system_export import SAMPLE_TIME
 from ...plant import PLANTS
 from ...plant.instruments import FEED_FORWARD, INSTRUMENTS, SAMPLED, PartName
@@ -22,6 +22,7 @@ from ...solver.kernel import Kernel
 from ...solver.signals import MEASURED, Parameter
 from ..fmu.limits import as_number
 from . import catalogue
+from .parameter_file import readable
 
 if TYPE_CHECKING:
     from ...solver.component import Component
@@ -57,7 +58,7 @@ class Part:
     @property
     def has_equations(self) -> bool:
         """Whether its equations are known; if not, it is a file of an FMU."""
-        return catalogue.has_equations(self.name)
+        return self.bare in catalogue.NAMES | ALONE or component_file.names_file(self.bare)
 
     @property
     def is_none(self) -> bool:
@@ -126,34 +127,34 @@ class Part:
             return found
         file = Path(self.name).name
         said = f"parameter of {file}", f"start value of {file}"
-        described = (v for v in self.description.variables if v.causality == "parameter")
-        starts = ((v, math.nan if v.start is None else v.start) for v in described)
         return {
-            v.name: Parameter(v.name, start, v.unit, *said, v.minimum, v.maximum)
-            for v, start in starts
+            v.name: Parameter(
+                v.name,
+                math.nan if v.start is None else v.start,
+                v.unit,
+                *said,
+                v.minimum,
+                v.maximum,
+            )
+            for v in self.description.variables
+            if v.causality == "parameter"
         }
 
     def settable(self, values: Mapping[str, float]) -> dict[str, Parameter]:
         """Its parameters, and its inputs that are given a value."""
-        given = {
-            name: Parameter(name, math.nan, "", "input", "", *_ANY)
-            for name in self.inputs
-            if name in values
-        }
-        return {**self.parameters, **given}
+        given = (name for name in self.inputs if name in values)
+        inputs = {name: Parameter(name, math.nan, "", "input", "", *_ANY) for name in given}
+        return {**self.parameters, **inputs}
 
     def check_values(self, side: str, values: Mapping[str, float]) -> None:
-        """Make sure that it has these parameters, and that they are in range.
-
-        `side` is its name in messages; raises `BadParameter`, naming the nearest.
-        """
+        """Raise `BadParameter` unless it has these parameters, in their range."""
         if not self.has_equations:  # free inputs are only known after the wiring
             taken(side, self.description, values)
             return
         known = self.settable(values)
         check_names(side, values, known)
         for name, value in values.items():
-            _check_range(side, name, value, known[name].minimum, known[name].maximum)
+            _check_range(side, name, value, known[name])
 
     def __getstate__(self) -> dict[str, Any]:
         # another process may lack the file of a component, or find it edited
@@ -168,15 +169,14 @@ class Part:
 
 
 PartLike: TypeAlias = "str | Path | Component | Part"
+_KNOWN = {"controller": CONTROLLERS | ALONE, "plant": PLANTS}
 
 
-def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool = True) -> Part:
-    """The part with this name. A Python file is run here.
-
-    Error messages begin with `role`: the part's role, or the option. `known` are names that are
-    allowed, `fmus` says whether FMUs are. Raises `BadParameter` for what is no known name, function
-    of a file or FMU, and `ContractError`.
-    """
+def resolve(
+    role: str, given: PartLike, known: Collection[str] | None = None, fmus: bool = True
+) -> Part:
+    """The part with this name, one of `known`, or a file; `role` begins the message of an error."""
+    known = _KNOWN.get(role, ()) if known is None else known
     if isinstance(given, Part):
         return given
     if not isinstance(given, str | Path):
@@ -199,24 +199,12 @@ def resolve(role: str, given: PartLike, known: Collection[str] = (), fmus: bool 
     if rest and first in known:
         wrong = next((part for part in rest if part not in INSTRUMENTS), "")
         said = f"no instrument {wrong!r}; there are {', '.join(INSTRUMENTS)}, and before them "
-        if wrong in (FEED_FORWARD, SAMPLED):
-            said = f"{wrong!r} must appear once, after {first!r}, in the order "
-        raise BadParameter(f"{role} {name!r}: {said}{FEED_FORWARD} and {SAMPLED}")
+        raise BadParameter(f"{role} {name!r}: {said}{FEED_FORWARD}, then {SAMPLED}, once")
     files = "FILE.py:FUNCTION nor the path of an FMU" if fmus else "FILE.py:FUNCTION"
     raise BadParameter(
         f"{role} {name!r} is neither one of {', '.join(known)} nor {files}"
         f"{did_you_mean(name, known)}"
     )
-
-
-def resolve_controller(given: PartLike) -> Part:
-    """As `resolve`, for a controller; ``none`` is for a plant without inputs."""
-    return resolve("controller", given, CONTROLLERS | ALONE)
-
-
-def resolve_plant(given: PartLike, fmus: bool = True) -> Part:
-    """As `resolve`, for a plant."""
-    return resolve("plant", given, PLANTS, fmus)
 
 
 def check_names(side: str, names: Collection[str], known: Collection[str]) -> None:
@@ -240,10 +228,7 @@ def taken(side: str, described: Description, given: Mapping[str, Value]) -> dict
 
 
 def as_taken(side: str, described: Description, given: Mapping[str, Value]) -> dict[str, Value]:
-    """Values as the variables of an FMU take them: numbers in their range, text for Strings.
-
-    Raises `BadParameter` if a variable does not allow its value.
-    """
+    """Values as an FMU's variables take them: numbers in their range, text for Strings."""
     names = {described.aliases.get(name, name): value for name, value in given.items()}
     return {name: _as_taken(side, described, name, value) for name, value in names.items()}
 
@@ -263,23 +248,17 @@ def _as_taken(side: str, described: Description, name: str, value: Value) -> Val
     if items and number not in items.values():
         allowed = ", ".join(f"{n} ({v})" for n, v in items.items())
         raise BadParameter(f"{side}.{name} is {number:g}, expected one of {allowed}")
-    _check_range(side, name, number, variable.minimum, variable.maximum, variable.unit)
+    _check_range(side, name, number, variable)
     return number
 
 
-def _check_range(
-    side: str, name: str, value: float, low: float, high: float, unit: str = ""
-) -> None:
+def _check_range(side: str, name: str, value: float, known: Parameter | NumberVariable) -> None:
+    low, high = known.minimum, known.maximum
     if not low <= value <= high:
-        shown = f"{value:g} {unit}".rstrip()
+        shown = f"{value:g}" if known.unit in ("", "1") else f"{value:g} {known.unit}"
         raise BadParameter(
             f"{side}: parameter {name} = {shown} is out of its range [{low:g}, {high:g}]"
         )
-
-
-def readable(name: str) -> str:
-    """A file's name as text, also if the locale does not have its characters."""
-    return os.fsencode(name).decode("utf-8", "replace")
 
 
 def in_practice(
@@ -312,10 +291,7 @@ def in_practice(
 
 
 def _instruments_for(controller: Component) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of all instruments that a controller can measure through, in the order of the signals.
-
-    And the signals that it measures without one. Raises `ContractError` if no instrument fits.
-    """
+    """Names of all instruments that fit a controller, and the signals it measures without one."""
     used = {str(s) for s in controller.used_symbols()}
     roles = "measurement", "signal"
     measured = [i.name for i in controller.inputs if i.role in roles and i.name in used]

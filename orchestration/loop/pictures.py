@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,47 +50,34 @@ STYLE: Any = {
     "figure.dpi": 110,
 }
 COLUMNS = 2000  # of a picture: more than twice as many as it has pixels across
-MOST_POINTS = 20_000  # of a curve as lines in an SVG; beyond, it is an image inside
 MOST = 60_000  # characters of a picture as lines in a page; a longer one is an image
 SHADES = 256  # of the colours along a phase portrait
 RESTING = 5e-3  # share of a signal's range within which it stays at rest
 # margins of a run's pictures, and the room between two rows [in]
 _LEFT, _RIGHT, _TOP, _BOTTOM, _BETWEEN = 0.95, 0.2, 0.4, 0.6, 0.2
-# name and unit of the signal: its label
+# signals of an axis: what they are called, and their unit if an FMU gives none
 _CALLED = {
-    ("x", "m"): "position x",
-    ("x", "rad"): "angle x",
-    ("v", "m/s"): "velocity v",
-    ("v", "rad/s"): "angular velocity v",
-    ("z", "m"): "bristles z",
-    ("i", "A"): "current i",
-    ("friction", "N"): "friction",
-    ("friction", "N*m"): "friction",
-    ("u", "V"): "motor voltage u",
-    **{("u", unit): "command u" for unit in ("A", "N", "N*m")},
+    "x": ("position", "m"),
+    "u": ("command", "V"),
+    "v": ("velocity", "m/s"),
+    "z": ("bristles", "m"),
+    "i": ("current", "A"),
+    "friction": ("friction", "N"),
 }
-_USUAL = dict(reversed(_CALLED.keys()))  # units if an FMU gives none: the first of each
-_STATES = ("x", "v", "z", "i", "friction")
-_COLOUR = {"x": 0, "u": 1, "v": 2, "z": 3, "i": 4, "friction": 5}  # in all pictures of a run
 
 
 def _shown(name: str, *runs: LoopRun) -> tuple[str, float, str]:
     """How a signal of several runs is called, the factor to the displayed unit, and that unit."""
-    unit = runs[0].units.get(name, "") or _USUAL.get(name, "")
-    values = np.concatenate([_signals(run)[name] for run in runs])
-    return _CALLED.get((name, unit), name), *shown_unit(values, unit)
-
-
-def _signals(run: LoopRun) -> dict[str, Any]:
-    return {**run.outputs, **run.commands}
+    called, usual = _CALLED.get(name, ("", ""))
+    unit = runs[0].units.get(name, "") or usual
+    values = np.concatenate([{**run.outputs, **run.commands}[name] for run in runs])
+    label = name if called in ("", name) else f"{called} {name}"
+    return label, *shown_unit(values, unit)
 
 
 @contextmanager
 def drawing(what: str = "a picture") -> Iterator[None]:
-    """Let a picture that cannot be drawn, for example with 1e308 V, only print one line.
-
-    Raises OSError if a file cannot be written.
-    """
+    """Let a picture that cannot be drawn, for example with 1e308 V, only print one line."""
     try:
         yield
     except OSError:
@@ -140,49 +128,29 @@ def in_words(figure: Any, words: Callable[[str], str]) -> Any:
     return figure
 
 
-@cache
-def _figure_class() -> Any:
+def empty_figure(size: tuple[float, float], layout: Any = None) -> Any:
+    """A figure without axes, which is not registered anywhere; a notebook shows it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    class ShownFigure(Figure):
-        """A figure that a notebook shows without pyplot."""
-
-        def _repr_png_(self) -> bytes:
-            return _as_file(self, "png")
-
-    return ShownFigure
-
-
-def empty_figure(size: tuple[float, float], layout: str | None = None) -> Any:
-    """A figure without axes, which is not registered anywhere."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    figure = _figure_class()(figsize=size, layout=layout)
+    figure: Any = Figure(figsize=size, layout=layout)
     FigureCanvasAgg(figure)
+    figure._repr_png_ = partial(_as_file, figure, "png")
     return figure
 
 
 def new_figure(
     rows: int, columns: int, size: tuple[float, float], fixed_margins: bool = False
 ) -> tuple[Any, Any]:
-    """A figure with its axes.
-
-    With `fixed_margins` they fit the labels of a run. Else Matplotlib measures all labels, which
-    takes longer than drawing them.
-    """
+    """A figure with its axes; to measure a run's labels takes longer than to draw it."""
     figure = empty_figure(size, layout=None if fixed_margins else "constrained")
-    axes = figure.subplots(rows, columns, squeeze=False)
-    if fixed_margins:
-        width, height = size
-        each = (height - _TOP - _BOTTOM - (rows - 1) * _BETWEEN) / rows
-        figure.subplots_adjust(
-            left=_LEFT / width,
-            right=1 - _RIGHT / width,
-            top=1 - _TOP / height,
-            bottom=_BOTTOM / height,
-            hspace=_BETWEEN / each,
-        )
-    return figure, axes
+    if not fixed_margins:
+        return figure, figure.subplots(rows, columns, squeeze=False)
+    width, height = size
+    each = (height - _TOP - _BOTTOM - (rows - 1) * _BETWEEN) / rows
+    places = {"left": _LEFT / width, "right": 1 - _RIGHT / width, "hspace": _BETWEEN / each}
+    places |= {"top": 1 - _TOP / height, "bottom": _BOTTOM / height}
+    return figure, figure.subplots(rows, columns, squeeze=False, gridspec_kw=places)
 
 
 def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
@@ -190,42 +158,47 @@ def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
     import matplotlib as mpl
 
     run, figures = result.run, {}
-    title = f"{result.loop.label}, {run.coupled_by} coupling: {run.verdict.word}"
-    if run.alone:
-        title = result.loop.label
-
-    def new(name: str, rows: int = 1, size: tuple[float, float] = (8, 4.2)) -> Any:
-        figures[name], grid = new_figure(rows, 1, size, fixed_margins=True)
-        grid[0][0].set_title(title)
-        return grid
-
+    coupled = f"{result.loop.label}, {run.coupled_by} coupling: {run.verdict.word}"
+    title = result.loop.label if run.alone else coupled
     with mpl.rc_context(STYLE):
         if "x" in run.outputs:
-            ((axes,),) = new("position")
-            _draw_course(axes, run, "x", "position")
+            figures["position"], (axes,) = _courses(run, title, ["x"], 4.2)
             if not run.alone:
                 _draw_set_point(axes, run, _shown("x", run)[1], _until_rest(run))
             axes.legend(loc="best")
         if "u" in run.commands:
-            ((axes,),) = new("voltage")
-            _draw_course(axes, run, "u", "voltage")
+            figures["voltage"], (axes,) = _courses(run, title, ["u"], 4.2)
             when, highest, label = _peak(run, *_shown("u", run)[1:])
             line = {"arrowstyle": "-", "color": "#555555"}
             where: Any = {"xytext": (25, -6), "textcoords": "offset points"}
             axes.annotate(label, (when, highest), **where, arrowprops=line)
         # the states of an axis, or all outputs if it is no axis
-        shown = [n for n in _STATES if n in run.outputs] or list(run.outputs)
-        panels = new("states", len(shown), (8, 2.0 * len(shown)))
-        for k, n in enumerate(shown):
-            _draw_course(panels[k][0], run, n, n)
-            if k < len(shown) - 1:
-                panels[k][0].set_xlabel("")
-                panels[k][0].tick_params(labelbottom=False)
-        figures["states"].align_ylabels()
+        shown = [n for n in _CALLED if n in run.outputs] or list(run.outputs)
+        figures["states"], _ = _courses(run, title, shown, 2.0 * len(shown))
         if {"x", "v"} <= set(run.outputs) and len(run.time) > 2:
-            ((axes,),) = new("phase", size=(6.5, 5.2))
+            figures["phase"], ((axes,),) = new_figure(1, 1, (6.5, 5.2), fixed_margins=True)
+            axes.set_title(title)
             _draw_phase(figures["phase"], axes, run)
     return figures
+
+
+def _courses(run: LoopRun, title: str, names: Sequence[str], height: float) -> tuple[Any, Any]:
+    """A figure of signals over time, one above the other, and its axes."""
+    figure, grid = new_figure(len(names), 1, (8, height), fixed_margins=True)
+    grid[0][0].set_title(title)
+    end, known = _until_rest(run), {**run.outputs, **run.commands}
+    for axes, name in zip(grid.flat, names, strict=True):
+        called, factor, unit = _shown(name, run)
+        order = [*_CALLED] if name in _CALLED else list(known)
+        colour = COLOURS[order.index(name) % len(COLOURS)]
+        label = "position" if name == "x" else name
+        _draw(axes, run, known[name] * factor, end, color=colour, label=label)
+        axes.set_xlabel(_time_label(end, run.time[-1]))
+        axes.set_ylabel(labelled(called, unit))
+        axes.margins(x=0.01)
+        axes.label_outer()
+    figure.align_ylabels()
+    return figure, grid[:, 0]
 
 
 def _peak(run: LoopRun, factor: float, unit: str) -> tuple[float, float, str]:
@@ -235,25 +208,15 @@ def _peak(run: LoopRun, factor: float, unit: str) -> tuple[float, float, str]:
     return when, highest, f"{highest:.1f} {unit} at {when:.3g} s"
 
 
-def _draw_course(axes: Any, run: LoopRun, name: str, label: str) -> None:
-    (called, factor, unit), end = _shown(name, run), _until_rest(run)
-    colour = _COLOUR.get(name, list(_signals(run)).index(name))
-    _draw(axes, run, _signals(run)[name] * factor, end, COLOURS[colour % len(COLOURS)], label)
-    axes.set_xlabel(_time_label(end, run.time[-1]))
-    axes.set_ylabel(labelled(called, unit))
-    axes.margins(x=0.01)
+def _draw(axes: Any, run: LoopRun, values: Vector, end: float = math.inf, **style: Any) -> None:
+    moving = run.time <= end
+    shown = rows_over_time(run.time[moving], values[moving])
+    axes.plot(run.time[shown], values[shown], **style)
 
 
 def _draw_set_point(axes: Any, run: LoopRun, factor: float, end: float) -> None:
-    _draw(axes, run, run.reference * factor, end, "#555555", "set-point", lw=1, ls=":")
-
-
-def _draw(
-    axes: Any, run: LoopRun, values: Vector, end: float, colour: str, label: str, **style: Any
-) -> None:
-    moving = run.time <= end
-    shown = rows_over_time(run.time[moving], values[moving])
-    axes.plot(run.time[shown], values[shown], color=colour, label=label, **style)
+    style = {"color": "#555555", "label": "set-point", "lw": 1, "ls": ":"}
+    _draw(axes, run, run.reference * factor, end, **style)
 
 
 def _time_label(end: float, stop: float) -> str:
@@ -281,7 +244,7 @@ def _draw_phase(figure: Any, axes: Any, run: LoopRun) -> None:
     span = np.maximum(np.ptp(points, axis=0), 1e-12)
     moved = np.cumsum(np.hypot(*(np.diff(points, axis=0) / span).T))
     motion_end = run.time[int(np.searchsorted(moved, 0.999 * moved[-1])) + 1]
-    shown = rows_over_plane(points)
+    shown = np.union1d(*(rows_over_time(run.time, course) for course in points.T))
     begins = run.time[shown][:-1]
     # one line for each section of one colour
     shade = np.minimum(begins / motion_end * SHADES, SHADES - 1).astype(int)
@@ -292,7 +255,6 @@ def _draw_phase(figure: Any, axes: Any, run: LoopRun) -> None:
         linewidths=2.4,
         capstyle="round",
         joinstyle="round",
-        rasterized=len(shown) > MOST_POINTS,
     )
     lines.set_array(begins[[begin for begin, _ in strokes]])
     lines.set_clim(0.0, motion_end)
@@ -312,26 +274,19 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
 
     with mpl.rc_context(STYLE):
         figure, grid = new_figure(3, 1, (9, 9))
-        position, fine, voltage = (row[0] for row in grid)
+        position, fine, voltage = grid[:, 0]
         runs = [result.run for result in results]
         (x, of_x, unit_of_x), (u, of_u, unit_of_u) = _shown("x", *runs), _shown("u", *runs)
         unit = runs[0].units.get("x") or "m"
         finer, least = (1e6, "[µm], 1 nm at least") if unit == "m" else (1.0, f"[{unit}]")
-        for k, result in enumerate(results):
-            run = result.run
+        for k, (result, run) in enumerate(zip(results, runs, strict=True)):
             label = result.loop.label.replace("+", "\n+")  # long names leave no room for curves
-            if not result.trusted:
-                label += " (not converged)"
+            label += "" if result.trusted else " (not converged)"
             style = {"color": COLOURS[k % len(COLOURS)], "ls": DASHES[k % len(DASHES)]}
-            distance = finer * np.maximum(np.abs(run.outputs["x"] - run.reference), 1e-9)
-            for axes, values in (
-                (position, run.outputs["x"] * of_x),
-                (fine, distance),
-                (voltage, run.commands["u"] * of_u),
-            ):
-                shown = rows_over_time(run.time, values)
-                name = label if axes is position else "_nolegend_"
-                axes.plot(run.time[shown], values[shown], label=name, **style)
+            distance = np.maximum(np.abs(run.outputs["x"] - run.reference), 1e-9)
+            _draw(position, run, run.outputs["x"] * of_x, label=label, **style)
+            _draw(fine, run, finer * distance, **style)
+            _draw(voltage, run, run.commands["u"] * of_u, **style)
             when, highest, label = _peak(run, of_u, unit_of_u)
             voltage.plot(when, highest, "o", color=style["color"], label=label)
         end, stop = max(map(_until_rest, runs)), max(run.time[-1] for run in runs)
@@ -353,36 +308,13 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
 
 
 def rows_over_time(time: Vector, values: Vector, columns: int = COLUMNS) -> Rows:
-    """Rows of a curve (n,) to draw, in order: the first, last, smallest and largest of each column.
-
-    At most four for each column, and all if there are not more.
-    """
+    """Rows of a curve (n,) to draw: the first, last, smallest and largest of each column."""
     if len(time) <= 4 * columns:
         return np.arange(len(time))
     edges = np.linspace(time[0], time[-1], columns + 1)[1:-1]
     begins = np.unique([0, *np.searchsorted(time, edges), len(time)])
-    kept = [
-        row
-        for begin, end in pairwise(begins)
-        for inside in [values[begin:end]]
-        for row in (begin, begin + inside.argmin(), begin + inside.argmax(), end - 1)
-    ]
-    return np.unique(kept)
-
-
-def rows_over_plane(points: Vector, cells: int = COLUMNS) -> Rows:
-    """Rows of a curve (n, 2) to draw: where it enters and leaves cells, and its extremes.
-
-    They are in order; omitted rows are within a cell of the returned ones.
-    """
-    if len(points) <= 2:
-        return np.arange(len(points))
-    low = points.min(axis=0)
-    span = np.maximum(points.max(axis=0) - low, np.finfo(float).tiny)
-    cell = ((points - low) / span * cells).astype(np.int64)
-    moved = np.any(cell[1:] != cell[:-1], axis=1)
-    kept = np.zeros(len(points), dtype=bool)
-    kept[1:] |= moved
-    kept[:-1] |= moved
-    kept[[0, -1, *points.argmin(axis=0), *points.argmax(axis=0)]] = True
-    return np.flatnonzero(kept)
+    kept = set[int]()
+    for begin, end in pairwise(begins):
+        inside = values[begin:end]
+        kept |= {begin, begin + inside.argmin(), begin + inside.argmax(), end - 1}
+    return np.array(sorted(kept))

@@ -10,6 +10,8 @@ import inspect
 import math
 import os
 from collections.abc import Callable
+from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -19,6 +21,7 @@ from ...solver.signals import START_VALUE
 from ..fmu.limits import as_number
 from ..master.reference_signal import TERMS, Reference
 
+ReferenceLike: TypeAlias = "float | str | Path | Reference"
 PIECES = 128  # of each period of a sine
 MOST_POINTS = 4_000_000
 
@@ -79,9 +82,7 @@ def move_times(
 
 
 def _of_jerks(legs: list[tuple[list[tuple[float, float]], float]]) -> Reference:
-    """The motion from rest to rest over each leg: phases of constant jerk [m/s^3] and their lengths
-    [s], and the end position [m], which is given since round-off would leave a small speed.
-    """
+    """The motion over legs of (jerk, length) phases and given ends, since round-off adds up."""
     times, curve, now, state = [], [], 0.0, (0.0, 0.0, 0.0)
     for phases, end in legs:
         for jerk, length in phases:
@@ -174,8 +175,13 @@ def read_motion(text: str) -> Reference | None:
     return motion
 
 
-def read_set_point(text: str) -> Reference:
-    """A set-point from the text of a motion or the path of a file; raises `BadParameter`."""
+def as_reference(given: ReferenceLike) -> Reference:
+    """A set-point over time: a number is a constant one, text a motion or the path of a file."""
+    if isinstance(given, Reference):
+        return given
+    if not isinstance(given, str | Path):
+        return Reference.constant(as_number("reference", given))
+    text = str(given)
     kind, colon, _ = text.partition(":")
     if colon and kind not in KINDS and not os.path.exists(text):
         raise BadParameter(

@@ -45,9 +45,9 @@ def write_run(folder: Path, write: Callable[[Path], None], adds: bool = False) -
         try:
             with naming(folder):
                 write(stage)
-                made = [path for path in sorted(stage.rglob("*")) if path.is_file()]
-                files = {p.relative_to(stage).as_posix(): _digest(p) or "" for p in made}
-                files = written_files(folder) | files if adds else files
+                files = written_files(folder) if adds else {}
+                for path in sorted(p for p in stage.rglob("*") if p.is_file()):
+                    files[path.relative_to(stage).as_posix()] = _digest(path) or ""
                 listed.write_text(json.dumps(files, indent=1), encoding="utf-8")
         except Exception:
             shutil.rmtree(stage, ignore_errors=True)
@@ -76,8 +76,8 @@ def _hidden(folder: Path) -> Path:
 def written_files(folder: Path) -> Files:
     """The files that the last run wrote into a folder; none behind a link, if others made it."""
     listed = _listed(folder / HIDDEN / _WRITTEN)
-    own = {n: Path(n).parents for n in listed}
-    return {n: listed[n] for n in own if not any((folder / p).is_symlink() for p in own[n][:-1])}
+    parents = {n: [folder / p for p in Path(n).parents if p.name] for n in listed}
+    return {n: d for n, d in listed.items() if not any(p.is_symlink() for p in parents[n])}
 
 
 def changed_since(folder: Path, instant: float) -> bool:
@@ -96,12 +96,13 @@ def _settle(folder: Path) -> list[str]:
             if not (stage / name).exists():
                 continue  # in its place already
             moved += _make_way(folder, name, {before.get(name, digest), digest})
-            target = folder / name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            replace(stage / name, target)
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            replace(stage / name, folder / name)
         for name in before.keys() - files.keys():
-            if _digest(folder / name) == before[name]:
-                _remove(folder, name)
+            if _digest(path := folder / name) == before[name]:
+                path.unlink()
+                with contextlib.suppress(OSError):  # the first folder that is not empty
+                    os.removedirs(path.parent)
         replace(hidden / _NEXT, hidden / _WRITTEN)
     if stage.exists():
         shutil.rmtree(stage)
@@ -122,15 +123,6 @@ def _make_way(folder: Path, name: str, ours: set[str]) -> list[str]:
     return moved
 
 
-def _remove(folder: Path, name: str) -> None:
-    """Remove a file, and the folders that are empty after that."""
-    path = folder / name
-    path.unlink()
-    with contextlib.suppress(OSError):
-        while (path := path.parent) != folder:
-            path.rmdir()
-
-
 def _digest(path: Path) -> str | None:
     """Digest of a file; None if it is no file."""
     if not path.is_file() or path.is_symlink():
@@ -144,7 +136,7 @@ def _listed(path: Path) -> Files:
     try:
         files = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError):
-        files = {}
+        files = None
     found = files.items() if isinstance(files, dict) else ()
     inside = ((n, d) for n, d in found if not n.startswith("/") and ".." not in Path(n).parts)
     return {n: digest for n, digest in inside if isinstance(digest, str)}

@@ -36,10 +36,7 @@ STARTED = "t_step"  # the input with the time from which the terms count
 
 
 def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
-    """The compiled closed loop of two parts, with set-points as polynomials of time; kept on disk.
-
-    See `inputs_between`. Raises `UnknownName`, `ContractError`.
-    """
+    """The compiled closed loop of two parts, with set-points as polynomials of time."""
     return _stored_loop("loop", lambda: _whole(plant, controller), plant, controller)
 
 
@@ -85,8 +82,7 @@ def held_loop_kernel(
         from ...solver.for_tangents import dithered_average, with_delay_states, with_held_states
 
         loop = _whole(plant, controller)
-        if averaged:
-            loop = dithered_average(loop)
+        loop = dithered_average(loop) if averaged else loop
         if loop.delays:
             return with_delay_states(loop)
         return with_held_states(loop) if loop.discrete else loop
@@ -95,10 +91,7 @@ def held_loop_kernel(
 
 
 def model_of(kernel: Kernel, loop: Loop, tolerance: float, system: System | None = None) -> Model:
-    """A loop's equations around its constant set-point; `system`, if given, is used again.
-
-    Raises KeyError for a parameter that does not exist.
-    """
+    """A loop's equations around its constant set-point; `system`, if given, is used again."""
     model = Model(kernel, loop.values, tolerance, system)
     for i in kernel.inputs:
         if i.role == "reference":
@@ -138,52 +131,26 @@ def run_monolithic(
     bounds the error of the looser run and determines the verdict on the tighter one. Raises
     `CouplingError`, `BadParameter`, and `UserError` if the rows of all steps do not fit.
     """
-    for part in (loop.plant, loop.controller):
-        if not part.has_equations:
-            raise CouplingError(
-                f"without FMUs, the equations of {part} are needed, and an FMU has none; "
-                f"expected one of {', '.join(NAMES)}, and FILE.py:FUNCTION"
-            )
-    if loop.coupling or loop.corrections or loop.mapping:
-        raise CouplingError(
-            "a loop without FMUs has no coupling, communication steps or ports; remove coupling, "
-            "corrections and mapped ports"
-        )
-    loop.check_values()
-    kernel = loop_kernel(loop.plant.name, loop.controller.name)
+    kernel = _checked_kernel(loop)
     stop, step = loop.stop, step or min(FIRST_STEP, loop.stop)
-    points = stop / min(step, max(BETWEEN, stop / MOST_POINTS))
+    apart = max(BETWEEN, stop / MOST_POINTS)
     check_memory(
-        8.0 * (5 * len(kernel.outputs) + 6) * points,  # two courses, times, what is drawn
+        # two courses, times, what is drawn
+        8.0 * (5 * len(kernel.outputs) + 6) * stop / min(step, apart),
         f"{stop / step:.3g} communication steps need",
         "use longer steps or a shorter motion",
     )
-    tight, rows = _simulate(kernel, loop, TIGHT, step, progress)
-    loose, _ = _simulate(kernel, loop, LOOSE, step, None)
-    run = replace(tight, verdict=_verdict(tight, loose))
-    return replace(
-        run,
-        time=run.time[rows],
-        outputs={n: y[rows] for n, y in run.outputs.items()},
-        commands={n: y[rows] for n, y in run.commands.items()},
-        reference=run.reference[rows],
-        between=run,
-    )
-
-
-def _simulate(
-    kernel: Kernel, loop: Loop, tolerance: float, step: float, progress: Progress | None
-) -> tuple[LoopRun, npt.NDArray[np.int64]]:
-    """A run with the points that are known between the communication points; rows of the latter."""
-    model, stop = Model(kernel, loop.values, tolerance), loop.stop
-    step = step_that_meets(model.sample_time, step)
-    points = int(np.ceil(stop / step - ROUND_OFF))
-    grid = np.minimum(np.arange(points + 1) * step, stop)
-    parts = math.ceil(step / max(BETWEEN, stop / MOST_POINTS) - ROUND_OFF)
+    models = [Model(kernel, loop.values, tolerance) for tolerance in (TIGHT, LOOSE)]
+    step = step_that_meets(period := models[0].sample_time, step)
+    grid = np.minimum(np.arange(math.ceil(stop / step - ROUND_OFF) + 1) * step, stop)
+    parts = math.ceil(step / apart - ROUND_OFF)
     finer = (grid[:-1, None] + step / parts * np.arange(parts)).ravel()
     finer = np.append(finer[finer < stop - ROUND_OFF * step], grid[-1])
     times, _ = loop.reference.between(finer, ())
-    found, stopped = follow(model, loop.reference, times, FARTHEST, progress)
+    (found, stopped), (loose, broken) = (
+        follow(model, loop.reference, times, FARTHEST, shown)
+        for model, shown in zip(models, (progress, None), strict=True)
+    )
     time = times[: len(next(iter(found.values())))]
     rows = np.flatnonzero(np.isin(time, grid))
     steps = np.diff(time[rows])
@@ -201,12 +168,35 @@ def _simulate(
         effect_rate_max=dict.fromkeys(outputs, 0.0),
         macro_steps=len(rows) - 1,
         step_range=(float(steps.min(initial=step)), float(steps.max(initial=0.0))),
-        verdict=Verdict(False, stopped, "check the parameters"),
+        verdict=_verdict(outputs, loose, stopped or broken),
         stopped=stopped,
         units={o.name: o.unit for o in kernel.outputs},
-        sampling_period=model.sample_time,
+        sampling_period=period,
     )
-    return run, rows
+    return replace(
+        run,
+        time=time[rows],
+        outputs={n: y[rows] for n, y in outputs.items()},
+        commands={n: y[rows] for n, y in commands.items()},
+        reference=run.reference[rows],
+        between=run,
+    )
+
+
+def _checked_kernel(loop: Loop) -> Kernel:
+    for part in (loop.plant, loop.controller):
+        if not part.has_equations:
+            raise CouplingError(
+                f"without FMUs, the equations of {part} are needed, and an FMU has none; "
+                f"expected one of {', '.join(NAMES)}, and FILE.py:FUNCTION"
+            )
+    if loop.coupling or loop.corrections or loop.mapping:
+        raise CouplingError(
+            "a loop without FMUs has no coupling, communication steps or ports; remove coupling, "
+            "corrections and mapped ports"
+        )
+    loop.check_values()
+    return loop_kernel(loop.plant.name, loop.controller.name)
 
 
 def follow(
@@ -241,9 +231,9 @@ def follow(
         shown = (on_grid[rows] & own)[: len(run.time)]
         table = np.column_stack([values[shown] for values in run.outputs.values()])
         share = np.abs(table) / [o.nominal for o in declared]
-        left = ~(share <= farthest)
-        if left.any() and math.isfinite(farthest):
-            row = int(np.argmax(left.any(axis=1)))
+        left = np.flatnonzero(~(share <= farthest).all(axis=1))
+        if math.isfinite(farthest) and len(left):
+            row = left[0]
             name, table = declared[int(np.argmax(share[row]))].name, table[: row + 1]
             when = f"t = {run.time[shown][row]:.6g} s"
             stopped = f"the loop diverges: {name} exceeds its bound at {when}"
@@ -254,16 +244,16 @@ def follow(
     return {o.name: course for o, course in zip(declared, courses, strict=True)}, stopped
 
 
-def _verdict(tight: LoopRun, loose: LoopRun) -> Verdict:
-    rows = min(len(tight.time), len(loose.time))
-    estimate, worst, share = {}, next(iter(tight.outputs)), 0.0
-    for name, course in tight.outputs.items():
-        estimate[name] = float(np.max(np.abs(course[:rows] - loose.outputs[name][:rows])))
+def _verdict(tight: dict[str, Vector], loose: dict[str, Vector], stopped: str) -> Verdict:
+    estimate, worst, share = {}, next(iter(tight)), 0.0
+    for name, course in tight.items():
+        rows = min(len(course), len(loose[name]))
+        estimate[name] = float(np.max(np.abs(course[:rows] - loose[name][:rows])))
         part = estimate[name] / (float(np.ptp(course[:rows])) or 1.0)
         if not part <= share:
             worst, share = name, part
-    if tight.stopped or loose.stopped:
-        return Verdict(False, tight.stopped or loose.stopped, "check the parameters", estimate)
+    if stopped:
+        return Verdict(False, stopped, "check the parameters", estimate)
     text = (
         f"a hundred times the tolerance moves no output by more than {100 * share:.2g} % of its "
         f"range ({worst}: {estimate[worst]:.2g})"

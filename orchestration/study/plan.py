@@ -14,9 +14,10 @@ from ...controllers import tunable
 from ...solver.arrays import Vector
 from ...solver.errors import BadParameters, UserError
 from ..loop import parameter_file as toml
-from ..loop.loop import Loop, as_reference, for_plant
+from ..loop.loop import Loop, for_plant
 from ..loop.machine import Machine, gain_ranges, model_values, own_ranges
 from ..loop.parts import Part
+from ..loop.reference_motions import as_reference
 from .run import NAMES, STEP, Motion
 
 VERSION = 1

@@ -20,8 +20,8 @@ from ...solver.kernel import CONTROLLER, DEFAULT_TOLERANCE, PLANT, Kernel, Model
 from ...solver.signals import Parameter
 from ..fmu.fmu_instance import StepFailed
 from ..loop.closed_loop import BAND, overshoot, run_closed_loop, settled_from
-from ..loop.joined import joined_pair
 from ..loop.loop import Loop
+from ..loop.system import joined
 from ..loop.whole_loop import follow
 from ..master.reference_signal import Reference
 
@@ -118,8 +118,8 @@ class FmuLoop:
         loop = replace(loop, reference=reference, stop=float(time[-1]))
         signals = {}
         try:
-            with joined_pair(loop) as joined:
-                found = joined.run_at(loop, step)
+            with joined(loop) as both:
+                found = both.run_at(step)
             stopped = found.stopped
             if not stopped:
                 known = {**found.outputs, "u": found.commands["u"]}

@@ -22,7 +22,7 @@ from ...solver.errors import BadParameter
 from ...solver.files import write_json
 from ...solver.kernel import CONTROLLER, Model
 from ..loop.catalogue import component
-from ..loop.loop import Loop, as_reference
+from ..loop.loop import Loop
 from ..loop.machine import (
     Linear,
     Machine,
@@ -36,6 +36,7 @@ from ..loop.machine import (
     open_loop,
     response_of,
 )
+from ..loop.reference_motions import as_reference
 from ..loop.whole_loop import follow, loop_kernel
 from ..master.reference_signal import Reference
 from .plan import Duty, Entrant, Plan, Tuning

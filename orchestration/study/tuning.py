@@ -129,7 +129,7 @@ class Contender:
         """A controller of a plan, whose loop can run; raises `UserError`."""
         loop: AnyLoop
         try:
-            if catalogue.has_equations(entrant.component):
+            if Part(entrant.component).has_equations:
                 kernel = loop_kernel(plan.plant, composed(plan, entrant))
                 kernel.compile()
                 loop = StudyLoop(kernel)
