@@ -7,12 +7,12 @@ import os
 import pickle
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
-from absent import list_absent
 from matplotlib.figure import Figure
 
 # What tests derive goes to a folder of their own that outlives a run: warm runs are fast, and
@@ -32,7 +32,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    list_absent(terminalreporter)
+    """What was not tested, for want of data or of a program, as one list at the end."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    reasons = Counter(report.longrepr[2].removeprefix("Skipped: ") for report in skipped)
+    if reasons:
+        terminalreporter.section("not tested, for want of data or of a program")
+        for reason, cases in sorted(reasons.items()):
+            terminalreporter.line(f"{cases} case{'s' * (cases > 1)}: {reason}")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -47,7 +47,6 @@ SHOWN = [
     (f"{RUN} --params grams.toml", "[plant] m has the unit 'g', expected 'kg'"),
     (f"{RUN} --out record.csv", "--out record.csv is a file, expected a folder"),
     (f"{SWAP} pid pid", "controllers has pid twice"),
-    (f"{SWAP} pid --sampled 0", "sampled is 0 s, expected more than 0"),
     ("tune --controller none", "controllers with gains are iol"),
     (f"{HEAVY} --limit 0", "limit is 0, expected more than 0"),
     (f"{PID} --budget 0", "budget is 0 s"),
@@ -58,7 +57,6 @@ SHOWN = [
     ("export --only plnt", "component 'plnt' is neither one of plant,"),
     ("export --only pid --fmi 3", "fmi and platforms are for native FMUs"),
     ("export --loop iol --ssp", "--loop and --ssp: expected one of them"),
-    ("gallery van_der_pool", "did you mean van_der_pol"),
     ("study none.toml", "none.toml: cannot be read"),
     ("new controller class", "expected an identifier"),
     ("new controller pid", "which is already the name of a part"),
@@ -74,12 +72,10 @@ MORE = [
     ("run --controller mine.py:odd", "'volt' is not known"),
     ("run --controller iol --params force.toml", "made for the voltage of a motor"),
     # numbers
-    (f"{RUN} --stop nan", "stop is nan, expected a finite number"),
     (f"{RUN} --stop 1e12", "use a larger one"),
     (f"{RUN} --limit-voltage -3e1", "--limit-voltage is -3e1, expected more than 0"),
     # values
     (f"{RUN} --set plant.voltage_limit=9 --limit-voltage 8", "expected one of them"),
-    (f"{WHOLE} --set plant.solver_tolerance=1e-6", "plant has no parameter 'solver_tolerance'"),
     # what does not go together
     (f"{WHOLE} --isolate", "--isolate is for FMUs"),
     (f"{RUN} --no-isolate --time-limit 5", "--time-limit is for FMUs in their own process"),
@@ -119,7 +115,6 @@ MORE = [
     ("export --only pid --tangents 3", "--tangents is for --variational"),
     ("export --variational --only iol --tangents 0", "tangents is '0'"),
     ("export --variational --only pid_sampled", "pid_sampled has discrete states"),
-    ("export --native --only pid --fmi 1", "fmi is '1', expected a whole number from 2 to 3"),
     ("export --native --only pid --platforms linux64,amiga", "no platform 'amiga'; there are"),
     ("export --native --only plant_classical --variational", "plant_classical has modes"),
     ("export --modelica --native", "--modelica and --native: expected one of them"),
@@ -135,7 +130,6 @@ MORE = [
     ("rig --list", "--list and --out: expected one of them"),
     ("rig 2.4/7 --seed 1.5", "seed is '1.5', expected a whole number from 0 on"),
     ("gallery", "give its NAME"),
-    ("new controller ../mine", "expected an identifier"),
     ("new controller json", "which is a module of this Python"),
     # records and parameter files
     ("identify long.csv --law dahl", "no column 'force'"),

@@ -3,9 +3,8 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reference_fmus import reference_result
 
-from ballscrew.gallery.bouncing_ball.findings import BALL, table
+from ballscrew.gallery.bouncing_ball.findings import BALL
 from ballscrew.gallery.finding import motion
 
 
@@ -31,11 +30,3 @@ def test_the_course_is_that_of_the_closed_form(e, v_min, g, h):
     rests = run.time > end + 1e-9
     assert np.all(run.outputs["x"][rests] == 0.0)
     assert np.all(run.outputs["v"][rests] == 0.0)
-
-
-def test_the_table_has_the_digits_of_explicit_euler():
-    published = reference_result("BouncingBall")
-    times, heights, velocities = table()
-    np.testing.assert_allclose(times, published["time"], atol=1e-12)
-    np.testing.assert_allclose(heights, published["h"], atol=1e-12)
-    np.testing.assert_allclose(velocities, published["v"], atol=1e-12)

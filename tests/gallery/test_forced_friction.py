@@ -101,3 +101,10 @@ def test_a_motion_with_stops_is_a_cycle_wherever_the_run_ends(b, f, periods):
     assert found.kind.value == "limit cycle", found.evidence
     turns = [x for _, x in SlideBySlide(b, f).over(20).turns]
     assert found.amplitude["plant_x"] == pytest.approx(max(turns[-10:]), rel=1e-6)
+
+
+@pytest.mark.parametrize("start", [0.0, 0.04])
+def test_a_mass_that_its_force_never_moves_is_stuck_where_it_was(start):
+    found = motion(0.3, 1.05, 20.0, start)
+    assert found.kind.value == "stuck on a line of equilibria", found.evidence
+    assert found.equilibrium.state[0] == start

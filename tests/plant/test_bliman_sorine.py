@@ -21,15 +21,6 @@ def test_friction_from_rest_is_the_sum_of_two_exponentials():
     np.testing.assert_allclose(got["friction"], exact, atol=1e-7)
 
 
-def test_the_peak_from_rest_is_eq_2_18_with_its_exponent_corrected():
-    corrected = F1 - F2 + F2 * (1 - ETA) * (ETA * F2 / F1) ** (ETA / (1 - ETA))
-    printed = F1 - F2 + F2 * (1 - ETA) * (ETA * F2 / F1) ** (1 / (1 - ETA))
-    peak = along(1e-3)["friction"].max()
-    assert peak == pytest.approx(corrected, rel=1e-7)
-    assert peak == pytest.approx(2.277, abs=5e-4)
-    assert abs(peak - printed) > 0.03
-
-
 def test_the_peak_after_a_reversal_is_the_one_that_the_map_of_eq_2_8_takes():
     grid = np.linspace(0, 1.0, 20001)
     time = np.r_[0.0, 5.0, 5.0 + grid]

@@ -1,21 +1,15 @@
 """Maps: what is in a cell, borders, chunks that survive a kill, and the picture's boundary."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from scipy.integrate import solve_ivp
-from waiting import wait_for
 
 from ballscrew.orchestration.fmu.limits import TOLERANCE_OF_MOTIONS
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.study.workers import Processes
-from ballscrew.solver.errors import UserError
 from ballscrew.stability import stability_map
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.map_plan import MapPlan, model_at, read_axis, run_cell, stuck_growth
@@ -172,50 +166,6 @@ def test_nctf_is_designed_on_the_perturbed_plant_and_run_on_the_nominal_one():
     assert nominal.lambda1 * 20.0 == pytest.approx(-0.0134 * 300, rel=0.02)
     assert soft.lambda1 * 20.0 == pytest.approx(-0.0167 * 300, rel=0.03)
     assert nominal.verdict is Kind.LINE
-
-
-KILLED = """
-import sys
-from pathlib import Path
-from ballscrew.orchestration.study.workers import Processes
-from ballscrew.stability import stability_map as m
-from ballscrew.orchestration.fmu.limits import TOLERANCE_OF_MOTIONS
-from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.stability.map_plan import read_axis
-m.CHUNK = 2
-x = read_axis("sigma0_hat=66965.89:66969.24:5", Loop("iol"))
-y = read_axis("sigma1_hat=340:366:4", Loop("iol"))
-m.make_map(m.MapPlan(Loop("iol"), x, y), Path(sys.argv[1]), Processes(1))
-"""
-
-
-def test_a_killed_map_is_resumed_with_nothing_lost_and_the_same_table(whole, tmp_path, monkeypatch):
-    folder, _ = whole
-    process = subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path)], cwd=tmp_path)
-    parts = tmp_path / "map.parts"
-    wait_for(lambda: len(list(parts.glob("c0-*"))) >= 3, 120.0, process)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    kept = {f.name: f.stat().st_mtime_ns for f in parts.glob("c0-*")}
-    assert not (tmp_path / "map.parquet").exists()
-    monkeypatch.setattr(stability_map, "CHUNK", 2)
-    ran = []
-    original = stability_map.run_chunk
-
-    def counted(study, cells, tolerance):
-        ran.append(tuple(cells))
-        return original(study, cells, tolerance)
-
-    monkeypatch.setattr(stability_map, "run_chunk", counted)
-    with pytest.raises(UserError, match="--resume"):
-        make_map(gamma(), tmp_path, Processes(1))
-    for resume in (False, True):  # nothing but the parts says whose they are
-        with pytest.raises(UserError, match="another map"):
-            make_map(gamma(stop=21.0), tmp_path, Processes(1), resume=resume)
-    make_map(gamma(), tmp_path, Processes(1), resume=True)
-    plain = [cells for cells in ran if len(cells) == 2][: 10 - len(kept)]
-    assert len(plain) == 10 - len(kept)  # what was kept is not computed again
-    assert pq.read_table(tmp_path / "map.parquet").equals(pq.read_table(folder / "map.parquet"))
 
 
 @pytest.mark.ci

@@ -46,13 +46,7 @@ def python(code: str, *arguments: Any) -> str:
 class Host:
     """One instance, and one name for what the two versions of FMI call differently.
 
-    Attributes
-    ----------
-    fmu : object of fmpy
-    at : dict
-        Value references by name.
-    heard : list of str
-        Messages that the FMU has logged.
+    `at` are value references by name, `heard` messages that the FMU has logged.
     """
 
     def __init__(

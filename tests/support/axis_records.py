@@ -45,16 +45,9 @@ def to_and_fro(count: int) -> np.ndarray:
 
 
 def moved(changes: Mapping[int, float], u: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """The simulator's log, one row per sample.
+    """The simulator's log, one row per sample, under a voltage [V] and a force against +x [N].
 
-    Parameters
-    ----------
-    changes : mapping of int to float
-        Differences from the nominal axis, by the index in the simulator's vector.
-    u : array
-        Voltage [V].
-    force : array
-        Force against motion in +x [N]: noise, and additions by a test.
+    `changes` are differences from the nominal axis, by the index in the simulator's vector.
     """
     double = nominal_axis()
     double[at.MOTOR_MASS] = NOMINAL["Jm"] * TURN**2

@@ -21,14 +21,9 @@ _ERRORS = ("Runtime.exceptionThrown", "Log.entryAdded", "Runtime.consoleAPICalle
 
 
 class Page:
-    """A page that was opened.
+    """A page that was opened, with the addresses that it requested.
 
-    Attributes
-    ----------
-    errors : list of str
-        Exceptions of scripts, console output, and errors of the browser.
-    requests : list of str
-        Addresses requested by the page.
+    `errors` are exceptions of scripts, console output, and errors of the browser.
     """
 
     def __init__(self, to_browser: int, from_browser: int) -> None:

@@ -25,22 +25,8 @@ DERIVATIVES = {2: "GetDerivatives", 3: "GetContinuousStateDerivatives"}
 class ExchangeHost(Host):
     """One instance, initialized, in continuous-time mode.
 
-    Parameters
-    ----------
-    path : path-like
-    values : mapping of str to float
-        Start values.
-    tolerance : float
-        Relative tolerance of the host's own solver.
-    random : numpy.random.Generator
-        Draws the round-off and the stop of the host at an event.
-
-    Attributes
-    ----------
-    x : ndarray
-        The states.
-    z : ndarray
-        The event indicators at the last start of continuous time.
+    `tolerance` is that of the host's own solver; `random` draws the round-off and the stop at an
+    event. `x` are the states, `z` the event indicators at the last start of continuous time.
     """
 
     def __init__(self, path: Any, values: Any, tolerance: float, random: np.random.Generator):

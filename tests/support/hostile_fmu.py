@@ -61,13 +61,7 @@ FOLDERS = ("home", "out", "here", "temporary")
 
 
 class World:
-    """Folders and files of a user that an FMU must not access.
-
-    Attributes
-    ----------
-    folders : dict of str to Path
-        ``here`` is the working folder of the user, and ``out`` is for results.
-    """
+    """Folders of a user that an FMU must not access; ``here`` is for work, ``out`` for results."""
 
     def __init__(self, folder: Path, server: socket.socket, victim: subprocess.Popen) -> None:
         self.folders = {name: folder / name for name in FOLDERS}

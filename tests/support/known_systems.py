@@ -92,22 +92,6 @@ def van_der_pol() -> Kernel:
 
 
 @cache
-def torus() -> Kernel:
-    """Two independent Van der Pol oscillators, whose frequencies have no common period."""
-    a, b, c, d, mu, w = (symbol(n) for n in ("a", "b", "c", "d", "mu", "w"))
-    return _kernel(
-        "torus",
-        {
-            "a": (b, 2.0),
-            "b": (mu * (1 - a**2) * b - a, 0.0),
-            "c": (d, 1.5),
-            "d": (mu * (1 - c**2) * d - w**2 * c, 0.0),
-        },
-        {"mu": 0.5, "w": float(np.sqrt(2.0))},
-    )
-
-
-@cache
 def two_circles() -> Kernel:
     """Two circles, cos t and cos w t: a torus in closed form, exponents 0, 0, -2 and -2."""
     a, b, c, d, w = (symbol(n) for n in "abcdw")
@@ -274,11 +258,7 @@ def stretched(
 ) -> Matrix:
     """Exact finite-time exponents of x' = A x, by QR of its exponentials [nats/s].
 
-    Parameters
-    ----------
-    parts : int
-        Number of equal parts of the time with a QR after each, large enough to keep the fast
-        directions.
+    There is a QR after each of so many `parts` of the time, enough to keep the fast directions.
     """
     from scipy.linalg import expm
 

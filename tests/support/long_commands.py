@@ -52,15 +52,7 @@ def write_data(folder: Path) -> None:
 
 
 class Command:
-    """A running command.
-
-    Parameters
-    ----------
-    name : str
-        Name in `COMMANDS`.
-    data, out : Path
-        Folder of `write_data`, and the folder for results.
-    """
+    """A running command of `COMMANDS`; `data` is the folder of `write_data`, `out` for results."""
 
     def __init__(self, name: str, data: Path, out: Path) -> None:
         self._start(COMMANDS[name].format(data=data).split(), out)
@@ -140,23 +132,12 @@ class Command:
 
 @dataclass(frozen=True)
 class Ending:
-    """The end of a command.
-
-    Attributes
-    ----------
-    code : int
-    seconds : float
-        Time from the signal to the end of the main process.
-    said : str
-        Standard error.
-    left : dict of int to float
-        Processes still running five seconds later.
-    """
+    """The end of a command."""
 
     code: int
-    seconds: float
-    said: str
-    left: dict[int, float]
+    seconds: float  # from the signal to the end of the main process
+    said: str  # on standard error
+    left: dict[int, float]  # processes still running five seconds later
 
     def fault(self) -> str:
         """Error of the end of an interrupted command; empty if there is none."""

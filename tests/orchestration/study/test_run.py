@@ -9,7 +9,7 @@ import pytest
 from ballscrew.orchestration.loop.catalogue import fmu
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.reference_motions import read_motion
-from ballscrew.orchestration.loop.whole_loop import loop_kernel, run_monolithic
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.orchestration.study import run as run_module
 from ballscrew.orchestration.study.run import (
     Course,
@@ -91,16 +91,6 @@ def test_overshoot_counts_beyond_the_range_of_the_motion_and_back():
     reference = np.where(TIME < 2, -0.01, 0.0)
     position = np.where(TIME < 2, -0.011, 0.0005)
     assert figures(position, reference).overshoot == pytest.approx(1e-3)
-
-
-@pytest.mark.parametrize("controller", ["pid_sampled", "nctf"])
-def test_a_run_is_that_of_the_monolithic_reference(controller):
-    """Sampled on its own grid, and continuous with ramps in between."""
-    motion = read_motion("move:distance=0.005,start=0.01,dwell=0.05,back=0")
-    own = StudyLoop(loop_kernel("plant", controller)).run({}, (motion, 0.3), 1e-8)
-    other = run_monolithic(Loop(controller, reference=motion, stop=0.3), 1e-3)
-    np.testing.assert_allclose(own.position, other.outputs["x"], rtol=0, atol=1e-11)
-    np.testing.assert_allclose(own.command, other.commands["u"], rtol=0, atol=1e-6)
 
 
 MOTION = read_motion("move:distance=0.005,speed=0.1,start=0,dwell=0.1,back=0"), 0.2

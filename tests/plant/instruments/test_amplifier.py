@@ -3,7 +3,6 @@
 import numpy as np
 
 from ballscrew.orchestration.loop.catalogue import component
-from ballscrew.plant.ball_screw import ball_screw
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.kernel import Model
 
@@ -12,13 +11,6 @@ def course(kernel, values, u=100.0):
     model = Model(kernel, values)
     model.set_input("u", u)
     return model.simulate(np.linspace(0, 0.05, 501))
-
-
-def test_without_limits_the_axis_is_the_plain_ball_screw():
-    axis, plain = generate(component("plant")), generate(ball_screw())
-    a, b = course(axis, {}, 30.0), course(plain, {}, 30.0)
-    for name in b.outputs:
-        np.testing.assert_array_equal(a.outputs[name], b.outputs[name])
 
 
 def test_a_voltage_limit_acts_like_that_voltage():

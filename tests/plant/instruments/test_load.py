@@ -18,7 +18,6 @@ from ballscrew.solver.component import (
     State,
     symbol,
 )
-from ballscrew.solver.errors import ContractError
 from ballscrew.solver.kernel import Model
 
 MASS, DRIVE = 2.0, 1.0
@@ -67,9 +66,7 @@ def test_the_payload_comes_with_the_speed_of_the_plant():
     np.testing.assert_allclose(run.outputs["v"], before + after, atol=2e-9)
 
 
-def test_a_plant_that_sticks_is_loaded_before_its_modes():
-    with pytest.raises(ContractError, match="add forces before the modes"):
-        with_load(with_sticking(bare_ball_screw(classical)))
+def test_a_plant_that_sticks_is_torn_off_by_its_load_alone():
     plant = with_sticking(with_load(bare_ball_screw(classical)))
     held, torn = (Model(generate(plant), {"load_force": f, "load_time": 0.01}) for f in (0.5, 20.0))
     for model in (held, torn):
