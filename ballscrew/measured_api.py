@@ -258,10 +258,15 @@ def compare(
         force [N], and of the position predicted from the start of each second [m].
     """
     from .measured_results import ModelComparison
-    from .measurement.diagnosis.compare import compare as compared
+    from .measurement.diagnosis.compare import compare_records
+    from .measurement.records.reading import read_drive_records
+    from .orchestration.loop.parameter_file import read_parameters
 
     progress = progress or _silent
-    return ModelComparison.of(compared(_paths(data), params, mapping, units, lead, progress))
+    progress("reading")
+    file = read_parameters(params).with_lead(lead)
+    records = read_drive_records(_paths(data), mapping, units, lead or file.lead)
+    return ModelComparison.of(compare_records(records, file, progress))
 
 
 def _paths(given: Any) -> Any:

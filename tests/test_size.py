@@ -21,14 +21,14 @@ MOST = {  # folder: lines, lines without docstrings
     "fmus": (4974, 4446),
     "orchestration": (9547, 8414),
     "stability": (2758, 2259),
-    "ballscrew": (3495, 2887),
+    "ballscrew": (3500, 2892),
     "gallery": (2730, 2356),
-    "measurement": (12468, 10778),
+    "measurement": (12454, 10765),
     "proofs": (10933, 9753),
     "benchmarks": (1843, 1705),
     "docs": (1327, 1278),
     ".ci": (276, 255),
-    "tests": (23898, 22803),
+    "tests": (23897, 22802),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -13,14 +13,12 @@ from ...orchestration.loop.parameter_file import (
     Diagnosed,
     ParameterFile,
     Value,
-    read_parameters,
 )
 from ...plant.law import claims
 from ...solver.arrays import Mask, Vector
 from ...solver.errors import BadParameters, BadRecord
 from ..identification.motion_parts import REST, motion_parts
 from ..records.examine import check_identifiable
-from ..records.reading import read_drive_records
 from ..records.record import Record
 from .balance import Added, balance, recalibrated
 from .bands import AROUND_REST
@@ -41,28 +39,12 @@ _GAINS = ((ADJUSTED, PRIOR), (CORRECTED, PRIOR), (CORRECTED, ADJUSTED))
 _SLOWEST = 1e-5  # speed just above rest, at which stiction is computed [m/s]
 
 
-def compare(
-    data: Sequence[Path | str],
-    params: Path | str,
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    lead: float | None = None,
-    progress: Callable[[str], None] = lambda doing: None,
-) -> Compared:
-    """Compare the models of a parameter file with records; see `ballscrew.compare`."""
-    progress("reading")
-    file = read_parameters(params).with_lead(lead)
-    return compare_records(
-        read_drive_records(data, mapping, units, lead or file.lead), file, progress
-    )
-
-
 def compare_records(
     records: Sequence[Record],
     file: ParameterFile,
     progress: Callable[[str], None] = lambda doing: None,
 ) -> Compared:
-    """Like `compare`, for records and a parameter file in memory; nothing is fitted to the records.
+    """Compare the models of a parameter file with records; nothing is fitted to the records.
 
     Raises
     ------

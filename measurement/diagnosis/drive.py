@@ -291,6 +291,8 @@ def _with_command(record: Record, told: str) -> Record:
         u = record.u * record.lead / (2 * np.pi)
     if u is not None and np.isfinite(u).all():
         record = replace(record, signals={**record.signals, "u": u}, command=told)
+    if "u" not in record.signals:
+        raise BadRecord(f"{record.name}: there is no command u, and the current i has gaps")
     if told == VOLTAGE:
         return record
     return replace(record, signals={n: s for n, s in record.signals.items() if n != "i"})

@@ -92,5 +92,11 @@ def test_current_alone_is_diagnosed_and_compared_in_any_units(signals, tmp_path)
     other = check_record("other", loaded(seed=5))
     models = compare_records([other], file).models
     assert models["prior"]["all"].force.value == pytest.approx(LOAD, rel=0.1)
+    gaps = {
+        **without(other.signals, "u"),
+        "i": np.where(other.time < 1.0, np.nan, other.signals["i"]),
+    }
+    with pytest.raises(BadRecord, match="there is no command u, and the current i has gaps"):
+        compare_records([dataclasses.replace(other, signals=gaps, command=CURRENT)], file)
     with pytest.raises(BadRecord, match="u is a voltage, and the drive's command is a current"):
         compare_records([check_record("voltage", without(other.signals, "i"))], file)

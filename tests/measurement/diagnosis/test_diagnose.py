@@ -26,7 +26,7 @@ from worlds import draw_case as draw_world
 from worlds import layout as at
 from worlds import write_case as write_world
 
-from ballscrew.measurement.diagnosis.compare import compare
+from ballscrew import compare
 from ballscrew.measurement.diagnosis.diagnose import diagnose, diagnose_records
 from ballscrew.measurement.diagnosis.report import verdict_sentence
 from ballscrew.measurement.diagnosis.scores import OUTSIDE

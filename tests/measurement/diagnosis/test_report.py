@@ -106,8 +106,9 @@ def test_the_picture_says_what_the_error_goes_with(found):
     assert [line.get_linestyle() for line in place.lines[:2]] == ["-", "--"]
     ends = max(line.get_xdata().max() for line in time.lines[:2])
     assert ends == pytest.approx(2 * c.time[half], rel=0.03)
-    # between two reversals of the slowest swing
-    assert 0.1 < np.nanmax(since.lines[0].get_xdata()) / 1e3 < np.pi / 2.0
+    turns = np.flatnonzero(np.diff(np.sign(rest["v"])) + 3 * np.diff(twice["record"]))
+    longest = max(line.get_xdata().max() for line in since.lines[:2])
+    assert longest / 1e3 == pytest.approx(np.diff(turns).max() * c.time[1], rel=0.05)
 
 
 def test_means_by_position_leave_out_what_hardly_was_there():

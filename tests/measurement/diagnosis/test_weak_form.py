@@ -35,11 +35,6 @@ def test_newtons_law_holds_to_rounding_for_any_force_that_is_held(seed, width):
     assert found == pytest.approx(averaged(given_, width), abs=1e-7)
 
 
-@pytest.mark.parametrize("width", [1, 7])
-def test_an_average_of_a_constant_is_the_constant(width):
-    assert averaged(np.full((300, 2), 3.0), width) == pytest.approx(3.0, rel=1e-12)
-
-
 @pytest.mark.ci
 @pytest.mark.parametrize("width", [1, 10])
 def test_the_noise_of_the_readings_is_averaged(width):

@@ -196,13 +196,6 @@ def test_what_cannot_be_built_in_is_one_line(kind, found, said):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("name", ["backlash", "compliance"])
-def test_two_bodies_need_a_rotor(name):
-    with pytest.raises(ContractError, match="Jm is 0"):
-        plant_with(prior_model(Jm=0.0), name)
-
-
 @pytest.mark.parametrize(("command_held", "breaks_away"), [(2.7, False), (2.8, True)])
 def test_a_bend_at_low_speed_is_part_of_the_break_away_force(command_held, breaks_away):
     """2.35 N and 0.4 N."""
