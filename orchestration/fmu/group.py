@@ -212,15 +212,13 @@ class Group(Instance):
         If that is impossible, those of the next set count; at last a ring is cut at this member.
         """
         left, ordered = list(members), list[str]()
+        fed = {(f.member, self._source(f)) for f in self._feeds}
         while left:
-            waits = {m: self._feeders(m) - {*ordered} for m in left}
+            waits = {m: {s for n, s in fed if n == m} - {m, "", *ordered} for m in left}
             ready = [m for some in after for m in left if not waits[m] & some]
             ordered.append([*ready, left[cut]][0])
             left.remove(ordered[-1])
         return ordered
-
-    def _feeders(self, member: str) -> set[str]:
-        return {self._source(f) for f in self._feeds if f.member == member} - {member, ""}
 
     def _settle(self) -> None:
         """Set inputs and read outputs in the order in which they depend on each other."""
