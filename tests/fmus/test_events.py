@@ -13,15 +13,7 @@ from fmpy.validation import validate_fmu
 
 from ballscrew.fmus.native.export import export_native
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import (
-    Component,
-    Event,
-    Input,
-    Mode,
-    Output,
-    State,
-    symbol,
-)
+from ballscrew.solver.component import Component, Event, Input, Mode, Output, State, symbol
 from ballscrew.solver.kernel import Model
 
 HEIGHT, SPEED, SIDE, W = (symbol(n) for n in ("height", "speed", "side", "w"))
