@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1843, 1705),
     "docs": (1327, 1278),
     ".ci": (276, 255),
-    "tests": (23889, 22794),
+    "tests": (23886, 22790),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -1,6 +1,7 @@
 """Components with modes and events as FMUs, in co-simulation and under hosts of model exchange.
 
-``proofs/interoperability/exchange.py`` runs 200 courses of model exchange; here is a sample of the same seeds.
+``proofs/interoperability/exchange.py`` runs 200 courses of model exchange; here is a sample of the
+same seeds.
 """
 
 import fmpy
