@@ -75,6 +75,7 @@ class IdentifiedLaw(Result, Identification):
         if self.time_shift:
             shift = self.time_shift.times(1e3)
             force.append(("later than the motion by", f"{shift.value:.3g} ms ({between(shift)})"))
+        force.append(("fit on data held out", f"{self.held_out:.3g} %"))
         records = Table("Records", ("record",), [(r.name,) for r in self.records])
         return [*tables, Table("The force", ("", ""), force), records]
 

@@ -10,10 +10,13 @@ from sgn(v) to F, over distance, is nowhere negative: f1 >= f2 and f1 >= eta^2 f
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from typing import Any
+
 import sympy as sp
 
 from ..solver.component import ForceTerm, Output, Parameter, State, symbol
-from .law import Claims, friction_term
+from .law import Claims, Estimation, Features, friction_term
 
 _SOURCE = "Table 2.7, row 6"
 _SHARE = "distance constant of the fast part, in that of the slow one"
@@ -28,11 +31,37 @@ PARAMETERS = (
 _F1, _F2, _EPS, _ETA = map(symbol, ("f1", "f2", "eps_f", "eta"))
 _STIFFNESS = (_F1 / _ETA - _F2) / _EPS
 
+
+def _guesses(seen: Features, _: Mapping[str, float]) -> list[dict[str, float]]:
+    f2 = 1.5 * seen.sliding
+    f1 = seen.sliding + f2
+    two = [{"f1": f1, "f2": f2, "eta": eta} for eta in (0.3, 0.7)]
+    return [g | {"eps_f": (f1 / g["eta"] - f2) / seen.stiffness} for g in two]
+
+
+def _parameters(least: Any, gone: Any, eps_f: Any, odds: Any) -> Iterable[Any]:
+    """f1 and f2 grow together as eta nears one; f1 - f2 and f2 (1 - eta) hardly change."""
+    f2 = gone * (1 + odds)
+    return least + f2, f2, eps_f, odds / (1 + odds)
+
+
+def _numbers(f1: Any, f2: Any, eps_f: Any, eta: Any) -> Iterable[Any]:
+    return f1 - f2, f2 * (1 - eta), eps_f, eta / (1 - eta)
+
+
 CLAIMS = Claims(
     steady_state=(_F1 - _F2) * sp.sign(symbol("v")),
     stiffness=_STIFFNESS,
     passive_if=sp.And(_F1 >= _F2, _F1 >= _ETA**2 * _F2),
     follows_path_only=True,
+    estimation=Estimation(
+        "relaxing",
+        _guesses,
+        together=("f1", "f2", "eta"),
+        parameters=_parameters,
+        numbers=_numbers,
+        of_break_away=(),
+    ),
 )
 
 

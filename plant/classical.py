@@ -14,7 +14,7 @@ import sympy as sp
 
 from ..solver.component import Component, Event, ForceTerm, Mode, Output, Parameter, symbol
 from ..solver.errors import ContractError
-from .law import Claims
+from .law import Claims, Estimation
 from .lugre import PARAMETERS, stribeck
 
 STUCK, FORWARD, BACKWARD = "stuck", "forward", "backward"
@@ -45,7 +45,11 @@ def sliding(velocity: sp.Expr, direction: sp.Expr) -> sp.Expr:
     return direction * stribeck(velocity) + symbol("sigma2") * velocity
 
 
-CLAIMS = Claims(steady_state=sliding(symbol("v"), sp.sign(symbol("v"))), stiffness=None)
+CLAIMS = Claims(
+    steady_state=sliding(symbol("v"), sp.sign(symbol("v"))),
+    stiffness=None,
+    estimation=Estimation("dry", lambda _, curve: [{}], of_sliding=USED),
+)
 
 
 def able_to_stick(component: Component) -> Component:

@@ -11,10 +11,12 @@ infinite. The power is therefore b (b^2 + d^2)^((alpha-1)/2) with d = `ROUNDING`
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import sympy as sp
 
 from ..solver.component import ForceTerm, Parameter, State, symbol
-from .law import Claims, friction_term
+from .law import Claims, Estimation, Features, friction_term
 
 ROUNDING = sp.Float("1e-6")
 _EXPONENT = "exponent; 1 is the usual one, below it F meets Fc after a finite way"
@@ -25,10 +27,17 @@ PARAMETERS = (
     Parameter("alpha", 1.0, "1", _EXPONENT, "Section 2.3.2.1", minimum=0.0, maximum=10.0),
 )
 
+
+def _guesses(seen: Features, _: Mapping[str, float]) -> list[dict[str, float]]:
+    return [{"sigma": seen.stiffness, "Fc": seen.largest, "alpha": a} for a in (1.0, 2.0)]
+
+
 CLAIMS = Claims(
     steady_state=symbol("Fc") * sp.sign(symbol("v")),
     stiffness=symbol("sigma"),
     follows_path_only=True,
+    # it bends from the start, so that the stiffness is not seen without the end of the bend, too
+    estimation=Estimation("power", _guesses, of_break_away=("sigma", "Fc", "alpha")),
 )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sympy as sp
 
 from ..solver.component import ForceTerm, symbol
+from .classical import CLAIMS as SAME_BOTH_WAYS
 from .classical import USED, sliding, sticking_term
 from .directional_lugre import PARAMETERS, one_way
 from .law import Claims
@@ -22,7 +23,9 @@ def _friction(velocity: sp.Expr) -> sp.Expr:
     return (1 + sign) / 2 * forwards + (1 - sign) / 2 * backwards
 
 
-CLAIMS = Claims(steady_state=_friction(symbol("v")), stiffness=None)
+CLAIMS = Claims(
+    steady_state=_friction(symbol("v")), stiffness=None, estimation=SAME_BOTH_WAYS.estimation
+)
 
 
 def directional_classical(velocity: sp.Expr) -> ForceTerm:

@@ -74,6 +74,7 @@ CLAIMS = Claims(
     ),
     lags=True,
     breaks_away_sooner_when_loaded_faster=True,
+    estimation=SAME_BOTH_WAYS.estimation,
 )
 
 

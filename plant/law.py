@@ -5,16 +5,17 @@ A law is a function of the velocity that returns a `ForceTerm` with an output ``
 an output ``z`` [m]: the elastic part of the force divided by the stiffness at rest.
 
 In addition to the function, each law's file has a `Claims` named ``CLAIMS``. The conformance suite
-tests the law against it; other modules take the steady-state curve and the stiffness from it.
+tests the law against it; other modules take the steady-state curve and the stiffness from it, and
+what an estimation of its parameters from records asks.
 """
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 import sympy as sp
 
@@ -23,6 +24,35 @@ from ..solver.errors import UnknownName
 from . import LAWS, TURNING
 
 Law = Callable[[sp.Expr], ForceTerm]
+
+
+@dataclass(frozen=True)
+class Features:
+    """Rough features of records, for first guesses: stiffness [N/m] and forces [N]."""
+
+    stiffness: float
+    sliding: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class Estimation:
+    """What an estimation of a law's parameters from records asks; both directions are alike."""
+
+    # form of the exact step along a record, see ``measurement/identification/c/laws.c``; empty:
+    # the equations are solved
+    form: str = ""
+    # first guesses of the parameters, except those of a Stribeck curve, whose are `curve`
+    guesses: Callable[[Features, Mapping[str, float]], list[dict[str, float]]] | None = None
+    presliding: sp.Expr | None = None  # distance [m]; None: steady state over stiffness
+    # parameters that cannot be estimated one by one; positive numbers in their place, of which all
+    # parameters are functions, and the inverse
+    together: tuple[str, ...] = ()
+    parameters: Callable[..., Iterable[Any]] | None = None
+    numbers: Callable[..., Iterable[Any]] | None = None
+    of_sliding: tuple[str, ...] = ()  # seen only where the body slides far and at several speeds
+    of_break_away: tuple[str, ...] = ("Fs",)  # seen only if the body breaks away
+    unseen: tuple[str, ...] = ()  # never seen: these keep their defaults
 
 
 @dataclass(frozen=True)
@@ -46,6 +76,7 @@ class Claims:
     lags: bool = False
     # the largest friction before sliding falls as the loading rate grows
     breaks_away_sooner_when_loaded_faster: bool = False
+    estimation: Estimation = field(default_factory=Estimation)
 
 
 def friction_term(

@@ -8,10 +8,12 @@ slowly.
 
 from __future__ import annotations
 
+import math
+
 import sympy as sp
 
 from ..solver.component import ForceTerm, Parameter, State, symbol
-from .law import Claims, friction_term
+from .law import Claims, Estimation, friction_term
 
 _DAMPING = "Table 3.1; 2 sqrt(sigma0 m) - sigma2 by Eq. 2.17"
 PARAMETERS = (
@@ -39,12 +41,21 @@ PASSIVE_MARGIN = symbol("sigma2") - symbol("sigma1") * (
 )
 """Viscous coefficient minus the largest negative effect of the bristles' damping [N*s/m]."""
 
+ESTIMATION = Estimation(
+    form="bristles",
+    guesses=lambda seen, _: [{"sigma0": seen.stiffness, "sigma1": 2 * math.sqrt(seen.stiffness)}],
+    presliding=symbol("Fs") / symbol("sigma0"),
+    of_sliding=("Fc", "Vs", "sigma2"),
+    unseen=("Kv",),
+)
+
 CLAIMS = Claims(
     steady_state=stribeck(symbol("v")) * sp.sign(symbol("v")) + symbol("sigma2") * symbol("v"),
     stiffness=symbol("sigma0"),
     passive_if=PASSIVE_MARGIN >= 0,
     lags=True,
     breaks_away_sooner_when_loaded_faster=True,
+    estimation=ESTIMATION,
 )
 
 

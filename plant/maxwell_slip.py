@@ -25,12 +25,14 @@ certainly passive only for motion that does not stay below that speed.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
+from typing import Any
 
 import sympy as sp
 
 from ..solver.component import ForceTerm, Output, Parameter, State, symbol
-from .law import Claims, friction_term
+from .law import Claims, Estimation, Features, friction_term
 from .lugre import PARAMETERS as LUGRE
 from .lugre import stribeck
 
@@ -92,6 +94,23 @@ PARAMETERS = (
 _K, _ALPHA = ([symbol(name) for name in _names(stem)] for stem in ("k", "alpha"))
 _LEAST, _MOST = (f(symbol("Fc"), symbol("Fs")) for f in (sp.Min, sp.Max))
 
+
+def _guesses(seen: Features, curve: Mapping[str, float]) -> list[dict[str, float]]:
+    guess = {p.name: p.default for p in PARAMETERS} | {"C": seen.stiffness * curve["Vs"]}
+    return [guess | dict.fromkeys(_names("k"), seen.stiffness / ELEMENTS)]
+
+
+def _from_ratios(*values: Any) -> Iterable[Any]:
+    """Shares add up to one, since a common factor is one of Fc and Fs; the last ratio is one."""
+    ratios = [*values[ELEMENTS : 2 * ELEMENTS - 1], values[2 * ELEMENTS - 1] ** 0]
+    return *values[:ELEMENTS], *(r / sum(ratios) for r in ratios), *values[2 * ELEMENTS :]
+
+
+def _to_ratios(*values: Any) -> Iterable[Any]:
+    shares = values[ELEMENTS : 2 * ELEMENTS]
+    return *values[:ELEMENTS], *(s / shares[-1] for s in shares), *values[2 * ELEMENTS :]
+
+
 CLAIMS = Claims(
     steady_state=sp.Add(*_ALPHA) * stribeck(symbol("v")) * sp.sign(symbol("v"))
     + symbol("sigma2") * symbol("v"),
@@ -101,6 +120,15 @@ CLAIMS = Claims(
     * (1 - _LEAST / _MOST),
     lags=True,
     breaks_away_sooner_when_loaded_faster=True,
+    estimation=Estimation(
+        "elements",
+        _guesses,
+        symbol("Fs") / sp.Add(*_K),
+        tuple(_names("alpha")),
+        _from_ratios,
+        _to_ratios,
+        of_sliding=("Fc", "Vs", "sigma2", "C", "Fs", *_names("alpha")),
+    ),
 )
 
 

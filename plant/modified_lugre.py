@@ -41,6 +41,7 @@ CLAIMS = Claims(
     ),
     lags=ORIGINAL.lags,
     breaks_away_sooner_when_loaded_faster=ORIGINAL.breaks_away_sooner_when_loaded_faster,
+    estimation=ORIGINAL.estimation,
 )
 
 

@@ -83,7 +83,7 @@ PARTS = {
     "test_next_experiment.py -k 'motion or lasts'",
     "measurement/diagnosis/scores.py": "measurement/diagnosis/test_scores.py -k "
     "'not (far or gap or noisy or follows or swing)'",
-    "measurement/records/resolution.py": "measurement/records/test_resolution.py "
+    "measurement/records/record.py": "measurement/records/test_resolution.py "
     "measurement/records/test_velocity.py",
     "measurement/records/table.py": "measurement/records/test_table.py "
     "measurement/records/test_mat_tables.py measurement/records/test_joined.py",

@@ -16,19 +16,19 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
     "solver": (5940, 5290),
-    "plant": (1588, 1313),
+    "plant": (1678, 1398),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
     "orchestration": (9546, 8413),
     "stability": (2758, 2259),
-    "ballscrew": (3500, 2892),
+    "ballscrew": (3501, 2893),
     "gallery": (2730, 2356),
-    "measurement": (12454, 10765),
+    "measurement": (12304, 10615),
     "proofs": (10933, 9753),
     "benchmarks": (1843, 1705),
     "docs": (1327, 1278),
     ".ci": (276, 255),
-    "tests": (23886, 22790),
+    "tests": (23774, 22679),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

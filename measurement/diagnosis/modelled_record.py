@@ -20,8 +20,7 @@ from scipy.ndimage import (
 from scipy.signal import lfilter, savgol_filter, welch
 
 from ...solver.arrays import Vector
-from ..records.record import Record
-from ..records.resolution import fast_noise
+from ..records.record import Record, fast_noise
 from .drive import Drive, midway
 from .weak_form import acceleration, averaged, between_samples, lagged, per_interval
 

@@ -28,21 +28,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ...fmus.units import base_exponents
+from ...plant.law import Features
 from ...plant.law import law as law_of
-from ...plant.maxwell_slip import ELEMENTS
-from ...plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from ...solver.arrays import Vector
 from ...solver.component import symbol
 from ..records.record import Record
 from .fit_errors import sum_up
 from .fitted_law import LAWS, MASS, OFFSET, FittedLaw, claim_of, without_direction
 from .intervals import Fit
-from .law_along_record import KINDS
 from .layout import StackedRecords, lay_out
 from .likelihood import Climb, Problem
 from .motion_parts import least_squares, way_since_reversal
@@ -95,8 +93,8 @@ def fit_along(
         course = course.with_mass(guess[MASS]) if mass else course
     else:
         sliding = _fast_sliding(course, replace(described, offset=OFFSET in beside), constant)
-        course = course.with_mass(sliding.mass) if mass else course
-        constant = sliding.offset
+        course = course.with_mass(sliding["mass"]) if mass else course
+        constant = sliding["offset"]
         starts = _starts(course, described, sliding)
     problem = Problem(course, described)
     names = described.names + described.beside
@@ -128,48 +126,39 @@ def fit_along(
     return sum_up(best, fixed)
 
 
-@dataclass(frozen=True)
-class _Sliding:
-    """Mass [kg], constant force and dry friction [N] and viscous friction [N s/m] at speed."""
-
-    mass: float
-    offset: float = 0.0
-    dry: float = 0.0
-    viscous: float = 0.0
-
-
-def _fast_sliding(course: StackedRecords, law: FittedLaw, offset: float) -> _Sliding:
-    """Least squares where the friction over the speed is nearly straight.
+def _fast_sliding(course: StackedRecords, law: FittedLaw, offset: float) -> dict[str, float]:
+    """Mass [kg], constant force, dry [N] and viscous friction [N s/m], where that is nearly a line.
 
     A column that the motion does not show is left out: a constant force with one direction, a
     viscous slope with one speed.
     """
     v, a = course.v, course.acceleration
     fast = np.abs(v) > _FAST * float(np.quantile(np.abs(v), 0.98))
-    columns = {"dry": np.sign(v), "viscous": v, "offset": np.ones(len(v)), "mass": a}
     one_way = abs(float(np.sign(v[fast]).sum())) == np.count_nonzero(fast)
     one_speed = float(np.ptp(np.abs(v[fast]))) < 0.2 * float(np.abs(v[fast]).max())
-    shown = {"dry": True, "viscous": not one_speed, "mass": law.mass}
-    shown["offset"] = law.offset and not one_way
-    names = [n for n in columns if shown[n]]
+    columns = {"dry": np.sign(v)}
+    columns |= {} if one_speed else {"viscous": v}
+    columns |= {"offset": np.ones(len(v))} if law.offset and not one_way else {}
+    columns |= {"mass": a} if law.mass else {}
     target = course.force - offset - (0.0 if law.mass else course.inertial)
-    told = least_squares(np.column_stack([columns[n] for n in names])[fast], target[fast])
-    found = {"mass": 0.0 if law.mass else course.mass} | dict(zip(names, told, strict=True))
+    told = least_squares(np.column_stack([*columns.values()])[fast], target[fast])
+    none = {"mass": 0.0 if law.mass else course.mass, "offset": 0.0, "viscous": 0.0}
+    found = none | dict(zip(columns, map(float, told), strict=True))
     # if the motion does not show a mass: a mass whose force is a tenth of the friction
     usual = 0.1 * course.level / max(float(np.quantile(np.abs(a), 0.98)), 1e-12)
     if law.mass and found["mass"] < 0.1 * usual:
         found["mass"] = usual
-    return _Sliding(**found | {"offset": offset + found.get("offset", 0.0)})
+    return found | {"offset": offset + found["offset"]}
 
 
-def _starts(course: StackedRecords, law: FittedLaw, sliding: _Sliding) -> list[Vector]:
+def _starts(course: StackedRecords, law: FittedLaw, sliding: Start) -> list[Vector]:
     """First guesses from rough features of the friction-velocity map."""
-    friction = course.force - course.inertial - sliding.offset
+    friction = course.force - course.inertial - sliding["offset"]
     pull, speed = np.abs(friction), np.abs(course.v)
     top = float(np.quantile(speed, 0.98))
     high = max(float(np.quantile(pull, 0.97)), 1e-3)
     level = max(float(np.quantile(pull[speed > _FAST * top], 0.1)), 0.05 * high)
-    dry = np.abs(friction - max(sliding.viscous, 0.0) * course.v)
+    dry = np.abs(friction - max(sliding["viscous"], 0.0) * course.v)
     most = max(float(np.quantile(dry, 0.97)), 1e-3)
     stiffness = []
     for part in course.parts():
@@ -180,24 +169,13 @@ def _starts(course: StackedRecords, law: FittedLaw, sliding: _Sliding) -> list[V
         if np.any(early):
             stiffness.append(float(np.median(own[early] / way[early])))
     sigma = 1.3 * float(np.median(stiffness)) if stiffness else most / 3e-5
-    if law.name == "dahl":
-        starts = [{"sigma": sigma, "Fc": high, "alpha": a} for a in (1.0, 2.0)]
-    elif law.name == "bliman_sorine":
-        starts = []
-        for eta in (0.3, 0.7):
-            f2 = 1.5 * level
-            f1 = level + f2
-            starts.append({"f1": f1, "f2": f2, "eps_f": (f1 / eta - f2) / sigma, "eta": eta})
-    elif law.name not in KINDS:
+    if law.asks.guesses is None:
         starts = _scaled_defaults(law.name, high, sigma, top)
     else:
-        elements = {p.name: p.default for p in MAXWELL_SLIP}
-        elements |= {f"k{i}": sigma / ELEMENTS for i in range(1, ELEMENTS + 1)}
-        bristles = {"sigma0": sigma, "sigma1": 2 * math.sqrt(sigma)}
-        starts = [
-            elements | bristles | curve | {"C": sigma * curve["Vs"]}
-            for curve in _stribeck_curves(course, friction, most / sigma)
-        ]
+        stribeck = "Vs" in law.parameters
+        curves = _stribeck_curves(course, friction, most / sigma) if stribeck else [{}]
+        seen = Features(sigma, level, high)
+        starts = [guess | curve for curve in curves for guess in law.asks.guesses(seen, curve)]
     return [np.array([s[n] for n in law.parameters]) for s in starts]
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
 from ...solver.arrays import Matrix, Vector
-from .fitted_law import BRISTLES, DRAWN, OFFSET, without_direction
+from .fitted_law import OFFSET, without_direction
 from .identifiability import blurred_elements, hardly_slides, peak_unseen
 from .intervals import CONFIDENCE, NARROW, Fit, Interval, is_narrow
 from .law_along_record import with_backlash
@@ -54,10 +55,21 @@ def sum_up(climb: Climb, fixed: Mapping[str, float]) -> Fit:
         covariance=covariance[:p, :p],
         freedom=freedom[:p],
         predicted=np.where(problem.spoken, predicted, course.force),
+        held_out=_held_out(climb, pieces, inverse, predicted),
         spoken=problem.spoken,
         hidden=problem.unseen(predicted) + np.mean(climb.errors**2, axis=0),
     )
     return replace(fit, intervals=_intervals(fit, climb, fixed))
+
+
+class _Piece(NamedTuple):
+    """A piece of a record, with what it tells of the unknowns at the places `at`."""
+
+    at: npt.NDArray[np.int64]
+    part: slice  # its samples
+    local: Matrix  # derivatives of the force by all of these unknowns but the noise
+    block: Matrix  # information
+    said: Vector  # score
 
 
 def _inverse(matrix: Matrix) -> Matrix:
@@ -84,8 +96,12 @@ def _robust(
     problem, course = climb.problem, climb.problem.course
     q, prior = len(pieces.columns), prior_std**-2
     rows = inverse[:q]
-    meat, share = _from_pieces(climb, pieces, inverse, prior)
-    robust = rows @ meat @ rows.T
+    meat, shares = np.diag(prior), []  # outer products of the pieces' scores; each one's share
+    for piece in _each_piece(climb, pieces, inverse):
+        meat[np.ix_(piece.at, piece.at)] += np.outer(piece.said, piece.said)
+        arms = rows[:, piece.at]
+        shares.append(np.einsum("ij,jk,ik->i", arms, piece.block, arms))
+    robust, share = rows @ meat @ rows.T, np.array(shares)
     spread = climb.spread(climb.point.noise) ** 2 + course.resolution**2 / 12
     white = (spread - climb.hidden) / spread
 
@@ -131,17 +147,9 @@ def _late(climb: Climb, pieces: Pieces) -> tuple[Interval, ...]:
     )
 
 
-def _from_pieces(
-    climb: Climb, pieces: Pieces, inverse: Matrix, prior: Vector
-) -> tuple[Matrix, Matrix]:
-    """Sum of the outer products of the pieces' scores, and each piece's share.
-
-    The score of a piece depends on the global unknowns and on those of one record.
-    """
+def _each_piece(climb: Climb, pieces: Pieces, inverse: Matrix) -> Iterator[_Piece]:
+    """What each piece tells, of the global unknowns and of those of its record."""
     problem, course = climb.problem, climb.problem.course
-    q = len(pieces.columns)
-    meat = np.diag(prior)
-    shares: list[Vector] = []
     for r, whole in enumerate(course.parts()):
         length = max(10, round(PIECE / course.step[r]))
         at = np.append(_of_record(climb, r), len(inverse) - 1)
@@ -157,10 +165,16 @@ def _from_pieces(
             said = np.append(local @ gradient[0], gradient[1] @ noisy)
             # leverage: the score of the piece if it had not been used in the fit
             said = np.linalg.solve(np.eye(len(at)) - block @ inverse[np.ix_(at, at)], said)
-            meat[np.ix_(at, at)] += np.outer(said, said)
-            arms = inverse[:q][:, at]
-            shares.append(np.einsum("ij,jk,ik->i", arms, block, arms))
-    return meat, np.array(shares)
+            yield _Piece(at, part, local, block, said)
+
+
+def _held_out(climb: Climb, pieces: Pieces, inverse: Matrix, predicted: Vector) -> Vector:
+    """Force of each piece by the parameters of a fit without it, to first order [N]."""
+    without = predicted.copy()
+    for piece in _each_piece(climb, pieces, inverse):
+        moved = inverse[np.ix_(piece.at, piece.at)] @ piece.said
+        without[piece.part] -= moved[:-1] @ piece.local
+    return without
 
 
 def _of_sensors(climb: Climb) -> Vector:
@@ -180,7 +194,7 @@ def _of_sensors(climb: Climb) -> Vector:
         if bare in _ELASTIC:
             way = law.presliding_way(values, name[len(bare) :])
             variances[j] = float(np.mean((course.backlash / way) ** 2 + course.gain_std**2))
-        elif bare == "sigma1" and law.name in BRISTLES:
+        elif bare == "sigma1":
             sigma0, sigma1 = np.exp(coordinates[j - 1 : j + 1])
             variances[j] = (float(problem.clock_std.min()) * sigma0 / sigma1) ** 2
     return variances
@@ -235,7 +249,7 @@ def _intervals(fit: Fit, climb: Climb, fixed: Mapping[str, float]) -> dict[str, 
     quantile = student.ppf(0.5 + CONFIDENCE / 2, fit.freedom)
     variances = np.diag(fit.covariance)  # may be negative by rounding, if a coordinate is unknown
     errors = np.sqrt(np.where(variances >= 0, variances, np.inf))
-    drawn = fit.draws() if fit.law.name in DRAWN else None
+    drawn = fit.draws() if fit.law.together else None
     blurred = blurred_elements(fit, course.resolution)
     units = dict(zip(fit.names, fit.law.fitted_units, strict=True))
     intervals = {}

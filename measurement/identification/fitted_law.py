@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import sympy as sp
 
 from ...plant import LAWS as NAMES
-from ...plant.law import claims, law
-from ...plant.lugre import PARAMETERS as LUGRE
-from ...plant.maxwell_slip import ELEMENTS
-from ...solver.arrays import Vector
-from ...solver.component import Parameter, symbol
+from ...plant.law import Estimation, claims, law
+from ...solver.arrays import Matrix, Vector
+from ...solver.component import symbol
 
 OFFSET = "offset"
 """Name of the constant force [N], against motion in +x as in the plants."""
 MASS = "m"
 """Name of the mass [kg] between the force sensor and the friction."""
-BRISTLES = ("lugre", "modified_lugre", "directional_lugre")
-"""LuGre and related laws. Kv of these is fixed, because records give no information on it."""
-DRAWN = ("bliman_sorine", "maxwell_slip")
-"""Laws with parameters that depend on several coordinates: their intervals are drawn."""
+FORMS = ("bristles", "power", "relaxing", "elements", "dry", "solved")
+"""Forms of laws in ``c/laws.c``; the last is for a law without an exact step there."""
 
 
 @dataclass(frozen=True)
@@ -35,15 +32,31 @@ class FittedLaw:
     units: tuple[str, ...]
     directional: bool = False  # whether each direction has its own parameters
     rigid: bool = False  # whether the body sticks without any motion
+    unseen: tuple[str, ...] = ()  # parameters that keep their defaults
     mass: bool = False  # whether the mass is also fitted
     offset: bool = False  # whether a constant force is also fitted
+
+    @property
+    def asks(self) -> Estimation:
+        """What the law's file says about its estimation."""
+        return claims(self.name).estimation
+
+    @property
+    def form(self) -> str:
+        """One of `FORMS`."""
+        return self.asks.form or FORMS[-1]
+
+    @property
+    def together(self) -> tuple[str, ...]:
+        """Parameters that depend on several coordinates: intervals of the law are drawn."""
+        return self.asks.together
 
     @property
     def beside(self) -> tuple[str, ...]:
         """Parameters fitted in addition to the law, in the order of their coordinates, the last."""
         return (MASS,) * self.mass + (OFFSET,) * self.offset
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the law's parameters in the plants, forwards first."""
         if not self.directional:
@@ -60,59 +73,32 @@ class FittedLaw:
         """Units of `names` and `beside`."""
         return self.units * len(self.ends) + ("kg",) * self.mass + ("N",) * self.offset
 
-    def values_at(self, coordinates: Vector) -> Vector:
-        """Parameters from the coordinates in which they are fitted.
+    def values_at(self, coordinates: Matrix) -> Matrix:
+        """Parameters from the coordinates in which they are fitted, shape (..., p) of both.
 
-        Coordinates are logarithms, except for two laws. Bliman-Sorine's f1 and f2 grow together as
-        eta approaches one, while their difference and f2*(1 - eta) hardly change. Its coordinates
-        are these two, eps_f and the odds of eta. The shares of Maxwell slip add up to one, since a
-        common factor is equivalent to a factor of Fc and Fs. Its coordinates are their ratios to
-        the last share; the coordinate of the last share has no effect. The mass is a logarithm,
-        too. A constant force is its own coordinate [N], the last.
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (..., p) or (..., 2 p)
-            With one more for each name in `beside`.
+        Coordinates are logarithms of the parameters, or of the numbers that the law's file has in
+        their place; the mass is a logarithm, too. A constant force is its own coordinate [N], the
+        last.
         """
-        if self.beside:
-            split = coordinates.shape[-1] - len(self.beside)
-            of_law = replace(self, mass=False, offset=False).values_at(coordinates[..., :split])
-            rest = coordinates[..., split:].copy()
-            rest[..., : self.mass] = np.exp(rest[..., : self.mass])
-            return np.concatenate([of_law, rest], axis=-1)
-        values = np.exp(coordinates)
-        if self.name == "bliman_sorine":
-            parts = []
-            for k in range(0, coordinates.shape[-1], 4):
-                c, b, eps_f, odds = np.moveaxis(values[..., k : k + 4], -1, 0)
-                f2 = b * (1 + odds)
-                parts += [c + f2, f2, eps_f, odds / (1 + odds)]
-            return np.stack(parts, axis=-1)
-        if self.name == "maxwell_slip":
-            for k in range(ELEMENTS, coordinates.shape[-1], len(self.parameters)):
-                shares = values[..., k : k + ELEMENTS]
-                shares[..., -1] = 1.0
-                shares /= shares.sum(axis=-1, keepdims=True)
-        return np.asarray(values)
+        values = np.array(coordinates, dtype=float)
+        logarithms = values[..., : values.shape[-1] - self.offset]
+        np.exp(logarithms, out=logarithms)
+        if self.asks.parameters:
+            for first in range(0, len(self.names), len(self.parameters)):
+                own = values[..., first : first + len(self.parameters)]
+                made = self.asks.parameters(*np.moveaxis(own, -1, 0))
+                own[...] = np.stack([*made], axis=-1)
+        return values
 
     def coordinates_of(self, values: Vector) -> Vector:
         """The inverse of `values_at`, for one set of parameters, shape (p,)."""
-        if self.name == "bliman_sorine":
-            f1, f2, eps_f, eta = values
-            return np.asarray(np.log([f1 - f2, f2 * (1 - eta), eps_f, eta / (1 - eta)]))
-        coordinates = np.log(values)
-        if self.name == "maxwell_slip":
-            coordinates[ELEMENTS : 2 * ELEMENTS] -= coordinates[2 * ELEMENTS - 1]
-        return np.asarray(coordinates)
+        return np.log([*self.asks.numbers(*values)] if self.asks.numbers else values)
 
     def presliding_way(self, values: Mapping[str, float], end: str = "") -> float:
         """Presliding distance [m], of the parameters whose names have this end."""
         own = {n: values[n + (end or self.ends[0])] for n in self.parameters}
-        if self.name == "maxwell_slip":
-            return own["Fs"] / sum(own[f"k{i}"] for i in range(1, ELEMENTS + 1))
-        if self.name in BRISTLES:
-            return own["Fs"] / own["sigma0"]
+        if self.asks.presliding is not None:
+            return float(self.asks.presliding.subs({symbol(n): v for n, v in own.items()}))
         stiffness = claim_of(self.name, "stiffness", own)
         rigid = 2e-5  # assumed for a law without a stiffness
         return abs(claim_of(self.name, "steady_state", own) / stiffness) if stiffness else rigid
@@ -120,14 +106,17 @@ class FittedLaw:
 
 def _fitted(name: str) -> FittedLaw:
     """A law of the plants; parameters with a default of 0 are not fitted."""
-    both = name.removeprefix("directional_")
-    own: tuple[Parameter, ...] = LUGRE if name in BRISTLES else law(both)(symbol("v")).parameters
-    own = tuple(p for p in own if p.default > 0)
+    both, claim = name.removeprefix("directional_"), claims(name)
+    every = law(name)(symbol("v")).parameters
+    unseen = tuple(p.name for p in every if p.name in claim.estimation.unseen)
+    own = [p for p in law(both)(symbol("v")).parameters if p.default > 0 and p.name not in unseen]
     names, units = tuple(p.name for p in own), tuple(p.unit for p in own)
-    return FittedLaw(name, names, units, both != name, claims(name).stiffness is None)
+    return FittedLaw(name, names, units, both != name, claim.stiffness is None, unseen)
 
 
 LAWS = {name: _fitted(name) for name in NAMES}
+BRISTLES = tuple(name for name, law in LAWS.items() if law.form == "bristles")
+"""LuGre and related laws."""
 
 
 def without_direction(name: str) -> str:

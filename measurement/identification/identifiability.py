@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...plant.maxwell_slip import ELEMENTS
 from ...solver.arrays import Vector
-from .fitted_law import BRISTLES, DRAWN, MASS, OFFSET, assumed_damping, without_direction
+from .fitted_law import MASS, OFFSET, assumed_damping, without_direction
 from .intervals import CONFIDENCE, NARROW, Fit
 from .law_along_record import with_backlash
 from .layout import StackedRecords
@@ -50,11 +49,11 @@ def peak_unseen(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     """
     name = without_direction(parameter)
     end, law = parameter[len(name) :], fit.law
-    static = "Fc" if law.name == "dahl" else "Fs"
+    static = "Fs" if "Fs" in law.parameters else "Fc"
     falls = name in ("Fs", "Vs") and {"Fc", "Fs"} <= set(law.parameters)
     if falls and fit.values["Fs" + end] < (1 + UNDER) * fit.values["Fc" + end]:
         return True
-    if name not in (law.parameters if law.name == "dahl" else ("Fs",)):
+    if name not in law.asks.of_break_away:
         return False
     friction = (fit.predicted - course.inertial)[fit.spoken] - fit.values.get(OFFSET, 0.0)
     pull = {"_pos": friction, "_neg": -friction}.get(end, np.abs(friction))
@@ -71,12 +70,7 @@ def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     remaining fall, its width and the viscous slope are not identified.
     """
     name = without_direction(parameter)
-    curve = ["Fc", "Vs", "sigma2"]
-    sliding = curve.copy()
-    if fit.law.name == "maxwell_slip":  # shares of the force at which all elements slip
-        sliding += ["C", "Fs", *(f"alpha{i}" for i in range(1, ELEMENTS + 1))]
-    told = "Vs" in fit.law.parameters and (name in sliding or fit.law.rigid)
-    if name == OFFSET or not told:
+    if name not in fit.law.asks.of_sliding:
         return False
     end = parameter[len(name) :]
     yielding = fit.law.presliding_way(fit.values, end)
@@ -87,7 +81,7 @@ def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     slid = {"_pos": np.maximum(moves, 0.0), "_neg": np.maximum(-moves, 0.0)}.get(end, np.abs(moves))
     if float(slid.sum()) < 50.0 * yielding:
         return True
-    if name not in curve:
+    if name not in ("Fc", "Vs", "sigma2"):
         return False
     order = np.argsort(np.abs(course.v))
     covered = np.cumsum(slid[order]) / float(slid.sum())
@@ -102,20 +96,20 @@ def blurred_elements(fit: Fit, resolution: float) -> set[str]:
     An element is distinguished if, for all plausible parameters, its force is more than the
     resolution of the load cell [N], and it yields after the previous and before the next element.
     """
-    if fit.law.name != "maxwell_slip":
+    if fit.law.form != "elements":
         return set()
-    names = set()
+    names, count = set(), len(fit.law.together)
     drawn = fit.draws()
     for first in range(0, len(fit.law.names), len(fit.law.parameters)):
         own = drawn[:, first : first + len(fit.law.parameters)]
-        stiffness, shares = own[:, :ELEMENTS], own[:, ELEMENTS : 2 * ELEMENTS]
+        stiffness, shares = own[:, :count], own[:, count : 2 * count]
         held = shares * own[:, -2:-1]
         yields = held / stiffness
         before = np.column_stack([np.zeros(len(yields)), yields[:, :-1]])
         after = np.column_stack([yields[:, 1:], np.full(len(yields), math.inf)])
         told = np.mean((held > 2 * resolution) & (before < yields) & (yields < after), axis=0)
         for i in np.flatnonzero(told < CONFIDENCE):
-            names |= {fit.names[first + i], fit.names[first + ELEMENTS + i]}
+            names |= {fit.names[first + i], fit.names[first + count + i]}
     return names
 
 
@@ -131,14 +125,14 @@ class CandidateTrial:
 
     def course(self, noise: float, resolution: float) -> StackedRecords:
         """Its records without force, by a load cell of this noise and resolution [N]."""
-        times: Vector = self.step * np.arange(round(self.duration / self.step), dtype=float)
-        xs = [motion(times) for motion in self.motions]
-        n, records = len(times), len(xs)
-        v: list[Vector] = [np.asarray(np.gradient(x, self.step)) for x in xs]
+        times = self.step * np.arange(round(self.duration / self.step), dtype=float)
+        n, records = len(times), len(self.motions)
+        x = np.array([motion(times) for motion in self.motions])
+        v = np.gradient(x, self.step, axis=1)
         return StackedRecords(
-            x=np.concatenate(xs),
-            v=np.concatenate(v),
-            inertial=np.concatenate([np.asarray(np.gradient(u, self.step)) for u in v]),
+            x=x.ravel(),
+            v=v.ravel(),
+            inertial=np.gradient(v, self.step, axis=1).ravel(),
             force=np.zeros(n * records),
             blur=np.full(n * records, self.blur),
             still=np.zeros(n * records, dtype=bool),
@@ -156,39 +150,20 @@ class CandidateTrial:
         )
 
 
-def _constant(
-    speeds: Sequence[float], longest: float, sensors: tuple[float, float]
-) -> CandidateTrial:
-    """Constant velocities [m/s] in either direction, for at most this time [s]."""
-    *others, last = (f"{v:.2g}" for v in speeds)
-    what = f"constant velocities of {', '.join(others)} and {last} m/s in either direction, "
-
-    def motion(speed: float) -> Motion:
-        rise = 0.06
-        return lambda t: speed * (t - rise * (1 - np.exp(-t / rise)))
-
-    motions = tuple(motion(s * v) for v in speeds for s in (1.0, -1.0))
-    return CandidateTrial(f"{what}{longest:.2g} s each", motions, longest, *sensors)
-
-
 def _sine(speed: float, omega: float) -> Motion:
     return lambda t: speed / omega * (1 - np.cos(omega * t))
 
 
-def _size(fit: Fit, course: StackedRecords) -> tuple[float, float]:
-    """Speed and travel of the machine [m/s, m]: those of its records.
-
-    If the records show presliding only: a travel long enough to slide, moved over in a second.
-    """
-    way = max(fit.law.presliding_way(fit.values, end) for end in fit.law.ends)
-    travel = max(float(np.ptp(course.x[part])) for part in course.parts())
-    if travel < _BROKEN_AWAY * way:
-        return 100.0 * way, 100.0 * way
-    return float(np.quantile(np.abs(course.v), 0.99)), travel
+def _rise(speed: float) -> Motion:
+    """To a constant velocity [m/s], in about 0.06 s."""
+    return lambda t: speed * (t - 0.06 * (1 - np.exp(-t / 0.06)))
 
 
 def candidates(fit: Fit, parameter: str, course: StackedRecords) -> list[CandidateTrial]:
-    """Candidate trials for a parameter, the simplest first, scaled to the machine."""
+    """Candidate trials for a parameter, the simplest first, scaled to the machine.
+
+    If the records show presliding only: with a travel long enough to slide, moved over in a second.
+    """
     name, longest = without_direction(parameter), 20.0
     if name == "sigma1":
         way = fit.law.presliding_way(fit.values, parameter[len(name) :]) / 4
@@ -199,8 +174,19 @@ def candidates(fit: Fit, parameter: str, course: StackedRecords) -> list[Candida
             "sampled together at 2 kHz (their delay must be known to 0.15 ms)"
         )
         return [CandidateTrial(what, (_sine(way * rate, rate),), 5.0, 5e-4, fine)]
-    speed, travel = _size(fit, course)
+    way = max(fit.law.presliding_way(fit.values, end) for end in fit.law.ends)
+    speed = float(np.quantile(np.abs(course.v), 0.99))
+    travel = max(float(np.ptp(course.x[part])) for part in course.parts())
+    if travel < _BROKEN_AWAY * way:
+        speed = travel = 100.0 * way
     sensors = float(course.step.min()), float(np.median(course.blur))
+
+    def constant(speeds: Sequence[float], lasts: float) -> CandidateTrial:
+        *others, last = (f"{v:.2g}" for v in speeds)
+        what = f"constant velocities of {', '.join(others)} and {last} m/s in either direction, "
+        motions = tuple(_rise(s * v) for v in speeds for s in (1.0, -1.0))
+        return CandidateTrial(f"{what}{lasts:.2g} s each", motions, lasts, *sensors)
+
     gentle = speed / 4
     rate = max(2 * gentle / travel, math.pi / longest)
     what = (
@@ -211,15 +197,13 @@ def candidates(fit: Fit, parameter: str, course: StackedRecords) -> list[Candida
     slow = CandidateTrial(what, back_and_forth, math.pi / rate, *sensors)
     if name == "Vs":
         steps = [fit.values[parameter] * share for share in (0.3, 0.6, 1.0, 1.5)]
-        return [slow, _constant(steps, min(longest, travel / steps[-1]), sensors)]
+        return [slow, constant(steps, min(longest, travel / steps[-1]))]
     speeds = [speed * share for share in (1 / 12, 1 / 6, 1 / 3, 2 / 3, 1)]
-    fast = _constant(speeds, min(travel / speed, 5.0), sensors)
-    if name == "sigma2":
-        return [fast, slow]
+    fast = constant(speeds, min(travel / speed, 5.0))
     rate = max(2 * speed / travel, 2 / 3)
     what = f"velocity {speed:.2g}*sin({rate:.3g} t) m/s for two cycles"
     cycles = CandidateTrial(what, (_sine(speed, rate),), 4 * math.pi / rate, *sensors)
-    return [slow, cycles] if fit.law.name == "bliman_sorine" else [slow, fast, cycles]
+    return [fast, slow] if name == "sigma2" else [slow, fast, cycles]
 
 
 def which_would_do(fit: Fit, parameter: str, course: StackedRecords) -> str:
@@ -242,7 +226,7 @@ def _expected_error(fit: Fit, option: CandidateTrial, parameter: str, resolution
     It is calculated at the fit, with critical damping if sigma1 is not known.
     """
     coordinates, p = fit.coordinates.copy(), len(fit.coordinates)
-    for j, name in enumerate(fit.names if fit.law.name in BRISTLES else ()):
+    for j, name in enumerate(fit.names):
         if name.startswith("sigma1") and not fit.intervals[name].identified:
             known = (fit.values[name.replace("sigma1", other)] for other in ("sigma0", "sigma2"))
             coordinates[j] = math.log(max(assumed_damping(*known), 1.0))
@@ -291,7 +275,7 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
 def _confused(fit: Fit, parameter: str) -> str:
     """What is known only together with this parameter, or that there is no such thing."""
     j = fit.names.index(parameter)
-    if fit.law.name in DRAWN:
+    if fit.law.together:
         covariance = np.cov(np.log(np.maximum(fit.draws(), 1e-300)), rowvar=False)
     else:
         covariance = np.linalg.inv(fit.information)

@@ -46,6 +46,11 @@ class Identification:
         return self.left.force
 
     @property
+    def held_out(self) -> float:
+        """Fit on data held out [%]; 100 is a perfect one, 0 that of a constant force."""
+        return 100.0 * self.fit.share(self.course.force)
+
+    @property
     def trusted(self) -> bool:
         return not self.warnings
 
@@ -64,7 +69,7 @@ class Identification:
             "load_cell_noise_N": self.fit.noise,
             "unexplained_force_N": self.unexplained,
             "unexplained_force_goes_with": [asdict(p) for p in self.left.parts],
-            "force_less_fit_by_motion_N": self.left.by_motion,
+            "fit_on_held_out_data_percent": self.held_out,
             "time_shift_s": asdict(self.time_shift) if self.time_shift else None,
             "trusted": self.trusted,
             "warnings": list(self.warnings),

@@ -24,7 +24,6 @@ def identification_figures(result: Identification) -> dict[str, Any]:
     import matplotlib as mpl
 
     figures = {}
-
     course, fit = result.course, result.fit
     open_ones = [n for n, i in result.parameters.items() if not i.identified]
     word = "identified" if result.trusted else "not trusted"
@@ -39,37 +38,28 @@ def identification_figures(result: Identification) -> dict[str, Any]:
         some = slice(None, None, max(1, len(course.x) // _MOST_POINTS))
         _scatter(over_velocity, 1e3 * course.v[some], measured[some], friction[some])
         _draw_curves(over_velocity, result)
-        over_velocity.set_xlabel("velocity [mm/s]")
-        over_velocity.set_ylabel("friction [N]")
-        over_velocity.set_title(title)
+        over_velocity.set(xlabel="velocity [mm/s]", ylabel="friction [N]", title=title)
         over_velocity.legend(loc="best", fontsize=9)
         begin = course.x[course.starts[:-1]][course.owner()]
         way = 1e6 * (course.x - begin)
         near = np.abs(way) < 100
         _scatter(over_way, way[near], measured[near], friction[near])
-        over_way.set_xlabel("displacement from the start [µm]")
-        over_way.set_ylabel("friction [N]")
+        over_way.set(xlabel="displacement from the start [µm]", ylabel="friction [N]")
         over_way.set_title("Presliding")
         figures["friction_map"] = figure
 
         figure, grid = new_figure(2, 1, (9, 6))
         course_axes, histogram = grid[0][0], grid[1][0]
         residual = course.force - fit.predicted
-        for r in range(course.records):
-            part = slice(course.starts[r], course.starts[r + 1])
-            time = course.step[r] * np.arange(course.starts[r + 1] - course.starts[r])
-            course_axes.plot(
-                time, residual[part], lw=0.6, color=COLOURS[r % len(COLOURS)], rasterized=True
-            )
-        course_axes.set_xlabel("time in the record [s]")
-        course_axes.set_ylabel("force less fit [N]")
-        course_axes.set_title(title)
+        for r, part in enumerate(course.parts()):
+            time = course.step[r] * np.arange(part.stop - part.start)
+            style = {"lw": 0.6, "color": COLOURS[r % len(COLOURS)], "rasterized": True}
+            course_axes.plot(time, residual[part], **style)
+        course_axes.set(xlabel="time in the record [s]", ylabel="force less fit [N]", title=title)
         spread = max(4 * float(residual.std()), 1e-9)
-        histogram.hist(
-            residual, bins=80, range=(-spread, spread), color=COLOURS[0], alpha=0.8, density=True
-        )
-        histogram.set_xlabel("force less fit [N]")
-        histogram.set_ylabel("density [1/N]")
+        style = {"color": COLOURS[0], "alpha": 0.8, "density": True}
+        histogram.hist(residual, bins=80, range=(-spread, spread), **style)
+        histogram.set(xlabel="force less fit [N]", ylabel="density [1/N]")
         figures["residuals"] = figure
     return figures
 

@@ -23,14 +23,8 @@ from .fitted_law import LAWS, MASS, OFFSET
 from .identifiability import ways, which_would_do, why_not
 from .identification import SIDES, Identification
 from .intervals import Fit, Interval
-from .law_along_record import KINDS
 from .layout import StackedRecords
 from .left_over import gain_words
-
-_TOGETHER = {  # parameters that are not separate coordinates of the fit
-    "bliman_sorine": ("f1", "f2", "eta"),
-    "maxwell_slip": tuple(n for n in LAWS["maxwell_slip"].parameters if n.startswith("alpha")),
-}
 
 
 def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> None:
@@ -40,7 +34,7 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
     """
     described = LAWS[law]
     names = described.names
-    together = _TOGETHER.get(law, ())
+    together = described.together
     for name, value in fixed.items():
         if name in together:
             others = ", ".join(n for n in together if n != name)
@@ -117,10 +111,9 @@ def identify(
         raise ValueError("no records given; expected one or more")
     fixed = dict(fixed or {})
     check_held(law, fixed, offset)
-    records = [replace(r, mass=1.0) for r in records] if mass else list(records)
+    given = [replace(r, mass=1.0) for r in records] if mass else list(records)
     beside = (MASS,) * mass + (OFFSET,) * offset
-    fitted = fit_late_records(records, law, fixed, beside, progress)
-    corrected = fitted.records[0].lags != records[0].lags
+    fitted = fit_late_records(given, law, fixed, beside, progress)
     records, course, fit, left = fitted.records, fitted.course, fitted.fit, fitted.left
     shift = fitted.late if fitted.explained else None
     if mass:
@@ -135,14 +128,16 @@ def identify(
     judged = {n: _judge(fit, n, course) for n in fit.names}
     progress("fitting each direction")
     per_direction, notes = _each_way(records, fit, judged, course, fixed)
-    unkept = OFFSET in judged and told.kind != DRIVE
-    notes += [TURNS] * told.turns
-    notes += _remarks(records, law, fit, offset, unkept)
-    if corrected and shift and shift.low is not None and shift.high is not None:
+    notes += [TURNS] * told.turns + _remarks(records, law, fit, offset)
+    if OFFSET in judged and told.kind != DRIVE:
+        notes.append(
+            'the offset is not in parameters.toml: only kind = "drive" has such a parameter'
+        )
+    if shift and records[0].lags != given[0].lags:
+        low, high = (math.nan if end is None else 1e3 * end for end in (shift.low, shift.high))
         notes.append(
             f"the force comes {1e3 * shift.value:.3g} ms later than the motion "
-            f"({1e3 * shift.low:.3g} .. {1e3 * shift.high:.3g} ms): the records were corrected "
-            "by it"
+            f"({low:.3g} .. {high:.3g} ms): the records were corrected by it"
         )
     if mass:
         notes += _of_mass(judged[MASS], told.plant.get(MASS))
@@ -220,16 +215,12 @@ def _of_mass(found: Interval, given: Value | None) -> list[str]:
         return []
     if found.low <= given.value <= found.high:
         return []
-    return [
-        f"{MASS} is given as {given.value:.4g} kg, but these records give {found.value:.4g} kg"
-        + gain_words(found.value, given.value)
-    ]
+    said = f"{MASS} is given as {given.value:.4g} kg, but these records give {found.value:.4g} kg"
+    return [said + gain_words(found.value, given.value)]
 
 
-def _remarks(
-    records: Sequence[Record], law: str, fit: Fit, offset: bool, unkept: bool
-) -> list[str]:
-    """Notes on the records and on the law; `unkept`: no file contains the offset."""
+def _remarks(records: Sequence[Record], law: str, fit: Fit, offset: bool) -> list[str]:
+    """Notes on the records and on the law."""
     notes = []
     foreign = [r for r in records if not r.about]
     if foreign:
@@ -245,10 +236,6 @@ def _remarks(
             "in sliding, a constant force and a Coulomb friction that depends on direction "
             "cannot be distinguished: the offset assumes the same friction in both directions"
         )
-    if unkept:
-        notes.append(
-            'the offset is not in parameters.toml: only kind = "drive" has such a parameter'
-        )
     if any(r.velocity_alone for r in records):
         notes.append(INTEGRATED)
     if fit.law.rigid:
@@ -256,12 +243,12 @@ def _remarks(
             f"presliding stiffness: the law has none; {np.mean(~fit.spoken):.0%} of the samples, "
             "where the block may stick, only give a lower limit of the static friction"
         )
-    if law not in KINDS:
+    if not fit.law.asks.form:
         notes.append(
             f"{law} has no fast form in c/laws.c: its equations are solved from sample "
             "to sample, which is slower"
         )
-    if law in ("modified_lugre", "directional_lugre"):
+    if "Kv" in fit.law.unseen:
         notes.append("Kv is fixed at 1e8 s/m: these records do not resolve |v| of 1e-8 m/s")
     if len({round(math.log(r.step), 2) for r in records}) > 1:
         rates = ", ".join(f"{1 / s:.4g} Hz" for s in sorted({r.step for r in records}))

@@ -59,6 +59,7 @@ class Fit:
     covariance: Matrix  # of the coordinates, shape (p, p)
     freedom: Vector  # degrees of freedom of Student's t, shape (p,)
     predicted: Vector  # force [N], shape (n,); the measured force if the law does not give one
+    held_out: Vector  # force of each piece of the records by a fit without it [N], shape (n,)
     spoken: npt.NDArray[np.bool_]  # samples at which the law gives a force, shape (n,)
     hidden: Vector  # variance of the force by the motion between samples and its reconstruction
     intervals: dict[str, Interval] = field(default_factory=dict)
@@ -72,6 +73,14 @@ class Fit:
     def values(self) -> dict[str, float]:
         values = self.law.values_at(self.coordinates)
         return {n: float(v) for n, v in zip(self.names, values, strict=True)}
+
+    def share(self, force: Vector) -> float:
+        """Share of the force [N] that is predicted where it was not used in the fit.
+
+        One minus the root mean square of what is left, over that of the force around its mean.
+        """
+        told, left = force[self.spoken], (force - self.held_out)[self.spoken]
+        return 1.0 - float(np.sqrt(np.mean(left**2)) / max(np.std(told), 1e-300))
 
     def draws(self) -> Matrix:
         """Parameters drawn from Student's t, shape (draws, p); the same every time."""

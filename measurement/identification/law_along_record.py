@@ -24,21 +24,11 @@ from ...solver.component import Component, Input, symbol
 from ...solver.core import NEXT_STEP, SUFFIX, at, library
 from ...solver.kernel import Model
 from ...solver.stored import stored_kernel
-from .fitted_law import BRISTLES
+from .fitted_law import FORMS
 from .fitted_law import LAWS as FITTED
 
 Bounds = npt.NDArray[np.int64]
 
-ANY = 5
-KINDS = {
-    **dict.fromkeys(BRISTLES, 0),
-    "dahl": 1,
-    "bliman_sorine": 2,
-    "maxwell_slip": 3,
-    "classical": 4,
-    "directional_classical": 4,
-}
-"""Laws with an exact step in ``c/laws.c``; for all others the equations are solved."""
 SHARPNESS = 1e8  # Kv of the modified law [s/m], Table 3.1; records give no information on it
 MOST_STATES = 32  # as in c/laws.c
 _TOLERANCE = 1e-9
@@ -116,7 +106,7 @@ def motion_to_and_fro(friction: Law, name: str) -> Component:
 class _Law(ct.Structure):
     kept: tuple[Vector, Vector]
     _fields_ = (
-        ("kind", ct.c_int32),
+        ("form", ct.c_int32),
         ("count", ct.c_int32),
         ("forwards", ct.c_void_p),
         ("backwards", ct.c_void_p),
@@ -140,13 +130,13 @@ class LawValues:
 
     def told(self) -> _Law:
         """The law for compiled code; `self` must exist as long as it is used."""
-        kind = KINDS.get(self.name, ANY)
+        fitted = FITTED[self.name]
         forwards, backwards, equations = self.forwards, self.backwards, None
-        if kind == ANY:
+        if fitted.form == FORMS[-1]:
             equations = equations_of(self.name)
             forwards, backwards = (equations.completed(q) for q in (forwards, backwards))
-        sharpness = 0.0 if self.name == "lugre" else self.sharpness
-        law = _Law(kind, len(forwards), at(forwards), at(backwards), sharpness)
+        sharpness = self.sharpness if "Kv" in fitted.unseen else 0.0
+        law = _Law(FORMS.index(fitted.form), len(forwards), at(forwards), at(backwards), sharpness)
         law.equations = equations and equations.address
         law.kept = forwards, backwards
         return law

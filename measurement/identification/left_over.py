@@ -17,7 +17,7 @@ import numpy.typing as npt
 from ...solver.arrays import Matrix, Vector
 from .intervals import Fit
 from .layout import StackedRecords
-from .motion_parts import PARTS, least_squares, motion_parts, steps_of, way_since_reversal
+from .motion_parts import least_squares, steps_of, way_since_reversal
 
 _WORTH = 0.05  # smallest reported part, as a share of the unexplained mean square
 _NEARLY = 0.7  # a simpler part with this share of the best prediction is preferred
@@ -41,7 +41,6 @@ class LeftOver:
     force: float  # unexplained [N]
     noise: float  # error by noise, sampling and reconstruction of the motion [N]
     parts: tuple[Part, ...]  # the largest first, then the rest
-    by_motion: dict[str, float]  # root mean square in each part of the motion, see `PARTS` [N]
 
 
 def left_over(course: StackedRecords, fit: Fit) -> LeftOver:
@@ -51,10 +50,9 @@ def left_over(course: StackedRecords, fit: Fit) -> LeftOver:
     motion between samples, and of the reconstruction of the motion.
     """
     spoken, noise = fit.spoken, course.fast_noise
-    every = course.force - fit.predicted
-    residual = every[spoken]
+    residual = (course.force - fit.predicted)[spoken]
     if not len(residual):
-        return LeftOver(0.0, noise, (), {})
+        return LeftOver(0.0, noise, ())
     weight = 1.0 / (max(noise, 1e-12) ** 2 + fit.hidden)[spoken]
     least = 1.0 / float(weight.mean())
     weight /= weight.sum()
@@ -78,8 +76,7 @@ def left_over(course: StackedRecords, fit: Fit) -> LeftOver:
     rest = max(float(weight @ left**2) - least, 0.0)
     if rest > _WORTH * square:
         parts.append(Part("rest", math.sqrt(rest), "with none of these"))
-    by_motion = _by_motion(course, np.where(spoken, every, 0.0))
-    return LeftOver(math.sqrt(square), math.sqrt(least), tuple(parts), by_motion)
+    return LeftOver(math.sqrt(square), math.sqrt(least), tuple(parts))
 
 
 def _predicted(
@@ -110,16 +107,6 @@ def _columns(course: StackedRecords, fit: Fit) -> dict[str, Matrix]:
     }
     fitted = {"acceleration": fit.law.mass, "constant": fit.law.offset}
     return {k: c for k, c in groups.items() if not fitted.get(k)}
-
-
-def _by_motion(course: StackedRecords, residual: Vector) -> dict[str, float]:
-    squares, counts = dict.fromkeys(PARTS, 0.0), dict.fromkeys(PARTS, 0)
-    for part, step in zip(course.parts(), course.step, strict=True):
-        bent, still = course.acceleration[part], course.still[part]
-        for name, mask in motion_parts(float(step), course.v[part], bent, still).items():
-            squares[name] += float(np.sum(residual[part][mask] ** 2))
-            counts[name] += int(mask.sum())
-    return {n: math.sqrt(squares[n] / counts[n]) for n in PARTS if counts[n]}
 
 
 def _words(name: str, told: Vector, course: StackedRecords) -> str:

@@ -66,36 +66,54 @@ class Problem:
         self.begin = course.x[course.starts[:-1]][self.owner]
         ways = np.maximum.reduceat(np.abs(course.x - self.begin), course.starts[:-1])
         self.per_way = 1.0 / np.maximum(ways, 1e-9)[self.owner]
+        # of the last prediction along the records: what the friction depends on, and the friction
+        self.at = self.friction = np.empty(0)
+        self.kept: tuple[Matrix, tuple[Vector, Vector]] = np.empty((2, 0)), (course.x, course.v)
 
     def unknowns(self, vector: Vector) -> Unknowns:
         sizes = [self.size, self.course.clocks, *[self.course.records] * OWN]
         coordinates, delays, shifts, *gains, vibration, noise = np.split(vector, np.cumsum(sizes))
         return Unknowns(coordinates, delays, shifts, np.stack(gains), vibration, float(noise[0]))
 
+    def scaled(self, gains: Matrix, motion: Matrix | None) -> tuple[Vector, Vector]:
+        """Positions and velocities with the errors of scale; those of the records are kept."""
+        if motion is None and np.array_equal(self.kept[0], gains):
+            return self.kept[1]
+        place, speed = (self.course.x, self.course.v) if motion is None else motion[:2]
+        way = place - self.begin
+        gain, bend = gains[0][self.owner], gains[1][self.owner] * self.per_way
+        moved = self.begin + way * (1 + gain + bend * way), speed * (1 + gain + 2 * bend * way)
+        if motion is None:
+            self.kept = gains.copy(), moved
+        return moved
+
     def before(self, u: Unknowns, motion: Matrix | None = None) -> Vector:
         """Force along the records, or another motion, before the delay, shape (n,) [N]."""
         course, law = self.course, self.law
-        place, speed, inertial = (course.x, course.v, course.inertial) if motion is None else motion
-        way = place - self.begin
-        gain, bend = u.gains[0][self.owner], u.gains[1][self.owner] * self.per_way
-        x = self.begin + way * (1 + gain + bend * way)
-        v = speed * (1 + gain + 2 * bend * way)
+        inertial = course.inertial if motion is None else motion[2]
         values = law.values_at(u.coordinates)
         half = len(law.parameters)
         forwards, backwards = values[:half], values[self.of_law - half : self.of_law]
         constant = float(values[-1]) if law.offset else 0.0
         if law.mass:
             inertial = inertial * (values[self.of_law] / course.mass)
-        along = LawValues(law.name, forwards, backwards)
-        friction = friction_along(along, x, v, course.step, course.starts, u.shifts, u.vibration)
-        friction += constant
+        moved = np.concatenate([values[: self.of_law], u.gains.ravel(), u.shifts, u.vibration])
+        friction = self.friction
+        if motion is not None or not np.array_equal(moved, self.at):
+            x, v = self.scaled(u.gains, motion)
+            along = LawValues(law.name, forwards, backwards)
+            starts = course.step, course.starts
+            friction = friction_along(along, x, v, *starts, u.shifts, u.vibration)
+        if motion is None:
+            self.at, self.friction = moved, friction
+        force = friction + constant
         if law.rigid:
             where = ~self.spoken
-            friction[where] = course.force[where] - inertial[where]
+            force[where] = course.force[where] - inertial[where]
             static = half - 2  # Fs, before Vs
             for k, sign in self.break_aways.items():
-                friction[k] = sign * (forwards if sign > 0 else backwards)[static] + constant
-        return friction + inertial
+                force[k] = sign * (forwards if sign > 0 else backwards)[static] + constant
+        return force + inertial
 
     def later(self, force: Vector, delays: Vector) -> Vector:
         """The force delayed by `delays`, by a filter that keeps the size of all frequencies.
@@ -224,33 +242,36 @@ class Climb:
         under = (max(gap, 0.0) for gap in self.problem.stribeck_gaps(u.coordinates))
         return likelihood + 0.5 * (beliefs + sum((gap / UNDER) ** 2 for gap in under))
 
-    def columns(self) -> tuple[Matrix, Matrix]:
-        """Derivatives of the force by parameters and delays, and by each record's own unknowns."""
+    def columns(self) -> tuple[Vector, Matrix, Matrix]:
+        """The force, and its derivatives by parameters and delays, and by records' own unknowns."""
         problem = self.problem
         p, clocks, records = problem.size, problem.course.clocks, problem.course.records
         q, u = p + clocks, self.point
         base = problem.before(u)
         here = problem.later(base, u.delays)
-        columns, own = np.empty((q, len(base))), np.empty((OWN, len(base)))
+        columns, own = np.empty((q, len(base))), np.zeros((OWN, len(base)))
         for c, tiny in enumerate(1e-3 * problem.clock_std):
             late = u.delays.copy()
             late[c] += tiny
             columns[p + c] = (problem.later(base, late) - here) / tiny
-        moves = [(columns[j], slice(j, j + 1), _STEP) for j in range(p)]
-        for k, tiny in enumerate((1e-9, 1e-5, 1e-5, 1e-3 * _VIBRATION)):
-            moves.append((own[k], slice(q + k * records, q + (k + 1) * records), tiny))
+        # mass and offset first, which leave the friction as it was
+        moves = [(columns[j], slice(j, j + 1), _STEP) for j in reversed(range(p))]
+        effects = {0: 1e-9, 1: 1e-5, 2: 1e-5, 3: 1e-3 * _VIBRATION}
+        for k in (1, 2) if problem.law.form == "dry" else effects:  # it has no deflection
+            where = slice(q + k * records, q + (k + 1) * records)
+            moves.append((own[k], where, effects[k]))
         for column, where, tiny in moves:
             moved = self.vector.copy()
             moved[where] += tiny
             column[:] = (problem.force(problem.unknowns(moved)) - here) / tiny
-        return columns, own
+        return here, columns, own
 
     def normal(self) -> Pieces:
         """Information and gradient of all unknowns, with priors, and the quantities for them."""
         problem, course, u = self.problem, self.problem.course, self.point
-        columns, own = self.columns()
+        force, columns, own = self.columns()
         spread = self.spread(u.noise)
-        problem.score(self.force(), spread, False)
+        problem.score(force, spread, False)
         noisy = math.exp(2 * u.noise) / spread
         weight, gradient = problem.weight, problem.gradient
         q, records, size = len(columns), course.records, len(self.vector)

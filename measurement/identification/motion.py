@@ -18,8 +18,7 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
 from ...solver.arrays import Vector
-from ..records.record import Record
-from ..records.resolution import fast_noise, held_samples, resolution_of
+from ..records.record import Record, fast_noise, held_samples, resolution_of
 
 _REST = 40  # samples at rest added before a record that begins at rest
 # Share of the smoothing strength at which residuals equal the noise. Less smoothing keeps corners;
@@ -115,8 +114,7 @@ def smooth_motion(
     counted : bool, optional
         Whether the position may come from an encoder; an integral of velocities does not.
     """
-    given = later
-    before = _REST if from_rest else 0
+    given, before = later, _REST if from_rest else 0
     position = np.concatenate([np.full(before, position[0]), position])
     n = len(position)
     speed = np.abs(np.gradient(uniform_filter1d(position, _SPAN), step))
@@ -129,14 +127,12 @@ def smooth_motion(
         noise, jitter = fast_noise(position[held]), 0.0
         if len(held) == n:
             noise, jitter = _errors(position, speed, resolution)
+        if resolution > noise and len(held) == n:
+            noise = resolution / math.sqrt(12)
+        else:  # a grid finer than the noise comes from the digits of the file
+            resolution = 0.0
     # a lag is counted from the middle of a held value
     later -= 0.5 * step * ((n - before) / np.count_nonzero(held >= before) - 1)
-    if like:
-        pass
-    elif resolution > noise and len(held) == n:
-        noise = resolution / math.sqrt(12)
-    else:  # a grid finer than the noise comes from the digits of the file
-        resolution = 0.0
     origin = float(position[0])
     spread = np.hypot(noise, jitter * speed)
     readings = _readings(position - origin, resolution, held, before)
@@ -288,13 +284,7 @@ def _strength(readings: _Readings, noise: float, shape: Vector) -> Vector:
 
 def _smooth(readings: _Readings, strength: Vector) -> Vector:
     """Minimise the weighted squares of all residuals and of all second differences."""
-    data, weights, edges, still = (
-        readings.data,
-        readings.weights,
-        readings.edges,
-        readings.still,
-    )
-    n = len(data)
+    data, edges, still, n = readings.data, readings.edges, readings.still, len(readings.data)
     strength = np.minimum(strength, _STRONGEST)
     bands = np.zeros((3, n))
     stencil = (1.0, -2.0, 1.0)
@@ -302,15 +292,13 @@ def _smooth(readings: _Readings, strength: Vector) -> Vector:
         for j in range(i, 3):
             # rows 0..n-3 of the difference matrix touch entries (r+i, r+j)
             bands[2 - (j - i), j : n - 2 + j] += stencil[i] * stencil[j] * strength
-    bands[2] += weights
+    bands[2] += readings.weights
     mean = 0.25 * edges
+    bands[1, 1:] += mean - still
+    right = readings.weights * data
     for k in (slice(None, -1), slice(1, None)):
         bands[2, k] += mean + still
-    bands[1, 1:] += mean - still
-    right = weights * data
-    passed = mean * (data[:-1] + data[1:])
-    right[:-1] += passed
-    right[1:] += passed
+        right[k] += mean * (data[:-1] + data[1:])
     return np.asarray(solveh_banded(bands, right, check_finite=False), dtype=float)
 
 

@@ -23,6 +23,9 @@ from ..records.record import Record
 from ..records.units import UNITS
 from .intervals import CONFIDENCE, Interval, is_narrow
 
+Spectrum = npt.NDArray[np.complex128]
+Modes = tuple[Interval | None, Interval | None]
+
 _BAND = np.log(1.3)  # of the frequency ratios to the peak that are fitted
 
 
@@ -31,7 +34,7 @@ class Response:
     """Frequency response from command or force to position, and the first resonance."""
 
     frequency: Vector  # Hz, shape (n,)
-    position: npt.NDArray[np.complex128]  # m per unit of the input
+    position: Spectrum  # m per unit of the input
     coherence: Vector
     unit: str  # of the input
     resonance: Interval | None = None  # Hz
@@ -47,11 +50,11 @@ class Response:
 
     @property
     def said(self) -> str:
-        if not self.resonance or not self.damping:
+        modes = [i for i in (self.resonance, self.damping) if i]
+        told = [f"{i.value:.4g} ({i.low:.4g} .. {i.high:.4g})" for i in modes]
+        if not told:
             return f"no resonance seen below {self.highest:.4g} Hz"
-        modes = self.resonance, self.damping
-        f, d = (f"{i.value:.4g} ({i.low:.4g} .. {i.high:.4g})" for i in modes)
-        return f"first resonance at {f} Hz, damping ratio {d}"
+        return f"first resonance at {told[0]} Hz, damping ratio {told[1]}"
 
     def to_dict(self) -> dict[str, Any]:
         modes = {"resonance_Hz": self.resonance, "damping_ratio": self.damping}
@@ -78,8 +81,7 @@ def frequency_response(record: Record) -> Response:
     frequency, cross = csd(given, moved, **how)
     inside = (frequency > 1.5 * frequency[1]) & (frequency < 0.45 / record.step)
     share = np.clip(coherence(given, moved, **how)[1][inside], 0.0, 1.0)
-    omega = 2 * np.pi * frequency[inside]
-    own = welch(given, **how)[1][inside]
+    omega, own = 2 * np.pi * frequency[inside], welch(given, **how)[1][inside]
     position = cross[inside] / own / np.expm1(1j * omega * record.step)
     found = Response(frequency[inside], position, share, next(iter(UNITS[kind])))
     good, error = found.coherent, np.sqrt((1 - share) / np.maximum(30 * share, 1e-12))
@@ -95,22 +97,21 @@ def frequency_response(record: Record) -> Response:
             f"{record.name}: {name} acts against the displacement, as that of a controller does "
             "whose drive is moved from outside; shake the drive by its command"
         )
-    level = np.where(good, np.log10(np.abs(omega**2 * position) + 1e-300), -300.0)
+    faster = -(omega**2) * position
+    level = np.where(good, np.log10(np.abs(faster) + 1e-300), -300.0)
     peaks, told = find_peaks(np.maximum(level, level.max() - 10), prominence=0.3)
     for peak, height in zip(peaks, told["prominences"], strict=True):
         near = good & (np.abs(np.log(omega / omega[peak])) < _BAND)
         if np.count_nonzero(near) >= 12 and 10**height - 1 >= 8.0 * error[near].max():
-            mode = _mode(-((omega**2) * position)[near], error[near], omega[near], omega[peak])
-            if mode:
-                return replace(found, resonance=mode[0], damping=mode[1])
+            resonance, damping = _mode(faster[near], error[near], omega[near], omega[peak])
+            if resonance:
+                return replace(found, resonance=resonance, damping=damping)
     return found
 
 
-def _mode(
-    acceleration: npt.NDArray[np.complex128], error: Vector, omega: Vector, centre: float
-) -> tuple[Interval, Interval] | None:
-    """Frequency and damping of a mode beside a rigid body, by least squares."""
-    spread, ratio = np.maximum(error, 1e-3) * np.abs(acceleration), omega / centre
+def _mode(faster: Spectrum, error: Vector, omega: Vector, centre: float) -> Modes:
+    """A mode beside a rigid body in an acceleration, by least squares: frequency and damping."""
+    spread, ratio = np.maximum(error, 1e-3) * np.abs(faster), omega / centre
     line, off = ratio[1] - ratio[0], np.arange(-4.0, 4.01, 0.25)
     # a segment's window smooths the response by its power over frequency
     blur = (np.sinc(off) + 0.5 * (np.sinc(off - 1) + np.sinc(off + 1))) ** 2
@@ -120,7 +121,7 @@ def _mode(
         own, damping = unknown
         mode = blurred**2 / (own**2 - blurred**2 + 2j * damping * own * blurred) @ blur
         columns = np.column_stack([np.ones(len(ratio)), ratio, mode]) / spread[:, None]
-        rest = acceleration / spread - columns @ np.linalg.lstsq(columns, acceleration / spread)[0]
+        rest = faster / spread - columns @ np.linalg.lstsq(columns, faster / spread)[0]
         return np.concatenate([rest.real, rest.imag])
 
     bounds = ([np.exp(-_BAND), 1e-5], [np.exp(_BAND), 1.0])
@@ -130,11 +131,11 @@ def _mode(
     # neighbouring lines of Hann's window are correlated
     reach = student.ppf(0.5 + CONFIDENCE / 2, freedom) * np.sqrt(1.5 * np.diag(variance))
     if reach[0] > 0.1 or abs(np.log(best.x[0])) > 0.99 * _BAND:
-        return None
+        return None, None
     wide = 2 * best.x[1] * best.x[0] > 3.0 * line  # else only an upper bound of the damping
     f, d = best.x[0] * centre / (2 * np.pi), best.x[1]
     off_f, low = reach[0] * centre / (2 * np.pi), max(d - reach[1], 0.0) if wide else 0.0
-    narrow = bool(is_narrow(d, low, d + reach[1]))
-    how = "a mode beside a rigid body, least squares on the response"
+    how, high = "a mode beside a rigid body, least squares on the response", d + reach[1]
     resonance = Interval(f, "Hz", None, f - off_f, f + off_f, how, True)
-    return resonance, Interval(d, "1", None, low, d + reach[1], how, narrow)
+    damping = Interval(d, "1", None, low, high, how, bool(is_narrow(d, low, high)))
+    return resonance, damping

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from datetime import date
 from itertools import pairwise, product
 from pathlib import Path
 from typing import NamedTuple
@@ -23,7 +24,6 @@ import numpy.typing as npt
 from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
 from .columns import Column, Table, check_size, table_of
-from .stamps import is_stamp, seconds
 from .units import NO_UNIT, quantity_of
 
 Rows = list[list[str]]
@@ -39,6 +39,11 @@ _SHOWN = 40  # characters of a wrong cell in a message
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")  # 19.882 and 1.019.882,5
 _THOUSANDS_OF_POINTS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")  # 1,019,882.5
 _BETWEEN_DIGITS = re.compile(r"(?<=\d)['\u2019\u00a0\u202f](?=\d{3})")  # 1'019'882
+_DATE = r"(?P<date>\d{1,4}[-./]\d{1,2}[-./]\d{1,4})"
+_OF_DAY = r"(?P<h>\d{1,2}):(?P<m>\d\d)(?::(?P<s>\d\d(?:[.,]\d+)?))?(?: ?(?P<half>[AaPp][Mm]))?"
+_STAMP = re.compile(rf"(?:{_DATE}[T ] *)?{_OF_DAY}(?: ?(?:Z|[A-Z]{{3,4}}|[-+]\d\d:?\d\d))?")
+_MINUTES = re.compile(r"(?P<m>\d{1,3}):(?P<s>\d\d[.,]\d+)")  # 03:12.250, as spreadsheets show it
+_DAY = 86400.0  # s
 _UNITS_TOO = (*NO_UNIT, "%", "counts", "count", "inc")  # occur in lines of units
 
 
@@ -75,7 +80,7 @@ class _Style(NamedTuple):
         return cell.count(",") == 1 and "." not in cell and self.number(cell) is not None
 
     def is_number(self, cell: str) -> bool:
-        return self.number(cell) is not None or self.is_doubtful(cell) or is_stamp(cell)
+        return self.number(cell) is not None or self.is_doubtful(cell) or bool(_stamp(cell))
 
     def numbers_in(self, cells: Sequence[str]) -> int:
         return sum(map(self.is_number, cells))
@@ -91,6 +96,49 @@ def _float(text: str) -> float | None:
         return float(text) if text.isascii() and "_" not in text else None  # 0.02_5 is a slip
     except ValueError:
         return None
+
+
+def _stamp(cell: str) -> re.Match[str] | None:
+    """A time of day, with or without a date."""
+    return (_STAMP.fullmatch(cell) or _MINUTES.fullmatch(cell)) if ":" in cell else None
+
+
+def _seconds(cells: Sequence[str]) -> Vector | None:
+    """Seconds from the first stamp, shape (n,), NaN for empty cells; None if dates are ambiguous.
+
+    Times of day without a date continue after midnight. An ambiguous order of day and month is
+    accepted if the date is the same in all cells.
+    """
+    told = [found.groupdict("") if (found := _stamp(c)) else {} for c in cells]
+    texts = {t.get("date", "") for t in told if t}
+    days = {text: _day(text) if len(texts) > 1 else 0.0 for text in texts}
+    times = np.full(len(cells), math.nan)
+    for k, t in enumerate(told):
+        if t:
+            hour, half = int(t.get("h", 0)), t.get("half", "").lower()
+            hour = hour % 12 + 12 * (half == "pm") if half else hour
+            second = float((t["s"] or "0").replace(",", "."))
+            times[k] = _DAY * days[t.get("date", "")] + 3600.0 * hour + 60.0 * int(t["m"]) + second
+    known = np.isfinite(times)
+    if not known.any():
+        return None
+    if texts == {""}:
+        nights = np.diff(times[known], prepend=times[known][0]) < -_DAY / 2
+        times[known] += _DAY * np.cumsum(nights)
+    return np.asarray(times - times[known][0])
+
+
+def _day(text: str) -> float:
+    """Number of a day; NaN if the order of day and month is not known."""
+    parts = re.split("[-./]", text)
+    if len(parts[0]) != 4:
+        if "." not in text:
+            return math.nan if text else 0.0  # 3/4/2024: April, or March?
+        parts.reverse()
+    try:
+        return float(date(*map(int, parts)).toordinal())
+    except ValueError:
+        return math.nan
 
 
 def read_text(path: Path, data: bytes) -> list[Table]:
@@ -330,13 +378,13 @@ def _plain(texts: Sequence[str], style: _Style, width: int) -> npt.NDArray[np.fl
 def _column(name: str, cells: Sequence[str], lines: npt.NDArray[np.int64], style: _Style) -> Column:
     """The numbers of a column, or seconds from its first stamp; or the first cell that is wrong."""
     filled = [c for c in cells if c]
-    stamped = 2 * sum(map(is_stamp, filled)) > len(filled)
+    stamped = 2 * sum(map(bool, map(_stamp, filled))) > len(filled)
     if filled and all(map(style.is_doubtful, filled)):  # thousands or decimals?
         doubt = f"has a dot; {_DOTS}" if style.comma else f"has a comma; {_COMMAS}"
         return Column(name, fault=f", column {name!r}: {filled[0]!r} {doubt}")
     numbers = [style.number(c) if c else math.nan for c in cells]
     for cell, number, line in zip(cells, numbers, lines, strict=True):
-        if cell and (not is_stamp(cell) if stamped else number is None):
+        if cell and (not _stamp(cell) if stamped else number is None):
             what = "time of day, unlike the other cells" if stamped else "number"
             why = f"; {_DOTS}" if style.comma and style.is_doubtful(cell) else ""
             shown = cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "..."
@@ -344,7 +392,7 @@ def _column(name: str, cells: Sequence[str], lines: npt.NDArray[np.int64], style
             return Column(name, fault=f"{place}: {shown!r} is not a {what}{why}")
     if not stamped:
         return Column(name, np.array(numbers, dtype=float))
-    since = seconds(cells)
+    since = _seconds(cells)
     if since is None:
         may_be = "may be from two days; write dates as 2024-03-31 12:00:00"
         return Column(name, fault=f", column {name!r}: {filled[0]!r} {may_be}")

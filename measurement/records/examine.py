@@ -10,8 +10,7 @@ from scipy.signal import welch
 
 from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
-from .record import Record
-from .resolution import held_samples
+from .record import Record, held_samples
 
 _CLIPPED = 0.02  # share of samples at one extreme above which a note is given
 _IN_A_ROW = 3  # samples at an extreme that make a flat top

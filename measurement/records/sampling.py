@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
-from .resolution import resolution_of
+from .record import resolution_of
 
 _JITTER = 0.2  # jitter, over the sampling interval, below which stamps count as equidistant
 _LONGEST_GAP = 5  # most missing samples in a row

@@ -29,10 +29,13 @@ def read_tables(path: Path) -> list[Table]:
     """
     try:
         data = path.read_bytes()
-    except FileNotFoundError:
-        raise BadRecord(f"{path}: there is no such file") from None
     except OSError as error:
-        raise BadRecord(f"{path}: cannot be read: {error.strerror or error}") from error
+        why = (
+            "there is no such file"
+            if isinstance(error, FileNotFoundError)
+            else f"cannot be read: {error.strerror or error}"
+        )
+        raise BadRecord(f"{path}: {why}") from error
     tables = [_with_units(t) for t in tables_in(path, data)]
     again = Counter(t.group for t in tables)
     return [
@@ -74,14 +77,12 @@ def choose(
 
     A column of a table is also ``TABLE/COLUMN``; for the arguments see `rename`.
     """
-    if len(tables) == 1:
-        return rename(tables[0], mapping, known, needed)
     whole = []
-    for table in tables:
+    for table in tables if len(tables) > 1 else ():
         with suppress(BadRecord):
             whole.append(rename(table, mapping, known, needed))
-    if len(whole) == 1:
-        return whole[0]
+    if len(tables) == 1 or len(whole) == 1:
+        return whole[0] if whole else rename(tables[0], mapping, known, needed)
     path = tables[0].path
     theirs = {n: next((t for t, o in mapping.items() if o == n), n) for n in known}
     if whole:
@@ -92,10 +93,9 @@ def choose(
         )
     found: dict[str, list[Table]] = {}
     for table in tables:
-        for ours in known:
-            if _column(table, theirs[ours]):
-                part = rename(table, {theirs[ours]: ours}, [ours], [])
-                found.setdefault(ours, []).append(part)
+        for ours in (n for n in known if _column(table, theirs[n])):
+            part = rename(table, {theirs[ours]: ours}, [ours], [])
+            found.setdefault(ours, []).append(part)
     for ours, parts in found.items():
         if ours != "time" and len(parts) > 1:
             raise BadRecord(
@@ -128,8 +128,8 @@ def _joined(
     first = {parts[n].group for n in parts if n in needed}
     main = max(times.values(), key=lambda t: _step(t) if t.group in first else -1.0)
     unit, time = main.units.get("time", ""), main.columns["time"]
-    inside = np.isfinite(time)
-    out = {"time": time}
+    inside, of_main = np.isfinite(time), float(np.nanmedian(np.diff(time)))
+    columns = {"time": time}
     sources = [main, *parts.values()]
     notes = list(dict.fromkeys(n for p in sources for n in p.notes))
     for name, part in parts.items():
@@ -147,22 +147,22 @@ def _joined(
                 "same start"
             )
         stamps = stamps * (_scale(path, own.units.get("time", ""), unit) if own else 1.0)
+        if own is None:  # a file may have one time for all
+            notes.append(f"{what} has no time column: the time of the other columns is used")
         if own is None or np.array_equal(stamps, time):
-            out[name] = values
-            if own is None:  # a file may have one time for all
-                notes.append(f"{what} has no time column: the time of the other columns is used")
+            columns[name] = values
             continue
         known = np.isfinite(stamps) & np.isfinite(values)
         stamps, values = stamps[known], values[known]
         if len(stamps) < 2 or np.any(np.diff(stamps) < 0):
             raise BadRecord(f"{path}: time of {part.group} does not increase")
-        step, of_main = float(np.median(np.diff(stamps))), float(np.nanmedian(np.diff(time)))
+        step = float(np.median(np.diff(stamps)))
         if name not in needed and step > 1.5 * of_main:  # no samples are invented
-            out[name] = np.full(len(time), np.nan)
-            out[name][np.searchsorted(0.5 * (time[1:] + time[:-1]), stamps)] = values
+            columns[name] = np.full(len(time), np.nan)
+            columns[name][np.searchsorted(0.5 * (time[1:] + time[:-1]), stamps)] = values
             continue
         inside &= (time >= stamps[0]) & (time <= stamps[-1])
-        out[name] = np.interp(time, stamps, values)
+        columns[name] = np.interp(time, stamps, values)
         share = "" if step > 0.95 * of_main else f", 1 in {of_main / step:.3g} of its samples"
         notes.append(
             f"{what}, recorded every {step:.4g}{unit and ' ' + unit}, is interpolated linearly at "
@@ -170,18 +170,20 @@ def _joined(
         )
     if not inside.any():
         raise BadRecord(f"{path}: {', '.join(parts)} do not overlap in time")
-    units = {"time": unit} | {n: p.units.get(n, "") for n, p in parts.items()}
-    columns = {n: v[inside] for n, v in out.items()}
-    renamed = {n: t for p in sources for n, t in p.renamed.items()}
-    told = {n: u for n, u in units.items() if u}
-    return Table(path, columns, told, notes=tuple(notes), renamed=renamed)
+    return Table(
+        path,
+        {n: v[inside] for n, v in columns.items()},
+        {n: u for n, u in (("time", unit), *((n, p.units.get(n)) for n, p in parts.items())) if u},
+        notes=tuple(notes),
+        renamed={n: t for p in sources for n, t in p.renamed.items()},
+    )
 
 
 def _step(table: Table) -> float:
     """Sampling interval of a table with a time, in seconds if its unit is known."""
-    stamps = table.columns["time"]
-    size = UNITS["time"].get(spell(table.units.get("time", "")), 1.0)
-    return size * float(np.nanmedian(np.diff(stamps))) if len(stamps) > 1 else 0.0
+    stamps, unit = table.columns["time"], spell(table.units.get("time", ""))
+    median = float(np.nanmedian(np.diff(stamps))) if len(stamps) > 1 else 0.0
+    return UNITS["time"].get(unit, 1.0) * median
 
 
 def _scale(path: Path, unit: str, other: str) -> float:
@@ -196,9 +198,9 @@ def _scale(path: Path, unit: str, other: str) -> float:
 def listed(names: Iterable[str]) -> str:
     """Names for a message; only the first if there are many."""
     every = list(names)
-    more = len(every) - _LISTED
-    shown = every if more <= 1 else [*every[:_LISTED], f"{more} more"]
-    return ", ".join(shown) or "none"
+    if len(every) > _LISTED + 1:
+        every[_LISTED:] = [f"{len(every) - _LISTED} more"]
+    return ", ".join(every) or "none"
 
 
 def _column(table: Table, theirs: str) -> str:
@@ -287,17 +289,15 @@ def in_si(
         if name == "time":
             values, said_of_it = unrounded(values)
             notes += said_of_it
-        if said in NO_UNIT:
-            if name in table.renamed:
-                lacks = f"gives no unit of {table.renamed[name]!r}, which is {name} by map"
-                raise BadRecord(f"{table.path}: {lacks}; {use}")
+        if said in NO_UNIT and name not in table.renamed:
             signals[name], measured[name] = values, may_be[0]
             continue
+        if said in NO_UNIT:
+            lacks = f"gives no unit of {table.renamed[name]!r}, which is {name} by map"
+            raise BadRecord(f"{table.path}: {lacks}; {use}")
         if name not in units and quantity_of(said) not in may_be:
-            size = f"which is the size of one {said!r}"
-            raise BadRecord(
-                f"{table.path}: the file says that {name} is in {said!r}; {use}, {size}"
-            )
+            lacks = f"the file says that {name} is in {said!r}"
+            raise BadRecord(f"{table.path}: {lacks}; {use}, which is the size of one {said!r}")
         factor, measured[name] = conversion(name, said, may_be, lead)
         if name in _POSITIONS:
             turn = measured[name] == "angle" and lead

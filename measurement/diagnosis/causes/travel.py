@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from ....solver.arrays import Vector
 from ....solver.component import Parameter, symbol
-from ...records.resolution import resolution_of
+from ...records.record import resolution_of
 from ..drive import Drive
 from ..modelled_record import ModelledRecord
 from .cause import DRY, FRICTION, RELAXATION, Courses, Values, parameter

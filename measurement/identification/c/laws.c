@@ -1,9 +1,9 @@
 /* Friction laws along a given motion; law_along_record.py describes the functions and their units.
  * The laws' equations come from plant/, by laws_in_c.py; this file integrates them.
  *
- * Between two samples the velocity is constant and g(v) is linear in time. Then every law named here
- * has an exact step, which is stable for any stiffness. For all other laws the core solves the
- * equations. There are two sets of parameters, for motion forwards and backwards. */
+ * Between two samples the velocity is constant and g(v) is linear in time. Then a law of one of the
+ * forms below has an exact step, which is stable for any stiffness. For all other laws the core
+ * solves the equations. There are two sets of parameters, for motion forwards and backwards. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -16,9 +16,7 @@
 #define SLOW 1e-6             /* velocity for laws independent of it [m/s] */
 #define MOST_STEPS 10000
 
-enum { LUGRE, DAHL, BLIMAN_SORINE, MAXWELL_SLIP, CLASSICAL, ANY };
-
-/* The equations of a law without an exact step here, see law_along_record.py: the core's functions, and
+/* The equations of a law without an exact step, see law_along_record.py: the core's functions, and
  * their memory. v has two values, the second for the way back of a vibration. */
 typedef struct {
     int (*step)(const void *instance, double t0, double t1, double tolerance, int most);
@@ -30,128 +28,19 @@ typedef struct {
     double tolerance;
 } Equations;
 
-/* A law with its parameters by direction. LuGre's sigma0 depends on the direction in which the
- * bristles are bent. */
+/* A law with its parameters by direction. */
 typedef struct {
-    int32_t kind;
+    int32_t form;
     int32_t count; /* number of parameters */
     const double *forwards, *backwards;
     double sharpness; /* Kv of the modified law [s/m]; 0 for abs(v) itself */
-    const Equations *equations; /* for ANY */
+    const Equations *equations; /* NULL with an exact step */
 } Law;
-
-static const double *towards_side(const Law *law, double side)
-{
-    return side > 0.0 ? law->forwards : law->backwards;
-}
-
-static double sign_of(double v) { return v > 0.0 ? 1.0 : -1.0; }
-
-/* LuGre's curve; with two additional parameters, it has another bend at low speed. */
-static inline double bent(const Law *law, const double *q, double v)
-{
-    const double g = lugre_curve(q, v);
-    return law->count > LUGRE_PARAMETERS ? g + lugre_bend(q, v) : g;
-}
-
-static inline double curve(const Law *law, const double *q, double v)
-{
-    switch (law->kind) {
-    case DAHL:
-    case BLIMAN_SORINE:
-    case ANY: return 0.0; /* they have no curve, or do not use it */
-    case MAXWELL_SLIP: return maxwell_slip_curve(q, v);
-    case CLASSICAL: return classical_curve(q, v);
-    default: return bent(law, q, v);
-    }
-}
 
 /* A velocity [m/s], and the law's curve there [N], which is stored because it is expensive. */
 typedef struct {
     double v, curve;
 } Pace;
-
-static inline Pace pace_of(const Law *law, double v)
-{
-    return (Pace){v, curve(law, towards_side(law, v), v)};
-}
-
-/* Set a state without force. */
-static void begin(const Law *law, double *state)
-{
-    memset(state, 0, STATES * sizeof *state);
-    if (law->kind == ANY)
-        memcpy(state, law->equations->start, (size_t)law->equations->states * sizeof *state);
-}
-
-static void put_before_core(const Law *law, const double *state, const double *q, double v,
-                            double back)
-{
-    const Equations *const e = law->equations;
-    memcpy(e->x, state, (size_t)e->states * sizeof *state);
-    memcpy(e->p, q, (size_t)law->count * sizeof *q);
-    e->v[0] = v;
-    e->v[1] = back;
-}
-
-/* The core solves for a time h, half of it at each velocity; NAN if it fails. */
-static void follow(const Law *law, double *state, const double *q, double v, double back, double h)
-{
-    const Equations *const e = law->equations;
-    if (e->states == 0 || isnan(state[0]) || h == 0.0)
-        return;
-    put_before_core(law, state, q, v, back);
-    *e->next_step = h;
-    if (e->step(e->instance, 0.0, h, e->tolerance, MOST_STEPS))
-        e->x[0] = NAN;
-    memcpy(state, e->x, (size_t)e->states * sizeof *state);
-}
-
-/* Friction at a sample [N]. */
-static double friction_at(const Law *law, const double *state, Pace pace)
-{
-    const double v = pace.v;
-    const double *const q = towards_side(law, v);
-    switch (law->kind) {
-    case DAHL: return dahl_friction(state);
-    case BLIMAN_SORINE: return bliman_sorine_friction(state);
-    case MAXWELL_SLIP: return maxwell_slip_friction(state, q, v);
-    case CLASSICAL: return classical_friction(q, sign_of(v), v, pace.curve);
-    case ANY:
-        put_before_core(law, state, q, v, v);
-        law->equations->output(law->equations->instance, 0.0);
-        return *law->equations->friction;
-    default: break;
-    }
-    const double s = law->sharpness > 0.0 ? lugre_sign(v, law->sharpness) : sign_of(v);
-    return lugre_friction(state, q, towards_side(law, state[0]), s, v, pace.curve);
-}
-
-/* Deflection after h [s] of vibration at a mean speed. */
-static void wear(const Law *law, double *state, double speed, double h, double v)
-{
-    const double *const q = towards_side(law, v);
-    const double way = speed * h;
-    switch (law->kind) {
-    case DAHL: state[0] *= exp(-dahl_decay(q) * way); return;
-    case BLIMAN_SORINE:
-        state[0] *= exp(-bliman_sorine_fast_run(q, way));
-        state[1] *= exp(-bliman_sorine_slow_run(q, way));
-        return;
-    case MAXWELL_SLIP:
-        for (int i = 0; i < ELEMENTS; i++)
-            state[i] *= exp(-maxwell_slip_loading(q, i, way) /
-                            maxwell_slip_rest(q, i, maxwell_slip_curve_at_rest(q)));
-        return;
-    case CLASSICAL: return;
-    case ANY:
-        if (speed != 0.0)
-            follow(law, state, q, speed, -speed, h);
-        return;
-    default:
-        state[0] *= exp(-lugre_run(towards_side(law, state[0]), lugre_curve_at_rest(q), way));
-    }
-}
 
 /* A displacement d [m] in h [s], between two velocities. */
 typedef struct {
@@ -159,19 +48,30 @@ typedef struct {
     Pace before, after;
 } Move;
 
-/* The law's curve at both ends of a move; the same value if the direction changes in between. */
+/* What differs between the forms of laws: the friction at a sample [N], the deflection after h [s]
+ * of vibration at a mean speed, and that after a move; NULL without a deflection. */
 typedef struct {
-    double first, last, mean;
-} Curve;
+    double (*friction)(const Law *law, const double *state, Pace pace);
+    void (*wear)(const Law *law, double *state, double speed, double h, double v);
+    void (*move)(const Law *law, double *state, const Move *m);
+} Form;
 
-static inline Curve curve_over(const Law *law, const double *q, const Move *m)
+static const void *towards_side(const Law *law, double side)
 {
-    if (m->before.v * m->d > 0.0 && m->after.v * m->d > 0.0) {
-        const double first = m->before.curve, last = m->after.curve;
-        return (Curve){first, last, 0.5 * (first + last)};
-    }
-    const double g = curve(law, q, m->d / m->h);
-    return (Curve){g, g, g};
+    return side > 0.0 ? law->forwards : law->backwards;
+}
+
+static double sign_of(double v) { return v > 0.0 ? 1.0 : -1.0; }
+
+/* The law's curve towards a side [N]; with two additional parameters, it has another bend. */
+static inline double curve(const Law *law, double side, double v)
+{
+    const int first = FIRST_OF_CURVE[law->form];
+    if (first < 0)
+        return 0.0;
+    const double *const q = (const double *)towards_side(law, side) + first;
+    const double g = stribeck(q[0], q[1], q[2], v);
+    return law->count > first + 3 ? g + stribeck(0.0, q[3], q[4], v) : g;
 }
 
 /* New value of a state that tends to `rest`. */
@@ -187,11 +87,75 @@ static inline double towards(double state, double begin, double end, double run)
     return end + (state - begin) * (1.0 - gone) - (end - begin) * gone / run;
 }
 
-/* The relative distance to the final force falls with a power of itself. */
-static void move_dahl(const double *q, double *state, double d)
+/* A law's curve at both ends of a move; the same value if the direction changes in between. */
+typedef struct {
+    double first, last, mean;
+} Curve;
+
+static inline Curve curve_over(const Law *law, const Move *m)
 {
-    const double rest = sign_of(d) * dahl_rest(q), run = dahl_decay(q) * fabs(d);
-    const double power = 1.0 - dahl_exponent(q);
+    if (m->before.v * m->d > 0.0 && m->after.v * m->d > 0.0) {
+        const double first = m->before.curve, last = m->after.curve;
+        return (Curve){first, last, 0.5 * (first + last)};
+    }
+    const double g = curve(law, m->d, m->d / m->h);
+    return (Curve){g, g, g};
+}
+
+/* ---- bristles: sigma0 depends on the direction in which they are bent ---- */
+
+static double bristles_friction(const Law *law, const double *state, Pace pace)
+{
+    const double v = pace.v, z = state[0];
+    const double s = law->sharpness > 0.0 ? smooth_sign(v, law->sharpness) : sign_of(v);
+    return bristles_force(towards_side(law, v), towards_side(law, z), z, s, v, pace.curve);
+}
+
+static void bristles_wear(const Law *law, double *state, double speed, double h, double v)
+{
+    const Bristles *const q = towards_side(law, v);
+    state[0] *= exp(-bristles_run(towards_side(law, state[0]), q->Fs, speed * h));
+}
+
+static void bristles_move(const Law *law, double *state, const Move *m)
+{
+    const Bristles *const q = towards_side(law, m->d);
+    const Curve g = curve_over(law, m);
+    double s = sign_of(m->d), z = state[0];
+    if (law->sharpness > 0.0 && m->h < HUGE_VAL)
+        s = smooth_sign(m->d / m->h, law->sharpness);
+    double way = s * m->d;
+    if (z * s < 0.0) { /* bent in the other direction: first back to zero */
+        const Bristles *const b = towards_side(law, -m->d);
+        const double rest = bristles_rest(b, s, g.mean);
+        const double back = bristles_length(b, g.mean) * log(1.0 - z / rest);
+        if (back >= way) {
+            state[0] = settled(z, rest, bristles_run(b, g.mean, way));
+            return;
+        }
+        way -= back;
+        z = 0.0;
+    }
+    const double run = bristles_run(q, g.mean, way);
+    state[0] = z;
+    if (run > 0.0)
+        state[0] = towards(z, bristles_rest(q, s, g.first), bristles_rest(q, s, g.last), run);
+}
+
+/* ---- power: the relative distance to the final force falls with a power of itself ---- */
+
+static double power_friction(const Law *law, const double *state, Pace pace) { return state[0]; }
+
+static void power_wear(const Law *law, double *state, double speed, double h, double v)
+{
+    state[0] *= exp(-power_decay(towards_side(law, v)) * (speed * h));
+}
+
+static void power_move(const Law *law, double *state, const Move *m)
+{
+    const Power *const q = towards_side(law, m->d);
+    const double rest = sign_of(m->d) * power_rest(q), run = power_decay(q) * fabs(m->d);
+    const double power = 1.0 - power_exponent(q);
     double left = fmax(1.0 - state[0] / rest, 0.0);
     if (fabs(power) < 1e-9) {
         left *= exp(-run);
@@ -202,82 +166,152 @@ static void move_dahl(const double *q, double *state, double d)
     state[0] = rest * (1.0 - left);
 }
 
-static void move_bliman_sorine(const double *q, double *state, double d)
+/* ---- relaxing: two linear systems in the distance ---- */
+
+static double relaxing_friction(const Law *law, const double *state, Pace pace)
 {
-    const double s = sign_of(d), way = fabs(d);
-    state[0] = settled(state[0], s * bliman_sorine_fast_rest(q), bliman_sorine_fast_run(q, way));
-    state[1] = settled(state[1], s * bliman_sorine_slow_rest(q), bliman_sorine_slow_run(q, way));
+    return state[0] + state[1];
 }
 
-static void move_bristles(const Law *law, double *state, const Move *m)
+static void relaxing_wear(const Law *law, double *state, double speed, double h, double v)
 {
-    const double *const q = towards_side(law, m->d);
-    const Curve g = curve_over(law, q, m);
-    double s = sign_of(m->d), z = state[0];
-    if (law->sharpness > 0.0 && m->h < HUGE_VAL)
-        s = lugre_sign(m->d / m->h, law->sharpness);
-    double way = s * m->d;
-    if (z * s < 0.0) { /* bent in the other direction: first back to zero */
-        const double *const b = towards_side(law, -m->d);
-        const double rest = lugre_rest(b, s, g.mean);
-        const double back = lugre_length(b, g.mean) * log(1.0 - z / rest);
-        if (back >= way) {
-            state[0] = settled(z, rest, lugre_run(b, g.mean, way));
-            return;
-        }
-        way -= back;
-        z = 0.0;
-    }
-    const double run = lugre_run(q, g.mean, way);
-    state[0] = run > 0.0 ? towards(z, lugre_rest(q, s, g.first), lugre_rest(q, s, g.last), run) : z;
+    const Relaxing *const q = towards_side(law, v);
+    state[0] *= exp(-relaxing_fast_run(q, speed * h));
+    state[1] *= exp(-relaxing_slow_run(q, speed * h));
 }
 
-/* Maxwell slip: forces of the elements, then 1 or -1 for each that slips that way, or 0. */
-static void move_elements(const Law *law, double *state, const Move *m)
+static void relaxing_move(const Law *law, double *state, const Move *m)
 {
-    const double *const q = towards_side(law, m->d);
+    const Relaxing *const q = towards_side(law, m->d);
+    const double s = sign_of(m->d), way = fabs(m->d);
+    state[0] = settled(state[0], s * relaxing_fast_rest(q), relaxing_fast_run(q, way));
+    state[1] = settled(state[1], s * relaxing_slow_rest(q), relaxing_slow_run(q, way));
+}
+
+/* ---- elements: their forces, then 1 or -1 for each that slips that way, or 0 ---- */
+
+static double elements_friction(const Law *law, const double *state, Pace pace)
+{
+    return elements_force(towards_side(law, pace.v), state, pace.v);
+}
+
+static void elements_wear(const Law *law, double *state, double speed, double h, double v)
+{
+    const Elements *const q = towards_side(law, v);
+    for (int i = 0; i < COUNT; i++)
+        state[i] *= exp(-elements_loading(q, i, speed * h) / elements_rest(q, i, q->Fs));
+}
+
+static void elements_move(const Law *law, double *state, const Move *m)
+{
+    const Elements *const q = towards_side(law, m->d);
     const double d = m->d, h = m->h, s = sign_of(d);
-    const Curve g = curve_over(law, q, m);
-    for (int i = 0; i < ELEMENTS; i++) {
+    const Curve g = curve_over(law, m);
+    for (int i = 0; i < COUNT; i++) {
         double left = 1.0; /* share of the step in which the element slips */
-        if (state[ELEMENTS + i] * s <= 0.0) {
-            state[ELEMENTS + i] = 0.0;
-            const double loading = maxwell_slip_loading(q, i, d), loaded = state[i] + loading;
-            const double limit = maxwell_slip_rest(q, i, g.mean);
+        if (state[COUNT + i] * s <= 0.0) {
+            state[COUNT + i] = 0.0;
+            const double loading = elements_loading(q, i, d), loaded = state[i] + loading;
+            const double limit = elements_rest(q, i, g.mean);
             if (s * loaded < limit) {
                 state[i] = loaded;
                 continue;
             }
             left = fmin(fmax((loaded - s * limit) / loading, 0.0), 1.0);
-            state[i] = s * maxwell_slip_rest(q, i, g.first + (g.last - g.first) * (1.0 - left));
-            state[ELEMENTS + i] = s;
+            state[i] = s * elements_rest(q, i, g.first + (g.last - g.first) * (1.0 - left));
+            state[COUNT + i] = s;
         }
         if (h == HUGE_VAL)
             continue;
-        const double run = maxwell_slip_run(q, fabs(d) / h, g.mean, left * h);
+        const double run = elements_run(q, fabs(d) / h, g.mean, left * h);
         if (run > 0.0) {
-            const double begin = maxwell_slip_rest(q, i, g.last + (g.first - g.last) * left);
-            state[i] = towards(state[i], s * begin, s * maxwell_slip_rest(q, i, g.last), run);
+            const double begin = elements_rest(q, i, g.last + (g.first - g.last) * left);
+            state[i] = towards(state[i], s * begin, s * elements_rest(q, i, g.last), run);
         }
     }
 }
 
-static void move(const Law *law, double *state, double d, double h, Pace before, Pace after)
+/* ---- dry: a function of the velocity, without a state ---- */
+
+static double dry_friction(const Law *law, const double *state, Pace pace)
+{
+    return dry_force(towards_side(law, pace.v), sign_of(pace.v), pace.v, pace.curve);
+}
+
+/* ---- solved: the equations of any other law, by the core ---- */
+
+static void put_before_core(const Law *law, const double *state, double v, double back)
+{
+    const Equations *const e = law->equations;
+    memcpy(e->x, state, (size_t)e->states * sizeof *state);
+    memcpy(e->p, towards_side(law, v), (size_t)law->count * sizeof *state);
+    e->v[0] = v;
+    e->v[1] = back;
+}
+
+/* For a time h, half of it at each velocity; NAN if it fails. */
+static void follow(const Law *law, double *state, double v, double back, double h)
+{
+    const Equations *const e = law->equations;
+    if (e->states == 0 || isnan(state[0]) || h == 0.0)
+        return;
+    put_before_core(law, state, v, back);
+    *e->next_step = h;
+    if (e->step(e->instance, 0.0, h, e->tolerance, MOST_STEPS))
+        e->x[0] = NAN;
+    memcpy(state, e->x, (size_t)e->states * sizeof *state);
+}
+
+static double solved_friction(const Law *law, const double *state, Pace pace)
+{
+    put_before_core(law, state, pace.v, pace.v);
+    law->equations->output(law->equations->instance, 0.0);
+    return *law->equations->friction;
+}
+
+static void solved_wear(const Law *law, double *state, double speed, double h, double v)
+{
+    follow(law, state, v > 0.0 ? speed : -speed, v > 0.0 ? -speed : speed, h);
+}
+
+static void solved_move(const Law *law, double *state, const Move *m)
+{
+    const double h = m->h == HUGE_VAL ? fabs(m->d) / SLOW : m->h;
+    follow(law, state, m->d / h, m->d / h, h);
+}
+
+static const Form FORMS[] = {
+    [BRISTLES] = {bristles_friction, bristles_wear, bristles_move},
+    [POWER] = {power_friction, power_wear, power_move},
+    [RELAXING] = {relaxing_friction, relaxing_wear, relaxing_move},
+    [ELEMENTS] = {elements_friction, elements_wear, elements_move},
+    [DRY] = {dry_friction, NULL, NULL},
+    [SOLVED] = {solved_friction, solved_wear, solved_move},
+};
+
+static inline Pace pace_of(const Law *law, double v)
+{
+    return (Pace){v, curve(law, v, v)};
+}
+
+static inline double friction_at(const Law *law, const double *state, Pace pace)
+{
+    return FORMS[law->form].friction(law, state, pace);
+}
+
+static inline void move(const Law *law, double *state, double d, double h, Pace before, Pace after)
 {
     const Move m = {d, h, before, after};
-    if (d == 0.0)
-        return;
-    switch (law->kind) {
-    case DAHL: move_dahl(towards_side(law, d), state, d); return;
-    case BLIMAN_SORINE: move_bliman_sorine(towards_side(law, d), state, d); return;
-    case MAXWELL_SLIP: move_elements(law, state, &m); return;
-    case CLASSICAL: return;
-    case ANY:
-        h = h == HUGE_VAL ? fabs(d) / SLOW : h;
-        follow(law, state, towards_side(law, d), d / h, d / h, h);
-        return;
-    default: move_bristles(law, state, &m);
-    }
+    if (d != 0.0 && FORMS[law->form].move)
+        FORMS[law->form].move(law, state, &m);
+}
+
+/* Set a state without force. */
+static void begin(const Law *law, double *state)
+{
+    memset(state, 0, STATES * sizeof *state);
+    if (law->equations)
+        memcpy(state, law->equations->start, (size_t)law->equations->states * sizeof *state);
 }
 
 API void friction_along(const Law *law, const double *x, const double *v, const double *step,
@@ -297,7 +331,8 @@ API void friction_along(const Law *law, const double *x, const double *v, const 
             if (k + 1 == starts[r + 1])
                 break;
             const Pace next = pace_of(law, v[k + 1]);
-            wear(law, state, vibration[r], h, v[k]);
+            if (vibration[r] != 0.0 && FORMS[law->form].wear)
+                FORMS[law->form].wear(law, state, vibration[r], h, v[k]);
             move(law, state, x[k + 1] - x[k], h, now, next);
             now = next;
         }
@@ -424,8 +459,8 @@ API void force_behind_gap(const Law *law, const double *x, const double *v, int6
 }
 
 /* Positions that are short by `backlash` [m] after a record's start and after each reversal. */
-API void with_backlash(const double *x, const int64_t *starts, int64_t records, const double *backlash,
-                   double *dragged)
+API void with_backlash(const double *x, const int64_t *starts, int64_t records,
+                       const double *backlash, double *dragged)
 {
     for (int64_t r = 0; r < records; r++) {
         double at = x[starts[r]];

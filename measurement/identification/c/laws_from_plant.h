@@ -1,175 +1,65 @@
 /* Made from plant/ by `python -m ballscrew.measurement.identification.laws_in_c`; not for editing.
  *
  * q: parameters in the estimator's order; b: those of the side to which bristles are bent; i: an
- * element; s: sign of the velocity; g: the curve there. States of Dahl and Maxwell slip: forces. */
-enum { ELEMENTS = 4, LUGRE_PARAMETERS = 6 };
+ * element; s: sign of the velocity; g: the curve there. States of elements: their forces. */
+enum { BRISTLES, POWER, RELAXING, ELEMENTS, DRY, SOLVED };
+enum { COUNT = 4 }; /* of elements */
+/* place of Fc, Fs and Vs, the parameters of a form's curve; -1 without one */
+static const int FIRST_OF_CURVE[] = {3, -1, -1, 10, 1, -1};
+typedef struct { double sigma0, sigma1, sigma2, Fc, Fs, Vs; } Bristles;
+typedef struct { double sigma, Fc, alpha; } Power;
+typedef struct { double f1, f2, eps_f, eta; } Relaxing;
+typedef struct { double k[COUNT], alpha[COUNT], C, sigma2, Fc, Fs, Vs; } Elements;
+typedef struct { double sigma2, Fc, Fs, Vs; } Dry;
 
-static inline double lugre_curve(const double *q, double v)
+static inline double stribeck(double Fc, double Fs, double Vs, double v)
 {
-    const double Fc = q[3];
-    const double Fs = q[4];
-    const double ratio = v / q[5];
-    return (Fc + (((-Fc) + Fs) * exp((-(ratio * ratio)))));
+    return (Fc + (((-Fc) + Fs) * exp((-((v / Vs) * (v / Vs))))));
 }
-
-static inline double lugre_bend(const double *q, double v)
-{
-    const double Fs = q[LUGRE_PARAMETERS];
-    const double ratio = v / q[LUGRE_PARAMETERS + 1];
-    return (Fs * exp((-(ratio * ratio))));
-}
-
-static inline double lugre_curve_at_rest(const double *q)
-{
-    const double Fs = q[4];
-    return Fs;
-}
-
-static inline double maxwell_slip_curve(const double *q, double v)
-{
-    const double Fc = q[10];
-    const double Fs = q[11];
-    const double ratio = v / q[12];
-    return (Fc + (((-Fc) + Fs) * exp((-(ratio * ratio)))));
-}
-
-static inline double maxwell_slip_curve_at_rest(const double *q)
-{
-    const double Fs = q[11];
-    return Fs;
-}
-
-static inline double classical_curve(const double *q, double v)
-{
-    const double Fc = q[1];
-    const double Fs = q[2];
-    const double ratio = v / q[3];
-    return (Fc + (((-Fc) + Fs) * exp((-(ratio * ratio)))));
-}
-
-static inline double lugre_sign(double v, double Kv)
+static inline double smooth_sign(double v, double Kv)
 {
     return (0.6366197723675814 * atan((Kv * v)));
 }
-
-static inline double lugre_friction(const double *state, const double *q, const double *b, double s, double v, double g)
+static inline double bristles_force(const Bristles *q, const Bristles *b, double z, double s, double v, double g)
 {
-    const double sigma0 = b[0];
-    const double sigma1 = q[1];
-    const double sigma2 = q[2];
-    const double z = state[0];
-    return (((sigma0 * z) + (sigma1 * (((s * s) * v) - ((((s * sigma0) * v) * z) / g)))) + (sigma2 * v));
+    return (((b->sigma0 * z) + (q->sigma1 * (((s * s) * v) - ((((s * b->sigma0) * v) * z) / g)))) + (q->sigma2 * v));
 }
-
-static inline double lugre_rest(const double *q, double s, double g)
+static inline double bristles_rest(const Bristles *q, double s, double g)
 {
-    const double sigma0 = q[0];
-    return ((g * s) / sigma0);
+    return ((g * s) / q->sigma0);
 }
-
-static inline double lugre_run(const double *q, double g, double way)
+static inline double bristles_run(const Bristles *q, double g, double way)
 {
-    const double sigma0 = q[0];
-    return ((sigma0 * way) / g);
+    return ((q->sigma0 * way) / g);
 }
-
-static inline double lugre_length(const double *q, double g)
+static inline double bristles_length(const Bristles *q, double g) { return (g / q->sigma0); }
+static inline double power_rest(const Power *q) { return q->Fc; }
+static inline double power_decay(const Power *q) { return (q->sigma / q->Fc); }
+static inline double power_exponent(const Power *q) { return q->alpha; }
+static inline double relaxing_fast_rest(const Relaxing *q) { return q->f1; }
+static inline double relaxing_fast_run(const Relaxing *q, double way)
 {
-    const double sigma0 = q[0];
-    return (g / sigma0);
+    return (way / (q->eps_f * q->eta));
 }
-
-static inline double dahl_friction(const double *state)
+static inline double relaxing_slow_rest(const Relaxing *q) { return (-q->f2); }
+static inline double relaxing_slow_run(const Relaxing *q, double way) { return (way / q->eps_f); }
+static inline double elements_force(const Elements *q, const double *state, double v)
 {
-    const double force = state[0];
-    return force;
+    return ((((state[0] + state[1]) + state[2]) + state[3]) + (q->sigma2 * v));
 }
-
-static inline double dahl_rest(const double *q)
+static inline double elements_loading(const Elements *q, int i, double way)
 {
-    const double Fc = q[1];
-    return Fc;
+    return (q->k[i] * way);
 }
-
-static inline double dahl_decay(const double *q)
+static inline double elements_rest(const Elements *q, int i, double g) { return (q->alpha[i] * g); }
+static inline double elements_run(const Elements *q, double v, double g, double h)
 {
-    const double sigma = q[0];
-    const double Fc = q[1];
-    return (sigma / Fc);
+    return (((q->C * h) * v) / (g * (v + 1e-07)));
 }
-
-static inline double dahl_exponent(const double *q)
+static inline double dry_force(const Dry *q, double s, double v, double g)
 {
-    const double alpha = q[2];
-    return alpha;
+    return ((g * s) + (q->sigma2 * v));
 }
-
-static inline double bliman_sorine_friction(const double *state)
-{
-    const double xs1 = state[0];
-    const double xs2 = state[1];
-    return (xs1 + xs2);
-}
-
-static inline double bliman_sorine_fast_rest(const double *q)
-{
-    const double f1 = q[0];
-    return f1;
-}
-
-static inline double bliman_sorine_fast_run(const double *q, double way)
-{
-    const double eps_f = q[2];
-    const double eta = q[3];
-    return (way / (eps_f * eta));
-}
-
-static inline double bliman_sorine_slow_rest(const double *q)
-{
-    const double f2 = q[1];
-    return (-f2);
-}
-
-static inline double bliman_sorine_slow_run(const double *q, double way)
-{
-    const double eps_f = q[2];
-    return (way / eps_f);
-}
-
-static inline double maxwell_slip_friction(const double *state, const double *q, double v)
-{
-    const double sigma2 = q[9];
-    const double force1 = state[0];
-    const double force2 = state[1];
-    const double force3 = state[2];
-    const double force4 = state[3];
-    return ((((force1 + force2) + force3) + force4) + (sigma2 * v));
-}
-
-static inline double maxwell_slip_loading(const double *q, int i, double way)
-{
-    const double k1 = q[i];
-    return (k1 * way);
-}
-
-static inline double maxwell_slip_rest(const double *q, int i, double g)
-{
-    const double alpha1 = q[ELEMENTS + i];
-    return (alpha1 * g);
-}
-
-static inline double maxwell_slip_run(const double *q, double v, double g, double h)
-{
-    const double C = q[8];
-    return (((C * h) * v) / (g * (v + 1e-07)));
-}
-
-static inline double classical_friction(const double *q, double s, double v, double g)
-{
-    const double sigma2 = q[0];
-    return ((g * s) + (sigma2 * v));
-}
-
 static inline double spring_damping(double stiffness, double mass)
 {
     return (0.2 * sqrt((mass * stiffness)));

@@ -122,7 +122,6 @@ def test_a_wrong_mass_is_where_the_rest_is_and_not_the_friction():
     (warning,) = (w for w in found.warnings if "unexplained" in w)
     assert "--mass fit" in warning
     assert "not the friction" not in warning
-    assert found.left.by_motion["accelerating"] > found.left.by_motion["steady"]
 
 
 @pytest.mark.ci

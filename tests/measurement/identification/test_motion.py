@@ -7,8 +7,7 @@ import pytest
 from synthetic.records import COUNT, LUGRE, record_of, sine_velocity, true_friction
 
 from ballscrew.measurement.identification.motion import motion_of, smooth_motion
-from ballscrew.measurement.records.record import Record
-from ballscrew.measurement.records.resolution import held_samples
+from ballscrew.measurement.records.record import Record, held_samples
 
 
 def test_the_force_less_mass_times_acceleration_is_the_friction_of_a_moving_mass():

@@ -5,7 +5,7 @@ import pytest
 from diagnosed import nominal
 
 from ballscrew.measurement.diagnosis.modelled_record import lay_along
-from ballscrew.measurement.identification.motion_parts import PARTS, motion_parts
+from ballscrew.measurement.identification.motion_parts import motion_parts
 from ballscrew.measurement.records.reading import check_record
 
 STEP = 1e-3
@@ -23,18 +23,6 @@ def strokes():
     """Fast forwards, slow forwards, fast backwards, slow backwards, two seconds each."""
     speeds = np.repeat([0.05, 0.01, -0.05, -0.01, 0.05], 2000)
     return np.convolve(np.pad(speeds, 50, mode="edge"), np.ones(101) / 101, mode="valid")
-
-
-def test_each_moving_sample_is_once_in_each_view():
-    parts = parts_of(strokes())
-    assert list(parts) == list(PARTS)
-    moving = parts["forwards"] | parts["backwards"]
-    for view in (
-        ("reversals", "slow", "fast"),
-        ("accelerating", "steady"),
-        ("forwards", "backwards"),
-    ):
-        assert np.array_equal(sum(parts[name].astype(int) for name in view), moving)
 
 
 def test_parts_are_where_they_were_put():

@@ -87,14 +87,6 @@ def test_units_that_make_no_sense_are_refused(tmp_path, units, words):
         read(write(tmp_path / "a.csv", MOTION), units=units)
 
 
-@pytest.mark.parametrize(("unit", "size"), [("mm/min", 1e-3 / 60), ("km/h", 1000 / 3600)])
-def test_units_of_a_velocity_in_brackets_are_converted(tmp_path, unit, size):
-    velocity = 0.3 * np.cos(3 * TIME)
-    table = {"time": TIME, "u": MOTION["u"], "v": velocity / size}
-    record = read(write(tmp_path / "a.csv", table, f"time,u,v [{unit}]"))
-    np.testing.assert_allclose(record.signals["v"], velocity, rtol=1e-9, atol=1e-11)
-
-
 @pytest.mark.ci
 @pytest.mark.parametrize("factor", [50.0, 1e3])
 def test_slow_records_and_times_that_are_no_seconds_are_refused(factor):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ballscrew.measurement.records.resolution import (
+from ballscrew.measurement.records.record import (
     encoder_count,
     fast_noise,
     held_samples,

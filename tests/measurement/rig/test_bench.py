@@ -1,6 +1,5 @@
 """Trials on the rig: what the instruments record, and what truth stands beside it."""
 
-import json
 import math
 
 import numpy as np
@@ -107,15 +106,6 @@ def test_the_capacitance_sensor_gives_the_displacement_within_its_calibrations_e
 EPSILON_AREA = 8.854e-12 * 1e-4
 
 
-def test_a_calibration_finds_a_true_quadratic_exactly():
-    c = np.linspace(4e-12, 6e-12, 8)
-    x = 3e-4 - 9e-5 * c / 1e-12 + 6e-6 * (c / 1e-12) ** 2
-    found = calibrate(c, x)
-    np.testing.assert_allclose(found.coefficients, [3e-4, -9e-5, 6e-6], rtol=1e-9)
-    np.testing.assert_allclose(found.displacement(c), x, atol=1e-15)
-    assert found.error < 1e-13
-
-
 def test_the_displacement_is_within_its_stated_error_at_the_stated_rate():
     """95 % intervals, with half a micrometre of error in each setting of the micrometer."""
     rng = np.random.default_rng(5)
@@ -180,23 +170,6 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_record(tmp_
         same, again, other = ((tmp_path / f / name).read_bytes() for f in "abc")
         assert same == again
         assert same != other
-
-
-def test_the_record_is_read_back_as_it_was(tmp_path, slow_slide):
-    slow_slide.save(tmp_path)
-    for name, columns in (("record", slow_slide.record), ("truth", slow_slide.truth)):
-        text = (tmp_path / f"{name}.csv").read_text().splitlines()
-        assert text[0] == ",".join(columns)
-        read = np.loadtxt(text[1:], delimiter=",")
-        np.testing.assert_allclose(read, np.column_stack(list(columns.values())), rtol=1e-14)
-    about = json.loads((tmp_path / "trial.json").read_text())
-    assert about["name"] == "2.4/7"
-    assert about["law"] == "modified_lugre"
-    assert about["parameters"]["plant.sigma0"] == SIGMA0
-    assert about["lags"]["x"] == 0.0
-    assert list(slow_slide.record)[:5] == ["time", "x", "force", "u", "v_ref"]
-    assert list(slow_slide.truth)[:7] == ["time", "x", "v", "friction", "force", "i", "u"]
-    assert "z" in slow_slide.truth
 
 
 @pytest.mark.ci
