@@ -98,7 +98,7 @@ ADDED = (  # file, its text, the list, the line before the new one, the new one
     ("plant/cubic_slip.py", LAW, "plant/__init__.py", "LAWS = {",
      '    "cubic_slip": "ballscrew.plant.cubic_slip:cubic_slip",'),
     ("plant/instruments/glass_scale.py", INSTRUMENT, "plant/instruments/__init__.py",
-     "INSTRUMENTS = {",
+     '    "current_sensor": "ballscrew.plant.instruments.current_sensor:current_sensor",',
      '    "glass_scale": "ballscrew.plant.instruments.glass_scale:glass_scale",'),
     ("controllers/soft_pd.py", CONTROLLER, "controllers/__init__.py", "CONTROLLERS = {",
      '    "soft_pd": "ballscrew.controllers.soft_pd:soft_pd",'),
@@ -157,6 +157,12 @@ def test_they_run_as_one_loop_and_are_exported(extended):
     extended("ballscrew", "rig", "2.4/7", "--law", "cubic_slip", "--out", "rig")
 
 
+def test_noise_measures_each_signal_by_the_first_instrument_of_the_list(extended):
+    words = "swap --controllers pid --noise --stop 0.01 --json --out noise".split()
+    (row,) = json.loads(extended("ballscrew", *words, codes=(0, 1)).stdout)
+    assert row["controller"] == "pid+position_encoder+velocity_estimate"
+
+
 def test_the_coupling_runs_and_says_how_far_it_is_right(extended):
     ends = {}
     for name in ("half-law", "interface-jacobian", "monolithic"):
@@ -203,13 +209,9 @@ def test_the_law_is_identified(extended):
 
 
 def test_the_conformance_suites_take_them(extended):
-    suites = [
-        "tests/test_conformance.py",
-        "tests/plant/test_laws.py",
-        "tests/plant/instruments/test_instruments.py",
-        "tests/controllers/test_every_controller.py",
-    ]
-    which = ("-k", "cubic_slip or glass_scale or soft_pd")
+    suites = ["tests/test_conformance.py", "tests/plant/test_laws.py"]
+    suites += ["tests/controllers/test_every_controller.py"]
+    which = ("-k", "cubic_slip or glass_scale or soft_pd or tunable")
     said = extended("pytest", *suites, "-q", "-x", "-p", "no:cacheprovider", *which, cwd=ROOT)
     passed = int(said.stdout.rsplit(" passed", 1)[0].rsplit(maxsplit=1)[-1])
     assert passed > 15  # five of the first suite for each, and more

@@ -291,22 +291,22 @@ def in_practice(
 
 
 def _instruments_for(controller: Component) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of all instruments that fit a controller, and the signals it measures without one."""
+    """The first instrument of the list for each signal measured, and the signals without one."""
     used = {str(s) for s in controller.used_symbols()}
     roles = "measurement", "signal"
     measured = [i.name for i in controller.inputs if i.role in roles and i.name in used]
-    wanted, given, instruments = {*measured}, set[str](), list[str]()
-    for name in reversed(INSTRUMENTS):  # an instrument may use the output of the one before it
-        instrument = catalogue.component(name)
-        outputs = {o.name.removesuffix(MEASURED) for o in instrument.outputs}
-        if outputs & wanted:
+    made = {name: catalogue.component(name) for name in INSTRUMENTS}
+    outputs = [(o.name, name) for name, instrument in made.items() for o in instrument.outputs]
+    first = {output.removesuffix(MEASURED): name for output, name in reversed(outputs)}
+    wanted, instruments = {*measured}, list[str]()
+    for name in reversed(made):  # an instrument may use the output of the one before it
+        if name in map(first.get, wanted):
             instruments.insert(0, name)
-            given |= outputs
-            wanted |= {i.name for i in instrument.inputs}
+            wanted |= {i.name for i in made[name].inputs}
     if not instruments:
-        there = ", ".join(o.name for n in INSTRUMENTS for o in catalogue.component(n).outputs)
+        there = ", ".join(output for output, _ in outputs)
         raise ContractError(
             f"{controller.name} measures {', '.join(measured) or 'nothing'}, but the instruments "
             f"measure {there}"
         )
-    return tuple(instruments), tuple(name for name in measured if name not in given)
+    return tuple(instruments), tuple(name for name in measured if name not in first)

@@ -24,10 +24,10 @@ from ballscrew.plant.instruments.acquisition import SAMPLE_TIME
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
 from synthetic.records import Trial, constant_velocity, record_of, sine_velocity, slow_load
 
-# Laws with prescribed motions; records of the others come only from the rig, where the force causes
-# the motion.
+# Laws with prescribed motions; the others' records come from the rig: the force causes the motion.
 PRESCRIBED = tuple(n for n in LAWS if n not in ("maxwell_slip", "classical"))
-_SEEDED = [*(n for n in LAWS if n != "classical"), "classical"]  # a law's index is part of its seed
+_SEEDED = [n for n in LAWS if n != "classical"]  # a law's index is part of its seed
+_SEEDED.insert(7, "classical")  # also when there are more laws
 
 
 @dataclass(frozen=True)
