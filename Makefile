@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := $(shell find ballscrew solver plant controllers fmus orchestration stability measurement gallery -name '*.py' -o -name '*.[ch]' -o -name '*.csv' -o -name '*.jinja' -o -name '*.json' -o -name 'page.md') pyproject.toml
 
-.PHONY: demo check test test-ci docs prove tools lint bench wheels pythons clean
+.PHONY: demo check test test-ci docs prove tools lint pages bench wheels pythons clean
 
 # The package is installed, not linked: what runs and is tested is what a user gets.
 $(VENV)/installed: $(SOURCES) constraints.txt
@@ -47,6 +47,12 @@ lint: $(VENV)/ci
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	cd docs && ../$(BIN)/mypy --config-file ../pyproject.toml -p ballscrew
+	$(BIN)/python -m cogapp --check $(PAGES)
+
+# Numbers and tables on the pages, from the stored proofs.
+PAGES = $(shell grep -l '\[\[\[cog' README.md docs/*.md docs/proof/*.md)
+pages: $(VENV)/ci
+	$(BIN)/python -m cogapp -r $(PAGES)
 
 docs: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt "ballscrew[docs]"

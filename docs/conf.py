@@ -1,12 +1,8 @@
 """The documentation as a site: `make docs`."""
 
 import os
-import sys
 import tempfile
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent))
-import claims
 
 from ballscrew import __version__
 from ballscrew.cli import command_parser
@@ -45,20 +41,5 @@ def write_commands(app):
         page.write_text(text, encoding="utf-8")
 
 
-def stop_on_stale_figures(app):
-    """No site with a figure that its proof no longer has."""
-    stale = claims.check(Path(app.srcdir).parent)
-    if stale:
-        raise SystemExit("\n".join(["figures that are not those of now:", *stale]))
-
-
-def add_ages(app, docname, source):
-    """The page of the claims says on the site how many files have other code since each proof."""
-    if docname == "claims":
-        source[0] = claims.overview(ages=True)
-
-
 def setup(app):
     app.connect("builder-inited", write_commands)
-    app.connect("builder-inited", stop_on_stale_figures)
-    app.connect("source-read", add_ages)

@@ -3,14 +3,9 @@
 ballscrew study docs/examples/swap_study.toml --out out/study
 ballscrew study docs/examples/swap_study_ideal.toml --out out/ideal
 python docs/write_swap_study.py out/study out/ideal
-
-Without the second folder the table of ideal sensors is not changed.
 """
 
-from __future__ import annotations
-
 import json
-import re
 import shutil
 import sys
 from collections.abc import Iterable, Mapping
@@ -18,111 +13,82 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from figures import row
 
 import ballscrew
 from ballscrew.orchestration.loop.shown import length, shown_unit
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "swap-study.md"
-MICRON = 1e-6
-STEPPED = ("iol", "iol_observed", "nctf", "pid", "p_pi")
-PLANT = {p.name: p.default for p in ballscrew.component("plant").all_parameters}
-FRICTION = {name: PLANT[name] for name in ("Fc", "Fs", "sigma2")}
+PRACTICE = "+sampled+position_encoder+velocity_estimate+current_sensor"
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A table of Markdown."""
-    lines = [list(head), *map(list, rows)]
-    lines.insert(1, ["---"] * len(lines[0]))
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def _rms(study: Mapping[str, Any], duty: str, name: str) -> str:
-    """Mean rms error with its interval."""
-    found = study["intervals"][duty][name]["rms_error"]
-    factor, unit = shown_unit(found["mean"], "m")
-    mean, low, high = (f"{factor * found[k]:.3g}" for k in ("mean", "low", "high"))
-    return f"{mean} {unit} ({low} to {high})"
-
-
-def verdict(study: Mapping[str, Any]) -> str:
-    """The study's first sentence, and what weakens it."""
-    return "\n".join([f"**{study['verdict']}.**", "", *(f"- {w}" for w in study["weaknesses"])])
+    head = [*head]
+    return "\n".join([row(*head), row(*["---"] * len(head)), *(row(*cells) for cells in rows)])
 
 
 def answers(study: Mapping[str, Any]) -> str:
     """Who is best at each duty, and by how much."""
     rows = []
     for answer in study["answers"]:
-        best, others = answer["best"][0], answer["best"][1:]
-        following = [n for n in answer["order"] if n not in answer["best"]]
+        best, *others = answer["best"]
+        rest = [n for n in answer["order"] if n not in answer["best"]]
         cells = [answer["duty"], f"`{best}`", _rms(study, answer["duty"], best)]
         cells.append(", ".join(f"`{n}`" for n in others) or "-")
-        if following:
-            cells += [f"`{following[0]}`", _rms(study, answer["duty"], following[0])]
-        else:
-            cells += ["-", "-"]
-        rows.append(cells)
+        rows.append([*cells, *(f"`{n}`" for n in rest[:1] or "-")])
+        rows[-1].append(_rms(study, answer["duty"], rest[0]) if rest else "-")
     head = "duty", "best", "rms error (90 %)", "equal to it within 10 %", "next", "rms error (90 %)"
     return table(head, rows)
 
 
+def _rms(study: Mapping[str, Any], duty: str, name: str) -> str:
+    found = study["intervals"][duty][name]["rms_error"]
+    factor, unit = shown_unit(found["mean"], "m")
+    mean, low, high = (f"{factor * found[k]:.3g}" for k in ("mean", "low", "high"))
+    return f"{mean} {unit} ({low} to {high})"
+
+
 def errors(study: Mapping[str, Any]) -> str:
     """Mean rms error of every controller at every duty."""
-    duties = list(study["intervals"])
-    rows = [
-        [
-            f"`{name}`",
-            *(length(study["intervals"][d][name]["rms_error"]["mean"]) for d in duties),
-        ]
+    duties = study["intervals"]
+    rows = (
+        [f"`{name}`", *(length(duty[name]["rms_error"]["mean"]) for duty in duties.values())]
         for name in study["tunings"]
-    ]
+    )
     return table(["controller", *duties], rows)
 
 
 def tunings(study: Mapping[str, Any]) -> str:
     """Costs before and after tuning, and the effort."""
-    first = next(iter(study["intervals"]))
+    first, judged = next(iter(study["intervals"].items()))
     rows = []
     for name, found in study["tunings"].items():
         costs = [t["cost"] for t in found]
         gains = [100 * (1 - t["doubled_cost"] / t["cost"]) for t in found]
-        means = study["intervals"][first][name]
-        rows.append(
-            [
-                f"`{name}`",
-                str(len(found[0]["values"])),
-                f"{found[0]['published_cost']:.3g}",
-                f"{min(costs):.3g} to {max(costs):.3g}",
-                f"{min(gains):.2g} to {max(gains):.2g} %",
-                f"{means['total_variation']['mean']:.3g}",
-                length(means["peak_error"]["mean"]),
-            ]
-        )
-    head = (
-        "controller",
-        "parameters tuned",
-        "cost, published",
-        "cost, tuned",
-        "gain of twice the budget",
-        f"variation at {first} [V]",
-        f"peak error at {first}",
+        cells = [f"`{name}`", len(found[0]["values"]), f"{found[0]['published_cost']:.3g}"]
+        cells += [
+            f"{min(costs):.3g} to {max(costs):.3g}",
+            f"{min(gains):.2g} to {max(gains):.2g} %",
+        ]
+        cells.append(f"{judged[name]['total_variation']['mean']:.3g}")
+        rows.append([*cells, length(judged[name]["peak_error"]["mean"])])
+    head = "controller|parameters tuned|cost, published|cost, tuned|gain of twice the budget".split(
+        "|"
     )
-    return table(head, rows)
+    return table([*head, f"variation at {first} [V]", f"peak error at {first}"], rows)
 
 
 def hunting(study: Mapping[str, Any]) -> str:
     """Runs that hunt, of all runs, where any does."""
     rows = []
     for name in study["tunings"]:
-        cells = []
-        for duty, by_controller in study["hunting"].items():
-            count, total = by_controller[name]["hunting"], sum(by_controller[name].values())
-            if count:
-                cells.append(f"{duty} ({count} of {total})")
+        runs = {duty: found[name] for duty, found in study["hunting"].items()}
+        cells = (
+            f"{d} ({n['hunting']} of {sum(n.values())})" for d, n in runs.items() if n["hunting"]
+        )
         rows.append([f"`{name}`", ", ".join(cells) or "none"])
-    plan = study["plan"]
-    runs = plan["plants"] * plan["tuning"]["seeds"]
+    runs = study["plan"]["plants"] * study["plan"]["tuning"]["seeds"]
     return f"Of {runs} runs each; motions without hunting are left out:\n\n" + table(
         ("controller", "hunts at rest after"), rows
     )
@@ -130,11 +96,10 @@ def hunting(study: Mapping[str, Any]) -> str:
 
 def size(study: Mapping[str, Any]) -> str:
     """How many tunings, plants and candidates."""
-    plan = study["plan"]
-    tuning = plan["tuning"]
+    tuning, plants = study["plan"]["tuning"], study["plan"]["plants"]
     return (
         f"All are tuned in the same way on two other motions: {tuning['seeds']} times, "
-        f"with {tuning['budget']} candidates.\nMeans are geometric, over {plan['plants']} plants "
+        f"with {tuning['budget']} candidates.\nMeans are geometric, over {plants} plants "
         f"and {tuning['seeds']} tunings; in brackets 90 % intervals over plants and noise."
     )
 
@@ -142,95 +107,77 @@ def size(study: Mapping[str, Any]) -> str:
 def checks(study: Mapping[str, Any]) -> str:
     """Result of the runs over FMUs."""
     found = study["over_fmus"]
-    differ = [run for run in found if not run["agrees"]]
+    differ = [
+        f"`{run['controller']}` at {run['duty']}, by {1e9 * run['apart']:.2g} nm, with a limit of "
+        f"{1e9 * run['allowed']:.2g} nm"
+        for run in found
+        if not run["agrees"]
+    ]
+    which = f" ({'; '.join(differ)})" if differ else ""
     unsure = sum(run["coupling"] not in ("", "trusted") for run in found)
     return (
         f"{len(found)} runs were repeated over FMUs, and {len(differ) or 'none'} differed"
-        f"{_which(differ)}.\nFor {unsure} of these the master's verdict is not converged (1 %): "
-        "its runs with shorter steps read other counts of the encoder, and the\ncurrent "
-        "follows each count."
+        f"{which}.\nFor {unsure} of these the master's "
+        "verdict is not converged (1 %): its runs with shorter steps read other counts of the "
+        "encoder, and the\ncurrent follows each count."
     )
-
-
-def _which(runs: list[Mapping[str, Any]]) -> str:
-    """Which runs differ, and by how much."""
-    named = (
-        f"`{run['controller']}` at {run['duty']}, by {1e9 * run['apart']:.2g} nm, with a limit of "
-        f"{1e9 * run['allowed']:.2g} nm"
-        for run in runs
-    )
-    return f" ({'; '.join(named)})" if runs else ""
 
 
 def sensitivities(study: Mapping[str, Any]) -> str:
     """Standardized regression coefficients."""
     varied = list(next(iter(study["sensitivities"].values()))["coefficients"])
-    rows = [
+    rows = (
         [
-            f"`{name}`",
-            *(f"{found['coefficients'][v]:.2f}" for v in varied),
-            f"{100 * found['explained']:.0f} %",
+            f"`{n}`",
+            *(f"{s['coefficients'][v]:.2f}" for v in varied),
+            f"{100 * s['explained']:.0f} %",
         ]
-        for name, found in study["sensitivities"].items()
-    ]
+        for n, s in study["sensitivities"].items()
+    )
     return table(("controller", *varied, "explained"), rows)
 
 
 def thesis_step() -> str:
     """The thesis' step of 8 cm with nominal friction, 20 % less and 20 % more."""
-    practice = "+sampled+position_encoder+velocity_estimate+current_sensor"
+    nominal = {p.name: p.default for p in ballscrew.component("plant").all_parameters}
     rows = []
-    for name in STEPPED:
-        for where, behind in (("ideal", ""), ("1 kHz, instruments", practice)):
+    for name in ("iol", "iol_observed", "nctf", "pid", "p_pi"):
+        for where, behind in (("ideal", ""), ("1 kHz, instruments", PRACTICE)):
             cells = [f"`{name}`", where]
             for factor in (1.0, 0.8, 1.2):
-                run = ballscrew.run(
-                    name + behind,
-                    stop=5.0,
-                    step=1e-3,
-                    fmus=False,
-                    plant_values={n: factor * v for n, v in FRICTION.items()},
+                result = ballscrew.run(
+                    name + behind, stop=5.0, step=1e-3, fmus=False,
+                    plant_values={n: factor * nominal[n] for n in ("Fc", "Fs", "sigma2")},
                     controller_values={"sample_time": 1e-3} if behind else {},
-                )
-                cells.append(_outcome(run))
+                )  # fmt: skip
+                cells.append(_outcome(result.run))
             rows.append(cells)
-    head = ("controller", "sensors", "nominal friction", "20 % less", "20 % more")
-    return table(head, rows)
+    return table("controller|sensors|nominal friction|20 % less|20 % more".split("|"), rows)
 
 
-def _outcome(result: Any) -> str:
+def _outcome(run: Any) -> str:
     """Time to 2 % and the error at the end, or that it was lost."""
-    error = 0.08 - result.run.outputs["x"]
-    if result.run.stopped or abs(error[-1]) > 0.08:
+    error = np.abs(0.08 - run.outputs["x"])
+    if run.stopped or error[-1] > 0.08:
         return "**lost**"
-    outside = np.flatnonzero(np.abs(error) > 0.02 * 0.08)
-    settled = f"{result.run.time[outside[-1] + 1]:.3g} s" if outside[-1] + 1 < len(error) else "-"
-    return f"{settled}; {abs(error[-1]) / MICRON:.2g} um"
+    inside = np.flatnonzero(error > 0.02 * 0.08)[-1] + 1
+    settled = f"{run.time[inside]:.3g} s" if inside < len(error) else "-"
+    return f"{settled}; {1e6 * error[-1]:.2g} um"
 
 
-TABLES = {
-    "verdict": verdict,
-    "size": size,
-    "checks": checks,
-    "answers": answers,
-    "errors": errors,
-    "tunings": tunings,
-    "hunting": hunting,
-    "sensitivities": sensitivities,
-}
-
-
-def main(folder: Path, ideal: Path | None = None) -> None:
-    study = json.loads((folder / "study.json").read_text("utf-8"))
-    tables = {name: made(study) for name, made in TABLES.items()} | {"thesis step": thesis_step()}
-    if ideal:
-        tables["ideal"] = errors(json.loads((ideal / "study.json").read_text("utf-8")))
+def main(folder: Path, ideal: Path) -> None:
+    study, other = (json.loads((f / "study.json").read_text("utf-8")) for f in (folder, ideal))
+    weak = "".join(f"\n- {w}" for w in study["weaknesses"])
+    made = {"verdict": f"**{study['verdict']}.**\n{weak}", "thesis step": thesis_step()}
+    made |= {f.__name__: f(study) for f in (size, checks, answers, errors, tunings, hunting)}
+    made |= {"sensitivities": sensitivities(study), "ideal": errors(other)}
     page = PAGE.read_text("utf-8")
-    for name, text in tables.items():
-        block = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end -->)", re.S)
-        if not block.search(page):
+    for name, text in made.items():
+        before, begin, rest = page.partition(f"<!-- {name} -->\n")
+        _, end, after = rest.partition("<!-- end -->")
+        if not end:
             raise SystemExit(f"{PAGE.name} has no <!-- {name} --> and <!-- end --> after it")
-        page = block.sub(lambda m, text=text: f"{m[1]}\n{text}\n\n{m[2]}", page)
+        page = f"{before}{begin}\n{text}\n\n{end}{after}"
     PAGE.write_text(page, "utf-8")
     shutil.copyfile(folder / "study.png", ROOT / "docs" / "images" / "swap_study.png")
 

@@ -24,11 +24,11 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (3501, 2893),
     "gallery": (2730, 2356),
     "measurement": (12304, 10615),
-    "proofs": (10933, 9753),
+    "proofs": (10767, 9609),
     "benchmarks": (1843, 1705),
-    "docs": (1327, 1278),
+    "docs": (338, 306),
     ".ci": (276, 255),
-    "tests": (23774, 22679),
+    "tests": (23715, 22622),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -1,4 +1,4 @@
-"""The files of `docs/proof/`: what code they stand for, and some of their trials made again."""
+"""The files of `docs/proof/`: some of their trials made again."""
 
 from __future__ import annotations
 
@@ -9,17 +9,6 @@ import provenance
 import pytest
 
 pytestmark = pytest.mark.ci  # their scripts are imported where they are used: some need numba
-
-
-def test_every_stored_proof_is_listed_and_what_it_depends_on_exists():
-    files = {path.stem for path in provenance.FOLDER.glob("*.json")}
-    assert files == set(provenance.SHOWS) == set(provenance.DEPENDS_ON)
-    places = {place for places in provenance.DEPENDS_ON.values() for place in places}
-    assert [p for p in sorted(places) if not (provenance.ROOT / p).exists()] == []
-
-
-def test_the_overview_is_what_the_files_say():
-    assert provenance.PAGE.read_text(encoding="utf-8") == provenance.page()
 
 
 def test_the_stored_bound_of_wrong_results_called_trusted_is_that_of_clopper_and_pearson():

@@ -1,0 +1,58 @@
+"""Numbers of the stored proofs for the blocks of cog in the pages.
+
+``python -m cogapp -r docs/PAGE.md``, from the root, puts the numbers of now into a page.
+"""
+
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "proofs"))
+from provenance import SHOWS, stored
+
+__all__ = ["number", "percent", "proofs", "row", "stored", "thousands", "within", "word"]
+WORDS = (
+    "no one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen"
+).split()
+
+
+def number(value: float, form: str) -> str:
+    """The number in a format of Python, with an exponent as short as it can be."""
+    return re.sub(r"e\+?(-?)0*(\d)", r"e\1\2", format(value, form))
+
+
+def percent(share: float, form: str) -> str:
+    return f"{100 * share:{form}} %"
+
+
+def thousands(value: int) -> str:
+    """A count, with blanks between thousands from 10 000 on."""
+    return f"{value:_}".replace("_", " ") if value >= 10_000 else str(value)
+
+
+def word(count: float, none: str = "no") -> str:
+    return WORDS[round(count)] if round(count) else none
+
+
+def within(found: Mapping[str, Any], form: str, scale: float = 1.0) -> str:
+    """A value and its interval."""
+    value, low, high = (f"{scale * found[name]:{form}}" for name in ("value", "low", "high"))
+    return f"{value} ({low} to {high})"
+
+
+def row(*cells: object) -> str:
+    """A row of a table."""
+    return f"| {' | '.join(map(str, cells))} |".replace("|  |", "| |")
+
+
+def proofs() -> str:
+    """The table of the stored proofs."""
+    lines = [row("file", "what it shows", "commit", "date"), "|---|---|---|---|"]
+    for name, shows in SHOWS.items():
+        found = stored(name)
+        shows = shows.format(packages=word(len(found.get("packages", ()))))
+        made = found["commit"][:12], found["committed"][:10]
+        lines.append(row(f"[{name}.json]({name}.json)", shows, *made))
+    return "\n".join(lines)
