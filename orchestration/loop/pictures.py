@@ -1,4 +1,4 @@
-"""Pictures of closed-loop runs: position, voltage, states, phase portrait, comparison.
+"""Pictures of closed-loop runs: signals over time, phase portrait, comparison.
 
 Colours are those of Okabe and Ito, which colour-blind readers can distinguish; lines also differ in
 dash.
@@ -37,12 +37,10 @@ DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, 
 STYLE: Any = {
     "axes.grid": True,
     "grid.color": "#dddddd",
-    "grid.linewidth": 0.8,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.axisbelow": True,
     "font.size": 11,
-    "axes.titlesize": 12,
     "axes.titleweight": "bold",
     "lines.linewidth": 1.8,
     "legend.frameon": False,
@@ -51,10 +49,7 @@ STYLE: Any = {
 }
 COLUMNS = 2000  # of a picture: more than twice as many as it has pixels across
 MOST = 60_000  # characters of a picture as lines in a page; a longer one is an image
-SHADES = 256  # of the colours along a phase portrait
 RESTING = 5e-3  # share of a signal's range within which it stays at rest
-# margins of a run's pictures, and the room between two rows [in]
-_LEFT, _RIGHT, _TOP, _BOTTOM, _BETWEEN = 0.95, 0.2, 0.4, 0.6, 0.2
 # signals of an axis: what they are called, and their unit if an FMU gives none
 _CALLED = {
     "x": ("position", "m"),
@@ -140,72 +135,51 @@ def empty_figure(size: tuple[float, float], layout: Any = None) -> Any:
 
 
 def new_figure(
-    rows: int, columns: int, size: tuple[float, float], fixed_margins: bool = False
+    rows: int, columns: int, size: tuple[float, float], layout: str | None = "constrained"
 ) -> tuple[Any, Any]:
     """A figure with its axes; to measure a run's labels takes longer than to draw it."""
-    figure = empty_figure(size, layout=None if fixed_margins else "constrained")
-    if not fixed_margins:
-        return figure, figure.subplots(rows, columns, squeeze=False)
-    width, height = size
-    each = (height - _TOP - _BOTTOM - (rows - 1) * _BETWEEN) / rows
-    places = {"left": _LEFT / width, "right": 1 - _RIGHT / width, "hspace": _BETWEEN / each}
-    places |= {"top": 1 - _TOP / height, "bottom": _BOTTOM / height}
-    return figure, figure.subplots(rows, columns, squeeze=False, gridspec_kw=places)
+    figure = empty_figure(size, layout)
+    return figure, figure.subplots(rows, columns, squeeze=False)
 
 
 def run_figures(result: ClosedLoopResult) -> dict[str, Any]:
-    """Figures of the position, the voltage, the states and the phase plane, by name."""
+    """Figures of the signals over time and of the phase plane, by name."""
     import matplotlib as mpl
 
     run, figures = result.run, {}
     coupled = f"{result.loop.label}, {run.coupled_by} coupling: {run.verdict.word}"
     title = result.loop.label if run.alone else coupled
     with mpl.rc_context(STYLE):
-        if "x" in run.outputs:
-            figures["position"], (axes,) = _courses(run, title, ["x"], 4.2)
-            if not run.alone:
-                _draw_set_point(axes, run, _shown("x", run)[1], _until_rest(run))
-            axes.legend(loc="best")
-        if "u" in run.commands:
-            figures["voltage"], (axes,) = _courses(run, title, ["u"], 4.2)
-            when, highest, label = _peak(run, *_shown("u", run)[1:])
-            line = {"arrowstyle": "-", "color": "#555555"}
-            where: Any = {"xytext": (25, -6), "textcoords": "offset points"}
-            axes.annotate(label, (when, highest), **where, arrowprops=line)
-        # the states of an axis, or all outputs if it is no axis
-        shown = [n for n in _CALLED if n in run.outputs] or list(run.outputs)
-        figures["states"], _ = _courses(run, title, shown, 2.0 * len(shown))
+        if run.outputs or run.commands:
+            figures["signals"] = _signals(run, title)
         if {"x", "v"} <= set(run.outputs) and len(run.time) > 2:
-            figures["phase"], ((axes,),) = new_figure(1, 1, (6.5, 5.2), fixed_margins=True)
+            figures["phase"], ((axes,),) = new_figure(1, 1, (6.5, 5.2), None)
             axes.set_title(title)
-            _draw_phase(figures["phase"], axes, run)
+            _draw_phase(axes, run)
     return figures
 
 
-def _courses(run: LoopRun, title: str, names: Sequence[str], height: float) -> tuple[Any, Any]:
-    """A figure of signals over time, one above the other, and its axes."""
-    figure, grid = new_figure(len(names), 1, (8, height), fixed_margins=True)
-    grid[0][0].set_title(title)
-    end, known = _until_rest(run), {**run.outputs, **run.commands}
-    for axes, name in zip(grid.flat, names, strict=True):
+def _signals(run: LoopRun, title: str) -> Any:
+    """The signals of an axis over time, or all if it is no axis, one above the other."""
+    known, end = {**run.outputs, **run.commands}, _until_rest(run)
+    is_axis = any(name in _CALLED for name in run.outputs)
+    names = [n for n in _CALLED if n in known] if is_axis else list(known)
+    height = 1.9 * len(names) + 1.0
+    figure, grid = new_figure(len(names), 1, (8, height), None)
+    figure.subplots_adjust(top=1 - 0.4 / height, bottom=0.6 / height)
+    for k, (axes, name) in enumerate(zip(grid.flat, names, strict=True)):
         called, factor, unit = _shown(name, run)
-        order = [*_CALLED] if name in _CALLED else list(known)
-        colour = COLOURS[order.index(name) % len(COLOURS)]
-        label = "position" if name == "x" else name
-        _draw(axes, run, known[name] * factor, end, color=colour, label=label)
+        _draw(axes, run, known[name] * factor, end, color=COLOURS[k % len(COLOURS)], label=called)
         axes.set_xlabel(_time_label(end, run.time[-1]))
         axes.set_ylabel(labelled(called, unit))
         axes.margins(x=0.01)
         axes.label_outer()
+        if name == "x" and not run.alone:
+            _draw_set_point(axes, run, factor, end)
+            axes.legend(loc="best")
+    grid[0][0].set_title(title)
     figure.align_ylabels()
-    return figure, grid[:, 0]
-
-
-def _peak(run: LoopRun, factor: float, unit: str) -> tuple[float, float, str]:
-    """Time of the largest command, its displayed value and its label."""
-    peak = int(np.argmax(np.abs(run.commands["u"])))
-    when, highest = run.time[peak], factor * run.commands["u"][peak]
-    return when, highest, f"{highest:.1f} {unit} at {when:.3g} s"
+    return figure
 
 
 def _draw(axes: Any, run: LoopRun, values: Vector, end: float = math.inf, **style: Any) -> None:
@@ -234,38 +208,18 @@ def _until_rest(run: LoopRun) -> float:
     return float(1.25 * last if 0.0 < 1.5 * last < run.time[-1] else run.time[-1])
 
 
-def _draw_phase(figure: Any, axes: Any, run: LoopRun) -> None:
-    from matplotlib.collections import LineCollection
-
+def _draw_phase(axes: Any, run: LoopRun) -> None:
     (across, factor, unit), (called, of_v, unit_of_v) = _shown("x", run), _shown("v", run)
     error = run.outputs["x"] - (0.0 if run.alone else run.reference)
-    points = np.column_stack([error * factor, run.outputs["v"] * of_v])
-    # colours span the motion, not the rest after it
-    span = np.maximum(np.ptp(points, axis=0), 1e-12)
-    moved = np.cumsum(np.hypot(*(np.diff(points, axis=0) / span).T))
-    motion_end = run.time[int(np.searchsorted(moved, 0.999 * moved[-1])) + 1]
-    shown = np.union1d(*(rows_over_time(run.time, course) for course in points.T))
-    begins = run.time[shown][:-1]
-    # one line for each section of one colour
-    shade = np.minimum(begins / motion_end * SHADES, SHADES - 1).astype(int)
-    strokes = [*pairwise([0, *np.flatnonzero(np.diff(shade)) + 1, len(shade)])]
-    lines = LineCollection(
-        [points[shown[begin : end + 1]] for begin, end in strokes],
-        cmap="viridis",
-        linewidths=2.4,
-        capstyle="round",
-        joinstyle="round",
-    )
-    lines.set_array(begins[[begin for begin, _ in strokes]])
-    lines.set_clim(0.0, motion_end)
-    axes.add_collection(lines)
-    axes.autoscale_view()
-    axes.plot(*points[0], "o", color=COLOURS[0], label="start")
-    axes.plot(*points[-1], "X", color=COLOURS[1], ms=9, label="end")
+    points = error * factor, run.outputs["v"] * of_v
+    shown = np.union1d(*(rows_over_time(run.time, course) for course in points))
+    x, v = (course[shown] for course in points)
+    axes.plot(x, v, color=COLOURS[0])
+    axes.plot(x[0], v[0], "o", color=COLOURS[2], label="start")
+    axes.plot(x[-1], v[-1], "X", color=COLOURS[1], ms=9, label="end")
     axes.set_xlabel(labelled(across if run.alone else "position less set-point", unit))
     axes.set_ylabel(labelled(called, unit_of_v))
     axes.legend(loc="best")
-    figure.colorbar(lines, ax=axes, label="time [s]", extend="max")
 
 
 def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
@@ -287,7 +241,9 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
             _draw(position, run, run.outputs["x"] * of_x, label=label, **style)
             _draw(fine, run, finer * distance, **style)
             _draw(voltage, run, run.commands["u"] * of_u, **style)
-            when, highest, label = _peak(run, of_u, unit_of_u)
+            peak = int(np.argmax(np.abs(run.commands["u"])))
+            when, highest = run.time[peak], of_u * run.commands["u"][peak]
+            label = f"{highest:.1f} {unit_of_u} at {when:.3g} s"
             voltage.plot(when, highest, "o", color=style["color"], label=label)
         end, stop = max(map(_until_rest, runs)), max(run.time[-1] for run in runs)
         _draw_set_point(position, runs[0], of_x, end)

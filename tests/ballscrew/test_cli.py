@@ -39,7 +39,7 @@ def test_run_writes_what_it_promises(tmp_path, capsys):
     assert figures["peak_voltage_time"] == pytest.approx(0.336, abs=2e-3)
     assert figures["settling_time_2pct"] == pytest.approx(1.2873, abs=1e-3)
     assert figures["verdict"] == "trusted"
-    for stem in ("position", "voltage", "states", "phase"):
+    for stem in ("signals", "phase"):
         assert (tmp_path / f"{stem}.png").read_bytes()[:4] == b"\x89PNG"
         assert "<svg" in (tmp_path / f"{stem}.svg").read_text()
     assert "peak voltage          32.1" in capsys.readouterr().out
