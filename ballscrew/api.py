@@ -100,10 +100,10 @@ def run(
     from .orchestration.loop.loop import Loop, with_file
 
     found = loop_of(loop, plant=plant, reference=reference, stop=stop, **others)
-    if (told := file_of(params)) is not None:
+    if (file := file_of(params)) is not None:
         if not isinstance(found, Loop):
             raise UserError("params is for a loop of two parts; an .ssp contains its values")
-        found = with_file(found, told, chosen=plant is not None or found is loop)
+        found = with_file(found, file, chosen=plant is not None or found is loop)
     return RunResult.of(run_closed_loop(found, progress))
 
 

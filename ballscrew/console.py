@@ -56,12 +56,12 @@ def complain_of_ourselves(error: Exception) -> int:
     place, fault = kernel_cache.usual_folder()
     head = f"ballscrew {__version__}, Python {sys.version}, {sys.platform}\n{sys.argv}\n"
     text = "".join([head, *traceback.format_exception(error)])
-    told = "this line"
+    report = "this line"
     if not fault:
         with contextlib.suppress(OSError):  # only the line is available
             write_atomically(place / "error.txt", text.encode("utf-8", "backslashreplace"))
-            told = str(place / "error.txt")
-    complain(f"this is an error in ballscrew itself; please report {told}: {what}")
+            report = str(place / "error.txt")
+    complain(f"this is an error in ballscrew itself; please report {report}: {what}")
     return INTERNAL
 
 

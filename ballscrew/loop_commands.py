@@ -93,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
     save_result(options, result)
     figures = result.figures()
     rows = [*_rows(figures, units_of_figures(result.run)), ("written to", options.out)]
-    text = "\n".join(f"{label:<22}{told}" for label, told in rows)
+    text = "\n".join(f"{label:<22}{value}" for label, value in rows)
     print_result(options.json, figures, text)
     if not result.trusted:
         warn(f"{figures['verdict']}: {figures['verdict_reason']}")
@@ -145,8 +145,8 @@ def _rows(figures: dict[str, Any], units: Mapping[str, str]) -> Iterator[tuple[s
     other = OF_A_STEP if figures.get("rms_error") is not None else OF_A_MOTION
     for name in (n for n in shown if n not in other):
         value = figures.get(name)
-        told = value is not None and math.isfinite(value)
-        yield labels[name], f"{value:.6g} {units[name]}".rstrip() if told else "-"
+        finite = value is not None and math.isfinite(value)
+        yield labels[name], f"{value:.6g} {units[name]}".rstrip() if finite else "-"
     yield "coupling", f"{figures['coupling']} ({figures['coupling_reason']})"
     yield "communication steps", figures["macro_steps"]
     if tried := figures["steps_tried"]:

@@ -127,10 +127,10 @@ def loops_of(
                 raise UserError(f"{both}: expected one of them")
     values |= _limits(options, values)
     ports = sides.ports(getattr(options, "map", ()), options.plant or "plant")
-    told = file_of(options.params)
-    plant, of_plant, of_each, notes = file_values(told, options.plant, names, values)
+    file = file_of(options.params)
+    plant, of_plant, of_each, notes = file_values(file, options.plant, names, values)
     print_notes(notes)
-    how |= {"plant_values": of_plant | values, "told": told, "sampled": period}
+    how |= {"plant_values": of_plant | values, "told": file, "sampled": period}
     return [
         Loop(
             part,

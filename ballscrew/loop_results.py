@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from .orchestration.loop.closed_loop import COLUMNS, ClosedLoopResult, SwapResult, units_of_figures
 from .orchestration.loop.shown import Table
-from .result import Result, figures_table, table_of, told, values_of
+from .result import Result, as_text, figures_table, table_of, values_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -98,7 +98,7 @@ class Comparison(Result, SwapResult):
         rows = []
         for r in self.results:
             figures, units = r.figures(), units_of_figures(r.run)
-            rows.append(tuple(told(figures.get(c), units.get(c, "")) for c in COLUMNS))
+            rows.append(tuple(as_text(figures.get(c), units.get(c, "")) for c in COLUMNS))
         columns = tuple(c.replace("_", " ") for c in COLUMNS)
         first, *others = (values_of(r.loop) for r in self.results)
         known = {table.title for table in first[:2]}  # the loop and its plant are the same

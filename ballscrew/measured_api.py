@@ -61,9 +61,9 @@ def run_trial(
     from .measurement.rig.bench import run_trial as recorded
     from .plant import DEFAULT_LAW
 
-    told = file_of(params)
-    law = law or (told and told.law) or DEFAULT_LAW
-    return RigRecord.of(recorded(trial, law, values, seed, told=told))
+    file = file_of(params)
+    law = law or (file and file.law) or DEFAULT_LAW
+    return RigRecord.of(recorded(trial, law, values, seed, told=file))
 
 
 def read_force_records(

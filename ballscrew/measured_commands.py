@@ -111,13 +111,13 @@ def identify(options: argparse.Namespace) -> int:
     if options.law is None:
         raise UserError("--law is missing; expected a law, or --response for a frequency response")
     columns = columns_of(options)
-    told = file_of(options.params)
+    file = file_of(options.params)
     mass: float | bool = options.mass == "fit"
     if options.mass and not mass:
         mass = as_number("mass", options.mass)
-    fixed = _fixed(options.fix, told)
+    fixed = _fixed(options.fix, file)
     prepare_folder(options.out, [*options.data, options.params])
-    how = {"fixed": fixed, "offset": options.offset, "params": told, "mass": mass, **columns}
+    how = {"fixed": fixed, "offset": options.offset, "params": file, "mass": mass, **columns}
     with Stages() as progress:
         result = measured_api.identify(options.data, options.law, **how, progress=progress)
     save_result(options, result)
@@ -146,8 +146,8 @@ def _response(options: argparse.Namespace) -> int:
     from .measurement.records.reading import read_response_record
     from .orchestration.loop.pictures import drawing, write_figure
 
-    told = file_of(options.params)
-    columns["lead"] = columns["lead"] or (told.lead if told else None)
+    file = file_of(options.params)
+    columns["lead"] = columns["lead"] or (file.lead if file else None)
     record = read_response_record(options.data[0], **columns)
     result = frequency_response(record)
     prepare_folder(options.out, [*options.data, options.params])
@@ -164,24 +164,24 @@ def _response(options: argparse.Namespace) -> int:
     return TRUSTED if result.highest > 0 else NOT_TRUSTED
 
 
-def _fixed(texts: Sequence[str], told: ParameterFile | None) -> dict[str, float]:
+def _fixed(texts: Sequence[str], file: ParameterFile | None) -> dict[str, float]:
     """Values of ``--fix``; names without a value take it from the parameter file."""
     given = named("--fix", [t for t in texts if "=" in t], "NAME=VALUE")
     fixed = {name: as_number(f"--fix {name}", text) for name, text in given.items()}
     for name in (t for t in texts if "=" not in t):
         if name in fixed:
             raise UserError(f"--fix {name} is given twice; expected once")
-        if told is None or name not in told.plant:
+        if file is None or name not in file.plant:
             raise UserError(
                 f"--fix {name}: it has no value; use --fix {name}=VALUE, or give {name} in --params"
             )
-        fixed[name] = told.plant[name].value
+        fixed[name] = file.plant[name].value
     return fixed
 
 
 def diagnose(options: argparse.Namespace) -> int:
     columns = columns_of(options)
-    told = file_of(options.params)
+    file = file_of(options.params)
     written = ("diagnosis.json", "report.html", _FMU, _NEXT, f"{_CURVES}.parquet", f"{_CURVES}.csv")
     prepare_folder(options.out, [*options.data, options.params], written)
     from .measurement.diagnosis.corrected import as_it_moves, corrected
@@ -193,7 +193,7 @@ def diagnose(options: argparse.Namespace) -> int:
         asked = {"params": options.params, "law": options.law, "take": options.take, **columns}
         result = measured_api.diagnose(options.data, **asked, progress=progress)
         plant, notes = _extended(result)
-        values = corrected(result, plant, (told or ParameterFile()).with_lead(columns["lead"]))
+        values = corrected(result, plant, (file or ParameterFile()).with_lead(columns["lead"]))
         progress("writing")
 
         def save(folder: Path) -> None:
@@ -260,11 +260,11 @@ def rig(options: argparse.Namespace) -> int:
     seed = check_whole_number("seed", options.seed or "0", 0)
     texts = named("--set", options.set, "PART.NAME=VALUE")
     values = {name: as_number(f"--set {name}", value) for name, value in texts.items()}
-    told = file_of(options.params)
-    law = options.law or (told and told.law) or DEFAULT_LAW
+    file = file_of(options.params)
+    law = options.law or (file and file.law) or DEFAULT_LAW
     from .measurement.rig.machine import Machine
 
-    machine = Machine(law, values, told)
+    machine = Machine(law, values, file)
     if options.list:
         return _list(machine)
     trials = _trials(options.trials, machine)
@@ -285,13 +285,13 @@ def rig(options: argparse.Namespace) -> int:
                 def shown(t: float, before: float = done) -> None:
                     progress(before + t)
 
-                recorded = run_trial(trial, law, values, seed, progress=shown, told=told)
+                recorded = run_trial(trial, law, values, seed, progress=shown, told=file)
                 done += trial.duration
                 place = stage / folders[trial].relative_to(options.out)
                 RigRecord.of(recorded).save(place, command=options.command)
                 notes.extend(f"{trial.name}: not trusted: {note}" for note in recorded.notes)
-                if told is not None and trial is trials[0]:
-                    print_notes(aside(told, recorded.used.plant, "the rig"))
+                if file is not None and trial is trials[0]:
+                    print_notes(aside(file, recorded.used.plant, "the rig"))
 
     try:
         save_results(options.out, record)

@@ -304,8 +304,8 @@ class Export:
 
     def _with_values(self, name: str, kernel: Kernel) -> Kernel:
         """The kernel of a part, or of its loop around the plant, with the file's start values."""
-        told, plant = self.params, self.plant
-        if told is None:
+        file, plant = self.params, self.plant
+        if file is None:
             return kernel
         from .fmus.interface import with_start_values
         from .orchestration.loop.loop import aside, for_controller, for_plant, table_of
@@ -319,15 +319,15 @@ class Export:
             for n, value in given.items():
                 own = f"{side if plant else ''}{n}"
                 values[own] = value
-                sources[own] = (said[n].source if n in said else "") or f"from {told.path}"
+                sources[own] = (said[n].source if n in said else "") or f"from {file.path}"
 
         moves = plant or (name if _is_plant(name) else "")
         if moves:
-            add(PLANT, own := for_plant(told, moves), {**told.plant, **told.found})
-            print_notes(aside(told, own, moves))
+            add(PLANT, own := for_plant(file, moves), {**file.plant, **file.found})
+            print_notes(aside(file, own, moves))
         if plant or not moves:
-            said = told.controllers.get(table_of(told, Part(name)), {})
-            add(CONTROLLER, for_controller(told, name), said)
+            said = file.controllers.get(table_of(file, Part(name)), {})
+            add(CONTROLLER, for_controller(file, name), said)
         return with_start_values(kernel, values, sources)
 
 

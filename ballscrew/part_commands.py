@@ -77,18 +77,18 @@ def export(options: argparse.Namespace) -> int:
     for option, needed in (("tangents", "variational"), ("plant", "loop or --ssp")):
         if getattr(options, option) is not None and not (whole or getattr(options, needed, False)):
             raise UserError(f"--{option} is for --{needed}")
-    told = file_of(options.params)
+    file = file_of(options.params)
     known = [*CONTROLLERS] if whole else [*PLANTS, *CONTROLLERS, *INSTRUMENTS]
-    names = _names(options, told, known)
+    names = _names(options, file, known)
     parts_of("component" if options.loop is None else "loop", names, known, fmus=False)
     if options.plant is not None:
         parts_of("plant", [options.plant], PLANTS, fmus=False)
-    how = _how(options, told, whole)
+    how = _how(options, file, whole)
     prepare_folder(options.out)
     return _write(options, names, how)
 
 
-def _how(options: argparse.Namespace, told: ParameterFile | None, whole: bool) -> Export:
+def _how(options: argparse.Namespace, file: ParameterFile | None, whole: bool) -> Export:
     from .orchestration.loop.loop import plant_of
     from .part_api import Export
 
@@ -96,8 +96,8 @@ def _how(options: argparse.Namespace, told: ParameterFile | None, whole: bool) -
     if options.variational:
         tangents = check_whole_number("tangents", options.tangents or "5", 1, 12)
     platforms = None if options.platforms is None else options.platforms.split(",")
-    around = plant_of(told, options.plant) if whole else ""
-    return Export(around, tangents, told, options.native, options.fmi or 2, platforms)
+    around = plant_of(file, options.plant) if whole else ""
+    return Export(around, tangents, file, options.native, options.fmi or 2, platforms)
 
 
 def _write(options: argparse.Namespace, names: list[str], how: Export) -> int:
@@ -127,16 +127,16 @@ def _write(options: argparse.Namespace, names: list[str], how: Export) -> int:
     return TRUSTED
 
 
-def _names(options: argparse.Namespace, told: ParameterFile | None, known: list[str]) -> list[str]:
+def _names(options: argparse.Namespace, file: ParameterFile | None, known: list[str]) -> list[str]:
     """What to export; a parameter file's plant takes the place of all plants."""
     if options.loop is not None:
         return [options.loop]
     if options.component:
         return list(options.component)
     names = known if options.all else [name for name in DEFAULTS if name in known]
-    if told is None or options.ssp:
+    if file is None or options.ssp:
         return names
-    return [told.plant_name, *(name for name in names if name not in PLANTS)]
+    return [file.plant_name, *(name for name in names if name not in PLANTS)]
 
 
 def gallery(options: argparse.Namespace) -> int:

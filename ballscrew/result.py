@@ -151,22 +151,22 @@ def table_of(data: Any, index: str | None = None, columns: Sequence[str] | None 
 def figures_table(title: str, figures: Mapping[str, Any], units: Mapping[str, str]) -> Table:
     """All figures of a JSON file with their units, by name."""
     rows = [
-        (name.replace("_", " "), told(value, units.get(name, _unit_in(name))))
+        (name.replace("_", " "), as_text(value, units.get(name, _unit_in(name))))
         for name, value in figures.items()
     ]
     return Table(title, ("figure", "value"), rows)
 
 
-def told(value: Any, unit: str = "") -> str:
+def as_text(value: Any, unit: str = "") -> str:
     """A figure of a JSON file, for a reader."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
         return quantity(value, unit)
     if isinstance(value, Mapping):
-        return ", ".join(f"{name}: {told(part, unit)}" for name, part in value.items()) or "-"
+        return ", ".join(f"{name}: {as_text(part, unit)}" for name, part in value.items()) or "-"
     if isinstance(value, list | tuple):
-        return ", ".join(told(part, unit) for part in value) or "-"
+        return ", ".join(as_text(part, unit) for part in value) or "-"
     return str(value or "-")
 
 
@@ -179,7 +179,7 @@ def _unit_in(name: str) -> str:
 def values_of(loop: Loop | SystemLoop, coupled: bool = True) -> list[Table]:
     """The settings of a loop, and the values of its parts; not `coupled` ones have one solver."""
     if isinstance(loop, SystemLoop):
-        rows = [(name, told(value)) for name, value in loop.values.items()]
+        rows = [(name, as_text(value)) for name, value in loop.values.items()]
         named = Table("Given to the system; its file says the others", ("name", "value"), rows)
         return [_settings(loop, {"system": loop.label}, coupled), named]
     file, plant, own = loop.parameters(), loop.plant, loop.controller

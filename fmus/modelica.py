@@ -145,24 +145,24 @@ def modelica(part: Component, starts: Mapping[str, float] | None = None) -> str:
     lines = [f"model {part.name} {_said(part.description)}"]
     for p in part.all_parameters:
         bounds = [("min", p.minimum), ("max", p.maximum)]
-        told = {n: repr(float(v)) for n, v in bounds if math.isfinite(v)}
+        extra = {n: repr(float(v)) for n, v in bounds if math.isfinite(v)}
         value = starts.get(p.name, p.default)
-        lines.append(_declared("parameter Real", p.name, p.unit, told, p.meaning, value))
+        lines.append(_declared("parameter Real", p.name, p.unit, extra, p.meaning, value))
     for s in states.values():
         name, meaning = s.name + START, f"initial {s.meaning}"
         start = starts.get(name, s.start)
         lines.append(_declared("parameter Real", name, s.unit, {}, meaning, start))
     for i in part.inputs:
-        told = {"start": repr(float(i.start)), "nominal": repr(float(i.nominal))}
-        lines.append(_declared("input Real", i.name, i.unit, told, i.meaning))
+        extra = {"start": repr(float(i.start)), "nominal": repr(float(i.nominal))}
+        lines.append(_declared("input Real", i.name, i.unit, extra, i.meaning))
     for s in states.values():
-        told = {"start": s.name + START, "fixed": "true", "nominal": repr(float(s.nominal))}
+        extra = {"start": s.name + START, "fixed": "true", "nominal": repr(float(s.nominal))}
         kind = "output Real" if s.name in own else "Real"
-        lines.append(_declared(kind, s.name, s.unit, told, s.meaning))
+        lines.append(_declared(kind, s.name, s.unit, extra, s.meaning))
     shown = [o for o in part.all_outputs if o.name not in own]
     for o in shown:
-        told = {"nominal": repr(float(o.nominal))}
-        lines.append(_declared("output Real", o.name, o.unit, told, o.meaning))
+        extra = {"nominal": repr(float(o.nominal))}
+        lines.append(_declared("output Real", o.name, o.unit, extra, o.meaning))
     forces, rates = _forces(part, taken)
     values = [*(f for _, f, _ in forces), *rates, *(o.value for o in shown)]
     shared, values = sp.cse(values, (symbol(n) for n in _free("part", taken)), order="none")
@@ -217,9 +217,9 @@ def _print(expression: Any) -> str:
 
 
 def _declared(
-    kind: str, name: str, unit: str, told: dict[str, str], meaning: str, value: float | None = None
+    kind: str, name: str, unit: str, extra: dict[str, str], meaning: str, value: float | None = None
 ) -> str:
-    inside = ([f'unit="{_unit(unit)}"'] if unit else []) + [f"{n}={v}" for n, v in told.items()]
+    inside = [f'unit="{_unit(unit)}"'] * bool(unit) + [f"{n}={v}" for n, v in extra.items()]
     text = f"  {kind} {name}" + (f"({', '.join(inside)})" if inside else "")
     text += "" if value is None else f" = {float(value)!r}"
     return f"{text} {_said(meaning)};"

@@ -94,8 +94,8 @@ class Description:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
-        told = {f.name: getattr(self, f.name) for f in fields(self)}
-        return told | {"variables": [vars(v) for v in self.variables]}
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        return own | {"variables": [vars(v) for v in self.variables]}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Description:
@@ -206,7 +206,7 @@ def _find_binary(folder: Path, description: Description, configurations: list[An
         )
 
 
-def _described(read: Any, told: Mapping[str, Mapping[str, str]]) -> Description:
+def _described(read: Any, declared: Mapping[str, Mapping[str, str]]) -> Description:
     kind = read.coSimulation or read.modelExchange
     if kind is None:
         what = "scheduled execution only" if read.scheduledExecution else "neither"
@@ -233,7 +233,7 @@ def _described(read: Any, told: Mapping[str, Mapping[str, str]]) -> Description:
         if v.alias is not None:
             aliases[str(v.name)] = str(v.alias.name)
             continue
-        low, high = (_bound(v, told, key) for key in ("min", "max"))
+        low, high = (_bound(v, declared, key) for key in ("min", "max"))
         if low > high:
             raise FmuError(f"{v.name} has the min {low:g} above its max {high:g}")
         nominal = abs(float(v.nominal)) if v.nominal else 1.0
@@ -243,7 +243,7 @@ def _described(read: Any, told: Mapping[str, Mapping[str, str]]) -> Description:
                 v.type,
                 int(v.valueReference),
                 str(v.causality),
-                str(_told(v, told, "unit") or ""),
+                str(_declared(v, declared, "unit") or ""),
                 nominal if math.isfinite(nominal) and nominal > 0 else 1.0,
                 _start(v),
                 now.get(v.name) != (),
@@ -252,7 +252,7 @@ def _described(read: Any, told: Mapping[str, Mapping[str, str]]) -> Description:
                 _items(v),
                 low,
                 high,
-                _told(v, told, "relativeQuantity") in ("true", "1", True),
+                _declared(v, declared, "relativeQuantity") in ("true", "1", True),
             )
         )
     return Description(
@@ -292,13 +292,13 @@ def _attributes_of(stream: IO[bytes]) -> dict[str, Mapping[str, str]]:
     }
 
 
-def _told(variable: Any, told: Mapping[str, Mapping[str, str]], key: str) -> Any:
+def _declared(variable: Any, declared: Mapping[str, Mapping[str, str]], key: str) -> Any:
     """An attribute of a variable, or of its declared type; None if there is none."""
-    return told[variable.name].get(key, getattr(variable.declaredType, key, None))
+    return declared[variable.name].get(key, getattr(variable.declaredType, key, None))
 
 
-def _bound(variable: Any, told: Mapping[str, Mapping[str, str]], key: str) -> float:
-    text = _told(variable, told, key) if variable.causality in SETTABLE else None
+def _bound(variable: Any, declared: Mapping[str, Mapping[str, str]], key: str) -> float:
+    text = _declared(variable, declared, key) if variable.causality in SETTABLE else None
     if text is None:
         return math.inf if key == "max" else -math.inf
     value = float(text)

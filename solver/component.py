@@ -354,8 +354,8 @@ class Component:
 
     def in_units(self, words: Mapping[str, str]) -> Component:
         """A copy with unit names replaced: the same numbers are then of other quantities."""
-        told: Component = in_units(self, words)
-        return told
+        converted: Component = in_units(self, words)
+        return converted
 
     def prefixed(self, prefix: str) -> Component:
         """A copy with ``prefix + name`` for all but inputs and outputs, which connect it."""

@@ -303,12 +303,12 @@ class _Join:
                     events.append(replace(event, next_mode=to))
             # Otherwise a law with the sign of a velocity jumps at the end of the plant's mode,
             # and its value there is neither the one before the event nor the one after it.
-            told: dict[sp.Expr, sp.Expr] = {}
+            known: dict[sp.Expr, sp.Expr] = {}
             for name, sign in signs.items():
                 state = symbol(name)
-                told |= {sp.sign(state): sp.Integer(sign), sp.Abs(state): sign * state}
+                known |= {sp.sign(state): sp.Integer(sign), sp.Abs(state): sign * state}
             seen = {n: values[source] for n, source in self.outputs.items()}
-            yield replaced(Mode(_joint_name(chosen), rates, seen, tuple(events), signs), told)
+            yield replaced(Mode(_joint_name(chosen), rates, seen, tuple(events), signs), known)
 
     def _check_held(self, n: str, table: Table, common: Table) -> None:
         """A delayed or sampled signal has the same expression in all modes."""

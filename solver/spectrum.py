@@ -185,7 +185,7 @@ def _followed(
     growth, trace = np.zeros((len(grid), count)), np.zeros(len(grid))
 
     def walk(times: Vector, *along: Matrix | Vector) -> int:
-        told = core.Walk(
+        walk = core.Walk(
             len(times),
             count,
             *map(at, (times, *along, frame, model.u, model.p, model.atol)),
@@ -196,7 +196,7 @@ def _followed(
             collocating,
             model.sample_time,
         )
-        return model.system.spectrum(told, explicitly, model.info)
+        return model.system.spectrum(walk, explicitly, model.info)
 
     ended = False
     if model.watch is None or explicitly:
@@ -304,7 +304,7 @@ def follow_returns(
     bound = FARTHEST * model.kernel.nominal
     times, states = np.empty(most), np.empty((most, n))
     low, high = np.empty(n), np.empty(n)
-    told = core.Crossings(
+    crossings = core.Crossings(
         start,
         stop,
         *map(at, (model.x, model.u, model.p, model.atol)),
@@ -321,12 +321,12 @@ def follow_returns(
     found = -1
     if _may_be_explicit(model, start):
         state, before = model.x.copy(), model.info.copy()
-        found = model.system.returns(told, True, model.info)
+        found = model.system.returns(crossings, True, model.info)
         if int(model.info[core.STATUS]) not in (core.DONE, core.DIVERGED):
             model.x[:], model.info[:] = state, before
             found = -1
     if found < 0:
-        found = model.system.returns(told, False, model.info)
+        found = model.system.returns(crossings, False, model.info)
     failure, diverged = _failure(model, model.x, stop)
     reached = float(model.info[core.REACHED])
     return Returns(times[:found], states[:found], low, high, reached, failure, diverged)

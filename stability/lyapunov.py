@@ -205,7 +205,7 @@ class Watching:
     ) -> None:
         self.budget, self.progress = budget, progress
         self.end = math.inf if budget is None else time.process_time() + budget
-        self.doing, self.told = "", 0.0
+        self.doing, self.shown_at = "", 0.0
         self.over = False
 
     def says(self, model: Model, doing: str) -> None:
@@ -217,8 +217,8 @@ class Watching:
     def __call__(self, reached: float, growth: Vector | None) -> bool:
         self.over = time.process_time() >= self.end
         now = time.monotonic()
-        if self.progress and growth is not None and reached > 0.0 and now >= self.told + TOLD:
-            self.told = now
+        if self.progress and growth is not None and reached > 0.0 and now >= self.shown_at + TOLD:
+            self.shown_at = now
             so_far = np.sort(growth / reached * BITS)[:-4:-1]
             values = ", ".join(f"{value:.4g}" for value in so_far)
             self.progress(f"{self.doing}: t = {reached:.4g} s, first exponents {values} bits/s")

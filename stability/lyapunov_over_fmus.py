@@ -78,7 +78,7 @@ def loop_lyapunov_over_fmus(
         if progress:
             progress(f"the FMUs over {stop:g} s")
         run = parts.follow(loop, step, ACCURACY)
-        method = f"{parts.told}, {run.method}; {run.accuracy}"
+        method = f"{parts.description}, {run.method}; {run.accuracy}"
         if known:
             return replace(known, spectrum=_spectrum(run), tighter=known.spectrum, method=method)
         if progress:
@@ -107,11 +107,11 @@ def _spectrum(run: TangentRun) -> Spectrum:
 
 @dataclass(frozen=True)
 class _Parts:
-    """Both FMUs of a loop, opened and not initialized; `told` describes them."""
+    """Both FMUs of a loop, opened and not initialized; `description` describes them."""
 
     plant: _Instance
     controller: _Instance
-    told: str
+    description: str
 
     def follow(self, loop: Loop, step: float, accuracy: float) -> TangentRun:
         """A run of new instances with tangents; arguments and errors as `follow_over_fmus`."""
@@ -165,10 +165,10 @@ def _opened(loop: Loop) -> Iterator[_Parts]:
             path, builds[side] = ready_fmu(sides[side].name, tangents)
             instances[side] = named = FmuInstance(path, side)
             opened.callback(named.close)
-        told = f"{builds['plant']} variational FMUs"
+        description = f"{builds['plant']} variational FMUs"
         if builds["plant"] != builds["controller"]:
-            told = f"plant: {builds['plant']} FMU, controller: {builds['controller']} FMU"
-        yield _Parts(instances["plant"], instances["controller"], told)
+            description = f"plant: {builds['plant']} FMU, controller: {builds['controller']} FMU"
+        yield _Parts(instances["plant"], instances["controller"], description)
 
 
 def signal_motion(

@@ -101,20 +101,20 @@ class Fmi2:
         self.component = ctypes.c_void_p(self.fmu.component)
         self.states = [self.call(verb, self._STATE) for verb in ("Get", "Set", "Free")]
 
-    def _instantiated(self, **told: str) -> Any:
+    def _instantiated(self, **arguments: str) -> Any:
         from fmpy import calloc, fmi2, free
 
         callbacks = fmi2.fmi2CallbackFunctions()
         callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._hear)
         callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
         callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
-        fmu = (fmi2.FMU2Model if self.description.exchanges else fmi2.FMU2Slave)(**told)
+        fmu = (fmi2.FMU2Model if self.description.exchanges else fmi2.FMU2Slave)(**arguments)
         fmu.instantiate(callbacks=callbacks, loggingOn=True)
         return fmu
 
-    def _hear(self, *told: Any) -> None:
+    def _hear(self, *arguments: Any) -> None:
         """Both versions' callback for a log message: it ends with status, category and text."""
-        status, text = told[-3], told[-1]
+        status, text = arguments[-3], arguments[-1]
         if status > DISCARD and text:
             self.words = text.decode("utf-8", "replace").strip()
 
@@ -189,10 +189,10 @@ class Fmi3(Fmi2):
         **{name: (name, np.dtype(name.lower())) for name in SIZED},
     }
 
-    def _instantiated(self, **told: str) -> Any:
+    def _instantiated(self, **arguments: str) -> Any:
         from fmpy import fmi3
 
-        fmu = (fmi3.FMU3Model if self.description.exchanges else fmi3.FMU3Slave)(**told)
+        fmu = (fmi3.FMU3Model if self.description.exchanges else fmi3.FMU3Slave)(**arguments)
         fmu.instantiate(loggingOn=True, logMessage=self._hear)
         return fmu
 

@@ -136,8 +136,8 @@ class AnyFmu(Instance):
 
     def initially_from(self, name: str) -> Sequence[str]:
         """Inputs that an output may depend on in initialization, as declared by the FMU."""
-        told = self._variables[name].initially_from
-        return self.inputs if told is None else told
+        sources = self._variables[name].initially_from
+        return self.inputs if sources is None else sources
 
     def enter_initialization(self, values: Mapping[str, Value], stop: float) -> None:
         """Set parameters and start values, enter initialization mode, and set inputs there.
@@ -148,16 +148,16 @@ class AnyFmu(Instance):
         self.stop = stop
         self.enter(values, stop)
         settable = (v for v in self._variables.values() if v.causality in SETTABLE)
-        told = {v.name: v.start for v in settable if v.start is not None and v.name not in values}
-        had = self._unlike(told)
+        starts = {v.name: v.start for v in settable if v.start is not None and v.name not in values}
+        had = self._unlike(starts)
         if had:
-            self.writer(list(had))(np.array([told[n] for n in had]))
+            self.writer(list(had))(np.array([starts[n] for n in had]))
         given = {n: float(values[n]) for n in self.parameters if n in values}
-        kept = self._unlike({n: told[n] for n in had} | given)
+        kept = self._unlike({n: starts[n] for n in had} | given)
         self.kept = {n: value for n, value in kept.items() if n in self.parameters}
         file = self.path.name
         self.notes = [
-            f"{file} starts with {n} = {value:g}, but its description says {told[n]:g}: "
+            f"{file} starts with {n} = {value:g}, but its description says {starts[n]:g}: "
             f"{'this cannot be set' if n in kept else 'this was set'}"
             for n, value in had.items()
             if n in self.parameters
@@ -168,10 +168,10 @@ class AnyFmu(Instance):
             if n in kept
         ]
 
-    def _unlike(self, told: Mapping[str, float]) -> dict[str, float]:
+    def _unlike(self, wanted: Mapping[str, float]) -> dict[str, float]:
         """Present values of those that are not as told."""
-        found = zip(told, self.reader(list(told))().tolist(), strict=True) if told else ()
-        return {n: v for n, v in found if not math.isclose(v, told[n], rel_tol=AS_PRINTED)}
+        found = zip(wanted, self.reader(list(wanted))().tolist(), strict=True) if wanted else ()
+        return {n: v for n, v in found if not math.isclose(v, wanted[n], rel_tol=AS_PRINTED)}
 
     def enter(self, values: Mapping[str, Value], stop: float) -> None:
         """As `enter_initialization`, except for start values of the description."""

@@ -59,8 +59,8 @@ class IsolatedInstance(AnyFmu):
         held = self._socket, self._process.stdin
         self._end = weakref.finalize(self, end_host, self._process, *held)
         self._printed = bytearray()
-        told = self._process.stdout, self._printed
-        self._listener = threading.Thread(target=_keep_end, args=told, daemon=True)
+        streams = self._process.stdout, self._printed
+        self._listener = threading.Thread(target=_keep_end, args=streams, daemon=True)
         self._listener.start()
         try:
             self._ask("open", str(self.path), str(folder), self.description.to_dict(), name)
@@ -74,8 +74,8 @@ class IsolatedInstance(AnyFmu):
         self._ask("do", "enter", dict(values), stop)
 
     def leave_initialization(self) -> None:
-        (told,) = self._numbers([self._ask("do", "leave_initialization")], ["its sample time"])
-        self.sample_time = float(told) or self.sample_time
+        (period,) = self._numbers([self._ask("do", "leave_initialization")], ["its sample time"])
+        self.sample_time = float(period) or self.sample_time
 
     def writer(self, names: Sequence[str]) -> Writer:
         number = self._make("writer", list(names))

@@ -301,9 +301,9 @@ def available_memory() -> int | None:
     return max(0, min(rooms)) if rooms else None
 
 
-def _of_the_cgroups(told: str) -> Iterator[int]:
+def _of_the_cgroups(listing: str) -> Iterator[int]:
     """Yield the bytes that the control groups (version 2) of this process leave for it."""
-    group = _CGROUPS / told.rpartition("::/")[2].strip()
+    group = _CGROUPS / listing.rpartition("::/")[2].strip()
     for place in (group, *(p for p in group.parents if p.is_relative_to(_CGROUPS))):
         # cached files are released when a group is short of memory
         cached = sum(_numbers(place / "memory.stat", "inactive_file"))

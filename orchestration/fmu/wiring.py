@@ -257,15 +257,15 @@ def convert(
         scales |= {gain_port(u, y): (scales[u][0] * scales[y][0], 0.0) for _, y in wiring.signals}
     tangents = range(1, tangent_states(list(controller.parameters))[1] + 1)
     scales |= {tangent_port(n, k): (f, 0.0) for n, (f, _) in [*scales.items()] for k in tangents}
-    told = ", ".join(one_sided)
-    note = f"only one side gives the unit of {told}: these values are not converted"
+    names = ", ".join(one_sided)
+    note = f"only one side gives the unit of {names}: these values are not converted"
     commands = {ours: p.by_name[ours].unit or c.by_name[n].unit for n, ours in wiring.commands}
     called = names_on(PLANT, p.names("output"), mapping or {})
     position = next((p.unit(n) for n, name in called.items() if name == POSITION), None)
     of_position = [y for ours, y in wiring.signals if called[ours] == POSITION]
     goals = [n for n, order in zip(wiring.references, wiring.orders, strict=True) if order == 0]
     set_point = scale_of_results(position, [c.unit(n) for n in (*goals, *of_position)])
-    return converted(controller, scales), PortUnits(set_point, commands, (note,) if told else ())
+    return converted(controller, scales), PortUnits(set_point, commands, (note,) if names else ())
 
 
 def _add_set_points(
@@ -298,14 +298,14 @@ def from_si(unit: Unit, order: int = 0) -> Scale:
     return 1.0 / unit.factor, 0.0 if order or unit.relative else -unit.offset / unit.factor
 
 
-def scale_of_results(position: Unit | None, told: Sequence[Unit | None]) -> Scale:
+def scale_of_results(position: Unit | None, units: Sequence[Unit | None]) -> Scale:
     """From the set-point's SI unit to the one of the plant's position, as `LoopRun.scale`.
 
-    It is not converted if none fits of the units that the controller has of both, which are `told`.
+    It is not converted if none fits of the `units` that the controller has of both.
     """
     if position is None or position.exponents is None:
         return AS_IS
-    fits = any(unit and unit.exponents == position.exponents for unit in told)
+    fits = any(unit and unit.exponents == position.exponents for unit in units)
     return from_si(position) if fits else AS_IS
 
 

@@ -112,8 +112,8 @@ def bounds(nominal: Vector, start: Vector) -> Vector:
     in pascals or of absolute encoders are far above 1 at rest.
     """
     size = np.maximum(np.maximum(nominal, 1.0), np.abs(np.nan_to_num(start)))
-    told = nominal != 1.0
-    return np.where(told | (np.mean(told) > 0.5), FARTHEST, UNKNOWN) * size
+    known = nominal != 1.0
+    return np.where(known | (np.mean(known) > 0.5), FARTHEST, UNKNOWN) * size
 
 
 class Record:

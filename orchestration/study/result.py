@@ -102,11 +102,11 @@ def compare(first: Matrix, second: Matrix) -> Difference:
     half = _half_width([_variance(paired), *(_variance(side.mean(axis=1)) for side in (a, b))])
     low, high = middle - half, middle + half
     margin = math.log1p(RELEVANT)
-    told = low > margin or high < -margin
-    alike = not told and max(high, -low) <= math.log1p(ALIKE)
+    certain = low > margin or high < -margin
+    alike = not certain and max(high, -low) <= math.log1p(ALIKE)
     # an interval of two tunings may be wider than numbers go
     ratio, least, most = (math.exp(min(max(v, -700.0), 700.0)) for v in (middle, low, high))
-    return Difference(ratio, least, most, told, alike)
+    return Difference(ratio, least, most, certain, alike)
 
 
 def _variance(values: Matrix) -> tuple[float, int]:

@@ -156,11 +156,11 @@ class TunedController:
     def write(self, folder: Path) -> None:
         """Write ``tuning.json``, and ``parameters.toml`` with the gains for the next command."""
         write_json(folder / "tuning.json", self.to_dict())
-        told, label = self.loop.parameters(), self.loop.controller.label
-        values = dict(told.controllers[label])
+        file, label = self.loop.parameters(), self.loop.controller.label
+        values = dict(file.controllers[label])
         for g in self.gains:
             values[g.name] = replace(values[g.name], source="tuned for this machine")
-        replace(told, controllers={**told.controllers, label: values}).save(folder)
+        replace(file, controllers={**file.controllers, label: values}).save(folder)
 
 
 def tune_loop(

@@ -153,10 +153,10 @@ class Dask:
         """The latest heartbeat of any worker, also of a busy one; what to say if it is old."""
         try:
             scheduler: Any = self.client.scheduler
-            told: Any = self.client.sync(scheduler.identity, callback_timeout=CHECK)
+            identity: Any = self.client.sync(scheduler.identity, callback_timeout=CHECK)
         except (OSError, TimeoutError):
             return 0.0, "does not answer"
-        beats = [float(worker["last_seen"]) for worker in told["workers"].values()]
+        beats = [float(worker["last_seen"]) for worker in identity["workers"].values()]
         if beats:
             return max(beats), "has lost contact with its workers"
         lost = f"has lost all workers: {_INSTALL}"

@@ -37,8 +37,8 @@ def with_command_behind(
     names = ["u_filtered", *(f"u_filtered_rate{k}" for k in range(1, order))]
     # rates are per filter time, so that all states have the magnitude of the command
     parts = [symbol(n) for n in names]
-    told = [q / scale**k for k, q in enumerate(parts)]
-    left = u - parts[0] - sp.Add(*[c * r for c, r in zip(coefficients, told[1:], strict=False)])
+    scaled = [q / scale**k for k, q in enumerate(parts)]
+    left = u - parts[0] - sp.Add(*[c * r for c, r in zip(coefficients, scaled[1:], strict=False)])
     rates = [*(q / scale for q in parts[1:]), left * scale ** (order - 1) / coefficients[-1]]
     meaning = "command behind its filter"
     meanings = [meaning, *(f"{meaning}, rate {k} by its time" for k in range(1, order))]
