@@ -66,10 +66,7 @@ prove: $(VENV)/ci
 	$(BIN)/python proofs/identification.py --rigs 30
 	$(BIN)/python proofs/variational.py
 	$(BIN)/python proofs/interoperability/exchange.py
-	$(BIN)/python proofs/calibrate_sets.py
-	$(BIN)/python proofs/calibrate_sets.py --held-back --first-seed 1010000 --faultless 35 --effects 70 --rows out/held_back.jsonl
-	$(BIN)/python proofs/ablation.py
-	$(BIN)/python proofs/diagnosis_loop.py --faultless 3 --effects 6 --first-seed 1020000
+	$(BIN)/python proofs/diagnosis_rule.py
 	$(BIN)/python proofs/thesis
 	$(BIN)/python proofs/thesis --pictures
 	$(BIN)/python proofs/emps.py

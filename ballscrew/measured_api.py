@@ -214,8 +214,7 @@ def diagnose(
     -------
     DiagnosisResult
         ``causes`` improve the model on data not used to select or fit them; ``verdict``
-        may be that no cause can be named; ``suspects`` is the smallest set that contains the true
-        cause in 95 of 100 records like those of the calibration.
+        may be that no cause can be named; ``suspects`` are others whose scores come near.
     """
     from .measured_results import DiagnosisResult
     from .measurement.diagnosis.causes import CAUSES

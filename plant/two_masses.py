@@ -31,9 +31,6 @@ _FOUND = "found in measured data"
 STIFFNESS = Parameter(
     "stiffness", 1e8, "N/m", "of what lies between encoder and block", _FOUND, minimum=1e-3
 )
-LOAD_STIFFNESS = Parameter(
-    "load_stiffness", 1e8, "N/m", "of what lies between friction and load", _FOUND, minimum=1e-3
-)
 GAP = Parameter("gap", 0.0, "m", "backlash of the block, from side to side", _FOUND, minimum=0.0)
 SIDES = Parameter(
     "contact_stiffness", 1e8, "N/m", "of the gap's sides", "typical of a ball nut", minimum=1e3
@@ -61,27 +58,6 @@ def with_gap(plant: Component) -> Component:
     Parameters and errors are those of `with_spring`.
     """
     return _joined(plant, spring=_has(plant, STIFFNESS), gap=True)
-
-
-def with_load_on_spring(plant: Component) -> Component:
-    """The plant with its mass behind a spring, and its friction before it.
-
-    The damping is a tenth of critical. The load's position and velocity are states `xl` [m] and
-    `vl` [m/s]. Parameters and errors are those of `with_spring`.
-    """
-    plant, load = _shares(plant)
-    (whole,) = plant.balances
-    named = {"xb": "xl", "vb": "vl", STIFFNESS.name: LOAD_STIFFNESS.name}
-    pull = joint_force(load, spring=True, gap=False).xreplace(
-        {symbol(old): symbol(new) for old, new in named.items()}
-    )
-    states = (
-        State("xl", "m", "position of the load", symbol("vl"), nominal=1e-3),
-        State("vl", "m/s", "velocity of the load", pull / load, nominal=1e-3),
-    )
-    spring = ForceTerm("load", -pull, "a load behind a spring", states, (LOAD_STIFFNESS,))
-    before = ForceBalance("v", sp.expand(whole.inertia - load), (*whole.terms, spring))
-    return replace(plant, balances=(before,))
 
 
 def _has(plant: Component, parameter: Parameter) -> bool:
@@ -130,8 +106,6 @@ def _parted(plant: Component) -> Component:
             "divided into two bodies; do this before adding sticking"
         )
     (whole,) = plant.balances
-    if _has(plant, LOAD_STIFFNESS):
-        raise ContractError("the mass is behind a spring already, and friction before it")
     plant, block = _shares(plant)
     moved = {symbol("x"): symbol("xb"), symbol("v"): symbol("vb")}
     near = tuple(t for t in whole.terms if t.name in ENCODER_SIDE)

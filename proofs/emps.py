@@ -81,7 +81,6 @@ def summary(found: Any) -> dict[str, Any]:
         "intervals",
         "gain_heldout",
         "gain_interval",
-        "gain_alone",
     )
     return {k: said[k] for k in keep} | {
         "causes": [{k: c[k] for k in of_cause} for c in said["causes"]],

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...solver.arrays import Matrix, Vector
-from .causes.cause import Shape
+from .causes.cause import Form
 from .drive import Drive
 from .modelled_record import (
     CalibrationPrior,
@@ -31,7 +31,7 @@ _STEP = 1e-3  # step of finite differences, relative to a value
 
 @dataclass(frozen=True)
 class Added:
-    """Forces and commands added to a model's own equations, one array per record, as in `Shape`."""
+    """Forces and commands added to a model's own equations, one array per record, as in `Form`."""
 
     force: list[Vector]
     command: list[Vector]
@@ -40,7 +40,7 @@ class Added:
     def nothing(cls, courses: Sequence[ModelledRecord]) -> Added:
         return cls(*([np.zeros(len(c.x)) for c in courses] for _ in range(2)))
 
-    def more(self, shape: Shape, amplitudes: Vector) -> Added:
+    def more(self, form: Form, amplitudes: Vector) -> Added:
         """Return this with a cause of these amplitudes added."""
 
         def sums(before: list[Vector], parts: list[Matrix] | None) -> list[Vector]:
@@ -48,7 +48,7 @@ class Added:
                 return before
             return [b + p @ amplitudes for b, p in zip(before, parts, strict=True)]
 
-        return Added(sums(self.force, shape.force), sums(self.command, shape.command))
+        return Added(sums(self.force, form.force), sums(self.command, form.command))
 
 
 def balance(
@@ -57,14 +57,8 @@ def balance(
     """Residual of each balance in each window, shape (windows, channels) [N].
 
     The balance of forces comes first. If a current is known, the balance of voltages follows; a
-    voltage is given as the force that it holds at rest.
-
-    Parameters
-    ----------
-    friction : ndarray, shape (n,)
-        The law along the record [N].
-    force, command : ndarray, shape (n,)
-        Added to the model's own equations.
+    voltage is given as the force that it holds at rest. `friction` is the law along the record;
+    `force` and `command` are added to the model's own equations, shape (n,) each.
     """
     width, step = course.width, course.step
     v = course.moved_v
@@ -95,16 +89,14 @@ def balance(
     return np.column_stack([forces, per_volt * left_volts])
 
 
-def shown(
-    course: ModelledRecord, model: Drive, shape: Shape, record: int
-) -> npt.NDArray[np.float64]:
+def shown(course: ModelledRecord, model: Drive, form: Form, record: int) -> npt.NDArray[np.float64]:
     """Effect of a cause of amplitude one on each balance, shape (windows, channels, m) [N]."""
-    m = len(shape.amplitudes)
+    m = len(form.amplitudes)
     out = np.zeros((windows(len(course.x), course.width), len(course.channels), m))
-    if shape.force is not None:
-        out[:, 0] += averaged(shape.force[record], course.width)
-    if shape.command is not None:
-        command = shape.command[record]
+    if form.force is not None:
+        out[:, 0] += averaged(form.force[record], course.width)
+    if form.command is not None:
+        command = form.command[record]
         if not model.has_motor:
             out[:, 0] -= model.values["gain"] * averaged(command, course.width)
         elif not course.by_current:
@@ -130,9 +122,9 @@ def leftovers(
     ]
 
 
-def responses(courses: Sequence[ModelledRecord], model: Drive, shape: Shape) -> list[Matrix]:
+def responses(courses: Sequence[ModelledRecord], model: Drive, form: Form) -> list[Matrix]:
     """Effect of a cause of amplitude one on the balances of each record, see `shown`."""
-    return [shown(c, model, shape, r) for r, c in enumerate(courses)]
+    return [shown(c, model, form, r) for r, c in enumerate(courses)]
 
 
 def calibrated(courses: Sequence[ModelledRecord]) -> dict[str, CalibrationPrior]:

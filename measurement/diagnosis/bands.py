@@ -52,38 +52,27 @@ NOISE_OF_MOTION = 0.1
 class Bands:
     """Blocks and frequency bands of the balances of a study.
 
-    Attributes
-    ----------
-    parts : list of (record, first, last)
-        Record and window range of each block.
-    weights : list of ndarray, shape (windows, channels)
-        Weights of each block: taper, times zero at rest, times the weight by the uncertainty of the
-        law's force.
-    used : ndarray of bool, shape (channels * bands,)
-    counts : ndarray, shape (blocks, channels * bands)
-        Numbers of independent real values.
-    steps : list of float
-        Time between windows in each block [s].
-    top : float
-        Frequency up to which a filter does not change the position [Hz].
+    The weights of a block, shape (windows, channels), are a taper, zero at rest, and less where the
+    law's force is uncertain. `counts` are numbers of independent real values.
     """
 
-    parts: list[tuple[int, int, int]]
+    parts: list[tuple[int, int, int]]  # record, and window range, of each block
     weights: list[Matrix]
-    used: npt.NDArray[np.bool_]
-    counts: Matrix
-    steps: list[float]
-    top: float
+    used: npt.NDArray[np.bool_]  # shape (channels * bands,)
+    counts: Matrix  # shape (blocks, channels * bands)
+    steps: list[float]  # time between windows in each block [s]
+    top: float  # frequency up to which a filter does not change the position [Hz]
+
+    @property
+    def of_force(self) -> npt.NDArray[np.bool_]:
+        """Which of the used bands belong to the balance of forces."""
+        return np.asarray((np.arange(len(self.used)) < len(EDGES) - 1)[self.used])
 
     def lines(self, columns: Sequence[Matrix]) -> list[list[Matrix]]:
         """Spectra of columns: for each block and each channel's bands, shape (numbers, columns).
 
-        Each number of white noise has the variance of the noise. Unused bands are empty.
-
-        Parameters
-        ----------
-        columns : sequence of ndarray, shape (windows, channels, columns)
-            Columns of each record [N].
+        `columns` are those of each record, shape (windows, channels, columns) [N]. Each number of
+        white noise has the variance of the noise. Unused bands are empty.
         """
         out = []
         for (record, first, last), weights, step in zip(

@@ -18,8 +18,7 @@ from ...solver.component import Component, Parameter, symbol
 from ...solver.errors import ContractError
 from ..identification.fitted_law import LAWS
 from .causes import CAUSES
-from .causes.presliding_hysteresis import NAME as BRISTLES
-from .causes.presliding_hysteresis import bristled
+from .causes.reversals import BRISTLES, bristled
 from .diagnosis import Diagnosis
 from .drive import Drive, curve_of
 

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ...orchestration.loop.parameter_file import TURNS, ParameterFile, read_parameters
 from ...orchestration.loop.shown import length
+from ...solver.arrays import Vector
 from ..records.examine import check_identifiable
 from ..records.reading import read_drive_records
 from ..records.record import Record
 from .balance import Added
-from .building import alternatives, explained
-from .causes import CAUSES
+from .causes import CAUSES, OUTSIDE
 from .diagnosis import (
     EXPLAINED,
     NONE,
@@ -29,15 +28,17 @@ from .diagnosis import (
     holds,
 )
 from .drive import Drive, commanded, drive_of
-from .explained import Explained, built, outside
-from .found_cause import found_cause, level, suspect_found
+from .found_cause import finding
 from .held_out import HeldOut, held_out
 from .modelled_record import ModelledRecord, jumps_of, opposing
 from .next_experiment import next_experiment
 from .noise_floor import AT_FLOOR, NoiseFloor, Remainder, noise_floor, remainder
-from .residuals import Residual, residual, rms
-from .scores import OUTSIDE
+from .residuals import residual, rms
+from .rule import Explained, built, explained
 from .study import study_of
+
+MOST = 0.5
+"""Share of the squares: if it certainly goes, the error is explained in part without a name."""
 
 
 def diagnose(
@@ -50,32 +51,10 @@ def diagnose(
     lead: float | None = None,
     take: str | None = None,
 ) -> Diagnosis:
-    """Find the errors of a simulation of recorded runs, their causes, and the possible improvement.
+    """Find the errors of a simulation of recorded runs; arguments as in `ballscrew.diagnose`.
 
-    Parameters
-    ----------
-    data : sequence of path-like
-        Files of measured data with ``time`` [s], ``u`` [V] and ``x`` [m], perhaps ``i`` [A];
-        ``i`` alone is taken as the command, see `commanded`.
-    params : path-like, optional
-        The prior model, see `drive_of`; the nominal axis by default.
-    law : str, optional
-        Friction law, instead of the law in the file.
-    mapping : mapping of str to str, optional
-        Names of columns, from the name in the file to our name.
-    progress : function of what is being done, optional
-    units : mapping of str to str, optional
-        Unit of a column (our name); default: the unit in the file, else SI.
-    lead : float, optional
-        Lead of the screw, travel per turn [m], if the parameter file has no `p`.
-    take : str, optional
-        A cause of the catalogue to include in the model in any case; its gain on held-out
-        data is measured like that of any other.
-
-    Raises
-    ------
-    BadRecord, BadParameters
-        If an input cannot be used; the message says why in one line.
+    `take` is a cause to include in the model in any case; its gain is measured like that of any
+    other. Raises `BadRecord` or `BadParameters` if an input cannot be used.
     """
     told = (ParameterFile() if params is None else read_parameters(params)).with_lead(lead)
     records = read_drive_records(data, mapping, units, lead or told.lead)
@@ -98,32 +77,33 @@ def diagnose_records(
     found = explained(study, take)
     progress("testing on held-out data")
     held = held_out(found)
-    corrected = _corrected(found)
-    lowest = noise_floor(found, corrected.left, held.position("noise"))
+    courses, corrected, named = built(study, found.forms, found.fit.amplitude[0])
+    left = residual(courses, corrected, named)
+    lowest = noise_floor(found, left, held.position("noise"))
     friction = _friction(study.courses, study.model, held)
-    causes = tuple(found_cause(found, held, m, friction) for m in found.built)
-    suspects = tuple(suspect_found(found, m, friction) for m in found.suspects)
-    _, interval = held.gain(held.none, held.all)
-    before, fitted, final = (level(held, name) for name in ("prior", "none", "all"))
+    causes = tuple(finding(found, h, friction) for h in found.built)
+    suspects = tuple(finding(found, h, friction) for h in found.suspects)
+    interval = found.gain([]).interval if found.built else (0.0, 0.0)
+    before, fitted, final = map(held.level, ("prior", "none", "all"))
     remains = remainder(found, held.all, lowest, friction)
     better = holds(interval, fitted, final)
     settled = better and not remains.something and not remains.hidden
-    either = alternatives(found, held) if settled else {}
-    verdict = _verdict(found, remains, better, either)
-    free = outside(found) if verdict in (PARTLY, UNEXPLAINED) else None
+    either = found.alternatives if settled else {}
+    verdict = _verdict(found, remains, better, either, interval[0])
+    free = found.outside
     notes += jumps_of(study.courses) + _notes(found, held, lowest)
     if held.why:
         notes.append(f"no position is predicted: {held.why}")
-    first = found.sets[-1][0]
-    if verdict == NONE and first.suspect:
+    if remains.doubtful and found.best:
+        first = found.best
         size = f"; --take {first.name} gives its size" if first.name in CAUSES else ""
         notes.append(
-            f"the most probable is {first.name}, {100 * first.probability:.0f} %, but 3 in "
-            f"100 faultless records look like this or worse{size}"
+            f"the best score is {first.score:.0f}, of {first.name} with "
+            f"{100 * first.gain.share:.2g} % of the squares: more than noise has, and not enough "
+            f"to be found{size}"
         )
     quiet = not found.built and not remains.something
     done = verdict == EXPLAINED and not either
-    suspects = () if verdict == NONE else suspects
     return Diagnosis(
         verdict=verdict,
         where=_where(before, lowest.level),
@@ -143,71 +123,51 @@ def diagnose_records(
         next_experiment=None if done else next_experiment(found, quiet),
         prior=prior_model,
         adjusted=built(study, [], found.catalogue.without([]).amplitude[0])[1],
-        corrected=corrected.model,
+        corrected=corrected,
         command=records[0].command,
-        command_shift=corrected.courses[0].calibration["command_shift"],
+        command_shift=courses[0].calibration["command_shift"],
         adjustments={
-            n: corrected.model.values[n] / prior_model.values[n] - 1.0
-            for n in prior_model.adjustable
+            n: corrected.values[n] / prior_model.values[n] - 1.0 for n in prior_model.adjustable
         },
         noise=lowest.told(study.courses[0].channels),
         records=tuple(r.name for r in records),
-        curves=_curves(study.courses, prior_model, held, corrected),
+        curves=_curves(found, prior_model, held, left.force, named),
         seconds=time.perf_counter() - began,
         notes=tuple(notes),
     )
 
 
 def _verdict(
-    found: Explained, remains: Remainder, better: bool, either: Mapping[str, tuple[str, ...]]
+    found: Explained,
+    remains: Remainder,
+    better: bool,
+    either: Mapping[str, tuple[str, ...]],
+    gone: float,
 ) -> str:
     """Verdict from what is left, and from whether the causes are certain.
 
-    A cause with one alternative explains the error, too, if only noise is left with either.
+    A cause with one alternative explains the error, too, if only noise is left with either. `gone`
+    is the share of the squares that certainly goes with what is built in.
     """
     certain = [m.certain for m in found.built]
     if better and not remains.something and not remains.hidden and found.built:
         if sum(map(len, either.values())) <= 1 and OUTSIDE not in sum(either.values(), ()):
             return EXPLAINED
         return PARTLY if any(certain) else UNDECIDED
-    if any(certain):
+    if any(certain) or gone >= MOST:
         return PARTLY
     if remains.something or (found.built and not better):
         return UNEXPLAINED
-    return UNDECIDED if remains.hidden else NONE
-
-
-@dataclass(frozen=True)
-class _Corrected:
-    """The corrected model, its residual on all data, and the forces missing in the prior model.
-
-    `unnamed` is a free curve through the residual.
-    """
-
-    courses: list[ModelledRecord]
-    model: Drive
-    left: Residual
-    named: Added
-    unnamed: Added
-
-
-def _corrected(found: Explained) -> _Corrected:
-    study, forms = found.study, found.forms
-    amplitude = found.fit.amplitude[0]
-    courses, model, named = built(study, forms, amplitude)
-    free, nothing = outside(found), Added.nothing(courses)
-    unnamed = nothing.more(free.form.shape, free.amplitude) if free else nothing
-    left = residual(courses, model, named)
-    return _Corrected(courses, model, left, named, unnamed)
+    return UNDECIDED if remains.hidden or remains.doubtful else NONE
 
 
 def _curves(
-    courses: Sequence[ModelledRecord],
-    prior_model: Drive,
-    held: HeldOut,
-    corrected: _Corrected,
+    found: Explained, prior_model: Drive, held: HeldOut, after: Vector, named: Added
 ) -> Curves:
+    courses, free = found.study.courses, found.outside
     predicted = np.concatenate([opposing(c, prior_model) for c in courses])
+    nothing = Added.nothing(courses)
+    unnamed = nothing.more(free.form, free.amplitude) if free else nothing
     return Curves(
         time=np.concatenate([c.time for c in courses]),
         record=np.repeat(np.arange(len(courses)), [len(c.x) for c in courses]),
@@ -216,11 +176,11 @@ def _curves(
         force=predicted + held.prior.force,
         predicted=predicted,
         before=held.prior.force,
-        after=corrected.left.force,
+        after=after,
         position_before=held.positions["prior"],
         position_after=held.positions["all"],
-        cause=np.concatenate(corrected.named.force),
-        shape=np.where(held.prior.telling, np.concatenate(corrected.unnamed.force), np.nan),
+        cause=np.concatenate(named.force),
+        shape=np.where(held.prior.telling, np.concatenate(unnamed.force), np.nan),
         telling=held.prior.telling,
     )
 
@@ -257,8 +217,6 @@ def _notes(found: Explained, held: HeldOut, lowest: NoiseFloor) -> list[str]:
             "noise from differences between laps and the uncertain motion: a part of it may have "
             "a cause"
         )
-    elif found.none_ruled_out:
-        notes.append("the residual is not like noise: of 100 faultless records 97 look better")
     if not lowest.has_current(left):
         notes.append(
             "the motor's forces computed from the voltage and from the current differ by "

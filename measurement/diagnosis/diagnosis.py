@@ -43,29 +43,25 @@ def holds(gain_interval: tuple[float, float], before: Level, after: Level) -> bo
 
 
 @dataclass(frozen=True)
-class SuspectFound:
-    """One member of a set."""
+class Finding:
+    """A cause that is built in, or one that may be true in its place or beside it."""
 
     name: str
     says: str
-    probability: float  # among all hypotheses
+    alike: tuple[str, ...]  # others of its entry of the catalogue that explain as much: one answer
+    score: float  # gain in the log-likelihood of held-out blocks [nats]
+    lead: float  # score less that of the best one of another entry [nats]
+    share: float  # removed share of the squares on held-out blocks, when it was found
     parameters: Mapping[str, float]  # its values, SI; empty for one outside the catalogue
     intervals: Mapping[str, tuple[float, float]]  # 95 %, by leaving out one block at a time
     units: Mapping[str, str]
     force: float  # rms effect on a balance of forces, or of voltages converted to a force [N]
     of_friction: float  # the same as a share of the friction
     confirm: str  # experiment that would confirm it
-
-
-@dataclass(frozen=True)
-class FoundCause(SuspectFound):
-    """A suspect that is included in the model."""
-
     certain: bool  # whether it is named
-    gain_heldout: float  # removed share of the mean square on held-out data, beside other causes
-    gain_interval: tuple[float, float]  # 95 %, by resampling the seconds of the record
-    gain_alone: float  # the same share without other causes
-    before: float  # force residual on held-out data without it [N]
+    gain_heldout: float  # share that it removes from its balance, beside the other causes
+    gain_interval: tuple[float, float]  # 90 %, by leaving out one block at a time
+    before: float  # residual of that balance on held-out data without it [N]
     after: float  # and with it [N]
 
 
@@ -114,10 +110,10 @@ class Diagnosis:
     friction: float  # root mean square along the records [N]
     left_of_friction: float  # final residual, or voltage against current, as a share of it
     unseen: float  # largest fault that would not be seen: twice the noise, or what is left
-    gain_interval: tuple[float, float]  # 95 %, of the removed share of the mean square in force
+    gain_interval: tuple[float, float]  # 90 %, of the removed share of the squares
     held_out: str  # what was held out, one at a time: "4 laps", "5 parts"
-    causes: tuple[FoundCause, ...]  # included, also errors of signals, in the order of finding
-    suspects: tuple[SuspectFound, ...]  # in addition to or instead of those, the best one first
+    causes: tuple[Finding, ...]  # included, also errors of signals, in the order of finding
+    suspects: tuple[Finding, ...]  # in addition to or instead of those, the best one first
     alternatives: Mapping[str, tuple[str, ...]]  # suspects that explain as much as a cause
     unnamed: tuple[str, ...]  # how a residual without a known cause varies
     next_experiment: NextExperiment | None

@@ -11,85 +11,58 @@ import numpy as np
 
 from ...solver.arrays import Vector
 from .balance import Added
-from .blocks import Blocks, ends_of_seconds
+from .blocks import ends_of_seconds
+from .causes.cause import Form
+from .diagnosis import Level
 from .drive import Drive
-from .explained import Explained, built, own_amplitudes
 from .modelled_record import ModelledRecord, shaken
 from .predicted import NotPredicted, Predictor
 from .residuals import Residual, residual, rms
-from .scores import Form
+from .rule import Explained, built, own_amplitudes
 from .study import Study
 
 _LAPS = range(3, 7)  # numbers of laps of one motion for which repetition is used
 _SAME = 1e-3  # largest difference of laps, as a share of the motion's mean square
 _SHORTEST_LAP = 1.0  # s
-_EIGHTHS = 8  # blocks of a short record, enough for an interval
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Residuals on held-out data.
+    """Residuals on held-out data: of the prior model, with fitted values, with the causes built in.
 
-    Attributes
-    ----------
-    parts : str
-        What was held out, one at a time.
-    squares : Blocks
-        Blocks to resample for intervals: seconds, or eighths of short records.
-    prior, none, all : Residual
-        Residual of the prior model, with fitted values, and with all named causes.
-    without, alone : dict of str to Residual
-        Residual with all named causes except one, and with one only.
-    positions : dict of str to ndarray, shape (n,)
-        Error of the predicted position of "prior", "none" and "all"; of "noise", its change with
-        another reading of the encoder [m]. NaN if it cannot be predicted.
-    why : str
-        Why a position cannot be predicted.
+    `positions` are errors of the predicted position of "prior", "none" and "all", and of "noise",
+    its change with another reading of the encoder, shape (n,) [m]; NaN if it cannot be predicted.
     """
 
-    parts: str
-    squares: Blocks
+    parts: str  # what was held out, one at a time
     prior: Residual
     none: Residual
     all: Residual
-    without: dict[str, Residual]
-    alone: dict[str, Residual]
     positions: dict[str, Vector]
-    why: str
+    why: str  # why a position cannot be predicted
 
     def position(self, name: str) -> float | None:
         """Root mean square error of a predicted position [m]; None if it is not known."""
         error = rms(self.positions[name])
         return error if math.isfinite(error) else None
 
-    def gain(self, before: Residual, after: Residual) -> tuple[float, tuple[float, float]]:
-        """Removed share of the mean square in force, and its 95 % interval."""
-        found = self.squares.gain(before.force, after.force, before.telling)
-        # with too few blocks, the interval is everything from twice the mean square to zero
-        return found.value, found.interval or (-1.0, 1.0)
+    def level(self, name: str) -> Level:
+        """Residual of one of the models "prior", "none" and "all"."""
+        found: Residual = getattr(self, name)
+        return Level(found.force_rms, self.position(name))
 
 
 def held_out(found: Explained) -> HeldOut:
     """Fit without each block in turn, and return the residuals on the held-out blocks."""
     study, forms = found.study, found.forms
-    names = [m.name for m in found.built]
     none = left_on_blocks(found, [])
-    everything = left_on_blocks(found, forms) if forms else none
-    if len(forms) == 1:
-        without, alone = {names[0]: none}, {names[0]: everything}
-    else:
-        without = {n: left_on_blocks(found, [f for f in forms if f.name != n]) for n in names}
-        alone = {n: left_on_blocks(found, [f for f in forms if f.name == n]) for n in names}
     as_read = [replace(c, calibration=dict.fromkeys(c.calibration, 0.0)) for c in study.courses]
     positions, why = _positions(found, as_read)
     return HeldOut(
         f"{len(study.bands.parts)} parts",
-        Blocks(ends_of_seconds(study.courses, _EIGHTHS)),
         residual(as_read, study.prior_model, Added.nothing(as_read)),
         none,
-        everything,
-        without,
-        alone,
+        left_on_blocks(found, forms) if forms else none,
         positions,
         why,
     )
@@ -189,28 +162,21 @@ def _in_plant(
     """The causes that are forces, with their values in a record."""
     out = {}
     for form, mine in own_amplitudes(study, forms, amplitude):
-        shape = form.shape
-        if shape.force is None:
+        if form.force is None:
             continue
-        if shape.command is not None:
+        if form.command is not None:
             raise NotPredicted(f"the recorded position itself is corrected by {form.name}")
-        own = dict(shape.values)
-        for name, size in zip(shape.amplitudes, mine.tolist(), strict=True):
+        own = dict(form.values)
+        for name, size in zip(form.amplitudes, mine.tolist(), strict=True):
             name, _, number = name.partition(".")
-            if shape.sure is None and number in ("", str(record + 1)):
+            if form.sure is None and number in ("", str(record + 1)):
                 own[name] = size
         out[form.name] = own
     return out
 
 
 def lap(x: Vector, step: float) -> float:
-    """Period of a repeated motion [s]; zero if it does not repeat often enough.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Position, `step` seconds apart.
-    """
+    """Period of a repeated motion, of positions `step` apart [s]; zero without enough laps."""
     n = len(x)
     longest = n // _LAPS[0]
     shortest = max(round(_SHORTEST_LAP / step), -(-n // (_LAPS[-1] + 1)))

@@ -89,7 +89,7 @@ class ModelledRecord:
         """Balances of the record: of forces, and of voltages if `i` is known."""
         return ("force", "voltage") if self.has_current else ("force",)
 
-    @property
+    @cached_property
     def time(self) -> Vector:
         """Time from the record's start [s]."""
         return np.asarray(self.record.time - self.record.time[0])

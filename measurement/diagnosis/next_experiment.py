@@ -14,13 +14,12 @@ from ...solver.arrays import Matrix, Vector
 from ..records.record import Record
 from .balance import responses
 from .bands import cut, products
+from .causes import EVERY, OUTSIDE
 from .diagnosis import NextExperiment
 from .experiment_motions import Motion, reach_of, survey
-from .explained import Explained
 from .modelled_record import lay_along, with_own_offsets
-from .scores import OUTSIDE
-from .sets import Likely
-from .signals import entry
+from .rule import Explained
+from .scores import Hypothesis
 from .study import Study, base_columns, told_of
 
 _MOST = 3  # suspects in the text
@@ -32,9 +31,9 @@ _LONGER = 3.0  # length over that of the records, if a suspect is slow
 
 def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
     """The motion and its purpose; `quiet` if no fault was found."""
-    doubtful = [*(m for m in found.built if not m.certain), *found.suspects]
-    told = [m for m in doubtful if m.suspect is not None and m.name != OUTSIDE]
-    told = sorted(told, key=lambda m: -m.probability)[:_MOST]
+    doubtful = [*(m for m in found.built if m.alike or not m.certain), *found.suspects]
+    told = [m for m in doubtful if m.name != OUTSIDE]
+    told = sorted(told, key=lambda m: -m.score)[:_MOST]
     reach = reach_of(found.study.courses)
     longer = _LONGER if any(m.name in _SLOW for m in told) else 1.0
     motion = survey(reach, found.study.model, longer * reach.lasts)
@@ -43,7 +42,7 @@ def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
     elif not told:
         says = "part of the residual has no known cause"
     elif len(told) == 1:
-        says = f"what would confirm {told[0].name}: {entry(told[0].name).confirm}"
+        says = f"what would confirm {told[0].name}: {EVERY[told[0].name].confirm}"
     else:
         others = " or ".join(m.name for m in told[1:])
         says = f"these records cannot distinguish {told[0].name} from {others}"
@@ -53,12 +52,12 @@ def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
                 f"{a} from {b}" for a, b in alike
             )
             says += (
-                f", and each of them corrects the model equally well: {entry(alike[0][0]).confirm}"
+                f", and each of them corrects the model equally well: {EVERY[alike[0][0]].confirm}"
             )
     return NextExperiment(says, motion)
 
 
-def _alike(found: Explained, told: Sequence[Likely], motion: Motion) -> list[tuple[str, str]]:
+def _alike(found: Explained, told: Sequence[Hypothesis], motion: Motion) -> list[tuple[str, str]]:
     """Pairs of suspects that the motion cannot distinguish, with values fitted."""
     study = _foreseen(found, motion)
     weights = 1.0 / _noise(found, study)
@@ -67,10 +66,8 @@ def _alike(found: Explained, told: Sequence[Likely], motion: Motion) -> list[tup
     _, spread = study.prior()
 
     def hidden(k: int, j: int) -> bool:
-        suspect = told[k].suspect
-        assert suspect is not None
         # if each record has its own values, use those of the last record
-        own = suspect.amplitude[-columns[k].shape[2] :]
+        own = told[k].amplitude[-columns[k].shape[2] :]
         signal = (columns[k] @ own)[:, :, None]
         all_ = np.concatenate([signal, base[0][:, :, 1:], columns[j]], axis=2)
         return _apart(study, all_, weights, spread) < _TELLS
@@ -103,17 +100,16 @@ def _noise(found: Explained, study: Study) -> Vector:
     return np.asarray(np.interp(new, known, found.variance))
 
 
-def _columns(study: Study, base: Sequence[Matrix], member: Likely) -> Matrix:
+def _columns(study: Study, base: Sequence[Matrix], member: Hypothesis) -> Matrix:
     """Effect of a suspect of amplitude one along the new motion."""
-    assert member.suspect is not None
-    shape = member.suspect.form.shape
-    if shape.freed:
-        at = [1 + study.values.index(n) for n in shape.freed]
+    form = member.form
+    if form.freed:
+        at = [1 + study.values.index(n) for n in form.freed]
         return base[0][:, :, at]
-    made = entry(member.name).at(study.courses, study.model, shape.values)
+    made = EVERY[member.name].at(study.courses, study.model, form.values)
     columns = responses(study.courses, study.model, made)[0]
     # if each record has its own phase, use that of the last record
-    return columns[:, :, -len(member.suspect.amplitude) :]
+    return columns[:, :, -len(member.amplitude) :]
 
 
 def _apart(study: Study, columns: Matrix, weights: Vector, spread: Vector) -> float:

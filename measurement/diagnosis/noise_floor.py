@@ -10,9 +10,9 @@ import numpy as np
 
 from .bands import EDGES
 from .diagnosis import Level
-from .explained import Explained
 from .held_out import laps_of
 from .residuals import Residual, at_samples, floor, repetition
+from .rule import NOISE, Explained
 
 AT_FLOOR = 2.0  # a residual above this multiple of the floor is not explained
 TELLS = 0.2  # share of the friction: records that hide a larger fault decide nothing
@@ -20,22 +20,12 @@ TELLS = 0.2  # share of the friction: records that hide a larger fault decide no
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """Root mean square residuals due to noise, as in `Residual`.
+    """Root mean square residuals due to noise, as in `Residual`."""
 
-    Attributes
-    ----------
-    force, by_current : float
-        Force residuals [N].
-    position : float or None
-        Position residual within a second [m].
-    repeated : bool
-        Whether the floor is computed from laps of one motion.
-    """
-
-    force: float
-    by_current: float
-    position: float | None
-    repeated: bool
+    force: float  # [N]
+    by_current: float  # [N]
+    position: float | None  # within a second [m]
+    repeated: bool  # whether it is computed from laps of one motion
 
     @property
     def level(self) -> Level:
@@ -59,17 +49,13 @@ class NoiseFloor:
 class Remainder:
     """What is left on held-out data; all verdicts rest on it.
 
-    Attributes
-    ----------
-    something : bool
-        Whether more than noise is left: faultless records do not look like this, voltage and
-        current contradict each other, or laps of one motion differ by less.
-    unseen : float
-        Largest fault that these records would not show, as a share of the friction.
+    More than noise is left if a hypothesis is found, voltage and current contradict each other, or
+    laps of one motion differ by less.
     """
 
     something: bool
-    unseen: float
+    unseen: float  # largest fault that these records would not show, as a share of the friction
+    doubtful: bool  # a score is between noise and what is found, and nothing is built in
 
     @property
     def hidden(self) -> bool:
@@ -77,29 +63,19 @@ class Remainder:
 
 
 def remainder(found: Explained, left: Residual, lowest: NoiseFloor, friction: float) -> Remainder:
-    """Judge the residual `left` on held-out data, with the causes found in the model.
-
-    If the motion repeats in laps, it is compared with their differences. Otherwise, more than noise
-    is left if it differs from the residual of faultless records.
-    """
-    something = found.none_ruled_out or not lowest.has_current(left)
+    """Judge the residual `left` on held-out data, with the causes found in the model."""
+    something = bool(found.sets[-1]) or not lowest.has_current(left)
     something = something or (lowest.repeated and not lowest.has(left))
-    return Remainder(something, max(AT_FLOOR * lowest.force, left.force_rms) / friction)
+    doubtful = found.best is not None and found.best.score > NOISE and not found.built
+    unseen = max(AT_FLOOR * lowest.force, left.force_rms) / friction
+    return Remainder(something, unseen, doubtful)
 
 
 def noise_floor(found: Explained, left: Residual, position: float | None = None) -> NoiseFloor:
     """Differences between laps of one motion, or the white part of the residual without laps.
 
     The floor is at least the noise of readings. The error of the law due to the error of the motion
-    is added.
-
-    Parameters
-    ----------
-    found : Explained
-    left : Residual
-        Residual of the model with all named causes.
-    position : float, optional
-        Of `NoiseFloor`.
+    is added. `left` is the residual of the model with all causes.
     """
     study = found.study
     courses, model = study.courses, study.model

@@ -99,15 +99,16 @@ class Predictor:
                 model.x[names.index(name)] = getattr(course, encoder)[0]
         motion = np.column_stack([course.x, course.v])
         states = np.empty((len(motion), len(names)))
-        inner = len(names) > len(self._measured)
+        measured, time = self._measured, course.time.tolist()
+        inner = len(names) > len(measured)
         with _solved():
-            for k, t in enumerate(course.time):
-                model.x[self._measured] = motion[k]
+            for k, t in enumerate(time):
+                model.x[measured] = motion[k]
                 states[k] = model.x
                 if inner and k + 1 < len(motion):
                     _let_go(model)
                     model.u[0] = command[k]
-                    model.advance(t, course.time[k + 1])
+                    model.advance(t, time[k + 1])
         return states
 
     @property

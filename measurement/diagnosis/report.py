@@ -10,6 +10,7 @@ import numpy as np
 from ...orchestration.loop.pictures import COLOURS, STYLE, new_figure
 from ...orchestration.loop.shown import Table, length
 from ...solver.arrays import Mask, Vector
+from .causes import OUTSIDE
 from .diagnosis import (
     EXPLAINED,
     NONE,
@@ -18,12 +19,10 @@ from .diagnosis import (
     UNEXPLAINED,
     Curves,
     Diagnosis,
-    FoundCause,
-    SuspectFound,
+    Finding,
 )
 from .experiment_motions import COMMAND_FILE
 from .residuals import binned
-from .scores import OUTSIDE
 
 WORDS = {
     NONE: "no fault seen",
@@ -79,17 +78,17 @@ def verdict_sentence(d: Diagnosis) -> str:
     return " ".join(said)
 
 
-def _either(d: Diagnosis, cause: FoundCause) -> str:
+def _either(d: Diagnosis, cause: Finding) -> str:
     """A cause, or the causes that explain as much in its place, each with its first size."""
     found = {s.name: s for s in (*d.suspects, *d.causes)}
     words = []
-    for name in (cause.name, *d.alternatives.get(cause.name, ())):
+    for name in (cause.name, *d.alternatives.get(cause.name, cause.alike)):
         sizes = _sizes(found[name], ends=False) if name in found else []
         words.append(f"{name} ({sizes[0]})" if sizes else name)
     return " or ".join(words)
 
 
-def _sizes(found: SuspectFound, ends: bool = True) -> list[str]:
+def _sizes(found: Finding, ends: bool = True) -> list[str]:
     """Sizes with their units and, if asked for, their 95 % intervals."""
     words = []
     for name, value in found.parameters.items():
@@ -139,28 +138,33 @@ def _before_and_after(d: Diagnosis) -> Table:
     says = "* On data that neither the choice nor the fit has seen."
     if d.causes:
         low, high = map(percent, d.gain_interval)
-        says += f" Of the mean square of the force there, the causes remove {low} to {high}."
+        says += f" Of the squares there, the causes remove {low} to {high} (90 %)."
     columns = ("error, rms", "force", "of the friction", "position after up to 1 s")
     return Table("Before and after", columns, rows, says=says)
 
 
 def _causes(d: Diagnosis) -> Iterator[Table]:
     """A row for each size of each cause, and what the causes are."""
-    found: Sequence[SuspectFound] = (*d.causes, *d.suspects)
+    found: Sequence[Finding] = (*d.causes, *d.suspects)
     if not found:
         return
     rows = []
     for c in found:
         kept, removes = "possible", ""
-        if isinstance(c, FoundCause):
+        if c in d.causes:
             kept = "named" if c.certain else "built in, not certain"
             low, high = map(percent, c.gain_interval)
             removes = f"{percent(c.gain_heldout)} ({low} to {high})"
-        force = (f"{c.force:.3g} N", percent(c.of_friction), removes, f"{c.probability:.2f}")
+        force = (
+            f"{c.force:.3g} N",
+            percent(c.of_friction),
+            removes,
+            f"{c.score:.0f}, {c.lead:.0f}",
+        )
         first, *others = _sizes(c) or ["-"]
         rows += [(c.name, kept, first, *force), *(("", "", more, *[""] * 4) for more in others)]
     columns = ("cause", "", "size (95 %)", "force, rms", "of the friction")
-    yield Table("Causes", (*columns, "removes, held out", "probability"), rows)
+    yield Table("Causes", (*columns, "removes, held out (90 %)", "score, lead"), rows)
     said = [(c.name, c.says, c.confirm) for c in found]
     yield Table("What they are", ("cause", "what it does", "would confirm it"), said)
 

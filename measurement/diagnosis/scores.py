@@ -1,7 +1,7 @@
-"""Scores of suspects: how well each explains the residuals of a model on held-out blocks.
+"""Scores of hypotheses: how well each explains the residuals of a model on held-out blocks.
 
-A suspect is a column in addition to those of the model's values. Changes of values have a cost by
-their tolerances. The score is the log-likelihood of held-out blocks, less that without the suspect.
+A hypothesis is a column in addition to those of the model's values. Changes of values have a cost
+by their tolerances. The score is the log-likelihood of held-out blocks, less that without it.
 """
 
 from __future__ import annotations
@@ -12,114 +12,58 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import t as student
 
 from ...solver.arrays import Matrix, Vector
 from .balance import responses
 from .bands import EDGES, moving, products
-from .causes import CAUSES
-from .causes.cause import Shape, Smaller
+from .causes import CAUSES, EVERY, OUTSIDE, SIGNALS
+from .causes.cause import Form
+from .causes.free_curves import free_curves
 from .modelled_record import ModelledRecord
-from .nonparametric import rivals
-from .signals import SIGNALS
-from .study import (
-    Fit,
-    Priors,
-    Study,
-    base_columns,
-    base_fit,
-    fitted,
-    noise_products,
-    trusted,
-)
-
-OUTSIDE = "outside the catalogue"
+from .study import Fit, Priors, Study, base_columns, base_fit, fitted, noise_products, trusted
 
 _OFTEN, _DEEP = 0.2, 1.25  # a limit cuts noise: least share of cut samples, most excess
-_LEAST = 1e-4  # smallest factor by which a suspect makes the signal smaller
-_AROUND_ONE, _SPREADS = 0.5, 10.0  # amplitude limits of a shape of known size
-_FEW = 20.0  # a band with no more numbers than this does not count in `band_share`
+_LEAST = 1e-4  # smallest factor by which a hypothesis makes the signal smaller
+_AROUND_ONE, _SPREADS = 0.5, 10.0  # amplitude limits of a form of known size
 _AT_END = 0.99
 _REFINED = 3  # halvings of a grid's spacing
 
 
 @dataclass(frozen=True)
-class Form:
-    """One shape of a suspect: its own columns, or values that it frees.
+class Gain:
+    """What a fit removes from another one's squares of a balance, on held-out blocks."""
 
-    Attributes
-    ----------
-    smaller : function or None
-        As in `Cause`.
-    lives : str
-        With what a free curve varies; empty for causes.
-    """
-
-    name: str
-    shape: Shape
-    columns: npt.NDArray[np.int64]
-    smaller: Smaller | None
-    lives: str = ""
+    share: float  # in the used bands of the balance
+    interval: tuple[float, float]  # 90 %, by leaving out one block at a time (jackknife)
+    before: float  # root mean square residual of the balance without it [N]
+    after: float
 
     @property
-    def freed(self) -> tuple[str, ...]:
-        return self.shape.freed
+    def certain(self) -> bool:
+        return self.interval[0] > 0.0
 
 
 @dataclass(frozen=True)
-class Suspect:
-    """A suspect in its best form.
+class Hypothesis:
+    """A possible error of the model in its best form.
 
-    Attributes
-    ----------
-    name : str
-        Name of a cause or signal, or `OUTSIDE`.
-    form : Form
-    amplitude, error : ndarray, shape (m,)
-        Of the form's own columns, or relative changes of the values that it frees.
-    score : float
-        Gain in the log-likelihood of held-out blocks, less the additional cost of values.
-    by_block : ndarray, shape (blocks,)
-    share : float
-        Removed share of the squares of a balance on held-out blocks: of forces or of voltages,
-        whichever is larger.
-    band_share : float
-        The same for the band with the largest removed share.
-    cost : float
-        Cost of values that differ from the prior ones.
-    doubt : float
-        Last spacing of the grid of its size, as a logarithm.
+    Amplitudes are those of the form's own columns, or relative changes of the values that it frees.
     """
 
-    name: str
     form: Form
-    amplitude: Vector
+    amplitude: Vector  # shape (m,)
     error: Vector
-    score: float
-    by_block: Vector
-    share: float
-    band_share: float
-    cost: float
-    doubt: float = 0.0
+    score: float  # gain in the log-likelihood of held-out blocks, less the cost of values [nats]
+    gain: Gain  # in the balance of forces or of voltages, in which the share is larger
+    doubt: float = 0.0  # last spacing of the grid of its size, as a logarithm
+    lead: float = 0.0  # score less that of the best one of another entry [nats]
+    certain: bool = False  # whether it is named
+    alike: tuple[str, ...] = ()  # others of its entry that explain the data as well
 
-
-@dataclass(frozen=True)
-class Scored:
-    """All suspects of a study, the best first.
-
-    Attributes
-    ----------
-    beside : mapping of str to float
-        Score of each suspect in addition to the first.
-    unlike_noise : tuple of float
-        Logarithms of ratios of the residual without any suspect: its size over friction, for forces
-        and for voltages; its largest block over its median block, for all bands of forces; its slow
-        bands over its fastest band.
-    """
-
-    suspects: list[Suspect]
-    base: Fit
-    beside: dict[str, float]
-    unlike_noise: tuple[float, float, float, float]
+    @property
+    def name(self) -> str:
+        return self.form.name
 
 
 class Catalogue:
@@ -132,19 +76,12 @@ class Catalogue:
         self.forms: list[Form] = []
         self.count = self.values = self.base[0].shape[2]
         courses, model = study.courses, study.model
-        for cause in CAUSES.values():
-            if not cause.beyond(courses, model):
-                for values in cause.grid(courses, model):
-                    if _cuts_noise(courses, values):
-                        continue
-                    shape = cause.at(courses, model, values)
-                    if len(shape.freed) < 2 or _goes_together(shape.freed):
-                        self.add(cause.name, shape, cause.smaller)
-        for signal in SIGNALS.values():
-            for values in signal.grid(courses, model):
-                self.add(signal.name, signal.at(courses, model, values), signal.smaller)
-        for lives, shape in rivals(courses, model):
-            self.add(OUTSIDE, shape, lives=lives)
+        for name, cause in EVERY.items():
+            for values in [] if cause.beyond(courses, model) else cause.grid(courses, model):
+                if not _cuts_noise(courses, values):
+                    self.add(name, cause.at(courses, model, values))
+        for form in free_curves(courses, model):
+            self.add(OUTSIDE, form)
         self.lines = self._lines(self.parts)
         first = [[b[:, : self.values] for b in block] for block in self.lines]
         self.with_values = products(first, self.lines)
@@ -160,22 +97,20 @@ class Catalogue:
         used = np.flatnonzero(self.study.bands.used)
         return [[block[k] for k in used] for block in self.study.bands.lines(together)]
 
-    def add(self, name: str, shape: Shape, smaller: Smaller | None = None, lives: str = "") -> None:
-        """Add a form."""
+    def add(self, name: str, form: Form) -> None:
+        """Add a form; one that frees a value without a tolerance, or is not finite, is left out."""
         study = self.study
-        if shape.freed:
-            if not set(shape.freed) <= set(study.values):
-                return  # a value without a tolerance is no cause
-            freed = [1 + study.values.index(n) for n in shape.freed]
-            self.forms.append(Form(name, shape, np.array(freed), None, lives))
+        if form.freed:
+            if set(form.freed) <= set(study.values):
+                freed = [1 + study.values.index(n) for n in form.freed]
+                self.forms.append(replace(form, name=name, columns=np.array(freed)))
             return
-        part = responses(study.courses, study.model, shape)
-        if not all(np.isfinite(p).all() for p in part):
-            return
-        at = np.arange(self.count, self.count + len(shape.amplitudes))
-        self.parts.append(part)
-        self.count += len(at)
-        self.forms.append(Form(name, shape, at, smaller, lives))
+        part = responses(study.courses, study.model, form)
+        if all(np.isfinite(p).all() for p in part):
+            at = np.arange(self.count, self.count + len(form.amplitudes))
+            self.parts.append(part)
+            self.count += len(at)
+            self.forms.append(replace(form, name=name, columns=at))
 
     def extend(self, forms: int) -> None:
         """Compute the products of the forms added after the first `forms`."""
@@ -214,7 +149,7 @@ class Catalogue:
     def fit(self, forms: Sequence[Form], beside: Sequence[Form] = ()) -> list[Fit]:
         """One fit per form, each together with the model's values and the forms in `beside`."""
         study = self.study
-        out: list[Fit | None] = [None] * len(forms)
+        out: dict[int, Fit] = {}
         sizes = [0 if f.freed else len(f.columns) for f in forms]
         for m in sorted(set(sizes)):
             those = [k for k, size in enumerate(sizes) if size == m]
@@ -225,77 +160,42 @@ class Catalogue:
                 prior = Priors(*(np.array(s) for s in zip(*stated, strict=True)))
                 own = self._products([forms[k] for k in some], beside)
                 fit = fitted(own, study.bands, prior, study.exact)
-                for j, k in enumerate(some):
-                    out[k] = fit.one(j)
-        return [f for f in out if f is not None]
+                out |= {k: fit.one(j) for j, k in enumerate(some)}
+        return [out[k] for k in range(len(forms))]
 
-    def force_of(self, suspect: Suspect) -> float:
-        """Root mean square effect of a suspect on a balance of forces or of voltages [N].
+    def force_of(self, found: Hypothesis) -> float:
+        """Root mean square effect of a hypothesis on a balance of forces or of voltages [N].
 
         It is taken where the fit counts the balance: elsewhere, a free curve may be anything.
         """
-        shape = suspect.form.shape
-        if shape.freed:
-            parts = [b[:, :, suspect.form.columns] for b in self.base]
+        study, form = self.study, found.form
+        if form.freed:
+            parts = [b[:, :, form.columns] for b in self.base]
         else:
-            parts = responses(self.study.courses, self.study.model, shape)
-        each = np.concatenate([p @ suspect.amplitude for p in parts])
-        moves = [moving(c, self.study.model) > 0.0 for c in self.study.courses]
+            parts = responses(study.courses, study.model, form)
+        each = np.concatenate([p @ found.amplitude for p in parts])
+        moves = [moving(c, study.model) > 0.0 for c in study.courses]
         return float(np.sqrt(np.mean(each[np.concatenate(moves)] ** 2, axis=0)).max())
 
     def _stated(self, forms: Sequence[Form]) -> Priors:
         """Priors of values and forms, shape (columns,)."""
         mean, spread = self.study.prior()
         most, spread = self.study.most(spread), spread.copy()
-        own_mean: list[float] = []
-        own_precision: list[float] = []
-        own_most: list[float] = []
+        own: list[tuple[float, float, float]] = []
         for form in forms:
             if form.freed:
                 for name, column in zip(form.freed, form.columns, strict=True):
                     spread[column - 1] = max(self.study.model.free_spread(name), spread[column - 1])
                     most[column - 1] = np.inf
                 continue
-            sure = form.shape.sure
-            own_mean += [0.0 if sure is None else 1.0] * len(form.columns)
-            own_precision += [0.0 if sure is None else sure**-2.0] * len(form.columns)
-            own_most += [np.inf if sure is None else _most_off(sure)] * len(form.columns)
+            one = (0.0, 0.0, np.inf)
+            if form.sure is not None:
+                one = (1.0, form.sure**-2.0, _most_off(form.sure))
+            own += [one] * len(form.columns)
+        means, precisions, mosts = np.array(own).reshape(-1, 3).T
         return Priors(
-            np.append(mean, own_mean),
-            np.append(spread**-2.0, own_precision),
-            np.append(most, own_most),
+            np.append(mean, means), np.append(spread**-2.0, precisions), np.append(most, mosts)
         )
-
-
-def _cuts_noise(courses: Sequence[ModelledRecord], values: Mapping[str, float]) -> bool:
-    """Whether a limit cuts many samples by little, so that it only removes noise of a command."""
-    if "voltage_limit" not in values:
-        return False
-    asked = np.abs(np.concatenate([c.u for c in courses])) / values["voltage_limit"]
-    cut = asked > 1.0
-    return bool(cut.mean() > _OFTEN and np.median(asked[cut]) < _DEEP)
-
-
-def _goes_together(names: Sequence[str]) -> bool:
-    """Whether values are usually wrong together: a motor's constants, levels of friction."""
-    return {n.partition("_")[0] for n in names} in ({"kt", "ke"}, {"Fc", "Fs"}, {"Fc"})
-
-
-def _most_off(sure: float) -> float:
-    """Largest deviation of an amplitude from one."""
-    return min(_AROUND_ONE, _SPREADS * sure)
-
-
-def _can_be(study: Study, form: Form, amplitude: Vector) -> bool:
-    """Whether a machine can have these sizes."""
-    if form.shape.sure is not None:
-        return bool(abs(amplitude[0] - 1.0) < _AT_END * _most_off(form.shape.sure))
-    if form.name in SIGNALS:
-        return bool(np.all(amplitude > -1.0))
-    if form.freed:
-        least = study.prior_model.tolerance["m"] if form.name == "unmodelled_inertia" else -0.9
-        return bool(np.all(amplitude > least))
-    return True
 
 
 def own_columns(form: Form) -> slice | npt.NDArray[np.int64]:
@@ -303,47 +203,78 @@ def own_columns(form: Form) -> slice | npt.NDArray[np.int64]:
     return form.columns - 1 if form.freed else slice(-len(form.columns), None)
 
 
-def scored(catalogue: Catalogue, named: Sequence[Suspect] = ()) -> Scored:
-    """Every suspect in its best form, in addition to the named ones, the best first."""
-    known = [s.form for s in named]
+def scored(
+    catalogue: Catalogue, built: Sequence[Hypothesis] = (), only: str = ""
+) -> list[Hypothesis]:
+    """Every hypothesis in its best form, in addition to those `built`, the best first.
+
+    With `only`, the one of this name.
+    """
+    known = [s.form for s in built]
     base = catalogue.without(known)
-    others = {s.name for s in named}
-    best = _best(catalogue, [f for f in catalogue.forms if f.name not in others], known, base)
-    suspects = sorted(best.values(), key=lambda s: -s.score)
-    beside: dict[str, float] = {}
-    first = next((s for s in suspects if s.name != OUTSIDE), None)
-    if first:
-        forms = [s.form for s in suspects if s is not first and s.name != OUTSIDE]
-        own = catalogue.without([*known, first.form])
-        fits = catalogue.fit(forms, [*known, first.form])
-        for form, fit in zip(forms, fits, strict=True):
-            beside[form.name] = float(fit.held.sum() - own.held.sum() - fit.cost[0] + own.cost[0])
-    return Scored(suspects, base, beside, _unlike_noise(catalogue.study, base))
-
-
-def in_best_form(catalogue: Catalogue, suspect: Suspect, beside: Sequence[Suspect]) -> Suspect:
-    """The suspect in the form that scores best together with others."""
-    forms = [f for f in catalogue.forms if f.name == suspect.name]
-    known = [s.form for s in beside]
-    best = _best(catalogue, forms, known, catalogue.without(known))
-    return best.get(suspect.name, suspect)
-
-
-def _best(
-    catalogue: Catalogue, forms: Sequence[Form], known: Sequence[Form], base: Fit
-) -> dict[str, Suspect]:
-    """The best form of each suspect, in addition to known forms; `base` is the fit of those."""
+    others = {s.name for s in built}
+    forms = [f for f in catalogue.forms if (f.name == only if only else f.name not in others)]
     tried: dict[str, list[tuple[Form, Fit]]] = {}
     for form, fit in zip(forms, catalogue.fit(forms, known), strict=True):
         tried.setdefault(form.name, []).append((form, fit))
     doubts = _between(catalogue, tried, known)
-    best: dict[str, Suspect] = {}
+    best = []
     for name, pairs in tried.items():
-        for form, fit in pairs:
-            suspect = _suspect(catalogue.study, form, fit, base)
-            if suspect and (name not in best or suspect.score > best[name].score):
-                best[name] = replace(suspect, doubt=doubts.get(name, 0.0))
-    return best
+        found = [_hypothesis(catalogue.study, form, fit, base) for form, fit in pairs]
+        some = [h for h in found if h is not None]
+        if some:
+            first = max(some, key=lambda h: h.score)
+            best.append(replace(first, doubt=doubts.get(name, 0.0)))
+    return sorted(best, key=lambda h: -h.score)
+
+
+def gain_of(study: Study, before: Matrix, after: Matrix) -> Gain:
+    """What is removed from squares, shape (blocks, used bands), of the balance that loses more."""
+    of_force = study.bands.of_force
+    numbers = study.bands.counts.reshape(len(before), -1, len(EDGES) - 1).sum(axis=(0, 2))
+    gains = []
+    for told, count in zip((of_force, ~of_force), numbers, strict=False):
+        if told.any():
+            sums = before[:, told].sum(axis=1), after[:, told].sum(axis=1)
+            gains.append(_gain(*sums, float(count)))
+    return max(gains, key=lambda g: g.share)
+
+
+def _gain(before: Vector, after: Vector, counts: float) -> Gain:
+    """The gain of squares by block, shape (blocks,)."""
+    n = len(before)
+    whole, left = max(float(before.sum()), 1e-300), float(after.sum())
+    each = (left - after) / np.maximum(whole - before, 1e-300)
+    error = math.sqrt((n - 1) / n * float(np.sum((each - each.mean()) ** 2)))
+    share, reach = 1.0 - left / whole, float(student.ppf(0.95, n - 1)) * error
+    sizes = (math.sqrt(s / counts) for s in (whole, left))
+    return Gain(share, (share - reach, share + reach), *sizes)
+
+
+def smaller_by(study: Study, form: Form, amplitude: Vector) -> Vector:
+    """Factor by which a form makes the signal of each used band smaller."""
+    of_force = study.bands.of_force
+    smaller = EVERY[form.name].smaller if form.name in EVERY else None
+    if smaller is None:
+        return np.ones(len(of_force))
+    factor = max(smaller(study.courses, form, amplitude), _LEAST)
+    return np.where(of_force & study.courses[0].by_current, 1.0, factor)
+
+
+def _hypothesis(study: Study, form: Form, fit: Fit, base: Fit) -> Hypothesis | None:
+    own = own_columns(form)
+    amplitude = fit.amplitude[0][own]
+    if not np.isfinite(fit.held).all() or not _can_be(study, form, amplitude):
+        return None
+    score = float(fit.held.sum() - base.held.sum() - fit.cost[0] + base.cost[0])
+    # both are in terms of the recorded signals
+    smaller = smaller_by(study, form, amplitude)
+    counts = study.bands.counts[:, study.bands.used]
+    score += float(np.sum(counts * trusted(counts) * np.log(smaller)))
+    gain = gain_of(study, base.squares[0], fit.squares[0] / smaller**2)
+    if gain.share <= 0.0:
+        return None  # it removes no force: its score comes only from other weights of the bands
+    return Hypothesis(form, amplitude, fit.error[0][own], score, gain)
 
 
 def _between(
@@ -362,23 +293,17 @@ def _between(
         return bool(can_be), float(fit.held.sum() - fit.cost[0])
 
     best = {name: max(pairs, key=rank)[0] for name, pairs in tried.items()}
-    steps: dict[str, float] = {}
-    for name, form in best.items():
-        step = _spacing(form, [f for f, _ in tried[name]])
-        if step:
-            steps[name] = step
+    steps = {n: s for n, f in best.items() if (s := _spacing(f, [g for g, _ in tried[n]]))}
     for _ in range(_REFINED):
         before = len(catalogue.forms)
         for name in steps:
             steps[name] *= 0.5
-            cause, values = CAUSES[name], best[name].shape.values
-            key = cause.refined_of(values) or ""
+            values = best[name].values
+            key = CAUSES[name].refined_of(values) or ""
             for side in (-steps[name], steps[name]):
                 moved = {**values, key: values[key] * math.exp(side)}
-                if _cuts_noise(study.courses, moved):
-                    continue
-                shape = cause.at(study.courses, study.model, moved)
-                catalogue.add(name, shape, cause.smaller)
+                if not _cuts_noise(study.courses, moved):
+                    catalogue.add(name, CAUSES[name].at(study.courses, study.model, moved))
         catalogue.extend(before)
         new = catalogue.forms[before:]
         for form, fit in zip(new, catalogue.fit(new, known), strict=True):
@@ -389,79 +314,37 @@ def _between(
 
 def _spacing(form: Form, forms: Sequence[Form]) -> float:
     """Distance of a form to the nearest one on its grid, as a logarithm; zero without a grid."""
-    cause = CAUSES.get(form.name)
-    name = cause.refined_of(form.shape.values) if cause else None
-    if name is None or form.shape.values[name] <= 0.0:
+    cause, own = CAUSES.get(form.name), form.values
+    name = cause.refined_of(own) if cause else None
+    if name is None or own[name] <= 0.0:
         return 0.0
-    own = form.shape.values
-    alike = [f.shape.values for f in forms if f.shape.values.keys() == own.keys()]
+    alike = [f.values for f in forms if f.values.keys() == own.keys()]
     alike = [v for v in alike if all(v[k] == w for k, w in own.items() if k != name)]
     grid = np.array([float(v[name]) for v in alike])
     near = np.abs(np.log(grid[(grid > 0.0) & (grid != own[name])] / own[name]))
-    return float(near.min(initial=np.inf)) if len(near) else 0.0
+    return float(near.min()) if len(near) else 0.0
 
 
-def _unlike_noise(study: Study, base: Fit) -> tuple[float, float, float, float]:
-    of_force, exact = _of_forces(study), study.exact
-    counts, squares = study.bands.counts[:, study.bands.used], base.squares[0]
-
-    def size(some: npt.NDArray[np.bool_]) -> float:
-        left = math.sqrt(float(squares[:, some].sum() / counts[:, some].sum())) + exact
-        return math.log(left / study.prior_model.friction_scale)
-
-    forces = size(of_force)
-    voltages = forces if of_force.all() else size(~of_force)
-    counts, squares = counts[:, of_force], squares[:, of_force]
-    blocks = squares / np.maximum(counts, 1.0) + exact**2
-    bands = np.average(blocks, axis=0, weights=np.maximum(counts[:, 0], 1e-9))
-    worst = np.max(blocks / np.median(blocks, axis=0), axis=0)
-    return (
-        forces,
-        voltages,
-        0.5 * float(np.log(worst.max())),
-        0.5 * float(np.log(bands[:-1].max() / bands[-1])) if len(bands) > 1 else 0.0,
-    )
+def _cuts_noise(courses: Sequence[ModelledRecord], values: Mapping[str, float]) -> bool:
+    """Whether a limit cuts many samples by little, so that it only removes noise of a command."""
+    if "voltage_limit" not in values:
+        return False
+    asked = np.abs(np.concatenate([c.u for c in courses])) / values["voltage_limit"]
+    cut = asked > 1.0
+    return bool(cut.mean() > _OFTEN and np.median(asked[cut]) < _DEEP)
 
 
-def _suspect(study: Study, form: Form, fit: Fit, base: Fit) -> Suspect | None:
-    own = own_columns(form)
-    amplitude = fit.amplitude[0][own]
-    if not np.isfinite(fit.held).all() or not _can_be(study, form, amplitude):
-        return None
-    by_block = fit.held[0] - base.held[0]
-    of_force = _of_forces(study)
-    counts = study.bands.counts[:, study.bands.used]
-    squares = fit.squares[0]
-    if form.smaller:  # the score is in terms of the recorded signals
-        smaller = max(form.smaller(study.courses, form.shape, amplitude), _LEAST)
-        told = ~of_force if study.courses[0].by_current else np.ones(len(of_force), dtype=bool)
-        by_block = by_block + np.sum((counts * trusted(counts))[:, told], axis=1) * math.log(
-            smaller
-        )
-        squares = np.where(told, squares / smaller**2, squares)
-    channels = [of_force, ~of_force] if study.courses[0].has_current else [of_force]
-    shares = [
-        1.0 - float(squares[:, c].sum()) / max(float(base.squares[0][:, c].sum()), 1e-300)
-        for c in channels
-    ]
-    if max(shares) <= 0.0:
-        return None  # it removes no force: its score comes only from other weights of the bands
-    known = counts.sum(axis=0) > _FEW
-    left, before = (part.sum(axis=0)[known] for part in (squares, base.squares[0]))
-    return Suspect(
-        form.name,
-        form,
-        amplitude,
-        fit.error[0][own],
-        float(by_block.sum() - fit.cost[0] + base.cost[0]),
-        by_block,
-        max(shares),
-        float(np.max(1.0 - left / np.maximum(before, 1e-300), initial=0.0)),
-        float(fit.cost[0]),
-    )
+def _most_off(sure: float) -> float:
+    """Largest deviation of an amplitude from one."""
+    return min(_AROUND_ONE, _SPREADS * sure)
 
 
-def _of_forces(study: Study) -> npt.NDArray[np.bool_]:
-    """Which of the used bands belong to the balance of forces."""
-    of_force = np.arange(len(study.bands.used)) < len(EDGES) - 1
-    return np.asarray(of_force[study.bands.used])
+def _can_be(study: Study, form: Form, amplitude: Vector) -> bool:
+    """Whether a machine can have these sizes."""
+    if form.sure is not None:
+        return bool(abs(amplitude[0] - 1.0) < _AT_END * _most_off(form.sure))
+    if form.freed:
+        least = study.prior_model.tolerance["m"] if form.name == "unmodelled_inertia" else -0.9
+        return bool(np.all(amplitude > least))
+    # a signal that is recorded with a factor keeps its sign
+    return form.name not in SIGNALS or bool(np.all(amplitude > -1.0))

@@ -52,18 +52,10 @@ _AT_MOST = 0.9  # largest share of noise in a column
 
 @dataclass(frozen=True)
 class Study:
-    """Records with a model along them, and their blocks and bands.
-
-    Attributes
-    ----------
-    model : Drive
-        Its values are the point of linearization.
-    prior_model : Drive
-    bands : Bands
-    """
+    """Records with a model along them, and their blocks and bands."""
 
     courses: list[ModelledRecord]
-    model: Drive
+    model: Drive  # its values are the point of linearization
     prior_model: Drive
     bands: Bands
 
@@ -106,40 +98,20 @@ class Study:
 
 @dataclass(frozen=True)
 class Fit:
-    """N forms, each fitted separately.
+    """N forms, each fitted separately; amplitudes have standard errors by a jackknife."""
 
-    Attributes
-    ----------
-    held : ndarray, shape (N, blocks)
-        Log-likelihood of each held-out block.
-    squares : ndarray, shape (N, blocks, channels * bands)
-        Squares of the residual of each held-out block [N^2].
-    amplitude, error : ndarray, shape (N, columns)
-        Amplitudes from all blocks, and standard errors by leaving one out (jackknife).
-    ways : ndarray, shape (blocks, N, columns)
-        Amplitudes from all blocks except one.
-    cost : ndarray, shape (N,)
-        Cost of values that differ from the prior ones: minus the logarithm of the prior density.
-    """
-
-    held: Matrix
-    squares: Vector
-    amplitude: Matrix
+    held: Matrix  # log-likelihood of each held-out block, shape (N, blocks)
+    squares: Vector  # of its residual, shape (N, blocks, used bands) [N^2]
+    amplitude: Matrix  # from all blocks, shape (N, columns)
     error: Matrix
-    ways: Vector
-    cost: Vector
+    ways: Vector  # amplitudes from all blocks except one, shape (blocks, N, columns)
+    cost: Vector  # minus the logarithm of the prior density of the values, shape (N,)
 
     def one(self, k: int) -> Fit:
         """The fit of one of the forms."""
         some = slice(k, k + 1)
-        return Fit(
-            self.held[some],
-            self.squares[some],
-            self.amplitude[some],
-            self.error[some],
-            self.ways[:, some],
-            self.cost[some],
-        )
+        own = {name: values[some] for name, values in vars(self).items()}
+        return Fit(**own | {"ways": self.ways[:, some]})
 
 
 class Priors(NamedTuple):
@@ -163,15 +135,10 @@ def trusted(counts: Matrix) -> Matrix:
 
 
 def fitted(products: Vector, bands: Bands, prior: Priors, exact: float) -> Fit:
-    """Fit to all blocks, and to all blocks except each one in turn.
+    """Fit to all blocks, and to all blocks except each one in turn; `exact` is the least noise [N].
 
-    Parameters
-    ----------
-    products : ndarray, shape (blocks, used bands, N, 1 + columns, 1 + columns)
-        Products of columns, the signal first.
-    prior : Priors
-    exact : float
-        Smallest noise [N].
+    `products` of columns, the signal first, have the shape
+    (blocks, used bands, N, 1 + columns, 1 + columns).
     """
     counts = bands.counts[:, bands.used]
     told = trusted(counts)
@@ -291,12 +258,7 @@ def study_of(records: Sequence[Record], prior_model: Drive) -> Study:
     """Return records with the model along them, its values adjusted within their tolerances.
 
     The motor's force is computed from the current or from the voltage, whichever gives the higher
-    likelihood of held-out blocks.
-
-    Raises
-    ------
-    BadRecord
-        If records show almost no motion.
+    likelihood of held-out blocks. Raises `BadRecord` if records show almost no motion.
     """
     courses = with_own_offsets([lay_along(r, prior_model) for r in records], prior_model)
     check_motion(courses, prior_model)
@@ -372,17 +334,8 @@ def noise_products(study: Study, columns: Sequence[Matrix], own: Vector) -> Vect
 def told_of(inner: Matrix, chosen: npt.NDArray[np.int64], precision: Vector) -> Matrix:
     """Information of normal equations on some amplitudes, all others fitted: a Schur complement.
 
-    Parameters
-    ----------
-    inner : ndarray, shape (n, n)
-        Products of the columns, in units of their noise.
-    chosen : ndarray of int, shape (m,)
-    precision : ndarray, shape (n - m,)
-        Prior precision of the others, in their order.
-
-    Returns
-    -------
-    ndarray, shape (m, m)
+    `inner` are products of the columns in units of their noise, shape (n, n); `precision` is the
+    prior one of the others, in their order.
     """
     others = np.setdiff1d(np.arange(len(inner)), chosen)
     at = np.arange(len(others))
@@ -392,22 +345,20 @@ def told_of(inner: Matrix, chosen: npt.NDArray[np.int64], precision: Vector) -> 
     return np.asarray(inner[np.ix_(chosen, chosen)] - cross.T @ np.linalg.solve(free, cross))
 
 
-def _within(tolerance: float, change: float) -> float:
-    """Limit a change to the tolerance, because shapes are computed around possible values."""
-    return min(max(change, -tolerance), tolerance)
-
-
 def _moved(study: Study) -> tuple[Study, Fit]:
     """The study with better fitting values, and the fit."""
     columns = base_columns(study)
     fit = base_fit(study, columns)
     change = dict(zip(study.values, fit.amplitude[0].tolist(), strict=True))
     names, prior = study.model.adjustable, study.prior_model
-    fitted_values = {n: study.model.values[n] * (1.0 + change[n]) for n in names}
-    off = {
-        n: _within(prior.tolerance[n], v / prior.values[n] - 1.0) for n, v in fitted_values.items()
-    }
-    model = study.model.changed({n: prior.values[n] * (1.0 + off[n]) for n in names})
+    values = {}
+    for n in names:  # within tolerances, because forms are computed around possible values
+        off, most = (
+            study.model.values[n] * (1.0 + change[n]) / prior.values[n] - 1.0,
+            prior.tolerance[n],
+        )
+        values[n] = prior.values[n] * (1.0 + min(max(off, -most), most))
+    model = study.model.changed(values)
     moved = recalibrated(study.courses, {n: c for n, c in change.items() if n not in names})
     courses = [with_law_force(c, model) for c in moved]
     left = leftovers(courses, model, Added.nothing(courses))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ballscrew.plant.ball_screw import ball_screw, bare_ball_screw
 from ballscrew.plant.classical import classical
 from ballscrew.plant.direct_drive import bare_direct_drive
-from ballscrew.plant.two_masses import with_gap, with_load_on_spring, with_spring
+from ballscrew.plant.two_masses import with_gap, with_spring
 from ballscrew.solver.component import ForceTerm, symbol
 from ballscrew.solver.errors import ContractError
 
@@ -116,22 +116,7 @@ def test_the_rotor_is_before_the_joint_and_the_block_with_its_friction_behind():
     assert [o.name for o in parted.outputs][:4] == ["x", "v", "z", "i"]
 
 
-def test_a_load_on_a_spring_swings_at_its_mode_and_leaves_the_friction_before_it():
-    plant = with_load_on_spring(BARE)
-    (before,) = plant.balances
-    assert [t.name for t in before.terms if t.name == "friction"]
-    rates = [plant.derivative(n) for n in ("x", "v", "xl", "vl")]
-    table = {symbol(n): v for n, v in {**VALUES, "load_stiffness": STIFFNESS}.items()}
-    matrix = sp.Matrix(rates).subs(table).jacobian([symbol(n) for n in ("x", "v", "xl", "vl")])
-    modes = np.linalg.eigvals(np.array(matrix, dtype=float))
-    # two halves of the mass against each other; nothing holds both
-    natural = math.sqrt(STIFFNESS * 4.0 / MASS)
-    assert np.abs(modes).max() == pytest.approx(natural, rel=1e-6)
-    momentum = 0.5 * MASS * (sp.sympify(rates[1]) + sp.sympify(rates[3]))
-    assert sp.simplify(momentum.subs(table)) == 0
-
-
-@pytest.mark.parametrize("join", [with_spring, with_gap, with_load_on_spring])
+@pytest.mark.parametrize("join", [with_spring, with_gap])
 def test_a_screw_without_a_rotor_is_refused_with_what_to_do(join):
     with pytest.raises(ContractError, match=r"Jm is 0 .*give its inertia, Table 2\.1"):
         join(screw(rotor=0.0))

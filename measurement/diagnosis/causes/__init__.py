@@ -1,27 +1,49 @@
-"""The catalogue of causes. To add a cause, add a file and a line here."""
+"""The catalogue of causes, one file for each kind. To add a cause, add it here."""
 
 from __future__ import annotations
 
-from importlib import import_module
-
 from .cause import Cause
+from .command import INPUT_DELAY, SCALE_OF_U, SIGN_OF_U, TIME_SHIFT, VOLTAGE_SATURATION
+from .in_time import FRICTION_DRIFT, RESISTANCE_DRIFT
+from .reversals import BACKLASH, COMPLIANCE, PRESLIDING_HYSTERESIS
+from .speed import DIRECTION_ASYMMETRY, LOAD_BIAS, NONLINEAR_VISCOUS, STRIBECK_MISMATCH
+from .travel import POSITION_PERIODIC_FRICTION, POSITION_TREND_FRICTION, TORQUE_RIPPLE
+from .values import PARAMETER_ERROR, SCALE_OF_I, SCALE_OF_X, SIGN_OF_X, UNMODELLED_INERTIA
 
-_FILES = (
-    "direction_asymmetry",
-    "position_periodic_friction",
-    "position_trend_friction",
-    "torque_ripple",
-    "load_bias",
-    "nonlinear_viscous",
-    "stribeck_mismatch",
-    "presliding_hysteresis",
-    "unmodelled_inertia",
-    "input_delay",
-    "friction_drift",
-    "resistance_drift",
-    "backlash",
-    "compliance",
-    "voltage_saturation",
-    "parameter_error",
+OUTSIDE = "outside the catalogue"
+"""Name of a free curve."""
+
+
+def _named(*causes: Cause) -> dict[str, Cause]:
+    return {c.name: c for c in causes}
+
+
+CAUSES = _named(
+    DIRECTION_ASYMMETRY,
+    POSITION_PERIODIC_FRICTION,
+    POSITION_TREND_FRICTION,
+    TORQUE_RIPPLE,
+    LOAD_BIAS,
+    NONLINEAR_VISCOUS,
+    STRIBECK_MISMATCH,
+    PRESLIDING_HYSTERESIS,
+    UNMODELLED_INERTIA,
+    INPUT_DELAY,
+    FRICTION_DRIFT,
+    RESISTANCE_DRIFT,
+    BACKLASH,
+    COMPLIANCE,
+    VOLTAGE_SATURATION,
+    PARAMETER_ERROR,
 )
-CAUSES: dict[str, Cause] = {name: import_module(f".{name}", __name__).CAUSE for name in _FILES}
+"""Errors of the plant."""
+
+SIGNALS = _named(SCALE_OF_U, SCALE_OF_I, SCALE_OF_X, SIGN_OF_U, SIGN_OF_X, TIME_SHIFT)
+"""Errors of recorded signals: they correct the record and not the plant."""
+
+EVERY = {**CAUSES, **SIGNALS}
+
+
+def entry_of(name: str) -> str:
+    """Entry of the catalogue to which a cause, a signal or a free curve belongs."""
+    return EVERY[name].entry or name if name in EVERY else name

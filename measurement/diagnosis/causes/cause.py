@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 import sympy as sp
 
 from ....plant.ball_screw import bare_ball_screw
@@ -31,47 +32,42 @@ ACTING = symbol("acting")
 
 
 @dataclass(frozen=True)
-class Shape:
-    """One possible effect of a cause on records.
+class Form:
+    """One possible effect of a cause on records, and its columns in a catalogue.
 
-    Attributes
-    ----------
-    amplitudes : tuple of str
-        Names of its linear parameters; if each record has its own, with a dot and the record's
-        number.
-    force, command : list of ndarray, shape (n, amplitudes), one per record; None: nothing
-        Force against motion in +x [N] and change of the command [its unit] for each amplitude of
-        one.
-    values : mapping of str to float
-        Values of the other parameters, SI.
-    sure : float, optional
-        The amplitude is one, plus or minus this: the size of the effect is in `values`.
-    freed : tuple of str
-        Instead of a force: parameters of the model without a tolerance.
+    Force against motion in +x [N] and change of the command [its unit] are those of amplitudes of
+    one, shape (n, amplitudes) for each record. If each record has its own amplitudes, their names
+    have a dot and the record's number. If `sure`, the amplitude is one, plus or minus this, and the
+    size of the effect is in `values`.
     """
 
     amplitudes: tuple[str, ...]
     force: list[Matrix] | None = None
     command: list[Matrix] | None = None
-    values: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict)  # of other parameters, SI
     sure: float | None = None
-    freed: tuple[str, ...] = ()
+    freed: tuple[str, ...] = ()  # instead of a force: values of the model without a tolerance
+    lives: str = ""  # with what a free curve varies
+    name: str = ""  # of the cause; given by the catalogue, like the columns
+    columns: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 Courses = Sequence[ModelledRecord]
 Values = Mapping[str, float]
-Smaller = Callable[[Courses, Shape, Vector], float]
+Smaller = Callable[[Courses, Form, Vector], float]
 Grid = Callable[[Courses, Drive], list[Values]]
 Signals = Callable[[Courses, Drive, Values], Sequence[Mapping[str, Vector]]]
 
+CERTAIN = 0.01
+"""Spread of an amplitude around one: no half sign; half a shift would average command noise."""
 _SOME = 1e-3  # smallest command used, as a share of the largest
 _LEAST = 1e-3  # smallest remaining share of a command
 
 
-def of_command(courses: Courses, shape: Shape, amplitudes: Vector) -> float:
-    """Factor by which a shape makes a command smaller, as a geometric mean; at most one."""
+def of_command(courses: Courses, form: Form, amplitudes: Vector) -> float:
+    """Factor by which a form makes a command smaller, as a geometric mean; at most one."""
     logs = []
-    for c, change in zip(courses, shape.command or [], strict=True):
+    for c, change in zip(courses, form.command or [], strict=True):
         given, asked = np.abs(c.u + change @ amplitudes), np.abs(c.u)
         some = asked > _SOME * float(np.max(asked))
         logs.append(np.log(np.maximum(given[some] / asked[some], _LEAST)))
@@ -82,23 +78,14 @@ def of_command(courses: Courses, shape: Shape, amplitudes: Vector) -> float:
 class Mechanism:
     """One form of a cause, distinguished from other forms by the names of its values.
 
-    Attributes
-    ----------
-    parameters : tuple of Parameter
-        Its parameters; with the defaults it has no effect.
-    at : function of (courses, model, values) to a Shape
-    grid : function of (courses, model) to a list of mappings
-        Values of its nonlinear parameters to try; one empty mapping without such parameters.
-    extend : function of (plant, curve, cause) to a plant
-        The plant with the cause, before sticking is added; `curve` is the friction in steady
-        sliding without its viscous part, as a function of ``v``. The same plant if only its values
-        change.
-    refined : str
-        Name of the value that is refined between grid points, if any.
+    With the defaults of its parameters it has no effect. `grid` gives the values of nonlinear
+    parameters to try, one empty mapping without such; `refined` is refined between grid points.
+    `extend` gives the plant with the cause, before sticking is added; `curve` is the friction in
+    steady sliding without its viscous part, as a function of ``v``.
     """
 
     parameters: tuple[Parameter, ...]
-    at: Callable[[Courses, Drive, Values], Shape]
+    at: Callable[[Courses, Drive, Values], Form]
     grid: Grid = lambda courses, model: [{}]
     extend: Callable[[Component, sp.Expr, Cause], Component] = lambda plant, curve, cause: plant
     refined: str = ""
@@ -106,30 +93,21 @@ class Mechanism:
 
 @dataclass(frozen=True)
 class Cause:
-    """One possible error or omission of a model.
+    """One possible error or omission of a model, or of a recorded signal.
 
-    Attributes
-    ----------
-    name : str
-    says : str
-        Description for an engineer, in a clause.
-    mechanisms : tuple of Mechanism
-    confirm : str
-        Experiment that would confirm it.
-    mistaken_for : tuple of str
-    beyond : function of (courses, model) to str or None
-        Reason why these records cannot show it.
-    smaller : function of (courses, shape, amplitudes) to a number, optional
-        Factor by which it makes a residual of pure noise smaller, such as `of_command`.
+    Causes of the same entry are one answer unless the data split them. `beyond` gives a reason why
+    records cannot show it; `smaller`, the factor by which it makes a residual of pure noise
+    smaller, such as `of_command`.
     """
 
     name: str
-    says: str
+    says: str  # for an engineer, in a clause
     mechanisms: tuple[Mechanism, ...]
-    confirm: str
+    confirm: str  # experiment that would confirm it
     mistaken_for: tuple[str, ...] = ()
     beyond: Callable[[Courses, Drive], str | None] = lambda courses, model: None
     smaller: Smaller | None = None
+    entry: str = ""  # default: its name
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -139,7 +117,7 @@ class Cause:
         """Values to try, of all mechanisms."""
         return [values for m in self.mechanisms for values in m.grid(courses, model)]
 
-    def at(self, courses: Courses, model: Drive, values: Values) -> Shape:
+    def at(self, courses: Courses, model: Drive, values: Values) -> Form:
         """Its effect on these records."""
         return self._told_by(values).at(courses, model, values)
 
@@ -175,24 +153,15 @@ def force(
 ) -> Mechanism:
     """An additional force, linear in its amplitudes.
 
-    Parameters
-    ----------
-    amplitudes : mapping of Parameter to expression
-        Force against motion in +x for an amplitude of one, in the symbols ``x``, ``v``, ``t``,
-        `FRICTION`, `DRY`, `RELAXATION`, `ACTING`, the plant's parameters and the `constants`.
-    constants : tuple of Parameter, optional
-        Its nonlinear parameters.
-    grid, refined
-        As in `Mechanism`.
-    per_record : bool
-        Each record has its own amplitudes, for example if a phase changes with each homing.
-    signals : function of (courses, model, values) to a mapping for each record, optional
-        Signals along the record that replace constant values, by symbol.
+    The force against motion in +x for an amplitude of one is an expression in ``x``, ``v``, ``t``,
+    `FRICTION`, `DRY`, `RELAXATION`, `ACTING`, the plant's parameters and the `constants`, its
+    nonlinear parameters. With `per_record`, each record has its own amplitudes, for example if a
+    phase changes with each homing. `signals` along a record replace constant values, by symbol.
     """
     names = tuple(p.name for p in amplitudes)
     parameters = (*amplitudes, *constants)
 
-    def at(courses: Courses, model: Drive, values: Values) -> Shape:
+    def at(courses: Courses, model: Drive, values: Values) -> Form:
         more = signals(courses, model, values)
         forces = [
             _along(tuple(amplitudes.values()), c, model, values, own)
@@ -205,7 +174,7 @@ def force(
                 np.hstack([f if r == k else np.zeros_like(f) for k in range(len(courses))])
                 for r, f in enumerate(forces)
             ]
-        return Shape(told, force=forces, values=values)
+        return Form(told, force=forces, values=values)
 
     def extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
         friction = -next(t.force for t in plant.terms if t.name == "friction")
@@ -235,28 +204,22 @@ def voltage(
     sure: float | None = None,
     signals: Signals = no_signals,
 ) -> Mechanism:
-    """A change between the command and the motor's current.
+    """A change between the command and the motor's current, by expressions for ``u`` or ``R``.
 
-    Parameters
-    ----------
-    changed : mapping of Symbol to expression
-        Expressions that replace ``u`` or ``R`` in the winding's balance.
-    parameters : tuple of Parameter
-        The first is its amplitude. A plant that has all of them already has such an equation.
-    sure : float, optional
-        As in `Shape`; otherwise the change is proportional to the amplitude.
+    The first parameter is the amplitude, to which the change is proportional without `sure`. A
+    plant that has all of them already has such an equation.
     """
     first = parameters[0].name
     before = symbol("L") * bare_ball_screw().derivative("i")
     after = sp.expand(before).xreplace(dict(changed))
     change = after - sp.expand(before) if sure else sp.diff(after, symbol(first))
 
-    def at(courses: Courses, model: Drive, values: Values) -> Shape:
+    def at(courses: Courses, model: Drive, values: Values) -> Form:
         more = signals(courses, model, values)
         command = [
             _along((change,), c, model, values, own) for c, own in zip(courses, more, strict=True)
         ]
-        return Shape((first,), command=command, values=values, sure=sure)
+        return Form((first,), command=command, values=values, sure=sure)
 
     def extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
         known = {p.name for p in plant.all_parameters}

@@ -1,13 +1,22 @@
-"""Changes during a record: linear, exponential, or as a step."""
+"""Changes during a record: linear, exponential, as a step, or with a recorded temperature.
+
+Of friction, as when a screw warms up, or of the motor's resistance.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
+import numpy as np
 import sympy as sp
 
+from ....solver.arrays import Vector
 from ....solver.component import TIME, Parameter, symbol
-from .cause import Courses, Grid, parameter
+from ..drive import Drive
+from ..modelled_record import ModelledRecord
+from .cause import FRICTION, Cause, Courses, Grid, Mechanism, Values, force, parameter, voltage
+from .travel import changing, either_way, viscous_share
 
 # a change that is very fast, or at the very end, is a constant value for nearly the entire record
 _SETTLING = (0.15, 0.25, 0.45)  # time constants, as shares of the record
@@ -58,3 +67,77 @@ def in_time(name: str, line: str) -> tuple[InTime, ...]:
             step,
         ),
     )
+
+
+_SHARE = "drift_viscous_share"
+
+
+def _friction_drifting(how: InTime) -> Mechanism:
+    return force(
+        {parameter(how.change, "1", "share by which friction grows"): changing(_SHARE, how.course)},
+        (how.constant, viscous_share(_SHARE)),
+        lambda courses, model: either_way(how.grid(courses, model), _SHARE),
+        how.refined,
+    )
+
+
+def _temperature(course: ModelledRecord) -> Vector | None:
+    """Recorded temperature at each sample, interpolated if sampled more slowly [degC]."""
+    recorded = course.record.signals.get("temperature")
+    if recorded is None:
+        return None
+    known = np.isfinite(recorded)
+    return np.interp(course.time, course.time[known], recorded[known])
+
+
+def _where_recorded(courses: Courses, model: Drive) -> list[Values]:
+    warmth = [_temperature(c) for c in courses]
+    return [{"warming": 0.0}] if all(t is not None and np.ptp(t) > 0 for t in warmth) else []
+
+
+def _warming(courses: Courses, model: Drive, values: Values) -> list[Mapping[str, Vector]]:
+    warmth = [t for t in map(_temperature, courses) if t is not None]
+    mean = float(np.concatenate(warmth).mean())
+    return [{"warming": t - mean} for t in warmth]
+
+
+_WITH_TEMPERATURE = force(
+    {
+        parameter("friction_per_kelvin", "1/K", "share by which friction grows per degree"): (
+            FRICTION * symbol("warming")
+        )
+    },
+    (parameter("warming", "K", "of the screw, above the mean of the records"),),
+    _where_recorded,
+    signals=_warming,
+)
+FRICTION_DRIFT = Cause(
+    "friction_drift",
+    "friction changes during the record",
+    (*map(_friction_drifting, in_time("friction", "drift_time")), _WITH_TEMPERATURE),
+    confirm="repeat the same motion and record the temperature: friction follows the temperature",
+    mistaken_for=("resistance_drift", "position_trend_friction"),
+)
+
+
+_R = symbol("R")
+
+
+def _resistance_drifting(how: InTime) -> Mechanism:
+    return voltage(
+        {_R: _R * (1 + symbol(how.change) * how.course)},
+        (parameter(how.change, "1", "relative increase of the resistance"), how.constant),
+        how.grid,
+        how.refined,
+    )
+
+
+RESISTANCE_DRIFT = Cause(
+    "resistance_drift",
+    "the motor's resistance changes during the record",
+    tuple(map(_resistance_drifting, in_time("R", "warming_time"))),
+    confirm="record the current: compare voltage over current at standstill, before and after the "
+    "run",
+    mistaken_for=("friction_drift",),
+    beyond=lambda courses, model: None if model.has_motor else "the model has no motor",
+)

@@ -1,4 +1,4 @@
-"""Travel of a study's motion, for position-dependent causes."""
+"""Forces that change along the travel: trends, and swings with the turns of screw or motor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,18 @@ from ....solver.component import Parameter, symbol
 from ...records.record import resolution_of
 from ..drive import Drive
 from ..modelled_record import ModelledRecord
-from .cause import DRY, FRICTION, RELAXATION, Courses, Values, parameter
+from .cause import (
+    ACTING,
+    DRY,
+    FRICTION,
+    RELAXATION,
+    Cause,
+    Courses,
+    Mechanism,
+    Values,
+    force,
+    parameter,
+)
 
 _FEWEST_PERIODS = 2  # fewest periods in the travel
 _MOST_PERIODS = 250
@@ -83,20 +94,14 @@ def periods(courses: Courses, model: Drive, name: str, harmonics: Sequence[int])
     """Periods per metre to try: those of the screw's turn, and the strongest in the record.
 
     They are those of forces that change sign with the velocity and of forces that do not, because
-    causes of both kinds have to be tried at each.
-
-    Parameters
-    ----------
-    name : str
-        Name of the values.
-    harmonics : sequence of int
-        Periods per turn, if the model has the turns per metre, ``p``.
+    causes of both kinds have to be tried at each. `harmonics` are periods per turn, if the model
+    has the turns per metre, ``p``.
     """
     middle, half = middle_and_half(courses)
     low, way = middle - half, 2 * half
     turns = model.values.get("p")
     apart = 1.0 / (_FINER * way)  # closer ones are the same
-    rounding = [beats for c in courses if (beats := _Beats.of(c)) is not None]
+    rounding = [beats for c in courses if (beats := Beats.of(c)) is not None]
 
     def known(swing: float) -> bool:
         return not any(b.have(n * swing, _BESIDE * apart) for b in rounding for n in (1, 2))
@@ -117,27 +122,20 @@ def periods(courses: Courses, model: Drive, name: str, harmonics: Sequence[int])
     return [{name: f} for f in found]
 
 
-class _Beats(NamedTuple):
+class Beats(NamedTuple):
     """Frequencies of the rounding error at a constant speed, a beat with the samples.
 
     The distance between two samples is an integer number of counts and a fraction. The rounding
     error repeats after one over the fraction, and its harmonics after one over the fraction of
     their multiples. A force known once per window is aliased: frequencies that differ by an integer
     number of periods per window are equal.
-
-    Attributes
-    ----------
-    way : float
-        Distance of a window [m].
-    shares : list of float
-        Frequencies in periods per window, 0 to 1/2.
     """
 
-    way: float
-    shares: list[float]
+    way: float  # distance of a window [m]
+    shares: list[float]  # frequencies in periods per window, 0 to 1/2
 
     @classmethod
-    def of(cls, course: ModelledRecord) -> _Beats | None:
+    def of(cls, course: ModelledRecord) -> Beats | None:
         """Frequencies of a course with constant speed for more than half of it; None for others."""
         usual = float(np.median(course.v))
         odd = np.flatnonzero(np.abs(course.v - usual) > _CONSTANT * abs(usual))
@@ -197,3 +195,134 @@ def _peak(courses: Courses, swings: float, apart: float, flips: bool) -> float:
 
     ends = (swings - apart, swings + apart)
     return float(minimize_scalar(power, bounds=ends, method="bounded", options={"maxiter": 12}).x)
+
+
+_TREND_SHARE = "trend_viscous_share"
+_WORN_FROM = (-0.4, 0.0, 0.4)  # start of the worn end, over half the travel
+_BEYOND = "friction at the end of the travel minus that in its middle, as a share"
+_AT_BOTH = "friction at both ends minus that in the middle, as a share"
+
+
+def _over_travel(middle: str, half: str, amplitudes: dict[tuple[str, str], int]) -> Mechanism:
+    """Friction by powers of the position from the middle of the travel; by name and meaning."""
+    place = (symbol("x") - symbol(middle)) / symbol(half)
+    return force(
+        {
+            parameter(name, "1", meaning): changing(_TREND_SHARE, place**power)
+            for (name, meaning), power in amplitudes.items()
+        },
+        (
+            parameter(middle, "m", "middle of the travel"),
+            parameter(half, "m", "half the travel", 1.0),
+            viscous_share(_TREND_SHARE),
+        ),
+        lambda courses, model: either_way(
+            [dict(zip((middle, half), middle_and_half(courses), strict=True))], _TREND_SHARE
+        ),
+    )
+
+
+def _ends(courses: Courses, model: Drive) -> list[Values]:
+    middle, half = middle_and_half(courses)
+    worn: list[Values] = [
+        {"x_worn": middle + k * half, "way_worn": way * (1 - way * k) * half}
+        for k in _WORN_FROM
+        for way in (1.0, -1.0)
+    ]
+    return either_way(worn, _TREND_SHARE)
+
+
+_INTO = (symbol("x") - symbol("x_worn")) / symbol("way_worn")
+_END = force(
+    {
+        parameter("friction_worn", "1", "additional friction at the worn end, as a share"): (
+            changing(_TREND_SHARE, (_INTO + sp.Abs(_INTO)) / 2)
+        )
+    },
+    (
+        parameter("x_worn", "m", "where the worn part begins"),
+        parameter("way_worn", "m", "length from there to the end; negative: towards -x", 1.0),
+        viscous_share(_TREND_SHARE),
+    ),
+    _ends,
+)
+POSITION_TREND_FRICTION = Cause(
+    "position_trend_friction",
+    "friction changes from one end of the travel to the other",
+    (
+        _over_travel("x_middle", "x_half", {("friction_trend", _BEYOND): 1}),
+        _over_travel(
+            "x_bow",
+            "bow_half",
+            {("friction_slope", _BEYOND): 1, ("friction_bow", _AT_BOTH): 2},
+        ),
+        _END,
+    ),
+    confirm="slow runs over the whole travel in both directions: the difference of the forces "
+    "changes along the travel",
+    mistaken_for=("friction_drift", "unexplained"),
+)
+
+
+_PERIODIC_SHARE = "periodic_viscous_share"
+_PER_TURN = (1, 2)  # periods per turn of the screw
+
+
+def _friction_swinging(per_metre: str, harmonics: tuple[int, ...]) -> Mechanism:
+    return force(
+        {
+            parameter(
+                f"friction_{wave.name}", "1", f"share of friction with the {wave.kind}"
+            ): changing(_PERIODIC_SHARE, wave.course)
+            for wave in waves(per_metre, harmonics)
+        },
+        (parameter(per_metre, "1/m", "periods per metre", 1.0), viscous_share(_PERIODIC_SHARE)),
+        lambda courses, model: either_way(
+            periods(courses, model, per_metre, _PER_TURN), _PERIODIC_SHARE
+        ),
+        per_record=True,
+    )
+
+
+POSITION_PERIODIC_FRICTION = Cause(
+    "position_periodic_friction",
+    "friction varies periodically along the travel, for example once per turn of the screw",
+    (
+        _friction_swinging("periods_per_metre", (1,)),
+        _friction_swinging("double_periods_per_metre", (1, 2)),
+    ),
+    confirm="move slowly over a few turns in both directions: the periodic part changes sign with "
+    "the direction",
+    mistaken_for=("torque_ripple",),
+)
+
+
+def _force_swinging(
+    per_metre: str, names: str, unit: str, of: sp.Expr, harmonics: tuple[int, ...], tried: range
+) -> Mechanism:
+    return force(
+        {
+            parameter(f"{names}_{wave.name}", unit, f"swing with the {wave.kind} of the angle"): of
+            * wave.course
+            for wave in waves(per_metre, harmonics)
+        },
+        (parameter(per_metre, "1/m", "periods per metre", 1.0),),
+        lambda courses, model: periods(courses, model, per_metre, tried),
+        per_record=True,
+    )
+
+
+_ONE = sp.Integer(1)
+TORQUE_RIPPLE = Cause(
+    "torque_ripple",
+    "the drive's force varies periodically with the motor's angle, the same in both directions",
+    (
+        _force_swinging("ripples_per_metre", "ripple", "N", _ONE, (1,), range(1, 9)),
+        _force_swinging("double_ripples_per_metre", "ripple", "N", _ONE, (1, 2), range(1, 5)),
+        _force_swinging(
+            "constant_ripples_per_metre", "constant_ripple", "1", -ACTING, (1,), range(1, 7)
+        ),
+    ),
+    confirm="move slowly over a few turns in both directions: the periodic part keeps its sign",
+    mistaken_for=("position_periodic_friction",),
+)

@@ -39,11 +39,6 @@ def test_a_model_of_forces_and_masses_that_are_all_larger_leaves_the_same(course
     assert left(course, larger) == pytest.approx(left(course, model), abs=1e-6 * size)
 
 
-def test_a_constant_force_is_left_at_its_size(course):
-    force = left(course, nominal())[:, 0]
-    assert np.median(force) == pytest.approx(0.4, rel=0.05)
-
-
 def test_a_cause_of_its_size_takes_away_what_is_left(course):
     shape = CAUSES["load_bias"].at([course], nominal(), {})
     (taken,) = responses([course], nominal(), shape)

@@ -7,7 +7,7 @@ import pytest
 from axis_records import strong_record
 from diagnosed import nominal
 
-from ballscrew.measurement.diagnosis.bands import EDGES, cut, products
+from ballscrew.measurement.diagnosis.bands import cut, products
 from ballscrew.measurement.diagnosis.modelled_record import lay_along
 
 pytestmark = pytest.mark.ci
@@ -30,15 +30,3 @@ def test_white_noise_has_its_variance_in_every_number_of_every_band(course):
     of_used = found[:, bands.used] / expected[:, bands.used]
     assert of_used == pytest.approx(np.ones_like(of_used), rel=0.35)
     assert np.mean(of_used) == pytest.approx(1.0, rel=0.05)
-
-
-def test_a_band_holds_the_frequencies_between_its_edges(course):
-    bands = cut([course], nominal())
-    step = course.width * course.step
-    time = np.arange(len(course.resting)) * step
-    frequency = 4.0
-    swing = np.sin(2 * np.pi * frequency * time)[:, None, None]
-    lines = bands.lines([np.repeat(swing, len(course.channels), axis=1)])
-    power = products(lines, lines)[:, : len(EDGES) - 1, 0, 0].sum(axis=0)
-    own = int(np.searchsorted(EDGES, frequency)) - 1
-    assert power[own] > 0.98 * power.sum()

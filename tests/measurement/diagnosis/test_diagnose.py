@@ -55,15 +55,15 @@ def answer_of(found):
 
 
 @pytest.mark.parametrize(
-    ("effect", "sizes", "gain"),
+    ("effect", "sizes"),
     [
-        ("unmodelled_inertia", {"m": 50.0}, 0.79),
-        ("torque_ripple", {"ripple_cos": 12.0, "ripple_sin": 0.0, "ripples_per_metre": 50}, 0.89),
-        ("direction_asymmetry", {"dry_asymmetry": 0.2}, 0.98),
-        ("position_periodic_friction", {"friction_cos": 0.2, "periods_per_metre": 50}, 0.935),
+        ("unmodelled_inertia", {"m": 50.0}),
+        ("torque_ripple", {"ripple_cos": 12.0, "ripple_sin": 0.0, "ripples_per_metre": 50}),
+        ("direction_asymmetry", {"dry_asymmetry": 0.2}),
+        ("position_periodic_friction", {"friction_cos": 0.2, "periods_per_metre": 50}),
     ],
 )
-def test_a_hidden_effect_is_named_with_its_size(effect, sizes, gain):
+def test_a_hidden_effect_is_named_with_its_size(effect, sizes):
     found = diagnose_records([slide_record(effect)], believed())
     (cause,) = found.causes
     assert (found.verdict, cause.name, cause.certain) == ("explained", effect, True)
@@ -75,8 +75,7 @@ def test_a_hidden_effect_is_named_with_its_size(effect, sizes, gain):
             low, high = cause.intervals[name]
             assert low < size < high
             assert high - low < 0.1 * size or size == 0.0
-    assert cause.gain_heldout == pytest.approx(gain, abs=0.01)
-    assert cause.gain_interval[0] > gain - 0.1
+    assert cause.gain_heldout > cause.gain_interval[0] > 0.99
     assert found.final_residual.force < 0.5 * found.adjusted_residual.force
     if effect == "unmodelled_inertia":  # it is in the model once
         assert found.corrected.values["m"] == pytest.approx(cause.parameters["m"])
@@ -100,8 +99,8 @@ def test_nothing_hidden_is_called_nothing(noise, count):
 
 @pytest.mark.ci
 def test_where_more_than_a_fifth_of_the_friction_would_not_be_seen_nothing_is_decided():
-    """The noise of the force is as large as the friction; means over windows have less."""
-    found = diagnose_records([slide_record(seed=2, noise=100.0)], believed())
+    """The noise of the force is as large as the friction, nearly; means over windows have less."""
+    found = diagnose_records([slide_record(seed=2, noise=60.0)], believed())
     assert (found.verdict, found.causes) == ("undecided", ())
     friction = np.sqrt(np.mean(found.curves.predicted[found.curves.telling] ** 2))
     unseen = max(2.0 * found.floor.force, found.final_residual.force) / friction
@@ -219,9 +218,9 @@ def found_in_world(tmp_path, world, effects, seed):
 @pytest.mark.parametrize(
     ("world", "seed", "verdict"),
     [
-        ("simulated", 82001, "none"),
-        ("industrial", 61017, "unexplained"),  # one of the three in a hundred
-        ("fast_screw", 82002, "none"),
+        ("simulated", 82001, "undecided"),
+        ("industrial", 61017, "partly"),
+        ("fast_screw", 82002, "undecided"),
         ("linear_drive", 730013, "none"),
     ],
 )

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballscrew.measurement.diagnosis.causes.input_delay import late, smeared
+from ballscrew.measurement.diagnosis.causes.command import late, smeared
 
 STEP = 1e-3
 

@@ -15,11 +15,10 @@ from ballscrew.measurement.diagnosis.causes import CAUSES
 from ballscrew.measurement.diagnosis.diagnose import diagnose_records
 from ballscrew.measurement.diagnosis.drive import Drive
 from ballscrew.measurement.diagnosis.experiment_motions import COMMAND_FILE, Reach, reach_of, survey
-from ballscrew.measurement.diagnosis.explained import Explained
 from ballscrew.measurement.diagnosis.modelled_record import lay_along
 from ballscrew.measurement.diagnosis.next_experiment import next_experiment
+from ballscrew.measurement.diagnosis.rule import Explained
 from ballscrew.measurement.diagnosis.scores import OUTSIDE, Catalogue
-from ballscrew.measurement.diagnosis.sets import Likely
 from ballscrew.measurement.diagnosis.study import study_of
 from ballscrew.measurement.records.reading import check_record
 from ballscrew.orchestration.master.reference_signal import Reference
@@ -83,8 +82,11 @@ def test_it_lasts_twelve_seconds_at_least_and_a_loop_can_follow_its_file(tmp_pat
 
 
 def found_with(*names, built=()):
-    """What a search leaves that ended with these suspects, each less probable than the last."""
-    members = [Likely(n, 0.9 - 0.1 * k, SimpleNamespace()) for k, n in enumerate(names)]
+    """What a search leaves that ended with these suspects, the best score first."""
+    members = [
+        SimpleNamespace(name=n, score=90.0 - k, certain=False, alike=())
+        for k, n in enumerate(names)
+    ]
     course = lay_along(slide_record(), believed())
     study = SimpleNamespace(courses=[course], model=believed())
     return SimpleNamespace(study=study, built=list(built), suspects=members[::-1])
@@ -100,7 +102,7 @@ def test_what_is_asked_for_names_three_suspects_and_waits_for_slow_ones(monkeypa
         f"well: {CAUSES['backlash'].confirm}"
     )
     assert asked.motion.duration == pytest.approx(3 * 7.999 + 0.1, abs=2e-3)
-    certain = Likely("load_bias", 0.9, SimpleNamespace(), certain=True)
+    certain = SimpleNamespace(name="load_bias", score=90.0, certain=True, alike=())
     one = next_experiment(found_with("backlash", built=[certain]), quiet=False)
     assert one.says == f"what would confirm backlash: {CAUSES['backlash'].confirm}"
     assert one.motion.duration == pytest.approx(12.1)
@@ -110,7 +112,7 @@ def test_what_is_asked_for_names_three_suspects_and_waits_for_slow_ones(monkeypa
 def loaded():
     """A study of a slide with a load, and the next motion as it is foreseen."""
     study = study_of([slide_record("load_bias")], believed())
-    found = Explained(study, Catalogue(study))
+    found = Explained(study, Catalogue(study), [], [])
     motion = survey(reach_of(study.courses), study.model, 12.0)
     return found, motion, module._foreseen(found, motion)
 
@@ -172,9 +174,10 @@ def test_records_of_which_each_has_a_phase_of_its_own_are_asked_for_one_more():
         force += 3.0 * random.standard_normal(len(time))
         records.append(check_record("made", {"time": time, "x": x, "u": force}, "force"))
     believed = Drive("drive", "classical", values | {"Vs": 0.01}, {"Fc": 0.1, "sigma2": 0.1})
-    found = diagnose_records(records, believed)
-    assert found.verdict == "unexplained"
-    assert "torque_ripple" in {c.name for c in found.causes} | {s.name for s in found.suspects}
+    assert diagnose_records(records, believed).verdict == "undecided"
+    found = diagnose_records(records, believed, take="torque_ripple")
+    ripple = found.causes[0]
+    assert {n.partition(".")[2] for n in ripple.intervals} == {"1", "2"}
     asked = found.next_experiment
     assert "these records cannot distinguish" in asked.says
     assert np.abs(asked.motion.values).max() <= 0.012

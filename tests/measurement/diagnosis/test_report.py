@@ -11,7 +11,7 @@ from slide_records import believed, slide_record
 
 from ballscrew.measured_results import DiagnosisResult
 from ballscrew.measurement.diagnosis.diagnose import diagnose_records
-from ballscrew.measurement.diagnosis.diagnosis import Level, SuspectFound
+from ballscrew.measurement.diagnosis.diagnosis import Level
 from ballscrew.measurement.diagnosis.report import diagnosis_figure
 from ballscrew.measurement.diagnosis.residuals import binned
 from ballscrew.orchestration.loop.shown import length
@@ -74,13 +74,14 @@ def test_each_verdict_is_a_sentence(found, changes, words):
 def test_suspects_are_told_with_size_and_force(found):
     sizes = {"parameters": {"scale_of_u": 0.577}, "intervals": {"scale_of_u": (0.57, 0.59)}}
     rest = {"units": {"scale_of_u": "1"}, "force": 39.0, "of_friction": 7.5, "confirm": "a meter"}
-    scale = SuspectFound(name="scale_of_u", says="a scale", probability=0.75, **sizes, **rest)
+    told = {"name": "scale_of_u", "says": "a scale", "score": 175.4, "lead": 60.0}
+    scale = replace(found.causes[0], **told, **sizes, **rest)
     other = replace(scale, name="outside the catalogue", parameters={}, intervals={}, units={})
     changes = {"verdict": "unexplained", "causes": (), "suspects": (scale, other)}
     said = text_of(replace(found, **changes))
     assert "It may be scale_of_u. " in said
     assert "The command fits with a factor of 0.577: check its unit." in said
-    assert "scale_of_u = 0.577 (0.57 to 0.59) 39 N 750 %" in said
+    assert "scale_of_u = 0.577 (0.57 to 0.59) 39 N 750 % 175, 60" in said
 
 
 def test_names_that_are_meant_badly_stay_text(found):

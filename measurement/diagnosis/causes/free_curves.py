@@ -8,14 +8,16 @@ signal of the curve shows with what it varies.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ...solver.arrays import Vector
-from .causes.cause import Shape, engaged
-from .drive import Drive
-from .modelled_record import ModelledRecord
+from ....solver.arrays import Vector
+from ..drive import Drive
+from ..modelled_record import ModelledRecord
+from .cause import Form, engaged
+from .travel import Beats
 
 _TIME_KNOT = 0.35  # [s]
 _PLACE_KNOT = 4e-4  # [m]
@@ -39,8 +41,8 @@ def way_since_reversal(x: Vector) -> Vector:
     return out
 
 
-def rivals(courses: Sequence[ModelledRecord], model: Drive) -> list[tuple[str, Shape]]:
-    """Free curves: description of their signal, for a sentence, and shape along the records."""
+def free_curves(courses: Sequence[ModelledRecord], model: Drive) -> list[Form]:
+    """Free curves along the records; `lives` describes their signal, for a sentence."""
     sign = [engaged(c, model) for c in courses]
     one = [np.ones(len(c.x)) for c in courses]
     pace = [c.middle_v for c in courses]
@@ -54,7 +56,7 @@ def rivals(courses: Sequence[ModelledRecord], model: Drive) -> list[tuple[str, S
     in_time = max(5, min(round(lasts / _TIME_KNOT), _MOST))
     in_place = max(6, min(round(travel / _PLACE_KNOT), _MOST))
     made = [
-        (lives, _splines(signal, carrier, count))
+        replace(_splines(signal, carrier, count), lives=lives)
         for lives, signal, carrier, count in (
             ("in time", time, sign, in_time),
             ("in time", time, one, in_time),
@@ -67,10 +69,12 @@ def rivals(courses: Sequence[ModelledRecord], model: Drive) -> list[tuple[str, S
             ("with speed and one direction", speed, one, 8),
         )
     ]
-    return [*made, ("in time, swinging", _swings(courses, time))]
+    if any(Beats.of(c) for c in courses):
+        return made  # rounding swings at a constant speed
+    return [*made, replace(_swings(courses, time), lives="in time, swinging")]
 
 
-def _swings(courses: Sequence[ModelledRecord], time: list[Vector]) -> Shape:
+def _swings(courses: Sequence[ModelledRecord], time: list[Vector]) -> Form:
     """Sines in time at the strongest frequencies of the unknown force."""
     c = max(courses, key=lambda c: len(c.x))
     window = np.hanning(len(c.unknown))
@@ -87,10 +91,10 @@ def _swings(courses: Sequence[ModelledRecord], time: list[Vector]) -> Shape:
         np.column_stack([w(2 * np.pi * f * t) for f in best for w in (np.cos, np.sin)])
         for t in time
     ]
-    return Shape(names, force=force)
+    return Form(names, force=force)
 
 
-def _splines(signal: list[Vector], carrier: list[Vector], count: int) -> Shape:
+def _splines(signal: list[Vector], carrier: list[Vector], count: int) -> Form:
     """Cubic B-splines over a signal, times another signal."""
     low = min(float(s.min()) for s in signal)
     high = max(float(s.max()) for s in signal)
@@ -102,4 +106,4 @@ def _splines(signal: list[Vector], carrier: list[Vector], count: int) -> Shape:
     for s, c in zip(signal, carrier, strict=True):
         basis = BSpline.design_matrix(np.clip(s, low, high), knots, 3).toarray()
         force.append(basis[:, :count] * c[:, None])
-    return Shape(tuple(f"b{k}" for k in range(force[0].shape[1])), force=force)
+    return Form(tuple(f"b{k}" for k in range(force[0].shape[1])), force=force)

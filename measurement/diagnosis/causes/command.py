@@ -1,0 +1,231 @@
+"""A command that arrives late or not in full, or is recorded with an error.
+
+The plant has a delay or a filter as an instrument at its input. A recorded command is held from
+sample to sample, so its mean over each interval is known exactly; an expression in time has no such
+steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import sympy as sp
+
+from ....plant.instruments.amplifier import clip
+from ....plant.instruments.late_command import with_command_behind, with_late_command
+from ....solver.arrays import Vector
+from ....solver.component import Component, Parameter, symbol
+from ..drive import Drive
+from ..modelled_record import ModelledRecord
+from ..weak_form import lagged
+from .cause import CERTAIN, Cause, Courses, Form, Mechanism, Values, of_command, parameter, voltage
+
+_SHARES = 2.0 ** np.arange(-5.0, 12.0)  # delays over a sampling interval
+_LONGEST = 5e-3  # longest delay [s]; at least eight samples
+
+
+def late(u: Vector, delay: float, step: float) -> Vector:
+    """Mean over each sampling interval of a held command that comes `delay` [s] late."""
+    whole, share = divmod(delay / step, 1.0)
+    n = int(whole)
+    before = np.concatenate([np.full(n + 1, u[0]), u])[: len(u) + 1]
+    return np.asarray((1.0 - share) * before[1:] + share * before[:-1])
+
+
+def _times(courses: Courses) -> Vector:
+    """Delays to try [s]."""
+    step = courses[0].step
+    times = _SHARES * step
+    return times[times <= max(8.0 * step, _LONGEST)]
+
+
+def smeared(u: Vector, window: float, step: float) -> Vector:
+    """Mean over each sampling interval of a held command averaged over a moving window [s]."""
+    whole, share = divmod(window / step, 1.0)
+    n = int(whole)
+    before = np.concatenate([np.full(n + 2, u[0]), u])
+    now, last = before[1:], before[:-1]  # all intervals except the first, and their predecessors
+    means = np.cumsum(np.append(0.0, 0.5 * (now + last)))
+    count = len(u)
+    ended = len(now) - count - n
+    old, older = now[ended : ended + count], last[ended : ended + count]
+    rest = share * old + 0.5 * share**2 * (older - old)
+    return np.asarray((means[-count:] - means[-count - n :][:count] + rest) / (n + share))
+
+
+def _late_by(
+    name: str,
+    meaning: str,
+    arrives: Callable[[Vector, float, float], Vector],
+    built: Callable[[Component, Parameter], Component],
+) -> Mechanism:
+    """A command delayed by one time parameter."""
+    time = parameter(name, "s", meaning, 1e-4)
+
+    def at(courses: Courses, model: Drive, values: Values) -> Form:
+        command = [(arrives(c.u, values[name], c.step) - c.u)[:, None] for c in courses]
+        return Form((name,), command=command, values=values, sure=0.35)
+
+    return Mechanism(
+        (time,),
+        at,
+        lambda courses, model: [{name: float(t)} for t in _times(courses)],
+        lambda plant, curve, cause: built(plant, replace(time, minimum=1e-7)),
+        name,
+    )
+
+
+def _filtered(u: Vector, time_constant: float, step: float) -> Vector:
+    """A command behind a first-order filter."""
+    return np.asarray(lagged(u[:, None], step, time_constant)[:, 0])
+
+
+def _behind(*coefficients: sp.Expr) -> Callable[[Component, Parameter], Component]:
+    """Function that adds a filter to a plant's command, see `with_command_behind`."""
+    return lambda plant, time: with_command_behind(plant, time, list(coefficients))
+
+
+_LAG = symbol("command_lag")
+_WINDOW = symbol("command_window")
+INPUT_DELAY = Cause(
+    "input_delay",
+    "the command reaches the drive late",
+    (
+        _late_by("delay", "by which the command arrives late", late, with_late_command),
+        _late_by(_LAG.name, "time constant of the command's filter", _filtered, _behind(_LAG)),
+        _late_by(
+            _WINDOW.name,
+            "time over which the command is averaged",
+            smeared,
+            # Pade's approximation of a mean over a window, with a numerator of degree zero
+            _behind(_WINDOW / 2, _WINDOW**2 / 12),
+        ),
+    ),
+    confirm="record the current during a step of the command: the current starts late",
+    mistaken_for=("unmodelled_inertia",),
+    entry="late command",
+)
+
+
+# limits over the largest command; the last one cuts nothing and is the end of the search
+_LEVELS = np.concatenate(
+    [np.geomspace(0.02, 0.36, 12), 1.0 - np.append(np.geomspace(0.6, 0.001, 24), 0.0)]
+)
+_SAGS = (0.1, 0.3, 1.0)  # resistance of a supply over that of the motor
+_SCALES = np.geomspace(0.02, 12.0, 17)  # scales over the largest command; a bend, not a limit
+_SURE = 0.3
+_U, _LIMIT, _SCALE = map(symbol, ("u", "voltage_limit", "voltage_scale"))
+
+
+def _largest(courses: Courses) -> float:
+    return max(float(np.abs(c.u).max()) for c in courses)
+
+
+def _sags(courses: Courses, model: Drive) -> list[Values]:
+    if not model.has_motor:
+        return []
+    return [
+        {"voltage_limit": float(level), "supply_resistance": share * model.values["R"]}
+        for share in _SAGS
+        for level in _largest(courses) * _LEVELS[::3]
+    ]
+
+
+def _drawn(courses: Courses, model: Drive, values: Values) -> Sequence[Mapping[str, Vector]]:
+    """Steady-state current of the limited voltage, for records without a measured current [A]."""
+
+    def settled(course: ModelledRecord) -> Vector:
+        generated = np.sign(course.u) * model.back_emf * course.middle_v
+        resistance = model.values["R"] + values["supply_resistance"]
+        return np.maximum((values["voltage_limit"] - generated) / resistance, 0.0)
+
+    return [{} if c.has_current else {"i": settled(c)} for c in courses]
+
+
+_MOST = sp.Max(_LIMIT - symbol("supply_resistance") * sp.Abs(symbol("i")), 0)
+_HARD = parameter("voltage_limit", "V", "largest voltage, either sign", 1e6)
+VOLTAGE_SATURATION = Cause(
+    "voltage_saturation",
+    "the amplifier gives less voltage than the largest commands demand",
+    (
+        voltage(
+            {_U: clip(_U, -_LIMIT, _LIMIT)},
+            (_HARD,),
+            lambda courses, model: [
+                {"voltage_limit": float(level)} for level in _LEVELS * _largest(courses)
+            ],
+            "voltage_limit",
+            _SURE,
+        ),
+        voltage(
+            {_U: _SCALE * sp.tanh(_U / _SCALE)},
+            (parameter("voltage_scale", "V", "limiting voltage of a nonlinear amplifier", 1e6),),
+            lambda courses, model: [
+                {"voltage_scale": _largest(courses) * float(k)} for k in _SCALES
+            ],
+            "voltage_scale",
+            _SURE,
+        ),
+        voltage(
+            {_U: clip(_U, -_MOST, _MOST)},
+            (
+                _HARD,
+                parameter(
+                    "supply_resistance",
+                    "Ohm",
+                    "resistance by which the limit falls with the current",
+                ),
+            ),
+            _sags,
+            "voltage_limit",
+            _SURE,
+            _drawn,
+        ),
+    ),
+    confirm="measure the motor's voltage at the largest command",
+    mistaken_for=("nonlinear_viscous", "resistance_drift"),
+    smaller=of_command,
+)
+
+
+def _time_shift(courses: Courses, model: Drive, values: Values) -> Form:
+    command = []
+    for c in courses:
+        at = np.clip(np.arange(len(c.u)) - int(values["shift"]), 0, len(c.u) - 1)
+        command.append((c.u[at] - c.u)[:, None])
+    return Form(("time_shift",), command=command, values=values, sure=CERTAIN)
+
+
+def _scale_of_u(courses: Courses, model: Drive, values: Values) -> Form:
+    return Form(("scale_of_u",), command=[c.u[:, None] for c in courses])
+
+
+def _sign_of_u(courses: Courses, model: Drive, values: Values) -> Form:
+    return Form(("sign_of_u",), command=[-2.0 * c.u[:, None] for c in courses], sure=CERTAIN)
+
+
+_SHIFTS = (*range(-20, 0), *range(1, 21))
+"""Shifts of the command's stamps, in sampling intervals; `command_shift` covers smaller ones."""
+
+TIME_SHIFT = Cause(
+    "time_shift",
+    "the time stamps of command and position are shifted against each other",
+    (Mechanism((), _time_shift, lambda courses, model: [{"shift": float(k)} for k in _SHIFTS]),),
+    confirm="record a step of the command: the current or the position responds at once",
+    entry="late command",
+)
+SCALE_OF_U = Cause(
+    "scale_of_u",
+    "the recorded command has a wrong scale",
+    (Mechanism((), _scale_of_u),),
+    confirm="measure the voltage at the motor with a meter",
+    smaller=of_command,
+)
+SIGN_OF_U = Cause(
+    "sign_of_u",
+    "the recorded command has the wrong sign",
+    (Mechanism((), _sign_of_u),),
+    confirm="command a small positive voltage and check the direction of motion",
+)

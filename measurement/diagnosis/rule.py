@@ -1,0 +1,191 @@
+"""The rule that decides what is wrong, what is built in, and what is named.
+
+A hypothesis is *found* if its score, its share of the squares and the lower end of the interval of
+that share, all on held-out blocks, are large enough. The set has the best one that is found and all
+that come near the top score; without one that is found, it is empty. The best is named if no other
+entry of the catalogue is in the set. The numbers were set on records of simulated machines;
+`proofs/diagnosis_rule.py` counts how often they are wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ...solver.arrays import Vector
+from ...solver.errors import BadRecord
+from .balance import Added, recalibrated
+from .causes import CAUSES, OUTSIDE, entry_of
+from .causes.cause import Form
+from .drive import Drive
+from .modelled_record import ModelledRecord
+from .scores import Catalogue, Gain, Hypothesis, gain_of, scored, smaller_by
+from .study import Fit, Study
+
+SCORE = 100.0
+"""Least score of what is found [nats]."""
+
+SHARE = 0.05
+"""Least share of the squares that it removes."""
+
+NEAR = 0.8
+"""Least score of a member of the set, as a share of the best one."""
+
+NOISE = 20.0
+"""Scores up to this are noise [nats]."""
+
+_MOST = 4  # causes built in
+
+
+@dataclass(frozen=True)
+class Explained:
+    """Causes built in, in the order in which they were found, and the hypotheses that remain."""
+
+    study: Study
+    catalogue: Catalogue
+    built: list[Hypothesis]
+    sets: list[list[Hypothesis]]  # the set before each of them, best first, and the last one
+    best: Hypothesis | None = None  # in addition to those built in, of whatever score
+
+    @property
+    def forms(self) -> list[Form]:
+        return [h.form for h in self.built]
+
+    @cached_property
+    def fit(self) -> Fit:
+        return self.catalogue.without(self.forms)
+
+    @property
+    def variance(self) -> Vector:
+        """Variance of the residual in each used band, per number [N^2]."""
+        bands = self.study.bands
+        counts = bands.counts[:, bands.used].sum(axis=0)
+        return np.asarray(self.fit.squares[0].sum(axis=0) / counts + self.study.exact**2)
+
+    @property
+    def suspects(self) -> list[Hypothesis]:
+        """Members of the sets that are not built in, the best first."""
+        names = {h.name for h in self.built}
+        kept = {h.name: h for members in self.sets for h in members if h.name not in names}
+        return sorted(kept.values(), key=lambda h: -h.score)
+
+    @property
+    def outside(self) -> Hypothesis | None:
+        """The free curve that follows what is left, if nothing in the catalogue does."""
+        first = self.sets[-1][:1]
+        return first[0] if first and first[0].name == OUTSIDE else None
+
+    @property
+    def alternatives(self) -> dict[str, tuple[str, ...]]:
+        """For each cause built in, the others of its set."""
+        names = {h.name for h in self.built}
+        others = {
+            h.name: tuple(m.name for m in members if m.name not in names)
+            for h, members in zip(self.built, self.sets, strict=False)
+        }
+        return {name: those for name, those in others.items() if those}
+
+    def gain(self, forms: Sequence[Form]) -> Gain:
+        """What the causes built in remove from what only these of their forms leave."""
+        squares = self.fit.squares[0]
+        for form, mine in own_amplitudes(self.study, self.forms, self.fit.amplitude[0]):
+            if not any(form is f for f in forms):
+                squares = squares / smaller_by(self.study, form, mine) ** 2
+        return gain_of(self.study, self.catalogue.without(forms).squares[0], squares)
+
+
+def explained(study: Study, take: str | None = None) -> Explained:
+    """Build in the cause `take`, then the best one that is found, each beside the earlier ones.
+
+    At the end, each gets the form that scores best together with all others. Raises `BadRecord` if
+    these records cannot show the cause `take`.
+    """
+    catalogue = Catalogue(study)
+    built: list[Hypothesis] = []
+    sets: list[list[Hypothesis]] = []
+    while True:
+        ranked = scored(catalogue, built)
+        sets.append(members_of(ranked))
+        if take is not None:
+            first, take = _taken(ranked, study, take), None
+        elif not sets[-1] or sets[-1][0].name == OUTSIDE or len(built) == _MOST:
+            break
+        else:
+            first = sets[-1][0]
+        # the numbers were set for the first cause
+        built.append(replace(first, certain=first.certain and not built))
+    for k, h in enumerate(built):
+        others = [m for m in built if m is not h]
+        better = scored(catalogue, others, only=h.name) if others else []
+        if better:
+            built[k] = replace(better[0], lead=h.lead, certain=h.certain, alike=h.alike)
+    return Explained(study, catalogue, built, sets, ranked[0] if ranked else None)
+
+
+def is_found(h: Hypothesis) -> bool:
+    """Whether a hypothesis is more than noise: score, share, and force on held-out data."""
+    return h.score >= SCORE and h.gain.share >= SHARE and h.gain.certain
+
+
+def members_of(ranked: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The set, with leads and with the name decided: the best that is found, then all near the top.
+
+    Empty if nothing is found. A free curve has more parameters, so it is only the best if no cause
+    comes near it.
+    """
+    causes = [h for h in ranked if h.name != OUTSIDE]
+    top = causes[0].score if causes else 0.0
+    curve = next((h for h in ranked if h.name == OUTSIDE and is_found(h)), None)
+    if curve and top < NEAR * curve.score:
+        return [curve]
+    near = [h for h in causes if h.score >= NEAR * top]
+    first = next(filter(is_found, near), None)
+    if first is None:
+        return []
+
+    def led(h: Hypothesis) -> Hypothesis:
+        others = [o.score for o in causes if entry_of(o.name) != entry_of(h.name)]
+        return replace(h, lead=h.score - max(others, default=0.0))
+
+    rest = [led(h) for h in near if h is not first]
+    alike = tuple(h.name for h in rest if entry_of(h.name) == entry_of(first.name))
+    certain = len(alike) == len(rest)
+    return [replace(led(first), certain=certain, alike=alike), *rest]
+
+
+def _taken(ranked: Sequence[Hypothesis], study: Study, name: str) -> Hypothesis:
+    found = next((h for h in ranked if h.name == name), None)
+    if found is None:
+        why = CAUSES[name].beyond(study.courses, study.model)
+        why = why or "none of its forms fits the records"
+        raise BadRecord(f"these records cannot show {name}: {why}")
+    return found
+
+
+def built(
+    study: Study, forms: Sequence[Form], amplitude: Vector
+) -> tuple[list[ModelledRecord], Drive, Added]:
+    """Courses, model and additions to it, by the amplitudes of a fit of these forms."""
+    model, names = study.model, study.values
+    change = dict(zip(names, amplitude.tolist(), strict=False))
+    values = {n: model.values[n] * (1.0 + change[n]) for n in model.adjustable}
+    off = {n: c for n, c in change.items() if n not in values}
+    courses = recalibrated(study.courses, off)
+    added = Added.nothing(study.courses)
+    for form, mine in own_amplitudes(study, forms, amplitude):
+        added = added.more(form, mine)
+    return courses, model.changed(values), added
+
+
+def own_amplitudes(
+    study: Study, forms: Sequence[Form], amplitude: Vector
+) -> Iterator[tuple[Form, Vector]]:
+    """Forms that have amplitudes of their own, with these, of a fit of all the forms."""
+    at = len(study.values)
+    for form in forms:
+        if not form.freed:
+            yield form, amplitude[at : at + len(form.columns)]
+            at += len(form.columns)
