@@ -79,8 +79,8 @@ PARTS = {
     "controllers/test_observers.py",
     "controllers/nctf.py": "controllers/test_nctf.py",
     "plant/lugre.py": "plant/test_ball_screw.py plant/test_lugre.py plant/test_laws.py -k lugre",
-    "measurement/diagnosis/experiment_motions.py": "measurement/diagnosis/"
-    "test_next_experiment.py -k 'motion or lasts'",
+    "measurement/diagnosis/experiment.py": "measurement/diagnosis/"
+    "test_experiment.py -k 'motion or lasts'",
     "measurement/diagnosis/scores.py": "measurement/diagnosis/test_scores.py -k "
     "'not (far or gap or noisy or follows or swing)'",
     "measurement/records/record.py": "measurement/records/test_resolution.py "
@@ -121,7 +121,7 @@ EQUIVALENT = {
             "room for twice as much as is needed"
         ),
     },
-    "measurement/diagnosis/experiment_motions.py": {
+    "measurement/diagnosis/experiment.py": {
         '"start": float(self.values[[0 -> 1]]),': "the motion begins with a rest",
     },
     "measurement/diagnosis/scores.py": {

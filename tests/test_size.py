@@ -23,12 +23,12 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (2758, 2259),
     "ballscrew": (3500, 2893),
     "gallery": (2730, 2356),
-    "measurement": (11665, 10283),
+    "measurement": (11653, 10275),
     "proofs": (10110, 9002),
     "benchmarks": (1843, 1705),
     "docs": (338, 306),
     ".ci": (276, 255),
-    "tests": (23672, 22581),
+    "tests": (23677, 22586),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

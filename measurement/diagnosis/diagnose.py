@@ -28,10 +28,10 @@ from .diagnosis import (
     holds,
 )
 from .drive import Drive, commanded, drive_of
+from .experiment import next_experiment
 from .found_cause import finding
 from .held_out import HeldOut, held_out
 from .modelled_record import ModelledRecord, jumps_of, opposing
-from .next_experiment import next_experiment
 from .noise_floor import AT_FLOOR, NoiseFloor, Remainder, noise_floor, remainder
 from .residuals import residual, rms
 from .rule import Explained, built, explained

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,9 @@ from ...solver.arrays import Mask, Vector
 from ...solver.files import write_json
 from .causes import CAUSES
 from .drive import Drive
-from .experiment_motions import Motion
+
+if TYPE_CHECKING:
+    from .experiment import NextExperiment
 
 NONE, EXPLAINED, PARTLY, UNEXPLAINED = "none", "explained", "partly", "unexplained"
 UNDECIDED = "undecided"
@@ -63,14 +65,6 @@ class Finding:
     gain_interval: tuple[float, float]  # 90 %, by leaving out one block at a time
     before: float  # residual of that balance on held-out data without it [N]
     after: float  # and with it [N]
-
-
-@dataclass(frozen=True)
-class NextExperiment:
-    """The purpose of the next experiment, and the motion of the machine."""
-
-    says: str
-    motion: Motion
 
 
 @dataclass(frozen=True)
@@ -158,7 +152,7 @@ def _plain(value: Any) -> Any:
     """JSON form of a value; levels have their units."""
     if isinstance(value, Level):
         return {"force_N": value.force, "position_m": value.position}
-    if isinstance(value, Motion):
+    if hasattr(value, "to_dict"):
         return value.to_dict()
     if is_dataclass(value):
         return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}

@@ -21,7 +21,7 @@ from .diagnosis import (
     Diagnosis,
     Finding,
 )
-from .experiment_motions import COMMAND_FILE
+from .experiment import COMMAND_FILE
 from .residuals import binned
 
 WORDS = {

@@ -10,13 +10,18 @@ import pytest
 from diagnosed import nominal
 from slide_records import COULOMB, MASS, VISCOUS, believed, slide_record
 
-from ballscrew.measurement.diagnosis import next_experiment as module
+from ballscrew.measurement.diagnosis import experiment as module
 from ballscrew.measurement.diagnosis.causes import CAUSES
 from ballscrew.measurement.diagnosis.diagnose import diagnose_records
 from ballscrew.measurement.diagnosis.drive import Drive
-from ballscrew.measurement.diagnosis.experiment_motions import COMMAND_FILE, Reach, reach_of, survey
+from ballscrew.measurement.diagnosis.experiment import (
+    COMMAND_FILE,
+    Reach,
+    next_experiment,
+    reach_of,
+    survey,
+)
 from ballscrew.measurement.diagnosis.modelled_record import lay_along
-from ballscrew.measurement.diagnosis.next_experiment import next_experiment
 from ballscrew.measurement.diagnosis.rule import Explained
 from ballscrew.measurement.diagnosis.scores import OUTSIDE, Catalogue
 from ballscrew.measurement.diagnosis.study import study_of
