@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1843, 1705),
     "docs": (338, 306),
     ".ci": (276, 255),
-    "tests": (23677, 22586),
+    "tests": (23683, 22592),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

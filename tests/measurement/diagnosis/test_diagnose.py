@@ -231,6 +231,14 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path, world, seed, verdict
     assert found.verdict == verdict
 
 
+@in_a_world
+@pytest.mark.ci
+def test_a_record_without_a_band_that_shows_forces_decides_nothing(tmp_path):
+    _, found = found_in_world(tmp_path, "industrial", ("load_bias",), 2_000_000)
+    assert found.verdict == "undecided"
+    assert not found.causes
+
+
 @pytest.mark.prove
 def test_friction_that_follows_a_thermometer_is_told_per_degree():
     """A screw that cools down and warms up again: no growth in time would do."""
