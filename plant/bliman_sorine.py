@@ -16,7 +16,7 @@ from typing import Any
 import sympy as sp
 
 from ..solver.component import ForceTerm, Output, Parameter, State, symbol
-from .law import Claims, Estimation, Features, friction_term
+from .law import Claims, Estimation, friction_term
 
 _SOURCE = "Table 2.7, row 6"
 _SHARE = "distance constant of the fast part, in that of the slow one"
@@ -32,11 +32,11 @@ _F1, _F2, _EPS, _ETA = map(symbol, ("f1", "f2", "eps_f", "eta"))
 _STIFFNESS = (_F1 / _ETA - _F2) / _EPS
 
 
-def _guesses(seen: Features, _: Mapping[str, float]) -> list[dict[str, float]]:
-    f2 = 1.5 * seen.sliding
-    f1 = seen.sliding + f2
+def _guesses(seen: Mapping[str, float]) -> list[dict[str, float]]:
+    f2 = 1.5 * seen["sliding"]
+    f1 = seen["sliding"] + f2
     two = [{"f1": f1, "f2": f2, "eta": eta} for eta in (0.3, 0.7)]
-    return [g | {"eps_f": (f1 / g["eta"] - f2) / seen.stiffness} for g in two]
+    return [g | {"eps_f": (f1 / g["eta"] - f2) / seen["stiffness"]} for g in two]
 
 
 def _parameters(least: Any, gone: Any, eps_f: Any, odds: Any) -> Iterable[Any]:
@@ -54,14 +54,7 @@ CLAIMS = Claims(
     stiffness=_STIFFNESS,
     passive_if=sp.And(_F1 >= _F2, _F1 >= _ETA**2 * _F2),
     follows_path_only=True,
-    estimation=Estimation(
-        "relaxing",
-        _guesses,
-        together=("f1", "f2", "eta"),
-        parameters=_parameters,
-        numbers=_numbers,
-        of_break_away=(),
-    ),
+    estimation=Estimation("relaxing", _guesses, ("f1", "f2", "eta"), _parameters, _numbers),
 )
 
 

@@ -48,7 +48,7 @@ def sliding(velocity: sp.Expr, direction: sp.Expr) -> sp.Expr:
 CLAIMS = Claims(
     steady_state=sliding(symbol("v"), sp.sign(symbol("v"))),
     stiffness=None,
-    estimation=Estimation("dry", lambda _, curve: [{}], of_sliding=USED),
+    estimation=Estimation("dry", lambda _: [{}], of_sliding=("Fs",)),
 )
 
 

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 import sympy as sp
 
 from ..solver.component import ForceTerm, Parameter, State, symbol
-from .law import Claims, Estimation, Features, friction_term
+from .law import Claims, Estimation, friction_term
 
 ROUNDING = sp.Float("1e-6")
 _EXPONENT = "exponent; 1 is the usual one, below it F meets Fc after a finite way"
@@ -28,8 +28,8 @@ PARAMETERS = (
 )
 
 
-def _guesses(seen: Features, _: Mapping[str, float]) -> list[dict[str, float]]:
-    return [{"sigma": seen.stiffness, "Fc": seen.largest, "alpha": a} for a in (1.0, 2.0)]
+def _guesses(seen: Mapping[str, float]) -> list[dict[str, float]]:
+    return [{"sigma": seen["stiffness"], "Fc": seen["largest"], "alpha": a} for a in (1.0, 2.0)]
 
 
 CLAIMS = Claims(

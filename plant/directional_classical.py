@@ -6,13 +6,14 @@ differ by direction; names as in `directional_lugre`.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import sympy as sp
 
 from ..solver.component import ForceTerm, symbol
 from .classical import CLAIMS as SAME_BOTH_WAYS
 from .classical import USED, sliding, sticking_term
 from .directional_lugre import PARAMETERS, one_way
-from .law import Claims
 
 
 def _friction(velocity: sp.Expr) -> sp.Expr:
@@ -23,9 +24,7 @@ def _friction(velocity: sp.Expr) -> sp.Expr:
     return (1 + sign) / 2 * forwards + (1 - sign) / 2 * backwards
 
 
-CLAIMS = Claims(
-    steady_state=_friction(symbol("v")), stiffness=None, estimation=SAME_BOTH_WAYS.estimation
-)
+CLAIMS = replace(SAME_BOTH_WAYS, steady_state=_friction(symbol("v")))
 
 
 def directional_classical(velocity: sp.Expr) -> ForceTerm:

@@ -15,7 +15,7 @@ from dataclasses import replace
 import sympy as sp
 
 from ..solver.component import ForceTerm, Parameter, State, symbol
-from .law import Claims, friction_term
+from .law import friction_term
 from .lugre import PARAMETERS as LUGRE
 from .lugre import PASSIVE_MARGIN, stribeck
 from .modified_lugre import CLAIMS as SAME_BOTH_WAYS
@@ -65,16 +65,14 @@ def _both(expression: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
     return one_way(expression, "pos"), one_way(expression, "neg")
 
 
-CLAIMS = Claims(
+CLAIMS = replace(
+    SAME_BOTH_WAYS,
     steady_state=_by(symbol("v"), SAME_BOTH_WAYS.steady_state),
     stiffness=_by(symbol("v"), symbol("sigma0")),
     passive_if=sp.And(*_both(SAME_BOTH_WAYS.passive_if)),
     passive_above=lowest_passive_speed(
         sp.Max(*_both(symbol("Fs"))), sp.Min(*_both(symbol("Fc"))), sp.Min(*_both(PASSIVE_MARGIN))
     ),
-    lags=True,
-    breaks_away_sooner_when_loaded_faster=True,
-    estimation=SAME_BOTH_WAYS.estimation,
 )
 
 

@@ -27,30 +27,21 @@ Law = Callable[[sp.Expr], ForceTerm]
 
 
 @dataclass(frozen=True)
-class Features:
-    """Rough features of records, for first guesses: stiffness [N/m] and forces [N]."""
-
-    stiffness: float
-    sliding: float
-    largest: float
-
-
-@dataclass(frozen=True)
 class Estimation:
     """What an estimation of a law's parameters from records asks; both directions are alike."""
 
     # form of the exact step along a record, see ``measurement/identification/c/laws.c``; empty:
     # the equations are solved
     form: str = ""
-    # first guesses of the parameters, except those of a Stribeck curve, whose are `curve`
-    guesses: Callable[[Features, Mapping[str, float]], list[dict[str, float]]] | None = None
-    presliding: sp.Expr | None = None  # distance [m]; None: steady state over stiffness
+    # first guesses of the parameters but Fc, Fs, Vs and sigma2 of a Stribeck curve, from these and
+    # from rough features of records: "stiffness" [N/m], "sliding" and "largest" force [N]
+    guesses: Callable[[Mapping[str, float]], list[dict[str, float]]] | None = None
     # parameters that cannot be estimated one by one; positive numbers in their place, of which all
     # parameters are functions, and the inverse
     together: tuple[str, ...] = ()
     parameters: Callable[..., Iterable[Any]] | None = None
     numbers: Callable[..., Iterable[Any]] | None = None
-    of_sliding: tuple[str, ...] = ()  # seen only where the body slides far and at several speeds
+    of_sliding: tuple[str, ...] = ()  # seen only if the body slides far, beside Fc, Vs and sigma2
     of_break_away: tuple[str, ...] = ("Fs",)  # seen only if the body breaks away
     unseen: tuple[str, ...] = ()  # never seen: these keep their defaults
 

@@ -9,24 +9,24 @@ slowly.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import sympy as sp
 
 from ..solver.component import ForceTerm, Parameter, State, symbol
 from .law import Claims, Estimation, friction_term
 
+_TABLES = "Tables 2.3 and 3.1"
 _DAMPING = "Table 3.1; 2 sqrt(sigma0 m) - sigma2 by Eq. 2.17"
 PARAMETERS = (
     Parameter(
         "sigma0", 66967.231, "N/m", "stiffness of the bristles", "Tables 2.9 and 3.1", minimum=1e-3
     ),
     Parameter("sigma1", 344.56, "N*s/m", "damping of the bristles", _DAMPING, minimum=0.0),
-    Parameter(
-        "sigma2", 173.0, "N*s/m", "viscous friction coefficient", "Tables 2.3 and 3.1", minimum=0.0
-    ),
-    Parameter("Fc", 1.284, "N", "Coulomb friction", "Tables 2.3 and 3.1", minimum=1e-9),
-    Parameter("Fs", 2.35, "N", "break-away force", "Tables 2.3 and 3.1", minimum=1e-9),
-    Parameter("Vs", 0.00113975, "m/s", "Stribeck velocity", "Tables 2.3 and 3.1", minimum=1e-9),
+    Parameter("sigma2", 173.0, "N*s/m", "viscous friction coefficient", _TABLES, minimum=0.0),
+    Parameter("Fc", 1.284, "N", "Coulomb friction", _TABLES, minimum=1e-9),
+    Parameter("Fs", 2.35, "N", "break-away force", _TABLES, minimum=1e-9),
+    Parameter("Vs", 0.00113975, "m/s", "Stribeck velocity", _TABLES, minimum=1e-9),
 )
 
 
@@ -41,13 +41,10 @@ PASSIVE_MARGIN = symbol("sigma2") - symbol("sigma1") * (
 )
 """Viscous coefficient minus the largest negative effect of the bristles' damping [N*s/m]."""
 
-ESTIMATION = Estimation(
-    form="bristles",
-    guesses=lambda seen, _: [{"sigma0": seen.stiffness, "sigma1": 2 * math.sqrt(seen.stiffness)}],
-    presliding=symbol("Fs") / symbol("sigma0"),
-    of_sliding=("Fc", "Vs", "sigma2"),
-    unseen=("Kv",),
-)
+
+def _guesses(seen: Mapping[str, float]) -> list[dict[str, float]]:
+    return [{"sigma0": seen["stiffness"], "sigma1": 2 * math.sqrt(seen["stiffness"])}]
+
 
 CLAIMS = Claims(
     steady_state=stribeck(symbol("v")) * sp.sign(symbol("v")) + symbol("sigma2") * symbol("v"),
@@ -55,7 +52,7 @@ CLAIMS = Claims(
     passive_if=PASSIVE_MARGIN >= 0,
     lags=True,
     breaks_away_sooner_when_loaded_faster=True,
-    estimation=ESTIMATION,
+    estimation=Estimation("bristles", _guesses, unseen=("Kv",)),
 )
 
 

@@ -32,7 +32,7 @@ from typing import Any
 import sympy as sp
 
 from ..solver.component import ForceTerm, Output, Parameter, State, symbol
-from .law import Claims, Estimation, Features, friction_term
+from .law import Claims, Estimation, friction_term
 from .lugre import PARAMETERS as LUGRE
 from .lugre import stribeck
 
@@ -64,6 +64,7 @@ def _names(stem: str) -> list[str]:
     return [f"{stem}{i}" for i in range(1, ELEMENTS + 1)]
 
 
+_SHARE = "share of element {} in the Stribeck curve"
 _TANGENTS = "tangents to the LuGre law's slow loading curve"
 _STIFFNESS, _SOURCE = _DEFAULT["sigma0"] / ELEMENTS, f"Table 2.9: sigma0/{ELEMENTS}"
 _ATTRACTION = "attraction: how fast slipping elements follow the Stribeck curve"
@@ -71,21 +72,12 @@ _RATE = "sigma0 Vs: the rate of the LuGre law at the Stribeck velocity"
 
 PARAMETERS = (
     *(
-        Parameter(
-            name, _STIFFNESS, "N/m", f"stiffness of element {name[1:]}", _SOURCE, minimum=1e-3
-        )
-        for name in _names("k")
+        Parameter(f"k{i}", _STIFFNESS, "N/m", f"stiffness of element {i}", _SOURCE, minimum=1e-3)
+        for i in range(1, ELEMENTS + 1)
     ),
     *(
-        Parameter(
-            name,
-            share,
-            "1",
-            f"share of element {name[5:]} in the Stribeck curve",
-            _TANGENTS,
-            minimum=1e-6,
-        )
-        for name, share in zip(_names("alpha"), _shares(ELEMENTS), strict=True)
+        Parameter(f"alpha{i}", share, "1", _SHARE.format(i), _TANGENTS, minimum=1e-6)
+        for i, share in enumerate(_shares(ELEMENTS), start=1)
     ),
     Parameter("C", _DEFAULT["sigma0"] * _DEFAULT["Vs"], "N/s", _ATTRACTION, _RATE, minimum=0.0),
     *(p for p in LUGRE if p.name in ("sigma2", "Fc", "Fs", "Vs")),
@@ -95,9 +87,9 @@ _K, _ALPHA = ([symbol(name) for name in _names(stem)] for stem in ("k", "alpha")
 _LEAST, _MOST = (f(symbol("Fc"), symbol("Fs")) for f in (sp.Min, sp.Max))
 
 
-def _guesses(seen: Features, curve: Mapping[str, float]) -> list[dict[str, float]]:
-    guess = {p.name: p.default for p in PARAMETERS} | {"C": seen.stiffness * curve["Vs"]}
-    return [guess | dict.fromkeys(_names("k"), seen.stiffness / ELEMENTS)]
+def _guesses(seen: Mapping[str, float]) -> list[dict[str, float]]:
+    guess = {p.name: p.default for p in PARAMETERS} | {"C": seen["stiffness"] * seen["Vs"]}
+    return [guess | dict.fromkeys(_names("k"), seen["stiffness"] / ELEMENTS)]
 
 
 def _from_ratios(*values: Any) -> Iterable[Any]:
@@ -123,11 +115,10 @@ CLAIMS = Claims(
     estimation=Estimation(
         "elements",
         _guesses,
-        symbol("Fs") / sp.Add(*_K),
         tuple(_names("alpha")),
         _from_ratios,
         _to_ratios,
-        of_sliding=("Fc", "Vs", "sigma2", "C", "Fs", *_names("alpha")),
+        of_sliding=("C", "Fs", *_names("alpha")),
     ),
 )
 

@@ -7,10 +7,12 @@ condition of LuGre, motion that does not stay at such speeds.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import sympy as sp
 
 from ..solver.component import ForceTerm, Parameter, State, symbol
-from .law import Claims, friction_term
+from .law import friction_term
 from .lugre import CLAIMS as ORIGINAL
 from .lugre import PARAMETERS, PASSIVE_MARGIN, stribeck
 
@@ -32,16 +34,13 @@ def lowest_passive_speed(largest: sp.Expr, least: sp.Expr, margin: sp.Expr) -> s
     return sp.sqrt(5 * largest * (1 + largest / least) / (sp.pi * symbol("Kv") * margin))
 
 
-CLAIMS = Claims(
+CLAIMS = replace(
+    ORIGINAL,
     steady_state=smooth_sign(symbol("v")) * stribeck(symbol("v")) + symbol("sigma2") * symbol("v"),
-    stiffness=symbol("sigma0"),
     passive_if=PASSIVE_MARGIN > 0,
     passive_above=lowest_passive_speed(
         sp.Max(symbol("Fs"), symbol("Fc")), sp.Min(symbol("Fs"), symbol("Fc")), PASSIVE_MARGIN
     ),
-    lags=ORIGINAL.lags,
-    breaks_away_sooner_when_loaded_faster=ORIGINAL.breaks_away_sooner_when_loaded_faster,
-    estimation=ORIGINAL.estimation,
 )
 
 

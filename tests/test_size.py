@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
     "solver": (5940, 5290),
-    "plant": (1655, 1379),
+    "plant": (1622, 1347),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
     "orchestration": (9505, 8373),

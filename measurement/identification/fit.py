@@ -33,7 +33,6 @@ from dataclasses import replace
 import numpy as np
 
 from ...fmus.units import base_exponents
-from ...plant.law import Features
 from ...plant.law import law as law_of
 from ...solver.arrays import Vector
 from ...solver.component import symbol
@@ -174,8 +173,8 @@ def _starts(course: StackedRecords, law: FittedLaw, sliding: Start) -> list[Vect
     else:
         stribeck = "Vs" in law.parameters
         curves = _stribeck_curves(course, friction, most / sigma) if stribeck else [{}]
-        seen = Features(sigma, level, high)
-        starts = [guess | curve for curve in curves for guess in law.asks.guesses(seen, curve)]
+        seen = {"stiffness": sigma, "sliding": level, "largest": high}
+        starts = [guess | curve for curve in curves for guess in law.asks.guesses(seen | curve)]
     return [np.array([s[n] for n in law.parameters]) for s in starts]
 
 

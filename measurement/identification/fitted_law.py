@@ -97,11 +97,11 @@ class FittedLaw:
     def presliding_way(self, values: Mapping[str, float], end: str = "") -> float:
         """Presliding distance [m], of the parameters whose names have this end."""
         own = {n: values[n + (end or self.ends[0])] for n in self.parameters}
-        if self.asks.presliding is not None:
-            return float(self.asks.presliding.subs({symbol(n): v for n, v in own.items()}))
-        stiffness = claim_of(self.name, "stiffness", own)
+        both = self.name.removeprefix("directional_")
+        stiffness = claim_of(both, "stiffness", own)
         rigid = 2e-5  # assumed for a law without a stiffness
-        return abs(claim_of(self.name, "steady_state", own) / stiffness) if stiffness else rigid
+        static = own["Fs"] if "Fs" in own else claim_of(both, "steady_state", own)
+        return abs(static / stiffness) if stiffness else rigid
 
 
 def _fitted(name: str) -> FittedLaw:

@@ -70,7 +70,8 @@ def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     remaining fall, its width and the viscous slope are not identified.
     """
     name = without_direction(parameter)
-    if name not in fit.law.asks.of_sliding:
+    of_curve = name in ("Fc", "Vs", "sigma2") and "Vs" in fit.law.parameters
+    if not of_curve and name not in fit.law.asks.of_sliding:
         return False
     end = parameter[len(name) :]
     yielding = fit.law.presliding_way(fit.values, end)
@@ -81,7 +82,7 @@ def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     slid = {"_pos": np.maximum(moves, 0.0), "_neg": np.maximum(-moves, 0.0)}.get(end, np.abs(moves))
     if float(slid.sum()) < 50.0 * yielding:
         return True
-    if name not in ("Fc", "Vs", "sigma2"):
+    if not of_curve:
         return False
     order = np.argsort(np.abs(course.v))
     covered = np.cumsum(slid[order]) / float(slid.sum())
