@@ -56,30 +56,19 @@ np.savetxt("record.csv", rows, delimiter=",", header="time,u,x,i", comments="")
 """
 
 
-class Step:
-    """Runs what a reader types, in the environment that was made, and says how long it took."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        names = ("PATH", "LANG", "PIP_INDEX_URL", "PIP_CONFIG_FILE", "PIP_FIND_LINKS")
-        self.environment = {n: os.environ[n] for n in names if n in os.environ}
-        self.environment["HOME"] = str(folder / "home")
-        (folder / "home").mkdir()
-
-    def __call__(self, what: str, *command: str | Path, allowed: tuple[int, ...] = (0,)) -> str:
-        began = time.monotonic()
-        done = subprocess.run(
-            [str(c) for c in command],
-            cwd=self.folder,
-            env=self.environment,
-            capture_output=True,
-            encoding="utf-8",
-            timeout=ALLOWED,
-        )
-        print(f"{time.monotonic() - began:6.1f} s  {what}", flush=True)
-        if done.returncode not in allowed:
-            raise SystemExit(f"exit code {done.returncode}: {(done.stderr or done.stdout)[-800:]}")
-        return done.stdout
+def step(folder: Path, *command: str | Path, allowed: tuple[int, ...] = (0,)) -> str:
+    """Runs what a reader types, in the environment that is made, and says how long it took."""
+    names = ("LANG", "PIP_INDEX_URL", "PIP_CONFIG_FILE", "PIP_FIND_LINKS")
+    own = {n: os.environ[n] for n in names if n in os.environ}
+    own |= {"HOME": f"{folder}/home", "PATH": f"{folder}/env/bin{os.pathsep}{os.environ['PATH']}"}
+    typed, began = [str(c) for c in command], time.monotonic()
+    done = subprocess.run(
+        typed, cwd=folder, env=own, capture_output=True, encoding="utf-8", timeout=ALLOWED
+    )
+    print(f"{time.monotonic() - began:6.1f} s  {' '.join(typed)}", flush=True)
+    if done.returncode not in allowed:
+        raise SystemExit(f"exit code {done.returncode}: {(done.stderr or done.stdout)[-800:]}")
+    return done.stdout
 
 
 def blocks(text: str, language: str) -> list[str]:
@@ -90,35 +79,32 @@ def main() -> int:
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
-        step = Step(folder)
-        step("git clone", "git", "clone", "--quiet", TOP, "ballscrew")
-        step("a new environment", sys.executable, "-m", "venv", "env")
-        step.environment["PATH"] = f"{folder}/env/bin{os.pathsep}{step.environment['PATH']}"
-        step("pip install .", "python", "-m", "pip", "install", "--quiet", "./ballscrew")
+        (folder / "home").mkdir()
+        step(folder, "git", "clone", "--quiet", TOP, "ballscrew")
+        step(folder, sys.executable, "-m", "venv", "env")
+        step(folder, "python", "-m", "pip", "install", "--quiet", "./ballscrew")
         readme = (folder / "ballscrew" / "README.md").read_text(encoding="utf-8")
-        (folder / "yours.py").write_text(THEIRS, encoding="utf-8")
-        step("their own FMU", "pythonfmu", "build", "-f", "yours.py", "-d", ".")
+        (commands,), (program,), (printed,) = (
+            blocks(readme, language) for language in ("console", "python", "text")
+        )
+        for name, text in (("yours", THEIRS), ("record", RECORD), ("program", program)):
+            (folder / f"{name}.py").write_text(text, encoding="utf-8")
+        step(folder, "pythonfmu", "build", "-f", "yours.py", "-d", ".")
         (folder / "Yours.fmu").rename(folder / "yours.fmu")
-        (folder / "record.py").write_text(RECORD, encoding="utf-8")
-        step("a record", "python", "record.py")
-        step("a parameter file", "ballscrew", "run", "--controller", "pid", "--out", "known")
+        step(folder, "python", "record.py")
+        step(folder, "ballscrew", "run", "--controller", "pid", "--out", "known")
         (folder / "known" / "parameters.toml").rename(folder / "axis.toml")
-        (commands,) = blocks(readme, "console")
         for line in commands.splitlines():
             command = line.removeprefix("$ ").partition("#")[0].split()
             out = folder / command[command.index("--out") + 1]
             # 1: done, and a controller is not trusted or a cause is not certain
-            step(" ".join(command), *command, allowed=(0, 1))
+            step(folder, *command, allowed=(0, 1))
             if not any(out.iterdir()):
                 raise SystemExit(f"{out.name} is empty")
         swapped = (folder / "out" / "yours" / "comparison.csv").read_text(encoding="utf-8")
-        if "yours" not in swapped or "pid" not in swapped:
-            raise SystemExit("the comparison has not both controllers")
-        if "not converged" in swapped:
-            raise SystemExit("a controller of the comparison is not trusted")
-        (program,), (printed,) = blocks(readme, "python"), blocks(readme, "text")
-        (folder / "program.py").write_text(program, encoding="utf-8")
-        said = step("the program of README", "python", "program.py")
+        if "yours" not in swapped or "pid" not in swapped or "not converged" in swapped:
+            raise SystemExit(f"expected a comparison of yours and pid, both trusted:\n{swapped}")
+        said = step(folder, "python", "program.py")
         if said.strip() != printed.strip():
             raise SystemExit(f"the program prints {said!r}, README says {printed!r}")
     took = time.monotonic() - began

@@ -14,7 +14,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 TOP = Path(__file__).resolve().parents[1]
@@ -29,8 +28,9 @@ print(",".join(r.dtype.names))
 for row in r:
     print(",".join(repr(float(value)) for value in row))
 """
+RUNS = {"run": ("0.2", "trajectory.csv"), "lyapunov": ("2", "lyapunov.csv")}
 FMUS = {"readable": [], "native": ["--native"]}
-COLUMNS = ["install", "run", "lyapunov"]
+COLUMNS = ["install", *RUNS]
 COLUMNS += [f"{kind} FMU {way}" for kind in FMUS for way in ("from", "to")]
 
 Rows = list[dict[str, str]]
@@ -89,23 +89,18 @@ def compared(ours: Rows, theirs: Rows) -> str:
     return "same" if worst == 0 else f"{worst:.0e}"
 
 
-def computed(python: str | Path, folder: Path) -> dict[str, Rows]:
-    """What the installed package of an interpreter computes."""
-    program = [python, "-P", "-m", "ballscrew"]
-    made = {}
-    for name, more in {"run": ["--stop", "0.2"], "lyapunov": ["--stop", "2"]}.items():
-        out = folder / name
-        words(*program, name, "--controller", "nctf", *more, "--out", out, cwd=folder)
-        table = "trajectory.csv" if name == "run" else "lyapunov.csv"
-        made[name] = rows_of((out / table).read_text("utf-8"))
-    return made
+def computed(python: str | Path, name: str, folder: Path) -> Rows:
+    """What the installed package of an interpreter computes by a command."""
+    stop, table = RUNS[name]
+    command = [name, "--controller", "nctf", "--stop", stop, "--out", folder / name]
+    words(python, "-P", "-m", "ballscrew", *command, cwd=folder)
+    return rows_of((folder / name / table).read_text("utf-8"))
 
 
 def exported(python: str | Path, kind: str, folder: Path) -> Path:
-    words(
-        python, "-P", "-m", "ballscrew", "export", "--only", "plant", *FMUS[kind], "--out", folder
-    )
-    return folder / "plant.fmu"
+    command = ["export", "--only", "plant", *FMUS[kind], "--out", folder / kind]
+    words(python, "-P", "-m", "ballscrew", *command)
+    return folder / kind / "plant.fmu"
 
 
 def simulated(python: str | Path, fmu: Path) -> Rows:
@@ -113,85 +108,61 @@ def simulated(python: str | Path, fmu: Path) -> Rows:
     return rows_of(words(python, "-P", "-c", SIMULATE, fmu, cwd=fmu.parent))
 
 
-def tried(what: Callable[[], str], faults: list[str], name: str) -> str:
-    try:
-        return what()
-    except (RuntimeError, OSError, KeyError, ValueError, subprocess.TimeoutExpired) as fault:
-        faults.append(f"{name}: {fault}")
-        return "FAILED"
+def answer(column: str, path: str, folder: Path, ours: dict[str, Rows]) -> str:
+    """What a column says of an interpreter; `folder` is beside ``own`` and the wheel."""
+    python = folder / "env" / "bin" / "python"
+    kind, _, way = column.partition(" FMU ")
+    if column == "install":
+        words(path, "-m", "venv", python.parents[1])
+        pins = ["--constraint", TOP / "constraints.txt"]
+        words(python, "-m", "pip", "install", "--quiet", *pins, *folder.parent.glob("*.whl"))
+        return "yes"
+    if column in RUNS:
+        return compared(ours[column], computed(python, column, folder))
+    if way == "from":
+        fmu = folder.parent / "own" / kind / "plant.fmu"
+        return compared(ours[kind], simulated(python, fmu))
+    return compared(ours[kind], simulated(sys.executable, exported(python, kind, folder)))
+
+
+def row_of(version: str, path: str, folder: Path, ours: dict[str, Rows]) -> tuple[list[str], str]:
+    """The columns of an interpreter, and its faults, one a line."""
+    row, faults = {}, ""
+    for column in COLUMNS:
+        try:
+            row[column] = (
+                "-" if row.get("install") == "FAILED" else answer(column, path, folder, ours)
+            )
+        except (RuntimeError, OSError, KeyError, ValueError, subprocess.TimeoutExpired) as fault:
+            row[column] = "FAILED"
+            faults += f"{version} {column}: {fault}\n"
+    return [version, *row.values()], faults
 
 
 def main() -> int:
     interpreters = found()
     interpreters.pop(OWN, None)
-    table, faults = [], []
+    table, faults = [], ""
     with tempfile.TemporaryDirectory() as scratch:
         top = Path(scratch)
+        own = top / "own"
+        own.mkdir()
         words(sys.executable, "-m", "build", "--wheel", "--outdir", top, TOP)
-        (wheel,) = top.glob("*.whl")
-        (top / "own").mkdir()
-        ours = computed(sys.executable, top / "own")
-        fmus = {kind: exported(sys.executable, kind, top / "own" / kind) for kind in FMUS}
-        courses = {kind: simulated(sys.executable, fmu) for kind, fmu in fmus.items()}
+        ours = {name: computed(sys.executable, name, own) for name in RUNS}
+        for kind in FMUS:
+            ours[kind] = simulated(sys.executable, exported(sys.executable, kind, own))
         for version, path in sorted(interpreters.items()):
             print(f"Python {version} ...", file=sys.stderr, flush=True)
-            folder = top / version
-            folder.mkdir()
-            python = folder / "env" / "bin" / "python"
-
-            def install(path: str = path, python: Path = python) -> str:
-                words(path, "-m", "venv", python.parents[1])
-                pins = ["--constraint", TOP / "constraints.txt"]
-                words(python, "-m", "pip", "install", "--quiet", *pins, wheel)
-                return "yes"
-
-            row = {"install": tried(install, faults, f"{version} install")}
-            if row["install"] == "yes":
-                row |= results(python, version, folder, ours, fmus, courses, faults)
-            table.append([version, *(row.get(name, "-") for name in COLUMNS)])
+            (top / version).mkdir()
+            row, failed = row_of(version, path, top / version, ours)
+            table.append(row)
+            faults += failed
     head = ["Python", *(c.replace("from", f"of {OWN}").replace("to", f"to {OWN}") for c in COLUMNS)]
     for line in (head, ["-"] * len(head), *table):
         print("|", " | ".join(line), "|")
     missing = [v for v in VERSIONS if v != OWN and v not in interpreters]
-    print(f"not found: {', '.join(missing) or 'none'}")
-    print("\n".join(faults))
+    print(f"not found: {', '.join(missing) or 'none'}\n{faults}")
     return 1 if faults else 0
-
-
-def results(
-    python: Path,
-    version: str,
-    folder: Path,
-    ours: dict[str, Rows],
-    fmus: dict[str, Path],
-    courses: dict[str, Rows],
-    faults: list[str],
-) -> dict[str, str]:
-    """The columns after the first."""
-    row, theirs = {}, {}
-
-    def compute() -> str:
-        theirs.update(computed(python, folder))
-        return ""
-
-    tried(compute, faults, f"{version} commands")
-    for name in ("run", "lyapunov"):
-        row[name] = tried(
-            lambda name=name: compared(ours[name], theirs[name]), faults, f"{version} {name}"
-        )
-    for kind, fmu in fmus.items():
-        row[f"{kind} FMU from"] = tried(
-            lambda fmu=fmu, kind=kind: compared(courses[kind], simulated(python, fmu)),
-            faults,
-            f"{version} {kind} FMU of {OWN}",
-        )
-
-        def back(kind: str = kind) -> str:
-            made = exported(python, kind, folder / kind)
-            return compared(courses[kind], simulated(sys.executable, made))
-
-        row[f"{kind} FMU to"] = tried(back, faults, f"{version} {kind} FMU in {OWN}")
-    return row
 
 
 if __name__ == "__main__":

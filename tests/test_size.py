@@ -27,7 +27,7 @@ MOST = {  # folder: lines, lines without docstrings
     "proofs": (10110, 9002),
     "benchmarks": (1843, 1705),
     "docs": (338, 306),
-    ".ci": (276, 255),
+    ".ci": (241, 219),
     "tests": (23683, 22592),
 }
 CODE = (".py", ".c", ".h", ".jinja")
