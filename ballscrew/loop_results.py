@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .orchestration.loop.closed_loop import COLUMNS, ClosedLoopResult, SwapResult, units_of_figures
 from .orchestration.loop.shown import Table
 from .result import Result, as_text, figures_table, table_of, values_of
-
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    Vector = npt.NDArray[np.float64]
+from .solver.arrays import Vector
 
 
 @dataclass(frozen=True, repr=False)

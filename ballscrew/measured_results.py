@@ -5,26 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .measurement.diagnosis.blocks import Estimate
 from .measurement.diagnosis.compared import ALL, Compared, Left
 from .measurement.diagnosis.diagnosis import ANSWERED, Diagnosis
 from .measurement.diagnosis.report import WORDS, diagnosis_figure, tables_of, verdict_sentence
 from .measurement.identification.identification import Identification
+from .measurement.identification.intervals import Interval
 from .measurement.rig.record import TrialRecord
 from .orchestration.loop.shown import Table, shown_unit
 from .result import Result, table_of
+from .solver.arrays import Vector
+from .solver.component import Component
 from .solver.files import write_table
-
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    from .measurement.identification.intervals import Interval
-    from .solver.component import Component
-
-    Vector = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)

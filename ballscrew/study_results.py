@@ -7,8 +7,9 @@ import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .orchestration.loop.machine import Margins
 from .orchestration.loop.pictures import drawing
 from .orchestration.loop.run_folder import write_run
 from .orchestration.loop.shown import REPORT, Table, length
@@ -20,14 +21,6 @@ from .stability.attractor import Kind
 from .stability.lyapunov import LyapunovRun
 from .stability.map_plan import TABLE
 from .stability.stability_map import AGAIN, MapSummary
-
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    from .orchestration.loop.machine import Margins
-
-    Vector = npt.NDArray[np.float64]
 
 BITS = 1.0 / math.log(2.0)  # per nat
 _LISTS = ("exponents", "exponents_error", "asymptotic", "asymptotic_error")
@@ -256,10 +249,9 @@ class TunedGains(TunedController, Result):
             (g.name, f"{g.value:.6g} {g.unit}", f"searched {g.low:.3g} to {g.high:.3g}")
             for g in self.gains
         ]
-        motions = list(self._motions())
         return [
             Table("Gains", ("gain", "value", "range"), gains),
-            Table("Motions", ("motion", "error and command"), motions),
+            Table("Motions", ("motion", "error and command"), [*self._motions()]),
             figures_table("tuning.json", self.to_dict(), {}),
             *values_of(self.loop, coupled=False),
         ]
