@@ -6,7 +6,7 @@ import csv
 import io
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -70,23 +70,6 @@ def swap(loops: Sequence[Loop], progress: Callable[[str, float], None] | None = 
     return SwapResult(tuple(results), tuple((label, str(error)) for label, error in failed))
 
 
-@dataclass(frozen=True)
-class Metrics:
-    """Figures of merit; None if the run does not define one."""
-
-    peak_voltage: float  # largest magnitude of the command that the limit of the plant passes
-    peak_voltage_time: float  # [s]
-    # time after which the error stays within 2 % of the step [s]; None if it does not, or if the
-    # set-point moves
-    settling_time_2pct: float | None
-    overshoot: float | None  # beyond the set-point [m]; None if the set-point moves
-    steady_state_error: float  # set-point minus position at the end [m]
-    iae: float  # integral of the absolute error [m*s], trapezoidal
-    # of set-point minus position over the run [m]; None if the set-point is constant
-    rms_error: float | None
-    largest_error: float | None
-
-
 def units_of_figures(run: LoopRun) -> dict[str, str]:
     """The unit of each figure of a run; where ``x`` and ``u`` have none, those of the axis."""
     x, u = run.units.get("x") or "m", run.units.get("u") or "V"
@@ -100,8 +83,14 @@ def units_of_figures(run: LoopRun) -> dict[str, str]:
     }
 
 
-def metrics(run: LoopRun) -> Metrics:
-    """Figures of merit of a run, from all that is known between its points."""
+def metrics(run: LoopRun) -> dict[str, float | None]:
+    """Figures of merit, from all that a run knows between its points; None: it does not define one.
+
+    The peak is the largest magnitude of the command that the limit of the plant passes. The error
+    is set-point minus position; the settling time is that from which on it stays within 2 % of the
+    step, the overshoot is beyond the set-point. Both are None if the set-point moves, and the rms
+    and largest error if it does not.
+    """
     known = run.between or run
     time, x, goal = known.time, known.outputs["x"], known.reference
     command = np.minimum(np.abs(known.commands["u"]), run.limit)
@@ -112,16 +101,16 @@ def metrics(run: LoopRun) -> Metrics:
     beyond = (-np.inf, goal[0]) if step > 0.0 else (goal[0], np.inf)
     duration = max(float(time[-1] - time[0]), np.finfo(float).tiny)
     mean_square = float(np.trapezoid(error**2, time)) / duration
-    return Metrics(
-        peak_voltage=float(command[peak]),
-        peak_voltage_time=float(time[peak]),
-        settling_time_2pct=_settling(time, error, BAND * abs(step)) if steps else None,
-        overshoot=overshoot(x, *beyond) if steps else None,
-        steady_state_error=float(error[-1]),
-        iae=float(np.trapezoid(np.abs(error), time)),
-        rms_error=float(np.sqrt(mean_square)) if moves else None,
-        largest_error=float(np.max(np.abs(error))) if moves else None,
-    )
+    return {
+        "peak_voltage": float(command[peak]),
+        "peak_voltage_time": float(time[peak]),
+        "settling_time_2pct": _settling(time, error, BAND * abs(step)) if steps else None,
+        "overshoot": overshoot(x, *beyond) if steps else None,
+        "steady_state_error": float(error[-1]),
+        "iae": float(np.trapezoid(np.abs(error), time)),
+        "rms_error": float(np.sqrt(mean_square)) if moves else None,
+        "largest_error": float(np.max(np.abs(error))) if moves else None,
+    }
 
 
 def settled_from(error: Vector, band: float) -> int | None:
@@ -165,7 +154,7 @@ class ClosedLoopResult:
         has_axis = "x" in run.outputs and "u" in run.commands
         return {
             "controller": self.loop.label,
-            **(asdict(metrics(run)) if has_axis else {}),
+            **(metrics(run) if has_axis else {}),
             "coupling_residual_max": max(run.residual_max.values(), default=0.0),
             "coupling_residual_effect_per_second": run.effect_rate_max,
             "error_estimate": verdict.error_estimate,

@@ -205,7 +205,7 @@ def _apart(one: NctfDesign, two: NctfDesign) -> float:
 def _order() -> float:
     """Whether the order of settling times of three designs is that of the exponents."""
     ways = [_by_stopping_time(a) for a in (0.08, 0.1, 0.12)]
-    settling = [figures("nctf", 10.0, **w).settling_time_2pct for w in ways]
+    settling = [figures("nctf", 10.0, **w)["settling_time_2pct"] for w in ways]
     exponents = [largest("nctf", STOP, **w) for w in ways]
     return float((np.argsort(settling) == np.argsort(exponents)).all())
 

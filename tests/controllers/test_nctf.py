@@ -42,8 +42,8 @@ def test_a_perturbed_plant_gives_its_own_printed_design(sigma0, stopping_time):
 def test_published_figures_of_the_nominal_step():
     run = run_monolithic(Loop("nctf", reference=Reference.constant(0.08), stop=20.0), 1e-3)
     m = metrics(run)
-    assert m.settling_time_2pct == pytest.approx(2.10, abs=0.005)
-    assert m.overshoot == pytest.approx(0.06e-3, abs=2e-6)
-    assert abs(m.steady_state_error) < 1e-9
+    assert m["settling_time_2pct"] == pytest.approx(2.10, abs=0.005)
+    assert m["overshoot"] == pytest.approx(0.06e-3, abs=2e-6)
+    assert abs(m["steady_state_error"]) < 1e-9
     mirrored = run_monolithic(Loop("nctf", reference=Reference.constant(-0.08), stop=20.0), 1e-3)
     np.testing.assert_allclose(mirrored.outputs["x"], -run.outputs["x"], atol=1e-9)

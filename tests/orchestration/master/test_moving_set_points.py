@@ -90,8 +90,8 @@ def test_in_one_solver_whatever_the_step(name):
     fine = np.linspace(0.0, STOP, 10_001)
     error = goal(fine) - truth(name, fine)[0]  # its largest value lies between the points
     figures = metrics(run)
-    assert figures.largest_error == pytest.approx(np.abs(error).max(), rel=1e-3)
-    assert figures.rms_error == pytest.approx(np.sqrt(np.mean(error**2)), rel=5e-3)
+    assert figures["largest_error"] == pytest.approx(np.abs(error).max(), rel=1e-3)
+    assert figures["rms_error"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=5e-3)
 
 
 @pytest.mark.parametrize(
