@@ -19,7 +19,7 @@ from ...solver.files import write_atomically, write_json
 from ..fmu.fmu_instance import StepFailed
 from ..master.march import LoopRun
 from ..master.master import StepChoice
-from .joined import Progress, amplifier_notes, as_it_answers, limited
+from .joined import Progress, as_it_answers, limited
 from .loop import Loop, SystemLoop
 from .parameter_file import ParameterFile
 from .system import joined
@@ -39,8 +39,7 @@ def run_closed_loop(loop: Loop | SystemLoop, progress: Progress | None = None) -
     if isinstance(loop, Loop):
         if not loop.fmus:
             run = limited(run_monolithic(loop, loop.step, progress), loop.plant_values)
-            notes = (*loop.notes, *amplifier_notes(run, loop.plant.parameters))
-            return ClosedLoopResult(loop, run, notes)
+            return ClosedLoopResult(loop, run, loop.notes)
         loop = as_it_answers(loop)
     with joined(loop) as both:
         run, choice, notes = both.run(progress)

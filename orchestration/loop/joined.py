@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 from ...fmus.ports import reference_port
 from ...fmus.reading import Description
 from ...fmus.system_network import SystemConnection, SystemPort
-from ...plant.instruments import NOMINAL_VOLTAGE, UNLIMITED
+from ...plant.instruments import UNLIMITED
 from ...solver.errors import CouplingError
 from ...solver.signals import SET_POINT
 from ..fmu.fmu_instance import FmuInstance, Instance, Value
@@ -36,7 +36,7 @@ from ..master.master import MOST, MOST_OF_ISOLATED, StepChoice, choose_step, onl
 from ..master.reference_signal import Reference
 from ..master.runs import Runs
 from ..master.sides import Sides
-from .catalogue import AMPLIFIER, LIMIT
+from .catalogue import LIMIT
 from .loop import HowCoupled, Loop
 from .parts import Part, taken
 
@@ -158,7 +158,6 @@ class Joined:
         for fmu in self.fmus.values():
             yield from fmu.notes
         yield from _coarse_notes(run, self.reference)
-        yield from amplifier_notes(run, self.fmus[self.main].parameters)
 
 
 def _own_step(fmus: Mapping[str, Description]) -> float:
@@ -174,22 +173,6 @@ def limited(run: LoopRun, values: Values) -> LoopRun:
     """The run with the limit of its plant, from the plant's values."""
     limit = values.get(LIMIT, UNLIMITED)
     return run if isinstance(limit, str) else replace(run, limit=limit)
-
-
-def amplifier_notes(run: LoopRun, parameters: Iterable[str]) -> Iterator[str]:
-    """A note if the command exceeds the limit of the nominal amplifier."""
-    of_motor = {LIMIT, AMPLIFIER} <= {*parameters} and "u" in run.commands
-    # the peak of a diverged loop is meaningless
-    if not of_motor or run.limit <= NOMINAL_VOLTAGE or run.stopped:
-        return
-    peak = float(np.max(np.abs(run.commands["u"])))
-    if peak > NOMINAL_VOLTAGE:
-        has = "has no limit" if run.limit >= UNLIMITED else f"is limited to {run.limit:g} V"
-        yield (
-            f"the peak of {peak:.4g} V is more than the {NOMINAL_VOLTAGE:g} V of the nominal "
-            f"amplifier, and this run {has}; with the plant's {LIMIT} of {NOMINAL_VOLTAGE:g} V the "
-            "motor would get no more"
-        )
 
 
 def _coarse_notes(run: LoopRun, reference: Reference) -> Iterator[str]:

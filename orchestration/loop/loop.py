@@ -215,12 +215,9 @@ class Loop(HowCoupled):
 
     def with_kept(self, kept: Mapping[str, Values]) -> Loop:
         """The loop with the values that its FMUs, by their names, have in place of the given."""
-        plant, own = ({**kept.get(n, {})} for n in ("plant", "controller"))
-        return replace(
-            self,
-            plant_values={**self.plant_values, **plant},
-            controller_values={**self.controller_values, **own},
-        )
+        plant, own = (kept.get(name, {}) for name in ("plant", "controller"))
+        values = {**self.plant_values, **plant}, {**self.controller_values, **own}
+        return replace(self, plant_values=values[0], controller_values=values[1])
 
     def parameters(self) -> ParameterFile:
         """All parameters used, as a file that the next command can read; see `list_used`."""

@@ -315,12 +315,10 @@ def as_finite(where: str, given: Any) -> float:
 
 def as_range(where: str, name: str, given: Any) -> tuple[float, float]:
     """Two finite numbers, the lower one first."""
-    pair = list(given) if isinstance(given, list | tuple) else []
-    if len(pair) != 2 or not all(map(is_number, pair)):
-        raise BadParameters(f"{where}: {name} is {given!r:.80}, expected two finite numbers")
-    if not pair[0] < pair[1]:
-        said = "an empty range; give the lower bound first"
-        raise BadParameters(f"{where}: {name} is {given!r}, {said}")
+    pair = given if isinstance(given, list | tuple) else []
+    if len(pair) != 2 or not all(map(is_number, pair)) or not pair[0] < pair[1]:
+        said = "expected two finite numbers, the lower one first"
+        raise BadParameters(f"{where}: {name} is {given!r:.80}, {said}")
     return float(pair[0]), float(pair[1])
 
 

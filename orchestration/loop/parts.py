@@ -125,20 +125,12 @@ class Part:
                 about = s.start, s.unit, f"initial {s.meaning}", "start value"
                 found[s.name + START] = Parameter(s.name + START, *about, *_ANY)
             return found
-        file = Path(self.name).name
-        said = f"parameter of {file}", f"start value of {file}"
-        return {
-            v.name: Parameter(
-                v.name,
-                math.nan if v.start is None else v.start,
-                v.unit,
-                *said,
-                v.minimum,
-                v.maximum,
-            )
-            for v in self.description.variables
-            if v.causality == "parameter"
-        }
+        file, found = Path(self.name).name, {}
+        for v in (v for v in self.description.variables if v.causality == "parameter"):
+            start = math.nan if v.start is None else v.start
+            about = v.unit, f"parameter of {file}", f"start value of {file}", v.minimum, v.maximum
+            found[v.name] = Parameter(v.name, start, *about)
+        return found
 
     def settable(self, values: Mapping[str, float]) -> dict[str, Parameter]:
         """Its parameters, and its inputs that are given a value."""

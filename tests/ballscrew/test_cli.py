@@ -243,16 +243,3 @@ def test_a_reference_is_a_number_or_a_table_of_any_format(tmp_path, monkeypatch,
         courses.append(Path("out/trajectory.csv").read_bytes())
     assert courses[0] == courses[1] == courses[2]
     assert json.loads(Path("out/metrics.json").read_bytes())["steady_state_error"] < 0
-
-
-@pytest.mark.ci
-def test_a_peak_beyond_the_nominal_amplifier_is_told(tmp_path, capsys):
-    asked = [*RUN, "--set", "controller.Kp=5000", "--json", "--out", str(tmp_path)]
-    assert main(asked) in (0, 1)
-    heard = capsys.readouterr()
-    (note,) = json.loads(heard.out)["notes"]
-    assert "more than the 36 V of the nominal amplifier, and this run has no limit" in note
-    assert "with the plant's voltage_limit of 36 V the motor would get no more" in note
-    assert note in heard.err
-    main([*asked, "--limit-voltage", "36"])
-    assert json.loads(capsys.readouterr().out)["notes"] == []

@@ -93,7 +93,7 @@ VARY = 'parameters = ["Fc", "Fs"]\nuniform = [0.7, 1.3]'
             "no 'controler', did you mean controllers",
         ),
         ("stop = 1.0", "stop = 1.0 s", "is not a TOML"),
-        ("[10.0, 3000.0]", "[3000.0, 10.0]", "an empty range"),
+        ("[10.0, 3000.0]", "[3000.0, 10.0]", "the lower one first"),
         ("[10.0, 3000.0]", "[10.0, nan]", "expected two finite numbers"),
         ("pid]\ntune = {Kp = [1", "nctf]\ntune = {c = [-1", "c is -10 to 3000, expected"),
         ("budget = 7", "budgt = 7", "[tuning] there is no 'budgt', did you mean budget"),
