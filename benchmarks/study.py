@@ -25,7 +25,7 @@ import ballscrew
 from ballscrew.orchestration.loop.catalogue import component, fmu
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.orchestration.loop.reference_motions import read_motion
+from ballscrew.orchestration.loop.reference_motions import as_reference
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.orchestration.study.plan import Duty, Entrant, Plan, Tuning, Variation
@@ -160,7 +160,7 @@ def gains() -> tuple[object, ...]:
 def one_run() -> None:
     """One run of the digital PID, by all programs."""
     motion = MOVE.format(0.02)
-    reference = read_motion(motion)
+    reference = as_reference(motion)
     assert reference is not None
     time = np.arange(round(STOP / PERIOD) + 1) * PERIOD
     goal = reference.on(time, 0)

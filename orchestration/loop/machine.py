@@ -290,7 +290,7 @@ class Machine:
         return -self.command_per_metre(MODEL_AT).real / MODEL_AT**2
 
     def motions(self) -> tuple[str, str, str]:
-        """A step, a reversing move, and another move for judging, in the form for `read_motion`."""
+        """A step, a reversing move, and another move for judging, as text for `as_reference`."""
         v, a = self.speed, self.acceleration
         way, jerk = CRUISE * v, a / JERK_TIME
         step = f"step:size={STEP_SHARE * way:g},at=0.05"

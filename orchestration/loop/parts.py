@@ -128,8 +128,8 @@ class Part:
         file, found = Path(self.name).name, {}
         for v in (v for v in self.description.variables if v.causality == "parameter"):
             start = math.nan if v.start is None else v.start
-            about = v.unit, f"parameter of {file}", f"start value of {file}", v.minimum, v.maximum
-            found[v.name] = Parameter(v.name, start, *about)
+            said = v.unit, f"parameter of {file}", f"start value of {file}", v.minimum, v.maximum
+            found[v.name] = Parameter(v.name, start, *said)
         return found
 
     def settable(self, values: Mapping[str, float]) -> dict[str, Parameter]:

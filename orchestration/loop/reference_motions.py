@@ -153,14 +153,28 @@ def _positive(kind: str, **values: float) -> None:
 KINDS: dict[str, Callable[..., Reference]] = {k.__name__: k for k in (step, move, sine, triangle)}
 
 
-def read_motion(text: str) -> Reference | None:
-    """A set-point from ``KIND:NAME=VALUE,...``; None if the text names no kind."""
-    kind, colon, rest = text.partition(":")
-    if kind not in KINDS or not (colon or text in KINDS):
-        return None
+def as_reference(given: ReferenceLike) -> Reference:
+    """A set-point over time: a number is a constant one, text a motion or the path of a file."""
+    if isinstance(given, Reference):
+        return given
+    if not isinstance(given, str | Path):
+        return Reference.constant(as_number("reference", given))
+    text = str(given)
+    kind, colon, values = text.partition(":")
+    if kind in KINDS:
+        return _motion(text, kind, values)
+    if colon and not os.path.exists(text):
+        raise BadParameter(
+            f"{text!r}: there is no such file and no motion {kind!r}; motions are "
+            f"{', '.join(KINDS)}{did_you_mean(kind, KINDS)}"
+        )
+    return Reference.read(text)
+
+
+def _motion(text: str, kind: str, given: str) -> Reference:
     known = list(inspect.signature(KINDS[kind]).parameters)
     values: dict[str, float] = {}
-    for part in filter(None, rest.split(",")):
+    for part in filter(None, given.split(",")):
         name, _, number = (piece.strip() for piece in part.partition("="))
         if name not in known:
             raise BadParameter(f"{text!r}: {kind} has no {name!r}; it has {', '.join(known)}")
@@ -173,19 +187,3 @@ def read_motion(text: str) -> Reference | None:
     if not (np.isfinite(motion.times).all() and np.isfinite(motion.pieces(0)).all()):
         raise BadParameter(f"{text!r}: its times or places are beyond all numbers")
     return motion
-
-
-def as_reference(given: ReferenceLike) -> Reference:
-    """A set-point over time: a number is a constant one, text a motion or the path of a file."""
-    if isinstance(given, Reference):
-        return given
-    if not isinstance(given, str | Path):
-        return Reference.constant(as_number("reference", given))
-    text = str(given)
-    kind, colon, _ = text.partition(":")
-    if colon and kind not in KINDS and not os.path.exists(text):
-        raise BadParameter(
-            f"{text!r}: there is no such file and no motion {kind!r}; motions are "
-            f"{', '.join(KINDS)}{did_you_mean(kind, KINDS)}"
-        )
-    return read_motion(text) or Reference.read(text)

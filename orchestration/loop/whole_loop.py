@@ -212,6 +212,7 @@ def follow(
     Returns the outputs on the grid, as far as the run went, and why it ended early, if it did.
     """
     period, declared = model.sample_time, model.kernel.outputs
+    limits = farthest * np.array([o.nominal for o in declared])
     times, at, on_grid = inputs_between(model.kernel, reference, grid)
     turns = times / period if period > 0 else np.full(len(times), 0.5)
     sampled = on_grid & (np.abs(turns - np.round(turns)) < ROUND_OFF)
@@ -230,13 +231,12 @@ def follow(
             run, stopped = error.so_far, str(error)
         shown = (on_grid[rows] & own)[: len(run.time)]
         table = np.column_stack([values[shown] for values in run.outputs.values()])
-        share = np.abs(table) / [o.nominal for o in declared]
-        left = np.flatnonzero(~(share <= farthest).all(axis=1))
-        if math.isfinite(farthest) and len(left):
-            row = left[0]
-            name, table = declared[int(np.argmax(share[row]))].name, table[: row + 1]
-            when = f"t = {run.time[shown][row]:.6g} s"
-            stopped = f"the loop diverges: {name} exceeds its bound at {when}"
+        beyond = np.argwhere(~(np.abs(table) <= limits))
+        if len(beyond):
+            row, column = beyond[0]
+            name, when = declared[column].name, run.time[shown][row]
+            stopped = f"the loop diverges: {name} exceeds its bound at t = {when:.6g} s"
+            table = table[: row + 1]
         pieces.append(table)
         if stopped:
             break

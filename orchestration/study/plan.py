@@ -111,7 +111,7 @@ class Duty:
     """A motion to follow."""
 
     name: Text
-    reference: Text  # a motion, see `read_motion`, or the path of a table
+    reference: Text  # a motion, see `as_reference`, or the path of a table
     stop: Positive  # [s]
     # whether controllers are tuned on it; they are judged on the others
     tune: Annotated[bool, toml.as_flag] = False

@@ -8,7 +8,7 @@ import pytest
 
 from ballscrew.orchestration.loop.catalogue import fmu
 from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.orchestration.loop.reference_motions import read_motion
+from ballscrew.orchestration.loop.reference_motions import as_reference
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.orchestration.study import run as run_module
 from ballscrew.orchestration.study.run import (
@@ -93,7 +93,7 @@ def test_overshoot_counts_beyond_the_range_of_the_motion_and_back():
     assert figures(position, reference).overshoot == pytest.approx(1e-3)
 
 
-MOTION = read_motion("move:distance=0.005,speed=0.1,start=0,dwell=0.1,back=0"), 0.2
+MOTION = as_reference("move:distance=0.005,speed=0.1,start=0,dwell=0.1,back=0"), 0.2
 
 
 def checked(controller, values, **wrong):
