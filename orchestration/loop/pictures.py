@@ -15,12 +15,10 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ...solver.arrays import Vector
 from ...solver.files import write_atomically
@@ -29,8 +27,6 @@ from .shown import labelled, shown_unit
 if TYPE_CHECKING:
     from ..master.march import LoopRun
     from .closed_loop import ClosedLoopResult
-
-Rows = npt.NDArray[np.int64]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES: tuple[Any, ...] = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (7, 2)), ":")
@@ -47,7 +43,7 @@ STYLE: Any = {
     "svg.hashsalt": "ballscrew",
     "figure.dpi": 110,
 }
-COLUMNS = 2000  # of a picture: more than twice as many as it has pixels across
+POINTS = 20_000  # of a phase portrait: Matplotlib thins out curves over time only
 MOST = 60_000  # characters of a picture as lines in a page; a longer one is an image
 RESTING = 5e-3  # share of a signal's range within which it stays at rest
 # signals of an axis: what they are called, and their unit if an FMU gives none
@@ -184,8 +180,7 @@ def _signals(run: LoopRun, title: str) -> Any:
 
 def _draw(axes: Any, run: LoopRun, values: Vector, end: float = math.inf, **style: Any) -> None:
     moving = run.time <= end
-    shown = rows_over_time(run.time[moving], values[moving])
-    axes.plot(run.time[shown], values[shown], **style)
+    axes.plot(run.time[moving], values[moving], **style)
 
 
 def _draw_set_point(axes: Any, run: LoopRun, factor: float, end: float) -> None:
@@ -211,10 +206,9 @@ def _until_rest(run: LoopRun) -> float:
 def _draw_phase(axes: Any, run: LoopRun) -> None:
     (across, factor, unit), (called, of_v, unit_of_v) = _shown("x", run), _shown("v", run)
     error = run.outputs["x"] - (0.0 if run.alone else run.reference)
-    points = error * factor, run.outputs["v"] * of_v
-    shown = np.union1d(*(rows_over_time(run.time, course) for course in points))
-    x, v = (course[shown] for course in points)
-    axes.plot(x, v, color=COLOURS[0])
+    x, v = error * factor, run.outputs["v"] * of_v
+    every = 1 + len(x) // POINTS
+    axes.plot(x[::every], v[::every], color=COLOURS[0])
     axes.plot(x[0], v[0], "o", color=COLOURS[2], label="start")
     axes.plot(x[-1], v[-1], "X", color=COLOURS[1], ms=9, label="end")
     axes.set_xlabel(labelled(across if run.alone else "position less set-point", unit))
@@ -261,16 +255,3 @@ def comparison_figure(results: Sequence[ClosedLoopResult]) -> Any:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), title=title, fontsize=size)
         figure.align_ylabels()
     return figure
-
-
-def rows_over_time(time: Vector, values: Vector, columns: int = COLUMNS) -> Rows:
-    """Rows of a curve (n,) to draw: the first, last, smallest and largest of each column."""
-    if len(time) <= 4 * columns:
-        return np.arange(len(time))
-    edges = np.linspace(time[0], time[-1], columns + 1)[1:-1]
-    begins = np.unique([0, *np.searchsorted(time, edges), len(time)])
-    kept = set[int]()
-    for begin, end in pairwise(begins):
-        inside = values[begin:end]
-        kept |= {begin, begin + inside.argmin(), begin + inside.argmax(), end - 1}
-    return np.array(sorted(kept))

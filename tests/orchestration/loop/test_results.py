@@ -1,12 +1,9 @@
-"""What a run's result shows: figures known by hand, numbers with units, curves of pictures."""
+"""What a run's result shows: figures known by hand, numbers with units."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ballscrew.orchestration.loop.closed_loop import metrics, units_of_figures
-from ballscrew.orchestration.loop.pictures import rows_over_time
 from ballscrew.orchestration.loop.shown import in_turning_units, length, quantity, shown_unit
 from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.march import LoopRun
@@ -102,19 +99,3 @@ def test_a_number_gets_the_unit_that_suits_it(value, unit, text):
 )
 def test_units_are_those_of_a_body_that_turns(slides, turns):
     assert turns in in_turning_units(slides)
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(500, 3000), st.integers(2, 50))
-@settings(max_examples=50, deadline=None)
-def test_thinned_courses_keep_their_ends_and_the_extremes_of_every_column(seed, count, columns):
-    random = np.random.default_rng(seed)
-    t = np.cumsum(random.exponential(size=count))
-    values = random.standard_cauchy(count)
-    rows = rows_over_time(t, values, columns)
-    assert np.all(np.diff(rows) > 0)
-    assert (rows[0], rows[-1]) == (0, count - 1)
-    assert len(rows) <= 4 * columns or len(rows) == count
-    column = np.searchsorted(np.linspace(t[0], t[-1], columns + 1)[1:-1], t, side="right")
-    for k in np.unique(column):
-        inside, shown = values[column == k], values[rows[column[rows] == k]]
-        assert (inside.min(), inside.max()) == (shown.min(), shown.max())
