@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..fmus.ports import FRAME, TRACE, is_tangent_port, set_port, tangent_port, tangent_states
-from ..orchestration.fmu.fmu_instance import Instance, Reader, StepFailed, Writer
+from ..orchestration.fmu.fmu_instance import Instance, Reader, StepFailed, Stepped, Writer
 from ..orchestration.fmu.wiring import Wiring
 from ..orchestration.master.compiled import Bound, Struct, struct
 from ..orchestration.master.coupling import Answer, ControllerSide
@@ -35,7 +35,7 @@ def ordinary(instance: Instance) -> Instance:
 class Side:
     """One FMU with tangents: its states, and what is set and read."""
 
-    def __init__(self, instance: Instance) -> None:
+    def __init__(self, instance: Stepped) -> None:
         self.instance = self.called = instance
         parameters: list[str] = list(getattr(instance, "parameters", []))
         self.states, self.tangents = tangent_states(parameters)
@@ -72,8 +72,8 @@ class ProbedController(Side):
     the command's unit. How signals move it and how it decays is measured at every step.
     """
 
-    def __init__(self, instance: Instance, wiring: Wiring) -> None:
-        self.instance, self.called = instance, cast("Instance", self)
+    def __init__(self, instance: Stepped, wiring: Wiring) -> None:
+        self.instance, self.called = instance, cast("Stepped", self)
         self.wiring = wiring
         self.states: list[str] = []
         self.tangents = 0

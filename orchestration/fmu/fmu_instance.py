@@ -20,6 +20,9 @@ from ...solver.errors import FmuError, UserError
 from .fmi_versions import DISCARD, FATAL, OK, Fmi2, Fmi3, Ports, Refused
 
 ENTRY_POINTS = "component set_real get_real do_step get_state set_state free_state".split()
+PUT, TAKE, MOVE, SAVE, RESTORE = range(5)  # kinds of failed calls, as in ``master/c/calls.h``
+_FAILED = ["rejects the values of", "cannot give", "the step ended with"]
+_FAILED += ["cannot save its state", "cannot restore its state"]
 SAMPLE_TIME = "sample_time"
 AS_PRINTED = 1e-6  # of a start value: what a tool that prints few digits may change
 SHORTER = "it needs shorter communication steps"
@@ -49,9 +52,8 @@ class Instance(Protocol):
     """Interface of any participant in a loop.
 
     Rules for an implementation: between `enter_initialization` and `leave_initialization`
-    inputs can be set and outputs read repeatedly; `step` moves from t to t + h with its inputs
-    held; after `restore` it continues exactly as after `save`; `reopened` is a new instance of
-    the same FMU. What fails raises `StepFailed`.
+    inputs can be set and outputs read repeatedly; `reopened` is a new instance of the same FMU.
+    What fails raises `StepFailed`.
     """
 
     name: str
@@ -69,10 +71,6 @@ class Instance(Protocol):
     def leave_initialization(self) -> None: ...
     def writer(self, names: Sequence[str]) -> Writer: ...
     def reader(self, names: Sequence[str]) -> Reader: ...
-    def step(self, t: float, h: float) -> None: ...
-    def save(self) -> Any: ...
-    def restore(self, state: Any) -> None: ...
-    def release(self, state: Any) -> None: ...
     def reopened(self) -> Instance: ...
     def close(self) -> None: ...
 
@@ -80,6 +78,20 @@ class Instance(Protocol):
         """Go through initialization alone."""
         self.enter_initialization(values, stop)
         self.leave_initialization()
+
+
+class Stepped(Instance, Protocol):
+    """An instance that has methods for its steps; those of a group are in compiled code.
+
+    `step` moves from t to t + h with its inputs held; after `restore` it continues exactly as
+    after `save`.
+    """
+
+    def step(self, t: float, h: float) -> None: ...
+    def save(self) -> Any: ...
+    def restore(self, state: Any) -> None: ...
+    def release(self, state: Any) -> None: ...
+    def reopened(self) -> Stepped: ...
 
 
 class Wrapped:
@@ -94,7 +106,7 @@ class Wrapped:
         return getattr(self._instance, name)
 
 
-class AnyFmu(Instance):
+class AnyFmu(Stepped):
     """Common part of FMU instances in this or another process."""
 
     can_save = False  # as declared, until a trial shows that it cannot
@@ -247,7 +259,7 @@ class FmuInstance(AnyFmu):
                     ports.put(values[places])
                 except Refused as error:
                     raise self._refusal(error) from error
-                self._check(self._fmi.transfer("Set", ports), "rejects the values of", ports.names)
+                self._check(self._fmi.transfer("Set", ports), PUT, ports.names)
 
         return write
 
@@ -257,7 +269,7 @@ class FmuInstance(AnyFmu):
         def read() -> Vector:
             values = np.empty(len(names))
             for places, ports in parts:
-                self._check(self._fmi.transfer("Get", ports), "cannot give", ports.names)
+                self._check(self._fmi.transfer("Get", ports), TAKE, ports.names)
                 values[places] = ports.values
             return values
 
@@ -278,20 +290,21 @@ class FmuInstance(AnyFmu):
             status = self._fmi.step(t, h)
         except Exception as error:
             raise self._refusal(error) from error
-        if status > OK:
-            raise self.step_failed(status)
+        self._check(status, MOVE)
 
-    def step_failed(self, status: int) -> StepFailed:
-        """The error for a step that ended with this status."""
-        if status != DISCARD:
-            fatal = "a fatal " if status == FATAL else "an "
-            return self.failed(status, f"the step ended with {fatal}error")
-        self._fmi.ask_for_end()
-        too_long = "rejects the step because it is too long"
-        return self.failed(status, too_long if self._fmi.end == math.inf else self._fmi.ending)
+    def failure(self, status: int, call: int, names: Sequence[str] = ()) -> StepFailed:
+        """The error for a call, of these kinds, that ended with this status."""
+        what = f"{_FAILED[call]} {', '.join(names)}".strip()
+        if call == MOVE and status == DISCARD:
+            self._fmi.ask_for_end()
+            too_long = "rejects the step because it is too long"
+            what = too_long if self._fmi.end == math.inf else self._fmi.ending
+        elif call == MOVE:
+            what += " a fatal error" if status == FATAL else " an error"
+        return self._failed(status, what)
 
-    def failed(self, status: int, what: str) -> StepFailed:
-        """The error for a call that ended with this status, with the FMU's own message."""
+    def _failed(self, status: int, what: str) -> StepFailed:
+        """The error for what ended with this status, with the FMU's own message."""
         self._status = max(self._status, status)
         reason = self.message() if status < FATAL else self._fmi.words
         advice = SHORTER if status == DISCARD and self._fmi.end == math.inf else ""
@@ -301,21 +314,21 @@ class FmuInstance(AnyFmu):
         return StepFailed(f"{self.name} ({self.path.name}): {text}", advice)
 
     def _refusal(self, error: Exception, what: str = "") -> StepFailed:
-        return self.failed(getattr(error, "status", FATAL), what + str(error).rstrip("."))
+        return self._failed(getattr(error, "status", FATAL), what + str(error).rstrip("."))
 
-    def _check(self, status: int, failure: str, names: Sequence[str] = ()) -> None:
+    def _check(self, status: int, call: int, names: Sequence[str] = ()) -> None:
         if status > OK:
-            raise self.failed(status, f"{failure} {', '.join(names)}".strip())
+            raise self.failure(status, call, names)
 
     def save(self) -> Any:
         state = ctypes.c_void_p()
         status = self._fmi.states[0](self._fmi.component, ctypes.byref(state))
-        self._check(status, "cannot save its state")
+        self._check(status, SAVE)
         return state
 
     def restore(self, state: Any) -> None:
         status = self._fmi.states[1](self._fmi.component, state)
-        self._check(status, "cannot restore its state")
+        self._check(status, RESTORE)
 
     def release(self, state: Any) -> None:
         self._fmi.states[2](self._fmi.component, ctypes.byref(state))

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -316,26 +316,6 @@ class Group(Instance):
             return values
 
         return read
-
-    def step(self, t: float, h: float) -> None:
-        for part in self.back if self.flags[BACK] else self.there:
-            self._feed(part)
-            part.instance.step(t, h)
-            self.values[part.outputs] = part.read()
-        self.flags[:] = self.lags, not self.flags[BACK]
-
-    def save(self) -> Any:
-        states = [p.instance.save() for p in self.parts]
-        return states, self.values.copy(), self.flags.copy()
-
-    def restore(self, state: Any) -> None:
-        states, self.values[:], self.flags[:] = state
-        for part, saved in zip(self.parts, states, strict=True):
-            part.instance.restore(saved)
-
-    def release(self, state: Any) -> None:
-        for part, saved in zip(self.parts, state[0], strict=True):
-            part.instance.release(saved)
 
     def reopened(self) -> Group:
         members = {name: p.reopened() for name, p in self._members.items()}

@@ -19,9 +19,9 @@ from ...fmus.ports import law_ports
 from ...fmus.reading import Description
 from ...solver.arrays import Vector
 from ...solver.errors import FmuError
-from .fmu_instance import SAMPLE_TIME, AnyFmu, Instance, StepFailed, Value, Wrapped, Writer
+from .fmu_instance import SAMPLE_TIME, AnyFmu, StepFailed, Stepped, Value, Wrapped, Writer
 
-Kind = TypeVar("Kind", bound=Instance)
+Kind = TypeVar("Kind", bound=Stepped)
 
 _MOVED = 1e-3  # of its size, by which an input moves
 _SHORT = 1e-3  # of a step
@@ -141,7 +141,9 @@ def sampled_every(instance: Kind, period: float) -> Kind:
 class _Sampled(Wrapped):
     steps_vary = True  # the steps of the master are not those of the FMU
 
-    def __init__(self, instance: Instance, period: float) -> None:
+    _instance: Stepped
+
+    def __init__(self, instance: Stepped, period: float) -> None:
         super().__init__(instance)
         self.sample_time, self.can_save = period, instance.can_save
         # a feedback law between samples is not applied by a digital controller

@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 from enum import IntEnum
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -27,14 +27,13 @@ import numpy.typing as npt
 from ...solver.arrays import Vector
 from ...solver.core import SUFFIX
 from ..fmu.fmi_versions import ERROR, OK, STATE, STEP
-from ..fmu.fmu_instance import ENTRY_POINTS, FmuInstance, Instance
+from ..fmu.fmu_instance import ENTRY_POINTS, MOVE, FmuInstance, Instance, Stepped
 from ..fmu.group import Group
 
 USES = 2  # uses of saved states
 FARTHEST = 1e4  # times an output's nominal value: beyond it, a loop diverges
 Why = IntEnum("Why", "GOES_ON STEP_FAILED DIVERGES", start=0)
 """Why a march has ended; in the order of ``c/master.c``."""
-MOVE = 2  # of the kinds of failed calls: a step
 
 OWN_STEP = ct.CFUNCTYPE(ct.c_int, ct.c_double)
 VALUES = ct.CFUNCTYPE(ct.c_int, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p)  # fmi2SetReal
@@ -168,7 +167,9 @@ class Bound:
             points, self._error = _group_calls(instance)
             places = [[instance.place[n] for n in names] for names in self._ports]
         else:
-            points, self._error = _python_calls(instance, *self._ports, given, taken)
+            points, self._error = _python_calls(
+                cast("Stepped", instance), *self._ports, given, taken
+            )
         calls.set(**dict(zip(ENTRY_POINTS, points, strict=True)))
         calls.set(inputs=np.array(places[0], dtype=np.uint32), given=given)
         calls.set(outputs=np.array(places[1], dtype=np.uint32), taken=taken)
@@ -179,13 +180,8 @@ class Bound:
         return self._error() if self._calls.record.status > OK else None
 
     def _error_of(self, fmu: FmuInstance) -> BaseException:
-        status, what = int(self._calls.record.status), int(self._calls.record.failed)
-        if what == MOVE:
-            return fmu.step_failed(status)
-        given, taken = map(", ".join, self._ports)
-        said = [f"rejects the values of {given}", f"cannot give {taken}", ""]
-        said += ["cannot save its state", "cannot restore its state"]
-        return fmu.failed(status, said[what])
+        status, call = int(self._calls.record.status), int(self._calls.record.failed)
+        return fmu.failure(status, call, self._ports[call] if call < MOVE else ())
 
 
 def failure_of(*bound: Bound) -> BaseException | None:
@@ -219,7 +215,7 @@ def _group_calls(group: Group) -> _Calls:
 
 
 def _python_calls(
-    instance: Instance, inputs: Sequence[str], outputs: Sequence[str], given: Vector, taken: Vector
+    instance: Stepped, inputs: Sequence[str], outputs: Sequence[str], given: Vector, taken: Vector
 ) -> _Calls:
     """Functions with FMI's signatures that call an instance's methods, with these two arrays."""
     guarded, states, numbers = Guarded(), dict[int, Any](), itertools.count(1)

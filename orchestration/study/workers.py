@@ -9,11 +9,16 @@ import shutil
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    wait,
+)
 from itertools import islice
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from threading import Thread
 from typing import Any, TypeAlias
 
 from ...solver.errors import UserError
@@ -43,25 +48,37 @@ class Processes:
         if self.count == 1:
             yield from ((name, function(*arguments)) for name, arguments in tasks)
             return
-        from concurrent.futures.process import BrokenProcessPool
-
         with pool(self.count) as workers:
-            waiting: dict[Future[Any], str] = {}
             try:
-                while True:
-                    for name, arguments in islice(tasks, self.count * AHEAD - len(waiting)):
-                        waiting[workers.submit(function, *arguments)] = name
-                    if not waiting:
-                        return
-                    for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-                        yield waiting.pop(future), future.result()
-            except BrokenProcessPool as error:
+                yield from _as_finished(workers, self.count, function, tasks)
+            except BrokenExecutor as error:
                 raise UserError(
                     "a worker process ended unexpectedly; continue with --resume"
                 ) from error
             except GeneratorExit:
                 workers.shutdown(wait=False, cancel_futures=True)
                 raise
+
+
+def _as_finished(
+    executor: Executor,
+    workers: int,
+    function: Function,
+    tasks: Tasks,
+    check: Callable[[], None] | None = None,
+) -> Iterator[tuple[str, Any]]:
+    """Submit tasks, a few for each worker at a time; `check` is called while none is finished."""
+    waiting: dict[Future[Any], str] = {}
+    while True:
+        for name, arguments in islice(tasks, workers * AHEAD - len(waiting)):
+            waiting[executor.submit(function, *arguments)] = name
+        if not waiting:
+            return
+        done = wait(waiting, CHECK if check else None, FIRST_COMPLETED).done
+        if check and not done:
+            check()
+        for future in done:
+            yield waiting.pop(future), future.result()
 
 
 class Dask:
@@ -91,6 +108,7 @@ class Dask:
                 logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         self.address = address
         self._beat = 0.0  # the scheduler's time of the last heartbeat; 0: no worker came yet
+        self._heard = 0.0  # time of the last sign of life
         try:
             # whether anybody listens: a client that fails tries for long
             socket.create_connection(get_address_host_port(address), timeout).close()
@@ -101,53 +119,27 @@ class Dask:
 
     def map(self, function: Function, tasks: Tasks) -> Iterator[tuple[str, Any]]:
         """As that of `Processes`."""
-        found: SimpleQueue[Any] = SimpleQueue()
-        Thread(target=self._compute, args=(function, tasks, found), daemon=True).start()
-        heard = time.monotonic()
-        while True:
-            try:
-                result = found.get(timeout=CHECK)
-            except Empty:
-                before, (beat, why) = self._beat, self._last_beat()
-                self._beat = beat or before
-                patience = SILENT if self._beat else NO_WORKER
-                if beat > before:
-                    heard = time.monotonic()
-                elif time.monotonic() - heard > patience:
-                    raise self._lost(f"{why} ({patience:.0f} s without a sign of life)") from None
-                continue
-            if result is None:
-                return
-            if isinstance(result, BaseException):
-                raise self._told(result)
-            heard = time.monotonic()
-            yield result
-
-    def _compute(self, function: Function, tasks: Tasks, found: SimpleQueue[Any]) -> None:
-        """Put each name and result into a queue, then None; an error ends it."""
-        from distributed import as_completed
-
-        def submit(count: int) -> list[Any]:
-            return [
-                self.client.submit(_named, function, name, arguments, pure=False, retries=5)
-                for name, arguments in islice(tasks, count)
-            ]
-
+        executor: Any = self.client.get_executor(pure=False, retries=5)
+        workers = max(1, len(self.client.scheduler_info()["workers"]))
+        self._heard = time.monotonic()
         try:
-            workers = len(self.client.scheduler_info()["workers"])
-            running = as_completed(
-                submit(max(1, workers) * AHEAD), loop=self.client.loop, with_results=True
-            )
-            for future, result in running:
-                if future.cancelled():
-                    raise CancelledError  # by a scheduler that ended
-                found.put(result)
-                future.release()
-                for new in submit(1):
-                    running.add(new)
-            found.put(None)
-        except BaseException as error:  # raised in the waiting thread
-            found.put(error)
+            for found in _as_finished(executor, workers, function, tasks, self._check):
+                yield found
+                self._heard = time.monotonic()
+        except Exception as error:
+            if why := _of_dask(error):
+                raise self._lost(why) from error
+            raise
+
+    def _check(self) -> None:
+        """Raise `UserError` if there was no sign of life for long."""
+        before, (beat, why) = self._beat, self._last_beat()
+        self._beat = beat or before
+        patience = SILENT if self._beat else NO_WORKER
+        if beat > before:
+            self._heard = time.monotonic()
+        elif time.monotonic() - self._heard > patience:
+            raise self._lost(f"{why} ({patience:.0f} s without a sign of life)")
 
     def _last_beat(self) -> tuple[float, str]:
         """The latest heartbeat of any worker, also of a busy one; what to say if it is old."""
@@ -161,16 +153,6 @@ class Dask:
             return max(beats), "has lost contact with its workers"
         lost = f"has lost all workers: {_INSTALL}"
         return 0.0, lost if self._beat else "has no worker: start one"
-
-    def _told(self, error: BaseException) -> BaseException:
-        """The exception to raise for an error of a task."""
-        from distributed import KilledWorker
-        from distributed.comm.core import CommClosedError
-
-        if isinstance(error, ImportError | KilledWorker) or "deserializ" in str(error):
-            return self._lost(f"cannot run the task: {_INSTALL} ({error.__cause__ or error})")
-        gone = isinstance(error, CommClosedError | CancelledError)
-        return self._lost("is gone") if gone else error
 
     def _lost(self, why: str) -> UserError:
         with contextlib.suppress(Exception):
@@ -187,8 +169,14 @@ class Dask:
 Workers: TypeAlias = Processes | Dask
 
 
-def _named(function: Function, name: str, arguments: tuple[Any, ...]) -> tuple[str, Any]:
-    return name, function(*arguments)
+def _of_dask(error: Exception) -> str:
+    """Why Dask could not do a task; empty for an error of the task itself."""
+    from distributed import KilledWorker
+    from distributed.comm.core import CommClosedError
+
+    if isinstance(error, ImportError | KilledWorker) or "deserializ" in str(error):
+        return f"cannot run the task: {_INSTALL} ({error.__cause__ or error})"
+    return "is gone" if isinstance(error, CommClosedError | CancelledError) else ""
 
 
 class KeptParts:
