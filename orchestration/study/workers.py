@@ -26,8 +26,7 @@ from ...solver.files import write_atomically
 from ..fmu.operating_system import pool
 
 AHEAD = 2  # tasks per worker that wait, so that memory stays bounded as maps grow
-SILENT = 50.0  # s without a heartbeat of any worker, so that the error comes within a minute
-NO_WORKER = 10.0  # s in which a first worker may come
+PATIENCE = 10.0  # s without a worker, in which one may come
 CHECK = 2.0  # s between two checks of the workers
 _NOISY = ("distributed", "tornado", "asyncio")
 _INSTALL = "install the same version of ballscrew there"
@@ -107,8 +106,6 @@ class Dask:
             if name.partition(".")[0] in _NOISY:
                 logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         self.address = address
-        self._beat = 0.0  # the scheduler's time of the last heartbeat; 0: no worker came yet
-        self._heard = 0.0  # time of the last sign of life
         try:
             # whether anybody listens: a client that fails tries for long
             socket.create_connection(get_address_host_port(address), timeout).close()
@@ -121,7 +118,7 @@ class Dask:
         """As that of `Processes`."""
         executor: Any = self.client.get_executor(pure=False, retries=5)
         workers = max(1, len(self.client.scheduler_info()["workers"]))
-        self._heard = time.monotonic()
+        self._heard = time.monotonic()  # of a worker
         try:
             for found in _as_finished(executor, workers, function, tasks, self._check):
                 yield found
@@ -132,27 +129,18 @@ class Dask:
             raise
 
     def _check(self) -> None:
-        """Raise `UserError` if there was no sign of life for long."""
-        before, (beat, why) = self._beat, self._last_beat()
-        self._beat = beat or before
-        patience = SILENT if self._beat else NO_WORKER
-        if beat > before:
-            self._heard = time.monotonic()
-        elif time.monotonic() - self._heard > patience:
-            raise self._lost(f"{why} ({patience:.0f} s without a sign of life)")
-
-    def _last_beat(self) -> tuple[float, str]:
-        """The latest heartbeat of any worker, also of a busy one; what to say if it is old."""
+        """Raise `UserError` if there has been no worker for long."""
         try:
             scheduler: Any = self.client.scheduler
             identity: Any = self.client.sync(scheduler.identity, callback_timeout=CHECK)
         except (OSError, TimeoutError):
-            return 0.0, "does not answer"
-        beats = [float(worker["last_seen"]) for worker in identity["workers"].values()]
-        if beats:
-            return max(beats), "has lost contact with its workers"
-        lost = f"has lost all workers: {_INSTALL}"
-        return 0.0, lost if self._beat else "has no worker: start one"
+            why = "does not answer"
+        else:
+            if identity["workers"]:
+                self._heard = time.monotonic()
+            why = "has no worker: start one with the same version of ballscrew"
+        if time.monotonic() - self._heard > PATIENCE:
+            raise self._lost(f"{why} (waited {PATIENCE:.0f} s)")
 
     def _lost(self, why: str) -> UserError:
         with contextlib.suppress(Exception):

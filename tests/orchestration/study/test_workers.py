@@ -1,7 +1,6 @@
 """Long work: what is done of it is kept and belongs to it, also where Dask is broken."""
 
 import json
-import signal
 import subprocess
 import sys
 import time
@@ -22,33 +21,13 @@ pytestmark = pytest.mark.filterwarnings("ignore")  # of Dask's, as it ends
 @pytest.mark.ci
 def test_a_scheduler_without_a_worker_is_told_within_fifteen_seconds(tmp_path, monkeypatch):
     """After a second here."""
-    assert workers_module.NO_WORKER + 2 * workers_module.CHECK < 15
-    monkeypatch.setattr(workers_module, "NO_WORKER", 1.0)
+    assert workers_module.PATIENCE + 2 * workers_module.CHECK < 15
+    monkeypatch.setattr(workers_module, "PATIENCE", 1.0)
     monkeypatch.setattr(workers_module, "CHECK", 0.5)
     begin, said = time.monotonic(), r"has no worker: start one .*continue with --resume"
     with cluster(tmp_path, workers=0) as (workers, _), pytest.raises(UserError, match=said):
         list(workers.map(abs, iter([("a", (1,))])))
     assert time.monotonic() - begin > 1.0
-
-
-@pytest.mark.prove
-def test_workers_that_are_frozen_are_told(tmp_path, monkeypatch):
-    """After five seconds here, and fifty else."""
-    assert workers_module.SILENT + 2 * workers_module.CHECK < 60
-    monkeypatch.setattr(workers_module, "SILENT", 5.0)
-    monkeypatch.setattr(workers_module, "CHECK", 0.5)
-    frozen = []
-    with cluster(tmp_path) as (workers, processes):
-
-        def work():
-            for _ in workers.map(time.sleep, ((f"{k}", (0.5,)) for k in range(8))):
-                for process in processes:
-                    process.send_signal(signal.SIGSTOP)
-                frozen.append(time.monotonic())
-
-        with pytest.raises(UserError, match=r"has lost contact with its workers.*--resume"):
-            work()
-        assert time.monotonic() - frozen[-1] < 20
 
 
 @pytest.mark.ci
