@@ -19,7 +19,7 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1622, 1347),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
-    "orchestration": (9414, 8278),
+    "orchestration": (9393, 8259),
     "stability": (2758, 2259),
     "ballscrew": (3489, 2882),
     "gallery": (2730, 2356),
@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1843, 1705),
     "docs": (338, 306),
     ".ci": (241, 219),
-    "tests": (23638, 22548),
+    "tests": (23629, 22540),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _ADOPT = 36  # PR_SET_CHILD_SUBREAPER: orphans of children become children
 _PAUSE = 0.05  # s, between two checks of a lock of another process
-_CGROUPS = Path("/sys/fs/cgroup")
 
 
 # -- locks ---------------------------------------------------------------------------------------
@@ -287,33 +286,8 @@ def how_ended(code: int) -> str:
 
 
 def available_memory() -> int | None:
-    """Bytes that this process can still get; None if the system does not report it."""
-    if sys.platform == "win32":
-        return None
-    import resource
-
-    rooms = [1024 * n for n in _numbers(Path("/proc/meminfo"), "MemAvailable:")]
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit != resource.RLIM_INFINITY:
-        rooms += [limit - n * resource.getpagesize() for n in _numbers(Path("/proc/self/statm"))]
-    with contextlib.suppress(OSError):
-        rooms += _of_the_cgroups(Path("/proc/self/cgroup").read_text("ascii"))
-    return max(0, min(rooms)) if rooms else None
-
-
-def _of_the_cgroups(listing: str) -> Iterator[int]:
-    """Yield the bytes that the control groups (version 2) of this process leave for it."""
-    group = _CGROUPS / listing.rpartition("::/")[2].strip()
-    for place in (group, *(p for p in group.parents if p.is_relative_to(_CGROUPS))):
-        # cached files are released when a group is short of memory
-        cached = sum(_numbers(place / "memory.stat", "inactive_file"))
-        for limit in _numbers(place / "memory.max"):  # none if it is ``max``
-            yield from (limit - used + cached for used in _numbers(place / "memory.current"))
-
-
-def _numbers(path: Path, name: str = "") -> list[int]:
-    """The number after a name, or at the start of a file; empty if there is none."""
+    """Bytes that the system has left; None if it does not report it: only Linux does."""
     with contextlib.suppress(OSError, ValueError, IndexError):
-        words = path.read_text("ascii").split()
-        return [int(words[words.index(name) + 1 if name else 0])]
-    return []
+        words = Path("/proc/meminfo").read_text("ascii").split()
+        return 1024 * int(words[words.index("MemAvailable:") + 1])
+    return None

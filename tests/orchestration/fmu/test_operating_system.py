@@ -56,17 +56,6 @@ def test_exit_codes_of_both_systems_are_put_into_words():
     assert operating_system.how_ended(0xC0000005) == "was ended by exception 0xc0000005"
 
 
-def test_a_control_group_leaves_its_limit_less_what_is_used_and_not_cached(tmp_path, monkeypatch):
-    """The parent has no limit."""
-    monkeypatch.setattr(operating_system, "_CGROUPS", tmp_path)
-    group = tmp_path / "job" / "inner"
-    group.mkdir(parents=True)
-    for name, text in {"max": "9000", "current": "5000", "stat": "x 1\ninactive_file 7"}.items():
-        (group / f"memory.{name}").write_text(text)
-    (group.parent / "memory.max").write_text("max")
-    assert list(operating_system._of_the_cgroups("1:cpu:/a\n0::/job/inner\n")) == [4007]
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
