@@ -130,7 +130,7 @@ def loops_of(
     file = file_of(options.params)
     plant, of_plant, of_each, notes = file_values(file, options.plant, names, values)
     print_notes(notes)
-    how |= {"plant_values": of_plant | values, "told": file, "sampled": period}
+    how |= {"plant_values": of_plant | values, "file": file, "sampled": period}
     return [
         Loop(
             part,

@@ -63,7 +63,7 @@ def run_trial(
 
     file = file_of(params)
     law = law or (file and file.law) or DEFAULT_LAW
-    return RigRecord.of(recorded(trial, law, values, seed, told=file))
+    return RigRecord.of(recorded(trial, law, values, seed, file=file))
 
 
 def read_force_records(

@@ -285,7 +285,7 @@ def rig(options: argparse.Namespace) -> int:
                 def shown(t: float, before: float = done) -> None:
                     progress(before + t)
 
-                recorded = run_trial(trial, law, values, seed, progress=shown, told=file)
+                recorded = run_trial(trial, law, values, seed, progress=shown, file=file)
                 done += trial.duration
                 place = stage / folders[trial].relative_to(options.out)
                 RigRecord.of(recorded).save(place, command=options.command)

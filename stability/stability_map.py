@@ -109,14 +109,14 @@ def plan_map(
 
 def _without_told(loop: Loop, axes: Sequence[Axis]) -> Loop:
     """The loop without the parameter file's values of the axes, which are varied."""
-    if loop.told is None:
+    if loop.file is None:
         return loop
-    plant = {**loop.told.plant, **loop.told.found}
-    controller = loop.told.controllers.get(table_of(loop.told, loop.controller), {})
-    told = {"plant": plant, "controller": controller}
+    plant = {**loop.file.plant, **loop.file.found}
+    controller = loop.file.controllers.get(table_of(loop.file, loop.controller), {})
+    tables = {"plant": plant, "controller": controller}
     values = {"plant": dict(loop.plant_values), "controller": dict(loop.controller_values)}
     for axis in axes:
-        said = told.get(axis.side, {}).get(axis.parameter)
+        said = tables.get(axis.side, {}).get(axis.parameter)
         if said is not None and values[axis.side].get(axis.parameter) == said.value:
             del values[axis.side][axis.parameter]
     return replace(loop, plant_values=values["plant"], controller_values=values["controller"])

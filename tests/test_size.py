@@ -23,7 +23,7 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (2758, 2259),
     "ballscrew": (3489, 2882),
     "gallery": (2730, 2356),
-    "measurement": (11653, 10275),
+    "measurement": (11655, 10277),
     "proofs": (10110, 9002),
     "benchmarks": (1843, 1705),
     "docs": (338, 306),

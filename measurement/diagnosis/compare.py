@@ -51,31 +51,31 @@ def compare_records(
     BadRecord, BadParameters
         If an input cannot be used; the message says why in one line.
     """
-    told = file.diagnosis
-    models = _models(file, told) if told else {MODEL: drive_of(file)}
+    diagnosed = file.diagnosis
+    models = _models(file, diagnosed) if diagnosed else {MODEL: drive_of(file)}
     first = next(iter(models))
     records, accepts, notes = commanded(records, models[first])
-    if told and accepts.kind != models[first].kind:
+    if diagnosed and accepts.kind != models[first].kind:
         raise BadRecord(
             f"{records[0].name}: the current is its only command; the model was diagnosed with a "
-            f"{told.command} as u"
+            f"{diagnosed.command} as u"
         )
     models[first] = accepts
-    if file.found and not told:
+    if file.found and not diagnosed:
         notes.append(f"left aside: {', '.join(file.found)} of [found], no part of the plant")
     notes += [TURNS] * file.turns + check_identifiable(records)
-    shift = {"command_shift": told.command_shift if told else 0.0}
+    shift = {"command_shift": diagnosed.command_shift if diagnosed else 0.0}
     courses = recalibrated([lay_along(r, accepts) for r in records], shift)
     check_motion(courses, accepts)
     notes += jumps_of(courses)
-    found, lowest = {}, ADJUSTED if told else MODEL
+    found, lowest = {}, ADJUSTED if diagnosed else MODEL
     for name, model in models.items():
-        progress(f"solving the {name} model" if told else "solving the model")
-        causes = told.causes if told and name == CORRECTED else {}
+        progress(f"solving the {name} model" if diagnosed else "solving the model")
+        causes = diagnosed.causes if diagnosed and name == CORRECTED else {}
         found[name] = _found(courses, model, causes, file.path, name == lowest)
         if found[name].why:
             notes.append(f"no position is predicted with the {name} model: {found[name].why}")
-    return _compared(courses, found, floor(courses, models[lowest]).force, told, notes)
+    return _compared(courses, found, floor(courses, models[lowest]).force, diagnosed, notes)
 
 
 @dataclass(frozen=True)
@@ -122,10 +122,10 @@ def _compared(
     courses: Courses,
     found: Mapping[str, _Found],
     noise: Vector,
-    told: Diagnosed | None,
+    diagnosed: Diagnosed | None,
     notes: Sequence[str],
 ) -> Compared:
-    first, lowest = next(iter(found.values())), found[ADJUSTED if told else MODEL]
+    first, lowest = next(iter(found.values())), found[ADJUSTED if diagnosed else MODEL]
     x = np.concatenate([c.x for c in courses])
     ends = ends_of_seconds(courses)
     squares = Blocks(ends)
@@ -155,14 +155,14 @@ def _compared(
     begins = np.cumsum([0.0, *(len(c.x) * c.step for c in courses)])
     return Compared(
         records=tuple(c.record.name for c in courses),
-        diagnosed=told.records if told else (),
-        causes=tuple(told.causes) if told else (),
+        diagnosed=diagnosed.records if diagnosed else (),
+        causes=tuple(diagnosed.causes) if diagnosed else (),
         seconds=float(begins[-1]),
         friction=rms(first.required[first.counted]),
         shares={n: float(m.mean()) for n, m in masks.items() if n != ALL and m.any()},
         models={name: left(f) for name, f in found.items()},
         floor=Left(root(noise, counted[ALL]), root(lowest.noise, masks[ALL])),
-        gains=tuple(gain(*pair) for pair in _GAINS) if told else (),
+        gains=tuple(gain(*pair) for pair in _GAINS) if diagnosed else (),
         notes=tuple(notes),
         traces=Traces(
             time=np.concatenate([c.time + t for c, t in zip(courses, begins, strict=False)]),
@@ -212,20 +212,20 @@ def _beyond_stiction(
 # -- the models of a diagnosis ---------------------------------------------------------------
 
 
-def _models(file: ParameterFile, told: Diagnosed) -> dict[str, Drive]:
+def _models(file: ParameterFile, diagnosed: Diagnosed) -> dict[str, Drive]:
     """The three models, by name, without forces of causes."""
 
     def model(where: str, values: Mapping[str, Value | float]) -> Drive:
-        missing = [n for n in told.prior if n not in values]
+        missing = [n for n in diagnosed.prior if n not in values]
         if missing:
             raise BadParameters(f"{file.path}: [{where}] has no {missing[0]!r}")
-        own = {n: v if isinstance(v := values[n], Value) else Value(v) for n in told.prior}
-        drive = drive_of(replace(file, law=told.law, plant=own, found={}, tolerance={}))
-        return drive if drive.has_motor else replace(drive, command=told.command)
+        own = {n: v if isinstance(v := values[n], Value) else Value(v) for n in diagnosed.prior}
+        drive = drive_of(replace(file, law=diagnosed.law, plant=own, found={}, tolerance={}))
+        return drive if drive.has_motor else replace(drive, command=diagnosed.command)
 
     return {
-        PRIOR: model("diagnosis.prior", told.prior),
-        ADJUSTED: model("diagnosis.adjusted", told.adjusted),
+        PRIOR: model("diagnosis.prior", diagnosed.prior),
+        ADJUSTED: model("diagnosis.adjusted", diagnosed.adjusted),
         CORRECTED: model("plant", file.plant),
     }
 

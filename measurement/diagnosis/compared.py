@@ -93,7 +93,7 @@ class Compared:
     def to_dict(self) -> dict[str, Any]:
         """Content of ``compare.json``."""
 
-        def told(found: Left, force: str = "_N", position: str = "_m") -> dict[str, Any]:
+        def numbers(found: Left, force: str = "_N", position: str = "_m") -> dict[str, Any]:
             both = (("force", found.force, force), ("position", found.position, position))
             return {
                 name: e and {f"value{u}": e.value, f"interval{u}": e.interval and [*e.interval]}
@@ -109,11 +109,11 @@ class Compared:
             "friction_N": self.friction,
             "shares": self.shares,
             "models": {
-                name: {part: told(found) for part, found in parts.items()}
+                name: {part: numbers(found) for part, found in parts.items()}
                 for name, parts in self.models.items()
             },
-            "floor": told(self.floor),
-            "gains": [{"model": g.model, "over": g.over, **told(g, "", "")} for g in self.gains],
+            "floor": numbers(self.floor),
+            "gains": [{"model": g.model, "over": g.over, **numbers(g, "", "")} for g in self.gains],
             "notes": list(self.notes),
         }
 

@@ -130,16 +130,16 @@ def _able_to_stick(plant: Component) -> Component:
 
 
 def corrected(
-    result: Diagnosis, plant: Component | None, told: ParameterFile | None
+    result: Diagnosis, plant: Component | None, file: ParameterFile | None
 ) -> ParameterFile:
     """The parameter file of a diagnosis: corrected values, each with its source.
 
-    `plant` has the causes, where one can be made. A value of the prior model `told` that the
+    `plant` has the causes, where one can be made. A value of the prior model `file` that the
     diagnosis does not change keeps its interval and source, and so do values that are not part of
     it: amplifier, controllers, rig. Values of a motor that is left out, see `commanded`, are not
     written.
     """
-    told = told or ParameterFile()
+    file = file or ParameterFile()
     found = {c.name: _last_record(c.parameters) for c in result.causes}
     drive = _with_law_of(result.corrected, found) if plant else result.corrected
     plant = plant or with_causes(result.corrected, [])
@@ -149,7 +149,7 @@ def corrected(
         intervals |= _last_record(cause.intervals)
 
     def value_of(p: Parameter) -> Value:
-        before = told.plant.get(p.name)
+        before = file.plant.get(p.name)
         if p.source == FOUND:
             source = f"found by ballscrew diagnose in {records}"
             return Value(p.default, p.unit, intervals.get(p.name), source)
@@ -162,9 +162,9 @@ def corrected(
     names = {p.name for p in (*drive.plant.all_parameters, *AMPLIFIER)}
     own = {p.name: value_of(p) for p in plant.all_parameters if p.name in names}
     apart = [p for p in plant.all_parameters if p.name not in names and p.source == FOUND]
-    others = told.plant if told.kind == drive.kind else {}
+    others = file.plant if file.kind == drive.kind else {}
     return replace(
-        told,
+        file,
         path=None,
         kind=drive.kind,
         command="" if drive.has_motor else drive.command,

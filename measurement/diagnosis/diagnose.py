@@ -56,9 +56,9 @@ def diagnose(
     `take` is a cause to include in the model in any case; its gain is measured like that of any
     other. Raises `BadRecord` or `BadParameters` if an input cannot be used.
     """
-    told = (ParameterFile() if params is None else read_parameters(params)).with_lead(lead)
-    records = read_drive_records(data, mapping, units, lead or told.lead)
-    return diagnose_records(records, drive_of(told, law), progress, take)
+    file = (ParameterFile() if params is None else read_parameters(params)).with_lead(lead)
+    records = read_drive_records(data, mapping, units, lead or file.lead)
+    return diagnose_records(records, drive_of(file, law), progress, take)
 
 
 def diagnose_records(
@@ -129,7 +129,7 @@ def diagnose_records(
         adjustments={
             n: corrected.values[n] / prior_model.values[n] - 1.0 for n in prior_model.adjustable
         },
-        noise=lowest.told(study.courses[0].channels),
+        noise=lowest.by_channel(study.courses[0].channels),
         records=tuple(r.name for r in records),
         curves=_curves(found, prior_model, held, left.force, named),
         seconds=time.perf_counter() - began,

@@ -74,8 +74,8 @@ class Drive:
     @property
     def adjustable(self) -> tuple[str, ...]:
         """Parameters that can be estimated from a record."""
-        told = self.tolerance
-        return tuple(n for n in self.parameters if self.values.get(n) and told.get(n, 0.0) > 0)
+        tolerance = self.tolerance
+        return tuple(n for n in self.parameters if self.values.get(n) and tolerance.get(n, 0.0) > 0)
 
     @property
     def law_parameters(self) -> tuple[str, ...]:
@@ -236,7 +236,7 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
             f"{model.values['gain']:.4g} N/A and m = {model.values['m']:.4g} kg, the rotor in it"
         )
         return known, model, [f"{r.name}: {said}" for r in known]
-    told = VOLTAGE if model.has_motor else model.command or records[0].command
+    wanted = VOLTAGE if model.has_motor else model.command or records[0].command
     known = []
     for record in records:
         said = ""
@@ -245,7 +245,7 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
                 'has the current i and no command u; with kind = "drive" say map i=u unit u=A, and '
                 "give gain in N/A"
             )
-        elif (made := _with_command(record, told)).command == told:
+        elif (made := _with_command(record, wanted)).command == wanted:
             known.append(made)
         elif model.has_motor:
             said = (
@@ -254,12 +254,12 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
             )
         else:
             said = (
-                f"u is a {record.command}, and the drive's command is a {told}; say its unit as "
+                f"u is a {record.command}, and the drive's command is a {wanted}; say its unit as "
                 f'unit u=UNIT, or command = "{record.command}" in the parameter file with its gain'
             )
         if said:
             raise BadRecord(f"{record.name}: {said}")
-    return known, model if model.has_motor else replace(model, command=told), []
+    return known, model if model.has_motor else replace(model, command=wanted), []
 
 
 def driven_by_current(model: Drive) -> Drive:
@@ -279,21 +279,21 @@ def driven_by_current(model: Drive) -> Drive:
     return Drive(DRIVE, model.law, values, tolerance, CURRENT)
 
 
-def _with_command(record: Record, told: str) -> Record:
+def _with_command(record: Record, wanted: str) -> Record:
     """The record with this command, where it can be had; `i` stays beside a voltage only.
 
     A recorded torque may have become a force by the lead of a screw.
     """
     u = None
-    if told == CURRENT and (record.current_alone or record.command != CURRENT):
+    if wanted == CURRENT and (record.current_alone or record.command != CURRENT):
         u = record.signals.get("i")
-    elif told == TORQUE and record.command == FORCE and record.lead is not None:
+    elif wanted == TORQUE and record.command == FORCE and record.lead is not None:
         u = record.u * record.lead / (2 * np.pi)
     if u is not None and np.isfinite(u).all():
-        record = replace(record, signals={**record.signals, "u": u}, command=told)
+        record = replace(record, signals={**record.signals, "u": u}, command=wanted)
     if "u" not in record.signals:
         raise BadRecord(f"{record.name}: there is no command u, and the current i has gaps")
-    if told == VOLTAGE:
+    if wanted == VOLTAGE:
         return record
     return replace(record, signals={n: s for n, s in record.signals.items() if n != "i"})
 

@@ -182,21 +182,21 @@ class NextExperiment:
 def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
     """The motion and its purpose; `quiet` if no fault was found."""
     doubtful = [*(m for m in found.built if m.alike or not m.certain), *found.suspects]
-    told = [m for m in doubtful if m.name != OUTSIDE]
-    told = sorted(told, key=lambda m: -m.score)[:_MOST]
+    named = [m for m in doubtful if m.name != OUTSIDE]
+    named = sorted(named, key=lambda m: -m.score)[:_MOST]
     reach = reach_of(found.study.courses)
-    longer = _LONGER if any(m.name in _SLOW for m in told) else 1.0
+    longer = _LONGER if any(m.name in _SLOW for m in named) else 1.0
     motion = survey(reach, found.study.model, longer * reach.lasts)
     if quiet:
         says = "these records show no fault; this motion may show faults that need more motion"
-    elif not told:
+    elif not named:
         says = "part of the residual has no known cause"
-    elif len(told) == 1:
-        says = f"what would confirm {told[0].name}: {EVERY[told[0].name].confirm}"
+    elif len(named) == 1:
+        says = f"what would confirm {named[0].name}: {EVERY[named[0].name].confirm}"
     else:
-        others = " or ".join(m.name for m in told[1:])
-        says = f"these records cannot distinguish {told[0].name} from {others}"
-        alike = _alike(found, told, motion)
+        others = " or ".join(m.name for m in named[1:])
+        says = f"these records cannot distinguish {named[0].name} from {others}"
+        alike = _alike(found, named, motion)
         if alike:
             says += "; this motion will not distinguish " + ", ".join(
                 f"{a} from {b}" for a, b in alike
@@ -207,24 +207,24 @@ def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
     return NextExperiment(says, motion)
 
 
-def _alike(found: Explained, told: Sequence[Hypothesis], motion: Motion) -> list[tuple[str, str]]:
+def _alike(found: Explained, named: Sequence[Hypothesis], motion: Motion) -> list[tuple[str, str]]:
     """Pairs of suspects that the motion cannot distinguish, with values fitted."""
     study = _foreseen(found, motion)
     known, new = (np.flatnonzero(s.bands.used) for s in (found.study, study))
     weights = 1.0 / np.interp(new, known, found.variance)
     base = base_columns(study)
-    columns = [_columns(study, base, m) for m in told]
+    columns = [_columns(study, base, m) for m in named]
     _, spread = study.prior()
 
     def hidden(k: int, j: int) -> bool:
         # if each record has its own values, use those of the last record
-        own = told[k].amplitude[-columns[k].shape[2] :]
+        own = named[k].amplitude[-columns[k].shape[2] :]
         signal = (columns[k] @ own)[:, :, None]
         all_ = np.concatenate([signal, base[0][:, :, 1:], columns[j]], axis=2)
         return _apart(study, all_, weights, spread) < _TELLS
 
-    pairs = itertools.combinations(range(len(told)), 2)
-    return [(told[k].name, told[j].name) for k, j in pairs if hidden(k, j) and hidden(j, k)]
+    pairs = itertools.combinations(range(len(named)), 2)
+    return [(named[k].name, named[j].name) for k, j in pairs if hidden(k, j) and hidden(j, k)]
 
 
 def _foreseen(found: Explained, motion: Motion) -> Study:

@@ -76,16 +76,16 @@ def _values(study: Study, suspect: Hypothesis) -> tuple[Numbers, Ends]:
         return values, intervals
     names = form.freed or form.amplitudes
     for name, size, error in zip(names, suspect.amplitude, suspect.error, strict=True):
-        told, says = _told(study, suspect.name, name)
+        reported, says = _reported(study, suspect.name, name)
         reach = wide * float(error) + _EXACT * abs(float(size))
-        ends = told(float(size) - reach), told(float(size) + reach)
-        values[says] = told(float(size))
+        ends = reported(float(size) - reach), reported(float(size) + reach)
+        values[says] = reported(float(size))
         intervals[says] = (min(ends), max(ends))
     beside = {n: float(v) for n, v in form.values.items() if n not in values}
     return values | beside, intervals
 
 
-def _told(study: Study, suspect: str, name: str) -> tuple[Callable[[float], float], str]:
+def _reported(study: Study, suspect: str, name: str) -> tuple[Callable[[float], float], str]:
     """Function from an amplitude to the reported value, and the name of that value."""
     course = study.courses[0]
     factors: dict[str, Callable[[float], float]] = {

@@ -31,7 +31,7 @@ class NoiseFloor:
     def level(self) -> Level:
         return Level(self.force, self.position)
 
-    def told(self, channels: Sequence[str]) -> dict[str, float]:
+    def by_channel(self, channels: Sequence[str]) -> dict[str, float]:
         """Root mean square noise of each balance of a record, for `Diagnosis.noise`."""
         of = {"force": ("force_N", self.force), "voltage": ("voltage_N", self.by_current)}
         return dict(of[c] for c in channels)

@@ -233,9 +233,9 @@ def gain_of(study: Study, before: Matrix, after: Matrix) -> Gain:
     of_force = study.bands.of_force
     numbers = study.bands.counts.reshape(len(before), -1, len(EDGES) - 1).sum(axis=(0, 2))
     gains = []
-    for told, count in zip((of_force, ~of_force), numbers, strict=False):
-        if told.any():
-            sums = before[:, told].sum(axis=1), after[:, told].sum(axis=1)
+    for of_balance, count in zip((of_force, ~of_force), numbers, strict=False):
+        if of_balance.any():
+            sums = before[:, of_balance].sum(axis=1), after[:, of_balance].sum(axis=1)
             gains.append(_gain(*sums, float(count)))
     return max(gains, key=lambda g: g.share)
 

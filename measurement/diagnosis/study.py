@@ -68,8 +68,8 @@ class Study:
     def exact(self) -> float:
         """Smallest noise, because no law and no command is exact [N]."""
         asked = [c.per_command**2 * float(np.mean(c.u**2)) for c in self.courses]
-        told = COMMANDED * math.sqrt(max(asked))
-        return math.hypot(EXACT * self.prior_model.friction_scale, told)
+        of_command = COMMANDED * math.sqrt(max(asked))
+        return math.hypot(EXACT * self.prior_model.friction_scale, of_command)
 
     def prior(self) -> tuple[Vector, Vector]:
         """Mean and spread of the change of each of `values`."""
@@ -141,8 +141,8 @@ def fitted(products: Vector, bands: Bands, prior: Priors, exact: float) -> Fit:
     (blocks, used bands, N, 1 + columns, 1 + columns).
     """
     counts = bands.counts[:, bands.used]
-    told = trusted(counts)
-    counts, products = counts * told, products * told[:, :, None, None, None]
+    trust = trusted(counts)
+    counts, products = counts * trust, products * trust[:, :, None, None, None]
     blocks = np.arange(len(products))
     signal = products[:, :, :, 0, 0].sum(axis=0)
     start = (signal / counts.sum(axis=0)[:, None]).T + exact**2
@@ -160,7 +160,7 @@ def fitted(products: Vector, bands: Bands, prior: Priors, exact: float) -> Fit:
         known = _floored(left, counts[q], exact)
         each += 0.5 * (FREEDOM + counts[q]) * np.log1p(known / (FREEDOM * of_rest))
         held.append(-each.sum(axis=1))
-        squares.append(left / told[q])
+        squares.append(left / trust[q])
     each = np.array(ways)
     count = len(blocks)
     error = np.sqrt((count - 1) / count * np.sum((each - each.mean(axis=0)) ** 2, axis=0))

@@ -140,9 +140,9 @@ def _fast_sliding(course: StackedRecords, law: FittedLaw, offset: float) -> dict
     columns |= {"offset": np.ones(len(v))} if law.offset and not one_way else {}
     columns |= {"mass": a} if law.mass else {}
     target = course.force - offset - (0.0 if law.mass else course.inertial)
-    told = least_squares(np.column_stack([*columns.values()])[fast], target[fast])
+    amplitudes = least_squares(np.column_stack([*columns.values()])[fast], target[fast])
     none = {"mass": 0.0 if law.mass else course.mass, "offset": 0.0, "viscous": 0.0}
-    found = none | dict(zip(columns, map(float, told), strict=True))
+    found = none | dict(zip(columns, map(float, amplitudes), strict=True))
     # if the motion does not show a mass: a mass whose force is a tenth of the friction
     usual = 0.1 * course.level / max(float(np.quantile(np.abs(a), 0.98)), 1e-12)
     if law.mass and found["mass"] < 0.1 * usual:
@@ -193,8 +193,8 @@ def _stribeck_curves(course: StackedRecords, friction: Vector, yielding: float) 
     for width in np.geomspace(slowest, 0.6, 15) * top:
         fall = np.exp(-((speed[slid] / width) ** 2))
         columns = np.column_stack([np.ones(len(fall)), speed[slid], fall])
-        told = least_squares(columns, pull[slid])
-        found.append((float(np.sum((columns @ told - pull[slid]) ** 2)), width, told))
+        amplitudes = least_squares(columns, pull[slid])
+        found.append((float(np.sum((columns @ amplitudes - pull[slid]) ** 2)), width, amplitudes))
     found.sort(key=lambda c: c[0])
     curves: list[Start] = []
     for _, width, (dry, viscous, peak) in found:

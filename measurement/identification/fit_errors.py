@@ -225,7 +225,7 @@ def _told_of_delays(climb: Climb, pieces: Pieces) -> Vector:
     """
     course, p = climb.problem.course, climb.problem.size
     weight = climb.problem.weight[0]
-    told = np.zeros(course.clocks)
+    variance = np.zeros(course.clocks)
     for c in range(course.clocks):
         at = np.append(np.arange(p), p + c)
         claimed = np.diag(np.append(climb.prior_std[:p] ** -2, 0.0))
@@ -238,8 +238,10 @@ def _told_of_delays(climb: Climb, pieces: Pieces) -> Vector:
             cross = weighted @ local.T
             claimed += (local * weight[part]) @ local.T
             claimed -= cross.T @ np.linalg.solve(alone, cross)
-        told[c] = claimed[p, p] - claimed[p, :p] @ np.linalg.solve(claimed[:p, :p], claimed[:p, p])
-    return told
+        variance[c] = claimed[p, p] - claimed[p, :p] @ np.linalg.solve(
+            claimed[:p, :p], claimed[:p, p]
+        )
+    return variance
 
 
 def _intervals(fit: Fit, climb: Climb, fixed: Mapping[str, float]) -> dict[str, Interval]:

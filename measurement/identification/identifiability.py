@@ -108,8 +108,8 @@ def blurred_elements(fit: Fit, resolution: float) -> set[str]:
         yields = held / stiffness
         before = np.column_stack([np.zeros(len(yields)), yields[:, :-1]])
         after = np.column_stack([yields[:, 1:], np.full(len(yields), math.inf)])
-        told = np.mean((held > 2 * resolution) & (before < yields) & (yields < after), axis=0)
-        for i in np.flatnonzero(told < CONFIDENCE):
+        share = np.mean((held > 2 * resolution) & (before < yields) & (yields < after), axis=0)
+        for i in np.flatnonzero(share < CONFIDENCE):
             names |= {fit.names[first + i], fit.names[first + count + i]}
     return names
 

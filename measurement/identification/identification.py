@@ -37,7 +37,7 @@ class Identification:
     time_shift: Interval | None  # of the force after the motion [s]; None: the law does not fit
     warnings: tuple[str, ...]  # why it is not trusted
     notes: tuple[str, ...]
-    told: ParameterFile | None = None  # prior values, for the result's parameter file
+    file: ParameterFile | None = None  # prior values, for the result's parameter file
     fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -77,12 +77,12 @@ class Identification:
         }
 
     def parameter_file(self) -> ParameterFile:
-        """The law's values with their intervals, and other values from `told`.
+        """The law's values with their intervals, and other values from `file`.
 
-        A parameter that is not identified has the value of `told`, else the estimate with its wide
+        A parameter that is not identified has the value of `file`, else the estimate with its wide
         interval, and is listed in a table with the reason.
         """
-        given = self.told or ParameterFile()
+        given = self.file or ParameterFile()
         names = ", ".join(r.name for r in self.records)
         another = given.law not in ("", self.law)
         replaced = {p.name for p in _law_of(given.law).parameters} if another else set()

@@ -66,32 +66,32 @@ def identify_files(
     law: str,
     fixed: Mapping[str, float] | None,
     offset: bool,
-    told: ParameterFile | None,
+    file: ParameterFile | None,
     mass: float | bool,
     *columns: Any,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Identify from records, or files with these mapping, units and lead; see `identify`.
 
-    The mass of files is that of `told` if it is not given; True: it is fitted.
+    The mass of files is that of `file` if it is not given; True: it is fitted.
     """
     mapping, units, lead = columns
-    if told:
-        told = told.checked().with_lead(lead)
-        lead = lead or told.lead
-    known = told.plant[MASS].value if told and MASS in told.plant else None
+    if file:
+        file = file.checked().with_lead(lead)
+        lead = lead or file.lead
+    known = file.plant[MASS].value if file and MASS in file.plant else None
     how = mapping, units, known if isinstance(mass, bool) else mass, lead
     progress("reading")
     found: list[Record] = []
     for record in records:
         found += [record] if isinstance(record, Record) else read_force_records([record], *how)
-    return identify(found, law, told, fixed, offset, mass is True, progress)
+    return identify(found, law, file, fixed, offset, mass is True, progress)
 
 
 def identify(
     records: Sequence[Record],
     law: str,
-    told: ParameterFile | None = None,
+    file: ParameterFile | None = None,
     fixed: Mapping[str, float] | None = None,
     offset: bool = False,
     mass: bool = False,
@@ -99,7 +99,7 @@ def identify(
 ) -> Identification:
     """Identify a law's parameters from records.
 
-    The result's parameter file keeps the known values of the drive, which are `told`. Default: the
+    The result's parameter file keeps the known values of the drive, which are `file`. Default: the
     rig's axis for records of the rig; otherwise a drive with their mass, by its force or torque.
     Parameters in `fixed` are not fitted [SI]. The `offset` is a constant force, of a load or a
     load cell's zero; with `mass` one mass is fitted in place of the records'. Raises
@@ -119,17 +119,17 @@ def identify(
     if mass:
         records = [replace(r, mass=fit.values[MASS]) for r in records]
         course = course.with_mass(fit.values[MASS])
-    if told is None:
+    if file is None:
         of_axis = [r for r in records if r.about and r.about.get("kind", BALL_SCREW) == BALL_SCREW]
-        told = _axis_of(of_axis[0]) if of_axis else _drive_of(records[0])
+        file = _axis_of(of_axis[0]) if of_axis else _drive_of(records[0])
         if mass:
-            told = replace(told, plant={n: v for n, v in told.plant.items() if n != MASS})
+            file = replace(file, plant={n: v for n, v in file.plant.items() if n != MASS})
     progress("judging the parameters")
     judged = {n: _judge(fit, n, course) for n in fit.names}
     progress("fitting each direction")
     per_direction, notes = _each_way(records, fit, judged, course, fixed)
-    notes += [TURNS] * told.turns + _remarks(records, law, fit, offset)
-    if OFFSET in judged and told.kind != DRIVE:
+    notes += [TURNS] * file.turns + _remarks(records, law, fit, offset)
+    if OFFSET in judged and file.kind != DRIVE:
         notes.append(
             'the offset is not in parameters.toml: only kind = "drive" has such a parameter'
         )
@@ -140,7 +140,7 @@ def identify(
             f"({low:.3g} .. {high:.3g} ms): the records were corrected by it"
         )
     if mass:
-        notes += _of_mass(judged[MASS], told.plant.get(MASS))
+        notes += _of_mass(judged[MASS], file.plant.get(MASS))
     warnings = [f"{n}: {i.because}" for n, i in judged.items() if not i.identified]
     parts = "; ".join(f"{p.force:.3g} N go {p.words}" for p in left.parts)
     if not fitted.explained:
@@ -161,7 +161,7 @@ def identify(
         time_shift=shift,
         warnings=tuple(warnings),
         notes=tuple(notes),
-        told=told,
+        file=file,
         fixed=fixed,
     )
 

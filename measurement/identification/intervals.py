@@ -79,8 +79,8 @@ class Fit:
 
         One minus the root mean square of what is left, over that of the force around its mean.
         """
-        told, left = force[self.spoken], (force - self.held_out)[self.spoken]
-        return 1.0 - float(np.sqrt(np.mean(left**2)) / max(np.std(told), 1e-300))
+        forces, left = force[self.spoken], (force - self.held_out)[self.spoken]
+        return 1.0 - float(np.sqrt(np.mean(left**2)) / max(np.std(forces), 1e-300))
 
     def draws(self) -> Matrix:
         """Parameters drawn from Student's t, shape (draws, p); the same every time."""

@@ -65,9 +65,9 @@ class LawEquations:
             ct.cast(getattr(library(), f"core_{n}"), ct.c_void_p).value for n in ("step", "output")
         )
         places = instance.address, at(x), at(u), at(p), at(info[NEXT_STEP:]), at(start)
-        told = _Equations(step, output, *places, at(y[friction:]), len(x), _TOLERANCE)
-        self._kept = model, memory, start, instance, told
-        self.address = ct.addressof(told)
+        equations = _Equations(step, output, *places, at(y[friction:]), len(x), _TOLERANCE)
+        self._kept = model, memory, start, instance, equations
+        self.address = ct.addressof(equations)
 
     def completed(self, fitted: Vector) -> Vector:
         """All parameters of the law, from the fitted ones."""
@@ -128,7 +128,7 @@ class LawValues:
     backwards: Vector
     sharpness: float = SHARPNESS  # Kv of the modified law [s/m]; 0 for abs(v), as in the original
 
-    def told(self) -> _Law:
+    def for_c(self) -> _Law:
         """The law for compiled code; `self` must exist as long as it is used."""
         fitted = FITTED[self.name]
         forwards, backwards, equations = self.forwards, self.backwards, None
@@ -188,7 +188,7 @@ def friction_along(
     """
     friction = np.empty(len(x))
     places = at(x), at(v), at(step), starts.ctypes.data, len(starts) - 1, at(shifts), at(vibration)
-    _library().friction_along(ct.byref(law.told()), *places, at(friction))
+    _library().friction_along(ct.byref(law.for_c()), *places, at(friction))
     return friction
 
 
@@ -200,7 +200,7 @@ def mean_friction_along(law: LawValues, x: Vector, v: Vector, step: float, parts
     """
     friction = np.empty(len(x))
     places = at(x), at(v), len(x), step, parts, at(friction)
-    _library().mean_friction_along(ct.byref(law.told()), *places)
+    _library().mean_friction_along(ct.byref(law.for_c()), *places)
     return friction
 
 
@@ -226,7 +226,7 @@ def force_behind(
     """
     force = np.empty(len(x))
     follow = getattr(_library(), f"force_behind_{joint}")
-    follow(ct.byref(law.told()), at(x), at(v), len(x), step, size, mass, at(force))
+    follow(ct.byref(law.for_c()), at(x), at(v), len(x), step, size, mass, at(force))
     return force
 
 

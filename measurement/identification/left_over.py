@@ -70,9 +70,9 @@ def left_over(course: StackedRecords, fit: Fit) -> LeftOver:
             break
         name = next(n for n, g in gained.items() if g >= _NEARLY * most)  # the simplest are first
         columns = groups.pop(name)
-        told = least_squares(columns * root[:, None], left * root)
-        left = left - columns @ told
-        parts.append(Part(name, math.sqrt(gained[name]), _words(name, told, course)))
+        amplitudes = least_squares(columns * root[:, None], left * root)
+        left = left - columns @ amplitudes
+        parts.append(Part(name, math.sqrt(gained[name]), _words(name, amplitudes, course)))
     rest = max(float(weight @ left**2) - least, 0.0)
     if rest > _WORTH * square:
         parts.append(Part("rest", math.sqrt(rest), "with none of these"))
@@ -87,8 +87,8 @@ def _predicted(
     for part in (odd, ~odd):
         if part.any() and not part.all():
             others = columns[~part] * root[~part, None], values[~part] * root[~part]
-            told = columns[part] @ least_squares(*others)
-            gained += float(weight[part] @ (values[part] ** 2 - (values[part] - told) ** 2))
+            followed = columns[part] @ least_squares(*others)
+            gained += float(weight[part] @ (values[part] ** 2 - (values[part] - followed) ** 2))
     return gained
 
 
@@ -109,30 +109,30 @@ def _columns(course: StackedRecords, fit: Fit) -> dict[str, Matrix]:
     return {k: c for k, c in groups.items() if not fitted.get(k)}
 
 
-def _words(name: str, told: Vector, course: StackedRecords) -> str:
+def _words(name: str, amplitudes: Vector, course: StackedRecords) -> str:
     """What a part goes with, by its coefficients [N], and its probable reason."""
     if name == "acceleration":
-        right = course.mass + float(told[0])
+        right = course.mass + float(amplitudes[0])
         return (
             f"with the acceleration: a mass of {right:.4g} kg instead of {course.mass:.4g} kg"
             " would explain it (fit the mass: --mass fit)" + gain_words(right, course.mass)
         )
     if name == "constant":
         return (
-            f"with a constant force of {told[0]:.3g} N: a load, gravity or the zero error of "
+            f"with a constant force of {amplitudes[0]:.3g} N: a load, gravity or the zero error of "
             "the force sensor (fit it: --offset)"
         )
     if name == "reversals":
         return "near reversals: presliding that differs from the law, or backlash"
     if name == "travel":
-        even, odd = (float(np.ptp(t)) for t in (told[:_PLACES], told[_PLACES:]))
+        even, odd = (float(np.ptp(t)) for t in (amplitudes[:_PLACES], amplitudes[_PLACES:]))
         what = "friction" if odd > even else "a force that is the same in both directions"
         return (
             f"with the position: {what} changes by {max(odd, even):.3g} N over the "
             f"travel of {float(np.ptp(course.x)):.3g} m"
         )
     fast = float(np.quantile(np.abs(course.v), 0.95))
-    way, worst = divmod(int(np.argmax(np.abs(told))), _SPEEDS)
+    way, worst = divmod(int(np.argmax(np.abs(amplitudes))), _SPEEDS)
     side = course.v[course.v < 0 if way else course.v > 0]
     edges = np.quantile(side, (worst + np.array([0, 1])) / _SPEEDS)
     slow = float(np.abs(edges).max()) < 0.5 * fast

@@ -190,8 +190,8 @@ class _Readings:
         off = smooth - self.data
         between = self.edges > 0
         passed = 0.25 * self.edges[between] * (off[1:] + off[:-1])[between] ** 2
-        told = self.weights[self.telling] * off[self.telling] ** 2
-        return max((float(np.mean(t)) for t in (told, passed) if len(t) >= _FEW), default=0.0)
+        telling = self.weights[self.telling] * off[self.telling] ** 2
+        return max((float(np.mean(t)) for t in (telling, passed) if len(t) >= _FEW), default=0.0)
 
 
 def _readings(

@@ -51,15 +51,15 @@ class Response:
     @property
     def said(self) -> str:
         modes = [i for i in (self.resonance, self.damping) if i]
-        told = [f"{i.value:.4g} ({i.low:.4g} .. {i.high:.4g})" for i in modes]
-        if not told:
+        words = [f"{i.value:.4g} ({i.low:.4g} .. {i.high:.4g})" for i in modes]
+        if not words:
             return f"no resonance seen below {self.highest:.4g} Hz"
-        return f"first resonance at {told[0]} Hz, damping ratio {told[1]}"
+        return f"first resonance at {words[0]} Hz, damping ratio {words[1]}"
 
     def to_dict(self) -> dict[str, Any]:
         modes = {"resonance_Hz": self.resonance, "damping_ratio": self.damping}
-        told = {"input_unit": self.unit, "coherent_up_to_Hz": self.highest, "said": self.said}
-        return told | {n: asdict(mode) if mode else None for n, mode in modes.items()}
+        head = {"input_unit": self.unit, "coherent_up_to_Hz": self.highest, "said": self.said}
+        return head | {n: asdict(mode) if mode else None for n, mode in modes.items()}
 
     def save(self, folder: Path) -> None:
         """Write ``response.json`` and ``response.csv`` into `folder`."""
@@ -99,8 +99,8 @@ def frequency_response(record: Record) -> Response:
         )
     faster = -(omega**2) * position
     level = np.where(good, np.log10(np.abs(faster) + 1e-300), -300.0)
-    peaks, told = find_peaks(np.maximum(level, level.max() - 10), prominence=0.3)
-    for peak, height in zip(peaks, told["prominences"], strict=True):
+    peaks, properties = find_peaks(np.maximum(level, level.max() - 10), prominence=0.3)
+    for peak, height in zip(peaks, properties["prominences"], strict=True):
         near = good & (np.abs(np.log(omega / omega[peak])) < _BAND)
         if np.count_nonzero(near) >= 12 and 10**height - 1 >= 8.0 * error[near].max():
             resonance, damping = _mode(faster[near], error[near], omega[near], omega[peak])

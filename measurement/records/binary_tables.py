@@ -81,11 +81,11 @@ def _unpacked(name: str, item: Any) -> Iterator[Column]:
         yield Column(name, fault=f": {name!r} has values of type {item.dtype}, not numbers")
         return
     names = "units", "unit", "scale_factor", "add_offset", "_FillValue", "missing_value"
-    told = {n: np.ravel(item.attrs[n])[0] for n in names if np.size(item.attrs.get(n, ()))}
-    unit = told.get("units", told.get("unit", ""))
+    attributes = {n: np.ravel(item.attrs[n])[0] for n in names if np.size(item.attrs.get(n, ()))}
+    unit = attributes.get("units", attributes.get("unit", ""))
     values = item[()]
-    empty = [told[n] for n in names[4:] if n in told]
-    scale, offset = told.get("scale_factor", 1), told.get("add_offset", 0)
+    empty = [attributes[n] for n in names[4:] if n in attributes]
+    scale, offset = attributes.get("scale_factor", 1), attributes.get("add_offset", 0)
     if empty or (scale, offset) != (1, 0):
         values = np.where(np.isin(values, empty), np.nan, values) * float(scale) + float(offset)
     yield from columns_of(name, values, unit.decode() if isinstance(unit, bytes) else str(unit))
@@ -111,16 +111,16 @@ def read_tdms(path: Path, data: bytes) -> list[Table]:
     for group in TdmsFile.read(io.BytesIO(data)).groups():
         rates: dict[tuple[Any, ...], list[Column]] = {}
         for channel in group.channels():
-            told = channel.properties
+            properties = channel.properties
             step, offset, start = (
-                told.get(f"wf_{n}") for n in ("increment", "start_offset", "start_time")
+                properties.get(f"wf_{n}") for n in ("increment", "start_offset", "start_time")
             )
             columns = rates.setdefault((step, offset, start, len(channel)) if step else (), [])
             if step and not columns:
                 late = 0 if start is None else (start - first) / np.timedelta64(1, "ns") * 1e-9
                 time = late + (offset or 0.0) + step * np.arange(len(channel))
                 columns.append(Column("time", time, "s"))
-            unit = str(told.get("unit_string", ""))
+            unit = str(properties.get("unit_string", ""))
             columns += columns_of(channel.name, np.asarray(channel[:]), unit)
         for rate, columns in rates.items():
             several = f" ({rate[0]:g} s)" if rate and len(rates) > 1 else ""

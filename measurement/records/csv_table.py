@@ -109,11 +109,11 @@ def _seconds(cells: Sequence[str]) -> Vector | None:
     Times of day without a date continue after midnight. An ambiguous order of day and month is
     accepted if the date is the same in all cells.
     """
-    told = [found.groupdict("") if (found := _stamp(c)) else {} for c in cells]
-    texts = {t.get("date", "") for t in told if t}
+    stamps = [found.groupdict("") if (found := _stamp(c)) else {} for c in cells]
+    texts = {t.get("date", "") for t in stamps if t}
     days = {text: _day(text) if len(texts) > 1 else 0.0 for text in texts}
     times = np.full(len(cells), math.nan)
-    for k, t in enumerate(told):
+    for k, t in enumerate(stamps):
         if t:
             hour, half = int(t.get("h", 0)), t.get("half", "").lower()
             hour = hour % 12 + 12 * (half == "pm") if half else hour
@@ -259,18 +259,18 @@ def _segments(path: Path, numbered: Sequence[tuple[int, str]]) -> list[Table]:
     ]
     found: list[Table] = []
     for start, end, after in zip(starts, ends[1:], [*starts[1:], None], strict=False):
-        told = _said(numbered[start:end])
+        header = _said(numbered[start:end])
         for table in read_lines(path, numbered[end + 1 : after]):
             columns, units = dict(table.columns), dict(table.units)
             x, *signals = columns
             if about.get("X_Columns") == ["No"]:
-                texts = [(told.get(n) or [""])[0].replace(",", ".") for n in ("X0", "Delta_X")]
+                texts = [(header.get(n) or [""])[0].replace(",", ".") for n in ("X0", "Delta_X")]
                 begin, step = map(_float, texts)
                 if begin is None or step is None:
                     raise BadRecord(f"{path}: has no column of time, and no X0 and Delta_X")
                 columns[x] = np.asarray(begin + step * np.arange(len(columns[x])), dtype=float)
             if about.get("X_Columns") != ["Multi"]:
-                units |= dict(zip(signals, told.get("Y_Unit_Label", []), strict=False))
+                units |= dict(zip(signals, header.get("Y_Unit_Label", []), strict=False))
             group = f"segment {len(found) + 1}" if len(starts) > 1 else table.group
             found.append(replace(table, columns=columns, units=units, group=group))
     return found or read_lines(path, numbered[ends[0] + 1 :] if ends else numbered)
@@ -353,11 +353,11 @@ def _header(
 def _scope_header(above: Rows, width: int) -> tuple[list[str], list[str]]:
     """Names and units of an export of the TwinCAT scope; empty for other files."""
     rows = [row for row in above if len(row) == width and len(set(row[0::2])) == 1]
-    told = {row[0]: row[1::2] for row in rows if width % 2 == 0}
-    if "Name" not in told or not any(n.startswith("SampleTime") for n in told):
+    header = {row[0]: row[1::2] for row in rows if width % 2 == 0}
+    if "Name" not in header or not any(n.startswith("SampleTime") for n in header):
         return [], []
-    units = told.get("Unit", [""] * width)
-    names = [n for signal in told["Name"] for n in ("time", signal)]
+    units = header.get("Unit", [""] * width)
+    names = [n for signal in header["Name"] for n in ("time", signal)]
     return names, [u for unit in units for u in ("", unit)]
 
 

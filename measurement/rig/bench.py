@@ -32,7 +32,7 @@ def run_trial(
     noise: Noise | None = None,
     tolerance: float = TOLERANCE,
     progress: Callable[[float], None] | None = None,
-    told: ParameterFile | None = None,
+    file: ParameterFile | None = None,
 ) -> TrialRecord:
     """Run one trial and record it.
 
@@ -52,7 +52,7 @@ def run_trial(
         Relative tolerance of the solver.
     progress : function of time [s], optional
         Called repeatedly.
-    told : ParameterFile, optional
+    file : ParameterFile, optional
         The machine and its values; `parameters` have priority. Default: the axis of the thesis.
 
     Returns
@@ -66,7 +66,7 @@ def run_trial(
     IntegrationError
         If the motion cannot be computed.
     """
-    machine = Machine(law, parameters, told)
+    machine = Machine(law, parameters, file)
     setup = set_up(machine.trial(trial), machine, seed, noise)
     measured, true = _run(setup, tolerance, progress)
     trial = setup.trial

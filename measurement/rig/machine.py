@@ -75,12 +75,12 @@ class Machine:
     law: str  # friction law of the rig; it may differ from the file's
     parameters: Mapping[str, float] | None = None
     """The user's, as ``part.name``; a name without its part is the plant's."""
-    told: ParameterFile | None = field(default=None, repr=False)  # default: the thesis' axis
+    file: ParameterFile | None = field(default=None, repr=False)  # default: the thesis' axis
 
     def __post_init__(self) -> None:
         if self.kind not in NOMINAL:
             raise BadParameters(
-                f"{self.told.path if self.told else ''}: kind is {self.kind!r}, expected one of "
+                f"{self.file.path if self.file else ''}: kind is {self.kind!r}, expected one of "
                 f"{', '.join(NOMINAL)}: the rig"
             )
         if self.given(self.known).get(f"{PLANT}.gain") == 0.0:
@@ -91,7 +91,7 @@ class Machine:
     @property
     def kind(self) -> str:
         """As in a parameter file."""
-        return self.told.kind if self.told else BALL_SCREW
+        return self.file.kind if self.file else BALL_SCREW
 
     @property
     def is_axis(self) -> bool:
@@ -108,7 +108,7 @@ class Machine:
     @property
     def _command_words(self) -> dict[str, str]:
         """Units changed by its command only; the plant's equations already have the others."""
-        return UNITS.get((self.told and self.told.command) or COMMANDS[0], {})
+        return UNITS.get((self.file and self.file.command) or COMMANDS[0], {})
 
     def unit(self, unit: str) -> str:
         """Unit of this machine that corresponds to a unit of the thesis' axis."""
@@ -131,7 +131,7 @@ class Machine:
             name if "." in name else f"{PLANT}.{name}": float(value)
             for name, value in (self.parameters or {}).items()
         }
-        found = self._from_file(self.told, known, own) if self.told else {}
+        found = self._from_file(self.file, known, own) if self.file else {}
         for name, value in own.items():
             if name in known:
                 p = known[name]
@@ -151,23 +151,23 @@ class Machine:
         return found | own
 
     def _from_file(
-        self, told: ParameterFile, known: Mapping[str, Any], own: Mapping[str, float]
+        self, file: ParameterFile, known: Mapping[str, Any], own: Mapping[str, float]
     ) -> dict[str, float]:
         plant = of_part(PLANT, known)
-        others = Part(told.plant_name).parameters
-        if (told.law or self.law) == self.law:  # only initial states are ignored: it begins at rest
+        others = Part(file.plant_name).parameters
+        if (file.law or self.law) == self.law:  # only initial states are ignored: it begins at rest
             others = {n: p for n, p in others.items() if n.endswith("_start")}
-        values = told.plant_values(plant, others)
-        told.check_complete(plant, {*values, *of_part(PLANT, own)})
+        values = file.plant_values(plant, others)
+        file.check_complete(plant, {*values, *of_part(PLANT, own)})
         found = {f"{PLANT}.{n}": v for n, v in values.items()}
-        for part, given in told.rig.items():
+        for part, given in file.rig.items():
             if part not in (TRIAL, *PARTS):
                 raise BadParameters(
-                    f"{told.path}: [rig.{part}]: the rig has no such part; it has "
+                    f"{file.path}: [rig.{part}]: the rig has no such part; it has "
                     f"{', '.join(sorted((TRIAL, *PARTS)))}"
                 )
             if theirs := of_part(part, known):
-                numbers = check_values(given, theirs, f"{told.path}: [rig.{part}]")
+                numbers = check_values(given, theirs, f"{file.path}: [rig.{part}]")
                 found |= {f"{part}.{n}": v for n, v in numbers.items()}
         return found
 

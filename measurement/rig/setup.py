@@ -180,7 +180,7 @@ def _used(machine: Machine, known: Mapping[str, Any], given: Mapping[str, float]
 
     Values drawn by the seed are not included, unless they were given.
     """
-    file = machine.told or ParameterFile()
+    file = machine.file or ParameterFile()
     kept = {n: p for n, p in known.items() if n not in _DRAWN or n in given}
     parts: dict[str, dict[str, Value]] = {}
     for part in dict.fromkeys(name.partition(".")[0] for name in known):

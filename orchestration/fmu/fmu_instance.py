@@ -181,7 +181,7 @@ class AnyFmu(Stepped):
         ]
 
     def _unlike(self, wanted: Mapping[str, float]) -> dict[str, float]:
-        """Present values of those that are not as told."""
+        """Present values of those that are not as wanted."""
         found = zip(wanted, self.reader(list(wanted))().tolist(), strict=True) if wanted else ()
         return {n: v for n, v in found if not math.isclose(v, wanted[n], rel_tol=AS_PRINTED)}
 

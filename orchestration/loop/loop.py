@@ -117,7 +117,7 @@ class Loop(HowCoupled):
         Parameters and initial states with other than nominal values, in SI units.
     mapping : mapping of str to str, optional
         Names of a third-party FMU's ports, ``theirs -> ours``.
-    told : ParameterFile, optional
+    file : ParameterFile, optional
         Source of values; the written parameter file keeps their intervals and sources.
     notes : tuple of str
         Notes from before the run, added to those of the run.
@@ -158,7 +158,7 @@ class Loop(HowCoupled):
     plant_values: Resolved[Values | None, Values] = Resolved(_numbers, None)
     controller_values: Resolved[Values | None, Values] = Resolved(_numbers, None)
     mapping: Resolved[Ports | None, Ports] = Resolved(lambda _, given: dict(given or {}), None)
-    told: ParameterFile | None = None
+    file: ParameterFile | None = None
     notes: tuple[str, ...] = ()
     sampled: Resolved[float | None, float | None] = Resolved(_optional(limits.check_length), None)
 
@@ -221,29 +221,29 @@ class Loop(HowCoupled):
 
     def parameters(self) -> ParameterFile:
         """All parameters used, as a file that the next command can read; see `list_used`."""
-        told, plant, controller = self.told or ParameterFile(), self.plant, self.controller
+        file, plant, controller = self.file or ParameterFile(), self.plant, self.controller
         known = plant.settable(self.plant_values)
-        found = list_used(known, self.plant_values, {**told.plant, **told.found})
+        found = list_used(known, self.plant_values, {**file.plant, **file.found})
         of_controller = list_used(
             controller.settable(self.controller_values),
             self.controller_values,
-            told.controllers.get(table_of(told, controller), {}),
+            file.controllers.get(table_of(file, controller), {}),
         )
-        (kind, law), command, own = (FMU, ""), told.command, {*known}
+        (kind, law), command, own = (FMU, ""), file.command, {*known}
         if plant.named.plain in DESCRIBED:
             (kind, law), command = DESCRIBED[plant.named.plain], "+".join(plant.named.units)
-        elif self.told is not None and set(told.plant) <= own:
-            kind, law, own = told.kind, told.law, {*told.plant}
-            own |= set() if kind == FMU else {*Part(told.plant_name).parameters}
+        elif self.file is not None and set(file.plant) <= own:
+            kind, law, own = file.kind, file.law, {*file.plant}
+            own |= set() if kind == FMU else {*Part(file.plant_name).parameters}
         return ParameterFile(
             kind=kind,
             command=command,
             law=law,
             plant={n: v for n, v in found.items() if n in own},
             found={n: v for n, v in found.items() if n not in own},
-            controllers={**told.controllers, controller.label: of_controller},
-            rig=told.rig,
-            turns=told.turns,
+            controllers={**file.controllers, controller.label: of_controller},
+            rig=file.rig,
+            turns=file.turns,
         )
 
 
@@ -300,13 +300,13 @@ def table_of(file: ParameterFile, controller: Part) -> str:
 
 
 def list_used(
-    known: Known, values: Mapping[str, float], told: FileValues, source: str = "given to this run"
+    known: Known, values: Mapping[str, float], file: FileValues, source: str = "given to this run"
 ) -> dict[str, Value]:
     """All parameters of a part; a value that a file has keeps its interval and source."""
     found = {}
     for name, p in known.items():
         if name in values:
-            said = told.get(name, Value(math.nan))
+            said = file.get(name, Value(math.nan))
             said = said if said.value == values[name] else Value(values[name], source=source)
             found[name] = replace(said, unit=p.unit)
         elif not name.endswith(START) and name != TOLERANCE and math.isfinite(p.default):
@@ -315,67 +315,67 @@ def list_used(
 
 
 def file_values(
-    told: ParameterFile | None,
+    file: ParameterFile | None,
     plant: str | None,
     controllers: Sequence[str],
     given: Collection[str] = (),
 ) -> tuple[str, dict[str, float], dict[str, dict[str, float]], list[str]]:
     """The plant of a file or the requested one, values for it and each controller, and notes."""
-    plant = plant_of(told, plant)
-    if told is None:
+    plant = plant_of(file, plant)
+    if file is None:
         return plant, {}, {name: {} for name in controllers}, []
-    values = for_plant(told, plant, given)
-    values_of = {n: for_controller(told, in_units_of(n, plant)) for n in controllers}
+    values = for_plant(file, plant, given)
+    values_of = {n: for_controller(file, in_units_of(n, plant)) for n in controllers}
     parts = [Part(c) for c in controllers]
-    known = {*CONTROLLERS, *(p.label for p in parts), *(table_of(told, p) for p in parts)}
+    known = {*CONTROLLERS, *(p.label for p in parts), *(table_of(file, p) for p in parts)}
     unused = "no controller of this name runs here; left aside"
-    notes = [f"{told.path}: [controller.{n}]: {unused}" for n in told.controllers if n not in known]
-    return plant, values, values_of, [*aside(told, values, plant), *notes]
+    notes = [f"{file.path}: [controller.{n}]: {unused}" for n in file.controllers if n not in known]
+    return plant, values, values_of, [*aside(file, values, plant), *notes]
 
 
-def plant_of(told: ParameterFile | None, plant: str | None) -> str:
+def plant_of(file: ParameterFile | None, plant: str | None) -> str:
     """The requested plant, else the one that the file describes, else the nominal one."""
-    return plant or (told.plant_name if told else "plant")
+    return plant or (file.plant_name if file else "plant")
 
 
-def with_file(loop: Loop, told: ParameterFile, chosen: bool) -> Loop:
+def with_file(loop: Loop, file: ParameterFile, chosen: bool) -> Loop:
     """The loop with the values of a file where it has none; its plant stays if it was `chosen`."""
     own, name = loop.plant_values, loop.controller.name
     asked = loop.plant.name if chosen else None
-    plant, values, values_of, notes = file_values(told, asked, [name], own)
+    plant, values, values_of, notes = file_values(file, asked, [name], own)
     return replace(
         loop,
         plant=Part(plant),
         plant_values={**values, **own},
         controller_values={**values_of[name], **loop.controller_values},
-        told=told,
+        file=file,
         notes=(*loop.notes, *notes),
     )
 
 
-def for_plant(told: ParameterFile, plant: str, given: Collection[str] = ()) -> dict[str, float]:
+def for_plant(file: ParameterFile, plant: str, given: Collection[str] = ()) -> dict[str, float]:
     """The file's values for a plant; with `given` there is no gap, see `check_complete`."""
     known = Part(plant).parameters
-    if told.kind == FMU:
-        return told.plant_values(known)
-    own = Part(told.plant_name).parameters
+    if file.kind == FMU:
+        return file.plant_values(known)
+    own = Part(file.plant_name).parameters
     # a file of another law has values that this plant does not use
-    values = told.plant_values(known, own if told.law and told.plant_name != plant else ())
+    values = file.plant_values(known, own if file.law and file.plant_name != plant else ())
     needed = known if PartName.of(plant).plain in DESCRIBED else known.keys() & own.keys()
-    told.check_complete({n: known[n] for n in needed}, {*values, *given})
+    file.check_complete({n: known[n] for n in needed}, {*values, *given})
     return values
 
 
-def for_controller(told: ParameterFile, name: str) -> dict[str, float]:
+def for_controller(file: ParameterFile, name: str) -> dict[str, float]:
     """The file's values for a controller."""
     part = Part(name)
-    table = table_of(told, part)
-    where = f"{told.path}: [controller.{table}]"
-    return check_values(told.controllers.get(table, {}), part.parameters, where)
+    table = table_of(file, part)
+    where = f"{file.path}: [controller.{table}]"
+    return check_values(file.controllers.get(table, {}), part.parameters, where)
 
 
-def aside(told: ParameterFile, values: Collection[str], plant: str) -> list[str]:
+def aside(file: ParameterFile, values: Collection[str], plant: str) -> list[str]:
     """A note on the file's values that a plant does not use, if there are any."""
-    names = [n for n in (*told.plant, *told.found) if n not in values]
-    said = f"{told.path}: {', '.join(names)}: {plant} has no such parameter; left aside"
+    names = [n for n in (*file.plant, *file.found) if n not in values]
+    said = f"{file.path}: {', '.join(names)}: {plant} has no such parameter; left aside"
     return [said] if names else []

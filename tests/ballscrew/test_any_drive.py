@@ -83,7 +83,7 @@ def test_a_machine_runs_as_scipy_solves_it_and_its_run_writes_it_again(
     told = read_parameters(path)
     values = {n: v.value for n, v in told.plant.items()}
     gains = {n: v.value for n, v in told.controllers["pid"].items()}
-    loop = Loop("pid", told.plant_name, SET_POINT, STOP, values, gains, told=told, step=1e-4)
+    loop = Loop("pid", told.plant_name, SET_POINT, STOP, values, gains, file=told, step=1e-4)
     found = run_loop(loop).run
     assert found.outputs["x"] == pytest.approx(integrated(found.time), abs=2e-8)
     unit_of_gain = units.pop("Kp", "N*m/rad")

@@ -167,14 +167,14 @@ def force(
             _along(tuple(amplitudes.values()), c, model, values, own)
             for c, own in zip(courses, more, strict=True)
         ]
-        told = names
+        amplitude_names = names
         if per_record and len(courses) > 1:
-            told = tuple(f"{n}.{r + 1}" for r in range(len(courses)) for n in names)
+            amplitude_names = tuple(f"{n}.{r + 1}" for r in range(len(courses)) for n in names)
             forces = [
                 np.hstack([f if r == k else np.zeros_like(f) for k in range(len(courses))])
                 for r, f in enumerate(forces)
             ]
-        return Form(told, force=forces, values=values)
+        return Form(amplitude_names, force=forces, values=values)
 
     def extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
         friction = -next(t.force for t in plant.terms if t.name == "friction")

@@ -24,19 +24,19 @@ from .cause import Cause, Courses, Form, Grid, Mechanism, Values, parameter
 
 
 def joint(
-    kind: str, told: Parameter, build: Callable[[Component], Component], grid: Grid, sure: float
+    kind: str, varied: Parameter, build: Callable[[Component], Component], grid: Grid, sure: float
 ) -> Mechanism:
     """A joint with one parameter; `kind` as in `force_behind`."""
 
     def at(courses: Courses, model: Drive, values: Values) -> Form:
-        size, forces = values[told.name], []
+        size, forces = values[varied.name], []
         for c in courses:
             behind = force_behind(kind, model.law_values, c.x, c.v, c.step, size, model.block)
             rigid = c.bristle + model.linear_friction * c.middle_v + model.block * c.mean_a
             forces.append((behind - rigid)[:, None])
-        return Form((told.name,), force=forces, values=values, sure=sure)
+        return Form((varied.name,), force=forces, values=values, sure=sure)
 
-    return Mechanism((told,), at, grid, lambda plant, curve, cause: build(plant), told.name)
+    return Mechanism((varied,), at, grid, lambda plant, curve, cause: build(plant), varied.name)
 
 
 _GAPS = 1e-6 * 2.0 ** np.arange(1.0, 10.75, 0.5)  # [m]

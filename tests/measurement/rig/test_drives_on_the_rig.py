@@ -113,7 +113,7 @@ SHARP = {"encoder.counts": 1e12, "encoder.phase": 0.5, "load_cell.resolution": 1
 @pytest.mark.ci
 @pytest.mark.parametrize("trial", ["2.4/1", "2.2/12"])
 def test_a_record_without_noise_is_what_scipy_simulates(files, trial):
-    found = run_trial(trial, "lugre", SHARP, noise=Noise(0.0), told=files["linear"])
+    found = run_trial(trial, "lugre", SHARP, noise=Noise(0.0), file=files["linear"])
     part = slice(0, 240)
     name = "force_ref" if trial == "2.2/12" else "v_ref"
     u, x, v, _ = by_scipy(found.record[name][part], trial == "2.2/12")
@@ -127,8 +127,8 @@ def test_a_record_without_noise_is_what_scipy_simulates(files, trial):
 
 def test_trials_have_the_size_of_the_machine(files):
     """Forces are shares of its static friction; viscous friction grows to that of sliding."""
-    linear = Machine("lugre", told=files["linear"])
-    joint = Machine("classical", told=files["joint"])
+    linear = Machine("lugre", file=files["linear"])
+    joint = Machine("classical", file=files["joint"])
     assert linear.sizes == pytest.approx({"speed": 80.0 / 200.0, "force": 90.0, "travel": 0.6})
     assert joint.sizes["speed"] == pytest.approx(2.0 / 1.5)
     assert joint.trials["2.4/1"].asked == "velocity 0.1667 rad/s sin(1 t)"
@@ -155,7 +155,7 @@ def test_the_largest_velocity_is_one_that_the_machine_can_do(files, limit, trave
     given = {"plant.voltage_limit": limit, "trial.travel": travel}
     machine = Machine("lugre", given, files["linear"])
     assert machine.sizes["speed"] == pytest.approx(speed)
-    found = run_trial("viscous/51", "lugre", given, told=files["linear"])
+    found = run_trial("viscous/51", "lugre", given, file=files["linear"])
     assert np.mean(found.truth["v"][-20:]) == pytest.approx(speed, rel=0.02)
     assert np.abs(found.record["u"][-100:]).max() < limit
 
@@ -175,7 +175,7 @@ def test_the_largest_velocity_is_one_that_the_machine_can_do(files, limit, trave
 )
 def test_a_trial_that_means_nothing_for_a_machine_is_refused(files, name, trial, given, said):
     with pytest.raises(BadParameter, match=said):
-        run_trial(trial, files[name].law, given, told=files[name])
+        run_trial(trial, files[name].law, given, file=files[name])
 
 
 # -- its parts -------------------------------------------------------------------------------
