@@ -24,7 +24,7 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (3489, 2882),
     "gallery": (2730, 2356),
     "measurement": (11655, 10277),
-    "proofs": (10110, 9002),
+    "proofs": (10111, 9003),
     "benchmarks": (1843, 1705),
     "docs": (338, 306),
     ".ci": (241, 219),

@@ -52,7 +52,8 @@ class Section:
             here = figures[label]
             ends = "" if row.allowed == Row.allowed else "{:.7g}, {:.7g}".format(*row.allowed)
             printed = row.printed if row.counted else "-"
-            cells = (label, row.where, row.says, str(printed), f"{here:.7g}", ends)
+            printed = printed if isinstance(printed, str) else f"{printed:.10g}"
+            cells = (label, row.where, row.says, printed, f"{here:.7g}", ends)
             lines.append("| " + " | ".join((*cells, row.verdict(here))).rstrip() + " |")
             reasons += ["", f"**{label}.** {row.why}"] if row.why else []
         return "\n".join([*lines, *reasons])
