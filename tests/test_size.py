@@ -24,11 +24,11 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (3489, 2882),
     "gallery": (2730, 2356),
     "measurement": (11655, 10277),
-    "proofs": (10111, 9003),
+    "proofs": (10105, 8998),
     "benchmarks": (1843, 1705),
     "docs": (338, 306),
     ".ci": (241, 219),
-    "tests": (23629, 22540),
+    "tests": (23628, 22539),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
+from provenance import stored
 
 from thesis import chapter_3, friction_laws, region_and_tables
 
 SECTIONS = (*friction_laws.SECTIONS, *chapter_3.SECTIONS, *region_and_tables.SECTIONS)
-FIGURES = Path(__file__).resolve().parents[2] / "docs" / "proof" / "thesis.json"
+ROWS = {label: row for section in SECTIONS for label, row in section.labelled()}
 
 
 def table(letter: str) -> str:
     """The rows of a section as Markdown, from the stored figures."""
-    figures = json.loads(FIGURES.read_text(encoding="utf-8"))["figures"]
-    return next(s for s in SECTIONS if s.letter == letter).table(figures)
+    section = next(s for s in SECTIONS if s.letter == letter)
+    return section.table(stored("thesis")["figures"])
 
 
 def counted() -> str:
     """How many rows agree, in words, from the stored figures."""
-    figures = json.loads(FIGURES.read_text(encoding="utf-8"))["figures"]
-    rows = [(row, figures[k]) for s in SECTIONS for k, row in s.labelled() if row.counted]
-    agree = sum(row.agrees(here) for row, here in rows)
-    return f"{len(rows)} numbers and statements: {agree} agree, {len(rows) - agree} differ."
+    figures = stored("thesis")["figures"]
+    agree = [row.agrees(figures[label]) for label, row in ROWS.items() if row.counted]
+    return (
+        f"{len(agree)} numbers and statements: {sum(agree)} agree, "
+        f"{len(agree) - sum(agree)} differ."
+    )

@@ -15,22 +15,15 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from provenance import provenance
+from provenance import FOLDER, provenance
 
-from thesis import FIGURES, SECTIONS
+from thesis import ROWS, SECTIONS
 from thesis.rows import differing
-
-
-def _figure(label: str) -> float:
-    """The figure of one row."""
-    section = next(s for s in SECTIONS if s.letter == label[0])
-    return float(dict(section.labelled())[label].here())
 
 
 def _figures_of(letter: str) -> dict[str, float]:
     """All figures of a section, in one process: its rows share their runs."""
-    section = next(s for s in SECTIONS if s.letter == letter)
-    return {label: float(row.here()) for label, row in section.labelled()}
+    return {label: float(row.here()) for label, row in ROWS.items() if label[0] == letter}
 
 
 def main() -> int:
@@ -44,10 +37,9 @@ def main() -> int:
         pictures.save_all()
         law_pictures.save_all()
         return 0
-    rows = {label: row for s in SECTIONS for label, row in s.labelled()}
     if asked.only:
-        for label in [r for r in rows for want in asked.only if want in (r, r[0])]:
-            row, here = rows[label], _figure(label)
+        for label in [r for r in ROWS for want in asked.only if want in (r, r[0])]:
+            row, here = ROWS[label], ROWS[label].here()
             print(
                 f"{label} {row.where}: {row.says}: thesis {row.printed or '-'}, here {here:.7g}: "
                 f"{row.verdict(here).strip('*') or 'not counted'}"
@@ -59,8 +51,8 @@ def main() -> int:
             figures |= found
             print(f"{next(iter(found))[0]}: {len(found)} rows", file=sys.stderr)
     text = json.dumps({**provenance("thesis"), "figures": figures}, indent=1)
-    FIGURES.write_text(text + "\n", encoding="utf-8")
-    lines = differing(SECTIONS, figures)
+    (FOLDER / "thesis.json").write_text(text + "\n", encoding="utf-8")
+    lines = differing(ROWS, figures)
     print("\n".join(lines) or "every difference has its reason")
     return 1 if lines else 0
 

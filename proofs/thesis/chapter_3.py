@@ -330,7 +330,7 @@ def _trace(stop: float) -> float:
     return spectrum("iol", stop, **hats(SYSTEM_2)).figures()["mean_trace_bits_per_s"]
 
 
-def _swinging_neighbours(system: tuple[float, float]) -> float:
+def swinging_neighbours(system: tuple[float, float]) -> float:
     """Of nine loops that differ in the last bits, how many swing visibly by a loose RK45."""
     near_it = [(system[0] * (1.0 + k * 1e-13), system[1]) for k in range(9)]
     return float(sum(scipy_end(s, "RK45", 1e-3, 1e-6).swing > SEEN for s in near_it))
@@ -378,7 +378,7 @@ PERTURBED = Section(
         ),
         *(
             Row(f"3.5.1.{k}", "of 9 loops that differ by parts of 1e-13, those that the loose "
-                "RK45 makes swing by more than 10 um", "", partial(_swinging_neighbours, system))
+                "RK45 makes swing by more than 10 um", "", partial(swinging_neighbours, system))
             for k, system in ((1, SYSTEM_1), (2, SYSTEM_2))
         ),
         *(

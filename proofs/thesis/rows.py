@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 
@@ -71,11 +71,10 @@ def near(
     return Row(where, says, printed, here, (printed - within, printed + within), why)
 
 
-def differing(sections: Iterable[Section], figures: dict[str, float]) -> list[str]:
+def differing(rows: Mapping[str, Row], figures: dict[str, float]) -> list[str]:
     """A line for each difference that no reason is given for, and each failed check of our own."""
-    rows = [pair for s in sections for pair in s.labelled()]
     return [
         f"{label} {row.where}: {row.says}: thesis {row.printed or '-'}, here {figures[label]:.7g}"
-        for label, row in rows
+        for label, row in rows.items()
         if not row.agrees(figures[label]) and not (row.counted and row.why)
     ]
