@@ -2,8 +2,8 @@
 
 Every program gets the same equations, the same first frame and the same time span. Its tolerance is
 reduced until all exponents are within 1e-3 of the converged ones (relative, or in bits/s if an
-exponent is below 1 bit/s), and this run is timed. The tables are also written to
-docs/lyapunov-benchmarks.md.
+exponent is below 1 bit/s), and this run is timed, warm, the best of five. Preparing is derivation
+and compilation. docs/speed.md has the tables.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 
 # compilation is timed, so the cache must be empty; set before the package is imported
 _FOLDER = tempfile.TemporaryDirectory()
@@ -43,7 +42,6 @@ OURS = (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 CONVERGED = 1e-13
 REPEATS = 5
 LORENZ = (10.0, 28.0, 8.0 / 3.0)
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "lyapunov-benchmarks.md"
 
 
 @dataclass(frozen=True)
@@ -328,7 +326,6 @@ def main() -> None:
         whole = connect(component("plant"), component(name))
         loops[name] = system(f"{name.upper()} loop", whole, 20.0, 2e-3 if name == "nctf" else 0.05)
     tables: dict[str, list[Row]] = {}
-    texts = []
     kernels = {}
 
     def loop(name: str) -> Callable[[float], Model]:
@@ -354,29 +351,9 @@ def main() -> None:
         (chaos, lorenz, {"hand-written RK4": hand_written}),
     ):
         tables[given.name] = rows_of(given, make, extra)
-        texts.append(table(given, tables[given.name]))
-        print(texts[-1], flush=True)
-    summary = "\n".join(judged(tables))
-    print(summary)
-    end = os.getloadavg()[0]
-    intervals = ", ".join(f"{s.interval:g} s ({s.name})" for s in (*loops.values(), chaos))
-    text = f"""# Lyapunov exponents: computing time
-
-Written by `benchmarks/lyapunov.py`, from one run in one process. Every program gets the same
-equations and span; the first frame is the states' axes. If a program makes its own first frame,
-ours starts from that one. The tolerance of each program is tightened until all exponents are within
-{ERROR:g} of the converged ones (relative; bits/s if they are below 1 bit/s). This run is timed,
-warm, the best of up to {REPEATS}. No run may take more than {SECONDS:.0f} s. Preparing is
-derivation and compilation. scipy, jitcode and heyoka solve the variational system, with our QR
-after every {intervals}. The converged values are this program's at a tolerance of {CONVERGED:g}.
-
-{versions()}; {os.cpu_count()} cores. The load was {load:.1f} at the start and, with this run,
-{end:.1f} at the end: if it is above 1 there was other load, and ratios are more reliable than
-times.
-
-"""
-    texts.append("## Targets, and where others are faster\n\n" + summary)
-    PAGE.write_text(text + "\n\n".join(texts) + "\n", encoding="utf-8")
+        print(table(given, tables[given.name]), flush=True)
+    print("\n".join(judged(tables)))
+    print(f"{versions()}; {os.cpu_count()} cores, load {load:.1f} to {os.getloadavg()[0]:.1f}")
 
 
 if __name__ == "__main__":

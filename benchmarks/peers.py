@@ -1,8 +1,8 @@
 """Comparison of this program with alternatives: ``python benchmarks/peers.py``.
 
-Writes docs/peers.md. Programs that are not installed are listed as such; `make bench` installs
-those of ``benchmarks/peers.txt``. The EMPS record is read from ``BALLSCREW_EMPS``, see
-docs/emps.md. The cost of exponents in other programs is in benchmarks/lyapunov.py.
+Prints tables of docs/speed.md. Programs that are not installed are listed as such; `make bench`
+installs those of ``benchmarks/peers.txt``. The EMPS record is read from ``BALLSCREW_EMPS``, see
+docs/measured-drives.md. The cost of exponents in other programs is in benchmarks/lyapunov.py.
 """
 
 from __future__ import annotations
@@ -46,7 +46,6 @@ from ballscrew.controllers.rigid_axis import rigid_axis  # noqa: E402
 from ballscrew.fmus.native.export import export_native  # noqa: E402
 from ballscrew.solver.component import Component, DiscreteState, Parameter, symbol  # noqa: E402
 
-PAGE = ROOT / "docs" / "peers.md"
 EMPS = Path(os.environ.get("BALLSCREW_EMPS", ROOT.parent / "shared" / "data" / "EMPS"))
 Vector = npt.NDArray[np.float64]
 Lines = list[str]
@@ -150,8 +149,7 @@ def exponents() -> Lines:
         "In nats per step (map) and per second (Lorenz' system with rho = 32 over 1000 s).",
         "Both are chaotic: the scatter is the standard deviation over twelve starts that",
         "differ by 1e-13. ChaosTools.jl needs Julia; its figures are those that its",
-        "documentation prints. [Five programs that Python has](lyapunov-benchmarks.md) were",
-        "run.",
+        "documentation prints.",
         "",
         *table(
             ("system", "ChaosTools prints", "this program", "scatter", "its time", "here"), rows
@@ -580,38 +578,16 @@ SECTIONS: dict[str, Callable[..., Lines]] = {
 
 
 def main() -> None:
-    wanted = sys.argv[1:] or list(SECTIONS)
-    text = []
-    for title in wanted:
+    for title in sys.argv[1:] or list(SECTIONS):
         section = SECTIONS[title]
         with tempfile.TemporaryDirectory() as folder:
             takes = section.__code__.co_argcount
-            lines = [f"## {title}", "", *(section(Path(folder)) if takes else section()), ""]
-        print("\n".join(lines), flush=True)
-        text += lines
-    losses = ["## Where we lose", "", *(LOSSES or ["Nowhere in these tables."])]
-    print("\n".join(losses))
-    if not sys.argv[1:]:
-        named = (
-            "numpy",
-            "scipy",
-            "fmpy",
-            "libcosimpy",
-            "ecospy",
-            "casadi",
-            "lmfit",
-            "pysindy",
-            "control",
-        )
-        found = ", ".join(f"{n} {version(n)}" if installed(n) else f"{n}: not there" for n in named)
-        head = [
-            "# Beside what one would take instead",
-            "",
-            "Written by `python benchmarks/peers.py` in one run on one machine: "
-            f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the end; {found}.",
-            "",
-        ]
-        PAGE.write_text("\n".join([*head, *text, *losses]) + "\n", encoding="utf-8")
+            lines = section(Path(folder)) if takes else section()
+        print("\n".join([f"## {title}", "", *lines, ""]), flush=True)
+    print("\n".join(["## Where we lose", "", *(LOSSES or ["Nowhere in these tables."])]))
+    named = "numpy scipy fmpy libcosimpy ecospy casadi lmfit pysindy control".split()
+    print(", ".join(f"{n} {version(n)}" if installed(n) else f"{n}: not there" for n in named))
+    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the end")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "proofs"))
 from provenance import SHOWS, stored
 
-__all__ = ["number", "percent", "proofs", "row", "stored", "thousands", "within", "word"]
+__all__ = ["number", "percent", "proofs", "row", "share", "stored", "thousands", "within", "word"]
 WORDS = (
     "no one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen"
 ).split()
@@ -34,6 +34,11 @@ def thousands(value: int) -> str:
 
 def word(count: float, none: str = "no") -> str:
     return WORDS[round(count)] if round(count) else none
+
+
+def share(found: Mapping[str, Any]) -> str:
+    """A share and its number of records."""
+    return f"{100 * found['share']:.1f} % of {found['records']}" if found["records"] else "-"
 
 
 def within(found: Mapping[str, Any], form: str, scale: float = 1.0) -> str:

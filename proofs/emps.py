@@ -91,7 +91,7 @@ def summary(found: Any) -> dict[str, Any]:
 def main() -> int:
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else DATA / "DATA_EMPS.mat"
     if not path.exists():
-        print(f"nothing proven: {path.name} is not here; see docs/emps.md", file=sys.stderr)
+        print(f"{path.name} is not here; see docs/measured-drives.md", file=sys.stderr)
         return 2
     prior_model = drive_of(read_parameters(ROOT / "docs" / "emps.toml"))
     (record,) = read_drive_records([path], COLUMNS, UNITS)

@@ -312,7 +312,7 @@ def examine_drive(name: str, folder: Path, lead: float) -> dict[str, Any]:
 def main() -> int:
     data = Path(sys.argv[1]) if len(sys.argv) > 1 else DATA
     if not data.is_dir():
-        print("nothing proven: the data are not here; see docs/tro2021.md", file=sys.stderr)
+        print("the data are not here; see docs/measured-drives.md", file=sys.stderr)
         return 2
     report: dict[str, Any] = dict(provenance("tro2021"))
     for name, (folder, lead) in DRIVES.items():

@@ -72,13 +72,6 @@ def test_exponents_over_fmus_at_the_stored_steps_are_as_far_off_as_stored():
     np.testing.assert_allclose(found, rows[0]["difference"], rtol=1e-2, atol=1e-6)
 
 
-def test_the_pages_of_the_diagnosis_have_the_figures_as_they_are_stored():
-    import diagnosis_page
-
-    for page, text in diagnosis_page.pages().items():
-        assert page.read_text(encoding="utf-8") == text
-
-
 def test_controllers_made_by_others_are_all_trusted_and_right():
     from interoperability import made_by_others
 
