@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from ...orchestration.loop.parameter_file import TURNS, ParameterFile, read_parameters
-from ...orchestration.loop.shown import length
 from ...solver.arrays import Vector
 from ..records.examine import check_identifiable
 from ..records.reading import read_drive_records
@@ -24,7 +23,6 @@ from .diagnosis import (
     UNEXPLAINED,
     Curves,
     Diagnosis,
-    Level,
     holds,
 )
 from .drive import Drive, commanded, drive_of
@@ -106,7 +104,6 @@ def diagnose_records(
     done = verdict == EXPLAINED and not either
     return Diagnosis(
         verdict=verdict,
-        where=_where(before, lowest.level),
         floor=lowest.level,
         baseline_residual=before,
         adjusted_residual=fitted,
@@ -192,20 +189,6 @@ def _friction(courses: Sequence[ModelledRecord], model: Drive, held: HeldOut) ->
 
 
 # -- sentences -------------------------------------------------------------------------------
-
-
-def _where(baseline: Level, lowest: Level) -> str:
-    """How large the residual is, in one sentence."""
-    size = (
-        f"The prior model leaves {baseline.force:.3g} N rms in force (noise alone: "
-        f"{lowest.force:.3g} N)"
-    )
-    if baseline.position is not None and lowest.position is not None:
-        size += (
-            f" and {length(baseline.position)} in position over a second "
-            f"({length(lowest.position)})"
-        )
-    return f"{size}."
 
 
 def _notes(found: Explained, held: HeldOut, lowest: NoiseFloor) -> list[str]:

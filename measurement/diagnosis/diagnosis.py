@@ -96,7 +96,6 @@ class Diagnosis:
     """
 
     verdict: str  # "none", "explained", "partly", "unexplained" or "undecided"
-    where: str  # size of the residual, in a sentence
     floor: Level  # residual of noise
     baseline_residual: Level
     adjusted_residual: Level

@@ -7,7 +7,7 @@ by their tolerances. The score is the log-likelihood of held-out blocks, less th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,10 +20,8 @@ from .bands import EDGES, moving, products
 from .causes import CAUSES, EVERY, OUTSIDE, SIGNALS
 from .causes.cause import Form
 from .causes.free_curves import free_curves
-from .modelled_record import ModelledRecord
 from .study import Fit, Priors, Study, base_columns, base_fit, fitted, noise_products, trusted
 
-_OFTEN, _DEEP = 0.2, 1.25  # a limit cuts noise: least share of cut samples, most excess
 _LEAST = 1e-4  # smallest factor by which a hypothesis makes the signal smaller
 _AROUND_ONE, _SPREADS = 0.5, 10.0  # amplitude limits of a form of known size
 _AT_END = 0.99
@@ -78,7 +76,7 @@ class Catalogue:
         courses, model = study.courses, study.model
         for name, cause in EVERY.items():
             for values in [] if cause.beyond(courses, model) else cause.grid(courses, model):
-                if not _cuts_noise(courses, values):
+                if not cause.cuts_noise(courses, values):
                     self.add(name, cause.at(courses, model, values))
         for form in free_curves(courses, model):
             self.add(OUTSIDE, form)
@@ -302,7 +300,7 @@ def _between(
             key = CAUSES[name].refined_of(values) or ""
             for side in (-steps[name], steps[name]):
                 moved = {**values, key: values[key] * math.exp(side)}
-                if not _cuts_noise(study.courses, moved):
+                if not CAUSES[name].cuts_noise(study.courses, moved):
                     catalogue.add(name, CAUSES[name].at(study.courses, study.model, moved))
         catalogue.extend(before)
         new = catalogue.forms[before:]
@@ -323,15 +321,6 @@ def _spacing(form: Form, forms: Sequence[Form]) -> float:
     grid = np.array([float(v[name]) for v in alike])
     near = np.abs(np.log(grid[(grid > 0.0) & (grid != own[name])] / own[name]))
     return float(near.min()) if len(near) else 0.0
-
-
-def _cuts_noise(courses: Sequence[ModelledRecord], values: Mapping[str, float]) -> bool:
-    """Whether a limit cuts many samples by little, so that it only removes noise of a command."""
-    if "voltage_limit" not in values:
-        return False
-    asked = np.abs(np.concatenate([c.u for c in courses])) / values["voltage_limit"]
-    cut = asked > 1.0
-    return bool(cut.mean() > _OFTEN and np.median(asked[cut]) < _DEEP)
 
 
 def _most_off(sure: float) -> float:

@@ -57,6 +57,7 @@ Values = Mapping[str, float]
 Smaller = Callable[[Courses, Form, Vector], float]
 Grid = Callable[[Courses, Drive], list[Values]]
 Signals = Callable[[Courses, Drive, Values], Sequence[Mapping[str, Vector]]]
+CutsNoise = Callable[[Courses, Values], bool]
 
 CERTAIN = 0.01
 """Spread of an amplitude around one: no half sign; half a shift would average command noise."""
@@ -81,7 +82,8 @@ class Mechanism:
     With the defaults of its parameters it has no effect. `grid` gives the values of nonlinear
     parameters to try, one empty mapping without such; `refined` is refined between grid points.
     `extend` gives the plant with the cause, before sticking is added; `curve` is the friction in
-    steady sliding without its viscous part, as a function of ``v``.
+    steady sliding without its viscous part, as a function of ``v``. Where it `cuts_noise` of a
+    recorded command more than it does anything else, it is not tried.
     """
 
     parameters: tuple[Parameter, ...]
@@ -89,6 +91,7 @@ class Mechanism:
     grid: Grid = lambda courses, model: [{}]
     extend: Callable[[Component, sp.Expr, Cause], Component] = lambda plant, curve, cause: plant
     refined: str = ""
+    cuts_noise: CutsNoise = lambda courses, values: False
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,6 @@ class Cause:
     says: str  # for an engineer, in a clause
     mechanisms: tuple[Mechanism, ...]
     confirm: str  # experiment that would confirm it
-    mistaken_for: tuple[str, ...] = ()
     beyond: Callable[[Courses, Drive], str | None] = lambda courses, model: None
     smaller: Smaller | None = None
     entry: str = ""  # default: its name
@@ -124,6 +126,10 @@ class Cause:
     def extend(self, plant: Component, curve: sp.Expr, values: Values) -> Component:
         """The plant with the cause, see `Mechanism`."""
         return self._told_by(values).extend(plant, curve, self)
+
+    def cuts_noise(self, courses: Courses, values: Values) -> bool:
+        """Whether with these values it mostly takes noise out of a command, see `Mechanism`."""
+        return self._told_by(values).cuts_noise(courses, values)
 
     def refined_of(self, values: Values) -> str | None:
         """Name of the value that is refined between grid points, if any."""
@@ -203,6 +209,7 @@ def voltage(
     refined: str = "",
     sure: float | None = None,
     signals: Signals = no_signals,
+    cuts_noise: CutsNoise = lambda courses, values: False,
 ) -> Mechanism:
     """A change between the command and the motor's current, by expressions for ``u`` or ``R``.
 
@@ -228,7 +235,7 @@ def voltage(
             return plant
         return plant.substituted(changed, parameters=(*plant.parameters, *new))
 
-    return Mechanism(parameters, at, grid, extend, refined)
+    return Mechanism(parameters, at, grid, extend, refined, cuts_noise)
 
 
 def engaged(course: ModelledRecord, model: Drive) -> Vector:

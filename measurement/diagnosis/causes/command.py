@@ -17,6 +17,7 @@ from ....plant.instruments.amplifier import clip
 from ....plant.instruments.late_command import with_command_behind, with_late_command
 from ....solver.arrays import Vector
 from ....solver.component import Component, Parameter, symbol
+from ...records.record import fast_noise
 from ..drive import Drive
 from ..modelled_record import ModelledRecord
 from ..weak_form import lagged
@@ -64,6 +65,18 @@ def _late_by(
     """A command delayed by one time parameter."""
     time = parameter(name, "s", meaning, 1e-4)
 
+    def cuts_noise(courses: Courses, values: Values) -> bool:
+        """Whether more noise is lost than the command without its noise changes, in squares."""
+        lost = changed = 0.0
+        for c in courses:
+            pulse = np.zeros(len(c.u))
+            pulse[1] = 1.0
+            answer, noise = arrives(pulse, values[name], c.step), fast_noise(c.u) ** 2
+            lost += len(c.u) * noise * (1.0 - float(answer @ answer))
+            changed += float(np.sum((arrives(c.u, values[name], c.step) - c.u) ** 2))
+            changed -= len(c.u) * noise * float(np.sum((answer - pulse) ** 2))
+        return lost > changed
+
     def at(courses: Courses, model: Drive, values: Values) -> Form:
         command = [(arrives(c.u, values[name], c.step) - c.u)[:, None] for c in courses]
         return Form((name,), command=command, values=values, sure=0.35)
@@ -74,6 +87,7 @@ def _late_by(
         lambda courses, model: [{name: float(t)} for t in _times(courses)],
         lambda plant, curve, cause: built(plant, replace(time, minimum=1e-7)),
         name,
+        cuts_noise,
     )
 
 
@@ -104,7 +118,6 @@ INPUT_DELAY = Cause(
         ),
     ),
     confirm="record the current during a step of the command: the current starts late",
-    mistaken_for=("unmodelled_inertia",),
     entry="late command",
 )
 
@@ -116,11 +129,19 @@ _LEVELS = np.concatenate(
 _SAGS = (0.1, 0.3, 1.0)  # resistance of a supply over that of the motor
 _SCALES = np.geomspace(0.02, 12.0, 17)  # scales over the largest command; a bend, not a limit
 _SURE = 0.3
+_OFTEN, _DEEP = 0.2, 1.25  # a limit cuts noise: least share of cut samples, most excess
 _U, _LIMIT, _SCALE = map(symbol, ("u", "voltage_limit", "voltage_scale"))
 
 
 def _largest(courses: Courses) -> float:
     return max(float(np.abs(c.u).max()) for c in courses)
+
+
+def _cuts_noise(courses: Courses, values: Values) -> bool:
+    """Whether a limit cuts many samples by little, so that it only removes noise of a command."""
+    asked = np.abs(np.concatenate([c.u for c in courses])) / values["voltage_limit"]
+    cut = asked > 1.0
+    return bool(cut.mean() > _OFTEN and np.median(asked[cut]) < _DEEP)
 
 
 def _sags(courses: Courses, model: Drive) -> list[Values]:
@@ -158,6 +179,7 @@ VOLTAGE_SATURATION = Cause(
             ],
             "voltage_limit",
             _SURE,
+            cuts_noise=_cuts_noise,
         ),
         voltage(
             {_U: _SCALE * sp.tanh(_U / _SCALE)},
@@ -182,10 +204,10 @@ VOLTAGE_SATURATION = Cause(
             "voltage_limit",
             _SURE,
             _drawn,
+            _cuts_noise,
         ),
     ),
     confirm="measure the motor's voltage at the largest command",
-    mistaken_for=("nonlinear_viscous", "resistance_drift"),
     smaller=of_command,
 )
 

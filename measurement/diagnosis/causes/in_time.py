@@ -116,7 +116,6 @@ FRICTION_DRIFT = Cause(
     "friction changes during the record",
     (*map(_friction_drifting, in_time("friction", "drift_time")), _WITH_TEMPERATURE),
     confirm="repeat the same motion and record the temperature: friction follows the temperature",
-    mistaken_for=("resistance_drift", "position_trend_friction"),
 )
 
 
@@ -138,6 +137,5 @@ RESISTANCE_DRIFT = Cause(
     tuple(map(_resistance_drifting, in_time("R", "warming_time"))),
     confirm="record the current: compare voltage over current at standstill, before and after the "
     "run",
-    mistaken_for=("friction_drift",),
     beyond=lambda courses, model: None if model.has_motor else "the model has no motor",
 )

@@ -54,7 +54,6 @@ BACKLASH = Cause(
         ),
     ),
     confirm="reverse slowly and record the current: it is near zero until the gap is closed",
-    mistaken_for=("compliance", "parameter_error", "unexplained"),
 )
 
 
@@ -73,7 +72,6 @@ COMPLIANCE = Cause(
     (joint("spring", STIFFNESS, with_spring, _spring_grid, sure=0.3),),
     confirm="a sensor on the block in addition to the encoder: their readings differ when the "
     "force reverses",
-    mistaken_for=("parameter_error", "backlash"),
     entry="softer at reversal",
 )
 
@@ -122,7 +120,6 @@ PRESLIDING_HYSTERESIS = Cause(
         ),
     ),
     confirm="small slow movements forwards and backwards: force over position is a hysteresis loop",
-    mistaken_for=("compliance", "backlash"),
     beyond=_beyond,
     entry="softer at reversal",
 )

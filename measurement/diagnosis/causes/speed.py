@@ -42,7 +42,6 @@ DIRECTION_ASYMMETRY = Cause(
     (_ALIKE, _DRY_AND_VISCOUS),
     confirm="run the same speeds in both directions: the difference is proportional to the "
     "friction",
-    mistaken_for=("load_bias", "nonlinear_viscous"),
     entry="force of one sign",
 )
 LOAD_BIAS = Cause(
@@ -51,7 +50,6 @@ LOAD_BIAS = Cause(
     (force({parameter("load", "N", "constant force against motion in +x"): sp.Integer(1)}),),
     confirm="measure the force that just moves the block in both directions: the two differ, by "
     "the same amount at all speeds",
-    mistaken_for=("direction_asymmetry",),
     entry="force of one sign",
 )
 
@@ -81,7 +79,6 @@ NONLINEAR_VISCOUS = Cause(
     "friction at high speed is not proportional to the speed",
     (_QUADRATIC, _POWER),
     confirm="constant speeds up to the highest: friction over speed is not a straight line",
-    mistaken_for=("stribeck_mismatch", "direction_asymmetry"),
 )
 
 _SPEEDS = 14
@@ -139,5 +136,4 @@ STRIBECK_MISMATCH = Cause(
     "friction at low speed has another curve than that of the model",
     (replace(_ADDED, at=_at, extend=_extend),),
     confirm="constant speeds, closely spaced where the curve changes: the experiment of Table 2.3",
-    mistaken_for=("nonlinear_viscous", "parameter_error"),
 )

@@ -260,7 +260,6 @@ POSITION_TREND_FRICTION = Cause(
     ),
     confirm="slow runs over the whole travel in both directions: the difference of the forces "
     "changes along the travel",
-    mistaken_for=("friction_drift", "unexplained"),
 )
 
 
@@ -293,7 +292,6 @@ POSITION_PERIODIC_FRICTION = Cause(
     ),
     confirm="move slowly over a few turns in both directions: the periodic part changes sign with "
     "the direction",
-    mistaken_for=("torque_ripple",),
 )
 
 
@@ -324,5 +322,4 @@ TORQUE_RIPPLE = Cause(
         ),
     ),
     confirm="move slowly over a few turns in both directions: the periodic part keeps its sign",
-    mistaken_for=("position_periodic_friction",),
 )

@@ -31,7 +31,6 @@ PARAMETER_ERROR = Cause(
     "a value of the model is wrong",
     (Mechanism((), _freed, _sets),),
     confirm="measure that value separately",
-    mistaken_for=("unmodelled_inertia", "compliance", "stribeck_mismatch"),
 )
 
 UNMODELLED_INERTIA = Cause(
@@ -45,7 +44,6 @@ UNMODELLED_INERTIA = Cause(
     ),
     confirm="accelerate strongly in both directions at the same speeds: plot force over "
     "acceleration",
-    mistaken_for=("parameter_error", "input_delay"),
 )
 
 CURRENT_GAIN = "current_gain"

@@ -87,7 +87,7 @@ def test_suspects_are_told_with_size_and_force(found):
 def test_names_that_are_meant_badly_stay_text(found):
     words = {"name": ALL, "says": ALL, "confirm": ALL, "parameters": {ALL: 1.0}}
     cause = replace(found.causes[0], **words, intervals={ALL: (0.9, 1.1)}, units={ALL: ALL})
-    changes = {"causes": (cause,), "records": HOSTILE, "notes": HOSTILE, "where": ALL}
+    changes = {"causes": (cause,), "records": HOSTILE, "notes": HOSTILE}
     check_hostile(DiagnosisResult.of(replace(found, **changes)).report())
 
 

@@ -20,6 +20,7 @@ from worlds import layout as at
 
 from ballscrew.measurement.diagnosis import scores
 from ballscrew.measurement.diagnosis.bands import Bands
+from ballscrew.measurement.diagnosis.causes import CAUSES
 from ballscrew.measurement.diagnosis.causes.cause import Form
 from ballscrew.measurement.diagnosis.scores import Catalogue, gain_of, scored
 from ballscrew.measurement.diagnosis.study import (
@@ -182,8 +183,7 @@ def test_a_limit_that_cuts_many_samples_by_little_only_cuts_noise(share, excess,
     """More than a fifth of the samples, by less than a quarter of the limit."""
     u = np.where(np.arange(1000) < 1000 * share, -excess * 5.0, 4.0)
     courses = [SimpleNamespace(u=u)]
-    assert scores._cuts_noise(courses, {"voltage_limit": 5.0}) == cuts
-    assert not scores._cuts_noise(courses, {"stiffness": 5.0})
+    assert CAUSES["voltage_saturation"].cuts_noise(courses, {"voltage_limit": 5.0}) == cuts
 
 
 def test_sizes_that_no_machine_has_are_no_suspects():
