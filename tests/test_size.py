@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1799, 1661),
     "docs": (341, 308),
     ".ci": (241, 219),
-    "tests": (23624, 22535),
+    "tests": (23623, 22534),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 
