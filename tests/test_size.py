@@ -27,7 +27,7 @@ MOST = {  # folder: lines, lines without docstrings
     "proofs": (10009, 8914),
     "benchmarks": (1799, 1661),
     "docs": (341, 308),
-    ".ci": (241, 219),
+    ".ci": (204, 184),
     "tests": (23623, 22534),
 }
 CODE = (".py", ".c", ".h", ".jinja")
