@@ -123,20 +123,6 @@ def checks(study: Mapping[str, Any]) -> str:
     )
 
 
-def sensitivities(study: Mapping[str, Any]) -> str:
-    """Standardized regression coefficients."""
-    varied = list(next(iter(study["sensitivities"].values()))["coefficients"])
-    rows = (
-        [
-            f"`{n}`",
-            *(f"{s['coefficients'][v]:.2f}" for v in varied),
-            f"{100 * s['explained']:.0f} %",
-        ]
-        for n, s in study["sensitivities"].items()
-    )
-    return table(("controller", *varied, "explained"), rows)
-
-
 def thesis_step() -> str:
     """The thesis' step of 8 cm with nominal friction, 20 % less and 20 % more."""
     nominal = {p.name: p.default for p in ballscrew.component("plant").all_parameters}
@@ -170,7 +156,7 @@ def main(folder: Path, ideal: Path) -> None:
     weak = "".join(f"\n- {w}" for w in study["weaknesses"])
     made = {"verdict": f"**{study['verdict']}.**\n{weak}", "thesis step": thesis_step()}
     made |= {f.__name__: f(study) for f in (size, checks, answers, errors, tunings, hunting)}
-    made |= {"sensitivities": sensitivities(study), "ideal": errors(other)}
+    made["ideal"] = errors(other)
     page = PAGE.read_text("utf-8")
     for name, text in made.items():
         before, begin, rest = page.partition(f"<!-- {name} -->\n")

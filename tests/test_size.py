@@ -19,16 +19,16 @@ MOST = {  # folder: lines, lines without docstrings
     "plant": (1622, 1347),
     "controllers": (1105, 861),
     "fmus": (4974, 4446),
-    "orchestration": (9393, 8259),
+    "orchestration": (9349, 8220),
     "stability": (2758, 2259),
     "ballscrew": (3489, 2882),
     "gallery": (2730, 2356),
     "measurement": (11641, 10261),
     "proofs": (10009, 8914),
     "benchmarks": (1799, 1661),
-    "docs": (341, 308),
+    "docs": (329, 297),
     ".ci": (204, 184),
-    "tests": (23623, 22534),
+    "tests": (23612, 22523),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

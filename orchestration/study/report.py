@@ -32,10 +32,10 @@ _COSTS = (
 
 
 def tables_of(study: StudyResult) -> list[Table]:
-    """Answers, figures, differences, tunings and sensitivities."""
+    """Answers, figures, differences and tunings."""
     duties = [d.name for d in study.plan.judged_duties]
     figures = (_figures(study, duty, "" if k else _MEANS) for k, duty in enumerate(duties))
-    return [_answers(study), *figures, *_differences(study), *_tunings(study)]
+    return [_answers(study), *figures, *_differences(study), _tunings(study)]
 
 
 def _answers(study: StudyResult) -> Table:
@@ -105,21 +105,15 @@ def _differences(study: StudyResult) -> Iterator[Table]:
         yield Table(f"Differences: {duty}", columns, rows)
 
 
-def _tunings(study: StudyResult) -> Iterator[Table]:
-    rows: list[tuple[str, ...]] = []
+def _tunings(study: StudyResult) -> Table:
+    rows = []
     for name, found in study.tunings.items():
         for t in found:
             costs = map(number, (t.published_cost, t.cost, t.doubled_cost))
             rows.append((name, *costs, ", ".join(t.at_bound)))
     names = ("cost of the published rule", "tuned", "with twice the budget")
-    columns: tuple[str, ...] = ("controller", *names, "at the end of its range")
-    yield Table("Tuning", columns, rows, says=_COSTS)
-    rows = []
-    for name, s in study.sensitivities.items():
-        each = " ".join(f"{n}: {number(c)}" for n, c in s.coefficients.items())
-        rows.append((name, s.foremost or "-", each, f"{number(100 * s.explained)} %"))
-    columns = ("controller", "foremost", "coefficients", "variance explained")
-    yield Table("What each is most sensitive to", columns, rows)
+    columns = ("controller", *names, "at the end of its range")
+    return Table("Tuning", columns, rows, says=_COSTS)
 
 
 def _legend_below(figure: Any, axes: Any) -> None:

@@ -54,22 +54,6 @@ class Difference:
         return f"equal within {100 * ALIKE:g} %" if self.alike else "these runs cannot tell"
 
 
-@dataclass(frozen=True)
-class Sensitivity:
-    """Standardized regression coefficients of a figure's logarithm."""
-
-    # by variation: standard deviations of the logarithm for one of the factor
-    coefficients: dict[str, float]
-    explained: float  # share of the variance (R^2); if it is small, they have little meaning
-
-    @property
-    def foremost(self) -> str:
-        """The variation that matters most; empty if there is none or the figure did not change."""
-        if not self.coefficients or not self.explained > 0:
-            return ""
-        return max(self.coefficients, key=lambda name: abs(self.coefficients[name]))
-
-
 def mean_over_plants(figure: Matrix, geometric: bool) -> Mean:
     """The mean of a figure over the drawn plants, each with its own noise.
 
@@ -126,25 +110,6 @@ def _half_width(parts: Sequence[tuple[float, int]]) -> float:
     return float(stats.t.ppf((1 + LEVEL) / 2, freedom)) * math.sqrt(variance)
 
 
-def sensitivity(factors: Matrix, figure: Matrix, names: list[str]) -> Sensitivity:
-    """Regress the logarithm of a positive figure on factors, shape (runs, names).
-
-    A. Saltelli et al., Global Sensitivity Analysis: The Primer (2008), section 1.2.5.
-    """
-    y = np.log(figure)
-    spread, size = factors.std(axis=0), float(y.std())
-    varied = np.flatnonzero(spread > 0)
-    coefficients = dict.fromkeys(names, 0.0)
-    if not len(varied) or not size > 1e-12 or len(y) <= len(varied) + 1:
-        return Sensitivity(coefficients, 0.0)
-    x = (factors[:, varied] - factors[:, varied].mean(axis=0)) / spread[varied]
-    standard = (y - y.mean()) / size
-    found, *_ = np.linalg.lstsq(x, standard, rcond=None)
-    left = standard - x @ found
-    coefficients |= {names[k]: float(c) for k, c in zip(varied, found, strict=True)}
-    return Sensitivity(coefficients, float(1 - np.mean(left**2)))
-
-
 class Shown(NamedTuple):
     """A run for the report, at some hundreds of times; empty if it failed."""
 
@@ -175,7 +140,6 @@ class StudyResult:
     answers: list[DutyAnswer]
     # by duty and pair of controllers, of the rms error
     differences: dict[str, dict[tuple[str, str], Difference]]
-    sensitivities: dict[str, Sensitivity]  # of the rms error, by controller
     checks: dict[Place, FmuCheck]  # runs that were repeated over FMUs
     # by duty and controller, for the nominal plant with the tuning of least cost
     courses: dict[str, dict[str, Shown]]
@@ -312,7 +276,6 @@ class StudyResult:
                 duty: [{"first": a, "second": b, **asdict(d)} for (a, b), d in pairs.items()]
                 for duty, pairs in self.differences.items()
             },
-            "sensitivities": {n: asdict(s) for n, s in self.sensitivities.items()},
             "over_fmus": [self.run(place) | asdict(c) for place, c in self.checks.items()],
             "hunting": each(self.hunting),
             "intervals": each(lambda e, d: {n: asdict(self.mean(n, e, d)) for n in MEASURED}),
@@ -346,15 +309,7 @@ def concluded(
         unclear = tuple(n for n, found in near.items() if not found.alike)
         answers.append(DutyAnswer(duty.name, tuple(order), best, unclear, lost))
         differences[duty.name] = pairs
-    varied = [v.name for v in plan.variations]
-    sensitivities = {n: Sensitivity(dict.fromkeys(varied, 0.0), 0.0) for n in names}
-    for e, name in enumerate(names):
-        if not failed[e].any():  # each duty and tuning about its own mean
-            logs = np.log(errors[e])  # (seeds, duties, plants)
-            about = np.exp(logs - logs.mean(axis=-1, keepdims=True))
-            draws = np.tile(plan.draws("judge"), (about[..., 0].size, 1))
-            sensitivities[name] = sensitivity(draws, about.ravel(), varied)
-    return StudyResult(plan, tunings, figures, answers, differences, sensitivities, checks, courses)
+    return StudyResult(plan, tunings, figures, answers, differences, checks, courses)
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -68,7 +68,6 @@ def test_every_run_is_there_and_has_its_figures(result):
     assert set(rows["factor_Fc_Fs"]) == set(result.plan.draws("judge").ravel())
     assert result.answers[0].duty == "back"
     assert set(result.answers[0].order) == {"pid", "nctf"}
-    assert result.sensitivities["pid"].foremost == "factor_Fc_Fs"
 
 
 def test_runs_over_fmus_come_out_as_in_one_solver(result):
