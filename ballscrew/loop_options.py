@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .api import file_of
@@ -55,7 +55,7 @@ class Sides:
                 target[parameter] = number
         return plant, own
 
-    def ports(self, texts: Sequence[str], plant: str) -> dict[str, dict[str, str]]:
+    def ports(self, texts: Sequence[str]) -> dict[str, dict[str, str]]:
         """Names of ports by ``--map`` for each controller, also plant.PORT and controller.PORT."""
         given = named("--map", texts, "THEIRS=OURS")
         found: dict[str, dict[str, str]] = {name: {} for name in self.controllers}
@@ -64,22 +64,11 @@ class Sides:
             own = f"{'plant' if side == 'plant' else 'controller'}.{port}" if side else theirs
             if side and side != "plant" and port in given and len(self.controllers) == 1:
                 raise UserError(f"--map {theirs} and --map {port}: expected one of them")
-            for name in self.of[side] or self.controllers if side else self._owners(port, plant):
+            for name in self.of.get(side) or self.controllers:
                 if own in found[name]:
                     raise UserError(f"--map {theirs} and --map {own}: expected one of them")
                 found[name][own] = ours
         return found
-
-    def _owners(self, port: str, plant: str) -> Sequence[str]:
-        """Controllers whose loops have a port; if none has it, the wiring says so."""
-        if len(self.controllers) == 1:
-            return self.controllers
-        from .orchestration.loop.parts import Part
-
-        owners = [c for c in self.controllers if port in (*Part(c).inputs, *Part(c).outputs)]
-        of_plant = Part(plant)
-        everywhere = not owners or port in (*of_plant.inputs, *of_plant.outputs)
-        return self.controllers if everywhere else owners
 
 
 def parts_of(role: str, names: Sequence[str], known: Collection[str], fmus: bool) -> list[Part]:
@@ -125,8 +114,7 @@ def loops_of(
             if text.partition("=")[0].strip().endswith(f".{name}"):
                 both = f"--sampled {options.sampled} and --set {text}"
                 raise UserError(f"{both}: expected one of them")
-    values |= _limits(options, values)
-    ports = sides.ports(getattr(options, "map", ()), options.plant or "plant")
+    ports = sides.ports(getattr(options, "map", ()))
     file = file_of(options.params)
     plant, of_plant, of_each, notes = file_values(file, options.plant, names, values)
     print_notes(notes)
@@ -142,21 +130,6 @@ def loops_of(
         )
         for part, _, notes_of_part in put
     ]
-
-
-def _limits(options: argparse.Namespace, values: Mapping[str, float]) -> dict[str, float]:
-    """The plant's limits by options of their own."""
-    found = {}
-    for option in ("voltage", "current"):
-        limit, parameter = getattr(options, f"limit_{option}", None), f"{option}_limit"
-        if limit is not None:
-            found[parameter] = as_number(f"--limit-{option}", limit)
-            if found[parameter] <= 0:
-                raise UserError(f"--limit-{option} is {limit}, expected more than 0")
-            if parameter in values:
-                both = f"--set plant.{parameter} and --limit-{option}"
-                raise UserError(f"{both}: expected one of them")
-    return found
 
 
 def coupled(options: argparse.Namespace) -> dict[str, Any]:
@@ -189,7 +162,7 @@ def system_of(options: argparse.Namespace) -> SystemLoop:
         "cannot be used with --system, whose file defines the connections; use "
         "--set ELEMENT.VARIABLE=VALUE"
     )
-    exclude(options, "system", "plant map params limit_voltage limit_current sampled", why)
+    exclude(options, "system", "plant map params sampled", why)
     how = coupled(options)
     values = named("--set", options.set, "ELEMENT.VARIABLE=VALUE")
     for name, value in values.items():  # the FMU tells which values are valid

@@ -131,8 +131,6 @@ OPTIONS = (
     Option("--params", "FILE.toml", f"{_LOOPS} tune", "params"),
     Option("--set", "SIDE.NAME=VALUE", f"{_LOOPS} tune", more=_SET, how=_MANY),
     Option("--map", "THEIRS=OURS", "run swap lyapunov", "mapping", _PORT, how=_MANY),
-    Option("--limit-voltage", "V", _LOOPS, more="Amplifier voltage limit (nominal 36 V)."),
-    Option("--limit-current", "A", _LOOPS, more="Amplifier current limit."),
     Option("--setpoint", "METRES", _LOOPS, "", "Constant set-point [m] (default 0.08).", "goal"),
     Option("--reference", "CSV|MOTION", "run swap", "reference", _MOTIONS, "goal"),
     Option("--reference", "CSV|MOTION", "tune", "reference"),

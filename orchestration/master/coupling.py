@@ -8,7 +8,7 @@
 ``interface-jacobian``
     The plant gets the controller's output with its derivatives and applies the feedback law inside
     its own solver (`fmus/feedback_law.py`): the interface-Jacobian coupling of Sicklinger et al.
-    (2014) for a plant and a controller. Its second name on the command line is ``tangent``.
+    (2014) for a plant and a controller.
 
 With any coupling, a step can be *corrected*: the **coupling residual** is the controller's true
 output at the end of the step minus the value applied by the plant there; the step is repeated

@@ -34,9 +34,7 @@ class Coupling(Enum):
 
     @classmethod
     def _missing_(cls, value: object) -> Coupling:
-        """The coupling of a second name; raises `CouplingError`."""
-        if value == "tangent":
-            return cls.INTERFACE_JACOBIAN
+        """Raise `CouplingError`."""
         names = ", ".join(coupling.value for coupling in cls)
         raise CouplingError(
             f"coupling is {value!r}, expected one of {names}; without FMUs, as one system of "

@@ -117,7 +117,7 @@ def test_components_made_a_minute_ago_are_told_apart_sampled_and_mapped(tmp_path
 def test_a_coupling_is_given_by_its_name():
     named = ballscrew.run("pid", coupling="jacobi", stop=0.1, step=1e-3)
     assert named.run.coupling is ballscrew.Coupling.JACOBI
-    tangent = ballscrew.run("pid", coupling="tangent", stop=0.1, step=1e-3)
+    tangent = ballscrew.run("pid", coupling="interface-jacobian", stop=0.1, step=1e-3)
     assert tangent.run.coupling is ballscrew.Coupling.INTERFACE_JACOBIAN
     for wrong in ("monolithic", 3):
         with pytest.raises(ValueError, match=f"coupling is {wrong!r}, .* fmus=False in Python"):

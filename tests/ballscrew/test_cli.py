@@ -85,7 +85,8 @@ def test_numbers_beyond_all_bounds_are_told_in_words_alone(tmp_path):
 
 def test_set_and_limits_reach_the_run(tmp_path, capsys):
     arguments = ["--set", "plant.m=2", "--set", "controller.Kp=100", "--set", "controller.Ki=0"]
-    arguments += ["--limit-voltage", "1.5", "--setpoint", "-0.02", "--json", "--out", str(tmp_path)]
+    arguments += ["--set", "plant.voltage_limit=1.5", "--setpoint", "-0.02", "--json"]
+    arguments += ["--out", str(tmp_path)]
     assert main([*RUN, *arguments]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["controller"] == "pid"
@@ -215,7 +216,9 @@ def test_a_folder_is_used_again_and_holds_one_run_and_the_users_files(tmp_path, 
     assert note.startswith("note: comparison.csv in ")
 
 
-@pytest.mark.parametrize("coupling", ["tangent", pytest.param("monolithic", marks=pytest.mark.ci)])
+@pytest.mark.parametrize(
+    "coupling", ["interface-jacobian", pytest.param("monolithic", marks=pytest.mark.ci)]
+)
 def test_a_run_that_runs_away_stops_says_when_and_where_and_keeps_what_it_had(
     tmp_path, capsys, coupling
 ):

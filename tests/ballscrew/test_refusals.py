@@ -73,9 +73,7 @@ MORE = [
     ("run --controller iol --params force.toml", "made for the voltage of a motor"),
     # numbers
     (f"{RUN} --stop 1e12", "use a larger one"),
-    (f"{RUN} --limit-voltage -3e1", "--limit-voltage is -3e1, expected more than 0"),
     # values
-    (f"{RUN} --set plant.voltage_limit=9 --limit-voltage 8", "expected one of them"),
     # what does not go together
     (f"{WHOLE} --isolate", "--isolate is for FMUs"),
     (f"{RUN} --no-isolate --time-limit 5", "--time-limit is for FMUs in their own process"),
