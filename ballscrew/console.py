@@ -75,7 +75,7 @@ def print_notes(notes: Iterable[str], as_json: bool = False) -> None:
     if not notes:
         return
     from .orchestration.loop.parameter_file import TURNS
-    from .orchestration.loop.shown import words_for
+    from .result import words_for
 
     words = words_for(notes)
     for note in notes:

@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         (loop,) = loops_of(options, [options.controller], **coupled(options))
     prepare_folder(options.out, [options.params, options.reference])
-    from .orchestration.loop.closed_loop import units_of_figures
+    from .loop_results import units_of_figures
 
     with Progress(loop.stop) as progress:
         result = api.run(loop, progress=progress)
@@ -106,7 +106,7 @@ def run(options: argparse.Namespace) -> int:
 def swap(options: argparse.Namespace) -> int:
     loops = loops_of(options, options.controllers, options.noise, **coupled(options))
     prepare_folder(options.out, [options.params, options.reference])
-    from .orchestration.loop.closed_loop import units_of_figures
+    from .loop_results import units_of_figures
 
     with Progress(loops[0].stop) as progress:
         result = api.swap(loops, progress=lambda name, t: progress(t, name))

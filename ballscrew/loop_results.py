@@ -6,10 +6,24 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from .orchestration.loop.closed_loop import COLUMNS, ClosedLoopResult, SwapResult, units_of_figures
+from .orchestration.loop.closed_loop import COLUMNS, ClosedLoopResult, SwapResult
 from .orchestration.loop.shown import Table
+from .orchestration.master.march import LoopRun
 from .result import Result, as_text, figures_table, table_of, values_of
 from .solver.arrays import Vector
+
+
+def units_of_figures(run: LoopRun) -> dict[str, str]:
+    """The unit of each figure of a run; where ``x`` and ``u`` have none, those of the axis."""
+    x, u = run.units.get("x") or "m", run.units.get("u") or "V"
+    residual = max(run.residual_max, key=lambda n: run.residual_max[n], default="u")
+    return {
+        **dict.fromkeys(("overshoot", "steady_state_error", "rms_error", "largest_error"), x),
+        **dict.fromkeys(("peak_voltage_time", "settling_time_2pct"), "s"),
+        "peak_voltage": u,
+        "iae": f"{x}*s",
+        "coupling_residual_max": u if residual == "u" else run.units.get(residual, ""),
+    }
 
 
 @dataclass(frozen=True, repr=False)

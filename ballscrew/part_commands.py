@@ -65,7 +65,6 @@ example:
 """
 DEFAULTS = ("plant", "iol", "nctf", "pid")  # what is written if nothing is named
 _GALLERY = "ballscrew.gallery"  # uses this package, and is imported by name
-_SIDES = ("plant", "controller")  # reserved words of --set and --map
 
 
 def export(options: argparse.Namespace) -> int:
@@ -215,7 +214,7 @@ def _check_new_name(name: str, targets: Iterable[Path]) -> None:
 
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or keyword.iskeyword(name):
         raise UserError(f"NAME is {name!r}, expected an identifier, such as my_controller")
-    if name in NAMES or name in _SIDES:
+    if name in (*NAMES, "plant", "controller"):
         raise UserError(f"NAME is {name!r}, which is already the name of a part; choose another")
     for target in targets:
         if target.exists() or target.is_symlink():

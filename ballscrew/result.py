@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from html import escape
@@ -9,15 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from .orchestration.loop.loop import HowCoupled, Loop, SystemLoop
-from .orchestration.loop.pictures import drawing, in_words, inline, write_figure
-from .orchestration.loop.shown import (
-    REPORT,
-    Table,
-    page,
-    page_in_turning_units,
-    quantity,
-    words_for,
-)
+from .orchestration.loop.parameter_file import TURNS
+from .orchestration.loop.pictures import drawing, inline, write_figure
+from .orchestration.loop.shown import REPORT, Table, page, quantity
 from .orchestration.master.couplings import WITHOUT_FMUS
 from .solver.files import write_atomically
 
@@ -227,3 +222,46 @@ def _settings(loop: Loop | SystemLoop, parts: Mapping[str, str], coupled: bool) 
         by_rule = "by rule" if loop.fmus else WITHOUT_FMUS
         rows["coupling"] = how.coupling.value if how.coupling else by_rule
     return Table("The loop", ("setting", "value"), list(rows.items()))
+
+
+_METRES = {"m": "rad", "mm": "mrad", "um": "urad", "µm": "µrad", "nm": "nrad"}
+_TURNED = {"N": "N*m", "kg": "kg*m^2", **_METRES}
+# after a number or in brackets, or alone in its column, but not within a word or a file's name
+_UNIT = re.compile(
+    r"(?:(?<=[\d)%*] )|(?<=  )|(?<=\[))"
+    r"(?:[1NVA](?:\*s)?/(?:m|mm)(?:\^2)?|(?:kg|N|mm|um|µm|nm|m)(?:/s(?:\^2)?)?)(?=$|[\s,;.:)\]])",
+    re.MULTILINE,
+)
+_MASS = re.compile(r"(?:^|(?<=\bof ))m\b(?= {2,}| [\d(])", re.MULTILINE)
+
+
+def in_turning_units(text: str) -> str:
+    """Lines for a reader with N*m for N, rad for m and kg*m^2 for kg; the mass m is J."""
+
+    def turned(unit: re.Match[str]) -> str:
+        return re.sub("[A-Za-zµ]+", lambda m: _TURNED.get(m[0], m[0]), unit[0])
+
+    return _MASS.sub("J", _UNIT.sub(turned, text))
+
+
+def page_in_turning_units(page: str) -> str:
+    """`in_turning_units` of what a page of HTML shows; styles and tags stay."""
+    kept = re.split(r"(<style\b.*?</style>|<[^>]*>)", page, flags=re.DOTALL)
+    kept[::2] = ["J" if part == "m" else in_turning_units(part) for part in kept[::2]]
+    return "".join(kept)
+
+
+def words_for(notes: Sequence[str]) -> Callable[[str], str]:
+    """The conversion of lines for a reader: to N*m and rad if `notes` say that the body turns."""
+    return in_turning_units if TURNS in notes else str
+
+
+def in_words(figure: Any, words: Callable[[str], str]) -> Any:
+    """The figure with all its text converted by `words`."""
+    if words is str:  # nothing to do; ticks would be made before they are drawn
+        return figure
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        text.set_text(words(text.get_text()))
+    return figure

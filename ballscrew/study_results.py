@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .orchestration.loop.machine import Margins
+from .controllers.margins import Margins
 from .orchestration.loop.pictures import drawing
 from .orchestration.loop.run_folder import write_run
 from .orchestration.loop.shown import REPORT, Table, length

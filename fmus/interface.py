@@ -17,7 +17,7 @@ from ..solver.signals import START_VALUE
 from .dependencies import states_of_outputs
 from .ports import FRAME_ROLE, SET, SET_ROLE
 
-TOLERANCE = "solver_tolerance"
+SOLVER_TOLERANCE = "solver_tolerance"
 MESSAGE = "message"
 START = "_start"
 
@@ -218,7 +218,7 @@ def _starts(kernel: Kernel, first: int) -> Iterator[Variable]:
 
 def _tolerance(place: int) -> Variable:
     meaning = "relative tolerance of the internal solver"
-    about = TOLERANCE, place, "parameter", "fixed", "1", meaning
+    about = SOLVER_TOLERANCE, place, "parameter", "fixed", "1", meaning
     return Variable(*about, DEFAULT_TOLERANCE, 1e-13, 1e-2, DEFAULT_TOLERANCE)
 
 

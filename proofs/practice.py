@@ -22,13 +22,14 @@ from provenance import provenance
 
 from ballscrew.cli import main as command
 from ballscrew.orchestration.loop.catalogue import component
-from ballscrew.orchestration.loop.whole_loop import held_loop_kernel, loop_kernel
+from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from ballscrew.plant.instruments.encoder import encoder
 from ballscrew.plant.instruments.late_command import with_late_command
 from ballscrew.plant.instruments.measured_through import measured_through
 from ballscrew.solver.component import Component, Parameter
 from ballscrew.solver.kernel import IntegrationError, Kernel, Model
 from ballscrew.solver.spectrum import follow_returns
+from ballscrew.stability.lyapunov import held_loop_kernel
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "proof" / "practice.json"

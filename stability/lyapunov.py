@@ -9,14 +9,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..orchestration.fmu.limits import TOLERANCE
 from ..orchestration.loop.loop import Loop
-from ..orchestration.loop.whole_loop import held_loop_kernel, loop_kernel, model_of
+from ..orchestration.loop.whole_loop import loop_kernel, model_of, stored_loop, whole_loop
 from ..solver.arrays import Vector
 from ..solver.core import REACHED
 from ..solver.files import write_atomically, write_json
@@ -26,6 +26,9 @@ from ..solver.spectrum import Spectrum, follow_returns, follow_tangents
 from .attractor import Attractor, Kind, agree, bars, ended
 from .classify import RESOLVED, classify_attractor
 from .equilibria import sample_after
+
+if TYPE_CHECKING:
+    from ..solver.component import Component
 
 Maker = Callable[[float], Model]
 """Makes the same model, at its start, with a relative tolerance."""
@@ -340,6 +343,32 @@ def _by_motion(make: Maker, stop: float, run: Spectrum, watch: Watching) -> Attr
     would = MORE_TIME if motion.kind is Kind.UNDECIDED else motion.would_decide
     text = f"{spent}; from the motion alone: {motion.evidence}"
     return replace(motion, evidence=text, would_decide=would)
+
+
+def held_loop_kernel(
+    plant: str | Component, controller: str | Component, averaged: bool = False
+) -> Kernel:
+    """As `loop_kernel`, with discrete states and delayed signals among the states.
+
+    See `with_held_states`, `with_delay_states`, and for `averaged` quantizers `dithered_average`;
+    `ContractError` for a loop that has both.
+    """
+    kernel = loop_kernel(plant, controller)
+    averaged = averaged and bool(kernel.quantized)
+    if not (kernel.discrete or kernel.delays or averaged):
+        return kernel
+
+    def make() -> Component:
+        from ..solver.for_tangents import dithered_average, with_delay_states, with_held_states
+
+        loop = whole_loop(plant, controller)
+        loop = dithered_average(loop) if averaged else loop
+        if loop.delays:
+            return with_delay_states(loop)
+        return with_held_states(loop) if loop.discrete else loop
+
+    kind = f"{'averaged' if averaged else 'held'}_loop"
+    return stored_loop(kind, make, plant, controller, __name__)
 
 
 def loop_maker(loop: Loop, averaged: bool = False) -> Maker:

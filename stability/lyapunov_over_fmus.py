@@ -18,13 +18,12 @@ from ..orchestration.fmu.wiring import PLANT, names_on, with_aliases
 from ..orchestration.loop.catalogue import ready_fmu
 from ..orchestration.loop.loop import Loop
 from ..orchestration.loop.parts import Part
-from ..orchestration.loop.whole_loop import held_loop_kernel
 from ..solver.arrays import Vector
 from ..solver.errors import FmuError, UserError
 from ..solver.spectrum import Spectrum
 from .attractor import Attractor, Kind
 from .cycles import closings
-from .lyapunov import SAMPLES, LyapunovRun, Watching, loop_lyapunov
+from .lyapunov import SAMPLES, LyapunovRun, Watching, held_loop_kernel, loop_lyapunov
 from .tangent_sides import ordinary
 from .tangents_over_fmus import ACCURACY, TangentRun, follow_over_fmus
 

@@ -16,19 +16,19 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 MOST = {  # folder: lines, lines without docstrings
     "solver": (5940, 5290),
-    "plant": (1622, 1347),
-    "controllers": (1105, 861),
+    "plant": (1686, 1407),
+    "controllers": (1207, 948),
     "fmus": (4974, 4446),
-    "orchestration": (9347, 8218),
-    "stability": (2758, 2259),
-    "ballscrew": (3464, 2859),
+    "orchestration": (9104, 7999),
+    "stability": (2779, 2276),
+    "ballscrew": (3500, 2890),
     "gallery": (2730, 2356),
     "measurement": (11641, 10261),
-    "proofs": (10009, 8914),
+    "proofs": (10010, 8915),
     "benchmarks": (1799, 1661),
     "docs": (329, 297),
     ".ci": (204, 184),
-    "tests": (23612, 22523),
+    "tests": (23608, 22519),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -11,7 +11,7 @@ from ...solver.arrays import Vector
 from ...solver.core import DONE, NOT_FINITE, at
 from ...solver.kernel import MAX_STEPS, IntegrationError, Model, describe_failure
 from .machine import TRIAL, Machine
-from .program import COMMAND, PARTS, PLANT, REFERENCE, of_part, plant_kernel, program_kernel
+from .program import COMMAND, DEVICES, PLANT, REFERENCE, of_part, plant_kernel, program_kernel
 from .record import TrialRecord
 from .setup import POINTS, Noise, Setup, set_up
 from .trials import VOLTAGE, Trial
@@ -87,7 +87,7 @@ def _run(
     values = {
         name.replace(".", "_", 1): value
         for name, value in (setup.parameters | setup.starts).items()
-        if name.partition(".")[0] in PARTS
+        if name.partition(".")[0] in DEVICES
     }
     kernel, own = plant_kernel(machine.law, machine.kind), of_part(PLANT, setup.parameters)
     plant = Model(kernel, own, tolerance)

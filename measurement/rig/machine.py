@@ -20,7 +20,7 @@ from ...plant.law import claims
 from ...solver.arrays import Vector
 from ...solver.component import Parameter, in_units, symbol, unit_in
 from ...solver.errors import BadParameter, BadParameters, did_you_mean
-from .program import PARTS, PLANT, of_part, plant_kernel
+from .program import DEVICES, PLANT, of_part, plant_kernel
 from .regulators import Gains, static_force_gains, velocity_gains
 from .trials import (
     BREAK_AWAY,
@@ -161,10 +161,10 @@ class Machine:
         file.check_complete(plant, {*values, *of_part(PLANT, own)})
         found = {f"{PLANT}.{n}": v for n, v in values.items()}
         for part, given in file.rig.items():
-            if part not in (TRIAL, *PARTS):
+            if part not in (TRIAL, *DEVICES):
                 raise BadParameters(
                     f"{file.path}: [rig.{part}]: the rig has no such part; it has "
-                    f"{', '.join(sorted((TRIAL, *PARTS)))}"
+                    f"{', '.join(sorted((TRIAL, *DEVICES)))}"
                 )
             if theirs := of_part(part, known):
                 numbers = check_values(given, theirs, f"{file.path}: [rig.{part}]")

@@ -37,7 +37,7 @@ from .trials import FORCE, VELOCITY, VOLTAGE
 
 T = TypeVar("T")
 PLANT, COMMAND = "plant", "u"
-PARTS = (
+DEVICES = (
     *("encoder", "load_cell", "acquisition", "position_filter", "force_filter"),
     *("capacitance_sensor", "velocity_pid", "force_pid"),
 )

@@ -18,7 +18,7 @@ from ...solver.arrays import Vector
 from ...solver.component import in_units
 from ...solver.errors import BadParameter
 from .machine import SIZED, Machine
-from .program import PARTS, PLANT, REFERENCE, of_part, program_kernel
+from .program import DEVICES, PLANT, REFERENCE, of_part, program_kernel
 from .trials import BREAK_AWAY, Trial
 
 POINTS = np.arange(0.0, 75e-6, 10e-6)
@@ -147,7 +147,7 @@ def _known(trial: Trial, machine: Machine) -> dict[str, Any]:
     """All parameters as ``part.name``, with the defaults of this machine."""
     known = dict(machine.known)
     for p in program_kernel(trial.control, machine.is_axis).parameters:
-        part = next((name for name in PARTS if p.name.startswith(f"{name}_")), "")
+        part = next((name for name in DEVICES if p.name.startswith(f"{name}_")), "")
         name = f"{part}.{p.name.removeprefix(f'{part}_')}"
         if part and name not in _CALIBRATED:  # the sampling period has no part
             known[name] = in_units(p, machine.words)

@@ -31,8 +31,7 @@ _ADVICE = (
     "a parameter is wrong"
 )
 
-Value: TypeAlias = "float | str"
-"""Value of a parameter: a number, or the text of a String."""
+Value: TypeAlias = "float | str"  # value of a parameter: a number, or the text of a String
 Writer: TypeAlias = Callable[[Vector], None]
 Reader: TypeAlias = Callable[[], Vector]
 

@@ -31,8 +31,7 @@ from .fmu_instance import AnyFmu, Instance, Reader, Wrapped, Writer
 PLANT, CONTROLLER = "plant", "controller"
 POSITION = "x"  # the output that a set-point is compared with
 COLUMNS = ("time", SET_POINT)  # of the results, in addition to the plant's
-Scale = tuple[float, float]
-"""Factor and offset: result = factor * value + offset."""
+Scale = tuple[float, float]  # factor and offset: result = factor * value + offset
 AS_IS: Scale = (1.0, 0.0)
 Kind = TypeVar("Kind", bound=Instance)
 Fmu = TypeVar("Fmu", bound=AnyFmu)
@@ -91,8 +90,7 @@ class Wiring:
         return [gain_port(*pair) for pair in pairs] + [rate_port(c) for c, _ in self.commands]
 
 
-UNWIRED = Wiring((), (), ())
-"""Stands for connections that are still to be found, by `wire`."""
+UNWIRED = Wiring((), (), ())  # stands for connections that are still to be found, by `wire`
 
 
 # -- ports by name -------------------------------------------------------------------------------

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from importlib import resources
@@ -24,11 +23,11 @@ from ...controllers import ALONE, CONTROLLERS
 from ...fmus.carried_runtime import carried_runtime
 from ...fmus.made_here import is_kept, keep
 from ...plant import NOMINAL, PLANTS
-from ...plant.instruments import INSTRUMENTS, UNITS, UNLIMITED, PartName
+from ...plant.instruments import INSTRUMENTS, PartName, in_units
 from ...solver import kernel_cache
 from ...solver.compilers import CompilerFailed, compiler_for, own_platform
 from ...solver.component_file import load_component, names_file
-from ...solver.errors import ContractError, UnknownName, did_you_mean
+from ...solver.errors import UnknownName, did_you_mean
 from ...solver.kernel import Kernel
 from ...solver.signals import START_VALUE
 from ...solver.stored import fingerprint, stored_kernel
@@ -49,9 +48,6 @@ _ADDED = (
     "ballscrew.plant.instruments.sample_and_hold",
 )
 NATIVE, READABLE = "native", "readable"
-LIMIT = "voltage_limit"  # the plant's parameter, for any unit of its command
-AMPLIFIER = "current_limit"  # a plant that has it is driven by volts, through an amplifier
-OWN_LIMIT = "u_max"  # parameters of a controller for the limit of the nominal amplifier, in volts
 
 
 def component(part: str | Component) -> Component:
@@ -60,10 +56,12 @@ def component(part: str | Component) -> Component:
         return part
     named = PartName.of(part)
     if named.units:
-        return _in_units(component(named.plain), named.units)
+        return in_units(component(named.plain), named.units)
     if named.sampled or named.instruments:
+        from ...plant.instruments.measured_through import in_practice
+
         law = component(str(PartName(named.bare, named.feed_forward)))
-        return _in_practice(law, named.sampled, named.instruments)
+        return in_practice(law, named.sampled, [component(name) for name in named.instruments])
     if named.feed_forward:
         from ...controllers.feed_forward import with_feed_forward
 
@@ -81,41 +79,6 @@ def in_units_of(part: str, plant: str) -> str:
         return part
     turns = ("rotary",) * drive.bare.startswith(NOMINAL["rotary_drive"])
     return str(replace(named, units=(*turns, *drive.units)))
-
-
-def _in_units(part: Component, units: Sequence[str]) -> Component:
-    """A part in the units of a drive; a part with values of a motor has no other command."""
-    words = {own: other for name in units for own, other in UNITS[name].items()}
-    of_motor = [p.name for p in part.all_parameters if re.search(r"\b(A|ohm|H)\b", p.unit)]
-    if of_motor and "V" in words:
-        raise ContractError(
-            f"{part.name} is made for the voltage of a motor, see its {of_motor[0]}, but the "
-            f"command of the drive is a {units[-1]}; expected a part without such values"
-        )
-    made = part.in_units(words)
-    if "V" not in words or all(p.name != OWN_LIMIT for p in made.all_parameters):
-        return made
-    return made.with_defaults({OWN_LIMIT: UNLIMITED}, "none: the limit of the machine is not known")
-
-
-def _in_practice(law: Component, is_sampled: bool, instruments: Sequence[str]) -> Component:
-    """The controller, sampled if requested, with instruments, which are sampled with it."""
-    from ...plant.instruments.measured_through import measured_through
-    from ...plant.instruments.sample_and_hold import sampled
-
-    if is_sampled:
-        if not {"measurement", "reference"} & {i.role for i in law.inputs}:
-            raise ContractError(
-                f"{law.name} cannot be sampled: none of its inputs has the role measurement "
-                "or reference, as those of a controller have"
-            )
-        law = sampled(law)
-    parts = [component(name) for name in instruments]
-    for k, (part, own) in enumerate((p, p.sample_time) for p in parts):
-        if own and law.sample_time:
-            period = replace(own, default=law.sample_time.default)
-            parts[k] = replace(part, sample_time=period)
-    return measured_through(law, parts) if parts else law
 
 
 def name_of(part: str | Component) -> str:

@@ -17,9 +17,9 @@ from ...solver.arrays import Vector
 from ...solver.errors import CouplingError, FmuError
 from ...solver.files import write_atomically, write_json
 from ..fmu.fmu_instance import StepFailed
-from ..master.march import LoopRun
+from ..master.march import LoopRun, Progress
 from ..master.master import StepChoice
-from .joined import Progress, as_it_answers, limited
+from .joined import as_it_answers, limited
 from .loop import Loop, SystemLoop
 from .parameter_file import ParameterFile
 from .system import joined
@@ -67,19 +67,6 @@ def swap(loops: Sequence[Loop], progress: Callable[[str, float], None] | None = 
     if failed and not results:
         raise failed[0][1]
     return SwapResult(tuple(results), tuple((label, str(error)) for label, error in failed))
-
-
-def units_of_figures(run: LoopRun) -> dict[str, str]:
-    """The unit of each figure of a run; where ``x`` and ``u`` have none, those of the axis."""
-    x, u = run.units.get("x") or "m", run.units.get("u") or "V"
-    residual = max(run.residual_max, key=lambda n: run.residual_max[n], default="u")
-    return {
-        **dict.fromkeys(("overshoot", "steady_state_error", "rms_error", "largest_error"), x),
-        **dict.fromkeys(("peak_voltage_time", "settling_time_2pct"), "s"),
-        "peak_voltage": u,
-        "iae": f"{x}*s",
-        "coupling_residual_max": u if residual == "u" else run.units.get(residual, ""),
-    }
 
 
 def metrics(run: LoopRun) -> dict[str, float | None]:

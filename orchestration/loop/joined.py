@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 from ...fmus.ports import reference_port
 from ...fmus.reading import Description
 from ...fmus.system_network import SystemConnection, SystemPort
-from ...plant.instruments import UNLIMITED
+from ...plant.instruments import LIMIT, UNLIMITED
 from ...solver.errors import CouplingError
 from ...solver.signals import SET_POINT
 from ..fmu.fmu_instance import FmuInstance, Instance, Value
@@ -31,21 +31,19 @@ from ..fmu.wiring import (
     wire,
     with_aliases,
 )
-from ..master.march import LoopRun
+from ..master.march import LoopRun, Progress
 from ..master.master import MOST, MOST_OF_ISOLATED, StepChoice, choose_step, only_step, run_loop
 from ..master.reference_signal import Reference
 from ..master.runs import Runs
 from ..master.sides import Sides
-from .catalogue import LIMIT
 from .loop import HowCoupled, Loop
 from .parts import Part, taken
 
 Fmu = FmuInstance | IsolatedInstance
 Values = Mapping[str, Value]
-Progress = Callable[[float], None]
 
 COARSE = 0.05  # of the largest error: more between two points is noted
-PARTS = 8  # of a step, in which the set-point is looked at
+WITHIN = 8  # parts of a step, in which the set-point is looked at
 
 
 @dataclass(frozen=True)
@@ -180,7 +178,7 @@ def _coarse_notes(run: LoopRun, reference: Reference) -> Iterator[str]:
     if run.between or run.alone or run.stopped or "x" not in run.outputs or len(run.time) < 3:
         return
     time, x, goal = run.time, run.outputs["x"], run.reference
-    within = time[:-1] + np.linspace(0.0, 1.0, PARTS + 1)[:, None] * np.diff(time)
+    within = time[:-1] + np.linspace(0.0, 1.0, WITHIN + 1)[:, None] * np.diff(time)
     factor, offset = run.scale
     inside = factor * reference.on(within.ravel(), 0).reshape(within.shape) + offset
     above = inside - np.maximum(goal[:-1], goal[1:])

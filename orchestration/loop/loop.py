@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar, cast
 
 from ...controllers import CONTROLLERS
-from ...fmus.interface import START, TOLERANCE
+from ...fmus.interface import SOLVER_TOLERANCE, START
 from ...plant import DESCRIBED
 from ...plant.instruments import PartName
 from ...solver.errors import BadParameter
@@ -309,7 +309,7 @@ def list_used(
             said = file.get(name, Value(math.nan))
             said = said if said.value == values[name] else Value(values[name], source=source)
             found[name] = replace(said, unit=p.unit)
-        elif not name.endswith(START) and name != TOLERANCE and math.isfinite(p.default):
+        elif not name.endswith(START) and name != SOLVER_TOLERANCE and math.isfinite(p.default):
             found[name] = Value(p.default, p.unit, None, p.source)
     return found
 

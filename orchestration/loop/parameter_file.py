@@ -259,8 +259,7 @@ def read_parameters(path: Path | str) -> ParameterFile:
     return ParameterFile(Path(path), controllers=given.pop("controller", {}), **given)
 
 
-Reader: TypeAlias = Callable[[str, Any], Any]
-"""Reads a value; the text is its place, for messages."""
+Reader: TypeAlias = Callable[[str, Any], Any]  # reads a value; the text is its place, for messages
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from ...plant.instruments import FEED_FORWARD, INSTRUMENTS, SAMPLED, PartName
 from ...solver import component_file
 from ...solver.errors import BadParameter, ContractError, did_you_mean, nearest
 from ...solver.kernel import Kernel
-from ...solver.signals import MEASURED, Parameter
+from ...solver.signals import Parameter
 from ..fmu.limits import as_number
 from . import catalogue
 from .parameter_file import readable
@@ -274,31 +274,13 @@ def in_practice(
     if noise and named.instruments:
         raise ContractError(f"{controller} already has instruments; expected {base} alone")
     law = catalogue.component(base)
-    instruments, ideal = _instruments_for(law) if noise else (named.instruments, ())
+    instruments, ideal = named.instruments, tuple[str, ...]()
+    if noise:
+        from ...plant.instruments.measured_through import instruments_for
+
+        instruments, ideal = instruments_for(law, map(catalogue.component, INSTRUMENTS))
     own = law.sample_time
     period = {} if sampled is None else {own.name if own else SAMPLE_TIME: sampled}
     is_sampled = named.sampled or (sampled is not None and not own)
     notes = (f"no instrument measures {', '.join(ideal)}: the true value is used",) * bool(ideal)
     return Part(str(replace(named, sampled=is_sampled, instruments=instruments))), period, notes
-
-
-def _instruments_for(controller: Component) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The first instrument of the list for each signal measured, and the signals without one."""
-    used = {str(s) for s in controller.used_symbols()}
-    roles = "measurement", "signal"
-    measured = [i.name for i in controller.inputs if i.role in roles and i.name in used]
-    made = {name: catalogue.component(name) for name in INSTRUMENTS}
-    outputs = [(o.name, name) for name, instrument in made.items() for o in instrument.outputs]
-    first = {output.removesuffix(MEASURED): name for output, name in reversed(outputs)}
-    wanted, instruments = {*measured}, list[str]()
-    for name in reversed(made):  # an instrument may use the output of the one before it
-        if name in map(first.get, wanted):
-            instruments.insert(0, name)
-            wanted |= {i.name for i in made[name].inputs}
-    if not instruments:
-        there = ", ".join(output for output, _ in outputs)
-        raise ContractError(
-            f"{controller.name} measures {', '.join(measured) or 'nothing'}, but the instruments "
-            f"measure {there}"
-        )
-    return tuple(instruments), tuple(name for name in measured if name not in first)

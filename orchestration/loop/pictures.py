@@ -12,7 +12,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -106,17 +106,6 @@ def inline(figure: Any) -> Any:
         return Markup(re.sub('<g id="[^"]*">', "<g>", drawn))  # a page has each id once
     shown = base64.b64encode(_as_file(figure, "png")).decode()
     return Markup('<img alt="" src="data:image/png;base64,{}">').format(shown)
-
-
-def in_words(figure: Any, words: Callable[[str], str]) -> Any:
-    """The figure with all its text converted by `words`."""
-    if words is str:  # nothing to do; ticks would be made before they are drawn
-        return figure
-    from matplotlib.text import Text
-
-    for text in figure.findobj(Text):
-        text.set_text(words(text.get_text()))
-    return figure
 
 
 def empty_figure(size: tuple[float, float], layout: Any = None) -> Any:

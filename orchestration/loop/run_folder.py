@@ -25,8 +25,7 @@ HIDDEN = ".ballscrew"
 KEPT = ".kept"
 _STAGE, _NEXT, _WRITTEN = "next", "next.json", "written.json"
 
-Files = dict[str, str]
-"""Digests by path, relative to the folder."""
+Files = dict[str, str]  # digests by path, relative to the folder
 
 
 def write_run(folder: Path, write: Callable[[Path], None], adds: bool = False) -> list[str]:

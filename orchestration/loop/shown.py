@@ -7,14 +7,12 @@ other people's files are only text in it: the template and Matplotlib escape the
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-
-from .parameter_file import TURNS
 
 REPORT = "report.html"
 _STEPS = ((1.0, 1.0, ""), (1e-3, 1e3, "m"), (1e-6, 1e6, "µ"), (0.0, 1e9, "n"))
@@ -55,38 +53,6 @@ def length(value: float) -> str:
 def labelled(name: str, unit: str) -> str:
     """The label of an axis."""
     return f"{name} [{unit}]" if unit else name
-
-
-_METRES = {"m": "rad", "mm": "mrad", "um": "urad", "µm": "µrad", "nm": "nrad"}
-_TURNED = {"N": "N*m", "kg": "kg*m^2", **_METRES}
-# after a number or in brackets, or alone in its column, but not within a word or a file's name
-_UNIT = re.compile(
-    r"(?:(?<=[\d)%*] )|(?<=  )|(?<=\[))"
-    r"(?:[1NVA](?:\*s)?/(?:m|mm)(?:\^2)?|(?:kg|N|mm|um|µm|nm|m)(?:/s(?:\^2)?)?)(?=$|[\s,;.:)\]])",
-    re.MULTILINE,
-)
-_MASS = re.compile(r"(?:^|(?<=\bof ))m\b(?= {2,}| [\d(])", re.MULTILINE)
-
-
-def in_turning_units(text: str) -> str:
-    """Lines for a reader with N*m for N, rad for m and kg*m^2 for kg; the mass m is J."""
-
-    def turned(unit: re.Match[str]) -> str:
-        return re.sub("[A-Za-zµ]+", lambda m: _TURNED.get(m[0], m[0]), unit[0])
-
-    return _MASS.sub("J", _UNIT.sub(turned, text))
-
-
-def page_in_turning_units(page: str) -> str:
-    """`in_turning_units` of what a page of HTML shows; styles and tags stay."""
-    kept = re.split(r"(<style\b.*?</style>|<[^>]*>)", page, flags=re.DOTALL)
-    kept[::2] = ["J" if part == "m" else in_turning_units(part) for part in kept[::2]]
-    return "".join(kept)
-
-
-def words_for(notes: Sequence[str]) -> Callable[[str], str]:
-    """The conversion of lines for a reader: to N*m and rad if `notes` say that the body turns."""
-    return in_turning_units if TURNS in notes else str
 
 
 @dataclass(frozen=True)

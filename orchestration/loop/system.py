@@ -35,8 +35,7 @@ from .loop import STOP, HowCoupled, Loop, SystemLoop
 from .parts import as_taken, check_names, settable_of
 
 Fmus = Mapping[str, Fmu]
-Values = Mapping[str, Mapping[str, Value]]
-"""Start values by element."""
+Values = Mapping[str, Mapping[str, Value]]  # start values by element
 Connections = Sequence[SystemConnection]
 Goal = tuple[tuple[SystemConnection, int], ...]
 """Connections of the set-point, and the order of its time derivative for each."""

@@ -17,7 +17,7 @@ from ...solver.signals import REFERENCES, set_point_orders
 from ...solver.stored import stored_kernel
 from ..fmu.limits import FIRST_STEP, check_memory
 from ..master.compiled import FARTHEST
-from ..master.march import LoopRun
+from ..master.march import LoopRun, Progress
 from ..master.reference_signal import ROUND_OFF, TERMS, Reference
 from ..master.sides import step_that_meets
 from ..master.verdict import ACCURACY, Verdict
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from ...solver.core import System
     from .loop import Loop
 
-Progress = Callable[[float], None]
 
 TIGHT, LOOSE = 1e-10, 1e-8
 BETWEEN, MOST_POINTS = 1e-3, 1e6  # [s] between two points where outputs are known, and their number
@@ -37,10 +36,11 @@ STARTED = "t_step"  # the input with the time from which the terms count
 
 def loop_kernel(plant: str | Component, controller: str | Component) -> Kernel:
     """The compiled closed loop of two parts, with set-points as polynomials of time."""
-    return _stored_loop("loop", lambda: _whole(plant, controller), plant, controller)
+    return stored_loop("loop", lambda: whole_loop(plant, controller), plant, controller)
 
 
-def _whole(plant: str | Component, controller: str | Component) -> Component:
+def whole_loop(plant: str | Component, controller: str | Component) -> Component:
+    """The closed loop of two parts as one component."""
     from ...solver.component import TIME, Input, symbol
     from ...solver.interconnect import connect
 
@@ -58,36 +58,16 @@ def _whole(plant: str | Component, controller: str | Component) -> Component:
     return loop.substituted(curves, inputs=(*loop.inputs, *terms, started))
 
 
-def _stored_loop(
-    kind: str, make: Callable[[], Component], plant: str | Component, controller: str | Component
+def stored_loop(
+    kind: str,
+    make: Callable[[], Component],
+    plant: str | Component,
+    controller: str | Component,
+    *made_by: str,
 ) -> Kernel:
+    """The compiled component of a loop, kept on disk under a kind; modules that `make` is in."""
     (p, of_plant), (c, of_controller) = kept_as(plant), kept_as(controller)
-    return stored_kernel(f"{kind}_{p}_{c}", make, __name__, *of_plant, *of_controller)
-
-
-def held_loop_kernel(
-    plant: str | Component, controller: str | Component, averaged: bool = False
-) -> Kernel:
-    """As `loop_kernel`, with discrete states and delayed signals among the states.
-
-    See `with_held_states`, `with_delay_states`, and for `averaged` quantizers `dithered_average`;
-    `ContractError` for a loop that has both.
-    """
-    kernel = loop_kernel(plant, controller)
-    averaged = averaged and bool(kernel.quantized)
-    if not (kernel.discrete or kernel.delays or averaged):
-        return kernel
-
-    def make() -> Component:
-        from ...solver.for_tangents import dithered_average, with_delay_states, with_held_states
-
-        loop = _whole(plant, controller)
-        loop = dithered_average(loop) if averaged else loop
-        if loop.delays:
-            return with_delay_states(loop)
-        return with_held_states(loop) if loop.discrete else loop
-
-    return _stored_loop(f"{'averaged' if averaged else 'held'}_loop", make, plant, controller)
+    return stored_kernel(f"{kind}_{p}_{c}", make, __name__, *made_by, *of_plant, *of_controller)
 
 
 def model_of(kernel: Kernel, loop: Loop, tolerance: float, system: System | None = None) -> Model:

@@ -23,11 +23,11 @@ from .march import Clock, Record, march
 from .sides import Sides
 from .verdict import ACCURACY, scales
 
-PARTS = 4096  # of a step: the resolution of times close to a jump
+PIECES = 4096  # of a step: the resolution of times close to a jump
 TICKS = 256  # of such a part: a jump closer than one tick to a point is exactly there
 BEFORE = 4  # ticks before a point, in which a controller answers, also if it is a step late
 MISTIMED = 3.0  # safety factor on the measured distance in time of two runs' jumps
-CLOSEST, FARTHEST = 2, PARTS // 8  # parts; beyond an eighth of a step, the time is not known
+CLOSEST, FARTHEST = 2, PIECES // 8  # parts; beyond an eighth of a step, the time is not known
 SLOWEST = 0.1  # of the fastest output's speed: slower outputs do not show the time of a jump
 EVENLY = 8  # parts of a step if the time of its jump is not known
 NEAR = 6  # points in any other step, including its ends
@@ -99,9 +99,9 @@ def _parts(k: int, run: Vector, distance: Vector) -> int:
     speed = np.abs(run[k] - run[k - 1]) / scale
     fastest = speed.max()
     if not fastest > 0:
-        return CLOSEST if not distance[k].any() else PARTS
+        return CLOSEST if not distance[k].any() else PIECES
     late = np.max(distance[k] / scale / np.maximum(speed, SLOWEST * fastest))
-    return int(np.clip(np.ceil(MISTIMED * late * PARTS), CLOSEST, PARTS))
+    return int(np.clip(np.ceil(MISTIMED * late * PIECES), CLOSEST, PIECES))
 
 
 def _points(start: int, end: int, parts: int) -> list[int]:
@@ -115,7 +115,7 @@ def _points(start: int, end: int, parts: int) -> list[int]:
     if not parts:
         before = [[max(at - k, 0) for k in range(BEFORE, -1, -1)] for at in (start, end)]
         return [*before[0], start + 1, *before[1]]
-    if parts > length * FARTHEST // (PARTS * TICKS):
+    if parts > length * FARTHEST // (PIECES * TICKS):
         inside = [length * k // EVENLY for k in range(1, EVENLY)]
     else:
         inside = [near, 2 * near, length - 2 * near, length - near]
@@ -126,7 +126,7 @@ def _seen_within(
     sides: Sides, step: float, breaks: Vector, points: int, parts: dict[int, int]
 ) -> dict[int, Vector]:
     """Outputs within steps, by their numbers, at the points of `_points`; empty if it fails."""
-    whole = PARTS * TICKS
+    whole = PIECES * TICKS
     last = round(sides.stop / step * whole)
     ends = [min(k * whole, last) for k in range(points + 1)]
     rows = {k: _points(ends[k], ends[k + 1], size) for k, size in parts.items()}

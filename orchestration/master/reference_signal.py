@@ -15,8 +15,7 @@ from ...solver.arrays import Matrix, Vector
 from ...solver.errors import BadParameter, BadRecord
 from ...solver.signals import DERIVATIVES, SET_POINT
 
-TERMS = 8
-"""Coefficients of each piece: a sine is exact to round-off within a twentieth of a radian."""
+TERMS = 8  # coefficients of each piece: a sine is exact to round-off within a twentieth of a radian
 ROUND_OFF = 1e-9  # of a step: times closer to each other are equal
 
 _QUANTITIES = {  # of the columns of a file

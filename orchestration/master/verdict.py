@@ -21,12 +21,10 @@ import numpy.typing as npt
 
 from ...solver.arrays import Vector
 
-ACCURACY = 0.01
-"""Largest share of an output's range that its estimated error may be."""
+ACCURACY = 0.01  # largest share of an output's range that its estimated error may be
 WORST_CONTRACTION = 0.5
 """Largest share of the coupling residual that a correction may leave in an algebraic loop."""
-CONVERGES = 0.7
-"""Largest ratio of two successive moves of runs that converge."""
+CONVERGES = 0.7  # largest ratio of two successive moves of runs that converge
 NEGLIGIBLE = 0.01, 0.1
 """Shares of the allowed error; a move below the first, after one below the second, may be
 round-off, whose ratio says nothing."""

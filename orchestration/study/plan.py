@@ -31,8 +31,7 @@ DISTRIBUTIONS = {
     NORMAL: "[mean, standard deviation above 0]",
     LOGNORMAL: "[median, standard deviation of the logarithm], both above 0",
     TEMPERATURE: "[least, largest]",
-}
-"""Meaning of the two numbers of each."""
+}  # meaning of the two numbers of each
 OUTERMOST = 2.0**-53  # share of all draws: the smallest that doubles distinguish from zero
 
 

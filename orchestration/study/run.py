@@ -27,8 +27,7 @@ from ..master.reference_signal import Reference
 
 Values: TypeAlias = Mapping[str, float]
 """Parameters that differ from their defaults, with the prefixes of a loop's parts."""
-Motion: TypeAlias = tuple[Reference, float]
-"""A set-point over time, and the length of its run [s]."""
+Motion: TypeAlias = tuple[Reference, float]  # a set-point over time, and the length of its run [s]
 
 STEP = 1e-3  # s, of the grid of a loop that is not sampled
 TOLERANCE = 1e-6
@@ -179,8 +178,7 @@ MEASURED = tuple(n for n in NAMES if n not in ("hunting", "failed"))  # without 
 SIZES = (
     *(JUDGED_BY, "peak_error", "reversal_error", "energy", "total_variation"),
     *("peak_current", "peak_command"),
-)
-"""Figures that are positive, except without any motion, and that plants change by factors."""
+)  # figures that are positive, except without any motion, and that plants change by factors
 
 
 def hunting_verdict(hunting: float) -> str:

@@ -26,10 +26,9 @@ from .workers import KeptParts, Processes, Workers
 
 Progress = Callable[[str, int, int], None]
 Tunings = Mapping[str, list[Tuned]]
-Jobs = dict[Place, tuple[Any, ...]]
-"""Arguments of each task of a stage."""
+Jobs = dict[Place, tuple[Any, ...]]  # arguments of each task of a stage
 
-PARTS = "study.parts"
+PARTS = "study.parts"  # folder of the finished tasks of an unfinished study
 CHUNK = 10  # plants of a task
 SHARE = 20  # one run in this many, drawn at random, is repeated over FMUs
 SHOWN = 500  # times of a run that the report draws, at least

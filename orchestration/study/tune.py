@@ -17,25 +17,21 @@ from typing import Any
 import numpy as np
 
 from ...controllers import CONTROLLERS, tunable
+from ...controllers.margins import (
+    Linear,
+    Margins,
+    is_stable,
+    margins_of,
+    open_loop,
+    response_of,
+)
 from ...fmus.units import base_exponents
 from ...solver.errors import BadParameter
 from ...solver.files import write_json
 from ...solver.kernel import CONTROLLER, Model
 from ..loop.catalogue import component
 from ..loop.loop import Loop
-from ..loop.machine import (
-    Linear,
-    Machine,
-    Margins,
-    gain_ranges,
-    gains_of,
-    is_stable,
-    linearized,
-    margins_of,
-    model_values,
-    open_loop,
-    response_of,
-)
+from ..loop.machine import Machine, gain_ranges, gains_of, linearized, model_values
 from ..loop.reference_motions import as_reference
 from ..loop.whole_loop import follow, loop_kernel
 from ..master.reference_signal import Reference

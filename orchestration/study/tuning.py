@@ -18,14 +18,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...plant.instruments import UNLIMITED
+from ...plant.instruments import LIMIT, OWN_LIMIT, UNLIMITED, limit_of
 from ...solver.errors import UserError
 from ...solver.kernel import CONTROLLER, PLANT
 from ...solver.signals import Parameter
 from ..loop import catalogue
-from ..loop.catalogue import LIMIT, OWN_LIMIT, component
+from ..loop.catalogue import component
 from ..loop.loop import Loop
-from ..loop.machine import limit_of
 from ..loop.parts import Part, check_names
 from ..loop.whole_loop import loop_kernel
 from ..master.reference_signal import Reference

@@ -8,11 +8,21 @@ name of the plant's signal, their output that name with `solver.signals.MEASURED
 
 from __future__ import annotations
 
-from collections.abc import Container
+import re
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from ...solver.errors import ContractError
+
+if TYPE_CHECKING:
+    from ...solver.component import Component
 
 UNLIMITED = 1e6
 NOMINAL_VOLTAGE = 36.0  # of the axis' amplifier, Table 2.1 [V]
+LIMIT = "voltage_limit"  # the plant's parameter, for any unit of its command
+AMPLIFIER = "current_limit"  # a plant that has it is driven by volts, through an amplifier
+OWN_LIMIT = "u_max"  # parameters of a controller for the limit of the nominal amplifier, in volts
 
 INSTRUMENTS = {
     "position_encoder": "ballscrew.plant.instruments.encoder:position_encoder",
@@ -66,3 +76,26 @@ class PartName:
     def __str__(self) -> str:
         suffixes = [FEED_FORWARD] * self.feed_forward + [SAMPLED] * self.sampled
         return "+".join([self.bare, *suffixes, *self.instruments, *self.units])
+
+
+def in_units(part: Component, units: Sequence[str]) -> Component:
+    """A part in the units of a drive; a part with values of a motor has no other command."""
+    words = {own: other for name in units for own, other in UNITS[name].items()}
+    of_motor = [p.name for p in part.all_parameters if re.search(r"\b(A|ohm|H)\b", p.unit)]
+    if of_motor and "V" in words:
+        raise ContractError(
+            f"{part.name} is made for the voltage of a motor, see its {of_motor[0]}, but the "
+            f"command of the drive is a {units[-1]}; expected a part without such values"
+        )
+    made = part.in_units(words)
+    if "V" not in words or all(p.name != OWN_LIMIT for p in made.all_parameters):
+        return made
+    return made.with_defaults({OWN_LIMIT: UNLIMITED}, "none: the limit of the machine is not known")
+
+
+def limit_of(known: Container[str], values: Mapping[str, float], asked: float | None) -> float:
+    """Largest command: the requested one, else that of the values, else the nominal amplifier's."""
+    if asked is not None:
+        return asked
+    given = values.get(LIMIT, UNLIMITED)
+    return NOMINAL_VOLTAGE if given >= UNLIMITED and AMPLIFIER in known else given

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from ...solver.component import Component
 from ...solver.errors import ContractError
 from ...solver.interconnect import interconnect
 from ...solver.signals import MEASURED
+from .sample_and_hold import sampled
 
 
 def measured_through(controller: Component, instruments: Sequence[Component]) -> Component:
@@ -42,6 +43,46 @@ def measured_through(controller: Component, instruments: Sequence[Component]) ->
         "_".join([controller.name, "behind", *names]),
         f"{controller.description}; measured through {', '.join(names)}",
     )
+
+
+def in_practice(law: Component, is_sampled: bool, instruments: Iterable[Component]) -> Component:
+    """The controller, sampled if requested, with instruments, which are sampled with it."""
+    if is_sampled:
+        if not {"measurement", "reference"} & {i.role for i in law.inputs}:
+            raise ContractError(
+                f"{law.name} cannot be sampled: none of its inputs has the role measurement "
+                "or reference, as those of a controller have"
+            )
+        law = sampled(law)
+    parts = [*instruments]
+    for k, (part, own) in enumerate((p, p.sample_time) for p in parts):
+        if own and law.sample_time:
+            parts[k] = replace(part, sample_time=replace(own, default=law.sample_time.default))
+    return measured_through(law, parts) if parts else law
+
+
+def instruments_for(
+    controller: Component, listed: Iterable[Component]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The first instrument of a list for each signal measured, and the signals without one."""
+    used = {str(s) for s in controller.used_symbols()}
+    roles = "measurement", "signal"
+    measured = [i.name for i in controller.inputs if i.role in roles and i.name in used]
+    made = {instrument.name: instrument for instrument in listed}
+    outputs = [(o.name, name) for name, instrument in made.items() for o in instrument.outputs]
+    first = {output.removesuffix(MEASURED): name for output, name in reversed(outputs)}
+    wanted, instruments = {*measured}, list[str]()
+    for name in reversed(made):  # an instrument may use the output of the one before it
+        if name in map(first.get, wanted):
+            instruments.insert(0, name)
+            wanted |= {i.name for i in made[name].inputs}
+    if not instruments:
+        there = ", ".join(output for output, _ in outputs)
+        raise ContractError(
+            f"{controller.name} measures {', '.join(measured) or 'nothing'}, but the instruments "
+            f"measure {there}"
+        )
+    return tuple(instruments), tuple(name for name in measured if name not in first)
 
 
 def _check(instrument: Component, before: Sequence[Component], behind: Sequence[Component]) -> None:

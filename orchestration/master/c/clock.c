@@ -46,8 +46,7 @@ static double next_time(const Clock *c)
     return breaks_next(c) ? c->breaks.at[c->passed] : clock_place(c, next_place(c));
 }
 
-/* Length of the next step [s]: a multiple of the tick, except a shorter last step and steps from
- * and to a break. */
+/* Length of the next step [s]: a multiple of the tick, but at the end and from and to a break. */
 API double clock_step_to_come(const Clock *c)
 {
     const int64_t following = next_place(c);

@@ -1,7 +1,6 @@
-/* A controller as a function: its commands, and their derivatives, for given signals.
- *
- * A *law* is one array, in the order of the ports that it is read from: m commands, their
- * derivatives by n signals each, their own rates. */
+/* A controller as a function: its commands, and their derivatives, for given signals. A *law* is one
+ * array, in the order of the ports that it is read from: m commands, their derivatives by n signals
+ * each, their own rates. */
 #include "calls.h"
 
 #ifdef _WIN32
@@ -122,10 +121,8 @@ static int probe_rates(Controller *c, double t, double h, const double *signals,
     return 1;
 }
 
-/* Put the commands at the given signals, and with `probe` their derivatives, into `law`.
- *
- * The controller's state is not changed, with one exception: a controller that answers in its step
- * and cannot save its state has moved to t + h; `master_advance` takes this into account. */
+/* Put the commands at the given signals, and with `probe` their derivatives, into `law`. A controller
+ * that answers in its step and cannot save its state has moved then; see `master_advance`. */
 API int master_law_at(Controller *c, double t, double h, const double *signals,
                       const double *reference, int probe, double *law)
 {

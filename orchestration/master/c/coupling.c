@@ -8,7 +8,6 @@
 #define MOST_ITERATIONS 20
 
 /* A plant and a controller that move together, and their record; made by `coupling.CoupledPair`.
- *
  * The plant's inputs: m commands, then gains, references, rates if it takes a law; outputs: all. */
 typedef struct {
     Calls plant;
@@ -19,8 +18,7 @@ typedef struct {
     int64_t follows;          /* whether outputs may follow inputs without a step */
     int64_t delayed, tangent; /* whether commands come one step late; whether a law is used */
     int (*own)(double h);     /* changes the law that the plant applies; 0: done; may be NULL */
-    /* passed from step to step: outputs, last commands, and the law at the end of the last step,
-     * with which the next step begins */
+    /* passed on: outputs, last commands, and the law with which the next step begins */
     Vector outputs, late, following;
     double following_step; /* length of the step that the law was found with [s]; NaN: none */
     /* results of the last step: final coupling residual; change of each output by the correction;
@@ -64,8 +62,7 @@ static int give_law(Loop *l, const double *law, const double *signals)
     return put(&l->plant);
 }
 
-/* Try the commands of the next step: read the outputs that follow from them, and put the difference
- * of the controller's commands at these outputs from the tried ones into `missed`. */
+/* By how much the controller's commands miss those of the next step, at the outputs of these. */
 static int miss(Loop *l, const double *reference, double *missed)
 {
     TRY(give_law(l, l->following.at, l->end.at) && take_all(&l->plant, l->reached.at));
@@ -86,8 +83,7 @@ static int agrees(const Loop *l, const double *missed, double share)
     return found;
 }
 
-/* Solve an algebraic loop: find commands that are equal to the controller's commands at the outputs
- * that follow from them, by Newton's method with differences. */
+/* Solve an algebraic loop, by Newton's method with differences: commands that `miss` nothing. */
 static int solve_ring(Loop *l, const double *reference)
 {
     const int64_t m = l->controller.m;

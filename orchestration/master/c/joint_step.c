@@ -1,16 +1,13 @@
 /* Corrected steps of a plant and a controller that carry tangents, see tangents_over_fmus.py.
- *
  * A law and its tangents are rows of m commands, m x n gains and m rates: row 0 the law, row k its
  * k-th tangent. Signals and their tangents are rows of n. */
 #include "../../../solver/c/orthonormalize.h"
 
 #define LEAST_SHARE 1e-3 /* of the total allowed error, which any one step may have */
 
-/* An FMU with tangents.
- *
- * Inputs of a plant: laws with the signals they refer to, then their tangents; of a controller:
- * signals, set-points, tangents of the signals. Outputs: of a plant signals, of a controller its law;
- * then their tangents. */
+/* An FMU with tangents. Inputs of a plant: laws with the signals they refer to, then their tangents;
+ * of a controller: signals, set-points, tangents of the signals. Outputs: of a plant signals, of a
+ * controller its law; then their tangents. */
 typedef struct {
     Calls calls;
     /* inputs: the states' tangents, count x states, and the number of the frame; outputs: these
@@ -110,8 +107,7 @@ static void find_mended(Joint *j, double h)
     }
 }
 
-/* Do one corrected step of signals and tangents, similar to `step`, from the states saved
- * before; find the frames without and with the correction. */
+/* One corrected step from the states saved before; frames without and with the correction. */
 static int joint_step(Joint *j, double t, double h)
 {
     const int64_t m = j->m, rate = m + m * j->n, width = m * (2 + j->n), rows = 1 + j->count;
@@ -163,8 +159,7 @@ static double moved_share(const Joint *j, const Clock *clock, const Trail *trail
     return worst;
 }
 
-/* Halve or double the step, so that steps stay aligned with multiples of themselves; `share` is the
- * error of the last step as a share of the allowed error. */
+/* Halve or double the step, which stays aligned; `share` is its error over the allowed one. */
 static void clock_adapt(Clock *c, double share)
 {
     if (share > 1.0 && c->stride > 1)
@@ -209,8 +204,7 @@ static int joint_row(Joint *j, Clock *clock, Trail *trail)
     return 1;
 }
 
-/* Do up to `most` steps, recorded from row 1 on (row 0 is the last one before); return GOES_ON, or
- * why the run ended. */
+/* Do up to `most` steps, recorded from row 1 on; return GOES_ON, or why the run ended. */
 API int joint_march(Joint *j, Clock *clock, Trail *trail, int64_t most)
 {
     trail->rows = 0;

@@ -59,8 +59,7 @@ static void set_points(const Course *c, double t, double bound, double *values)
     }
 }
 
-/* Put the set-points just after a time into `before`; if they jump, discard the law that the loop
- * has from before the jump. */
+/* Put the set-points just after a time into `before`; if they jump, discard the law before. */
 static void begin_step_at(Loop *l, Course *course, double t, double close)
 {
     set_points(course, t, t - close, course->after.at);
@@ -117,8 +116,7 @@ static int end_step(Loop *l, Course *course, const Clock *clock, double followin
     return 0;
 }
 
-/* Add a step to the measurements; contraction counts by the effect of the correction, as a share of
- * the range that an output of the run has had. */
+/* Add a step to the measurements; contraction counts by its effect over the outputs' ranges. */
 static void measure(const Loop *run, const Loop *corrected, Course *course, double h)
 {
     double weight = 0.0;

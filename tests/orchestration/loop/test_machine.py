@@ -7,14 +7,8 @@ import pytest
 from heavy_drive import HEAVY
 from scipy.optimize import minimize_scalar
 
-from ballscrew.orchestration.loop.machine import (
-    Machine,
-    gain_ranges,
-    linearized,
-    margins_of,
-    model_values,
-    open_loop,
-)
+from ballscrew.controllers.margins import margins_of, open_loop
+from ballscrew.orchestration.loop.machine import Machine, gain_ranges, linearized, model_values
 from ballscrew.orchestration.loop.parts import Part
 from ballscrew.orchestration.loop.reference_motions import sine
 from ballscrew.orchestration.loop.whole_loop import follow, loop_kernel

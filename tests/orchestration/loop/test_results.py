@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from ballscrew.orchestration.loop.closed_loop import metrics, units_of_figures
-from ballscrew.orchestration.loop.shown import in_turning_units, length, quantity, shown_unit
+from ballscrew.loop_results import units_of_figures
+from ballscrew.orchestration.loop.closed_loop import metrics
+from ballscrew.orchestration.loop.shown import length, quantity, shown_unit
 from ballscrew.orchestration.master.couplings import Coupling
 from ballscrew.orchestration.master.march import LoopRun
 from ballscrew.orchestration.master.verdict import Verdict
+from ballscrew.result import in_turning_units
 
 
 def course(time, x, u, goal):
