@@ -15,7 +15,7 @@ stays there while v keeps its sign, and returns to 0 over the same distance afte
 `TIPPING` it returns to 0, above it continues to sgn(v): an element that just reaches a rising limit
 either slips or sticks. The element slips by the share max(0, q_i sgn v); the attraction decreases
 to zero below `SLOWEST_SLIP`, so that nothing jumps at v = 0. The difference to the law with
-switches is measured in ``tests/plant/test_maxwell_slip.py``: at most 0.4 mN of 2.35 N.
+switches is measured in ``tests/plant/test_exact_solutions.py``: at most 0.4 mN of 2.35 N.
 
 The elements' own damping is left out. Slipping at less than C alpha_i/k_i (1 - Fc/Fs) may load an
 element faster than its spring would be loaded, which generates energy: the published law is

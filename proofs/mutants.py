@@ -59,26 +59,27 @@ REMADE = ("fmus", "references")  # folders of the cache
 
 # the tests of each file below tests/, cheap ones first, as pytest takes them
 PARTS = {
-    "solver/c/stepper.c": "solver/test_stepper.py solver/test_events.py solver/test_delays.py",
-    "solver/c/events.c": "solver/test_events.py solver/test_tangents.py",
-    "solver/c/crossings.c": "solver/test_tangents.py stability/test_amplitudes.py "
+    "solver/c/stepper.c": "solver/test_stepper.py solver/test_events_and_delays.py",
+    "solver/c/events.c": "solver/test_events_and_delays.py solver/test_tangents.py",
+    "solver/c/crossings.c": "solver/test_tangents.py stability/test_motions.py "
     "stability/test_known_answers.py",
-    "solver/c/tangents.c": "solver/test_tangents.py stability/test_amplitudes.py "
+    "solver/c/tangents.c": "solver/test_tangents.py stability/test_motions.py "
     "stability/test_known_answers.py",
     "orchestration/master/c/controller.c": "orchestration/master/test_couplings.py",
     "orchestration/master/c/coupling.c": "orchestration/master/test_couplings.py",
     "orchestration/master/c/master.c": "orchestration/master/test_couplings.py",
     **dict.fromkeys(
         (f"fmus/native/c/{part}.h" for part in ("component", "events", "exchange")),
-        "fmus/test_events.py fmus/test_model_exchange.py "
+        "fmus/test_events_and_delays.py fmus/test_model_exchange.py "
         "fmus/test_every_kind.py -k '(native-2 and (plant_classical or pid_sampled or nctf or "
         "states_set or be_set or no_ or failure or bound or limit or words or events) or margin or "
         "either_way or bounces) and not (loop or cvode or tangents or maxwell or observed)'",
     ),
     "controllers/adaptive_friction.py": "controllers/test_commands.py "
     "controllers/test_observers.py",
-    "controllers/nctf.py": "controllers/test_nctf.py",
-    "plant/lugre.py": "plant/test_ball_screw.py plant/test_lugre.py plant/test_laws.py -k lugre",
+    "controllers/nctf.py": "controllers/test_thesis_laws.py",
+    "plant/lugre.py": "plant/test_ball_screw.py plant/test_exact_solutions.py plant/test_laws.py "
+    "-k 'lugre or printed or modified or each_direction or by_side'",
     "measurement/diagnosis/experiment.py": "measurement/diagnosis/"
     "test_experiment.py -k 'motion or lasts'",
     "measurement/diagnosis/scores.py": "measurement/diagnosis/test_scores.py -k "
@@ -93,10 +94,10 @@ PARTS = {
     "orchestration/master/master.py": "orchestration/master/test_step_choice.py -k "
     "'not left_to and not which_step'",
     "fmus/system_reading.py": "fmus/test_system_reading.py",
-    "solver/codegen.py": "solver/test_codegen.py solver/test_events.py solver/test_delays.py",
-    "solver/interconnect.py": "solver/test_interconnect.py solver/test_connect.py",
-    "stability/lyapunov.py": "stability/test_lyapunov.py stability/test_amplitudes.py "
-    "stability/test_known_answers.py stability/test_cycles_and_tori.py -k 'not torus or agree'",
+    "solver/codegen.py": "solver/test_codegen.py solver/test_events_and_delays.py",
+    "solver/interconnect.py": "solver/test_interconnect.py",
+    "stability/lyapunov.py": "stability/test_motions.py "
+    "stability/test_known_answers.py -k 'not torus or agree'",
     "measurement/identification/fit.py": "measurement/identification/test_fit.py",
 }
 

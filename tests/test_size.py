@@ -24,11 +24,11 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (3500, 2890),
     "gallery": (2730, 2356),
     "measurement": (11641, 10261),
-    "proofs": (10010, 8915),
+    "proofs": (10011, 8916),
     "benchmarks": (1799, 1661),
     "docs": (329, 297),
     ".ci": (204, 184),
-    "tests": (23608, 22519),
+    "tests": (23170, 22117),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -1,11 +1,11 @@
 """Native FMUs for model exchange: states, derivatives and partial derivatives in a host's hands."""
 
 import fmpy
-import mpmath
 import numpy as np
 import pytest
 import sympy as sp
 from any_fmu import NATIVE, Host
+from differences import partial_derivatives
 from every_component import EVERY_COMPONENT
 
 from ballscrew.fmus.feedback_law import with_law_ports
@@ -156,16 +156,7 @@ def test_directional_derivatives_are_the_partial_derivatives_of_the_equations(ma
     f = sp.lambdify(
         [symbol(n) for n in names], [sp.sympify(e).xreplace(fixed) for e in equations], "mpmath"
     )
-    with mpmath.workdps(40):
-        exact = np.zeros(got.shape)
-        for j in range(len(names)):
-            h = mpmath.mpf(nominal[j]) * mpmath.mpf(10) ** -16
-            up = [mpmath.mpf(v) for v in at]
-            down = list(up)
-            up[j], down[j] = up[j] + h, down[j] - h
-            pairs = zip(f(*up), f(*down), strict=True)
-            exact[:, j] = [float((a - b) / (2 * h)) for a, b in pairs]
-    # a difference over 1e-16 of a nominal value has a round-off of 1e-24 of the row's terms
+    exact = partial_derivatives(f, at, nominal)
     scale = np.abs(exact).max(axis=1, keepdims=True) + 1e-12
     assert np.max(np.abs(got - exact) / scale) < 1e-9
     # what an instrument gives is a staircase, or held: it has no slope

@@ -58,11 +58,16 @@ def test_an_edit_of_the_file_or_its_helper_is_seen_at_once(tmp_path):
     assert gain_of(part) == 8.0
 
 
-def test_nothing_is_left_in_the_process_or_beside_the_file(tmp_path, monkeypatch):
-    part = written(tmp_path / "a", "import sys\nsys.path.append('/nowhere')\n" + GAIN)
+def test_nothing_is_left_in_the_process_its_output_or_beside_the_file(
+    tmp_path, monkeypatch, capsys
+):
+    first = "import sys\nsys.path.append('/nowhere')\nprint('hello')\n"
+    part = written(tmp_path / "a", first + GAIN)
     monkeypatch.setitem(sys.modules, "helper", theirs := object())
     paths, modules = list(sys.path), dict(sys.modules)
     assert gain_of(part) == 2.0
+    heard = capsys.readouterr()
+    assert (heard.out, heard.err) == ("", "hello\n")  # what it prints is no result
     assert sys.path == paths
     assert sys.modules["helper"] is theirs
     assert {n for n in set(sys.modules) - set(modules) if not n.startswith("ballscrew")} == set()
@@ -88,12 +93,6 @@ def test_what_a_file_finds_is_right_for_dataclasses_packages_and_its_own_place(t
     )
     assert read_component(f"{tmp_path / 'mine.py'}:make").name == "inner_text"
     assert "package.inner" not in sys.modules
-
-
-def test_what_a_file_prints_is_no_result(tmp_path, capsys):
-    read_component(written(tmp_path / "a", "print('hello')\n" + GAIN))
-    heard = capsys.readouterr()
-    assert (heard.out, heard.err) == ("", "hello\n")
 
 
 @pytest.mark.ci

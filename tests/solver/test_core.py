@@ -70,24 +70,6 @@ def test_threads_with_models_of_one_kernel_do_not_disturb_each_other():
         assert all(np.array_equal(found, alone) for found in threads.map(run, range(8)))
 
 
-@pytest.mark.ci
-def test_four_processes_that_start_with_one_empty_cache_agree(tmp_path):
-    code = (
-        "from ballscrew.orchestration.loop.catalogue import fmu_kernel; "
-        "from ballscrew.solver.kernel import Model; "
-        "model = Model(fmu_kernel('plant'), {'v_start': 0.05}); model.kernel.compile(); "
-        "model.advance(0.0, 0.05); print(model.x.tolist(), bool(model.kernel._compiled))"
-    )
-    told = {"env": os.environ | {"BALLSCREW_CACHE": str(tmp_path)}, "cwd": tmp_path}
-    started = [
-        subprocess.Popen([sys.executable, "-c", code], text=True, stdout=subprocess.PIPE, **told)
-        for _ in range(4)
-    ]
-    said = {process.communicate(timeout=300)[0] for process in started}
-    assert len(said) == 1
-    assert "True" in said.pop()
-
-
 def test_what_is_not_an_array_of_floats_is_refused_before_the_core_sees_it():
     model = Model(fmu_kernel("plant"))
     with pytest.raises(TypeError, match="floats without gaps"):

@@ -5,11 +5,13 @@ import shutil
 import stat
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 from prescribed_motion import prescribed_motion
 
+import ballscrew
 from ballscrew.fmus import made_here
 from ballscrew.orchestration.loop import catalogue
 from ballscrew.plant.lugre import lugre
@@ -67,7 +69,7 @@ def _flipped(path):
     path.write_bytes(data)
 
 
-def _replaced_by(make):
+def _in_place_of(make):
     def damage(path):
         path.unlink()
         make(path)
@@ -75,13 +77,9 @@ def _replaced_by(make):
     return damage
 
 
-def _a_file_for_the_folder(path):
+def _in_place_of_the_folder(path):
     shutil.rmtree(path.parent)
     path.parent.touch()
-
-
-def _digest_of(path):
-    return path.with_name(path.name + ".sha256")
 
 
 DAMAGE = {
@@ -89,13 +87,13 @@ DAMAGE = {
     "the last byte is missing": lambda path: path.write_bytes(path.read_bytes()[:-1]),
     "gone": Path.unlink,
     "others can write it": lambda path: path.chmod(0o666),
-    "digest gone": lambda path: _digest_of(path).unlink(),
-    "others can write the digest": lambda path: _digest_of(path).chmod(0o666),
-    "a folder with a file": _replaced_by(lambda path: (path / "inner").mkdir(parents=True)),
-    "a link to itself": _replaced_by(lambda path: path.symlink_to(path)),
-    "a pipe": _replaced_by(os.mkfifo),
-    "a device": _replaced_by(lambda path: path.symlink_to("/dev/zero")),
-    "a file for the folder": _a_file_for_the_folder,
+    "digest gone": lambda path: Path(f"{path}.sha256").unlink(),
+    "others can write the digest": lambda path: Path(f"{path}.sha256").chmod(0o666),
+    "a folder with a file": _in_place_of(lambda path: (path / "inner").mkdir(parents=True)),
+    "a link to itself": _in_place_of(lambda path: path.symlink_to(path)),
+    "a pipe": _in_place_of(os.mkfifo),
+    "a device": _in_place_of(lambda path: path.symlink_to("/dev/zero")),
+    "a file for the folder": _in_place_of_the_folder,
 }
 USUAL = [*DAMAGE][:5]
 if os.getuid() == 0:
@@ -175,17 +173,6 @@ __attribute__((constructor)) void f(void) { _exit(66); }
 
 
 @pytest.fixture
-def planted(above, load):
-    """A cache in which the equations' library is another, with its digest."""
-    cache = above / "own" / "cache"
-    (folder, library), said, code = load(cache)
-    assert (folder, said, code) == (cache, "", 0)
-    bad = compilers.compile_library(compilers.own_platform(), {"e.c": PLANTED}, "e.c", "e")
-    kernel_cache.write(library, bad)
-    return cache
-
-
-@pytest.fixture
 def above():
     """A folder as ``/tmp`` is; pytest's own may be another user's to write."""
     import tempfile
@@ -194,36 +181,33 @@ def above():
         yield Path(folder)
 
 
-def _all_can_write(path):
-    path.chmod(0o777)
-
-
 UNSAFE = {
-    "all can write the cache": (".", _all_can_write),
+    "all can write the cache": (".", lambda path: path.chmod(0o777)),
     "a group can write a folder in it": ("equations", lambda path: path.chmod(0o770)),
-    "all can write the folder above": ("..", _all_can_write),
+    "all can write the folder above": ("..", lambda path: path.chmod(0o777)),
 }
 if os.getuid() == 0:
     UNSAFE["the cache belongs to another"] = (".", lambda path: os.chown(path, NOBODY, NOBODY))
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("how", UNSAFE)
-def test_a_library_in_a_cache_that_others_can_write_is_not_loaded(how, planted, load):
-    where, change = UNSAFE[how]
-    change(Path(os.path.normpath(planted / where)))
-    (folder, _), said, code = load(planted)
-    assert code == 0
-    assert folder != planted
-    assert len(said.splitlines()) == 1
-    assert said.startswith("note: the cache folder is not used: ")
-    assert "BALLSCREW_CACHE" in said
-
-
-@pytest.mark.ci
-def test_a_library_in_the_users_own_cache_is_loaded(planted, load):
-    """Else the tests above would prove nothing."""
-    assert load(planted)[2] == 66
+def test_a_library_in_a_cache_that_others_can_write_is_not_loaded(above, load):
+    """In its place lies another with its digest, which is loaded where the cache is the user's."""
+    bad = compilers.compile_library(compilers.own_platform(), {"e.c": PLANTED}, "e.c", "e")
+    for k, (where, change) in enumerate([*UNSAFE.values(), (".", lambda path: None)]):
+        cache = above / str(k) / "cache"
+        (folder, library), said, code = load(cache)
+        assert (folder, said, code) == (cache, "", 0)
+        kernel_cache.write(library, bad)
+        change(Path(os.path.normpath(cache / where)))
+        told, said, code = load(cache)
+        if k == len(UNSAFE):
+            assert code == 66
+            continue
+        assert (code, len(said.splitlines())) == (0, 1)
+        assert told[0] != cache
+        assert said.startswith("note: the cache folder is not used: ")
+        assert "BALLSCREW_CACHE" in said
 
 
 # -- under what an entry is kept -----------------------------------------------------------------
@@ -257,13 +241,87 @@ def test_equations_that_another_version_compiled_are_not_taken(monkeypatch):
 
 
 @pytest.mark.ci
-def test_a_second_process_does_not_derive_again(tmp_path):
+def test_processes_that_start_with_one_empty_cache_agree_and_the_next_derives_nothing(tmp_path):
     run = (
         "import sys; from ballscrew.orchestration.loop.catalogue import fmu_kernel; "
-        "from ballscrew.solver.kernel import Model; Model(fmu_kernel('plant')).advance(0.0, 1e-3); "
+        "from ballscrew.solver.kernel import Model; "
+        "model = Model(fmu_kernel('plant'), {'v_start': 0.05}); model.kernel.compile(); "
+        "model.advance(0.0, 0.05); print(model.x.tolist(), bool(model.kernel._compiled)); "
         "print('sympy' in sys.modules)"
     )
-    told = {"env": os.environ | {"BALLSCREW_CACHE": str(tmp_path)}, "cwd": tmp_path}
-    for derives in ("True", "False"):
-        done = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, **told)
-        assert done.stdout.strip() == derives, done.stderr
+
+    def told(count):
+        given = {"env": os.environ | {"BALLSCREW_CACHE": str(tmp_path)}, "cwd": tmp_path}
+        command = [sys.executable, "-c", run]
+        started = [
+            subprocess.Popen(command, text=True, stdout=subprocess.PIPE, **given)
+            for _ in range(count)
+        ]
+        return {process.communicate(timeout=300)[0] for process in started}
+
+    (first,) = told(3)
+    assert first.endswith(" True\nTrue\n")
+    assert told(1) == {first.removesuffix("True\n") + "False\n"}
+
+
+# -- without a home, from a package that cannot be written: as in containers ----------------------
+
+# root becomes a user without a home folder, who can read everything and write nearly nothing
+BECOME = f"setpriv --reuid {NOBODY} --regid {NOBODY} --clear-groups"
+BECOME += " --inh-caps +dac_read_search --ambient-caps +dac_read_search"
+AS_NOBODY = BECOME.split() if os.getuid() == 0 and shutil.which("setpriv") else []
+VARIABLES = ("BALLSCREW_CACHE", "MPLCONFIGDIR", "XDG_CACHE_HOME")
+EVERYTHING = """
+import importlib, pkgutil
+import ballscrew
+from ballscrew.cli import main
+for module in pkgutil.walk_packages(ballscrew.__path__, "ballscrew."):
+    if not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+from pathlib import Path
+from ballscrew.orchestration.loop.pictures import new_figure, write_figure
+from ballscrew.solver import kernel_cache
+code = main("export --only pid --out out".split())
+write_figure(new_figure(1, 1, (2, 2))[0], Path("out"), "picture")
+assert list((kernel_cache.folder() / "components").iterdir())  # kept in the private folder
+print(code, kernel_cache.folder(), oct(kernel_cache.folder().stat().st_mode))
+"""
+
+
+@pytest.fixture
+def place():
+    """A folder that other users can read, too; pytest's own cannot be read by them."""
+    folder = Path(tempfile.mkdtemp())
+    folder.chmod(0o755)
+    for name, mode in (("package", 0o755), ("work", 0o777), ("temporary", 0o1777)):
+        (folder / name).mkdir()
+        (folder / name).chmod(mode)
+    yield folder
+    shutil.rmtree(folder)
+
+
+@pytest.mark.ci
+def test_commands_work_with_no_folder_to_write_and_leave_nothing_behind(place):
+    package = place / "package" / "ballscrew"
+    source = Path(ballscrew.__file__).parent
+    shutil.copytree(source, package, ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in (package, *(p for p in package.rglob("*") if p.is_dir())):
+        (folder / "__pycache__").touch()  # not even root can make a folder of this name then
+    variables = {k: v for k, v in os.environ.items() if k not in VARIABLES}
+    variables |= {"PYTHONPATH": str(place / "package"), "TMPDIR": str(place / "temporary")}
+    variables |= {"PYTHONDONTWRITEBYTECODE": "1", "HOME": "/dev/null"}
+    told = {"cwd": place / "work", "env": variables, "capture_output": True, "text": True}
+    done = subprocess.run([*AS_NOBODY, sys.executable, "-c", EVERYTHING], **told)
+    assert done.returncode == 0, done.stderr
+    code, folder, mode = done.stdout.split()[-3:]
+    assert code == "0"
+    assert stat.S_IMODE(int(mode, 8)) == 0o700
+    assert not Path(folder).exists()
+    notes = [line for line in done.stderr.splitlines() if "BALLSCREW_CACHE" in line]
+    assert len(notes) == 1
+    assert notes[0].startswith("note: no cache folder can be written")
+    assert "Traceback" not in done.stderr
+    assert "atplotlib" not in done.stderr
+    assert list((place / "temporary").iterdir()) == []
+    assert [p.name for p in (place / "work").iterdir()] == ["out"]
+    assert (place / "work" / "out" / "picture.png").exists()

@@ -1,22 +1,20 @@
 """Exponents of loops of FMUs by name and by file, native, readable and not ours."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 import sympy as sp
 from third_party_fmus import STATE_FEEDBACK_PORTS, proportional, state_feedback
 
+from ballscrew import Component, Loop, Output, UserError, symbol
 from ballscrew.controllers.limited import measurements_of
 from ballscrew.fmus.native.export import write_native
 from ballscrew.orchestration.loop.catalogue import catalogued_model
-from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.plant.axis import axis
-from ballscrew.solver.component import Component, Output, symbol
-from ballscrew.solver.errors import UserError
 from ballscrew.stability.attractor import Kind
 from ballscrew.stability.lyapunov import loop_lyapunov
-from ballscrew.stability.lyapunov_over_fmus import loop_lyapunov_over_fmus
+from ballscrew.stability.lyapunov_over_fmus import loop_lyapunov_over_fmus, signal_motion
 
 STOP, STEP = 0.3, 1e-3
 
@@ -105,9 +103,67 @@ def test_what_cannot_be_followed_is_refused_with_what_is_missing(tmp_path, fmus)
             loop_lyapunov_over_fmus(Loop(**loop, stop=0.1, step=STEP))
 
     ports = {"mapping": STATE_FEEDBACK_PORTS}
-    refused("sampled", controller="pid_sampled")
     refused("cannot save", controller=str(state_feedback(tmp_path, "Forgets", False)), **ports)
     refused("no tangent ports", controller="pid", plant=str(fmus["plant"]))
-    refused("a controller with direct feedthrough", controller=str(fmus["pid_sampled"]))
     refused("cannot save", controller=str(proportional(tmp_path, "Stepped")))
     refused("modes", controller="pid", plant="plant_classical")
+
+
+# -- what signals alone tell ---------------------------------------------------------------------
+
+
+@dataclass
+class Course:
+    """A run with one output."""
+
+    time: np.ndarray
+    outputs: dict
+    stopped: str = ""
+    diverged: bool = False
+
+
+T = np.linspace(0.0, 20.0, 20001)
+
+
+def test_signals_tell_rest_and_cycles_and_nothing_else():
+    for signal, kind in (
+        (np.exp(-2.0 * T), Kind.REST),
+        (0.08 + 0.0 * T, Kind.REST),
+        (np.exp(-0.2 * T), Kind.UNDECIDED),  # still falling, and nothing says where to
+        (np.sqrt(1.0 + T), Kind.UNDECIDED),
+        (np.sin(7.0 * T) + 0.3 * np.cos(14.0 * T), Kind.CYCLE),
+        (np.sin(7.0 * T) + 0.8 * np.sin(3.5 * T + 0.3), Kind.CYCLE),  # two returns
+        (np.exp(-0.1 * T) * np.sin(7.0 * T), Kind.UNDECIDED),
+        (np.sin(7.0 * T) + 0.5 * np.sin(7.0 * np.sqrt(2.0) * T), Kind.UNDECIDED),
+    ):
+        assert signal_motion(Course(T, {"x": signal}), {"x": 1.0}).kind is kind
+
+
+def test_at_rest_the_first_tangent_tells_a_line_from_a_point():
+    run = Course(T, {"x": np.exp(-2.0 * T)})
+    for rate, kind in (
+        (0.0, Kind.LINE),
+        (-1.0, Kind.FIXED_POINT),
+        (-0.02, Kind.REST),
+        (0.5, Kind.UNDECIDED),
+    ):
+        assert signal_motion(run, {"x": 1.0}, rate * T).kind is kind
+
+
+def test_a_run_that_ended_early_diverges_or_is_undecided():
+    assert signal_motion(Course(T, {"x": T}, "x left", True), {"x": 1.0}).kind is Kind.DIVERGES
+    assert signal_motion(Course(T, {"x": T}, "died"), {"x": 1.0}).kind is Kind.UNDECIDED
+
+
+def steps(end, period):
+    """It stands still but for a tenth of each period: it moves on, and back in the next."""
+    time = np.linspace(0.0, end, 4001)
+    ramp = np.clip((time % period) / (0.1 * period), 0.0, 1.0)
+    odd = np.floor(time / period) % 2
+    return Course(time, {"x": np.where(odd, 1.0 - ramp, ramp)})
+
+
+@pytest.mark.parametrize("periods", [2.9, 1.95])
+def test_signals_that_stood_as_long_before_and_moved_again_are_not_at_rest(periods):
+    motion = signal_motion(steps(periods, 1.0), {"x": 1.0})
+    assert motion.kind is Kind.UNDECIDED, motion.evidence

@@ -13,19 +13,8 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
+from ballscrew import TIME, Component, Event, Input, Mode, Output, Parameter, State, connect, symbol
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import (
-    TIME,
-    Component,
-    Event,
-    Input,
-    Mode,
-    Output,
-    Parameter,
-    State,
-    symbol,
-)
-from ballscrew.solver.interconnect import connect
 from ballscrew.solver.kernel import Kernel, Model
 
 Matrix = npt.NDArray[np.float64]

@@ -9,9 +9,8 @@ import math
 
 import numpy as np
 
+from ballscrew import TIME, Component, Input, Output, Parameter, State, connect, symbol
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import TIME, Component, Input, Output, Parameter, State, symbol
-from ballscrew.solver.interconnect import connect
 from ballscrew.solver.kernel import CONTROLLER, PLANT, Model
 
 MOTOR = 37.4e-3 * 2 * math.pi * 1000  # N/A

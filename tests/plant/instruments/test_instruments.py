@@ -1,4 +1,6 @@
-"""Instruments against closed forms: steps, ranges, lags and errors are the ones that are stated."""
+"""Instruments against closed forms: steps, ranges, lags, errors and noise are those stated."""
+
+from __future__ import annotations
 
 import math
 
@@ -17,8 +19,12 @@ from ballscrew.plant.instruments.acquisition import (
 from ballscrew.plant.instruments.capacitance_sensor import CONVERSION_SAMPLES, capacitance_sensor
 from ballscrew.plant.instruments.current_sensor import current_sensor
 from ballscrew.plant.instruments.encoder import encoder, position_encoder
+from ballscrew.plant.instruments.noise import MODULI, MULTIPLIERS, SEED, SPREAD, white_noise
 from ballscrew.plant.instruments.velocity_estimate import velocity_estimate
 from ballscrew.solver.codegen import generate
+from ballscrew.solver.component import Component, Parameter, State, symbol
+from ballscrew.solver.for_tangents import dithered_average, with_held_states
+from ballscrew.solver.functions import slopes
 from ballscrew.solver.kernel import Model
 
 PERIOD = 1e-3
@@ -188,3 +194,46 @@ def test_the_sensor_s_noise_has_the_deviation_that_is_stated_with_the_converter_
     expected = deviation**2 + step**2 / 12  # Sheppard's, as the noise is wider than a step
     assert found.var() == pytest.approx(expected, rel=4 * np.sqrt(2 / count))
     assert found.mean() == pytest.approx(0.3, abs=4 * np.sqrt(expected / count))
+
+
+# noise
+
+NOISY = Component(
+    name="noisy",
+    description="A lag with noise.",
+    parameters=(SEED,),
+    states=(State("x", "1", "state", symbol("noise") - symbol("x")),),
+    discrete=white_noise(),
+    sample_time=Parameter("sample_time", 1e-3, "s", "sampling period", "test", minimum=1e-6),
+)
+
+
+def whole_numbers(seed: int):
+    """L'Ecuyer's generator in whole numbers: its states, and its numbers from 1 to m1 - 1."""
+    states = [1 + seed * s % (m - 1) for s, m in zip(SPREAD, MODULI, strict=True)]
+    while True:
+        states = [a * s % m for a, s, m in zip(MULTIPLIERS, states, MODULI, strict=True)]
+        z = states[0] - states[1]
+        yield list(states), z if z >= 1 else z + MODULI[0] - 1
+
+
+@pytest.mark.parametrize("seed", [1, 2**31])
+def test_it_is_l_ecuyer_s_generator_to_the_last_digit(seed):
+    oracle, model = whole_numbers(seed), Model(generate(NOISY), {"seed": seed})
+    for k in range(200):
+        model.sample(k * 1e-3)
+        (_, first), (states, second) = next(oracle), next(oracle)
+        assert model.u[:2].tolist() == states
+        radius = math.sqrt(-2 * math.log(first / MODULI[0]))
+        value = radius * math.cos(2 * math.pi * second / MODULI[0])
+        assert model.u[2] == pytest.approx(value, rel=1e-12, abs=1e-12)
+
+
+def test_tangents_see_noise_as_given_from_outside():
+    """A loop's exponents are its own, not the generator's, averaged quantizers or not."""
+    assert dithered_average(NOISY) is NOISY
+    update = [d.update for d in NOISY.discrete]
+    held = with_held_states(NOISY)
+    assert [e.reset[d.name] for e in held.modes[0].events for d in NOISY.discrete] == update
+    by = [symbol(d.name) for d in NOISY.discrete]
+    assert all(entry == 0 for entry in slopes(update, by))

@@ -1,6 +1,8 @@
-"""Sampled systems: tangents through the sample map, returns at sample instants."""
+"""What tangents need: sampled, held and quantized signals as states, or as their average."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
@@ -9,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
+from ballscrew import Component, Delay, DiscreteState, Input, Output, Parameter, State, symbol
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import Component, DiscreteState, Output, Parameter, State, symbol
-from ballscrew.solver.for_tangents import with_held_states
+from ballscrew.solver.for_tangents import dithered_average, with_held_states
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_returns, follow_tangents
 
@@ -81,22 +83,49 @@ def test_what_an_update_forgets_has_minus_infinity_behind_all_that_is_finite() -
         np.testing.assert_allclose(run.exponents[:3], exact, rtol=1e-9)
 
 
-def test_returns_are_seen_at_sample_instants() -> None:
-    d = symbol("d")
-    model = model_of(sampled({}, {"d": 3.2 * d * (1 - d)}, 0.3))
-    follow_returns(model, 0.0, 2000 * PERIOD, 0, np.inf, 0)
-    seen = follow_returns(model, 2000 * PERIOD, 3000 * PERIOD, 0, 0.6, 5)
-    np.testing.assert_allclose(np.diff(seen.time), 2 * PERIOD, rtol=1e-9)
-    high = (4.2 + np.sqrt(4.2 * 0.2)) / 6.4  # of the orbit of period two
-    np.testing.assert_allclose(seen.states[:, 0], high, rtol=1e-9)
+@pytest.mark.parametrize(
+    ("made", "told"),
+    [
+        (sampled({}, {"d": 0.5 * symbol("d")}), "discrete state d"),
+        (
+            Component(
+                "late",
+                "one state with a delay",
+                states=(State("x", "1", "x", -symbol("x_late"), start=1.0),),
+                delays=(Delay("x_late", symbol("x"), sp.Float(1.0), start=1.0),),
+            ),
+            "late has the delayed signal x_late; expected it among the states, by with_delay_stat",
+        ),
+    ],
+)
+def test_what_is_held_or_late_has_to_be_among_the_states(made: Component, told: str) -> None:
+    model = Model(generate(made))
+    with pytest.raises(ValueError, match=told):
+        follow_tangents(model, [0.0, 1.0])
+    with pytest.raises(ValueError, match=told):
+        follow_returns(model, 0.0, 1.0, 0, 0.0, 1)
 
 
-def test_discrete_states_have_to_be_among_the_states() -> None:
-    d = symbol("d")
-    model = Model(generate(sampled({}, {"d": 0.5 * d})))
-    for follow in (
-        lambda: follow_tangents(model, [0.0, 1.0]),
-        lambda: follow_returns(model, 0.0, 1.0, 0, 0.0, 1),
-    ):
-        with pytest.raises(ValueError, match="discrete state d"):
-            follow()
+X = symbol("x")
+
+
+@pytest.mark.parametrize(
+    ("steps", "mean"),
+    [
+        (2 * sp.floor(3 * X + sp.Rational(1, 2)) + X, lambda x: 7 * x),
+        (sp.sin(X) - sp.ceiling(-X) / 4, lambda x: math.sin(x) - (0.5 - x) / 4),
+    ],
+)
+def test_the_average_is_the_mean_over_all_places_of_the_steps(steps, mean):
+    """floor(e) is e - 1/2 on average, ceiling(e) is e + 1/2."""
+    plain = Component(
+        "plain",
+        "One equation.",
+        inputs=(Input("x", "1", "input"),),
+        outputs=(Output("y", "1", "output", steps),),
+    )
+    average = Model(generate(dithered_average(plain)))
+    assert not average.kernel.quantized
+    for x in (-1.3, 0.0, 0.7, 5.25):
+        average.u[:] = x
+        assert average.outputs(0.0, average.x)["y"] == pytest.approx(mean(x), abs=1e-12)
