@@ -12,7 +12,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "proofs"))
 from provenance import SHOWS, stored
 
-__all__ = ["number", "percent", "proofs", "row", "share", "stored", "thousands", "within", "word"]
+__all__ = ["number", "percent", "proofs", "row", "share", "stored", "within", "word"]
 WORDS = (
     "no one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen"
 ).split()
@@ -25,11 +25,6 @@ def number(value: float, form: str) -> str:
 
 def percent(share: float, form: str) -> str:
     return f"{100 * share:{form}} %"
-
-
-def thousands(value: int) -> str:
-    """A count, with blanks between thousands from 10 000 on."""
-    return f"{value:_}".replace("_", " ") if value >= 10_000 else str(value)
 
 
 def word(count: float, none: str = "no") -> str:
@@ -54,10 +49,8 @@ def row(*cells: object) -> str:
 
 def proofs() -> str:
     """The table of the stored proofs."""
-    lines = [row("file", "what it shows", "commit", "date"), "|---|---|---|---|"]
+    lines = [row("file", "what it shows"), "|---|---|"]
     for name, shows in SHOWS.items():
-        found = stored(name)
-        shows = shows.format(packages=word(len(found.get("packages", ()))))
-        made = found["commit"][:12], found["committed"][:10]
-        lines.append(row(f"[{name}.json]({name}.json)", shows, *made))
+        shows = shows.format(packages=word(len(stored(name).get("packages", ()))))
+        lines.append(row(f"[{name}.json]({name}.json)", shows))
     return "\n".join(lines)

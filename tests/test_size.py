@@ -26,7 +26,7 @@ MOST = {  # folder: lines, lines without docstrings
     "measurement": (11641, 10261),
     "proofs": (10011, 8916),
     "benchmarks": (1799, 1661),
-    "docs": (329, 297),
+    "docs": (324, 293),
     ".ci": (204, 184),
     "tests": (23170, 22117),
 }
