@@ -120,7 +120,7 @@ def fit_along(
         best.look_back()
         best.run(25)
         if mass:  # the law's presliding distance and break-aways depend on the mass
-            reached = math.exp(best.point.coordinates[problem.of_law])
+            reached = math.exp(best.coordinates[problem.of_law])
             problem.course = problem.course.with_mass(reached)
     return sum_up(best, fixed)
 

@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ...solver.arrays import Matrix, Vector
 from .fitted_law import OFFSET, without_direction
 from .identifiability import blurred_elements, hardly_slides, peak_unseen
 from .intervals import CONFIDENCE, NARROW, Fit, Interval, is_narrow
 from .law_along_record import with_backlash
-from .likelihood import OWN, Climb, Pieces
+from .likelihood import OWN, Climb, Told
 
 PIECE = 1.0  # length of pieces taken as independent [s]
 # Smallest standard error of a logarithm: errors by counts and by smoothing between samples have
@@ -32,44 +30,37 @@ _FROM_PIECES = "maximum likelihood, errors from pieces of the records"
 def sum_up(climb: Climb, fixed: Mapping[str, float]) -> Fit:
     """The fit at the point that was reached, with its errors; `fixed` are the held values."""
     problem, course = climb.problem, climb.problem.course
-    pieces = climb.normal()
-    q, p = len(pieces.columns), problem.size  # parameters and delays; parameters
+    information, _ = climb.normal()
+    p, q = problem.size, problem.shared
     clocks = np.arange(p, q)
-    inverse = _inverse(pieces.information)
-    blind = pieces.information.copy()
-    blind[clocks, clocks] -= _told_of_delays(climb, pieces)
+    inverse = _inverse(information)
+    blind = information.copy()
+    blind[clocks, clocks] -= _told_of_delays(climb)
     cautious = _inverse(blind)
     doubt = np.maximum(np.diag(cautious) - np.diag(inverse), 0.0)[:q]
-    covariance, freedom = _robust(climb, pieces, inverse, climb.prior_std, doubt)
+    covariance, freedom = _robust(climb, inverse, climb.prior_std, doubt)
     floor = np.full(p, FLOOR)
     floor[problem.logarithms :] *= course.level
     covariance[np.diag_indices(p)] += floor**2 + _of_sensors(climb)
-    predicted, u = climb.force(), climb.point
+    predicted = problem.force(climb.vector)
+    held_out = predicted.copy()
+    for part, told in _each_piece(climb, inverse):  # to first order
+        held_out[part] -= (inverse[np.ix_(told.at, told.at)] @ told.slope)[:-1] @ told.local
     fit = Fit(
         law=problem.law,
-        coordinates=u.coordinates,
-        delays=u.delays,
-        late=_late(climb, pieces),
-        noise=math.exp(u.noise),
+        coordinates=climb.coordinates,
+        delays=climb.delays,
+        late=_late(climb, information),
+        noise=math.exp(climb.vector[-1]),
         information=_inverse(cautious[:q, :q]),  # unknowns of records and noise are eliminated
         covariance=covariance[:p, :p],
         freedom=freedom[:p],
         predicted=np.where(problem.spoken, predicted, course.force),
-        held_out=_held_out(climb, pieces, inverse, predicted),
+        held_out=held_out,
         spoken=problem.spoken,
         hidden=problem.unseen(predicted) + np.mean(climb.errors**2, axis=0),
     )
     return replace(fit, intervals=_intervals(fit, climb, fixed))
-
-
-class _Piece(NamedTuple):
-    """A piece of a record, with what it tells of the unknowns at the places `at`."""
-
-    at: npt.NDArray[np.int64]
-    part: slice  # its samples
-    local: Matrix  # derivatives of the force by all of these unknowns but the noise
-    block: Matrix  # information
-    said: Vector  # score
 
 
 def _inverse(matrix: Matrix) -> Matrix:
@@ -79,14 +70,27 @@ def _inverse(matrix: Matrix) -> Matrix:
     return np.asarray(np.linalg.inv(matrix / both) / both, dtype=float)
 
 
-def _of_record(climb: Climb, r: int) -> npt.NDArray[np.int64]:
-    """Places of the parameters and delays, and of one record's own unknowns."""
-    q, records = climb.problem.size + climb.problem.course.clocks, climb.problem.course.records
-    return np.append(np.arange(q), q + r + records * np.arange(OWN))
+def _without(matrix: Matrix, kept: int) -> Matrix:
+    """Information of the first unknowns if the others are free."""
+    cross = matrix[kept:, :kept]
+    return np.asarray(matrix[:kept, :kept] - cross.T @ np.linalg.solve(matrix[kept:, kept:], cross))
+
+
+def _each_piece(climb: Climb, inverse: Matrix) -> Iterator[tuple[slice, Told]]:
+    """The samples of each piece, and what it tells if it had not been used in the fit."""
+    course = climb.problem.course
+    for r, whole in enumerate(course.parts()):
+        length = max(10, round(PIECE / course.step[r]))
+        for first in range(whole.start, whole.stop, length):
+            part = slice(first, min(first + length, whole.stop))
+            told = climb.told(r, part)
+            used = told.information @ inverse[np.ix_(told.at, told.at)]  # leverage
+            slope = np.linalg.solve(np.eye(len(used)) - used, told.slope)
+            yield part, told._replace(slope=slope)
 
 
 def _robust(
-    climb: Climb, pieces: Pieces, inverse: Matrix, prior_std: Vector, doubt: Vector
+    climb: Climb, inverse: Matrix, prior_std: Vector, doubt: Vector
 ) -> tuple[Matrix, Vector]:
     """Covariance of parameters and delays, and degrees of freedom of each.
 
@@ -94,87 +98,57 @@ def _robust(
     least variances of parameters and delays in addition to those of noise and motion.
     """
     problem, course = climb.problem, climb.problem.course
-    q, prior = len(pieces.columns), prior_std**-2
+    weight, slope = problem.weight[0], problem.gradient[0]
+    q, prior = problem.shared, prior_std**-2
     rows = inverse[:q]
     meat, shares = np.diag(prior), []  # outer products of the pieces' scores; each one's share
-    for piece in _each_piece(climb, pieces, inverse):
-        meat[np.ix_(piece.at, piece.at)] += np.outer(piece.said, piece.said)
-        arms = rows[:, piece.at]
-        shares.append(np.einsum("ij,jk,ik->i", arms, piece.block, arms))
+    for _, told in _each_piece(climb, inverse):
+        meat[np.ix_(told.at, told.at)] += np.outer(told.slope, told.slope)
+        arms = rows[:, told.at]
+        shares.append(np.einsum("ij,jk,ik->i", arms, told.information, arms))
     robust, share = rows @ meat @ rows.T, np.array(shares)
-    spread = climb.spread(climb.point.noise) ** 2 + course.resolution**2 / 12
-    white = (spread - climb.hidden) / spread
-
-    def moved(error: Vector) -> Vector:
-        return rows @ climb.pull(pieces.columns, pieces.own, problem.weight[0] * error)
-
-    of_motion = np.mean(np.square([moved(e) for e in climb.errors]), axis=0)
+    effect = np.empty((q, len(course.x)))  # of a sample's weighted error
     whole = rows**2 @ prior
-    short = with_backlash(course.x, course.starts, course.backlash)
-    more = climb.force(np.stack([short, course.v, course.inertial])) - climb.force()
-    least = _of_noise(climb, pieces, inverse, white, prior) + of_motion + doubt
     for r, part in enumerate(course.parts()):  # each entire record as one piece
-        local = np.vstack([pieces.columns[:, part], pieces.own[:, part]])
-        whole += (rows[:, _of_record(climb, r)] @ (local @ problem.gradient[0, part])) ** 2
+        effect[:, part] = rows[:, climb.of_record(r)[:-1]] @ climb.columns[:, part]
+        whole += (effect[:, part] @ slope[part]) ** 2
+    spread = climb.spread(float(climb.vector[-1])) ** 2 + course.resolution**2 / 12
+    white = (spread - climb.hidden) / spread
+    of_noise = effect**2 @ (weight * white) + rows**2 @ prior
+    of_motion = np.mean((effect @ (weight * climb.errors).T) ** 2, axis=1)
+    least = of_noise + of_motion + doubt
     scale = np.sqrt(np.maximum(np.maximum(least, whole) / np.diag(robust), 1.0))
     covariance = robust * np.outer(scale, scale)
-    covariance[np.diag_indices(q)] += moved(more) ** 2
+    short = with_backlash(course.x, course.starts, course.backlash)
+    dragged = problem.force(climb.vector, np.stack([short, course.v, course.inertial]))
+    covariance[np.diag_indices(q)] += (
+        effect @ (weight * (dragged - problem.force(climb.vector)))
+    ) ** 2
     # Satterthwaite's degrees of freedom; prior information counts as certain
     known = np.einsum("ij,j,ij->i", rows, prior, rows)
     squares = np.maximum((share**2).sum(axis=0), 1e-300)
     return covariance, np.maximum((share.sum(axis=0) + known) ** 2 / squares, 2.0)
 
 
-def _late(climb: Climb, pieces: Pieces) -> tuple[Interval, ...]:
+def _late(climb: Climb, information: Matrix) -> tuple[Interval, ...]:
     """Delays by the records alone: one step of the fit, without what was known before [s]."""
     problem, course = climb.problem, climb.problem.course
-    clocks = np.arange(problem.size, len(pieces.columns))
+    clocks = np.arange(problem.size, problem.shared)
     step = course.step[np.unique(course.clock, return_index=True)[1]]
     wide = climb.prior_std.copy()
     wide[clocks] = 25.0 * step  # nothing is known
     less = wide[clocks] ** -2 - problem.clock_std**-2
-    free = pieces.information.copy()
+    free = information.copy()
     free[clocks, clocks] += less
     inverse = _inverse(free)
-    known = climb.point.delays
-    delays = known - inverse[np.ix_(clocks, clocks)] @ (less * known)
-    covariance, freedom = _robust(climb, pieces, inverse, wide, np.zeros(len(pieces.columns)))
+    delays = climb.delays - inverse[np.ix_(clocks, clocks)] @ (less * climb.delays)
+    covariance, freedom = _robust(climb, inverse, wide, np.zeros(problem.shared))
     errors = np.sqrt(np.diag(covariance)[clocks] + (LATE_FLOOR * step) ** 2)
-    reach = student.ppf(0.5 + CONFIDENCE / 2, freedom[clocks]) * errors
+    reach = stdtrit(freedom[clocks], 0.5 + CONFIDENCE / 2) * errors
     return tuple(
         Interval(float(d), "s", float(e), float(d - r), float(d + r), _FROM_PIECES, True)
         for d, e, r in zip(delays, errors, reach, strict=True)
     )
-
-
-def _each_piece(climb: Climb, pieces: Pieces, inverse: Matrix) -> Iterator[_Piece]:
-    """What each piece tells, of the global unknowns and of those of its record."""
-    problem, course = climb.problem, climb.problem.course
-    for r, whole in enumerate(course.parts()):
-        length = max(10, round(PIECE / course.step[r]))
-        at = np.append(_of_record(climb, r), len(inverse) - 1)
-        for first in range(whole.start, whole.stop, length):
-            part = slice(first, min(first + length, whole.stop))
-            weight, gradient = problem.weight[:, part], problem.gradient[:, part]
-            noisy = pieces.noisy[part]
-            local = np.vstack([pieces.columns[:, part], pieces.own[:, part]])
-            block = np.empty((len(at), len(at)))
-            block[:-1, :-1] = (local * weight[0]) @ local.T
-            block[:-1, -1] = block[-1, :-1] = local @ (weight[1] * noisy)
-            block[-1, -1] = weight[2] @ noisy**2
-            said = np.append(local @ gradient[0], gradient[1] @ noisy)
-            # leverage: the score of the piece if it had not been used in the fit
-            said = np.linalg.solve(np.eye(len(at)) - block @ inverse[np.ix_(at, at)], said)
-            yield _Piece(at, part, local, block, said)
-
-
-def _held_out(climb: Climb, pieces: Pieces, inverse: Matrix, predicted: Vector) -> Vector:
-    """Force of each piece by the parameters of a fit without it, to first order [N]."""
-    without = predicted.copy()
-    for piece in _each_piece(climb, pieces, inverse):
-        moved = inverse[np.ix_(piece.at, piece.at)] @ piece.said
-        without[piece.part] -= moved[:-1] @ piece.local
-    return without
 
 
 def _of_sensors(climb: Climb) -> Vector:
@@ -184,79 +158,54 @@ def _of_sensors(climb: Climb) -> Vector:
     scales, which are the same in all records. Its relative error is that of the stiffness, and is
     larger for stiffer contacts.
     """
-    problem, course, coordinates = climb.problem, climb.problem.course, climb.point.coordinates
-    law = problem.law
-    found = law.values_at(coordinates)
+    problem, course, law = climb.problem, climb.problem.course, climb.problem.law
+    found = law.values_at(climb.coordinates)
     values = {n: float(v) for n, v in zip(law.names, found, strict=False)}
     variances = np.zeros(problem.size)
     for j, name in enumerate(law.names):
-        bare = law.parameters[j % len(law.parameters)]
+        bare = without_direction(name)
         if bare in _ELASTIC:
             way = law.presliding_way(values, name[len(bare) :])
             variances[j] = float(np.mean((course.backlash / way) ** 2 + course.gain_std**2))
         elif bare == "sigma1":
-            sigma0, sigma1 = np.exp(coordinates[j - 1 : j + 1])
+            sigma0, sigma1 = np.exp(climb.coordinates[j - 1 : j + 1])
             variances[j] = (float(problem.clock_std.min()) * sigma0 / sigma1) ** 2
     return variances
 
 
-def _of_noise(
-    climb: Climb, pieces: Pieces, inverse: Matrix, white: Vector, prior: Vector
-) -> Vector:
-    """Variances of coordinates and delays due to force noise and prior spreads."""
-    problem = climb.problem
-    q = len(pieces.columns)
-    weight = problem.weight[0] * white
-    variances = np.empty(q)
-    for j, arm in enumerate(inverse[:q]):
-        own = arm[q:-1].reshape(OWN, -1)
-        along = arm[:q] @ pieces.columns
-        for k in range(OWN):
-            along += own[k][problem.owner] * pieces.own[k]
-        variances[j] = weight @ along**2 + prior @ arm**2
-    return variances
-
-
-def _told_of_delays(climb: Climb, pieces: Pieces) -> Vector:
+def _told_of_delays(climb: Climb) -> Vector:
     """Information on each delay from its own records, all parameters free, shape (clocks,).
 
     It is not used for standard errors: it comes from millinewtons of hysteresis along thousands of
     samples, and no sensor and no law is that accurate.
     """
-    course, p = climb.problem.course, climb.problem.size
-    weight = climb.problem.weight[0]
-    variance = np.zeros(course.clocks)
+    course, p, q = climb.problem.course, climb.problem.size, climb.problem.shared
+    told = np.zeros(course.clocks)
     for c in range(course.clocks):
-        at = np.append(np.arange(p), p + c)
-        claimed = np.diag(np.append(climb.prior_std[:p] ** -2, 0.0))
+        claimed = np.diag(np.append(0.0, climb.prior_std[:p] ** -2))
+        at = np.concatenate([[p + c], np.arange(p), q + np.arange(OWN)])
         for r in np.flatnonzero(course.clock == c):
-            part = course.parts()[r]
-            local, own = pieces.columns[at, part], pieces.own[:, part]
-            weighted = own * weight[part]
-            alone = weighted @ own.T
-            alone[np.diag_indices(OWN)] += climb.prior_std[_of_record(climb, int(r))[-OWN:]] ** -2
-            cross = weighted @ local.T
-            claimed += (local * weight[part]) @ local.T
-            claimed -= cross.T @ np.linalg.solve(alone, cross)
-        variance[c] = claimed[p, p] - claimed[p, :p] @ np.linalg.solve(
-            claimed[:p, :p], claimed[:p, p]
-        )
-    return variance
+            told_here = climb.told(int(r), course.parts()[r])
+            both = told_here.information[np.ix_(at, at)]
+            own = np.arange(p + 1, p + 1 + OWN)
+            both[own, own] += climb.prior_std[told_here.at[-1 - OWN : -1]] ** -2
+            claimed += _without(both, p + 1)
+        told[c] = _without(claimed, 1)[0, 0]
+    return told
 
 
 def _intervals(fit: Fit, climb: Climb, fixed: Mapping[str, float]) -> dict[str, Interval]:
     """The interval of each parameter."""
     course = climb.problem.course
     values = fit.law.values_at(fit.coordinates)
-    quantile = student.ppf(0.5 + CONFIDENCE / 2, fit.freedom)
+    quantile = stdtrit(fit.freedom, 0.5 + CONFIDENCE / 2)
     variances = np.diag(fit.covariance)  # may be negative by rounding, if a coordinate is unknown
     errors = np.sqrt(np.where(variances >= 0, variances, np.inf))
     drawn = fit.draws() if fit.law.together else None
     blurred = blurred_elements(fit, course.resolution)
-    units = dict(zip(fit.names, fit.law.fitted_units, strict=True))
     intervals = {}
-    for j, name in enumerate(fit.names):
-        unit, value, error = units[name], float(values[j]), float(errors[j])
+    for j, (name, unit) in enumerate(zip(fit.names, fit.law.fitted_units, strict=True)):
+        value, error = float(values[j]), float(errors[j])
         reach = float(quantile[j]) * error
         low: float | None = None
         high: float | None = None

@@ -233,11 +233,11 @@ def _expected_error(fit: Fit, option: CandidateTrial, parameter: str, resolution
             coordinates[j] = math.log(max(assumed_damping(*known), 1.0))
     course = option.course(fit.noise, resolution)
     climb = Climb(Problem(course, fit.law), coordinates)
-    force = climb.force()
+    force = climb.problem.force(climb.vector)
     force = np.round(force / resolution) * resolution if resolution else force
     climb.problem = Problem(replace(course, force=force), fit.law)
     climb.prior_std[:p] = 1e3  # the trial alone may not identify all parameters
-    alone = np.linalg.inv(np.linalg.inv(climb.normal().information)[:p, :p])
+    alone = np.linalg.inv(np.linalg.inv(climb.normal()[0])[:p, :p])
     before = np.linalg.inv(np.linalg.inv(fit.information)[:p, :p])
     j, tiny, turn = fit.names.index(parameter), 1e-5, np.empty(p)
     base = math.log(fit.law.values_at(coordinates)[j])

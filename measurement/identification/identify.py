@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from ...orchestration.loop.parameter_file import BALL_SCREW, DRIVE, TURNS, ParameterFile, Value
 from ...plant.ball_screw import PARAMETERS as AXIS
@@ -279,7 +279,7 @@ def _difference(apart: Fit, split: Mapping[str, Interval], fixed: Mapping[str, f
         turn[row, j], turn[row, j + half] = 1.0, -1.0
     gap = turn @ apart.coordinates
     distance = float(gap @ np.linalg.solve(turn @ apart.covariance @ turn.T, gap))
-    if chi2.sf(distance, len(seen)) > 1e-3:  # probability, if both directions were the same
+    if chdtrc(len(seen), distance) > 1e-3:  # probability, if both directions were the same
         return []
     worst = max(seen, key=lambda j: abs(apart.coordinates[j] - apart.coordinates[j + half]))
     name = apart.law.parameters[worst]

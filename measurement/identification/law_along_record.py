@@ -147,7 +147,8 @@ def _library() -> Any:
     loaded = ct.CDLL(str(Path(__file__).parent / "c" / f"libidentification{SUFFIX}"))
     array, number, many = ct.c_void_p, ct.c_double, ct.c_int64
     for name, *types in (
-        ("friction_along", array, array, array, array, array, many, array, array, array),
+        ("friction_along", array, array, array, array, array, many, array, array),
+        ("delayed", array, many, many, array, many, array, array),
         ("mean_friction_along", array, array, array, many, number, ct.c_int, array),
         ("force_behind_spring", array, array, array, many, number, number, number, array),
         ("force_behind_gap", array, array, array, many, number, number, number, array),
@@ -161,13 +162,7 @@ def _library() -> Any:
 
 
 def friction_along(
-    law: LawValues,
-    x: Vector,
-    v: Vector,
-    step: Vector,
-    starts: Bounds,
-    shifts: Vector,
-    vibration: Vector,
+    law: LawValues, x: Vector, v: Vector, step: Vector, starts: Bounds, own: Matrix
 ) -> Vector:
     """Friction along several records, end to end, shape (n,) [N].
 
@@ -180,16 +175,28 @@ def friction_along(
         Sampling intervals [s].
     starts : ndarray of int, shape (records + 1,)
         First sample of each record; the last entry is n.
-    shifts : ndarray, shape (records,)
-        Displacement of each record before its first sample, from a state without force [m].
-    vibration : ndarray, shape (records,)
-        Mean speed of a vibration that the samples do not show; it reduces the
-        deflection without net motion [m/s].
+    own : ndarray, shape (5, records)
+        Displacement of each record before its first sample, from a state without force [m]; the
+        position from which its scale is wrong [m], the error of scale there, and its change with
+        the distance [1/m]; mean speed of a vibration that the samples do not show, which reduces
+        the deflection without net motion [m/s].
     """
     friction = np.empty(len(x))
-    places = at(x), at(v), at(step), starts.ctypes.data, len(starts) - 1, at(shifts), at(vibration)
+    places = at(x), at(v), at(step), starts.ctypes.data, len(starts) - 1, at(own)
     _library().friction_along(ct.byref(law.for_c()), *places, at(friction))
     return friction
+
+
+def delayed(forces: Matrix, starts: Bounds, late: Vector) -> Matrix:
+    """Forces of records, shape (..., n), delayed by `late` samples of each, shape (records,).
+
+    The filter keeps the size of all frequencies: interpolation would reduce the noise of the
+    acceleration, and a fit would then prefer a delay of half a sample.
+    """
+    n, out = forces.shape[-1], np.empty_like(forces)
+    places = forces.size // n, n, starts.ctypes.data, len(late), at(late)
+    _library().delayed(at(forces), *places, at(out))
+    return out
 
 
 def mean_friction_along(law: LawValues, x: Vector, v: Vector, step: float, parts: int) -> Vector:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.signal import coherence, csd, find_peaks, welch
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
@@ -129,7 +129,7 @@ def _mode(faster: Spectrum, error: Vector, omega: Vector, centre: float) -> Mode
     best, freedom = min(fits, key=lambda f: f.cost), 2 * len(ratio) - 8
     variance = np.linalg.inv(best.jac.T @ best.jac) * 2 * best.cost / freedom
     # neighbouring lines of Hann's window are correlated
-    reach = student.ppf(0.5 + CONFIDENCE / 2, freedom) * np.sqrt(1.5 * np.diag(variance))
+    reach = stdtrit(freedom, 0.5 + CONFIDENCE / 2) * np.sqrt(1.5 * np.diag(variance))
     if reach[0] > 0.1 or abs(np.log(best.x[0])) > 0.99 * _BAND:
         return None, None
     wide = 2 * best.x[1] * best.x[0] > 3.0 * line  # else only an upper bound of the damping

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
@@ -88,7 +88,7 @@ def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]
     side = 1.0 if float(capacitances.mean()) > top else -1.0
     root = np.sqrt(np.maximum(top**2 - (c0 - x_fine) / c2, 0.0))
     # widened as Student's t with so few points
-    wider = float(student.ppf(0.975, freedom)) / 1.96
+    wider = float(stdtrit(freedom, 0.975)) / 1.96
     return a + b / (top + side * root), wider * error / b
 
 

@@ -314,27 +314,43 @@ static void begin(const Law *law, double *state)
         memcpy(state, law->equations->start, (size_t)law->equations->states * sizeof *state);
 }
 
+/* Friction at a sample, after the move from the one before. */
+static inline double next_friction(const Law *law, double *state, double d, double h, Pace *now,
+                                   double v)
+{
+    const Pace next = pace_of(law, v);
+    move(law, state, d, h, *now, next);
+    *now = next;
+    return friction_at(law, state, next);
+}
+
+/* `own`: rows of `records`, see law_along_record.py. */
 API void friction_along(const Law *law, const double *x, const double *v, const double *step,
-                        const int64_t *starts, int64_t records, const double *shifts,
-                        const double *vibration, double *friction)
+                        const int64_t *starts, int64_t records, const double *own,
+                        double *friction)
 {
     double state[STATES];
+    const Form form = FORMS[law->form];
     for (int64_t r = 0; r < records; r++) {
-        const double h = step[r];
-        begin(law, state);
-        /* slow for the law, because no sample shows it */
+        const double first = own[records + r], gain = own[2 * records + r];
+        const double bend = own[3 * records + r], vibration = own[4 * records + r];
         const Pace still = {0.0, 0.0};
-        move(law, state, shifts[r], HUGE_VAL, still, still);
-        Pace now = pace_of(law, v[starts[r]]);
+        double place = 0.0;
+        Pace now = still;
+        begin(law, state);
+        move(law, state, own[r], HUGE_VAL, still, still); /* slow, because no sample shows it */
         for (int64_t k = starts[r]; k < starts[r + 1]; k++) {
-            friction[k] = friction_at(law, state, now);
-            if (k + 1 == starts[r + 1])
-                break;
-            const Pace next = pace_of(law, v[k + 1]);
-            if (vibration[r] != 0.0 && FORMS[law->form].wear)
-                FORMS[law->form].wear(law, state, vibration[r], h, v[k]);
-            move(law, state, x[k + 1] - x[k], h, now, next);
-            now = next;
+            const double way = x[k] - first;
+            const double at = first + way * (1.0 + gain + bend * way);
+            const double pace = v[k] * (1.0 + gain + 2.0 * bend * way);
+            if (!form.move) {
+                friction[k] = dry_friction(law, state, pace_of(law, pace));
+                continue;
+            }
+            if (vibration != 0.0 && k > starts[r])
+                form.wear(law, state, vibration, step[r], now.v);
+            friction[k] = next_friction(law, state, k > starts[r] ? at - place : 0.0, step[r], &now, pace);
+            place = at;
         }
     }
 }

@@ -1,6 +1,8 @@
-/* Likelihood of samples rounded by an instrument; see `score` in law_along_record.py. */
+/* Likelihood of samples rounded by an instrument, and their delay; see `score` and `delayed` in
+ * law_along_record.py. */
 #include <math.h>
 #include <stdint.h>
+#include <string.h>
 
 #define ROOT_2 1.4142135623730951
 #define BELL 0.3989422804014327 /* one over the root of two pi */
@@ -72,4 +74,40 @@ API double score(const double *force, const double *predicted, const double *spr
             expect(off, s, count, information + k, information + n + k, information + 2 * n + k);
     }
     return total;
+}
+
+#define FORGETS 30 /* samples in which the filter forgets its start */
+
+/* Sample j of a record of `many`, and of its slope before and after it. */
+static double extended(const double *own, int64_t way, int64_t many, int64_t j)
+{
+    if (j < 0)
+        return 2.0 * own[0] - own[-way * j];
+    return j < many ? own[way * j] : 2.0 * own[way * (many - 1)] - own[way * (many - 2)];
+}
+
+/* Thiran's filter of first order for one sample more, forwards in time for a delay, else backwards. */
+API void delayed(const double *forces, int64_t rows, int64_t n, const int64_t *starts,
+                 int64_t records, const double *late, double *out)
+{
+    for (int64_t k = 0; k < rows * records; k++) {
+        const int64_t r = k % records, many = starts[r + 1] - starts[r];
+        const int64_t start = k / records * n + starts[r], way = late[r] > 0.0 ? 1 : -1;
+        const int64_t edge = start + (way > 0 ? 0 : many - 1);
+        const double *const own = forces + edge;
+        double *const moved = out + edge;
+        const double c = -fabs(late[r]) / (2.0 + fabs(late[r]));
+        const int64_t before = many - 1 < FORGETS ? many - 1 : FORGETS;
+        if (late[r] == 0.0) {
+            memcpy(out + start, forces + start, (size_t)many * sizeof *out);
+            continue;
+        }
+        double kept = (1.0 - c) * extended(own, way, many, -before);
+        for (int64_t j = -before; j <= many; j++) {
+            const double x = extended(own, way, many, j), y = kept + c * x;
+            kept = x - c * y;
+            if (j > 0)
+                moved[way * (j - 1)] = y;
+        }
+    }
 }

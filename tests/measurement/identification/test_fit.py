@@ -60,7 +60,7 @@ def along(name, x, v, h):
         for side in ("pos", "neg")
     )
     law = LawValues(name, one, other)
-    return friction_along(law, x, v, np.array([h]), np.array([0, len(x)]), np.zeros(1), np.zeros(1))
+    return friction_along(law, x, v, np.array([h]), np.array([0, len(x)]), np.zeros((5, 1)))
 
 
 @pytest.mark.parametrize(
@@ -217,8 +217,8 @@ def test_the_fit_on_held_out_data_is_that_of_fits_without_each_record():
     for k, record in enumerate(records):
         values = fit_along([*records[:k], *records[k + 1 :]], "dahl").values
         own = np.array([values[n] for n in LAWS["dahl"].parameters])
-        course, none = lay_out([record]), np.zeros(1)
-        motion = course.x, course.v, course.step, course.starts, none, none
+        course, none = lay_out([record]), np.zeros((5, 1))
+        motion = course.x, course.v, course.step, course.starts, none
         friction = friction_along(LawValues("dahl", own, own), *motion)
         left.append(record.force - course.inertial - friction)
     force, fit = np.concatenate([r.force for r in records]), fit_along(records, "dahl")
