@@ -21,9 +21,10 @@ from scipy.signal.windows import tukey
 
 from ...solver.arrays import Matrix, Vector
 from ..identification.fitted_law import BRISTLES
+from ..records.examine import carried
 from .balance import EXACT, Added, leftovers
 from .drive import Drive
-from .modelled_record import ModelledRecord, carried, read_anew
+from .modelled_record import ModelledRecord, read_anew
 from .weak_form import averaged, windows
 
 BLOCKS = 5

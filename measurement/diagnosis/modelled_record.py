@@ -13,13 +13,13 @@ import numpy.typing as npt
 from scipy.ndimage import (
     binary_opening,
     maximum_filter1d,
-    median_filter,
     minimum_filter1d,
     uniform_filter1d,
 )
-from scipy.signal import lfilter, savgol_filter, welch
+from scipy.signal import lfilter, savgol_filter
 
 from ...solver.arrays import Vector
+from ..records.examine import carried
 from ..records.record import Record, fast_noise
 from .drive import Drive, midway
 from .weak_form import acceleration, averaged, between_samples, lagged, per_interval
@@ -31,7 +31,6 @@ _OF_BAND = 0.35  # shortest window over the period of a position filter's cut-of
 _MOST_WINDOWS = 10_000
 _SHAKES = 4  # draws of an uncertain motion, for the variance of the law's force
 _AROUND = 5  # windows or samples
-_FALLS = 4.0  # fall of a spectrum within an octave, in powers of ten, that only a filter causes
 _LONGEST_REST = 0.05  # rests longer than this give no forces [s]
 _SLOW = 3e-3  # rest is slower than this share of the record's fast speeds
 _JUMP, _USUAL = 4.0, 0.99  # a jump over the usual one of moving samples, and its quantile
@@ -328,21 +327,6 @@ def _force_variance(record: Record, x: Vector, v: Vector, width: int, model: Dri
         total += (averaged(model.friction(x + shake, faster, record.step), width) - known) ** 2
     # rounding in the running sums can give values below zero
     return np.asarray(np.maximum(uniform_filter1d(total / _SHAKES, _AROUND), 0.0))
-
-
-def carried(record: Record) -> float:
-    """Cut-off frequency of a position filter, by a steep fall of the spectrum [Hz].
-
-    Without a filter, it is half the sampling rate.
-    """
-    bent = np.diff(record.x, 2)
-    frequency, power = welch(bent, 1.0 / record.step, nperseg=min(512, len(bent)))
-    level = np.log10(median_filter(power[1:], 9) + 1e-300)
-    octave = len(level) // 2
-    for k in range(len(level) // 16, octave):
-        if level[k] - np.max(level[2 * k :]) > _FALLS:
-            return float(frequency[k + 1])
-    return float(frequency[-1])
 
 
 def _current(record: Record, v: Vector, model: Drive) -> Vector:

@@ -50,28 +50,21 @@ def read_hdf5(path: Path, data: bytes) -> list[Table]:
     """Each group with numbers is a table."""
     import h5py
 
-    def own(group: Any, name: str, kind: type) -> bool:
-        return group.get(name, getclass=True) is kind and is_within(group[name], file)
+    groups: dict[str, dict[str, Any]] = {}
 
-    def inside(group: Any) -> Iterator[Any]:
-        yield group
-        for name in group:
-            if own(group, name, h5py.Group):
-                yield from inside(group[name])
+    def visit(name: str, item: Any) -> None:  # no links
+        if isinstance(item, h5py.Dataset) and is_within(item, file):
+            group, _, own = name.rpartition("/")
+            groups.setdefault(group, {})[own] = item
 
-    tables = []
     with h5py.File(io.BytesIO(data), "r") as file:
-        groups = {
-            group.name.strip("/"): {n: group[n] for n in group if own(group, n, h5py.Dataset)}
-            for group in inside(file)
-        }
-        cells = (
-            s.size * max(1, s.dtype.itemsize // 8) for g in groups.values() for s in g.values()
-        )
-        check_size(path, "cells", sum(c for c in cells if c))
-        for group, sets in groups.items():
-            columns = [c for n, s in sets.items() for c in _unpacked(n, s)]
-            tables.append(table_of(path, columns, group))
+        file.visititems(visit)
+        sets = [s for group in groups.values() for s in group.values() if s.size]
+        check_size(path, "cells", sum(s.size * max(1, s.dtype.itemsize // 8) for s in sets))
+        tables = [
+            table_of(path, [c for n, s in sets.items() for c in _unpacked(n, s)], group)
+            for group, sets in groups.items()
+        ]
     return [t for t in tables if t.columns]
 
 
@@ -112,9 +105,8 @@ def read_tdms(path: Path, data: bytes) -> list[Table]:
         rates: dict[tuple[Any, ...], list[Column]] = {}
         for channel in group.channels():
             properties = channel.properties
-            step, offset, start = (
-                properties.get(f"wf_{n}") for n in ("increment", "start_offset", "start_time")
-            )
+            names = "wf_increment", "wf_start_offset", "wf_start_time"
+            step, offset, start = map(properties.get, names)
             columns = rates.setdefault((step, offset, start, len(channel)) if step else (), [])
             if step and not columns:
                 late = 0 if start is None else (start - first) / np.timedelta64(1, "ns") * 1e-9
@@ -195,13 +187,11 @@ def read_xlsx(path: Path, data: bytes) -> list[Table]:
     faults = []
     for sheet in book.worksheets:
         try:
-            found = read_lines(path, _rows(path, book, sheet))
+            for table in read_lines(path, _rows(path, book, sheet)):
+                group = f"{sheet.title}/{table.group}" if table.group else sheet.title
+                tables.append(replace(table, group=group))
         except BadRecord as error:
             faults.append(error)
-            continue
-        for table in found:
-            group = f"{sheet.title}/{table.group}" if table.group else sheet.title
-            tables.append(replace(table, group=group))
     book.close()
     if not tables and faults:
         raise faults[0]
@@ -228,14 +218,10 @@ def _rows(path: Path, book: Any, sheet: Any) -> Iterator[tuple[int, str]]:
 
 
 def _cell(value: object, epoch: datetime | None) -> str:
-    if value is None:
-        return ""
     if epoch and isinstance(value, int | float) and 0 <= value < _LAST_DAY:
         date = epoch + timedelta(days=value)
         return date.isoformat(" ") if value >= 1 else date.time().isoformat()
-    if isinstance(value, float):
-        return repr(value)
-    return " ".join(str(value).split())
+    return "" if value is None else " ".join(str(value).split())
 
 
 def read_arrow(path: Path, data: bytes) -> list[Table]:

@@ -71,17 +71,30 @@ def table_of(
     lines: npt.NDArray[np.int64] | None = None,
     notes: Sequence[str] = (),
 ) -> Table:
-    """The table of some columns; those of one name are numbered, as ``x #1`` and ``x #2``."""
+    """The table of some columns; those of one name are numbered, as ``x #1`` and ``x #2``.
+
+    A word in brackets after a name, as in ``time [ms]``, is the column's unit, known or not. The
+    name is the text before it, if no other column has that name.
+    """
     every = list(columns)
-    names = _distinct([c.name for c in every])
+    names = [c.name for c in every]
+    while len(set(names)) < len(names):
+        often, seen = Counter(names), Counter[str]()
+        for k, name in enumerate(names):
+            seen[name] += 1
+            names[k] = name if often[name] == 1 else f"{name} #{seen[name]}"
     check_size(path, "characters in the name of a column", max(map(len, names), default=0))
+    split = [name_and_unit(n) for n in names]
+    times = Counter(bare for bare, _ in split)
+    names = [b if times[b] == 1 else n for (b, _), n in zip(split, names, strict=True)]
+    units = [unit or c.unit for (_, unit), c in zip(split, every, strict=True)]
     named = dict(zip(names, every, strict=True))
     values = {n: c.values for n, c in named.items() if c.values is not None}
     starts = {n: named[n].start for n in values if named[n].start}
     return Table(
         path,
         {n: np.where(np.abs(v) < _OVERFLOW, v, np.nan) for n, v in values.items()},
-        {n: named[n].unit for n in values if named[n].unit},
+        {n: unit for n, unit in zip(names, units, strict=True) if unit and n in values},
         lines,
         group,
         {c.number: n for n, c in named.items() if c.number},
@@ -91,14 +104,12 @@ def table_of(
     )
 
 
-def _distinct(names: Sequence[str]) -> list[str]:
-    found = list(names)
-    while len(set(found)) < len(found):
-        often, seen = Counter(found), Counter[str]()
-        for k, name in enumerate(found):
-            seen[name] += 1
-            found[k] = name if often[name] == 1 else f"{name} #{seen[name]}"
-    return found
+def name_and_unit(name: str) -> tuple[str, str]:
+    """Both parts of ``time [ms]`` or ``x (mm)``; the unit of another name is empty."""
+    whole = name.strip()
+    at = max(whole.rfind("["), whole.rfind("("))
+    bare, unit = whole[: max(at, 0)].rstrip(), whole[at + 1 : -1].strip()
+    return (bare, unit) if bare and unit and whole[-1] in "])" else (name, "")
 
 
 def columns_of(name: str, array: Array, unit: str = "") -> Iterator[Column]:

@@ -42,7 +42,8 @@ _BETWEEN_DIGITS = re.compile(r"(?<=\d)['\u2019\u00a0\u202f](?=\d{3})")  # 1'019'
 _DATE = r"(?P<date>\d{1,4}[-./]\d{1,2}[-./]\d{1,4})"
 _OF_DAY = r"(?P<h>\d{1,2}):(?P<m>\d\d)(?::(?P<s>\d\d(?:[.,]\d+)?))?(?: ?(?P<half>[AaPp][Mm]))?"
 _STAMP = re.compile(rf"(?:{_DATE}[T ] *)?{_OF_DAY}(?: ?(?:Z|[A-Z]{{3,4}}|[-+]\d\d:?\d\d))?")
-_MINUTES = re.compile(r"(?P<m>\d{1,3}):(?P<s>\d\d[.,]\d+)")  # 03:12.250, as spreadsheets show it
+# 03:12.250, as spreadsheets show it
+_MINUTES = re.compile(r"(?P<date>)(?P<h>)(?P<half>)(?P<m>\d{1,3}):(?P<s>\d\d[.,]\d+)")
 _DAY = 86400.0  # s
 _UNITS_TOO = (*NO_UNIT, "%", "counts", "count", "inc")  # occur in lines of units
 
@@ -69,9 +70,8 @@ class _Style(NamedTuple):
         cell = _BETWEEN_DIGITS.sub("", cell)
         if not self.comma:
             return _float(cell.replace(",", "") if _THOUSANDS_OF_POINTS.fullmatch(cell) else cell)
-        if "." in cell and not _THOUSANDS.fullmatch(cell):
-            return None
-        return _float(cell.replace(".", "").replace(",", "."))
+        slips = "." in cell and not _THOUSANDS.fullmatch(cell)
+        return None if slips else _float(cell.replace(".", "").replace(",", "."))
 
     def is_doubtful(self, cell: str) -> bool:
         """Whether a cell would be a different number with the other decimal sign."""
@@ -82,12 +82,9 @@ class _Style(NamedTuple):
     def is_number(self, cell: str) -> bool:
         return self.number(cell) is not None or self.is_doubtful(cell) or bool(_stamp(cell))
 
-    def numbers_in(self, cells: Sequence[str]) -> int:
-        return sum(map(self.is_number, cells))
-
     def is_row(self, cells: Sequence[str]) -> bool:
         """Whether more than half of the cells are numbers or empty, with at least one number."""
-        count = self.numbers_in(cells)
+        count = sum(map(self.is_number, cells))
         return count > 0 and count + cells.count("") > len(cells) / 2
 
 
@@ -109,16 +106,16 @@ def _seconds(cells: Sequence[str]) -> Vector | None:
     Times of day without a date continue after midnight. An ambiguous order of day and month is
     accepted if the date is the same in all cells.
     """
-    stamps = [found.groupdict("") if (found := _stamp(c)) else {} for c in cells]
-    texts = {t.get("date", "") for t in stamps if t}
+    found = [_stamp(c) for c in cells]
+    texts = {s["date"] or "" for s in found if s}
     days = {text: _day(text) if len(texts) > 1 else 0.0 for text in texts}
     times = np.full(len(cells), math.nan)
-    for k, t in enumerate(stamps):
-        if t:
-            hour, half = int(t.get("h", 0)), t.get("half", "").lower()
+    for k, s in enumerate(found):
+        if s:
+            hour, half = int(s["h"] or 0), (s["half"] or "").lower()
             hour = hour % 12 + 12 * (half == "pm") if half else hour
-            second = float((t["s"] or "0").replace(",", "."))
-            times[k] = _DAY * days[t.get("date", "")] + 3600.0 * hour + 60.0 * int(t["m"]) + second
+            second = float((s["s"] or "0").replace(",", "."))
+            times[k] = _DAY * days[s["date"] or ""] + 3600.0 * hour + 60.0 * int(s["m"]) + second
     known = np.isfinite(times)
     if not known.any():
         return None
@@ -144,15 +141,14 @@ def _day(text: str) -> float:
 def read_text(path: Path, data: bytes) -> list[Table]:
     """Read a text with any usual separator, decimal sign, encoding and header.
 
-    The result has several tables if each signal has its own time column, and for LabVIEW files with
-    several segments.
+    The result has several tables if each signal has its own time column.
     """
     check_size(path, "bytes of text", len(data))
     text = _text(path, data).replace("\r\n", "\n").replace("\r", "\n")
     check_size(path, "rows", text.count("\n"))
     numbered = list(enumerate(text.split("\n"), 1))
     if text.startswith(_LVM):
-        return _segments(path, numbered)
+        return _labview(path, numbered)
     return read_lines(path, numbered, cut=not text.endswith("\n"))
 
 
@@ -210,36 +206,38 @@ def _by_time(
     if len(parts) == 1 or min(map(len, parts)) < 2:
         return [table_of(path, columns, "", lines, notes)]
     first, *others = (part[0] for part in parts)
-    if all(t.start == first.start and _same(t.values, first.values) for t in others):
+    time = first.values
+    alike = (
+        time is not None and t.values is not None and np.array_equal(t.values, time) for t in others
+    )
+    if all(alike) and {t.start for t in others} == {first.start}:
         kept = [c for c in columns if c.name != first.name]
         table = table_of(path, [first, *kept], "", lines, notes)
-        return [replace(table, numbers=table.numbers | {t.number: first.name for t in others})]
+        same = {t.number: table.numbers[first.number] for t in others}
+        return [replace(table, numbers=table.numbers | same)]
     found = []
     for part in parts:
         samples, time = len(lines), part[0].values
-        if time is not None and np.isnan(time[-1]):  # shorter
-            samples -= int(np.argmax(np.isfinite(time[::-1])))
+        if time is not None and np.isfinite(time).any():  # it may be shorter
+            samples = 1 + int(np.flatnonzero(np.isfinite(time))[-1])
         short = [c if c.values is None else c._replace(values=c.values[:samples]) for c in part]
         found.append(table_of(path, short, part[1].name, lines[:samples], notes))
     return found
-
-
-def _same(times: Vector | None, others: Vector | None) -> bool:
-    return times is not None and others is not None and np.array_equal(times, others)
 
 
 def _kept(
     rows: Rows, lines: npt.NDArray[np.int64], width: int, style: _Style, cut: bool
 ) -> tuple[list[int], tuple[str, ...]]:
     """The rows to keep, and a note: not lines of words, and no incomplete line at the end."""
-    out = {k for k, row in enumerate(rows) if len(row) < width and not style.numbers_in(row)}
-    last = len(rows) - 1
-    if cut and last > 0 and len(rows[last]) < width and style.is_number(rows[last][0]):
+
+    def begins(k: int) -> bool:
+        return style.is_number(rows[k][0])
+
+    short = (k for k, row in enumerate(rows) if len(row) < width)
+    out, last = {k for k in short if not any(map(style.is_number, rows[k]))}, len(rows) - 1
+    if cut and last > 0 and len(rows[last]) < width and begins(last):
         out.add(last)
-    words = style.is_number(rows[0][0])
-    while last > 0 and (
-        last in out or (words and rows[last][0] and not style.is_number(rows[last][0]))
-    ):
+    while last > 0 and (last in out or (begins(0) and rows[last][0] and not begins(last))):
         out.add(last)
         last -= 1
     if not out:
@@ -249,31 +247,26 @@ def _kept(
     return [k for k in range(len(rows)) if k not in out], (note,)
 
 
-def _segments(path: Path, numbered: Sequence[tuple[int, str]]) -> list[Table]:
-    """The segments of a LabVIEW measurement file."""
+def _labview(path: Path, numbered: Sequence[tuple[int, str]]) -> list[Table]:
+    """The one segment of a LabVIEW measurement file."""
     ends = [k for k, (_, text) in enumerate(numbered) if text.startswith(_LVM_END)]
-    about = _said(numbered[: ends[0]] if ends else [])
-    starts = [
-        max((k for k in range(a, b) if numbered[k][1].startswith("Channels")), default=a)
-        for a, b in pairwise(ends)
-    ]
-    found: list[Table] = []
-    for start, end, after in zip(starts, ends[1:], [*starts[1:], None], strict=False):
-        header = _said(numbered[start:end])
-        for table in read_lines(path, numbered[end + 1 : after]):
-            columns, units = dict(table.columns), dict(table.units)
-            x, *signals = columns
-            if about.get("X_Columns") == ["No"]:
-                texts = [(header.get(n) or [""])[0].replace(",", ".") for n in ("X0", "Delta_X")]
-                begin, step = map(_float, texts)
-                if begin is None or step is None:
-                    raise BadRecord(f"{path}: has no column of time, and no X0 and Delta_X")
-                columns[x] = np.asarray(begin + step * np.arange(len(columns[x])), dtype=float)
-            if about.get("X_Columns") != ["Multi"]:
-                units |= dict(zip(signals, header.get("Y_Unit_Label", []), strict=False))
-            group = f"segment {len(found) + 1}" if len(starts) > 1 else table.group
-            found.append(replace(table, columns=columns, units=units, group=group))
-    return found or read_lines(path, numbered[ends[0] + 1 :] if ends else numbered)
+    if len(ends) > 2:
+        raise BadRecord(f"{path}: has {len(ends) - 1} segments of LabVIEW; save one of them")
+    header = _said(numbered[: ends[-1]] if ends else [])
+    found = []
+    for table in read_lines(path, numbered[ends[-1] + 1 :] if ends else numbered):
+        columns, units = dict(table.columns), dict(table.units)
+        x, *signals = columns
+        if header.get("X_Columns") == ["No"]:
+            texts = [(header.get(n) or [""])[0].replace(",", ".") for n in ("X0", "Delta_X")]
+            begin, step = map(_float, texts)
+            if begin is None or step is None:
+                raise BadRecord(f"{path}: has no column of time, and no X0 and Delta_X")
+            columns[x] = np.asarray(begin + step * np.arange(len(columns[x])), dtype=float)
+        if header.get("X_Columns") != ["Multi"]:
+            units |= dict(zip(signals, header.get("Y_Unit_Label", []), strict=False))
+        found.append(replace(table, columns=columns, units=units))
+    return found
 
 
 def _said(numbered: Sequence[tuple[int, str]]) -> dict[str, list[str]]:
@@ -300,7 +293,7 @@ def _style(path: Path, texts: Sequence[str]) -> tuple[_Style, int, int, bool]:
             continue
         style = _Style(separator, comma)
         rows = [row for row in map(style.cells, some) if len(row) > 1 and style.is_row(row)]
-        filled = sum(style.numbers_in(row) - 0.5 * sum(map(style.is_doubtful, row)) for row in rows)
+        filled = sum(style.is_number(c) - 0.5 * style.is_doubtful(c) for row in rows for c in row)
         if filled > most:
             lengths = Counter(map(len, rows))
             width = min(n for n in lengths if lengths[n] == max(lengths.values()))
@@ -308,10 +301,8 @@ def _style(path: Path, texts: Sequence[str]) -> tuple[_Style, int, int, bool]:
             used = 1 + max(k for row in rows for k, cell in enumerate(row[:width]) if cell)
             found, most = (style, width, used, firm), filled
     if found is None:
-        raise BadRecord(
-            f"{path}: has no rows of numbers; expected columns with names, separated by tabs, "
-            "semicolons or commas"
-        )
+        expected = "expected columns with names, separated by tabs, semicolons or commas"
+        raise BadRecord(f"{path}: has no rows of numbers; {expected}")
     return found
 
 
@@ -328,7 +319,7 @@ def _header(
         return names, units
     block: Rows = []
     for row in reversed(above):
-        if len(row) < 2 or any(row[width:]) or style.numbers_in(row) > 0:
+        if len(row) < 2 or any(row[width:]) or any(map(style.is_number, row)):
             break
         block.append(row)
     numbers, nothing = [str(k + 1) for k in range(width)], [""] * width
@@ -340,10 +331,9 @@ def _header(
     header = block[1] if has_units else block[0]
     if len(header) < filled:
         twice = style.separator == "," and filled == 2 * len(header)
-        raise BadRecord(
-            f"{path}: names {len(header)} columns ({', '.join(header)}), but its rows have {filled}"
-            + ("; are commas used both between numbers and as decimal separators?" if twice else "")
-        )
+        why = "; are commas used both between numbers and as decimal separators?" if twice else ""
+        named = f"names {len(header)} columns ({', '.join(header)})"
+        raise BadRecord(f"{path}: {named}, but its rows have {filled}{why}")
     header = (header + nothing)[:width]
     header[0] = header[0].removeprefix(_MARK).lstrip()
     names = [name or number for name, number in zip(header, numbers, strict=True)]
@@ -368,32 +358,32 @@ def _plain(texts: Sequence[str], style: _Style, width: int) -> npt.NDArray[np.fl
         return None
     rows = [t.replace(",", ".") for t in rows] if style.comma else rows
     separator = None if style.separator == " " else style.separator
-    try:
+    with suppress(ValueError):
         table = np.loadtxt(rows, delimiter=separator, comments=None, ndmin=2)
-    except ValueError:
-        return None
-    return table if table.shape[1] == width else None
+        return table if table.shape[1] == width else None
+    return None
 
 
 def _column(name: str, cells: Sequence[str], lines: npt.NDArray[np.int64], style: _Style) -> Column:
     """The numbers of a column, or seconds from its first stamp; or the first cell that is wrong."""
     filled = [c for c in cells if c]
     stamped = 2 * sum(map(bool, map(_stamp, filled))) > len(filled)
+    where = f", column {name!r}: {filled[0]!r}" if filled else ""
     if filled and all(map(style.is_doubtful, filled)):  # thousands or decimals?
         doubt = f"has a dot; {_DOTS}" if style.comma else f"has a comma; {_COMMAS}"
-        return Column(name, fault=f", column {name!r}: {filled[0]!r} {doubt}")
+        return Column(name, fault=f"{where} {doubt}")
     numbers = [style.number(c) if c else math.nan for c in cells]
     for cell, number, line in zip(cells, numbers, lines, strict=True):
         if cell and (not _stamp(cell) if stamped else number is None):
             what = "time of day, unlike the other cells" if stamped else "number"
             why = f"; {_DOTS}" if style.comma and style.is_doubtful(cell) else ""
             shown = cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "..."
-            place = f", row {line}, column {name!r}"
-            return Column(name, fault=f"{place}: {shown!r} is not a {what}{why}")
+            fault = f", row {line}, column {name!r}: {shown!r} is not a {what}{why}"
+            return Column(name, fault=fault)
     if not stamped:
         return Column(name, np.array(numbers, dtype=float))
     since = _seconds(cells)
     if since is None:
         may_be = "may be from two days; write dates as 2024-03-31 12:00:00"
-        return Column(name, fault=f", column {name!r}: {filled[0]!r} {may_be}")
+        return Column(name, fault=f"{where} {may_be}")
     return Column(name, since, "s", filled[0])

@@ -6,21 +6,16 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import median_filter
 from scipy.signal import welch
 
 from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
-from .record import Record, held_samples
+from .record import Record
 
 _CLIPPED = 0.02  # share of samples at one extreme above which a note is given
 _IN_A_ROW = 3  # samples at an extreme that make a flat top
-_SEGMENT = 1024  # samples of a segment
-_LEAKS = 8  # unused spectral lines on each side of a strong one
-_BANDS = 12  # bands per octave
-_NOTHING = 1e-4  # power above a frequency, over that below it, that counts as zero
-_HIGHEST = 0.8  # highest cut-off of a filter that is reported, over half the sampling rate
-_STRAIGHT = 1e-3  # second difference that counts as zero, over the largest one
-_REGULAR = 0.98  # least share of bends at regular distances
+_FALLS = 4.0  # fall of a spectrum within an octave, in powers of ten, that only a filter causes
 
 
 def check_identifiable(records: Sequence[Record]) -> list[str]:
@@ -45,12 +40,10 @@ def _examined(record: Record) -> Iterator[str]:
         what = "the current i" if record.current_alone else "the command u"
         raise BadRecord(f"{name}: {what} is zero all the time")
     yield from record.notes
-    highest, half = carried(record), 0.5 / record.step
+    highest, half = 2 * carried(record), 0.5 / record.step
     if highest < half:
-        yield (
-            f"the position has no content above {highest:.3g} Hz, of the {half:.4g} Hz possible "
-            "with its sampling: it was filtered or interpolated"
-        )
+        said = f"{highest:.3g} Hz, of the {half:.4g} Hz possible with its sampling"
+        yield f"the position has no content above {said}: it was filtered"
     for column in (c for c in ("u", "i") if c in record.signals):
         share = np.mean(clipped(record.signals[column]))
         if share > _CLIPPED:
@@ -81,44 +74,15 @@ def clipped(values: Vector) -> npt.NDArray[np.bool_]:
 
 
 def carried(record: Record) -> float:
-    """Frequency up to which the position carries information [Hz]."""
-    x, half = record.x, 0.5 / record.step
-    if record.resolution:
-        return half
-    every = max(_straight_between(x), round(len(x) / len(held_samples(x))))
-    return half / every if every > 1 else _filtered_at(x, record.step)
+    """Frequency above which the spectrum falls as only a filter makes it fall [Hz].
 
-
-def _straight_between(x: Vector) -> int:
-    """Number of samples between bends of a linearly interpolated position; else 1."""
-    bends = np.abs(np.diff(x, 2))
-    bent = np.flatnonzero(bends > _STRAIGHT * bends.max())
-    if not 10 < len(bent) < 0.7 * len(bends):
-        return 1
-    apart = np.diff(bent)
-    every = int(np.median(apart))
-    return every if np.mean(apart % every == 0) > _REGULAR else 1
-
-
-def _filtered_at(x: Vector, step: float) -> float:
-    """Frequency above which the spectrum falls faster than in any drive [Hz]; else half the rate.
-
-    With motor and springs, acceleration falls by less than 20 dB per octave; a stop band is 40 dB
-    below the spectrum at slightly lower frequencies, and remains there.
+    Without a filter, it is half the sampling rate.
     """
-    half = 0.5 / step
-    segment = min(_SEGMENT, len(x) // 4)
-    lines, power = welch(np.diff(x, 2), 1 / step, "blackmanharris", segment, detrend=False)
-    lines, power = lines[1:-1], power[1:-1]
-    of_position = power / (2 * np.sin(np.pi * lines * step)) ** 4
-    lowest = _LEAKS / (segment * step)
-    octaves = _BANDS * np.log2(_HIGHEST * half / (2 * lowest))
-    for k in range(int(octaves) + 1 if octaves >= 0 else 0):
-        edge = 2 * lowest * 2 ** (k / _BANDS)
-        below = (lines > 0.5 * edge) & (lines < 0.9 * edge)
-        above = lines > min(1.25 * edge, 0.5 * (edge + half))
-        beneath, left = np.median(power[below]), np.median(power[above & (lines < 2 * edge)])
-        rests = of_position[above].max() <= 4 * np.median(of_position[below]) * _NOTHING
-        if left < _NOTHING * beneath and rests:
-            return float(edge)
-    return half
+    bent = np.diff(record.x, 2)
+    frequency, power = welch(bent, 1.0 / record.step, nperseg=min(512, len(bent)))
+    level = np.log10(median_filter(power[1:], 9) + 1e-300)
+    octave = len(level) // 2
+    for k in range(len(level) // 16, octave):
+        if level[k] - np.max(level[2 * k :]) > _FALLS:
+            return float(frequency[k + 1])
+    return float(frequency[-1])

@@ -7,7 +7,6 @@ import gzip
 import io
 import logging
 import lzma
-import struct
 import warnings
 import zipfile
 from collections.abc import Callable
@@ -38,7 +37,6 @@ class _Format(NamedTuple):
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _V7 = "save it with -v7 or as CSV"
-_MAT4 = _Format("a MAT-file of version 4", b"", read_mat, instead=_V7)
 _FORMATS = (
     _Format("a MAT-file of version 7.3", b"\0\2IM", read_mat73, 124, _V7),
     _Format("a MAT-file", b"\0\1IM", read_mat, 124, _V7),
@@ -75,7 +73,8 @@ def tables_in(path: Path, data: bytes, depth: int = 0) -> list[Table]:
         return _in_zip(path, data, depth)
     known = [f for f in _FORMATS if data.startswith(f.magic, f.at)]
     known = known if b"\0" in data else []  # a text may begin with the bytes of a format
-    known += [_MAT4] if not known and _is_mat4(data) else []
+    if not known and 0 in data[:4] and data[:2] not in (b"\xff\xfe", b"\xfe\xff"):  # UTF-16
+        known = [_Format("a MAT-file of version 4", b"", read_mat, instead=_V7)]
     return _read(path, data, known[0]) if known else read_text(path, data)
 
 
@@ -123,14 +122,3 @@ def _in_zip(path: Path, data: bytes, depth: int) -> list[Table]:
         raise _damaged(path, name, error, _CSV if excel else "pack it again") from error
     few = f"is a ZIP archive of {len(names)} files"
     raise BadRecord(f"{path}: {few}; unpack it and give one of them, or {_CSV}")
-
-
-def _is_mat4(data: bytes) -> bool:
-    """Whether the file starts with a valid header of five integers; it has no fixed first bytes."""
-    for order, machine in (("<", 0), (">", 1)) if len(data) > 20 else ():
-        kind, rows, columns, imaginary, name = struct.unpack(order + "5i", data[:20])
-        valid = kind // 100 == 10 * machine and kind // 10 % 10 <= 5 and kind % 10 <= 2
-        valid = valid and imaginary in (0, 1) and rows >= 0 and columns >= 0
-        if valid and 0 < name <= 256 and data[19 + name : 20 + name] == b"\0":
-            return True
-    return False

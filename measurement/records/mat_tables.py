@@ -155,7 +155,7 @@ def _dspace(path: Path, name: str, value: Mapping[str, Any]) -> list[Table]:
         fitting = [k for k, time in enumerate(times) if time.size == values.size]
         for k in [said] if said in fitting else fitting[:1]:
             columns[k] += columns_of(_text(signal["Name"]), values, _text(signal.get("Unit")))
-    groups = [name] if len(axes) == 1 else [f"{name}.X({k})" for k in range(1, len(axes) + 1)]
+    groups = [name] if len(axes) == 1 else [f"{name}.X({k + 1})" for k in range(len(axes))]
     return [table_of(path, c, g) for c, g in zip(columns, groups, strict=True)] if signals else []
 
 

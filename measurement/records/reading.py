@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -47,8 +48,7 @@ _LOWER_RATE = "was the column recorded at a lower rate? Resample all columns to 
 _POSITIONS = {"x", "x_fine"}
 
 
-@dataclass(frozen=True)
-class _Use:
+class _Use(NamedTuple):
     """Requirements of one use of records."""
 
     columns: tuple[str, ...]
@@ -56,8 +56,8 @@ class _Use:
     samples: int  # least number
     believes: bool  # accept any number if its unit is given
     slowest: float  # largest accepted sampling interval [s]
-    largest: Mapping[str, tuple[float, str]]  # larger values look like another unit
-    smallest: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    # largest value, and the unit that larger ones look like; the same of small ones
+    limits: Mapping[str, tuple[float, str, float, str]]
     lasts: float = 0.0  # shortest [s]
 
 
@@ -67,13 +67,12 @@ FORCE_RECORD = _Use(
     samples=20,
     believes=True,
     slowest=0.5,
-    largest={
-        "x [m]": (0.3, "mm"),  # the thread of the screw is 0.262 m long
-        "x_fine [m]": (0.02, "um"),
-        "v [m/s]": (0.3, "mm/s"),  # of its integral
-        "force [N]": (2e3, "mN"),
+    limits={
+        "x [m]": (0.3, "mm", 0.0, ""),  # the thread of the screw is 0.262 m long
+        "x_fine [m]": (0.02, "um", 0.0, ""),
+        "v [m/s]": (0.3, "mm/s", 0.0, ""),  # of its integral
+        "force [N]": (2e3, "mN", 2e-3, "kN"),
     },
-    smallest={"force [N]": (2e-3, "kN")},
 )
 DRIVE_RECORD = _Use(
     columns=("time", "u", "x", VELOCITY, "i", "force", "x_ref", "temperature"),
@@ -81,18 +80,17 @@ DRIVE_RECORD = _Use(
     samples=200,
     believes=False,
     slowest=0.0499,  # at 20 Hz friction is not visible
-    largest={
-        "x [m]": (50.0, "mm"),
-        "v [m/s]": (50.0, "rpm"),
-        "u [V]": (1e4, "mV"),
-        "u [A]": (1e3, "mA"),
-        "u [N]": (1e7, "mN"),
-        "i [A]": (1e3, "mA"),
+    limits={
+        "x [m]": (50.0, "mm", 0.0, ""),
+        "v [m/s]": (50.0, "rpm", 0.0, ""),
+        "u [V]": (1e4, "mV", 0.0, ""),
+        "u [A]": (1e3, "mA", 0.0, ""),
+        "u [N]": (1e7, "mN", 0.0, ""),
+        "i [A]": (1e3, "mA", 0.0, ""),
     },
     lasts=1.0,
 )
-RESPONSE_RECORD = replace(
-    FORCE_RECORD,
+RESPONSE_RECORD = FORCE_RECORD._replace(
     columns=(*FORCE_RECORD.columns, "i"),
     needed=(("time",), ("force", "u", "i"), ("x", VELOCITY)),
 )
@@ -129,15 +127,14 @@ def read_force_records(
         for recorded in _read(path, FORCE_RECORD, mapping, units, lead):
             record = described(recorded, read_about(path), mass)
             for name, unit in ((record.position_name, "m"), ("force", "N")):
-                values, column = record.signals[name], f"{record.name}: {name}"
-                empty = np.count_nonzero(~np.isfinite(values))
-                if empty:
-                    of = f"in {empty} of {len(values)} samples"
-                    raise BadRecord(f"{column} is empty or not a number {of}; {_LOWER_RATE}")
-                if np.ptp(values) == 0:
-                    always = f"({values[0]:.6g} {unit}) over all {len(values)} samples"
-                    what = "a record needs motion and force"
-                    raise BadRecord(f"{column} is constant {always}; {what}")
+                values, fault = record.signals[name], ""
+                if empty := np.count_nonzero(~np.isfinite(values)):
+                    fault = f"empty or not a number in {empty} of {len(values)} samples; "
+                    fault += _LOWER_RATE
+                elif np.ptp(values) == 0:
+                    fault = f"constant ({values[0]:.6g} {unit}); a record needs motion and force"
+                if fault:
+                    raise BadRecord(f"{record.name}: {name} is {fault}")
             records.append(record)
     return records
 
@@ -152,8 +149,8 @@ def read_drive_records(
 
     A path may also be a folder of rig folders; a unit may have a factor, such as ``2.5e-6*m``.
     """
-    read = (_read(p, DRIVE_RECORD, mapping, units, lead) for p in _expanded(paths))
-    return [record for records in read for record in records]
+    files = _expanded(paths)
+    return [r for path in files for r in _read(path, DRIVE_RECORD, mapping, units, lead)]
 
 
 def _expanded(paths: Iterable[Path | str]) -> Iterator[Path]:
@@ -195,15 +192,10 @@ def _read(
     for k, piece in enumerate(pieces, 1):
         name = f"{path} ({k} of {len(pieces)})" if len(pieces) > 1 else str(path)
         part = {n: v[piece] for n, v in signals.items()}
-        rows = _rows_of(len(signals["time"]), table.lines)[piece]
-        record = check_record(name, part, command, use, {*units, *table.units}, rows)
+        rows = np.arange(1, len(signals["time"]) + 1) if table.lines is None else table.lines
+        record = check_record(name, part, command, use, {*units, *table.units}, rows[piece])
         records.append(replace(record, lead=screw, notes=(*notes, *record.notes)))
     return records
-
-
-def _rows_of(samples: int, lines: Integers | None) -> Integers:
-    """Numbers of samples for messages: their lines in a text, or from 1."""
-    return np.arange(1, samples + 1) if lines is None else lines
 
 
 def check_record(
@@ -220,7 +212,7 @@ def check_record(
     """
     signals = {n: np.asarray(v, dtype=float) for n, v in signals.items()}
     said = said if use.believes else ()
-    lines = _rows_of(len(signals["time"]), lines)
+    lines = np.arange(1, len(signals["time"]) + 1) if lines is None else lines
     known = _known(name, signals, use, lines)
     samples = np.count_nonzero(known)
     if samples < use.samples:
@@ -278,17 +270,17 @@ def _check_sizes(
     """Refuse numbers that look like another unit."""
     for column in (c for c in use.columns if c in signals and c not in said):
         unit = next(iter(UNITS[command if column == "u" else QUANTITIES[column][0]]))
-        key = f"{column} [{unit}]"
-        if key not in use.largest or (column == "x" and VELOCITY in signals):
+        limits = use.limits.get(f"{column} [{unit}]")
+        if limits is None or (column == "x" and VELOCITY in signals):
             continue
+        most, other, least, less = limits
         values = signals["x" if column == VELOCITY else column]
         moves = column in (*_POSITIONS, VELOCITY)
         size = float(np.ptp(values) if moves else np.nanmax(np.abs(values)))
-        (largest, other), (least, less) = use.largest[key], use.smallest.get(key, (0.0, ""))
         fault = f"covers {size:.4g}{' m' if column == VELOCITY else ''}, too much"
         if 0 < size < least:
             fault, other = f"reaches only {size:.4g}, too little", less
-        elif size <= largest:
+        elif size <= most:
             continue
         what = f"if it is in another unit, such as {other}, use unit {column}={other}"
         what += f", if it is in {unit} use unit {column}={unit}" if use.believes else ""

@@ -26,12 +26,11 @@ def read_about(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise BadRecord(f"{path}: is not JSON: {error}") from error
-    if not isinstance(data, dict):
-        raise BadRecord(f"{path}: expected a JSON object with the trial's description")
-    return data
+        return dict(json.loads(path.read_text(encoding="utf-8")).items())
+    except (AttributeError, OSError, ValueError, RecursionError) as error:
+        raise BadRecord(
+            f"{path}: is not JSON of an object with the trial's description: {error}"
+        ) from error
 
 
 def described(record: Record, about: Mapping[str, Any], mass: float | None = None) -> Record:
@@ -40,48 +39,45 @@ def described(record: Record, about: Mapping[str, Any], mass: float | None = Non
     `mass` is that between load cell and friction [kg]; default the rig's, or 1 kg.
     """
     unsaid = () if about else ("no trial.json: all columns are assumed to have the same lag",)
-    record = replace(
+    signals, gain_std = record.signals, 0.0
+    try:
+        own = about.get("parameters", {})
+        rig_mass = float(own.get("plant.m", own.get("plant.J", 1.0)))
+        lags = {str(k): float(v) for k, v in about.get("lags", {}).items()}
+        if not 0 < rig_mass <= sys.float_info.max:
+            raise ValueError
+        if record.position_name == "x_fine":
+            fine, gain_std = record.position, _UNSAID_GAIN_STD
+            if calibration := about.get("calibration"):
+                fine, gain_std = _by_eq_2_1(calibration, fine)
+            signals = {**signals, "x_fine": fine}
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+        raise BadRecord(
+            "trial.json: expected `parameters` with a finite `plant.m` above 0 kg, `lags` in "
+            "seconds by column and `calibration`, as `ballscrew rig` writes them"
+        ) from None
+    return replace(
         record,
-        mass=_rig_mass(about) if mass is None else mass,
-        lags=_lags(about),
+        signals=signals,
+        gain_std=gain_std,
+        mass=rig_mass if mass is None else mass,
+        lags=lags,
         delay_std=record.step / math.sqrt(12),
         about=about,
         notes=(*unsaid, *record.notes),
     )
-    if record.position_name != "x_fine":
-        return record
-    fine, gain_std = _by_eq_2_1(about, record.position)
-    return replace(record, signals={**record.signals, "x_fine": fine}, gain_std=gain_std)
 
 
-def _lags(about: Mapping[str, Any]) -> dict[str, float]:
-    try:
-        return {str(k): float(v) for k, v in about.get("lags", {}).items()}
-    except (AttributeError, TypeError, ValueError, OverflowError):
-        raise BadRecord(
-            "trial.json: expected `lags` to give a number of seconds by column"
-        ) from None
-
-
-def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]:
+def _by_eq_2_1(calibration: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]:
     """Fine position by Eq. 2.1 with the trial's calibration, and its scale's standard deviation."""
     # the slope of the polynomial is wrong at small displacements: displacement is a + b/C
-    calibration = about.get("calibration")
-    if not isinstance(calibration, Mapping):
-        return x_fine, _UNSAID_GAIN_STD
-    try:
-        c0, c1, c2 = (float(c) for c in calibration["polynomial_m_per_pF"])
-        points = np.array(calibration["displacement_m"], dtype=float)
-        capacitances = 1e12 * np.array(calibration["capacitance_F"], dtype=float)
-        inverse = np.column_stack([np.ones(len(points)), 1 / capacitances])
-        (a, b), (rest,), rank, _ = np.linalg.lstsq(inverse, points, rcond=None)
-        if rank < 2 or b <= 0 or c2 == 0:
-            raise ValueError
-    except (ArithmeticError, LookupError, TypeError, ValueError, np.linalg.LinAlgError):
-        raise BadRecord(
-            "trial.json: expected `calibration` with `polynomial_m_per_pF` (three numbers), "
-            "`displacement_m` and `capacitance_F` (the same number of each, all different)"
-        ) from None
+    c0, c1, c2 = (float(c) for c in calibration["polynomial_m_per_pF"])
+    points = np.array(calibration["displacement_m"], dtype=float)
+    capacitances = 1e12 * np.array(calibration["capacitance_F"], dtype=float)
+    inverse = np.column_stack([np.ones(len(points)), 1 / capacitances])
+    (a, b), (rest,), rank, _ = np.linalg.lstsq(inverse, points, rcond=None)
+    if rank < 2 or b <= 0 or c2 == 0:
+        raise ValueError
     freedom = len(points) - 2
     error = math.sqrt(rest / freedom / float(np.sum((inverse[:, 1] - inverse[:, 1].mean()) ** 2)))
     top = -c1 / (2 * c2)  # vertex of the parabola; the sensor is on the side of the calibration
@@ -90,14 +86,3 @@ def _by_eq_2_1(about: Mapping[str, Any], x_fine: Vector) -> tuple[Vector, float]
     # widened as Student's t with so few points
     wider = float(stdtrit(freedom, 0.975)) / 1.96
     return a + b / (top + side * root), wider * error / b
-
-
-def _rig_mass(about: Mapping[str, Any]) -> float:
-    own = about.get("parameters")
-    own = own if isinstance(own, Mapping) else {}
-    mass = own.get("plant.m", own.get("plant.J"))
-    if not isinstance(mass, int | float):
-        return 1.0
-    if not 0 < mass <= sys.float_info.max:
-        raise BadRecord("trial.json: expected `plant.m` to be a finite mass above 0 kg")
-    return float(mass)

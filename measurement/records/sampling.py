@@ -122,11 +122,9 @@ def even_out(
         raise BadRecord(f"{name}: time decreases in row {lines[k + 1]}: {at}")
     repeated = np.flatnonzero(steps == 0) + 1
     if len(repeated) > HOLES * len(time):
-        raise BadRecord(
-            f"{name}: time does not increase in {len(repeated)} of {len(time)} samples, the first "
-            f"in row {lines[repeated[0]]}: the time stamps are coarser than the sampling; "
-            "write them with more digits"
-        )
+        of = f"{len(repeated)} of {len(time)} samples, the first in row {lines[repeated[0]]}"
+        why = "the time stamps are coarser than the sampling; write them with more digits"
+        raise BadRecord(f"{name}: time does not increase in {of}: {why}")
     kept = {n: np.delete(v, repeated) for n, v in signals.items()}
     time = kept["time"]
     steps = np.diff(time)
@@ -142,19 +140,13 @@ def even_out(
         instants = np.round((time - start) / step).astype(int)
     missing = np.maximum(np.diff(instants) - 1, 0)
     holes, k = int(missing.sum()), int(np.argmax(missing))
+    divide = f"elsewhere {step:.4g} s; divide the record into pieces without gaps"
     if missing[k] > _LONGEST_GAP:
-        raise BadRecord(
-            f"{name}: a gap of {steps[k]:.4g} s after {time[k]:.6g} s, but the sampling "
-            f"interval is {step:.4g} s ({np.sum(missing > _LONGEST_GAP)} such); divide the record "
-            "into pieces without gaps"
-        )
+        such = f"{steps[k]:.4g} s after {time[k]:.6g} s ({np.sum(missing > _LONGEST_GAP)} such)"
+        raise BadRecord(f"{name}: a gap of {such}, {divide}")
     if holes > HOLES * len(time):
-        k = int(uneven[0])
-        raise BadRecord(
-            f"{name}: uneven sampling: {steps[k]:.4g} s after {time[k]:.6g} s, elsewhere "
-            f"{step:.4g} s ({len(uneven)} such); resample evenly, or divide the record "
-            "into pieces without gaps"
-        )
+        such = f"{steps[uneven[0]]:.4g} s after {time[uneven[0]]:.6g} s ({len(uneven)} such)"
+        raise BadRecord(f"{name}: uneven sampling: {such}, {divide}, or resample evenly")
     off = float(np.abs(time - start - step * instants).max())
     first = math.ceil((time[0] - start) / step - 1e-6)
     last = math.floor((time[-1] - start) / step + 1e-6)
@@ -162,12 +154,10 @@ def even_out(
     instants = np.clip(instants - first, 0, last - first)
     out = {n: _at(even, time, v, instants) for n, v in kept.items()}
     out["time"] = even
-    said = (
-        f"{holes} samples missing, {len(repeated)} with a repeated time stamp, time stamps up to "
-        f"{1e3 * off:.3g} ms from an even grid: resampled every {1e3 * step:.4g} ms, linear "
-        "between samples"
-    )
-    return out, step, said
+    lost = f"{holes} samples missing, {len(repeated)} with a repeated time stamp"
+    off_grid = f"time stamps up to {1e3 * off:.3g} ms from an even grid"
+    how = f"resampled every {1e3 * step:.4g} ms, linear between samples"
+    return out, step, f"{lost}, {off_grid}: {how}"
 
 
 def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[slice], str]:
@@ -187,8 +177,8 @@ def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[
     lost = 100 * (1 - sum(b - a for a, b in long) / len(time))
     note = (
         f"{len(gaps)} gaps, the first of {steps[gaps[0]]:.4g} s after {time[gaps[0]]:.6g} s: the "
-        f"record was divided there into {len(long)} pieces of at least {lasts:g} s"
     )
+    note += f"record was divided there into {len(long)} pieces of at least {lasts:g} s"
     note += f"; {lost:.2g} % of its samples are in shorter ones" if lost else ""
     return [slice(a, b) for a, b in long], note
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...solver.arrays import Vector
 from ...solver.errors import BadRecord, nearest
-from .columns import Table
+from .columns import Table, name_and_unit
 from .formats import tables_in
 from .sampling import unrounded, unwrapped
 from .units import NO_UNIT, UNITS, conversion, quantity_of, spell
@@ -22,49 +22,19 @@ _POSITIONS = ("x", "x_fine", "x_ref", "time")  # columns that may wrap
 
 
 def read_tables(path: Path) -> list[Table]:
-    """All tables of numbers in a file; the format is detected by its first bytes.
-
-    A word in brackets after a name, as in ``time [ms]``, is the column's unit, known or not. The
-    name is the text before it, if no other column has that name.
-    """
+    """All tables of numbers in a file; the format is detected by its first bytes."""
     try:
         data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise BadRecord(f"{path}: there is no such file") from error
     except OSError as error:
-        why = (
-            "there is no such file"
-            if isinstance(error, FileNotFoundError)
-            else f"cannot be read: {error.strerror or error}"
-        )
-        raise BadRecord(f"{path}: {why}") from error
-    tables = [_with_units(t) for t in tables_in(path, data)]
+        raise BadRecord(f"{path}: cannot be read: {error.strerror or error}") from error
+    tables = tables_in(path, data)
     again = Counter(t.group for t in tables)
     return [
         replace(t, group=f"{t.group} ({k})") if again[t.group] > 1 else t
         for k, t in enumerate(tables, 1)
     ]
-
-
-def _with_units(table: Table) -> Table:
-    """The table with units from its names; a name that two columns would have stays whole."""
-    split = {n: _name_and_unit(n) for n in (*table.columns, *table.faults)}
-    times = Counter(name for name, _ in split.values())
-    names = {n: name if times[name] == 1 else n for n, (name, _) in split.items()}
-    units = {n: split[n][1] or table.units.get(n, "") for n in table.columns}
-    return replace(
-        table,
-        columns={names[n]: values for n, values in table.columns.items()},
-        units={names[n]: unit for n, unit in units.items() if unit},
-        numbers={k: names[n] for k, n in table.numbers.items()},
-        faults={names[n]: fault for n, fault in table.faults.items()},
-    )
-
-
-def _name_and_unit(name: str) -> tuple[str, str]:
-    """Both parts of ``time [ms]`` or ``x (mm)``; the unit of another name is empty."""
-    whole = name.strip()
-    at = max(whole.rfind("["), whole.rfind("("))
-    bare, unit = whole[: max(at, 0)].rstrip(), whole[at + 1 : -1].strip()
-    return (bare, unit) if bare and unit and whole[-1] in "])" else (name, "")
 
 
 def choose(
@@ -77,19 +47,21 @@ def choose(
 
     A column of a table is also ``TABLE/COLUMN``; for the arguments see `rename`.
     """
+    if len(tables) == 1:
+        return rename(tables[0], mapping, known, needed)
     whole = []
-    for table in tables if len(tables) > 1 else ():
+    for table in tables:
         with suppress(BadRecord):
             whole.append(rename(table, mapping, known, needed))
-    if len(tables) == 1 or len(whole) == 1:
-        return whole[0] if whole else rename(tables[0], mapping, known, needed)
+    if len(whole) == 1:
+        return whole[0]
     path = tables[0].path
     theirs = {n: next((t for t, o in mapping.items() if o == n), n) for n in known}
     if whole:
         names = [t.group for t in whole]
+        one = f"choose one, such as map {names[0]}/{theirs['time']}=time"
         raise BadRecord(
-            f"{path}: has {len(whole)} tables with these columns: {listed(names)}; choose "
-            f"one, such as map {names[0]}/{theirs['time']}=time"
+            f"{path}: has {len(whole)} tables with these columns: {listed(names)}; {one}"
         )
     found: dict[str, list[Table]] = {}
     for table in tables:
@@ -98,19 +70,16 @@ def choose(
             found.setdefault(ours, []).append(part)
     for ours, parts in found.items():
         if ours != "time" and len(parts) > 1:
-            raise BadRecord(
-                f"{path}: has {theirs[ours]!r} in {listed(t.group for t in parts)}; "
-                f"choose one, such as map {parts[0].group}/{theirs[ours]}={ours}"
-            )
+            one = f"choose one, such as map {parts[0].group}/{theirs[ours]}={ours}"
+            there = listed(t.group for t in parts)
+            raise BadRecord(f"{path}: has {theirs[ours]!r} in {there}; {one}")
     lost = [t for t, ours in mapping.items() if ours in known and ours not in found]
     if lost or any(not {*names} & found.keys() for names in needed):
         asked = ", ".join(" or ".join(theirs[n] for n in names) for names in needed)
         what = f"a column {lost[0]!r}" if lost else f"the columns {asked}"
         there = listed(f"{t.group} ({listed(t.columns)})" for t in tables)
-        raise BadRecord(
-            f"{path}: none of its tables has {what}; there are {there}; assign them, "
-            f"such as map TABLE/COLUMN={needed[-1][0]}"
-        )
+        assign = f"assign them, such as map TABLE/COLUMN={needed[-1][0]}"
+        raise BadRecord(f"{path}: none of its tables has {what}; there are {there}; {assign}")
     first = {next(n for n in names if n in found) for names in needed}
     times = {t.group: t for t in found.pop("time")}
     called = {"time", *(_column(t, theirs["time"]) for t in tables)}
@@ -136,18 +105,16 @@ def _joined(
         values, own, what = part.columns[name], times.get(part.group), f"{name} of {part.group}"
         stamps = (own or main).columns["time"]
         if len(stamps) != len(values):
-            raise BadRecord(
-                f"{path}: {what} has {len(values)} samples and its time {len(stamps)}; give its "
-                "time column, such as map TABLE/COLUMN=time"
-            )
+            many = f"{len(values)} samples and its time {len(stamps)}"
+            give = "give its time column, such as map TABLE/COLUMN=time"
+            raise BadRecord(f"{path}: {what} has {many}; {give}")
         if own and own.start != main.start:
-            raise BadRecord(
-                f"{path}: times of {main.group} and {part.group} start at different dates "
-                f"({main.start or 'none'}, {own.start or 'none'}); write both in seconds from the "
-                "same start"
-            )
-        stamps = stamps * (_scale(path, own.units.get("time", ""), unit) if own else 1.0)
-        if own is None:  # a file may have one time for all
+            dates = f"different dates ({main.start or 'none'}, {own.start or 'none'})"
+            both = f"times of {main.group} and {part.group} start at {dates}"
+            raise BadRecord(f"{path}: {both}; write both in seconds from the same start")
+        if own:
+            stamps = stamps * _scale(path, own.units.get("time", ""), unit)
+        else:  # a file may have one time for all
             notes.append(f"{what} has no time column: the time of the other columns is used")
         if own is None or np.array_equal(stamps, time):
             columns[name] = values
@@ -164,10 +131,9 @@ def _joined(
         inside &= (time >= stamps[0]) & (time <= stamps[-1])
         columns[name] = np.interp(time, stamps, values)
         share = "" if step > 0.95 * of_main else f", 1 in {of_main / step:.3g} of its samples"
-        notes.append(
-            f"{what}, recorded every {step:.4g}{unit and ' ' + unit}, is interpolated linearly at "
-            f"the time stamps of {main.group}, every {of_main:.4g}{share}"
-        )
+        every, at = f"every {step:.4g}{unit and ' ' + unit}", f"every {of_main:.4g}{share}"
+        how = f"is interpolated linearly at the time stamps of {main.group}"
+        notes.append(f"{what}, recorded {every}, {how}, {at}")
     if not inside.any():
         raise BadRecord(f"{path}: {', '.join(parts)} do not overlap in time")
     return Table(
@@ -187,12 +153,10 @@ def _step(table: Table) -> float:
 
 
 def _scale(path: Path, unit: str, other: str) -> float:
-    if unit == other:
-        return 1.0
     sizes = [UNITS["time"].get(spell(u), 0.0) for u in (unit, other)]
-    if not all(sizes):
+    if unit != other and not all(sizes):
         raise BadRecord(f"{path}: its times are in {unit!r} and {other!r}")
-    return sizes[0] / sizes[1]
+    return sizes[0] / sizes[1] if unit != other else 1.0
 
 
 def listed(names: Iterable[str]) -> str:
@@ -209,7 +173,7 @@ def _column(table: Table, theirs: str) -> str:
         theirs = theirs[len(table.group) + 1 :]
     if theirs in table.columns or theirs in table.faults:
         return theirs
-    bare, unit = _name_and_unit(theirs)
+    bare, unit = name_and_unit(theirs)
     if unit and table.units.get(bare) == unit and bare in table.columns:
         return bare
     return table.numbers.get(theirs, "")
@@ -255,10 +219,8 @@ def rename(
     lengths = {n: len(v) for n, v in named.items()}
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{n} {k}" for n, k in lengths.items())
-        raise BadRecord(
-            f"{path}: columns of different length ({said} samples): recorded at different "
-            "rates? Resample them to one rate first"
-        )
+        why = "recorded at different rates? Resample them to one rate first"
+        raise BadRecord(f"{path}: columns of different length ({said} samples): {why}")
     units = {n: table.units[t] for n, t in theirs_of.items() if t in table.units}
     renamed = {n: t for n, t in theirs_of.items() if n != t}
     return replace(table, columns=named, units=units, numbers={}, renamed=renamed)
@@ -292,12 +254,13 @@ def in_si(
         if said in NO_UNIT and name not in table.renamed:
             signals[name], measured[name] = values, may_be[0]
             continue
+        lacks = ""
         if said in NO_UNIT:
             lacks = f"gives no unit of {table.renamed[name]!r}, which is {name} by map"
-            raise BadRecord(f"{table.path}: {lacks}; {use}")
-        if name not in units and quantity_of(said) not in may_be:
+        elif name not in units and quantity_of(said) not in may_be:
             lacks = f"the file says that {name} is in {said!r}"
-            raise BadRecord(f"{table.path}: {lacks}; {use}, which is the size of one {said!r}")
+        if lacks:
+            raise BadRecord(f"{table.path}: {lacks}; {use}")
         factor, measured[name] = conversion(name, said, may_be, lead)
         if name in _POSITIONS:
             turn = measured[name] == "angle" and lead

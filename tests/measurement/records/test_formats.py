@@ -1,4 +1,7 @@
-"""Files of machines by their first bytes: each format gives the same record, or one clear line."""
+"""Files of machines by their first bytes: each format gives the same record, or one clear line.
+
+MAT-files of any version, and what Simulink, dSPACE, Dymola and OpenModelica make of them, too.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,13 @@ import pickle
 import zipfile
 from datetime import datetime, timedelta
 
+import h5py
 import numpy as np
 import pytest
+import scipy.io
 
 from ballscrew.measurement.records.reading import read_drive_records
+from ballscrew.measurement.records.table import read_tables
 from ballscrew.solver.errors import BadRecord
 
 TIME = np.arange(0.0, 2.0, 1e-3)
@@ -35,21 +41,6 @@ def is_given(record, tolerance=1e-12, late=1e-9):
 def text(x=X, names="time,x,u"):
     rows = (f"{t:.3f},{a:.15g},{b:.15g}" for t, a, b in zip(TIME, x, U, strict=True))
     return "\n".join([names, *rows, ""]).encode()
-
-
-def write_tdms(path, waveform=False):
-    from nptdms import ChannelObject, TdmsWriter
-
-    mm = {"unit_string": "mm"}
-    if waveform:
-        x = {**mm, "wf_increment": 1e-3, "wf_start_offset": 0.0}
-        u = {"unit_string": "V", "wf_increment": 1e-3, "wf_start_offset": 0.0}
-        channels = [("x", 1e3 * X, x), ("u", U, u)]
-    else:
-        channels = [("time", TIME, {}), ("x", 1e3 * X, mm), ("u", U, {"unit_string": "V"})]
-    with TdmsWriter(str(path)) as writer:
-        writer.write_segment([ChannelObject("drive", n, v, p) for n, v, p in channels])
-    return path
 
 
 def write_mdf(path, **versions):
@@ -79,20 +70,20 @@ def write_xlsx(path, dates=False):
     return path
 
 
-def write_hdf5(path):
-    import h5py
+@pytest.mark.parametrize("waveform", [False, True])
+def test_tdms_files_with_a_column_of_time_or_with_rates(tmp_path, waveform):
+    from nptdms import ChannelObject, TdmsWriter
 
-    with h5py.File(path, "w") as file:
-        file["about/serial"] = 7.0
-        group = file.create_group("runs/one")
-        group["time"], group["x"], group["u"] = TIME, 1e3 * X, U
-        group["x"].attrs["unit"] = "mm"
-    return path
-
-
-def test_tdms_files_with_a_column_of_time_or_with_rates(tmp_path):
-    is_given(read(write_tdms(tmp_path / "a.bin")))
-    is_given(read(write_tdms(tmp_path / "b.tdms", waveform=True)))
+    step = {"wf_increment": 1e-3, "wf_start_offset": 0.0} if waveform else {}
+    columns = {"time": (TIME, "s"), "x": (1e3 * X, "mm"), "u": (U, "V")}
+    with TdmsWriter(str(tmp_path / "a.bin")) as writer:
+        channels = [
+            ChannelObject("drive", name, values, {"unit_string": unit, **step})
+            for name, (values, unit) in columns.items()
+            if not (waveform and name == "time")
+        ]
+        writer.write_segment(channels)
+    is_given(read(tmp_path / "a.bin"))
 
 
 @pytest.mark.ci  # asammdf is large
@@ -113,7 +104,12 @@ def test_workbooks_and_the_one_sheet_with_a_table(tmp_path):
 
 
 def test_hdf5_groups(tmp_path):
-    is_given(read(write_hdf5(tmp_path / "a.dat")))
+    with h5py.File(tmp_path / "a.dat", "w") as file:
+        file["about/serial"] = 7.0
+        group = file.create_group("runs/one")
+        group["time"], group["x"], group["u"] = TIME, 1e3 * X, U
+        group["x"].attrs["unit"] = "mm"
+    is_given(read(tmp_path / "a.dat"))
 
 
 def test_parquet_and_arrow_files_with_dates(tmp_path):
@@ -150,6 +146,10 @@ def test_numpys_files_without_running_code(tmp_path):
 def test_packed_files_are_unpacked(tmp_path, pack):
     (tmp_path / "a.csv.packed").write_bytes(pack.compress(text()))
     is_given(read(tmp_path / "a.csv.packed"))
+    again = pack.compress(pack.compress(pack.compress(pack.compress(text()))))
+    (tmp_path / "c").write_bytes(pack.compress(again))
+    with pytest.raises(BadRecord, match="unpack it"):
+        read(tmp_path / "c")
     (tmp_path / "b").write_bytes(pack.compress(text())[:-30])
     with pytest.raises(BadRecord, match=r"is an? .* file that cannot be read"):
         read(tmp_path / "b")
@@ -166,16 +166,97 @@ def test_a_zip_of_one_file_is_unpacked_and_one_of_several_is_refused(tmp_path):
 
 
 @pytest.mark.ci
-def test_files_packed_again_and_again_are_refused(tmp_path):
-    data = text()
-    for _ in range(6):
-        data = gzip.compress(data)
-    (tmp_path / "a").write_bytes(data)
-    with pytest.raises(BadRecord, match="unpack it"):
-        read(tmp_path / "a")
-
-
-@pytest.mark.ci
 def test_a_text_that_begins_as_a_format_does_is_a_text(tmp_path):
     (tmp_path / "a.csv").write_bytes(b"LOGGER;7;8\nRIFF\n" + text())
     is_given(read(tmp_path / "a.csv"))
+
+
+def mat73(path, fill):
+    """A file as MATLAB lays it out: HDF5 behind a header of 512 bytes, arrays transposed."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        fill(file)
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\0\2IM"
+    with path.open("r+b") as stream:
+        stream.write(head)
+    return path
+
+
+@pytest.mark.parametrize("form", ["4", "5"])
+def test_vectors_of_a_mat_file_are_columns_by_their_names(tmp_path, form):
+    scipy.io.savemat(tmp_path / "record", GIVEN, format=form, appendmat=False)
+    is_given(read(tmp_path / "record"))
+
+
+def test_a_structure_with_time_has_its_labels(tmp_path):
+    one = {"values": np.column_stack([X, U]), "dimensions": 2.0, "label": "both"}
+    scipy.io.savemat(tmp_path / "a.mat", {"out": {"time": TIME, "signals": one}})
+    units = {"x": "m", "u": "V"}
+    is_given(read(tmp_path / "a.mat", {"both.1": "x", "both.2": "u"}, units))
+
+
+def test_dspace_units_and_axes_are_taken(tmp_path):
+    signals = [
+        {"Name": "Pos", "Data": 1e3 * X, "Unit": "mm", "XIndex": 1.0},
+        {"Name": "U", "Data": U, "Unit": "V", "XIndex": 1.0},
+        {"Name": "Temp", "Data": U[::100], "Unit": "degC", "XIndex": 2.0},
+    ]
+    axes = [{"Data": TIME}, {"Data": TIME[::100]}]
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"rec": {"X": axes, "Y": signals, "Description": "d"}})
+    record = is_given(read(path, {"Pos": "x", "U": "u", "Temp": "temperature"}))
+    assert np.isfinite(record.signals["temperature"]).sum() == 20
+
+
+def rows_of(texts):
+    width = max(map(len, texts))
+    return np.array([list(t.ljust(width)) for t in texts])
+
+
+@pytest.mark.parametrize("turned", [True, False])
+def test_results_of_modelica_have_signs_aliases_and_units(tmp_path, turned):
+    names = ["time", "axis.s", "axis.back", "motor.v", "axis.m", "axis.v"]
+    texts = ["Time [s]", "Position [mm|m]", "Its mirror", "Voltage [V]", "Mass [kg]", "Speed [m/s]"]
+    info = np.array([[0, 1], [2, 2], [2, -2], [2, 3], [1, 2], [2, 3]], dtype="i4")
+    info = np.column_stack([info, np.zeros(6, "i4"), -np.ones(6, "i4")])
+    data = np.column_stack([TIME, 1e3 * X, U])
+    constant = np.array([[0.0, 5.0], [2.0, 5.0]])
+    kind = "binTrans" if turned else "binNormal"
+    given = {"Aclass": rows_of(["Atrajectory", "1.1", "", kind])}
+    matrices = {"name": rows_of(names), "description": rows_of(texts), "dataInfo": info}
+    matrices |= {"data_1": constant, "data_2": data}
+    given |= {n: v.T if turned else v for n, v in matrices.items()}
+    for name, values in given.items():
+        if values.dtype.kind == "U":
+            given[name] = np.array(["".join(row) for row in values])
+    path = tmp_path / "dsres.mat"
+    scipy.io.savemat(path, given, format="4")
+    record = is_given(read(path, {"axis.s": "x", "motor.v": "u"}))
+    (table,) = read_tables(path)
+    assert table.units == {"time": "s", "axis.s": "mm", "motor.v": "V", "axis.v": "m/s"}
+    np.testing.assert_allclose(table.columns["axis.back"], -1e3 * record.x, atol=1e-9)
+
+
+def test_version_7_3_has_vectors_matrices_and_structures(tmp_path):
+    def vectors(file):
+        for name, values in (("time", TIME), ("x", X), ("u", U)):
+            file.create_dataset(name, data=values[None]).attrs["MATLAB_class"] = np.bytes_("double")
+
+    def matrix(file):
+        file.create_dataset("ans", data=np.column_stack([TIME, X, U]))
+
+    def scope(file):
+        top = file.create_group("Scope")
+        top.create_dataset("time", data=TIME[None])
+        signals, refs = top.create_group("signals"), file.create_group("#refs#")
+        for field, *pair in (("values", X, U), ("label", [[ord("x")]], [[ord("u")]])):
+            data = map(np.atleast_2d, pair)
+            made = [refs.create_dataset(f"{field}{k}", data=d) for k, d in enumerate(data)]
+            for item in made if field == "label" else ():
+                item.attrs["MATLAB_class"] = np.bytes_("char")
+            refs_of = np.array([item.ref for item in made], dtype=h5py.ref_dtype)
+            signals.create_dataset(field, data=refs_of[:, None])
+
+    is_given(read(mat73(tmp_path / "a.mat", vectors)))
+    names, units = {"ans.1": "time", "ans.2": "x", "ans.3": "u"}, {"time": "s", "x": "m", "u": "V"}
+    is_given(read(mat73(tmp_path / "b.mat", matrix), names, units))
+    is_given(read(mat73(tmp_path / "c.mat", scope)))

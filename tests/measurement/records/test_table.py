@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballscrew.measurement.records.columns import Table
+from ballscrew.measurement.records.reading import read_drive_records
 from ballscrew.measurement.records.table import choose, in_si, read_tables, rename
 from ballscrew.solver.errors import BadRecord
 
@@ -44,6 +45,9 @@ def body(separator, decimal=".", end=""):
         ("time;u;x,,\n", ";", ".", ",,"),
         ('"time";"u";"x"\n', ";", ",", ""),
         ("Machine 7;;\nrun;of;today\ntime;u;x\n", ";", ".", ""),
+        ("# logger 3\n#time u x\n", " ", ".", ""),
+        ("# logger 3\n# time,u,x\n", ",", ".", ""),
+        ("# logger 3\ntime|u|x\n", "|", ".", ""),
     ],
 )
 def test_separators_decimal_commas_and_ends_of_lines_are_found(
@@ -101,13 +105,13 @@ def test_dots_among_decimal_commas_are_of_thousands_or_refused(tmp_path_factory,
 @pytest.mark.parametrize("cell", ["0.5", "1234.567", "1.5e-3"])
 def test_a_decimal_point_among_decimal_commas_is_refused_with_its_line(tmp_path, cell):
     rows = [f"0,{k:02d};{k}" for k in range(20)]
-    path = write(tmp_path, "\n".join(["t;x", *rows[:12], f"0,12;{cell}", *rows[13:]]))
-    words = f"row 14, column 'x': '{cell}' is not a number; the file has decimal commas"
-    with pytest.raises(BadRecord, match=re.escape(words)):
-        rename(read_table(path), {}, ["t", "x"], [])
-    path = write(tmp_path, "\n".join(["t;x", *(f"0,{k:02d};{cell}" for k in range(20))]))
-    with pytest.raises(BadRecord, match=re.escape(f"column 'x': '{cell}' has a dot")):
-        rename(read_table(path), {}, ["x"], [])
+    rows[12] = f"0,12;{cell}"
+    row = f"row 14, column 'x': '{cell}' is not a number; the file has decimal commas"
+    whole = f"column 'x': '{cell}' has a dot"
+    for lines, words in ((rows, row), ([f"0,{k:02d};{cell}" for k in range(20)], whole)):
+        table = read_table(write(tmp_path, "\n".join(["t;x", *lines])))
+        with pytest.raises(BadRecord, match=re.escape(words)):
+            rename(table, {}, ["x"], [])
 
 
 def test_columns_of_words_are_left_out_and_empty_cells_are_no_numbers(tmp_path):
@@ -189,18 +193,6 @@ def test_a_last_line_that_breaks_off_is_left_out_and_one_that_is_short_is_refuse
             read_table(write(tmp_path, short))
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize(
-    ("head", "separator"),
-    [("#time x u", " "), ("# time,x,u", ","), ("time|x|u", "|")],
-)
-def test_names_behind_a_mark_of_remarks_stand_over_their_columns(tmp_path, head, separator):
-    rows = [line.replace(",", separator) for line in LINES]
-    table = read_table(write(tmp_path, "\n".join(["# logger 3", head, *rows, ""])))
-    assert list(table.columns) == ["time", "x", "u"]
-    np.testing.assert_array_equal(table.columns["u"], 2 * np.arange(10.0))
-
-
 def test_signals_with_times_of_their_own_are_tables_of_their_own(tmp_path):
     rows = ["0.0\t1.0\t0.0\t5.0", "0.1\t2.0\t0.2\t6.0", "0.2\t3.0\t0.4\t7.0", "0.3\t4.0\t\t"]
     path = write(tmp_path, "\n".join(["t\tx\tt\tu", *rows, ""]))
@@ -269,3 +261,97 @@ def test_a_labview_file_without_a_column_of_time_has_its_steps(tmp_path):
     np.testing.assert_array_equal(table.columns["X_Value"], [0.5, 0.75, 1.0])
     np.testing.assert_array_equal(table.columns["Voltage"], [2.5, 3.5, 4.5])
     assert table.units == {"Position": "mm", "Voltage": "V"}
+
+
+def stamped(tmp_path, stamps):
+    rows = map(";".join, zip(stamps, ["1.5", "2.5", "4.0", "8.0"], strict=True))
+    path = write(tmp_path, "\n".join(["time;x", *rows, ""]))
+    return rename(read_table(path), {}, ["time", "x"], [])
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        ["2024-03-01T12:00:00.000", "2024-03-01T12:00:00.250", "2024-03-01T12:00:00.5Z"],
+        ["2024-03-01 12:00:00", "2024-03-01 12:00:00.25", "2024-03-01 12:00:00.50"],
+        ["2024-02-29 23:59:59.9", "2024-03-01 00:00:00.15", "2024-03-01 00:00:00.4"],
+        ["31.12.2023 23:59:59.8", "1.1.2024 00:00:00.05", "01.01.2024 00:00:00.3"],
+        ["3/4/2024 11:59:59.900 AM", "3/4/2024 12:00:00.150 PM", "3/4/2024 12:00:00.4 PM"],
+        ["23:59:59.75", "00:00:00.00", "00:00:00.25"],
+        ["12:30:00.1+01:00", "12:30:00.35+01:00", "12:30:00.6+01:00"],
+        ["59:59.5", "59:59.75", "60:00.0"],
+    ],
+)
+def test_stamps_are_seconds_from_the_first_one(tmp_path, stamps):
+    table = stamped(tmp_path, [*stamps, ""])
+    np.testing.assert_allclose(table.columns["time"], [0, 0.25, 0.5, np.nan], atol=1e-9)
+    assert table.units == {"time": "s"}
+    assert table.notes == (f"time is in seconds from {stamps[0]}",)
+
+
+@pytest.mark.ci
+def test_stamps_with_decimal_commas_and_columns_without_a_name(tmp_path):
+    stamps = ["01.03.2024 12:00:00,000", "01.03.2024 12:00:00,001", "", "01.03.2024 12:00:00,003"]
+    rows = [f"{stamp};{k},5" for k, stamp in enumerate(stamps)]
+    table = read_table(write(tmp_path, "\n".join([";Weg (mm)", *rows, ""])))
+    np.testing.assert_allclose(table.columns["1"], [0, 1e-3, np.nan, 3e-3], atol=1e-9)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("stamps", "words"),
+    [
+        (["3/4/2024 23:59"] * 2 + ["4/4/2024 00:00"] * 2, "'3/4/2024 23:59' may be from two days;"),
+        (
+            ["12:00:00", "noon", "12:00:02", "12:00:03"],
+            "row 3, column 'time': 'noon' is not a",
+        ),
+    ],
+)
+def test_stamps_that_are_not_clear_are_refused(tmp_path, stamps, words):
+    with pytest.raises(BadRecord, match=words):
+        stamped(tmp_path, stamps)
+
+
+TIME = np.arange(0.0, 4.0, 1e-3)
+
+
+def x_at(time):
+    return 0.1 * np.sin(3 * time)
+
+
+def u_at(time):
+    return 3 * np.sin(5 * time)
+
+
+def test_asynchronous_stamps_are_put_to_the_slower_ones_where_both_are_known(tmp_path):
+    """A workbook with the position in one sheet and the voltage in another."""
+    import openpyxl
+
+    of_u = 0.3 + 2.5e-3 * np.arange(1000)
+    book = openpyxl.Workbook()
+    for name, head, *columns in (
+        ("axis", ("t [s]", "x"), TIME, x_at(TIME)),
+        ("drive", ("t [ms]", "u"), 1e3 * of_u, u_at(of_u)),
+    ):
+        sheet = book.create_sheet(name)
+        for row in (head, *np.column_stack(columns).tolist()):
+            sheet.append(row)
+    book.save(tmp_path / "a.xlsx")
+    (record,) = read_drive_records([tmp_path / "a.xlsx"], {"t": "time"})
+    np.testing.assert_allclose(record.time, of_u, atol=1e-9)
+    np.testing.assert_allclose(record.x, x_at(of_u), atol=1e-6)
+    np.testing.assert_allclose(record.u, u_at(of_u), atol=1e-12)
+    (note,) = record.notes
+    assert note.startswith(
+        "x of axis, recorded every 1 ms, is interpolated linearly at the time stamps of drive"
+    )
+    assert note.endswith("every 2.5, 1 in 2.5 of its samples")
+
+
+def test_a_time_that_is_given_by_number_is_that_of_each_signal(tmp_path):
+    rows = (f"{t:.3f};{x_at(t):.9f};{t + 0.2505:.4f};{u_at(t + 0.2505):.9f}" for t in TIME.tolist())
+    (tmp_path / "a.csv").write_text("\n".join(["t;x;t;u", *rows, ""]))
+    (record,) = read_drive_records([tmp_path / "a.csv"], {"1": "time"}, {"time": "s"})
+    np.testing.assert_allclose(record.u, u_at(record.time), atol=2e-5)
+    np.testing.assert_allclose(record.x, x_at(record.time), atol=1e-6)

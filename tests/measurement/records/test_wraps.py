@@ -36,7 +36,7 @@ def test_angles_of_one_turn_go_on(tmp_path, unit, turn, half):
     assert note.endswith(" times: it wraps around and was unwrapped")
 
 
-@pytest.mark.parametrize("bits", [12, 13, 14, 16, 17, 20, 23, 26, 32])
+@pytest.mark.parametrize("bits", [12, 14, 17, 32])
 def test_counters_of_fixed_size_go_on(tmp_path, bits):
     count = 0.03 / 2**bits  # X moves over 0.04 m
     counts = np.round(X / count) % 2**bits
@@ -53,20 +53,12 @@ def test_a_counter_of_time_goes_on(tmp_path):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("fault", ["more than a turn", "one wrong sample", "a step"])
-def test_other_jumps_stay_as_they_are(fault):
+def test_other_jumps_stay_as_they_are_and_samples_that_are_not_known_stay_so():
     x = 100 * np.sin(3 * TIME) + 150
-    if fault == "more than a turn":
-        x = 4 * x
-    elif fault == "one wrong sample":
-        x[700] = 300.0
-    else:
-        x[700:] = 300.0
-    assert unwrapped("x", x, 360.0)[1] == []
-
-
-@pytest.mark.ci
-def test_samples_that_are_not_known_stay_so():
+    wrong, step = x.copy(), x.copy()
+    wrong[700], step[700:] = 300.0, 300.0
+    for values in (4 * x, wrong, step):
+        assert unwrapped("x", values, 360.0)[1] == []
     x = 360 * (TURNS % 1.0)
     x[5::7] = np.nan
     out, notes = unwrapped("x", x, 360.0)
