@@ -23,12 +23,12 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (2779, 2276),
     "ballscrew": (3500, 2890),
     "gallery": (2730, 2356),
-    "measurement": (11486, 10112),
+    "measurement": (11367, 9998),
     "proofs": (10011, 8916),
     "benchmarks": (1799, 1661),
     "docs": (324, 293),
     ".ci": (204, 184),
-    "tests": (23029, 21980),
+    "tests": (22992, 21946),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -22,13 +22,16 @@ from the scores of pieces of the records. Pieces are taken as independent, so co
 within a piece are allowed. The scores are corrected for leverage, and intervals use Student's t for
 the number of pieces. Standard errors are never smaller than those of the likelihood without its
 information on the delays, and never smaller than `FLOOR`.
+
+Filters, buses and loggers delay one signal more than another. A fit gives the delay to within a
+sample or two, so a larger one is taken out step by step, with a new fit after each.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,15 +41,18 @@ from ...solver.arrays import Vector
 from ...solver.component import symbol
 from ..records.record import Record
 from .fit_errors import sum_up
-from .fitted_law import LAWS, MASS, OFFSET, FittedLaw, claim_of, without_direction
-from .intervals import Fit
+from .fitted_law import LAWS, MASS, OFFSET, FittedLaw, claim_of, name_and_end
+from .intervals import Fit, Interval
 from .layout import StackedRecords, lay_out
+from .left_over import LeftOver, left_over
 from .likelihood import Climb, Problem
 from .motion_parts import least_squares, way_since_reversal
 
 Start = dict[str, float]
+Progress = Callable[[str], None]
 
 _FAST = 0.3  # share of the fast speed above which the curve is nearly straight
+_SLOWEST = 0.005  # share of the fast speed above which the body moves
 
 
 def fit_along(
@@ -57,7 +63,7 @@ def fit_along(
     guess: Mapping[str, float] | None = None,
     fixed: Mapping[str, float] | None = None,
     beside: Collection[str] = (),
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> Fit:
     """Fit the parameters of a law to the force of the records.
 
@@ -92,25 +98,25 @@ def fit_along(
         course = course.with_mass(guess[MASS]) if mass else course
     else:
         sliding = _fast_sliding(course, replace(described, offset=OFFSET in beside), constant)
-        course = course.with_mass(sliding["mass"]) if mass else course
-        constant = sliding["offset"]
+        course = course.with_mass(sliding[MASS]) if mass else course
+        constant = sliding[OFFSET]
         starts = _starts(course, described, sliding)
     problem = Problem(course, described)
     names = described.names + described.beside
-    held = [j for j, n in enumerate(names) if n in fixed or without_direction(n) in fixed]
+    held = [j for j, n in enumerate(names) if n in fixed or name_and_end(n)[0] in fixed]
     beside_it = [np.log([course.mass])] if mass else []
     beside_it += [np.array([constant])] if described.offset else []
     climbs: list[tuple[float, Climb]] = []
     hidden: Vector | None = None  # from the first guess, so that costs are comparable
     for count, start in enumerate(starts, 1):
         progress(f"fitting {law}: first guess {count} of {len(starts)}")
-        sides = [start.copy() for _ in described.ends]
-        for side, end in zip(sides, described.ends, strict=True):
-            for k, name in enumerate(own.parameters):
-                for given in (guess, fixed):
-                    side[k] = given.get(name + end, given.get(name, side[k]))
-        first = np.concatenate([*map(own.coordinates_of, sides), *beside_it])
-        climb = Climb(problem, first, held, hidden)
+        first = []
+        for end in described.ends:
+            side = dict(zip(own.parameters, map(float, start), strict=True))
+            for given in (guess, fixed):
+                side = {n: given.get(n + end, given.get(n, v)) for n, v in side.items()}
+            first.append(own.coordinates_of(np.array([*side.values()])))
+        climb = Climb(problem, np.concatenate([*first, *beside_it]), held, hidden)
         hidden = climb.hidden
         cost = climb.run(12)  # after five iterations the wrong one may be better
         climbs.append((cost if math.isfinite(cost) else math.inf, climb))
@@ -125,8 +131,8 @@ def fit_along(
     return sum_up(best, fixed)
 
 
-def _fast_sliding(course: StackedRecords, law: FittedLaw, offset: float) -> dict[str, float]:
-    """Mass [kg], constant force, dry [N] and viscous friction [N s/m], where that is nearly a line.
+def _fast_sliding(course: StackedRecords, law: FittedLaw, offset: float) -> Start:
+    """Mass [kg], constant force and viscous friction [N s/m], where friction is nearly a line.
 
     A column that the motion does not show is left out: a constant force with one direction, a
     viscous slope with one speed.
@@ -137,22 +143,22 @@ def _fast_sliding(course: StackedRecords, law: FittedLaw, offset: float) -> dict
     one_speed = float(np.ptp(np.abs(v[fast]))) < 0.2 * float(np.abs(v[fast]).max())
     columns = {"dry": np.sign(v)}
     columns |= {} if one_speed else {"viscous": v}
-    columns |= {"offset": np.ones(len(v))} if law.offset and not one_way else {}
-    columns |= {"mass": a} if law.mass else {}
+    columns |= {OFFSET: np.ones(len(v))} if law.offset and not one_way else {}
+    columns |= {MASS: a} if law.mass else {}
     target = course.force - offset - (0.0 if law.mass else course.inertial)
     amplitudes = least_squares(np.column_stack([*columns.values()])[fast], target[fast])
-    none = {"mass": 0.0 if law.mass else course.mass, "offset": 0.0, "viscous": 0.0}
+    none = {MASS: 0.0 if law.mass else course.mass, OFFSET: 0.0, "viscous": 0.0}
     found = none | dict(zip(columns, map(float, amplitudes), strict=True))
     # if the motion does not show a mass: a mass whose force is a tenth of the friction
     usual = 0.1 * course.level / max(float(np.quantile(np.abs(a), 0.98)), 1e-12)
-    if law.mass and found["mass"] < 0.1 * usual:
-        found["mass"] = usual
-    return found | {"offset": offset + found["offset"]}
+    if law.mass and found[MASS] < 0.1 * usual:
+        found[MASS] = usual
+    return found | {OFFSET: offset + found[OFFSET]}
 
 
 def _starts(course: StackedRecords, law: FittedLaw, sliding: Start) -> list[Vector]:
     """First guesses from rough features of the friction-velocity map."""
-    friction = course.force - course.inertial - sliding["offset"]
+    friction = course.force - course.inertial - sliding[OFFSET]
     pull, speed = np.abs(friction), np.abs(course.v)
     top = float(np.quantile(speed, 0.98))
     high = max(float(np.quantile(pull, 0.97)), 1e-3)
@@ -163,8 +169,7 @@ def _starts(course: StackedRecords, law: FittedLaw, sliding: Start) -> list[Vect
     for part in course.parts():
         own, way = dry[part], np.abs(course.x[part] - course.x[part.start])
         early = (own > 0.15 * most) & (own < 0.6 * most) & (way > course.blur[part])
-        first = np.flatnonzero(own > 0.7 * most)
-        early[first[0] if len(first) else len(early) :] = False
+        early &= np.cumsum(own > 0.7 * most) == 0
         if np.any(early):
             stiffness.append(float(np.median(own[early] / way[early])))
     sigma = 1.3 * float(np.median(stiffness)) if stiffness else most / 3e-5
@@ -186,23 +191,21 @@ def _stribeck_curves(course: StackedRecords, friction: Vector, yielding: float) 
     pull, speed = friction * np.sign(course.v), np.abs(course.v)
     top = float(np.quantile(speed, 0.98))
     ways = [way_since_reversal(course.x[part], course.v[part])[0] for part in course.parts()]
-    slowest = 0.005
-    slid = (np.concatenate(ways) > 3.0 * yielding) & (speed > slowest * top)
+    slid = (np.concatenate(ways) > 3.0 * yielding) & (speed > _SLOWEST * top)
     slid = slid if np.count_nonzero(slid) > 50 else speed > 0.3 * top
     found = []
-    for width in np.geomspace(slowest, 0.6, 15) * top:
+    for width in np.geomspace(_SLOWEST, 0.6, 15) * top:
         fall = np.exp(-((speed[slid] / width) ** 2))
         columns = np.column_stack([np.ones(len(fall)), speed[slid], fall])
         amplitudes = least_squares(columns, pull[slid])
         found.append((float(np.sum((columns @ amplitudes - pull[slid]) ** 2)), width, amplitudes))
-    found.sort(key=lambda c: c[0])
     curves: list[Start] = []
-    for _, width, (dry, viscous, peak) in found:
+    for _, width, (dry, viscous, peak) in sorted(found, key=lambda c: c[0]):
         if all(abs(math.log(width / c["Vs"])) > math.log(4.0) for c in curves):
             base = max(dry, 0.05 * float(pull.max()))
-            top_of = max(base + peak, 1.1 * base)
             slope = max(viscous, 0.02 * base / top)
-            curves.append({"Fc": base, "Fs": top_of, "Vs": width, "sigma2": slope})
+            static = max(base + peak, 1.1 * base)
+            curves.append({"Fc": base, "Fs": static, "Vs": width, "sigma2": slope})
     return curves[:3]
 
 
@@ -219,9 +222,69 @@ def _scaled_defaults(name: str, force: float, stiffness: float, speed: float) ->
     for pace in (1.0, 0.25, 4.0):
         second = metre / pace
         size = {"kg": newton * second**2 / metre, "m": metre, "s": second}
-        starts.append({p.name: p.default * _factor(p.unit, size) for p in own})
+        powers = {p.name: base_exponents(p.unit) for p in own}
+        scales = {n: math.prod(size.get(b, 1.0) ** k for b, k in powers[n].items()) for n in powers}
+        starts.append({p.name: p.default * scales[p.name] for p in own})
     return starts
 
 
-def _factor(unit: str, size: Mapping[str, float]) -> float:
-    return math.prod(size.get(base, 1.0) ** power for base, power in base_exponents(unit).items())
+@dataclass(frozen=True)
+class FittedRecords:
+    """Records laid end to end, a law fitted to them, and what it leaves."""
+
+    records: list[Record]
+    course: StackedRecords
+    fit: Fit
+    left: LeftOver
+
+    @property
+    def explained(self) -> bool:
+        """Whether the law leaves not much more than noise."""
+        return self.left.force <= 2.0 * self.left.noise
+
+    @property
+    def late(self) -> Interval:
+        """Delay of the force after the motion; of several rates, the largest [s]."""
+        put = [r.lags.get("force", 0.0) for r in self.records]
+        late = zip((self.fit.late[int(c)] for c in self.course.clock), put, strict=True)
+        return max((i.plus(p) for i, p in late), key=lambda i: abs(i.value))
+
+
+def fit_late_records(
+    records: Sequence[Record],
+    law: str,
+    fixed: Mapping[str, float],
+    beside: Collection[str],
+    progress: Progress,
+) -> FittedRecords:
+    """Fit a law to records, and correct them by the delay of the force if it is certain.
+
+    It is not if some lags are known, if it may be within what was known of it before, or if the law
+    does not explain the force: such a law takes its own error for a delay.
+    """
+
+    def fitted(records: list[Record], guess: Mapping[str, float] | None) -> FittedRecords:
+        course = lay_out(records)
+        fit = fit_along(records, law, course, None, guess, fixed, beside, progress)
+        return FittedRecords(records, course, fit, left_over(course, fit))
+
+    def beyond(late: Interval) -> bool:
+        """Whether all of the interval is beyond twice what was known of the delay."""
+        reach = math.inf if late.high is None else late.high - late.value
+        return abs(late.value) > 2.0 * known + reach
+
+    known = max(r.delay_std for r in records)
+    first = last = fitted(list(records), None)
+    for _ in range(8 * (not any(r.lags for r in records))):  # each by a sample or more
+        if not any(map(beyond, last.fit.late)):
+            break
+        moved = []
+        for record, clock in zip(last.records, last.course.clock, strict=True):
+            step = last.fit.late[clock]
+            total = record.lags.get("force", 0.0) + step.value
+            spread = math.hypot(known, step.standard_error or 0.0)
+            moved.append(replace(record, lags={"force": total}, delay_std=spread))
+        before, last = last, fitted(moved, last.fit.values)
+        if last.left.force > before.left.force:
+            break
+    return last if beyond(last.late) and last.explained else first

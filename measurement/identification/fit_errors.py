@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ...solver.arrays import Matrix, Vector
-from .fitted_law import OFFSET, without_direction
+from .fitted_law import OFFSET, name_and_end
 from .identifiability import blurred_elements, hardly_slides, peak_unseen
 from .intervals import CONFIDENCE, NARROW, Fit, Interval, is_narrow
 from .law_along_record import with_backlash
@@ -85,7 +85,7 @@ def _each_piece(climb: Climb, inverse: Matrix) -> Iterator[tuple[slice, Told]]:
             part = slice(first, min(first + length, whole.stop))
             told = climb.told(r, part)
             used = told.information @ inverse[np.ix_(told.at, told.at)]  # leverage
-            slope = np.linalg.solve(np.eye(len(used)) - used, told.slope)
+            slope = np.asarray(np.linalg.solve(np.eye(len(used)) - used, told.slope), dtype=float)
             yield part, told._replace(slope=slope)
 
 
@@ -163,9 +163,9 @@ def _of_sensors(climb: Climb) -> Vector:
     values = {n: float(v) for n, v in zip(law.names, found, strict=False)}
     variances = np.zeros(problem.size)
     for j, name in enumerate(law.names):
-        bare = without_direction(name)
+        bare, end = name_and_end(name)
         if bare in _ELASTIC:
-            way = law.presliding_way(values, name[len(bare) :])
+            way = law.presliding_way(values, end)
             variances[j] = float(np.mean((course.backlash / way) ** 2 + course.gain_std**2))
         elif bare == "sigma1":
             sigma0, sigma1 = np.exp(climb.coordinates[j - 1 : j + 1])
@@ -210,7 +210,7 @@ def _intervals(fit: Fit, climb: Climb, fixed: Mapping[str, float]) -> dict[str, 
         low: float | None = None
         high: float | None = None
         if j in climb.held:
-            given = fixed[name] if name in fixed else fixed[without_direction(name)]
+            given = fixed[name] if name in fixed else fixed[name_and_end(name)[0]]
             intervals[name] = Interval(given, unit, 0.0, given, given, "given, held", True)
             continue
         if name == OFFSET:

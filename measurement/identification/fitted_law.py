@@ -119,9 +119,10 @@ BRISTLES = tuple(name for name, law in LAWS.items() if law.form == "bristles")
 """LuGre and related laws."""
 
 
-def without_direction(name: str) -> str:
-    """A parameter's name without its direction."""
-    return name.removesuffix("_pos").removesuffix("_neg")
+def name_and_end(parameter: str) -> tuple[str, str]:
+    """A parameter's name without its direction, and the ending for that."""
+    name = parameter.removesuffix("_pos").removesuffix("_neg")
+    return name, parameter[len(name) :]
 
 
 def claim_of(name: str, what: str, values: Mapping[str, float], speed: float = 1e-6) -> float:

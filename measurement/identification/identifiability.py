@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ...solver.arrays import Vector
-from .fitted_law import MASS, OFFSET, assumed_damping, without_direction
+from .fitted_law import MASS, OFFSET, assumed_damping, name_and_end
 from .intervals import CONFIDENCE, NARROW, Fit
 from .law_along_record import with_backlash
 from .layout import StackedRecords
@@ -26,17 +27,22 @@ FORWARDS, BACKWARDS = "forwards", "backwards"
 
 _BROKEN_AWAY = 5.0  # distance until a block slides, in presliding distances
 _MADE_UP = 0.5  # others make up for it, if its error would be less than this share without them
+_LONGEST = 20.0  # duration of a proposed motion [s]
 
 
 def ways(course: StackedRecords) -> list[str]:
     """The directions in which records move, at least one of `FORWARDS` and `BACKWARDS`."""
-    found = []
-    for way, sign in ((FORWARDS, 1.0), (BACKWARDS, -1.0)):
-        moved = np.maximum(sign * np.diff(course.x), 0.0)
-        moved[course.starts[1:-1] - 1] = 0.0
-        if float(moved.sum()) > max(0.02 * float(np.abs(moved).max(initial=0.0)), 5e-6):
-            found.append(way)
+    moves = np.diff(course.x)
+    moves[course.starts[1:-1] - 1] = 0.0
+    least = {way: _towards(moves, end) for way, end in ((FORWARDS, "_pos"), (BACKWARDS, "_neg"))}
+    found = [way for way, m in least.items() if m.sum() > max(0.02 * m.max(initial=0.0), 5e-6)]
     return found or [FORWARDS]
+
+
+def _towards(values: Vector, end: str) -> Vector:
+    """The sizes of values in the direction of a parameter with this end, in either without one."""
+    sign = {"_pos": 1.0, "_neg": -1.0}.get(end)
+    return np.maximum(sign * values, 0.0) if sign else np.abs(values)
 
 
 def peak_unseen(fit: Fit, course: StackedRecords, parameter: str) -> bool:
@@ -47,19 +53,17 @@ def peak_unseen(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     visible. Dahl's law bends from the start, so without the end of the curve its initial stiffness
     is not identified either.
     """
-    name = without_direction(parameter)
-    end, law = parameter[len(name) :], fit.law
-    static = "Fs" if "Fs" in law.parameters else "Fc"
+    (name, end), law = name_and_end(parameter), fit.law
     falls = name in ("Fs", "Vs") and {"Fc", "Fs"} <= set(law.parameters)
     if falls and fit.values["Fs" + end] < (1 + UNDER) * fit.values["Fc" + end]:
         return True
     if name not in law.asks.of_break_away:
         return False
     friction = (fit.predicted - course.inertial)[fit.spoken] - fit.values.get(OFFSET, 0.0)
-    pull = {"_pos": friction, "_neg": -friction}.get(end, np.abs(friction))
     error = float(np.max(course.backlash)) / law.presliding_way(fit.values, end)
     sharp = max(error, float(np.max(course.gain_std))) < 1e-3  # then a bend gives the final force
-    return float(np.max(pull)) < (0.7 if sharp else 0.9) * fit.values[static + end]
+    static = fit.values[("Fs" if "Fs" in law.parameters else "Fc") + end]
+    return float(np.max(_towards(friction, end))) < (0.7 if sharp else 0.9) * static
 
 
 def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
@@ -69,17 +73,16 @@ def hardly_slides(fit: Fit, course: StackedRecords, parameter: str) -> bool:
     curve. If they slide at one speed, or at speeds at which that curve has hardly fallen, its
     remaining fall, its width and the viscous slope are not identified.
     """
-    name = without_direction(parameter)
+    name, end = name_and_end(parameter)
     of_curve = name in ("Fc", "Vs", "sigma2") and "Vs" in fit.law.parameters
     if not of_curve and name not in fit.law.asks.of_sliding:
         return False
-    end = parameter[len(name) :]
     yielding = fit.law.presliding_way(fit.values, end)
     until = np.full(course.records, _BROKEN_AWAY * yielding)
     dragged = with_backlash(course.x, course.starts, until)
     moves = np.diff(dragged, prepend=dragged[0])
     moves[course.starts[:-1]] = 0.0
-    slid = {"_pos": np.maximum(moves, 0.0), "_neg": np.maximum(-moves, 0.0)}.get(end, np.abs(moves))
+    slid = _towards(moves, end)
     if float(slid.sum()) < 50.0 * yielding:
         return True
     if not of_curve:
@@ -103,19 +106,17 @@ def blurred_elements(fit: Fit, resolution: float) -> set[str]:
     drawn = fit.draws()
     for first in range(0, len(fit.law.names), len(fit.law.parameters)):
         own = drawn[:, first : first + len(fit.law.parameters)]
-        stiffness, shares = own[:, :count], own[:, count : 2 * count]
-        held = shares * own[:, -2:-1]
-        yields = held / stiffness
-        before = np.column_stack([np.zeros(len(yields)), yields[:, :-1]])
-        after = np.column_stack([yields[:, 1:], np.full(len(yields), math.inf)])
-        share = np.mean((held > 2 * resolution) & (before < yields) & (yields < after), axis=0)
-        for i in np.flatnonzero(share < CONFIDENCE):
+        held = own[:, count : 2 * count] * own[:, -2:-1]
+        yields = np.pad(held / own[:, :count], ((0, 0), (1, 1)))
+        yields[:, -1] = math.inf
+        in_order = np.diff(yields) > 0
+        told = (held > 2 * resolution) & in_order[:, :-1] & in_order[:, 1:]
+        for i in np.flatnonzero(np.mean(told, axis=0) < CONFIDENCE):
             names |= {fit.names[first + i], fit.names[first + count + i]}
     return names
 
 
-@dataclass(frozen=True)
-class CandidateTrial:
+class Trial(NamedTuple):
     """A trial that might be added: its description, and the motion of each of its records."""
 
     what: str
@@ -160,21 +161,21 @@ def _rise(speed: float) -> Motion:
     return lambda t: speed * (t - 0.06 * (1 - np.exp(-t / 0.06)))
 
 
-def candidates(fit: Fit, parameter: str, course: StackedRecords) -> list[CandidateTrial]:
+def candidates(fit: Fit, parameter: str, course: StackedRecords) -> list[Trial]:
     """Candidate trials for a parameter, the simplest first, scaled to the machine.
 
     If the records show presliding only: with a travel long enough to slide, moved over in a second.
     """
-    name, longest = without_direction(parameter), 20.0
+    name, end = name_and_end(parameter)
     if name == "sigma1":
-        way = fit.law.presliding_way(fit.values, parameter[len(name) :]) / 4
+        way = fit.law.presliding_way(fit.values, end) / 4
         rate, fine = 2 * math.pi * 10.0, way / 160
         what = (
             f"velocity {way * rate:.2g}*sin({rate:.3g} t) m/s, {2 * way:.2g} m forwards and "
             f"backwards in presliding, for 5 s, force and displacement (to {fine:.1g} m) "
             "sampled together at 2 kHz (their delay must be known to 0.15 ms)"
         )
-        return [CandidateTrial(what, (_sine(way * rate, rate),), 5.0, 5e-4, fine)]
+        return [Trial(what, (_sine(way * rate, rate),), 5.0, 5e-4, fine)]
     way = max(fit.law.presliding_way(fit.values, end) for end in fit.law.ends)
     speed = float(np.quantile(np.abs(course.v), 0.99))
     travel = max(float(np.ptp(course.x[part])) for part in course.parts())
@@ -182,28 +183,25 @@ def candidates(fit: Fit, parameter: str, course: StackedRecords) -> list[Candida
         speed = travel = 100.0 * way
     sensors = float(course.step.min()), float(np.median(course.blur))
 
-    def constant(speeds: Sequence[float], lasts: float) -> CandidateTrial:
+    def constant(speeds: Sequence[float], lasts: float) -> Trial:
         *others, last = (f"{v:.2g}" for v in speeds)
         what = f"constant velocities of {', '.join(others)} and {last} m/s in either direction, "
         motions = tuple(_rise(s * v) for v in speeds for s in (1.0, -1.0))
-        return CandidateTrial(f"{what}{lasts:.2g} s each", motions, lasts, *sensors)
+        return Trial(f"{what}{lasts:.2g} s each", motions, lasts, *sensors)
 
     gentle = speed / 4
-    rate = max(2 * gentle / travel, math.pi / longest)
-    what = (
-        f"velocity {gentle:.2g}*sin({rate:.3g} t) m/s for {math.pi / rate:.3g} s from rest in "
-        "either direction"
-    )
+    rate = max(2 * gentle / travel, math.pi / _LONGEST)
+    what = f"velocity {gentle:.2g}*sin({rate:.3g} t) m/s for {math.pi / rate:.3g} s from rest in "
     back_and_forth = _sine(gentle, rate), _sine(-gentle, rate)
-    slow = CandidateTrial(what, back_and_forth, math.pi / rate, *sensors)
+    slow = Trial(f"{what}either direction", back_and_forth, math.pi / rate, *sensors)
     if name == "Vs":
         steps = [fit.values[parameter] * share for share in (0.3, 0.6, 1.0, 1.5)]
-        return [slow, constant(steps, min(longest, travel / steps[-1]))]
+        return [slow, constant(steps, min(_LONGEST, travel / steps[-1]))]
     speeds = [speed * share for share in (1 / 12, 1 / 6, 1 / 3, 2 / 3, 1)]
     fast = constant(speeds, min(travel / speed, 5.0))
     rate = max(2 * speed / travel, 2 / 3)
     what = f"velocity {speed:.2g}*sin({rate:.3g} t) m/s for two cycles"
-    cycles = CandidateTrial(what, (_sine(speed, rate),), 4 * math.pi / rate, *sensors)
+    cycles = Trial(what, (_sine(speed, rate),), 4 * math.pi / rate, *sensors)
     return [fast, slow] if name == "sigma2" else [slow, fast, cycles]
 
 
@@ -221,7 +219,7 @@ def which_would_do(fit: Fit, parameter: str, course: StackedRecords) -> str:
     return f"of {len(options)} trials tried by calculation none would be enough alone"
 
 
-def _expected_error(fit: Fit, option: CandidateTrial, parameter: str, resolution: float) -> float:
+def _expected_error(fit: Fit, option: Trial, parameter: str, resolution: float) -> float:
     """Relative standard error of a parameter with a further trial.
 
     It is calculated at the fit, with critical damping if sigma1 is not known.
@@ -237,23 +235,21 @@ def _expected_error(fit: Fit, option: CandidateTrial, parameter: str, resolution
     force = np.round(force / resolution) * resolution if resolution else force
     climb.problem = Problem(replace(course, force=force), fit.law)
     climb.prior_std[:p] = 1e3  # the trial alone may not identify all parameters
-    alone = np.linalg.inv(np.linalg.inv(climb.normal()[0])[:p, :p])
-    before = np.linalg.inv(np.linalg.inv(fit.information)[:p, :p])
-    j, tiny, turn = fit.names.index(parameter), 1e-5, np.empty(p)
-    base = math.log(fit.law.values_at(coordinates)[j])
-    for k in range(p):
-        moved = coordinates.copy()
-        moved[k] += tiny
-        turn[k] = (math.log(fit.law.values_at(moved)[j]) - base) / tiny
-    return math.sqrt(float(turn @ np.linalg.inv(before + alone) @ turn))
+    told = fit.information, climb.normal()[0]
+    both = sum(np.linalg.inv(np.linalg.inv(i)[:p, :p]) for i in told)
+    j, tiny = fit.names.index(parameter), 1e-5
+    moved = np.vstack([coordinates, coordinates + tiny * np.eye(p)])
+    logarithms = np.log(fit.law.values_at(moved)[:, j])
+    turn = (logarithms[1:] - logarithms[0]) / tiny
+    return math.sqrt(float(turn @ np.linalg.inv(both) @ turn))
 
 
 def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
     """The reason why an interval is wide, from the recorded motion and from the fit's errors."""
-    name = without_direction(parameter)
-    way = {"_pos": FORWARDS, "_neg": BACKWARDS}.get(parameter[len(name) :], "in either direction")
+    name, end = name_and_end(parameter)
+    way = {"_pos": FORWARDS, "_neg": BACKWARDS}.get(end, "in either direction")
     moved = ways(course)
-    if way in (FORWARDS, BACKWARDS) and way not in moved:
+    if end and way not in moved:
         return f"there is no motion {way}"
     if fit.law.offset and len(moved) == 1 and name in (OFFSET, "Fc", "Fs"):
         return (
@@ -283,15 +279,13 @@ def _confused(fit: Fit, parameter: str) -> str:
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     both = covariance / np.outer(size, size)
     alone = 1.0 / math.sqrt(max(float(np.linalg.pinv(both)[j, j]), 1.0))
-    both[j, j] = 0.0
-    other = int(np.argmax(np.abs(both[j])))
     noise = f"the noise of {fit.noise:.2g} N"
     if alone > _MADE_UP and 2 * alone * float(size[j]) > NARROW:
         return f"the force depends too little on it for {noise}, even if all else were known"
     if alone > _MADE_UP:
-        return (
-            f"its error by sensors, or from piece to piece of the records, is above that by {noise}"
-        )
+        return f"its error by sensors, or from piece to piece of records, is above that by {noise}"
+    both[j, j] = 0.0
+    other = int(np.argmax(np.abs(both[j])))
     name = [*fit.names, *["the delay between force and motion"] * len(fit.delays)][other]
     return (
         f"it and {name} are only known together (correlation {both[j, other]:.2f}); if all else "

@@ -10,7 +10,7 @@ from typing import Any
 
 from ...orchestration.loop.parameter_file import DRIVE, ParameterFile, Value
 from ...plant.law import law as friction_law
-from ...solver.component import ForceTerm, Parameter, symbol
+from ...solver.component import symbol
 from ...solver.files import write_json
 from ..records.record import Record
 from .fitted_law import OFFSET
@@ -84,28 +84,22 @@ class Identification:
         """
         given = self.file or ParameterFile()
         names = ", ".join(r.name for r in self.records)
-        another = given.law not in ("", self.law)
-        replaced = {p.name for p in _law_of(given.law).parameters} if another else set()
+        replaced = _of_law(given.law) if given.law != self.law else {}
         known = {n: v for n, v in given.plant.items() if n not in replaced}
-        values = {p.name: _fixed(p) for p in _law_of(self.law).parameters} | known
+        values = _of_law(self.law) | known
         for name, i in self.parameters.items():
             if name == OFFSET and given.kind != DRIVE:
                 continue
             held = name in self.fixed
             if name not in known or (i.identified and not (held and known[name].value == i.value)):
                 source = f"{'' if i.identified else 'an estimate, not '}identified from {names}"
-                said = (None, "given, held") if held else (_bounds(i), source)
+                low = min(-math.inf if i.low is None else i.low, i.value)
+                bounds = low, max(math.inf if i.high is None else i.high, i.value)
+                said = (None, "given, held") if held else (bounds, source)
                 values[name] = Value(i.value, i.unit, *said)
         reasons = {n: i.because for n, i in self.parameters.items() if not i.identified}
-        return replace(
-            given,
-            path=None,
-            law=self.law,
-            plant=values,
-            found={},
-            not_identified=reasons,
-            diagnosis=None,
-        ).turning()
+        new = replace(given, path=None, law=self.law, plant=values, not_identified=reasons)
+        return replace(new, found={}, diagnosis=None).turning()
 
     def save(self, folder: Path | str) -> None:
         """Write ``identified.json``, and ``parameters.toml`` into `folder`.
@@ -121,17 +115,7 @@ class Identification:
         self.parameter_file().save(folder)
 
 
-def _bounds(i: Interval) -> tuple[float, float]:
-    """The interval's ends; an unknown end is infinite."""
-    low = -math.inf if i.low is None else i.low
-    high = math.inf if i.high is None else i.high
-    return min(low, i.value), max(high, i.value)
-
-
-def _fixed(p: Parameter) -> Value:
-    """A parameter that is not fitted."""
-    return Value(p.default, p.unit, None, f"{p.source}, not fitted")
-
-
-def _law_of(name: str) -> ForceTerm:
-    return friction_law(name)(symbol("v"))
+def _of_law(name: str) -> dict[str, Value]:
+    """The parameters of a law, not fitted; none without a law."""
+    own = friction_law(name)(symbol("v")).parameters if name else ()
+    return {p.name: Value(p.default, p.unit, None, f"{p.source}, not fitted") for p in own}

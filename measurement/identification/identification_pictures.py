@@ -84,24 +84,22 @@ def response_figure(result: Response) -> Any:
     """Figure of a frequency response: magnitude, phase and coherence over frequency."""
     import matplotlib as mpl
 
+    known = np.where(result.coherent, result.position, np.nan)
+    rows = {
+        f"position per input [m/{result.unit}]": np.abs(known),
+        "phase [deg]": np.degrees(np.angle(known)),
+        "coherence [1]": result.coherence,
+    }
     with mpl.rc_context(STYLE):
         figure, grid = new_figure(3, 1, (8, 8))
-        known = np.where(result.coherent, result.position, np.nan)
-        rows = (
-            (np.abs(known), f"position per input [m/{result.unit}]"),
-            (np.degrees(np.angle(known)), "phase [deg]"),
-            (result.coherence, "coherence [1]"),
-        )
-        for (axes,), (values, label) in zip(grid, rows, strict=True):
+        for (axes,), (label, values) in zip(grid, rows.items(), strict=True):
             axes.plot(result.frequency, values, color=COLOURS[0], lw=1.0)
-            axes.set_xscale("log")
-            axes.set_ylabel(label)
+            axes.set(xscale="log", ylabel=label)
             if result.resonance:
                 axes.axvline(result.resonance.value, color=COLOURS[1], ls="--", lw=1.0)
-        grid[0][0].set_yscale("log")
+        grid[0][0].set(yscale="log")
         grid[0][0].set_title(result.said, fontsize=10)
-        grid[2][0].set_ylim(0, 1.05)
-        grid[2][0].set_xlabel("frequency [Hz]")
+        grid[2][0].set(ylim=(0, 1.05), xlabel="frequency [Hz]")
     return figure
 
 

@@ -17,8 +17,7 @@ from ...plant.instruments.amplifier import PARAMETERS as AMPLIFIER
 from ...solver.errors import BadParameter, nearest
 from ..records.reading import INTEGRATED, read_force_records
 from ..records.record import FORCE, TORQUE, Record
-from .delay import fit_late_records
-from .fit import fit_along
+from .fit import fit_along, fit_late_records
 from .fitted_law import LAWS, MASS, OFFSET
 from .identifiability import ways, which_would_do, why_not
 from .identification import SIDES, Identification
@@ -32,29 +31,26 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
 
     `fixed` has values by the law's names, or `OFFSET` [N]; `offset`: a constant force is fitted.
     """
-    described = LAWS[law]
-    names = described.names
-    together = described.together
+    names, together = LAWS[law].names, LAWS[law].together
     for name, value in fixed.items():
         if name in together:
             others = ", ".join(n for n in together if n != name)
             raise BadParameter(
                 f"{name} of {law} is fitted together with {others} and cannot be fixed alone"
             )
-        if name != OFFSET and name not in names:
+        if name not in (*names, OFFSET):
+            near, there = nearest(name, [*names, OFFSET]), ", ".join(names)
             raise BadParameter(
-                f"{law} has no parameter {name!r}{nearest(name, [*names, OFFSET])}; it has "
-                f"{', '.join(names)}, and there is {OFFSET}"
+                f"{law} has no parameter {name!r}{near}; it has {there}, and there is {OFFSET}"
             )
         if not math.isfinite(value) or (name != OFFSET and value <= 0):
             wanted = "number above 0; a small value removes its effect"
             wanted = "finite number" if name == OFFSET else wanted
             raise BadParameter(f"{name} is {value:g}, expected a {wanted}")
     if offset and OFFSET in fixed:
-        raise BadParameter(
-            f"{OFFSET} is held at {fixed[OFFSET]:g} N and fitted; expected one of them"
-        )
-    if offset and described.directional:
+        said = f"{fixed[OFFSET]:g} N and fitted; expected one of them"
+        raise BadParameter(f"{OFFSET} is held at {said}")
+    if offset and LAWS[law].directional:
         raise BadParameter(
             f"{law} has separate friction for each direction, which cannot be distinguished "
             f"from a constant force; fix {OFFSET} at a value"
@@ -119,16 +115,12 @@ def identify(
     if mass:
         records = [replace(r, mass=fit.values[MASS]) for r in records]
         course = course.with_mass(fit.values[MASS])
-    if file is None:
-        of_axis = [r for r in records if r.about and r.about.get("kind", BALL_SCREW) == BALL_SCREW]
-        file = _axis_of(of_axis[0]) if of_axis else _drive_of(records[0])
-        if mass:
-            file = replace(file, plant={n: v for n, v in file.plant.items() if n != MASS})
+    file = file or _file_of(records, mass)
     progress("judging the parameters")
     judged = {n: _judge(fit, n, course) for n in fit.names}
     progress("fitting each direction")
     per_direction, notes = _each_way(records, fit, judged, course, fixed)
-    notes += [TURNS] * file.turns + _remarks(records, law, fit, offset)
+    notes += [TURNS] * file.turns + _remarks(records, fit, offset)
     if OFFSET in judged and file.kind != DRIVE:
         notes.append(
             'the offset is not in parameters.toml: only kind = "drive" has such a parameter'
@@ -166,23 +158,24 @@ def identify(
     )
 
 
-def _axis_of(record: Record) -> ParameterFile:
-    """Parameter file of the rig's axis, as its ``trial.json`` describes it, without friction."""
-    said = record.about.get("parameters", {})
-    values = {p.name: (said.get(f"plant.{p.name}", p.default), p) for p in (*AXIS, *AMPLIFIER)}
-    source = "of the trial's rig"
-    return ParameterFile(plant={n: Value(v, p.unit, None, source) for n, (v, p) in values.items()})
+def _file_of(records: Sequence[Record], mass: bool) -> ParameterFile:
+    """What is known of the machine: the rig's axis without friction, or a drive by force or torque.
 
-
-def _drive_of(record: Record) -> ParameterFile:
-    """Parameter file of a machine with records of force and position only."""
+    Without the mass, if `mass` is fitted.
+    """
+    for record in records:
+        if record.about and record.about.get("kind", BALL_SCREW) == BALL_SCREW:
+            said, source = record.about.get("parameters", {}), "of the trial's rig"
+            own = [p for p in (*AXIS, *AMPLIFIER) if not (mass and p.name == MASS)]
+            axis = {p.name: (said.get(f"plant.{p.name}", p.default), p.unit) for p in own}
+            return ParameterFile(plant={n: Value(*v, None, source) for n, v in axis.items()})
     command, gain, unit = FORCE, 1.0, "1"
-    if record.lead:
-        command, gain, unit = TORQUE, 2 * math.pi / record.lead, "N/(N*m)"
-    values = {
-        "m": Value(record.mass, "kg", None, "of the records: between load cell and block"),
-        "gain": Value(gain, unit, None, f"the command is the {command}"),
-    }
+    if lead := records[0].lead:
+        command, gain, unit = TORQUE, 2 * math.pi / lead, "N/(N*m)"
+    values = {"gain": Value(gain, unit, None, f"the command is the {command}")}
+    if not mass:
+        said = "of the records: between load cell and block"
+        values = {MASS: Value(records[0].mass, "kg", None, said), **values}
     return ParameterFile(kind=DRIVE, command=command, plant=values)
 
 
@@ -219,11 +212,10 @@ def _of_mass(found: Interval, given: Value | None) -> list[str]:
     return [said + gain_words(found.value, given.value)]
 
 
-def _remarks(records: Sequence[Record], law: str, fit: Fit, offset: bool) -> list[str]:
+def _remarks(records: Sequence[Record], fit: Fit, offset: bool) -> list[str]:
     """Notes on the records and on the law."""
     notes = []
-    foreign = [r for r in records if not r.about]
-    if foreign:
+    if foreign := [r for r in records if not r.about]:
         way = max(float(np.ptp(r.position)) for r in foreign)
         pull = max(float(np.abs(r.force).max()) for r in foreign)
         notes.append(
@@ -236,8 +228,7 @@ def _remarks(records: Sequence[Record], law: str, fit: Fit, offset: bool) -> lis
             "in sliding, a constant force and a Coulomb friction that depends on direction "
             "cannot be distinguished: the offset assumes the same friction in both directions"
         )
-    if any(r.velocity_alone for r in records):
-        notes.append(INTEGRATED)
+    notes += [INTEGRATED] * any(r.velocity_alone for r in records)
     if fit.law.rigid:
         notes.append(
             f"presliding stiffness: the law has none; {np.mean(~fit.spoken):.0%} of the samples, "
@@ -245,14 +236,11 @@ def _remarks(records: Sequence[Record], law: str, fit: Fit, offset: bool) -> lis
         )
     if not fit.law.asks.form:
         notes.append(
-            f"{law} has no fast form in c/laws.c: its equations are solved from sample "
+            f"{fit.law.name} has no fast form in c/laws.c: its equations are solved from sample "
             "to sample, which is slower"
         )
     if "Kv" in fit.law.unseen:
         notes.append("Kv is fixed at 1e8 s/m: these records do not resolve |v| of 1e-8 m/s")
-    if len({round(math.log(r.step), 2) for r in records}) > 1:
-        rates = ", ".join(f"{1 / s:.4g} Hz" for s in sorted({r.step for r in records}))
-        notes.append(f"records of different rates ({rates}), each is used at its own rate")
     return notes
 
 
@@ -266,23 +254,18 @@ def _judge(fit: Fit, name: str, course: StackedRecords) -> Interval:
 
 def _difference(apart: Fit, split: Mapping[str, Interval], fixed: Mapping[str, float]) -> list[str]:
     """A note if the two directions differ significantly."""
-    half = len(apart.law.parameters)
-    seen = [
-        j
-        for j, n in enumerate(apart.law.parameters)
-        if n not in fixed and all(split[n + end].identified for end in SIDES.values())
-    ]
+    names = apart.law.parameters
+    free = [j for j, n in enumerate(names) if n not in fixed]
+    seen = [j for j in free if all(split[names[j] + end].identified for end in SIDES.values())]
     if not seen:
         return []
-    turn = np.zeros((len(seen), len(apart.coordinates)))
-    for row, j in enumerate(seen):
-        turn[row, j], turn[row, j + half] = 1.0, -1.0
+    turn = np.eye(len(names), len(apart.coordinates))
+    turn = (turn - np.roll(turn, len(names), axis=1))[seen]
     gap = turn @ apart.coordinates
     distance = float(gap @ np.linalg.solve(turn @ apart.covariance @ turn.T, gap))
     if chdtrc(len(seen), distance) > 1e-3:  # probability, if both directions were the same
         return []
-    worst = max(seen, key=lambda j: abs(apart.coordinates[j] - apart.coordinates[j + half]))
-    name = apart.law.parameters[worst]
+    name = names[seen[int(np.argmax(np.abs(gap)))]]
     one, other = split[name + "_pos"], split[name + "_neg"]
     return [
         f"the two directions differ by more than chance (most in {name}: "

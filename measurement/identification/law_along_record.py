@@ -8,14 +8,13 @@ takes ten times as long.
 from __future__ import annotations
 
 import ctypes as ct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import sympy as sp
 
 from ...plant import LAWS
 from ...plant.law import Law, law
@@ -49,7 +48,7 @@ class LawEquations:
     def __init__(self, name: str) -> None:
         part = f"along_{name}"
         module = LAWS[name].partition(":")[0]
-        kernel = stored_kernel(part, lambda: motion_to_and_fro(law(name), part), __name__, module)
+        kernel = stored_kernel(part, lambda: _along(law(name), part), __name__, module)
         model = Model(kernel, tolerance=_TOLERANCE)
         if len(model.x) > MOST_STATES:
             raise ValueError(f"{name} has {len(model.x)} states, expected {MOST_STATES} at most")
@@ -79,27 +78,16 @@ class LawEquations:
 equations_of = cache(LawEquations)
 
 
-def motion_to_and_fro(friction: Law, name: str) -> Component:
-    """The component: a law at a velocity `v`, and half of the time at a velocity `back`.
-
-    Both are equal without vibration. A vibrating body changes direction so fast that only the mean
-    of both rates matters.
-    """
-    there, and_back = friction(symbol("v")), friction(symbol("back"))
-    states = tuple(
-        replace(s, derivative=(sp.sympify(s.derivative) + sp.sympify(b.derivative)) / 2)
-        for s, b in zip(there.states, and_back.states, strict=True)
-    )
+def _along(friction: Law, name: str) -> Component:
+    """The component of a law at a velocity `v`."""
+    term = friction(symbol("v"))
     return Component(
         name=name,
-        description=f"Along a record: {there.meaning.split(',')[0]}",
-        parameters=there.parameters,
-        inputs=(
-            Input("v", "m/s", "velocity", nominal=1e-3),
-            Input("back", "m/s", "velocity during the other half of the time", nominal=1e-3),
-        ),
-        states=states,
-        outputs=tuple(o for o in there.outputs if o.name == "friction"),
+        description=f"Along a record: {term.meaning.split(',')[0]}",
+        parameters=term.parameters,
+        inputs=(Input("v", "m/s", "velocity", nominal=1e-3),),
+        states=term.states,
+        outputs=tuple(o for o in term.outputs if o.name == "friction"),
     )
 
 
@@ -145,20 +133,22 @@ class LawValues:
 @cache
 def _library() -> Any:
     loaded = ct.CDLL(str(Path(__file__).parent / "c" / f"libidentification{SUFFIX}"))
-    array, number, many = ct.c_void_p, ct.c_double, ct.c_int64
-    for name, *types in (
-        ("friction_along", array, array, array, array, array, many, array, array),
-        ("delayed", array, many, many, array, many, array, array),
-        ("mean_friction_along", array, array, array, many, number, ct.c_int, array),
-        ("force_behind_spring", array, array, array, many, number, number, number, array),
-        ("force_behind_gap", array, array, array, many, number, number, number, array),
-        ("score", array, array, array, many, number, array, array, ct.c_int),
-        ("with_backlash", array, array, many, array, array),
-    ):
-        function = getattr(loaded, name)
-        function.argtypes = types
-        function.restype = number if name == "score" else None
+    loaded.score.restype = ct.c_double
     return loaded
+
+
+def _call(name: str, *given: Any) -> Any:
+    """Call a compiled function with laws, arrays, floats and integers of 64 bits."""
+
+    def taken(value: Any) -> Any:
+        if isinstance(value, LawValues):
+            return ct.byref(value.for_c())
+        if isinstance(value, np.ndarray):
+            floats = value.dtype == np.float64
+            return ct.c_void_p(at(value) if floats else value.ctypes.data)
+        return ct.c_double(value) if isinstance(value, float) else ct.c_int64(value)
+
+    return getattr(_library(), name)(*map(taken, given))
 
 
 def friction_along(
@@ -182,8 +172,7 @@ def friction_along(
         the deflection without net motion [m/s].
     """
     friction = np.empty(len(x))
-    places = at(x), at(v), at(step), starts.ctypes.data, len(starts) - 1, at(own)
-    _library().friction_along(ct.byref(law.for_c()), *places, at(friction))
+    _call("friction_along", law, x, v, step, starts, len(step), own, friction)
     return friction
 
 
@@ -194,8 +183,7 @@ def delayed(forces: Matrix, starts: Bounds, late: Vector) -> Matrix:
     acceleration, and a fit would then prefer a delay of half a sample.
     """
     n, out = forces.shape[-1], np.empty_like(forces)
-    places = forces.size // n, n, starts.ctypes.data, len(late), at(late)
-    _library().delayed(at(forces), *places, at(out))
+    _call("delayed", forces, forces.size // n, n, starts, len(late), late, out)
     return out
 
 
@@ -206,8 +194,7 @@ def mean_friction_along(law: LawValues, x: Vector, v: Vector, step: float, parts
     velocities [m/s], in `parts` steps; the last value repeats that of the previous interval.
     """
     friction = np.empty(len(x))
-    places = at(x), at(v), len(x), step, parts, at(friction)
-    _library().mean_friction_along(ct.byref(law.for_c()), *places)
+    _call("mean_friction_along", law, x, v, len(x), float(step), parts, friction)
     return friction
 
 
@@ -232,8 +219,8 @@ def force_behind(
         Stiffness of the spring [N/m] or width of the gap [m], and the block's mass [kg].
     """
     force = np.empty(len(x))
-    follow = getattr(_library(), f"force_behind_{joint}")
-    follow(ct.byref(law.for_c()), at(x), at(v), len(x), step, size, mass, at(force))
+    sizes = float(step), float(size), float(mass)
+    _call(f"force_behind_{joint}", law, x, v, len(x), *sizes, force)
     return force
 
 
@@ -260,9 +247,8 @@ def score(
         Filled with the expected products of these two: prediction twice, both, spread twice
         [1/N^2], unless `cost_only`.
     """
-    arrays = at(force), at(predicted), at(spread)
-    filled = at(gradient), at(information)
-    return float(_library().score(*arrays, len(force), count, *filled, cost_only))
+    given = force, predicted, spread, len(force), float(count)
+    return float(_call("score", *given, gradient, information, cost_only))
 
 
 def with_backlash(x: Vector, starts: Bounds, backlash: Vector) -> Vector:
@@ -272,5 +258,5 @@ def with_backlash(x: Vector, starts: Bounds, backlash: Vector) -> Vector:
     replay of the rounded corners shows only a part of it.
     """
     dragged = np.empty_like(x)
-    _library().with_backlash(at(x), starts.ctypes.data, len(backlash), at(backlash), at(dragged))
+    _call("with_backlash", x, starts, len(backlash), backlash, dragged)
     return dragged

@@ -77,11 +77,11 @@ class StackedRecords:
 def lay_out(records: Sequence[Record]) -> StackedRecords:
     """Put the records end to end, with their motion."""
     motions = [motion_of(r) for r in records]
-    noises = [force_noise(r.force) for r in records]
-    counts = [resolution for _, resolution in noises if resolution]
-    resolution = float(np.median(counts)) if counts else 0.0
-    rough = float(np.median([noise for noise, _ in noises]))
-    rates = sorted({round(math.log(r.step), 2) for r in records})
+    noises, counts = zip(*(force_noise(r.force) for r in records), strict=True)
+    resolution = float(np.median([c for c in counts if c])) if any(counts) else 0.0
+    rough = float(np.median(noises))
+    clocks_of = [round(math.log(r.step), 2) for r in records]
+    clocks = sorted(set(clocks_of))
     shifts = [max(1.3 * m.noise, 1e-9) if m.from_rest else FREE_SHIFT for m in motions]
     # all calibrations have the same spread: one that happens to fit well is not better than others
     stds = np.array([r.gain_std for r in records])
@@ -105,7 +105,7 @@ def lay_out(records: Sequence[Record]) -> StackedRecords:
         shift_std=np.array(shifts),
         gain_std=np.where(stds > 0, usual, 1e-7),
         delay_std=np.array([max(r.delay_std, 1e-9) for r in records]),
-        clock=np.array([rates.index(round(math.log(r.step), 2)) for r in records], dtype=np.int64),
+        clock=np.array([clocks.index(clock) for clock in clocks_of], dtype=np.int64),
         # a sixth of a count, if the noise is that of a uniform error within a count
         backlash=np.array([math.sqrt(12) / 6 * m.noise for m in motions]),
         starts=np.cumsum([0, *(len(r.force) for r in records)]).astype(np.int64),
@@ -130,16 +130,14 @@ def break_aways(course: StackedRecords) -> dict[int, float]:
     """Samples with the largest force before each break-away, and its direction."""
     found = {}
     friction = course.force - course.inertial
-    for r, part in enumerate(course.parts()):
-        still = course.still[part]
-        first = part.start + np.flatnonzero(still & ~np.append(False, still[:-1]))
-        last = part.start + np.flatnonzero(still & ~np.append(still[1:], False))
-        for a, b in zip(first, last, strict=True):
-            from_rest = course.shift_std[r] < FREE_SHIFT
-            if b + 1 == part.stop or (a == part.start and not from_rest):
+    for part, before in zip(course.parts(), course.shift_std, strict=True):
+        edges = part.start + np.flatnonzero(np.diff(course.still[part], prepend=0, append=0))
+        for a, b in edges.reshape(-1, 2):
+            from_rest = before < FREE_SHIFT
+            if b == part.stop or (a == part.start and not from_rest):
                 continue
-            sign = float(np.sign(course.v[b + 1]))
-            peak = int(a + np.argmax(sign * friction[a : b + 1]))
+            sign = float(np.sign(course.v[b]))
+            peak = int(a + np.argmax(sign * friction[a:b]))
             if peak >= part.start + AROUND:
                 found[peak] = sign
     return found

@@ -12,9 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from ...solver.arrays import Matrix, Vector
+from ...solver.arrays import Mask, Matrix, Vector
 from .intervals import Fit
 from .layout import StackedRecords
 from .motion_parts import least_squares, steps_of, way_since_reversal
@@ -50,19 +49,18 @@ def left_over(course: StackedRecords, fit: Fit) -> LeftOver:
     motion between samples, and of the reconstruction of the motion.
     """
     spoken, noise = fit.spoken, course.fast_noise
-    residual = (course.force - fit.predicted)[spoken]
-    if not len(residual):
+    left = (course.force - fit.predicted)[spoken]
+    if not len(left):
         return LeftOver(0.0, noise, ())
     weight = 1.0 / (max(noise, 1e-12) ** 2 + fit.hidden)[spoken]
     least = 1.0 / float(weight.mean())
     weight /= weight.sum()
     root = np.sqrt(weight)
-    square = max(float(weight @ residual**2) - least, 0.0)
+    square = max(float(weight @ left**2) - least, 0.0)
     groups = {n: c[spoken] for n, c in _columns(course, fit).items()}
     # twenty pieces of all records: even ones are predicted from odd ones, and vice versa
     odd = (np.arange(len(spoken)) * 20 // len(spoken) % 2 == 1)[spoken]
     parts = []
-    left = residual.copy()
     while groups and square > 0:
         gained = {n: _predicted(c, left, weight, odd) for n, c in groups.items()}
         most = max(gained.values())
@@ -79,9 +77,7 @@ def left_over(course: StackedRecords, fit: Fit) -> LeftOver:
     return LeftOver(math.sqrt(square), math.sqrt(least), tuple(parts))
 
 
-def _predicted(
-    columns: Matrix, values: Vector, weight: Vector, odd: npt.NDArray[np.bool_]
-) -> float:
+def _predicted(columns: Matrix, values: Vector, weight: Vector, odd: Mask) -> float:
     """Decrease of the weighted mean square by columns that were fitted to other pieces [N^2]."""
     gained, root = 0.0, np.sqrt(weight)
     for part in (odd, ~odd):
@@ -113,34 +109,27 @@ def _words(name: str, amplitudes: Vector, course: StackedRecords) -> str:
     """What a part goes with, by its coefficients [N], and its probable reason."""
     if name == "acceleration":
         right = course.mass + float(amplitudes[0])
-        return (
-            f"with the acceleration: a mass of {right:.4g} kg instead of {course.mass:.4g} kg"
-            " would explain it (fit the mass: --mass fit)" + gain_words(right, course.mass)
-        )
+        masses = f"a mass of {right:.4g} kg instead of {course.mass:.4g} kg would explain it"
+        gain = gain_words(right, course.mass)
+        return f"with the acceleration: {masses} (fit the mass: --mass fit){gain}"
     if name == "constant":
-        return (
-            f"with a constant force of {amplitudes[0]:.3g} N: a load, gravity or the zero error of "
-            "the force sensor (fit it: --offset)"
-        )
+        what = "a load, gravity or the zero error of the force sensor (fit it: --offset)"
+        return f"with a constant force of {amplitudes[0]:.3g} N: {what}"
     if name == "reversals":
         return "near reversals: presliding that differs from the law, or backlash"
     if name == "travel":
         even, odd = (float(np.ptp(t)) for t in (amplitudes[:_PLACES], amplitudes[_PLACES:]))
         what = "friction" if odd > even else "a force that is the same in both directions"
-        return (
-            f"with the position: {what} changes by {max(odd, even):.3g} N over the "
-            f"travel of {float(np.ptp(course.x)):.3g} m"
-        )
+        change = f"{max(odd, even):.3g} N over the travel of {float(np.ptp(course.x)):.3g} m"
+        return f"with the position: {what} changes by {change}"
     fast = float(np.quantile(np.abs(course.v), 0.95))
     way, worst = divmod(int(np.argmax(np.abs(amplitudes))), _SPEEDS)
     side = course.v[course.v < 0 if way else course.v > 0]
     edges = np.quantile(side, (worst + np.array([0, 1])) / _SPEEDS)
     slow = float(np.abs(edges).max()) < 0.5 * fast
     what = "the Stribeck curve" if slow else "the viscous friction"
-    return (
-        f"with the speed, most from {edges[0]:.3g} to {edges[1]:.3g} m/s: {what}"
-        " has another shape than in the law, or friction depends on the direction"
-    )
+    what += " has another shape than in the law, or friction depends on the direction"
+    return f"with the speed, most from {edges[0]:.3g} to {edges[1]:.3g} m/s: {what}"
 
 
 def gain_words(right: float, given: float) -> str:

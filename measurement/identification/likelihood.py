@@ -39,16 +39,16 @@ class Problem:
         self.size = self.of_law + len(law.beside)
         self.shared = self.size + course.clocks  # parameters and delays
         self.logarithms = self.of_law + law.mass
-        # coordinates of Fc and Fs: Fs is never less than Fc
-        self.peaked: list[tuple[int, int]] = []
-        if {"Fc", "Fs"} <= set(law.parameters):
-            fc, fs = (law.parameters.index(n) for n in ("Fc", "Fs"))
-            firsts = range(0, self.of_law, len(law.parameters))
-            self.peaked = [(first + fc, first + fs) for first in firsts]
+        # ln Fc less ln Fs by direction, of the coordinates; the law requires a negative value
+        self.gaps = np.zeros((len(law.ends), self.size))
+        for row, end in zip(self.gaps, law.ends, strict=True):
+            if {"Fc", "Fs"} <= set(law.parameters):
+                row[[law.names.index(n + end) for n in ("Fc", "Fs")]] = 1.0, -1.0
         self.spoken = ~course.still if law.rigid else np.ones(len(course.x), dtype=bool)
         self.break_aways = break_aways(course) if law.rigid else {}
         self.peaks = np.array(list(self.break_aways), dtype=np.int64)
         self.spoken[self.peaks] = True
+        self.silent = np.flatnonzero(~self.spoken)
         self.gradient = np.empty((2, len(course.x)))
         self.weight = np.empty((3, len(course.x)))
         clocks = (course.delay_std[course.clock == c] for c in range(course.clocks))
@@ -79,8 +79,7 @@ class Problem:
             self.kept = moves, friction
         force = friction + constant
         if law.rigid:
-            where = ~self.spoken
-            force[where] = course.force[where] - inertial[where]
+            force[self.silent] = course.force[self.silent] - inertial[self.silent]
             static = half - 2  # Fs, before Vs
             for k, sign in self.break_aways.items():
                 force[k] = sign * (forwards if sign > 0 else backwards)[static] + constant
@@ -115,10 +114,6 @@ class Problem:
             near = course.force[k - AROUND : k + AROUND + 1]
             variance[k] = float(np.max(np.abs(np.diff(near)))) ** 2
         return variance
-
-    def stribeck_gaps(self, vector: Vector) -> list[float]:
-        """ln Fc less ln Fs by direction; the law requires a negative value."""
-        return [float(vector[fc] - vector[fs]) for fc, fs in self.peaked]
 
     def score(self, predicted: Vector, spread: Vector, cost_only: bool) -> float:
         """Minus the log-likelihood; stores gradient and expected information of each sample."""
@@ -195,8 +190,8 @@ class Climb:
         problem = self.problem
         likelihood = problem.score(problem.force(vector), self.spread(float(vector[-1])), True)
         beliefs = float(np.sum(((vector - self.centre) / self.prior_std) ** 2))
-        under = (max(gap, 0.0) for gap in problem.stribeck_gaps(vector))
-        return likelihood + 0.5 * (beliefs + sum((gap / UNDER) ** 2 for gap in under))
+        under = np.maximum(problem.gaps @ vector[: problem.size], 0.0)
+        return likelihood + 0.5 * (beliefs + float(np.sum((under / UNDER) ** 2)))
 
     def differentiate(self) -> None:
         """Prepare `told` at the present point.
@@ -210,7 +205,8 @@ class Climb:
         base = problem.before(vector)
         here = problem.later(base, delays)
         self.columns = np.zeros((q + OWN, len(base)))
-        moves = [(j, slice(j, j + 1), _STEP) for j in reversed(range(p))]  # the mass leaves friction
+        # mass and offset first, which leave the friction as it was
+        moves = [(j, slice(j, j + 1), _STEP) for j in reversed(range(p))]
         effects = {0: 1e-9, 1: 1e-5, 2: 1e-5, 3: 1e-3 * _VIBRATION}
         for k in (1, 2) if problem.law.form == "dry" else effects:  # it has no deflection
             moves.append((q + k, slice(q + k * records, q + (k + 1) * records), effects[k]))
@@ -254,12 +250,10 @@ class Climb:
             at, _, more, pull = self.told(r, part)
             information[np.ix_(at, at)] += more
             slope[at] += pull
-        gaps = self.problem.stribeck_gaps(self.vector)
-        for peak, gap in zip(self.problem.peaked, gaps, strict=True):
-            if gap > 0:
-                at = np.array(peak)
-                information[np.ix_(at, at)] += np.array([[1, -1], [-1, 1]]) / UNDER**2
-                slope[at] -= np.array([gap, -gap]) / UNDER**2
+        p = self.problem.size
+        gaps = self.problem.gaps[self.problem.gaps @ self.coordinates > 0] / UNDER
+        information[:p, :p] += gaps.T @ gaps
+        slope[:p] -= gaps.T @ (gaps @ self.coordinates)
         return information, slope
 
     def run(self, iterations: int) -> float:

@@ -9,7 +9,8 @@ stay within a count if the position is quantized. All signals are shifted to the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +18,10 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
-from ...solver.arrays import Vector
+from ...solver.arrays import Mask, Vector
 from ..records.record import Record, fast_noise, held_samples, resolution_of
+
+Bounds = npt.NDArray[np.int64]
 
 _REST = 40  # samples at rest added before a record that begins at rest
 # Share of the smoothing strength at which residuals equal the noise. Less smoothing keeps corners;
@@ -53,7 +56,7 @@ class SmoothedMotion:
     strength: Vector  # weights of second differences
     later: float  # delay of the position's instants relative to the force's [s]
     from_rest: bool  # whether the body was at rest before the first sample
-    held: npt.NDArray[np.int64]  # indices of the samples with a new value
+    held: Bounds  # indices of the samples with a new value
 
     @property
     def spread(self) -> Vector:
@@ -81,10 +84,10 @@ class SmoothedMotion:
                 seen = seen + self.jitter * self.v * random.standard_normal(len(seen))
             position = self.resolution * np.floor(seen / self.resolution + random.random())
         else:
-            held = self.held
-            fresh = self.seen[held] + self.spread[held] * random.standard_normal(len(held))
-            runs = np.diff(np.append(held, len(self.seen)))
-            position = np.concatenate([np.full(held[0], fresh[0]), np.repeat(fresh, runs)])
+            fresh = self.spread[self.held] * random.standard_normal(len(self.held))
+            fresh += self.seen[self.held]
+            last = np.searchsorted(self.held, np.arange(len(self.seen)), "right") - 1
+            position = fresh[np.maximum(last, 0)]
         return smooth_motion(position, self.step, self.later, self.from_rest, self)
 
 
@@ -135,8 +138,8 @@ def smooth_motion(
     later -= 0.5 * step * ((n - before) / np.count_nonzero(held >= before) - 1)
     origin = float(position[0])
     spread = np.hypot(noise, jitter * speed)
-    readings = _readings(position - origin, resolution, held, before)
-    readings = readings.less_certain(spread / noise if noise else np.ones(n))
+    less_certain = spread / noise if noise else np.ones(n)
+    readings = _readings(position - origin, resolution, held, before, less_certain)
     smooth, strength = _to_noise(readings, noise, resolution, spread - noise, like)
     times = step * (np.arange(n) - before)
     # if a stronger smoothing changes the course, this one changes it, too
@@ -148,28 +151,14 @@ def smooth_motion(
     # gain for a sine of frequency w: 1/(1 + strength*(2 sin(w h/2))^4)
     usual = float(np.median(strength * (spread[1:-1] / noise) ** 2)) if noise else 0.0
     half = 2 * math.asin(min(1.0, 0.5 * usual ** (-1 / 4))) if usual > 0 else math.pi
-    x = spline(at)[before:] + origin
-    bandwidth = half / (2 * math.pi * step)
-    return SmoothedMotion(
-        x,
-        v[before:],
-        a[before:],
-        bent[before:],
-        noise,
-        jitter,
-        resolution,
-        bandwidth,
-        step,
-        smooth[before:] + origin,
-        strength,
-        given,
-        from_rest,
-        held[held >= before] - before,
-    )
+    course = spline(at)[before:] + origin, v[before:], a[before:], bent[before:]
+    instrument = noise, jitter, resolution, half / (2 * math.pi * step), step
+    fresh: Bounds = held[held >= before] - before
+    again = smooth[before:] + origin, strength, given, from_rest
+    return SmoothedMotion(*course, *instrument, *again, fresh)
 
 
-@dataclass(frozen=True)
-class _Readings:
+class _Readings(NamedTuple):
     """Samples of a position with their weights."""
 
     data: Vector  # readings, shape (n,) [m]
@@ -178,12 +167,7 @@ class _Readings:
     # because the position passed a count between them; both are equal
     edges: Vector
     still: Vector
-    telling: npt.NDArray[np.bool_]
-
-    def less_certain(self, factor: Vector) -> _Readings:
-        """The readings with errors larger by a factor of each, shape (n,)."""
-        edges = self.edges / (0.5 * (factor[1:] + factor[:-1])) ** 2
-        return replace(self, weights=self.weights / factor**2, edges=edges)
+    telling: Mask
 
     def misfit(self, smooth: Vector) -> float:
         """Mean square of the residuals, equal to that of the noise after a good fit [m^2]."""
@@ -195,9 +179,9 @@ class _Readings:
 
 
 def _readings(
-    data: Vector, resolution: float, held: npt.NDArray[np.int64], before: int
+    data: Vector, resolution: float, held: Bounds, before: int, error: Vector
 ) -> _Readings:
-    """Weights of samples, the first `before` of them at rest.
+    """Weights of samples by their relative `error`, the first `before` of them at rest.
 
     A slow motion is not visible within a count. At the change from one count to the next, the
     position is known to within the motion of one sampling interval.
@@ -205,17 +189,17 @@ def _readings(
     n = len(data)
     weights, edges, still = np.zeros(n), np.zeros(n - 1), np.zeros(n - 1)
     still[:before] = _AT_REST
-    if not resolution:
-        weights[held] = 1.0
-        weights[:before] = 0.0
-        return _Readings(data, weights, edges, still, weights > _TELLING)
-    passed = np.flatnonzero(np.diff(data))
-    lengths = np.diff(np.concatenate([[before - 1], passed, [n - 1]]))
-    weights[before:] = np.repeat(1.0 / lengths, lengths)
-    near = np.minimum(lengths[:-1], lengths[1:])
-    single = np.abs(np.diff(data)[passed]) < 1.5 * resolution
-    edges[passed] = np.where(single & (near > 1), 1.0 * np.minimum(near, _SLOWEST) ** 2, 0.0)
-    return _Readings(data, weights, edges, still, weights > _TELLING)
+    if resolution:
+        passed = np.flatnonzero(np.diff(data))
+        lengths = np.diff(np.concatenate([[before - 1], passed, [n - 1]]))
+        weights[before:] = np.repeat(1.0 / lengths, lengths)
+        near = np.minimum(lengths[:-1], lengths[1:])
+        single = np.abs(np.diff(data)[passed]) < 1.5 * resolution
+        edges[passed] = np.where(single & (near > 1), 1.0 * np.minimum(near, _SLOWEST) ** 2, 0.0)
+    else:
+        weights[held[held >= before]] = 1.0
+    telling, between = weights > _TELLING, 0.5 * (error[1:] + error[:-1])
+    return _Readings(data, weights / error**2, edges / between**2, still, telling)
 
 
 def _errors(position: Vector, speed: Vector, resolution: float) -> tuple[float, float]:

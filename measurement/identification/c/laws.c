@@ -17,7 +17,7 @@
 #define MOST_STEPS 10000
 
 /* The equations of a law without an exact step, see law_along_record.py: the core's functions, and
- * their memory. v has two values, the second for the way back of a vibration. */
+ * their memory. */
 typedef struct {
     int (*step)(const void *instance, double t0, double t1, double tolerance, int most);
     void (*output)(const void *instance, double t);
@@ -28,10 +28,9 @@ typedef struct {
     double tolerance;
 } Equations;
 
-/* A law with its parameters by direction. */
+/* A law with its `count` parameters by direction. */
 typedef struct {
-    int32_t form;
-    int32_t count; /* number of parameters */
+    int32_t form, count;
     const double *forwards, *backwards;
     double sharpness; /* Kv of the modified law [s/m]; 0 for abs(v) itself */
     const Equations *equations; /* NULL with an exact step */
@@ -49,7 +48,7 @@ typedef struct {
 } Move;
 
 /* What differs between the forms of laws: the friction at a sample [N], the deflection after h [s]
- * of vibration at a mean speed, and that after a move; NULL without a deflection. */
+ * of vibration at a mean speed, and that after a move; NULL if there is no such effect. */
 typedef struct {
     double (*friction)(const Law *law, const double *state, Pace pace);
     void (*wear)(const Law *law, double *state, double speed, double h, double v);
@@ -240,44 +239,33 @@ static double dry_friction(const Law *law, const double *state, Pace pace)
 
 /* ---- solved: the equations of any other law, by the core ---- */
 
-static void put_before_core(const Law *law, const double *state, double v, double back)
+static void put_before_core(const Law *law, const double *state, double v)
 {
     const Equations *const e = law->equations;
     memcpy(e->x, state, (size_t)e->states * sizeof *state);
     memcpy(e->p, towards_side(law, v), (size_t)law->count * sizeof *state);
-    e->v[0] = v;
-    e->v[1] = back;
-}
-
-/* For a time h, half of it at each velocity; NAN if it fails. */
-static void follow(const Law *law, double *state, double v, double back, double h)
-{
-    const Equations *const e = law->equations;
-    if (e->states == 0 || isnan(state[0]) || h == 0.0)
-        return;
-    put_before_core(law, state, v, back);
-    *e->next_step = h;
-    if (e->step(e->instance, 0.0, h, e->tolerance, MOST_STEPS))
-        e->x[0] = NAN;
-    memcpy(state, e->x, (size_t)e->states * sizeof *state);
+    *e->v = v;
 }
 
 static double solved_friction(const Law *law, const double *state, Pace pace)
 {
-    put_before_core(law, state, pace.v, pace.v);
+    put_before_core(law, state, pace.v);
     law->equations->output(law->equations->instance, 0.0);
     return *law->equations->friction;
 }
 
-static void solved_wear(const Law *law, double *state, double speed, double h, double v)
-{
-    follow(law, state, v > 0.0 ? speed : -speed, v > 0.0 ? -speed : speed, h);
-}
-
+/* NAN if it fails. */
 static void solved_move(const Law *law, double *state, const Move *m)
 {
+    const Equations *const e = law->equations;
     const double h = m->h == HUGE_VAL ? fabs(m->d) / SLOW : m->h;
-    follow(law, state, m->d / h, m->d / h, h);
+    if (e->states == 0 || isnan(state[0]))
+        return;
+    put_before_core(law, state, m->d / h);
+    *e->next_step = h;
+    if (e->step(e->instance, 0.0, h, e->tolerance, MOST_STEPS))
+        e->x[0] = NAN;
+    memcpy(state, e->x, (size_t)e->states * sizeof *state);
 }
 
 static const Form FORMS[] = {
@@ -286,7 +274,7 @@ static const Form FORMS[] = {
     [RELAXING] = {relaxing_friction, relaxing_wear, relaxing_move},
     [ELEMENTS] = {elements_friction, elements_wear, elements_move},
     [DRY] = {dry_friction, NULL, NULL},
-    [SOLVED] = {solved_friction, solved_wear, solved_move},
+    [SOLVED] = {solved_friction, NULL, solved_move},
 };
 
 static inline Pace pace_of(const Law *law, double v)
@@ -314,14 +302,12 @@ static void begin(const Law *law, double *state)
         memcpy(state, law->equations->start, (size_t)law->equations->states * sizeof *state);
 }
 
-/* Friction at a sample, after the move from the one before. */
-static inline double next_friction(const Law *law, double *state, double d, double h, Pace *now,
-                                   double v)
+/* A displacement d in h, to the velocity v. */
+static inline void advance(const Law *law, double *state, double d, double h, Pace *now, double v)
 {
     const Pace next = pace_of(law, v);
     move(law, state, d, h, *now, next);
     *now = next;
-    return friction_at(law, state, next);
 }
 
 /* `own`: rows of `records`, see law_along_record.py. */
@@ -330,26 +316,27 @@ API void friction_along(const Law *law, const double *x, const double *v, const 
                         double *friction)
 {
     double state[STATES];
-    const Form form = FORMS[law->form];
+    const int dry = law->form == DRY;
+    const Pace still = {0.0, 0.0};
     for (int64_t r = 0; r < records; r++) {
         const double first = own[records + r], gain = own[2 * records + r];
         const double bend = own[3 * records + r], vibration = own[4 * records + r];
-        const Pace still = {0.0, 0.0};
         double place = 0.0;
         Pace now = still;
         begin(law, state);
         move(law, state, own[r], HUGE_VAL, still, still); /* slow, because no sample shows it */
         for (int64_t k = starts[r]; k < starts[r + 1]; k++) {
-            const double way = x[k] - first;
-            const double at = first + way * (1.0 + gain + bend * way);
+            const double way = x[k] - first, at = first + way * (1.0 + gain + bend * way);
             const double pace = v[k] * (1.0 + gain + 2.0 * bend * way);
-            if (!form.move) {
+            if (dry) { /* without a state */
                 friction[k] = dry_friction(law, state, pace_of(law, pace));
                 continue;
             }
-            if (vibration != 0.0 && k > starts[r])
-                form.wear(law, state, vibration, step[r], now.v);
-            friction[k] = next_friction(law, state, k > starts[r] ? at - place : 0.0, step[r], &now, pace);
+            const double d = k > starts[r] ? at - place : 0.0;
+            if (k > starts[r] && vibration != 0.0 && FORMS[law->form].wear)
+                FORMS[law->form].wear(law, state, vibration, step[r], now.v);
+            advance(law, state, d, step[r], &now, pace);
+            friction[k] = friction_at(law, state, now);
             place = at;
         }
     }
@@ -375,23 +362,20 @@ static double place_at(const Between *b, double s)
 static double pace_at(const Between *b, double s) { return b->v + s * b->change; }
 
 API void mean_friction_along(const Law *law, const double *x, const double *v, int64_t n,
-                             double step, int parts, double *friction)
+                             double step, int64_t parts, double *friction)
 {
     double state[STATES], place = x[0];
-    begin(law, state);
     Pace pace = pace_of(law, v[0]);
     const double h = step / parts;
+    begin(law, state);
     for (int64_t k = 0; k < n - 1; k++) {
         const Between b = between(x + k, v + k, step);
         double total = 0.5 * friction_at(law, state, pace);
         for (int j = 1; j <= parts; j++) {
-            const double s = (double)j / parts;
-            const double after = place_at(&b, s);
-            const Pace then = pace_of(law, pace_at(&b, s));
-            move(law, state, after - place, h, pace, then);
-            place = after;
-            pace = then;
+            const double s = (double)j / parts, after = place_at(&b, s), then = pace_at(&b, s);
+            advance(law, state, after - place, h, &pace, then);
             total += (j < parts ? 1.0 : 0.5) * friction_at(law, state, pace);
+            place = after;
         }
         friction[k] = total / parts;
     }
@@ -417,12 +401,10 @@ API void force_behind_spring(const Law *law, const double *x, const double *v, i
             /* implicit in the joint: stable for any stiffness */
             const double pull = stiffness * (place - block - h * v0) + damping * (pace - v0);
             const double heavy = mass + h * damping + h * h * stiffness;
-            const Pace then = pace_of(law, v0 + h * ((pull - friction) / heavy));
-            const double d = h * then.v;
-            move(law, state, d, h, speed, then);
-            block += d;
-            total += stiffness * (place - block) + damping * (pace - then.v);
-            speed = then;
+            const double then = v0 + h * ((pull - friction) / heavy);
+            advance(law, state, h * then, h, &speed, then);
+            block += h * then;
+            total += stiffness * (place - block) + damping * (pace - then);
         }
         force[k - 1] = total / parts;
     }
@@ -443,12 +425,9 @@ API void force_behind_gap(const Law *law, const double *x, const double *v, int6
         for (int j = 1; j <= GAP_PARTS; j++) {
             const double s = (double)j / GAP_PARTS;
             const double push = place_at(&b, s), pushed = pace_at(&b, s);
-            const Pace before = speed;
-            double place;
+            double place = push - side * 0.5 * gap;
             if (side != 0.0) {
-                place = push - side * 0.5 * gap;
-                speed = pace_of(law, pushed);
-                move(law, state, place - block, h, before, speed);
+                advance(law, state, place - block, h, &speed, pushed);
                 block = place;
                 double contact = mass * pull + friction_at(law, state, speed);
                 if (side * contact < 0.0)
@@ -465,8 +444,7 @@ API void force_behind_gap(const Law *law, const double *x, const double *v, int6
                 total += mass * (pushed - slid) / h;
                 slid = pushed;
             }
-            speed = pace_of(law, slid);
-            move(law, state, place - block, h, before, speed);
+            advance(law, state, place - block, h, &speed, slid);
             block = place;
         }
         force[k] = total / GAP_PARTS;

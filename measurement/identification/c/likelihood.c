@@ -40,7 +40,7 @@ static void expect(double off, double spread, double count, double *twice, doubl
 }
 
 API double score(const double *force, const double *predicted, const double *spread, int64_t n,
-                 double count, double *gradient, double *information, int cost_only)
+                 double count, double *gradient, double *information, int64_t cost_only)
 {
     double total = 0.0;
     /* a density times the count is the probability of the count */

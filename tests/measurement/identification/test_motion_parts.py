@@ -25,7 +25,7 @@ def strokes():
     return np.convolve(np.pad(speeds, 50, mode="edge"), np.ones(101) / 101, mode="valid")
 
 
-def test_parts_are_where_they_were_put():
+def test_parts_are_where_they_were_put_and_a_drive_at_rest_is_in_no_other():
     v = strokes()
     parts = parts_of(v)
     middle = np.zeros(len(v), dtype=bool)
@@ -41,6 +41,10 @@ def test_parts_are_where_they_were_put():
     for turn in (4000, 8000):
         assert np.any(parts["reversals"][turn - 100 : turn + 100])
     assert parts["accelerating"][[2000, 4000, 6000, 8000]].all()
+    v[4000:5000] = 0.0
+    parts = parts_of(v)
+    assert parts.pop("rest")[4200:4800].all()
+    assert not any(mask[4200:4800].any() for mask in parts.values())
 
 
 def test_a_fast_sine_is_not_all_reversal():
@@ -49,11 +53,3 @@ def test_a_fast_sine_is_not_all_reversal():
     share = parts["reversals"].mean()
     assert share == pytest.approx(2 / np.pi * np.arcsin(0.2), rel=0.1)
     assert [name for name, mask in parts.items() if not mask.any()] == ["rest"]
-
-
-def test_a_drive_that_rests_is_in_no_other_part():
-    v = strokes()
-    v[4000:5000] = 0.0
-    parts = parts_of(v)
-    assert parts.pop("rest")[4200:4800].all()
-    assert not any(mask[4200:4800].any() for mask in parts.values())
