@@ -24,11 +24,11 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (3500, 2890),
     "gallery": (2730, 2356),
     "measurement": (11367, 9998),
-    "proofs": (10011, 8916),
+    "proofs": (8760, 7967),
     "benchmarks": (1799, 1661),
     "docs": (324, 293),
     ".ci": (204, 184),
-    "tests": (22992, 21946),
+    "tests": (22892, 21849),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

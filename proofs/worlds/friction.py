@@ -12,88 +12,39 @@ import math
 
 import numpy as np
 
-from worlds.compiled import compiled
-from worlds.layout import (
-    AGEING,
-    AGEING_WAY,
-    ASYMMETRY,
-    ASYMMETRY_VISCOUS,
-    CUBIC,
-    DRIFT,
-    DRIFT_FORM,
-    DRIFT_TIME,
-    DRIFT_VISCOUS,
-    DURATION,
-    ELASTO_PLASTIC,
-    EXPONENTIAL,
-    FALL,
-    FC,
-    FS,
-    GAUSSIAN,
-    KV,
-    LAW,
-    LORENTZ,
-    LUGRE,
-    MAXWELL,
-    MEMORY,
-    MEMORY_WAY,
-    MODIFIED_LUGRE,
-    PERIOD,
-    PERIOD_PHASE,
-    PERIOD_SECOND,
-    PERIODIC,
-    PERIODIC_VISCOUS,
-    QUADRATIC,
-    RIPPLE_FRICTION,
-    RIPPLE_PERIOD,
-    RIPPLE_PHASE,
-    ROOT,
-    SET_VALUED,
-    SIGMA0,
-    SIGMA1,
-    SIGMA2,
-    THINNING,
-    TRAVEL,
-    TREND,
-    TREND_FORM,
-    TREND_VISCOUS,
-    VS,
-)
+from worlds import axis as at
+from worlds.axis import ELEMENTS, compiled
 
-ELEMENTS = 4  # number of Maxwell's elements
 SHARES = np.array([0.4, 0.3, 0.2, 0.1])  # shares of the level
 STIFFNESSES = np.array([0.1, 0.2, 0.3, 0.4])  # shares of sigma0
 BREAKAWAY = 0.7  # elasto-plastic: elastic below this share of the level
-# state: deflections, direction, farthest position in it, last reversal, rest, distance since then
-DIRECTION, EXTREME, REVERSED_AT, RESTED, SLID = range(ELEMENTS, ELEMENTS + 5)
-STATES = ELEMENTS + 5
 REVERSAL = 2e-6  # motion back that counts as a reversal, m
 AT_REST = 1e-6  # m/s
 
 
 @compiled
-def fall(form: float, speed: float, scale: float) -> float:
+def fall(form, speed, scale):
     """Remaining share of the break-away peak at a speed, 1 at rest."""
     r = speed / scale
-    if form == GAUSSIAN:
+    if form == at.GAUSSIAN:
         return math.exp(-r * r) if r < 7.0 else 0.0
-    if form == EXPONENTIAL:
+    if form == at.EXPONENTIAL:
         return math.exp(-r) if r < 40.0 else 0.0
-    if form == LORENTZ:
+    if form == at.LORENTZ:
         return 1.0 / (1.0 + r * r)
     return (1.0 - r / 2.0) ** 2 if r < 2.0 else 0.0
 
 
 @compiled
-def level(par, v):  # type: ignore[no-untyped-def]
+def level(par, v):
     """Dry friction while sliding."""
-    if par[FS] == par[FC]:
-        return par[FC]
-    return par[FC] + (par[FS] - par[FC]) * fall(par[FALL], abs(v), par[VS])
+    if par.Fs == par.Fc:
+        return par.Fc
+    return par.Fc + (par.Fs - par.Fc) * fall(par.fall, abs(v), par.Vs)
 
 
 @compiled
-def progress(form: float, t: float, time: float, duration: float) -> float:
+def progress(form, t, time, duration):
     """A drift's course: linear over the record, exponential, or a step."""
     if form == 0:
         return t / duration
@@ -103,7 +54,7 @@ def progress(form: float, t: float, time: float, duration: float) -> float:
 
 
 @compiled
-def along_travel(form: float, x: float, half: float) -> float:
+def along_travel(form, x, half):
     """A trend's course along the travel: linear, quadratic, or one end worn."""
     s = x / half
     if form == 0:
@@ -114,53 +65,52 @@ def along_travel(form: float, x: float, half: float) -> float:
 
 
 @compiled
-def factors(par, state, x, v, t):  # type: ignore[no-untyped-def]
-    """Present factors on the dry level and on the viscous force."""
+def update_factors(par, state, x, v, t):
+    """Factors on the dry level and on the viscous force, at a place, a speed and a time."""
     dry, viscous = 1.0, 1.0
-    sign = 1.0 if v > 0.0 else (-1.0 if v < 0.0 else state[DIRECTION])
-    dry += par[ASYMMETRY] * sign
-    viscous += par[ASYMMETRY_VISCOUS] * sign
-    if par[PERIODIC] != 0.0:
-        angle = 2.0 * math.pi * x / par[PERIOD] + par[PERIOD_PHASE]
-        wave = math.cos(angle) + par[PERIOD_SECOND] * math.cos(2.0 * angle)
-        dry += par[PERIODIC] * wave
-        viscous += par[PERIODIC_VISCOUS] * wave
-    if par[RIPPLE_FRICTION] != 0.0:
-        angle = 2.0 * math.pi * x / par[RIPPLE_PERIOD] + par[RIPPLE_PHASE]
-        dry += par[RIPPLE_FRICTION] * math.cos(angle)
-    if par[TREND] != 0.0 or par[TREND_VISCOUS] != 0.0:
-        place = along_travel(par[TREND_FORM], x, par[TRAVEL])
-        dry += par[TREND] * place
-        viscous += par[TREND_VISCOUS] * place
-    if par[DRIFT] != 0.0 or par[DRIFT_VISCOUS] != 0.0:
-        course = progress(par[DRIFT_FORM], t, par[DRIFT_TIME], par[DURATION])
-        dry += par[DRIFT] * course
-        viscous += par[DRIFT_VISCOUS] * course
-    if par[MEMORY] != 0.0:
-        dry += par[MEMORY] * math.exp(-abs(x - state[REVERSED_AT]) / par[MEMORY_WAY])
-    if par[AGEING] != 0.0:
-        dry += (
-            par[AGEING] * math.log1p(state[RESTED] / 0.1) * math.exp(-state[SLID] / par[AGEING_WAY])
-        )
-    return max(dry, 0.05), max(viscous, 0.05)
+    sign = 1.0 if v > 0.0 else (-1.0 if v < 0.0 else state.direction)
+    dry += par.asymmetry * sign
+    viscous += par.asymmetry_viscous * sign
+    if par.periodic != 0.0:
+        angle = 2.0 * math.pi * x / par.period + par.period_phase
+        wave = math.cos(angle) + par.period_second * math.cos(2.0 * angle)
+        dry += par.periodic * wave
+        viscous += par.periodic_viscous * wave
+    if par.ripple_friction != 0.0:
+        angle = 2.0 * math.pi * x / par.ripple_period + par.ripple_phase
+        dry += par.ripple_friction * math.cos(angle)
+    if par.trend != 0.0 or par.trend_viscous != 0.0:
+        place = along_travel(par.trend_form, x, par.travel)
+        dry += par.trend * place
+        viscous += par.trend_viscous * place
+    if par.drift != 0.0 or par.drift_viscous != 0.0:
+        course = progress(par.drift_form, t, par.drift_time, par.duration)
+        dry += par.drift * course
+        viscous += par.drift_viscous * course
+    if par.memory != 0.0:
+        dry += par.memory * math.exp(-abs(x - state.reversed_at) / par.memory_way)
+    if par.ageing != 0.0:
+        grown = par.ageing * math.log1p(state.rested / 0.1)
+        dry += grown * math.exp(-state.slid / par.ageing_way)
+    state.dry, state.viscous = max(dry, 0.05), max(viscous, 0.05)
 
 
 @compiled
-def viscous_force(par, v):  # type: ignore[no-untyped-def]
+def viscous_force(par, v):
     """The part that grows with the speed."""
     speed = abs(v)
-    force = par[SIGMA2] * v / (1.0 + par[THINNING] * speed)
-    force += (par[QUADRATIC] * speed + par[CUBIC] * speed * speed) * v
-    if par[ROOT] != 0.0 and speed > 0.0:
-        force += par[ROOT] * v / math.sqrt(speed)
+    force = par.sigma2 * v / (1.0 + par.thinning * speed)
+    force += (par.quadratic * speed + par.cubic * speed * speed) * v
+    if par.root != 0.0 and speed > 0.0:
+        force += par.root * v / math.sqrt(speed)
     return force
 
 
 @compiled
-def smooth_sign(par, v):  # type: ignore[no-untyped-def]
+def smooth_sign(par, v):
     """The sign of the modified LuGre law; a plain sign for the others."""
-    if par[LAW] == MODIFIED_LUGRE:
-        steep = par[KV] * v
+    if par.law == at.MODIFIED_LUGRE:
+        steep = par.Kv * v
         if abs(steep) > 1e4:  # series of the arc tangent, to the last digit
             return (1.0 if v > 0.0 else -1.0) - 2.0 / math.pi / steep
         return 2.0 / math.pi * math.atan(steep)
@@ -168,7 +118,7 @@ def smooth_sign(par, v):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def plastic_share(z: float, v: float, full: float) -> float:
+def plastic_share(z, v, full):
     """The elasto-plastic law's share of sliding in a deflection."""
     if z * v <= 0.0 or abs(z) < BREAKAWAY * full:
         return 0.0
@@ -179,31 +129,29 @@ def plastic_share(z: float, v: float, full: float) -> float:
 
 
 @compiled
-def rate(par, z, v, dry):  # type: ignore[no-untyped-def]
+def rate(par, z, v, dry):
     """Growth of a bristle's deflection."""
     g = dry * level(par, v)
-    if par[LAW] == ELASTO_PLASTIC:
-        full = g / par[SIGMA0]
+    if par.law == at.ELASTO_PLASTIC:
+        full = g / par.sigma0
         return v * (1.0 - plastic_share(z, v, full) * abs(z) / full)
     s = smooth_sign(par, v)
-    if par[LAW] == MODIFIED_LUGRE:
-        return s * s * v - par[SIGMA0] * s * v * z / g
-    return v - par[SIGMA0] * s * v * z / g
+    return s * s * v - par.sigma0 * s * v * z / g
 
 
 @compiled
-def dry_force(par, state, v, dry):  # type: ignore[no-untyped-def]
+def dry_force(par, state, v):
     """Force of the deflections (not of the set-valued law)."""
-    if par[LAW] == MAXWELL:
+    if par.law == at.MAXWELL:
         force = 0.0
         for k in range(ELEMENTS):
-            force += STIFFNESSES[k] * par[SIGMA0] * state[k]
+            force += STIFFNESSES[k] * par.sigma0 * state.z[k]
         return force
-    return par[SIGMA0] * state[0] + par[SIGMA1] * rate(par, state[0], v, dry)
+    return par.sigma0 * state.z[0] + par.sigma1 * rate(par, state.z[0], v, state.dry)
 
 
 @compiled
-def decay(a):  # type: ignore[no-untyped-def]
+def decay(a):
     """exp(-a), by an equally exact fraction for small a."""
     if a < 0.02:
         even, odd = 1.0 + a * a / 12.0, 0.5 * a
@@ -212,57 +160,50 @@ def decay(a):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def advance(par, state, x, v, dry, h):  # type: ignore[no-untyped-def]
+def advance(par, state, x, v, h):
     """Deflections, direction, rest and distance after a time at constant velocity."""
-    law = par[LAW]
-    if law == MAXWELL:
-        g = dry * level(par, v)
+    law = par.law
+    if law == at.MAXWELL:
+        g = state.dry * level(par, v)
         for k in range(ELEMENTS):
-            most = SHARES[k] * g / (STIFFNESSES[k] * par[SIGMA0])
-            state[k] = min(max(state[k] + v * h, -most), most)
-    elif law == ELASTO_PLASTIC and v != 0.0:
-        full = dry * level(par, v) / par[SIGMA0]
-        a = plastic_share(state[0], v, full) * abs(v) / full * h
+            most = SHARES[k] * g / (STIFFNESSES[k] * par.sigma0)
+            state.z[k] = min(max(state.z[k] + v * h, -most), most)
+    elif law == at.ELASTO_PLASTIC and v != 0.0:
+        full = state.dry * level(par, v) / par.sigma0
+        a = plastic_share(state.z[0], v, full) * abs(v) / full * h
         grown = 1.0 if a < 1e-9 else -math.expm1(-a) / a
-        state[0] = state[0] * decay(a) + v * h * grown
-    elif (law in (LUGRE, MODIFIED_LUGRE)) and v != 0.0:
+        state.z[0] = state.z[0] * decay(a) + v * h * grown
+    elif law in (at.LUGRE, at.MODIFIED_LUGRE) and v != 0.0:
         s = smooth_sign(par, v)
-        g = dry * level(par, v)
-        end = (s if law == MODIFIED_LUGRE else (1.0 if v > 0.0 else -1.0)) * g / par[SIGMA0]
-        state[0] = end + (state[0] - end) * decay(par[SIGMA0] * s * v / g * h)
-    if state[DIRECTION] == 0.0:
+        g = state.dry * level(par, v)
+        end = s * g / par.sigma0
+        state.z[0] = end + (state.z[0] - end) * decay(par.sigma0 * s * v / g * h)
+    if state.direction == 0.0:
         if v != 0.0:
-            state[DIRECTION] = 1.0 if v > 0.0 else -1.0
-            state[EXTREME], state[REVERSED_AT] = x, x - 1.0  # far back
-    elif (x - state[EXTREME]) * state[DIRECTION] > 0.0:
-        state[EXTREME] = x
-    elif (state[EXTREME] - x) * state[DIRECTION] > REVERSAL:
-        state[DIRECTION] = -state[DIRECTION]
-        state[REVERSED_AT], state[EXTREME] = state[EXTREME], x
+            state.direction = 1.0 if v > 0.0 else -1.0
+            state.extreme, state.reversed_at = x, x - 1.0  # far back
+    elif (x - state.extreme) * state.direction > 0.0:
+        state.extreme = x
+    elif (state.extreme - x) * state.direction > REVERSAL:
+        state.direction = -state.direction
+        state.reversed_at, state.extreme = state.extreme, x
     if abs(v) < AT_REST:
-        if state[SLID] > 5.0 * par[AGEING_WAY]:
-            state[RESTED] = 0.0
-        state[RESTED] += h
-        state[SLID] = 0.0
+        if state.slid > 5.0 * par.ageing_way:
+            state.rested = 0.0
+        state.rested += h
+        state.slid = 0.0
     else:
-        state[SLID] += abs(v) * h
+        state.slid += abs(v) * h
 
 
 @compiled
-def kick(par, state, mass, v, v_mid, force, dry, viscous, h):  # type: ignore[no-untyped-def]  # noqa: PLR0913
-    """Velocity after a step, and the dry force.
-
-    `force` is the total force without friction; `v_mid` is the last estimate of the step's mean
-    velocity.
-    """
-    rest = force - viscous * viscous_force(par, v_mid)
-    if par[LAW] != SET_VALUED:
-        held = dry_force(par, state, v_mid, dry)
-        return v + h / mass * (rest - held), held
+def kick(par, state, mass, v, v_mid, force, h):
+    """Velocity after a step, by the force without friction and an estimate of the mean velocity."""
+    rest = force - state.viscous * viscous_force(par, v_mid)
+    if par.law != at.SET_VALUED:
+        return v + h / mass * (rest - dry_force(par, state, v_mid))
     free = v + h / mass * rest
-    g = dry * (level(par, v_mid) if v != 0.0 else par[FS])
-    most = h / mass * g
-    if abs(free) <= most:
-        return 0.0, free * mass / h
-    held = g if free > 0.0 else -g
-    return free - h / mass * held, held
+    g = state.dry * (level(par, v_mid) if v != 0.0 else par.Fs)
+    if abs(free) <= h / mass * g:
+        return 0.0
+    return free - h / mass * (g if free > 0.0 else -g)

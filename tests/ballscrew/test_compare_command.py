@@ -17,12 +17,11 @@ pytestmark = pytest.mark.ci
 def files(tmp_path_factory):
     """A record with a load, and what a diagnosis of another one left that found the load."""
     from axis_records import friction_noise, moved, signals_of
-    from worlds import layout as at
 
     folder = tmp_path_factory.mktemp("compared")
     time = np.arange(10_000) * 1e-3
     u = 3.0 * np.sin(4.0 * time) + 1.5 * np.sin(11.0 * time)
-    signals = signals_of(moved({at.LOAD: LOAD}, u, friction_noise(1, len(u))), u)
+    signals = signals_of(moved({"load": LOAD}, u, friction_noise(1, len(u))), u)
     table = np.column_stack([signals[n] for n in ("time", "u", "x")])
     np.savetxt(folder / "other.csv", table, delimiter=",", header="time,u,x", comments="")
     truth = dict(NOMINAL)

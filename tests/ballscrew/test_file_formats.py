@@ -40,10 +40,9 @@ COMMANDS = {
 def written(tmp_path_factory):
     """A folder with what each command wrote, in a folder of its own."""
     from axis_records import NOTCH, strong_record, write_strong
-    from worlds import layout as at
 
     out = tmp_path_factory.mktemp("out")
-    write_strong({at.LOAD: 0.4}, out / "data")
+    write_strong({"load": 0.4}, out / "data")
     signals = strong_record(NOTCH, with_current=True, samples=8000).signals
     with_current, table = out / "data" / "with_current.csv", np.stack(list(signals.values()), 1)
     np.savetxt(with_current, table, delimiter=",", header=",".join(signals), comments="")

@@ -13,7 +13,7 @@ import numpy as np
 from diagnosed import NOMINAL
 from scipy.signal import lfilter
 from world_runs import PERIOD, TURN, nominal_axis, run
-from worlds import layout as at
+from worlds.axis import changed
 
 from ballscrew.measurement.records.reading import check_record
 from ballscrew.measurement.records.record import Record
@@ -21,13 +21,13 @@ from ballscrew.measurement.records.record import Record
 COUNT = 1e-3 / 512  # step of the encoder [m]
 NOISE_TIME = 0.01  # s
 SUBSTEPS = 50
-ASYMMETRY = {at.ASYMMETRY: 0.2, at.ASYMMETRY_VISCOUS: 0.2}
-NOTCH = {at.DETENT: 1.0, at.DETENT_PLACE: 0.002, at.DETENT_WIDTH: 0.0005}  # no cause has this form
+ASYMMETRY = {"asymmetry": 0.2, "asymmetry_viscous": 0.2}
+NOTCH = {"detent": 1.0, "detent_place": 0.002, "detent_width": 0.0005}  # no cause has this form
 
 
-def gap(width: float) -> dict[int, float]:
+def gap(width: float) -> dict[str, float]:
     """A gap between screw and block [m], and the contact stiffness."""
-    return {at.GAP: width, at.SPRING: 2e7, at.SPRING_DAMPING: 4.5e3}
+    return {"gap": width, "spring": 2e7, "spring_damping": 4.5e3}
 
 
 def friction_noise(seed: int, count: int) -> np.ndarray:
@@ -44,29 +44,25 @@ def to_and_fro(count: int) -> np.ndarray:
     return 3.0 * np.sin(2 * math.pi * 0.7 * time) + 1.5 * np.sin(2 * math.pi * 1.9 * time + 1)
 
 
-def moved(changes: Mapping[int, float], u: np.ndarray, force: np.ndarray) -> np.ndarray:
+def moved(changes: Mapping[str, float], u: np.ndarray, force: np.ndarray) -> np.ndarray:
     """The simulator's log, one row per sample, under a voltage [V] and a force against +x [N].
 
-    `changes` are differences from the nominal axis, by the index in the simulator's vector.
+    `changes` are differences from the nominal axis, by the simulator's names.
     """
     double = nominal_axis()
-    double[at.MOTOR_MASS] = NOMINAL["Jm"] * TURN**2
-    double[at.KE] = NOMINAL["ke"] * TURN
-    double[at.DURATION] = len(u) * PERIOD
-    axis = double.copy()
-    for place, value in changes.items():
-        axis[place] = value
-    return run(axis, u, double, SUBSTEPS, force)
+    double.motor_mass, double.ke = NOMINAL["Jm"] * TURN**2, NOMINAL["ke"] * TURN
+    double.duration = len(u) * PERIOD
+    return run(changed(double, changes), u, double, SUBSTEPS, force)
 
 
 def signals_of(log: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
     """Columns of a record: time, voltage, quantized position, current."""
-    counted = np.floor(log[:, at.X] / COUNT) * COUNT
-    return {"time": np.arange(len(u)) * PERIOD, "u": u, "x": counted, "i": log[:, at.CURRENT]}
+    counted = np.floor(log["x"] / COUNT) * COUNT
+    return {"time": np.arange(len(u)) * PERIOD, "u": u, "x": counted, "i": log["current"]}
 
 
 def strong_record(
-    changes: Mapping[int, float], *, with_current: bool = False, samples: int = 12_000
+    changes: Mapping[str, float], *, with_current: bool = False, samples: int = 12_000
 ) -> Record:
     """Twelve seconds of motion in both directions with these values changed."""
     u = to_and_fro(samples)
@@ -74,7 +70,7 @@ def strong_record(
     return check_record("made", {n: s for n, s in signals.items() if with_current or n != "i"})
 
 
-def write_strong(changes: Mapping[int, float], folder: Path) -> tuple[Path, Path]:
+def write_strong(changes: Mapping[str, float], folder: Path) -> tuple[Path, Path]:
     """Write ``record.csv``, and ``believed.toml`` with the axis without the effect."""
     folder.mkdir(parents=True, exist_ok=True)
     record, believed = folder / "record.csv", folder / "believed.toml"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from world_runs import PERIOD, drive, nominal_axis, run, swing
-from worlds import layout as at
+from worlds.axis import ELASTO_PLASTIC, LUGRE, MAXWELL, MODIFIED_LUGRE
 
 # the simulators are compiled once
 pytestmark = [pytest.mark.ci, pytest.mark.xdist_group("worlds")]
@@ -22,7 +22,7 @@ def interpolated(commands):
 
 def test_lugre_axis_follows_scipys_stiff_solver():
     par, commands = nominal_axis(), swing()
-    par[at.RAMPED] = 1.0
+    par.ramped = 1.0
     u = interpolated(commands)
 
     def slope(t, y):
@@ -30,28 +30,20 @@ def test_lugre_axis_follows_scipys_stiff_solver():
         g = 1.284 + (2.35 - 1.284) * math.exp(-((v / 1.13975e-3) ** 2))
         dz = v - 66967.231 * abs(v) * z / g
         force = 66967.231 * z + 344.56 * dz + 173.0 * v
-        return [v, par[at.KT] * i - force, dz, (u(t) - 21.4 * i - par[at.KE] * v) / 0.953e-3]
+        return [v, par.kt * i - force, dz, (u(t) - 21.4 * i - par.ke * v) / 0.953e-3]
 
     times = np.arange(commands.size) * PERIOD
     oracle = solve_ivp(
         slope, (0, times[-1]), np.zeros(4), "LSODA", times, rtol=1e-9, atol=1e-13, max_step=1e-3
     )
     log = run(par, commands)
-    assert np.abs(log[:, at.X] - oracle.y[0]).max() < 2e-4 * np.ptp(oracle.y[0])
-    assert np.abs(log[:, at.CURRENT] - oracle.y[3]).max() < 2e-3 * np.ptp(oracle.y[3])
-
-
-def test_error_falls_with_the_square_of_the_substep():
-    commands = swing(200)
-    ends = [run(nominal_axis(), commands, substeps=n)[-1, at.X] for n in (50, 100, 400)]
-    assert abs(ends[1] - ends[2]) < 0.4 * abs(ends[0] - ends[2])
+    assert np.abs(log["x"] - oracle.y[0]).max() < 2e-4 * np.ptp(oracle.y[0])
+    assert np.abs(log["current"] - oracle.y[3]).max() < 2e-3 * np.ptp(oracle.y[3])
 
 
 def test_two_bodies_follow_scipys_solver():
-    par, commands = drive(), swing(120)
-    par[at.MOTOR_MASS], par[at.BLOCK_MASS] = 0.5, 1.5
-    par[at.SPRING], par[at.SPRING_DAMPING], par[at.RAMPED] = 4e4, 6.0, 1.0
-    par[at.SIGMA2], par[at.LAG] = 10.0, 2e-3
+    spring = {"motor_mass": 0.5, "block_mass": 1.5, "spring": 4e4, "spring_damping": 6.0}
+    par, commands = drive(**spring, sigma2=10.0, lag=2e-3, ramped=1.0), swing(120)
     u = interpolated(commands)
 
     def slope(t, y):
@@ -62,34 +54,32 @@ def test_two_bodies_follow_scipys_solver():
     times = np.arange(commands.size) * PERIOD
     oracle = solve_ivp(slope, (0, times[-1]), np.zeros(5), "Radau", times, rtol=1e-8, atol=1e-12)
     log = run(par, commands)
-    assert np.abs(log[:, at.X] - oracle.y[0]).max() < 1e-3 * np.ptp(oracle.y[0])
+    assert np.abs(log["x"] - oracle.y[0]).max() < 1e-3 * np.ptp(oracle.y[0])
 
 
 def test_a_constant_force_gives_a_parabola():
-    log = run(drive(mass=2.0), np.full(200, 3.0))
+    log = run(drive(), np.full(200, 3.0))
     times = np.arange(200) * PERIOD
-    assert log[:, at.X] == pytest.approx(0.75 * times**2, abs=1e-9)
+    assert log["x"] == pytest.approx(0.75 * times**2, abs=1e-9)
 
 
 def test_coulomb_friction_brakes_evenly_and_then_holds():
-    par = drive(mass=2.0)
-    par[at.FC], par[at.FS] = 1.0, 1.0
+    par = drive(Fc=1.0, Fs=1.0)
     commands = np.where(np.arange(400) < 100, 3.0, 0.5)
     log = run(par, commands)
     times = np.arange(400) * PERIOD
     speed, way = 0.1, 0.005  # after 0.1 s at (3 - 1)/2 m/s^2; then -0.25 m/s^2 for 0.4 s
     braking = (times >= 0.1) & (times < 0.4)
     since = times[braking] - 0.1
-    assert log[braking, at.X] == pytest.approx(way + speed * since - 0.125 * since**2, abs=1e-6)
+    assert log["x"][braking] == pytest.approx(way + speed * since - 0.125 * since**2, abs=1e-6)
     held = run(par, np.full(50, 0.9))
-    assert np.all(held[:, at.X] == 0.0)
+    assert np.all(held["x"] == 0.0)
 
 
-@pytest.mark.parametrize("law", [at.LUGRE, at.MODIFIED_LUGRE, at.ELASTO_PLASTIC, at.MAXWELL])
+@pytest.mark.parametrize("law", [LUGRE, MODIFIED_LUGRE, ELASTO_PLASTIC, MAXWELL])
 def test_every_law_slides_at_the_level_of_the_stribeck_curve(law):
-    par = drive(mass=1.0, viscous=20.0)
-    par[at.LAW], par[at.SIGMA0], par[at.SIGMA1], par[at.KV] = law, 1e5, 100.0, 1e8
-    par[at.FC], par[at.FS], par[at.VS] = 1.0, 2.0, 0.05
+    bristles = {"law": law, "sigma0": 1e5, "sigma1": 100.0, "Kv": 1e8}
+    par = drive(block_mass=1.0, sigma2=20.0, Fc=1.0, Fs=2.0, Vs=0.05, **bristles)
     log = run(par, np.full(1500, 4.0))
-    v = log[-1, at.V]
+    v = log["v"][-1]
     assert 20 * v + 1 + math.exp(-((v / 0.05) ** 2)) == pytest.approx(4.0, rel=1e-3)

@@ -8,7 +8,6 @@ from axis_records import strong_record
 from diagnosed import nominal
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import layout as at
 
 from ballscrew.measurement.diagnosis.balance import Added, leftovers, responses, sensitivities
 from ballscrew.measurement.diagnosis.causes import CAUSES
@@ -22,7 +21,7 @@ FORCES = "kt m Jm sigma0 sigma1 sigma2 Fc Fs".split()
 
 @pytest.fixture(scope="module")
 def course():
-    return lay_along(strong_record({at.LOAD: 0.4}), nominal())
+    return lay_along(strong_record({"load": 0.4}), nominal())
 
 
 def left(course, model):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from axis_records import NOMINAL, TURN, friction_noise, moved, signals_of
 from diagnosed import nominal
-from worlds import layout as at
 
 from ballscrew.measurement.diagnosis.balance import Added
 from ballscrew.measurement.diagnosis.compare import compare_records
@@ -30,7 +29,7 @@ LOAD = 0.6
 def loaded(seed):
     time = np.arange(16_000) * 1e-3
     u = 3.0 * np.sin(2 * math.pi * 0.6 * time) + 1.5 * np.sin(2 * math.pi * 1.7 * time + 1)
-    return signals_of(moved({at.LOAD: LOAD}, u, friction_noise(seed, len(u))), u)
+    return signals_of(moved({"load": LOAD}, u, friction_noise(seed, len(u))), u)
 
 
 @pytest.fixture(scope="module")

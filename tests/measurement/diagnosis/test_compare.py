@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 from axis_records import NOMINAL, friction_noise, gap, moved, signals_of
-from worlds import layout as at
 
 from ballscrew.measurement.diagnosis.compare import compare_records
 from ballscrew.measurement.records.reading import check_record
@@ -40,7 +39,7 @@ def a_file(prior_model=None, adjusted=None, corrected=None, causes=None, **more)
 
 @pytest.fixture(scope="module")
 def loaded():
-    return a_record({at.LOAD: LOAD}, 3)
+    return a_record({"load": LOAD}, 3)
 
 
 def test_a_cause_that_is_there_gains_and_its_model_comes_down_to_the_noise(loaded):
@@ -90,8 +89,8 @@ def test_values_adjusted_are_compared_with_the_prior_ones():
 @pytest.mark.parametrize(
     ("effects", "corrected", "causes"),
     [
-        ({at.BLOCK_MASS: 9.0}, {"m": 9.0}, {"unmodelled_inertia": {"m": 9.0}}),
-        ({at.DELAY: 4e-3}, {}, {"input_delay": {"delay": 4e-3}}),
+        ({"block_mass": 9.0}, {"m": 9.0}, {"unmodelled_inertia": {"m": 9.0}}),
+        ({"delay": 4e-3}, {}, {"input_delay": {"delay": 4e-3}}),
         (gap(5e-5), {}, {"backlash": {"gap": 5e-5}}),
     ],
     ids=["value", "command", "gap"],
@@ -107,7 +106,7 @@ def test_causes_of_every_kind_are_along_the_other_record_what_they_were(effects,
 
 
 def test_a_short_record_has_figures_and_no_intervals():
-    record = a_record({at.LOAD: LOAD}, 6)
+    record = a_record({"load": LOAD}, 6)
     short = check_record("short", {n: s[:2500] for n, s in record.signals.items()})
     found = compare_records([short], a_file(causes={"load_bias": {"load": LOAD}}))
     assert found.models["prior"]["all"].force.interval is None

@@ -23,7 +23,6 @@ from axis_records import (
 from diagnosed import nominal
 from slide_records import believed, slide_record
 from worlds import draw_case as draw_world
-from worlds import layout as at
 from worlds import write_case as write_world
 
 from ballscrew import compare
@@ -36,11 +35,11 @@ from ballscrew.solver.errors import BadRecord
 EMPS = Path(__file__).parents[3] / "docs" / "emps.toml"
 in_a_world = pytest.mark.xdist_group("worlds")  # whose simulators are compiled once
 
-LIMITED = {at.LIMIT: 3.2}
+LIMITED = {"limit": 3.2}
 TRUTH = {
-    "load_bias": ({at.LOAD: 0.4}, "load", 0.4),
+    "load_bias": ({"load": 0.4}, "load", 0.4),
     "backlash": (gap(1e-4), "gap", 1e-4),
-    "friction_drift": ({at.DRIFT: 0.24, at.DRIFT_VISCOUS: 0.24}, "friction_drift", 0.24),
+    "friction_drift": ({"drift": 0.24, "drift_viscous": 0.24}, "friction_drift", 0.24),
     "voltage_saturation": (LIMITED, "voltage_limit", 3.2),
 }
 OTHERS = ("friction_drift", "voltage_saturation")
@@ -187,7 +186,7 @@ def test_a_hidden_effect_of_the_axis_is_built_in_alone_and_has_its_size(effect):
 
 @pytest.mark.ci
 def test_a_resistance_that_grows_is_told_from_friction_by_the_current():
-    record = strong_record({at.R_DRIFT: 0.18}, with_current=True)
+    record = strong_record({"r_drift": 0.18}, with_current=True)
     found = diagnose_records([record], nominal())
     (cause,) = found.causes
     assert (found.verdict, cause.name, cause.certain) == ("explained", "resistance_drift", True)
@@ -196,7 +195,7 @@ def test_a_resistance_that_grows_is_told_from_friction_by_the_current():
 
 @pytest.mark.ci
 def test_two_effects_are_both_in_the_answer_and_built_in_where_one_is_taken(tmp_path):
-    hidden = {at.LOAD: 0.5, at.PERIODIC: 0.5, at.PERIOD: 1e-3, at.PERIOD_PHASE: 1.0}
+    hidden = {"load": 0.5, "periodic": 0.5, "period": 1e-3, "period_phase": 1.0}
     record, both = strong_record(hidden), {"position_periodic_friction", "load_bias"}
     assert both <= answer_of(diagnose_records([record], nominal()))
     found = diagnose_records([record], nominal(), take="position_periodic_friction")
@@ -244,7 +243,7 @@ def test_friction_that_follows_a_thermometer_is_told_per_degree():
     """A screw that cools down and warms up again: no growth in time would do."""
     u, noise = to_and_fro(20_000), friction_noise(11, 20_000)
     temperature = 22.0 + 12.0 * np.cos(2 * math.pi * np.linspace(0.0, 1.0, len(u)))
-    friction = moved({}, u, noise)[:, at.FRICTION]
+    friction = moved({}, u, noise)["friction"]
     signals = signals_of(moved({}, u, noise + 0.01 * (temperature - 22.0) * friction), u)
     del signals["i"]
     thermometer = np.where(np.arange(len(u)) % 500 == 0, np.round(temperature, 1), np.nan)

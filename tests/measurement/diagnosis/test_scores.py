@@ -16,7 +16,6 @@ from scipy.optimize import lsq_linear
 from scipy.stats import multivariate_t
 from scipy.stats import t as student
 from slide_records import believed, slide_record
-from worlds import layout as at
 
 from ballscrew.measurement.diagnosis import scores
 from ballscrew.measurement.diagnosis.bands import Bands
@@ -222,7 +221,7 @@ def test_a_speed_that_follows_within_an_interval_is_no_delay():
     """A held command of rising frequency; the axis answers three times faster than its record."""
     time = np.arange(8_000) * 1e-3
     u = 12.0 * np.sin(2 * np.pi * (1.0 + 2.0 * time) * time)
-    light = {at.MOTOR_MASS: 0.0}
+    light = {"motor_mass": 0.0}
     signals = signals_of(moved(light, u, np.zeros(len(u))), u)
     record = check_record("chirp", {n: c for n, c in signals.items() if n != "i"})
     study = study_of([record], nominal().changed({"Jm": 0.0}))
@@ -244,7 +243,7 @@ def test_a_limit_far_below_the_largest_command_is_found():
     """A limit of 5 V for a command of 97 V was not in the grid."""
     share = 0.05
     largest = float(np.abs(strong_record({}).u).max())
-    study = study_of([strong_record({at.LIMIT: share * largest})], nominal())
+    study = study_of([strong_record({"limit": share * largest})], nominal())
     found = {s.name: s for s in scored(Catalogue(study))}
     limit = found["voltage_saturation"].form.values["voltage_limit"]
     assert limit == pytest.approx(share * largest, rel=0.05)
@@ -256,7 +255,7 @@ def test_a_swing_is_found_where_the_record_rests_most_of_the_time():
     time = np.arange(20_000) * 1e-3
     u = 3.0 * np.sign(np.sin(2 * np.pi * 0.25 * time)) * (np.mod(time, 4.0) < 1.0)
     u += 3.0 * np.sign(np.sin(2 * np.pi * 0.25 * time)) * (np.mod(time, 4.0) > 3.0)
-    log = moved({at.RIPPLE: 0.3, at.RIPPLE_PERIOD: 2e-3}, u, friction_noise(3, len(u)))
+    log = moved({"ripple": 0.3, "ripple_period": 2e-3}, u, friction_noise(3, len(u)))
     signals = signals_of(log, u)
     del signals["i"]
     study = study_of([check_record("made", signals)], nominal())
