@@ -1,33 +1,20 @@
 """A readable FMU whose equations were edited runs what they say now."""
 
-import zipfile
-
 import numpy as np
 import pytest
 import sympy as sp
-from any_fmu import Host
+from any_fmu import Host, repacked
 from scipy.integrate import solve_ivp
 
-from ballscrew.fmus.export import export
-from ballscrew.solver.component import (
-    Component,
-    Delay,
-    DiscreteState,
-    Event,
-    Input,
-    Mode,
-    Output,
-    Parameter,
-    State,
-    symbol,
-)
+from ballscrew import Component, Delay, DiscreteState, Event, Input, Mode, Output, Parameter, State
+from ballscrew.solver.component import symbol
 
 X, V, U, S, LATE = map(symbol, ("x", "v", "u", "s", "late"))
 STEP, STEPS = 0.05, 40
 
 
 @pytest.fixture(scope="module")
-def swing(tmp_path_factory):
+def swing(written):
     """A damped swing, pulled at."""
     component = Component(
         "swing",
@@ -36,23 +23,22 @@ def swing(tmp_path_factory):
         states=(State("x", "m", "place", V), State("v", "m/s", "speed", U - 9 * sp.sin(X) - V / 4)),
         outputs=(Output("x", "m", "place", X),),
     )
-    return export(component, tmp_path_factory.mktemp("swing") / "swing.fmu")
+    return written(component, "readable")
 
 
 def edited(path, folder, *changes):
     """As a user would: unzip, edit the equations, zip."""
-    with zipfile.ZipFile(path) as archive:
-        files = {name: archive.read(name) for name in archive.namelist()}
-    (name,) = (n for n in files if n.startswith("resources/equations_"))
-    text = files[name].decode()
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new, 1)
-    files[name] = text.encode()
-    with zipfile.ZipFile(folder / "edited.fmu", "w") as archive:
-        for file, data in files.items():
-            archive.writestr(file, data)
-    return folder / "edited.fmu"
+
+    def edit(name, data):
+        if not name.startswith("resources/equations_"):
+            return data
+        text = data.decode()
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new, 1)
+        return text.encode()
+
+    return repacked(path, folder / "edited.fmu", edit)
 
 
 def course(path):
@@ -91,7 +77,7 @@ def test_edited_equations_are_run_though_their_slopes_were_left(swing, tmp_path)
     assert np.array_equal(course(swing)[0], exported)
 
 
-def test_edited_events_delays_and_samples_are_run(tmp_path):
+def test_edited_events_delays_and_samples_are_run(written, tmp_path):
     """A ball that falls, bounces once, and counts a command; by hand."""
     ball = Component(
         "ball",
@@ -109,7 +95,7 @@ def test_edited_events_delays_and_samples_are_run(tmp_path):
     )
     changes = [("dx[1] = -2.0", "dx[1] = -8.0 if t < 9 and not u[0] > 2 else 5.0")]
     changes += [("-0.5*v_", "-v_/4"), ("s_ + u_", "s_ + 3*u_"), ("e[1] = 0.1", "e[1] = 0.2")]
-    path = edited(export(ball, tmp_path / "ball.fmu"), tmp_path, *changes)
+    path = edited(written(ball, "readable"), tmp_path, *changes)
     host, seen = Host(path, {"u": 1.0}), []
     for k in range(70):
         host.step(0.01 * k, 0.01)

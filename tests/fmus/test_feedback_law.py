@@ -1,14 +1,15 @@
-"""The feedback law's ports, derived on both sides, and the law in a master that knows nothing."""
+"""The feedback law's ports and the tangents' ports, both derived, against differences."""
 
 import numpy as np
 import pytest
-from any_fmu import Host
+import sympy as sp
 from scipy.integrate import solve_ivp
 
+from ballscrew import Component, Input, Output, Parameter, State, symbol
+from ballscrew.fmus.export import export
+from ballscrew.fmus.variational import variational
+from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
 from ballscrew.orchestration.loop.catalogue import CONTROLLERS, fmu_kernel
-from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.orchestration.loop.whole_loop import run_monolithic
-from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.solver.kernel import Model
 
 FIRST = "nctf", "iol", "p_pi"
@@ -68,35 +69,51 @@ def test_an_unconnected_plant_is_an_ordinary_one_and_a_law_acts_as_stated():
         assert course.states[name][-1] == pytest.approx(truth.y[k, -1], rel=1e-5)
 
 
-def plain_jacobi(made, h, stop):
-    """Positions by a tool that can only connect equal names, and exchanges after each step."""
-    plant = Host(made("plant", "native-2"))
-    controller = Host(made("iol", "native-2"), {"x_d": 0.08})
-    commands = ["u", "u_rate", *(f"u_{part}_{s}" for part in ("gain", "ref") for s in "xvzi")]
-    controller.set(dict(zip("xvzi", plant.get(*"xvzi"), strict=True)))
-    law = controller.get(*commands)
-    course = [0.0]
-    for k in range(round(stop / h)):
-        plant.set(dict(zip(commands, law, strict=True)))
-        plant.step(k * h, h)
-        controller.step(k * h, h)
-        law, measured = controller.get(*commands), plant.get(*"xvzi")
-        controller.set(dict(zip("xvzi", measured, strict=True)))
-        course.append(measured[0])
-    plant.close()
-    controller.close()
-    return np.array(course)
+A, B, X, V, U = map(symbol, ("a", "b", "x", "v", "u"))
+PENDULUM = Component(
+    name="pendulum",
+    description="A damped pendulum under a torque, nonlinear, with feed-through",
+    parameters=(
+        Parameter("a", 3.0, "1/s^2", "stiffness", "test"),
+        Parameter("b", 0.5, "1/s", "damping", "test"),
+    ),
+    inputs=(Input("u", "rad/s^2", "torque"),),
+    states=(
+        State("x", "rad", "angle", V, start=0.7),
+        State("v", "rad/s", "rate", -A * sp.sin(X) - B * V + U * sp.cos(X)),
+    ),
+    outputs=(
+        Output("x", "rad", "angle", X),
+        Output("height", "1", "height", 1 - sp.cos(X) + U**2),
+    ),
+)
 
 
-@pytest.mark.ci
-def test_the_law_through_a_plain_jacobi_master_is_of_second_order(made):
-    """4.2e-4 m at 1e-3 s and 1.8e-5 m at 2e-4 s for the linearizing controller, no rollback."""
-    truth = run_monolithic(Loop("iol", reference=Reference.constant(0.08), stop=1.0), 1e-4)
-    steps = np.array([1e-3, 5e-4, 2e-4])
-    errors = []
-    for h in steps:
-        x = plain_jacobi(made, h, 1.0)
-        errors.append(np.abs(x - truth.outputs["x"][:: round(h / 1e-4)]).max())
-    assert errors[0] == pytest.approx(4.2e-4, rel=0.1)
-    assert errors[2] == pytest.approx(1.8e-5, rel=0.1)
-    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.15)
+def test_tangents_are_the_differences_of_neighbouring_motions(tmp_path):
+    """With tangents of states and input, through an output of both; the trace is -b all along."""
+    fmu = export(variational(PENDULUM, 2), tmp_path / "pendulum.fmu")
+    moved, tangent, push = 1e-6, np.array([0.3, -1.2]), 0.8
+
+    def end(inputs, signals, **values):
+        p = FmuInstance(fmu, "pendulum")
+        p.initialize({"solver_tolerance": 1e-11, **values}, 1.0)
+        p.writer([*inputs])(np.array([*inputs.values()]))
+        p.step(0.0, 0.5)
+        found = p.reader(signals)()
+        p.close()
+        return found
+
+    there, back = (
+        end(
+            {"u": 0.4 + share * push},
+            ["x", "height"],
+            x_start=0.7 + share * tangent[0],
+            v_start=share * tangent[1],
+        )
+        for share in (moved, -moved)
+    )
+    signals = ["x_d1", "height_d1", "trace_integral"]
+    starts = {"x_d1_start": tangent[0], "v_d1_start": tangent[1]}
+    *found, trace = end({"u": 0.4, "u_d1": push}, signals, **starts)
+    np.testing.assert_allclose(found, (there - back) / (2 * moved), rtol=1e-7)
+    np.testing.assert_allclose(trace, -0.25, rtol=1e-9)

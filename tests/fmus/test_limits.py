@@ -5,18 +5,10 @@ import re
 
 import numpy as np
 import pytest
-from any_fmu import KINDS, NATIVE, Host, written
+from any_fmu import KINDS, NATIVE, Host
 
+from ballscrew import Component, DiscreteState, Input, Output, Parameter, State, symbol
 from ballscrew.orchestration.loop.catalogue import fmu_kernel
-from ballscrew.solver.component import (
-    Component,
-    DiscreteState,
-    Input,
-    Output,
-    Parameter,
-    State,
-    symbol,
-)
 
 COUNTER = Component(
     "counter",
@@ -37,17 +29,6 @@ FAST = Component(
 )
 
 
-@pytest.fixture(scope="module")
-def counter(tmp_path_factory):
-    """``counter(kind)`` is the path of an FMU that counts its samples."""
-    folder, done = tmp_path_factory.mktemp("counter"), {}
-
-    def get(kind):
-        return done[kind] if kind in done else done.setdefault(kind, written(COUNTER, kind, folder))
-
-    return get
-
-
 def counted(path, step, start=0.0, parts=1):
     """Samples that one step has taken, or that many equal parts of it."""
     host = Host(path, begun=False)
@@ -60,22 +41,23 @@ def counted(path, step, start=0.0, parts=1):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_sample_is_due_within_a_billionth_of_the_period(counter, kind):
-    assert counted(counter(kind), 1.0) == 1.0
-    assert counted(counter(kind), 1.0 + 0.5e-9) == 1.0  # the next one is for the next step
-    assert counted(counter(kind), 1.0 + 2e-9) == 2.0
-    assert counted(counter(kind), 0.1, start=1.0 + 0.5e-9) == 1.0
-    assert counted(counter(kind), 0.1, start=1.0 + 2e-9) == 0.0
+def test_a_sample_is_due_within_a_billionth_of_the_period(written, kind):
+    path = written(COUNTER, kind)
+    assert counted(path, 1.0) == 1.0
+    assert counted(path, 1.0 + 0.5e-9) == 1.0  # the next one is for the next step
+    assert counted(path, 1.0 + 2e-9) == 2.0
+    assert counted(path, 0.1, start=1.0 + 0.5e-9) == 1.0
+    assert counted(path, 0.1, start=1.0 + 2e-9) == 0.0
     for parts in (1, 2, 100):
-        assert counted(counter(kind), 2.5, start=2.5, parts=parts) == 2.0  # at 3 and 4 s
+        assert counted(path, 2.5, start=2.5, parts=parts) == 2.0  # at 3 and 4 s
 
 
 @pytest.mark.parametrize("kind", NATIVE)
-def test_a_step_holds_a_million_samples_and_no_more(counter, kind):
-    assert counted(counter(kind), 999_999.5) == 1e6
-    assert counted(counter(kind), 1.0, start=4.4e15) == 1.0
+def test_a_step_holds_a_million_samples_and_no_more(written, kind):
+    assert counted(written(COUNTER, kind), 999_999.5) == 1e6
+    assert counted(written(COUNTER, kind), 1.0, start=4.4e15) == 1.0
     for step, start in ((1e6, 0.0), (1.0, 4.6e15)):
-        host = Host(counter(kind), begun=False)
+        host = Host(written(COUNTER, kind), begun=False)
         host.begin(start=start)
         with pytest.raises(Exception, match="DoStep"):
             host.step(start, step)
@@ -85,8 +67,8 @@ def test_a_step_holds_a_million_samples_and_no_more(counter, kind):
 
 
 @pytest.mark.parametrize("kind", NATIVE)
-def test_model_exchange_is_told_the_next_sample_and_takes_all_that_are_due(counter, kind):
-    host = Host(counter(kind), exchange=True)
+def test_model_exchange_is_told_the_next_sample_and_takes_all_that_are_due(written, kind):
+    host = Host(written(COUNTER, kind), exchange=True)
 
     def update(t):
         """Samples taken until then, and the time of the next."""
@@ -120,8 +102,8 @@ def test_a_period_that_makes_no_sense_ends_in_an_error_and_not_in_a_loop(made, p
 
 
 @pytest.mark.parametrize("kind", KINDS[:2])
-def test_two_hundred_thousand_internal_steps_are_the_most_in_a_step(tmp_path, kind):
-    host = Host(written(FAST, kind, tmp_path))
+def test_two_hundred_thousand_internal_steps_are_the_most_in_a_step(written, kind):
+    host = Host(written(FAST, kind))
     host.step(0.0, 1e-3)
     assert host.get("a") == pytest.approx([math.cos(100.0)], abs=1e-4)
     with pytest.raises(Exception, match="DoStep"):

@@ -1,18 +1,18 @@
 """``ballscrew export --loop``: one FMU of a whole closed loop, for either kind of simulation."""
 
+from functools import cache
+
 import fmpy
 import numpy as np
 import pytest
 from any_fmu import KINDS, Host
 from every_component import IN_LOOPS
 from fmpy.validation import validate_fmu
-from scipy.integrate import solve_ivp
 
+from ballscrew import Loop
 from ballscrew.cli import main
 from ballscrew.orchestration.loop import catalogue
-from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.whole_loop import run_monolithic
-from ballscrew.orchestration.master.reference_signal import Reference
 
 GOAL, STOP, STEP = 0.08, 2.0, 1e-2
 OPTIONS = {"readable": [], "native-2": ["--native"], "native-3": ["--native", "--fmi", "3"]}
@@ -36,17 +36,11 @@ def loop(request, tmp_path_factory):
     return get
 
 
-@pytest.fixture(scope="module")
-def truth():
-    """``truth(controller, **parts)`` are the signals of one solver on the steps' grid."""
-
-    def get(controller, every=10, first=0, **values):
-        run = run_monolithic(
-            Loop(controller, reference=Reference.constant(GOAL), stop=STOP, **values), 1e-3
-        )
-        return {n: y[first::every] for n, y in (run.outputs | run.commands).items()}
-
-    return get
+@cache
+def truth(controller, every=10, first=0):
+    """The signals of one solver on the steps' grid."""
+    run = run_monolithic(Loop(controller, reference=GOAL, stop=STOP), 1e-3)
+    return {n: y[first::every] for n, y in (run.outputs | run.commands).items()}
 
 
 def stepped(path, names, values=None):
@@ -68,7 +62,7 @@ def stepped(path, names, values=None):
         *(pytest.param("nctf", kind, marks=rare) for kind in KINDS),
     ],
 )
-def test_the_loop_follows_one_solver_at_ten_milliseconds(loop, truth, controller, kind):
+def test_the_loop_follows_one_solver_at_ten_milliseconds(loop, controller, kind):
     got, expected = stepped(loop(controller, kind), ["x", "v", "u"]), truth(controller)
     assert np.ptp(expected["x"]) > 0.07
     assert np.abs(got["x"] - expected["x"]).max() < 1e-8
@@ -77,7 +71,7 @@ def test_the_loop_follows_one_solver_at_ten_milliseconds(loop, truth, controller
 
 
 @pytest.mark.parametrize("kind", ["readable", *(pytest.param(k, marks=rare) for k in KINDS[1:])])
-def test_a_sampled_controller_meets_all_its_instants_within_a_step(loop, truth, kind):
+def test_a_sampled_controller_meets_all_its_instants_within_a_step(loop, kind):
     """At a communication point `u` is what was held up to there: the instant comes after it."""
     got = stepped(loop("pid_sampled", kind), ["x", "u"])
     assert np.abs(got["x"] - truth("pid_sampled")["x"]).max() < 1e-8
@@ -122,7 +116,7 @@ def test_it_is_valid_with_the_set_point_as_input_and_names_that_say_whose_they_a
         pytest.param("nctf", "native-2", 2e-7, marks=rare),
     ],
 )
-def test_the_loop_for_model_exchange_under_cvode(loop, truth, controller, allowed, kind):
+def test_the_loop_for_model_exchange_under_cvode(loop, controller, allowed, kind):
     """6.1e-7 m and 9.2e-8 m at a relative tolerance of 1e-6, a solver that is not ours."""
     course = fmpy.simulate_fmu(
         str(loop(controller, kind)),
@@ -136,49 +130,3 @@ def test_the_loop_for_model_exchange_under_cvode(loop, truth, controller, allowe
     expected = truth(controller, every=1)["x"]
     at = np.arange(len(expected)) * 1e-3
     assert np.abs(np.interp(at, course["time"], course["x"]) - expected).max() < allowed
-
-
-@pytest.mark.parametrize(
-    ("controller", "law", "allowed"),
-    [
-        ("iol", False, 4e-7),
-        pytest.param("iol", True, 4e-7, marks=rare),
-        pytest.param("nctf", True, 2e-7, marks=rare),
-    ],
-)
-def test_two_twins_for_model_exchange_in_one_solver_are_the_loop(
-    native, truth, controller, allowed, law
-):
-    """2.1e-7 m and 1.2e-7 m at 1e-6; wiring the law's ports as well changes nothing to speak of."""
-    plant = Host(native("plant"), exchange=True)
-    other = Host(native(controller), {"x_d": GOAL}, exchange=True)
-    sizes = []
-    for part in (plant, other):
-        part.update()
-        part.fmu.enterContinuousTimeMode()
-        sizes.append(sum(v.derivative is not None for v in part.variables))
-    ports = [
-        {c: [v.name for v in part.variables if v.causality == c] for c in ("input", "output")}
-        for part in (plant, other)
-    ]
-    measured = [n for n in ports[0]["output"] if n in ports[1]["input"]]
-    commands = [n for n in ports[1]["output"] if n in ports[0]["input"] and (law or n == "u")]
-
-    def right(t, x):
-        for part, states in ((plant, x[: sizes[0]]), (other, x[sizes[0] :])):
-            part.fmu.setTime(t)
-            part.set_states(states)
-        other.set(dict(zip(measured, plant.get(*measured), strict=True)))
-        plant.set(dict(zip(commands, other.get(*commands), strict=True)))
-        return np.concatenate(
-            [p.array("getDerivatives", n) for p, n in zip((plant, other), sizes, strict=True)]
-        )
-
-    times = np.minimum(np.arange(round(STOP / STEP) + 1) * STEP, STOP)
-    nominal = np.array([1e-2, 1e-1, 1e-5, 1e-1, 1e-2])[: sum(sizes)]
-    start = np.zeros(sum(sizes))
-    done = solve_ivp(right, (0.0, STOP), start, "BDF", times, rtol=1e-6, atol=1e-8 * nominal)
-    assert done.success, done.message
-    assert np.abs(done.y[0] - truth(controller)["x"]).max() < allowed
-    plant.close()
-    other.close()

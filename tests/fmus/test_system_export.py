@@ -2,21 +2,18 @@
 
 import zipfile
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import fmpy
 import fmpy.ssp
-import numpy as np
 import pytest
+from any_fmu import repacked
 from every_component import EVERY_CONTROLLER
 from lxml import etree
 
-from ballscrew.cli import main
 from ballscrew.fmus.system_export import export_system
 from ballscrew.orchestration.loop import catalogue
-from ballscrew.orchestration.loop.loop import Loop
-from ballscrew.orchestration.loop.whole_loop import run_monolithic
-from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.solver.errors import FmuError
 
 SCHEMAS = Path(fmpy.ssp.__file__).with_name("schema")
@@ -29,15 +26,12 @@ BETWEEN = ["position_encoder", "velocity_estimate"]
 
 
 @pytest.fixture(scope="module")
-def systems(fmus, tmp_path_factory):
-    """Paths of systems by the controller, each made when it is asked for."""
-
-    class Made(dict):
-        def __missing__(self, name):
-            path = tmp_path_factory.mktemp("systems") / f"{name}.ssp"
-            return self.setdefault(name, export_system(fmus["plant"], fmus[name], path, name=name))
-
-    return Made()
+def system(fmus, tmp_path_factory):
+    """``system(controller)`` is the path of a system, made when it is asked for."""
+    folder = tmp_path_factory.mktemp("systems")
+    return cache(
+        lambda name: export_system(fmus["plant"], fmus[name], folder / f"{name}.ssp", name=name)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -54,22 +48,9 @@ def measured_system(fmus, tmp_path_factory):
     )
 
 
-@pytest.fixture(scope="module")
-def native_system(native, tmp_path_factory):
-    """What ``ballscrew export --ssp --native`` writes of the linearizing loop."""
-    folder = tmp_path_factory.mktemp("native-system")
-    assert main(["export", "--ssp", "--native", "--only", "iol", "--out", str(folder)]) == 0
-    assert [p.name for p in folder.iterdir()] == ["iol.ssp"]
-    return folder / "iol.ssp"
-
-
-def read_xml(path, name):
+def read_xml(path, name="SystemStructure.ssd"):
     with zipfile.ZipFile(path) as archive:
         return etree.fromstring(archive.read(name))
-
-
-def structure(path):
-    return read_xml(path, "SystemStructure.ssd")
 
 
 def check_by_schemas(path, elements):
@@ -80,7 +61,7 @@ def check_by_schemas(path, elements):
 
 def connections(path):
     keys = "startElement", "startConnector", "endElement", "endConnector"
-    nodes = structure(path).iterfind(".//ssd:Connection", SPACES)
+    nodes = read_xml(path).iterfind(".//ssd:Connection", SPACES)
     return {tuple(node.get(key) for key in keys) for node in nodes}
 
 
@@ -88,44 +69,34 @@ def connections(path):
 
 
 @pytest.mark.parametrize("name", EVERY_CONTROLLER)
-def test_a_system_is_valid_and_connects_every_measurement_and_law_port(systems, name):
-    check_by_schemas(systems[name], ["plant", "controller"])
+def test_a_system_is_valid_and_has_the_ports_parameters_and_units_of_its_fmus(system, fmus, name):
+    path = system(name)
+    check_by_schemas(path, ["plant", "controller"])
     wanted = {("plant", s, "controller", s) for s in "xvzi"}
-    assert connections(systems[name]) == wanted | {("controller", p, "plant", p) for p in LAW}
-
-
-@pytest.mark.parametrize("name", EVERY_CONTROLLER)
-def test_connectors_parameters_and_units_are_those_of_the_fmus(systems, fmus, name):
-    root = structure(systems[name])
-    for element, fmu in (("plant", "plant"), ("controller", name)):
-        description = fmpy.read_model_description(str(fmus[fmu]))
-        real = {v.name: v for v in description.modelVariables if v.type == "Real"}
-        component = root.find(f".//ssd:Component[@name='{element}']", SPACES)
+    assert connections(path) == wanted | {("controller", p, "plant", p) for p in LAW}
+    for element, fmu in (("plant", fmus["plant"]), ("controller", fmus[name])):
+        variables = fmpy.read_model_description(str(fmu)).modelVariables
+        real = {v.name: v for v in variables if v.type == "Real"}
+        component = read_xml(path).find(f".//ssd:Component[@name='{element}']", SPACES)
         connectors = {
             c.get("name"): (c.get("kind"), c.find("ssc:Real", SPACES).get("unit"))
             for c in component.iterfind(".//ssd:Connector", SPACES)
         }
         assert connectors == {n: (v.causality, v.unit) for n, v in real.items()}
-        found = read_xml(systems[name], f"resources/{element}.ssv").iterfind(
-            ".//ssv:Parameter", SPACES
-        )
+        found = read_xml(path, f"resources/{element}.ssv").iterfind(".//ssv:Parameter", SPACES)
         values = {p.get("name"): dict(p.find("ssv:Real", SPACES).attrib) for p in found}
-        defaults = {
-            n: {"value": v.start, "unit": v.unit}
-            for n, v in real.items()
-            if v.causality == "parameter"
-        }
+        own = [v for v in real.values() if v.causality == "parameter"]
+        defaults = {v.name: {"value": v.start, "unit": v.unit} for v in own}
         if element == "controller":
-            defaults["x_d"] = {"value": "0.08", "unit": "m"}
-            units = {"v_d": "m/s", "a_d": "m/s^2"}
-            defaults |= {n: {"value": "0.0", "unit": u} for n, u in units.items() if n in real}
+            goals = {"x_d": ("0.08", "m"), "v_d": ("0.0", "m/s"), "a_d": ("0.0", "m/s^2")}
+            defaults |= {n: {"value": v, "unit": u} for n, (v, u) in goals.items() if n in real}
         assert values == defaults
 
 
-def test_omsimulator_finds_its_master_where_it_looks_for_it(systems):
+def test_omsimulator_finds_its_master_where_it_looks_for_it(system):
     """Without it, its executable ends with "[NewSystem] internal error"."""
     oms = "{https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd}"
-    (annotation,) = structure(systems["nctf"]).iterfind(
+    (annotation,) = read_xml(system("nctf")).iterfind(
         "ssd:System/ssd:Annotations/ssc:Annotation", SPACES
     )
     assert annotation.get("type") == "org.openmodelica"
@@ -134,7 +105,7 @@ def test_omsimulator_finds_its_master_where_it_looks_for_it(systems):
     # it hands this on to the FMUs, whose solvers take it for their own
     assert (master.get("stepSize"), master.get("relativeTolerance")) == ("0.0002", "1e-08")
     # it looks for the elements by these letters
-    with zipfile.ZipFile(systems["nctf"]) as archive:
+    with zipfile.ZipFile(system("nctf")) as archive:
         assert b"<oms:FixedStepMaster" in archive.read("SystemStructure.ssd")
 
 
@@ -161,19 +132,18 @@ def test_instruments_stand_between_and_sample_with_a_sampled_controller(measured
 
 def without(source, target, *names):
     """A copy of an FMU whose description does not mention some variables."""
-    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
-        for name in old.namelist():
-            data = old.read(name)
-            if name == "modelDescription.xml":
-                root = etree.fromstring(data)
-                variables = root.find("ModelVariables")
-                for variable in list(variables):
-                    if variable.get("name") in names:
-                        variables.remove(variable)
-                root.remove(root.find("ModelStructure"))
-                data = etree.tostring(root)
-            new.writestr(name, data)
-    return target
+
+    def change(name, data):
+        if name != "modelDescription.xml":
+            return data
+        root = etree.fromstring(data)
+        variables = root.find("ModelVariables")
+        for variable in [v for v in variables if v.get("name") in names]:
+            variables.remove(variable)
+        root.remove(root.find("ModelStructure"))
+        return etree.tostring(root)
+
+    return repacked(source, target, change)
 
 
 def test_sides_that_do_not_meet_are_refused_with_one_line(fmus, tmp_path):
@@ -223,40 +193,25 @@ def test_instruments_that_fit_nowhere_are_refused_with_one_line(fmus, tmp_path):
             )
 
 
-# native FMUs, and other readers
-
-
-@pytest.mark.ci
-def test_our_own_command_runs_the_system_of_native_fmus_that_it_wrote(native_system, tmp_path):
-    with zipfile.ZipFile(native_system) as archive:
-        for side in ("plant", "controller"):
-            path = Path(archive.extract(f"resources/{side}.fmu", tmp_path))
-            with zipfile.ZipFile(path) as fmu:
-                assert "sources/fmi2.c" in fmu.namelist()
-                assert not [n for n in fmu.namelist() if n.endswith(".py")]
-    out = tmp_path / "out"
-    assert main(["run", "--system", str(native_system), "--stop", "0.5", "--out", str(out)]) == 0
-    truth = run_monolithic(Loop("iol", reference=Reference.constant(0.08), stop=0.5), 1e-3)
-    table = np.genfromtxt(out / "trajectory.csv", delimiter=",", names=True)
-    assert abs(table["x"][-1] - truth.outputs["x"][-1]) < 1e-5
+# another reader
 
 
 @pytest.mark.ci
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
 def test_pyssp_standard_opens_it_and_finds_nothing_to_complain_of(
-    systems, native, tmp_path, version
+    system, native, tmp_path, version
 ):
     """FMUs of FMI 3 make an SSP 2.0."""
     pyssp = pytest.importorskip("pyssp_standard.ssp", reason="needs pyssp_standard")
-    path = systems["nctf"]
+    path = system("nctf")
     if version == "2.0":
         path = export_system(native("plant", 3), native("pid", 3), tmp_path / "3.ssp", name="3")
-    with pyssp.SSP(path, mode="r") as system:
-        with system.system_structure as ssd:
+    with pyssp.SSP(path, mode="r") as found:
+        with found.system_structure as ssd:
             assert ssd.version == version
             ssd.__check_compliance__()
             assert ssd.check_connections(connector_not_in_system=True) == []
             assert len(ssd.connections()) == 14
-        for parameters in system.ssv:
+        for parameters in found.ssv:
             parameters.__check_compliance__()
-        assert len(system.resources) == 4
+        assert len(found.resources) == 4

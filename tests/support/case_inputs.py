@@ -7,12 +7,12 @@ seeds, FMUs are compiled.
 from __future__ import annotations
 
 import re
-import zipfile
 from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import small_fmus as mk
+from networks_of_parts import write_system
 from scipy.integrate import solve_ivp
 from scipy.io import savemat
 from third_party_fmus import proportional
@@ -561,19 +561,6 @@ def system(
     `said` is an attribute of the plant, `inside` its content; ports `without` are not connected.
     """
     wires = [("plant", "x", controller), ("plant", "v", controller), (controller, "u", "plant")]
-    wires = [wire for wire in wires if wire[1] not in without.split()]
-    connections = "".join(
-        f'<ssd:Connection startElement="{a}" startConnector="{port}" '
-        f'endElement="{b}" endConnector="{port}"/>'
-        for a, port, b in wires
-    )
-    text = f"""<ssd:SystemStructureDescription version="1.0" name="s"
-xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
-xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"><ssd:System name="s"><ssd:Elements>
-<ssd:Component name="plant" source="cart.fmu" {said}>{inside}</ssd:Component>
-<ssd:Component name="{controller}" source="{controller}.fmu"/></ssd:Elements>
-<ssd:Connections>{connections}</ssd:Connections></ssd:System></ssd:SystemStructureDescription>"""
-    with zipfile.ZipFile(folder / name, "w") as archive:
-        archive.writestr("SystemStructure.ssd", text)
-        for part in ("cart", controller):
-            archive.write(folder / f"{part}.fmu", f"{part}.fmu")
+    joined = [f"{a}.{port} -> {b}.{port}" for a, port, b in wires if port not in without.split()]
+    parts = {"plant": folder / "cart.fmu", controller: folder / f"{controller}.fmu"}
+    write_system(folder / name, parts, joined, said={"plant": (said, inside)})

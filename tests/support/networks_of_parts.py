@@ -9,15 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from ballscrew.solver.component import (
-    Component,
-    DiscreteState,
-    Input,
-    Output,
-    Parameter,
-    State,
-    symbol,
-)
+from ballscrew import Component, DiscreteState, Input, Output, Parameter, State, symbol
 
 SSD = """<?xml version="1.0"?>
 <ssd:SystemStructureDescription version="1.0" name="parts"
@@ -37,14 +29,17 @@ def write_system(
     elements: Mapping[str, Path],
     connections: Sequence[str],
     values: Mapping[str, Mapping[str, float | tuple[str, str]]] | None = None,
+    said: Mapping[str, tuple[str, str]] | None = None,
 ) -> Path:
     """An .ssp of FMUs by the names of their elements, with connections such as "a.x -> b.y".
 
-    `values` are the parameters of elements, by element and name, as numbers or as kinds and texts.
+    `values` are the parameters of elements, by element and name, as numbers or as kinds and texts;
+    `said` are further attributes and content of elements, in XML.
     """
+    more = dict.fromkeys(elements, ("", "")) | dict(said or {})
     listed = "".join(
-        f'<ssd:Component name="{name}" source="resources/{fmu.name}">'
-        f"{_parameters((values or {}).get(name, {}))}</ssd:Component>"
+        f'<ssd:Component name="{name}" source="resources/{fmu.name}" {more[name][0]}>'
+        f"{more[name][1]}{_parameters((values or {}).get(name, {}))}</ssd:Component>"
         for name, fmu in elements.items()
     )
     joined = ""

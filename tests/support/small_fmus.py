@@ -19,6 +19,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from any_fmu import repacked
 
 # What is called with any arguments and only answers with a status of FMI.
 _DONE = "SetDebugLogging EnterInitializationMode Terminate Reset SetInteger SetBoolean SetString"
@@ -164,15 +165,15 @@ def build(
 
 def edited(path: str, *changes: tuple[str, str]) -> None:
     """Change the text of an FMU's description."""
-    with zipfile.ZipFile(path) as archive:
-        files = {name: archive.read(name) for name in archive.namelist()}
-    text = files["modelDescription.xml"].decode()
-    for old, new in changes:
-        assert text.count(old) == 1
-        text = text.replace(old, new)
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in (files | {"modelDescription.xml": text.encode()}).items():
-            archive.writestr(name, data)
+
+    def edit(name: str, data: bytes) -> bytes:
+        if name == "modelDescription.xml":
+            for old, new in changes:
+                assert data.count(old.encode()) == 1
+                data = data.replace(old.encode(), new.encode())
+        return data
+
+    repacked(path, Path(path), edit)
 
 
 # m x'' = u - d x', which is exact over a step with a constant u

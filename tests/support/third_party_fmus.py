@@ -41,16 +41,18 @@ def proportional(
     **options: bool,
 ) -> Path:
     """A controller u = 400 (x_d - x) - 2 v that computes outputs in its step, with given lines."""
-    folder.mkdir(parents=True, exist_ok=True)
-    script = folder / f"script_{name.lower()}.py"
     text = PROPORTIONAL.format(name=name, in_step=in_step, at_start=at_start, law=law)
-    script.write_text(head + textwrap.dedent(text))
-    files = []
-    for module, source in (modules or {}).items():
+    return _built(folder, name, head + textwrap.dedent(text), options, modules or {})
+
+
+def _built(folder, name, text, options, modules) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    files = {f"script_{name.lower()}": text, **modules}
+    for module, source in files.items():
         (folder / f"{module}.py").write_text(source)
-        files.append(folder / f"{module}.py")
+    script, *others = (folder / f"{module}.py" for module in files)
     path = folder / f"{name}.fmu"
-    FmuBuilder.build_FMU(script, dest=path, project_files=files, **options)
+    FmuBuilder.build_FMU(script, dest=path, project_files=others, **options)
     return path
 
 
@@ -80,12 +82,7 @@ STATE_FEEDBACK_PORTS = {"position": "x", "speed": "v", "goal": "x_d", "voltage":
 
 def following(folder: Path, name: str, options: dict[str, bool], **parts) -> Path:
     """A part whose output follows its inputs at once."""
-    folder.mkdir(parents=True, exist_ok=True)
-    script = folder / f"script_{name.lower()}.py"
-    script.write_text(FOLLOWING.format(name=name, **parts))
-    path = folder / f"{name}.fmu"
-    FmuBuilder.build_FMU(script, dest=path, **options)
-    return path
+    return _built(folder, name, FOLLOWING.format(name=name, **parts), options, {})
 
 
 def state_feedback(folder: Path, name: str, saves: bool = True) -> Path:

@@ -10,20 +10,9 @@ from any_fmu import Host
 from every_component import EVERY_COMPONENT
 from fmpy.validation import validate_fmu
 
-from ballscrew.fmus.native.export import export_native
+from ballscrew import Component, Delay, Event, Input, Mode, Output, Parameter, State, symbol
 from ballscrew.orchestration.loop.catalogue import catalogued_model, fmu_kernel
 from ballscrew.plant.instruments import INSTRUMENTS
-from ballscrew.solver.component import (
-    Component,
-    Delay,
-    Event,
-    Input,
-    Mode,
-    Output,
-    Parameter,
-    State,
-    symbol,
-)
 
 POINTS = 60
 EXACTLY = "plant", "nctf", "iol", "position_encoder"
@@ -203,7 +192,7 @@ def test_what_is_listed_for_initialization_moves_the_unknown_and_nothing_else(fm
 
 
 @pytest.mark.ci
-def test_jumps_modes_and_what_chooses_the_first_mode_are_listed(tmp_path):
+def test_jumps_modes_and_what_chooses_the_first_mode_are_listed(written):
     """A jump has no slope, but what it depends on is listed; of modes, whatever one depends on."""
     a, b, s, r, gain, heard, t = (symbol(n) for n in ("a", "b", "s", "r", "gain", "heard", "t"))
     tau = Parameter("tau", 0.01, "s", "delay", "here")
@@ -225,7 +214,7 @@ def test_jumps_modes_and_what_chooses_the_first_mode_are_listed(tmp_path):
             Mode("two", derivatives={"s": -s}, outputs={"other": 2 * s}),
         ),
     )
-    path = export_native(part, tmp_path / "part.fmu").path
+    path = written(part, "native-2")
     found = initially(path, 2)
     assert found == {
         "same": {"s_start"},
@@ -238,7 +227,7 @@ def test_jumps_modes_and_what_chooses_the_first_mode_are_listed(tmp_path):
     }
     moved = what_moves_initially(path, 20)
     assert moved == found
-    three = export_native(part, tmp_path / "part3.fmu", fmi=3).path
+    three = written(part, "native-3")
     assert initially(three, 3)["late"] == {"s_start", "time"}
     for made, more in ((path, set()), (three, {"time"})):
         assert validate_fmu(str(made)) == []
@@ -254,5 +243,4 @@ def test_jumps_modes_and_what_chooses_the_first_mode_are_listed(tmp_path):
         outputs=(Output("late", "1", "a, late", 2 * heard),),
         delays=(Delay("heard", a, symbol("tau"), start=0.25),),
     )
-    path = export_native(delayed, tmp_path / "delayed.fmu").path
-    assert initially(path, 2) == {"late": set()}
+    assert initially(written(delayed, "native-2"), 2) == {"late": set()}

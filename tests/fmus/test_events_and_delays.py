@@ -1,20 +1,17 @@
-"""Components with modes and events as FMUs, in co-simulation and under hosts of model exchange.
-
-``proofs/interoperability/exchange.py`` runs 200 courses of model exchange; here is a sample of the
-same seeds.
-"""
+"""Components with modes, events and delays as FMUs, under hosts of both kinds of simulation."""
 
 import fmpy
 import numpy as np
 import pytest
-from any_fmu import Host, written
+import sympy as sp
+from any_fmu import KINDS, Host
 from exchange_courses import COMPONENTS, cases, complaint, outcome
 from exchange_host import ExchangeHost
 from fmpy.validation import validate_fmu
 
-from ballscrew.fmus.native.export import export_native
+from ballscrew import TIME, Component, Delay, Event, Input, Mode, Output, Parameter, State, symbol
+from ballscrew.fmus.feedback_law import with_law_ports
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import Component, Event, Input, Mode, Output, State, symbol
 from ballscrew.solver.kernel import Model
 
 HEIGHT, SPEED, SIDE, W = (symbol(n) for n in ("height", "speed", "side", "w"))
@@ -42,9 +39,9 @@ def ball(start, *events):
 
 
 @pytest.mark.parametrize("kind", ["readable", "native-2"])
-def test_events_without_end_fail_the_step_with_the_reason(tmp_path, kind):
+def test_events_without_end_fail_the_step_with_the_reason(written, kind):
     """Bounces with 0.8 of the speed accumulate at sqrt(2/g) (1 + 2 * 0.8/0.2) = 4.0638 s."""
-    host = Host(written(ball(0.0), kind, tmp_path))
+    host = Host(written(ball(0.0), kind))
     with pytest.raises(Exception, match="DoStep"):
         host.step(0.0, 5.0)
     said = "instance: events follow each other without end at t = 4.06"
@@ -55,10 +52,10 @@ def test_events_without_end_fail_the_step_with_the_reason(tmp_path, kind):
 # -- both kinds of simulation ------------------------------------------------------------------
 
 
-def test_a_ball_bounces_when_it_must_in_both_kinds_of_simulation(tmp_path):
+def test_a_ball_bounces_when_it_must_in_both_kinds_of_simulation(written):
     """From 1 m, bounced at 0.4515 s with 0.8 of its speed; a switch watches 0.5 m either way."""
     part = ball(0.0, Event("cross", HEIGHT - 0.5 + 0 * W, 0, {"side": SIDE + 1}))
-    path = export_native(part, tmp_path / "ball.fmu").path
+    path = written(part, "native-2")
     assert validate_fmu(str(path)) == []
     g, speed = 9.81, np.sqrt(2 * 9.81)
     ground = speed / g
@@ -94,10 +91,9 @@ def test_courses_are_as_near_to_co_simulation_as_its_own_perturbed_ones(name, fm
 
 
 @pytest.fixture(scope="module")
-def watched(tmp_path_factory):
+def watched(written):
     """A ball, and a switch at zero of an input."""
-    part = ball(-1.0, Event("switch", W, 0, {"side": SIDE + 1}))
-    return export_native(part, tmp_path_factory.mktemp("ball") / "ball.fmu").path
+    return written(ball(-1.0, Event("switch", W, 0, {"side": SIDE + 1})), "native-2")
 
 
 def test_an_event_is_due_from_half_of_the_margin_on_which_is_a_trillionth_of_the_nominal(watched):
@@ -145,3 +141,109 @@ def test_events_that_reset_or_watch_either_way_leave_no_indicator_at_zero(watche
     # it does not fall through the floor where it falls again before it was above
     assert event([-2e-6, -0.5, 2.0], {"w": -1.0}) == [-2e-6, 0.4, 2.0]
     host.close()
+
+
+# -- delays --------------------------------------------------------------------------------------
+
+
+U, X, HEARD, SEEN, TAU = map(symbol, ("u", "x", "heard", "seen", "tau"))
+
+LOOP = Component(
+    "late_loop",
+    "A lag that hears its command late, and feels itself as it was",
+    parameters=(Parameter("tau", 0.013, "s", "delay", "made up", minimum=0.0),),
+    inputs=(Input("u", "V", "command"),),
+    states=(State("x", "V", "lag", 40 * (HEARD - X - 0.6 * SEEN * X), start=0.2),),
+    outputs=(
+        Output("x", "V", "lag", X),
+        Output("heard", "V", "command, late", HEARD),
+        Output("twice", "V", "command, later", symbol("later")),
+    ),
+    delays=(
+        Delay("heard", U, TAU, unit="V"),
+        Delay("seen", X, 3 * TAU, unit="V", start=0.2),
+        Delay("later", HEARD, TAU / 2, unit="V", start=-1.0),
+    ),
+)
+OUTPUTS = ("x", "heard", "twice")
+rare = pytest.mark.ci
+every_kind = pytest.mark.parametrize(
+    "kind", [k if k != "native-3" else pytest.param(k, marks=rare) for k in KINDS]
+)
+
+
+def command(k):
+    return float((k * k) % 7) / 3.0
+
+
+@every_kind
+def test_an_fmu_gives_the_numbers_of_the_model(written, kind):
+    host, model = Host(written(LOOP, kind)), Model(generate(with_law_ports(LOOP)))
+    for k in range(120):
+        t = 1e-3 * k
+        host.set({"u": command(k)})
+        model.set_input("u", command(k))
+        host.step(t, 1e-3)
+        model.advance(t, t + 1e-3)
+        y = model.outputs(t + 1e-3, model.x)
+        assert host.get(*OUTPUTS) == [y[n] for n in OUTPUTS]
+        late = command(k - 12) if k >= 12 else 0.0
+        assert y["heard"] == pytest.approx(late, abs=1e-9)
+    host.close()
+
+
+@every_kind
+@pytest.mark.parametrize("steps", [7, 250])  # the latter are more than there is room for at first
+def test_a_saved_state_holds_what_delayed_signals_were(written, kind, steps):
+    host = Host(written(LOOP, kind))
+    h = 0.05 / steps
+
+    def go_on(host, first):
+        seen = []
+        for k in range(first, first + steps):
+            host.set({"u": command(k)})
+            host.step(h * k, h)
+            seen.append(host.get(*OUTPUTS))
+        return seen
+
+    begin = go_on(host, 0)
+    state = host.fmu.getFMUState()
+    data = bytes(host.fmu.serializeFMUState(state))
+    expected = go_on(host, steps)
+    go_on(host, 2 * steps)
+    host.fmu.setFMUState(state)
+    assert go_on(host, steps) == expected
+    other = Host(written(LOOP, kind))
+    other.fmu.setFMUState(other.fmu.deserializeFMUState(data))
+    assert other.get(*OUTPUTS) != [0.2, 0.0, -1.0]
+    assert go_on(other, steps) == expected
+    other.fmu.reset()
+    other.begin()
+    assert go_on(other, 0) == begin
+    host.close()
+    other.close()
+
+
+@every_kind
+def test_a_delay_that_lasts_no_time_fails_with_one_line(written, kind):
+    host = Host(written(LOOP, kind), {"tau": 0.0})
+    with pytest.raises(Exception, match="DoStep"):
+        host.step(0.0, 1e-3)
+    assert host.message() == "instance: a delay is 0 s; expected more than 0 s"
+    host.close()
+
+
+def test_a_feedback_law_knows_how_fast_a_delayed_signal_moves():
+    late = Component(
+        "late_gain",
+        "A gain on a late ramp",
+        inputs=(Input("x", "m", "position", role="measurement"),),
+        outputs=(Output("u", "V", "command", X - 3 * HEARD),),
+        delays=(Delay("heard", X + 0.5 * TIME, sp.Float(0.1)),),
+    )
+    model = Model(generate(with_law_ports(late)))
+    model.advance(0.0, 0.25)
+    y = model.outputs(0.25, model.x)
+    assert y["u"] == pytest.approx(-3 * 0.5 * 0.15)
+    assert y["u_gain_x"] == 1.0
+    assert y["u_rate"] == pytest.approx(-1.5)
