@@ -1,4 +1,4 @@
-"""Code on the pages: Python runs, commands are taken, and what is named is there."""
+"""Code on the pages: Python runs, commands are taken, scripts fit, and what is named is there."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ import sys
 from functools import cache
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from wired_loop import missing_for_ecos
 
 import ballscrew
-from ballscrew import cli
+from ballscrew import cli, symbol
 from ballscrew.fmus.export import export
+from ballscrew.orchestration.loop.catalogue import fmu_kernel
 from ballscrew.plant.modified_lugre import modified_lugre
 from ballscrew.solver.codegen import generate
-from ballscrew.solver.component import symbol
 from ballscrew.solver.errors import ContractError
 from ballscrew.solver.kernel import Model
 
@@ -196,3 +198,67 @@ def test_the_table_of_the_python_page_has_every_function():
     page = (ROOT / "docs" / "reference" / "api.md").read_text("utf-8")
     functions = {n for n in ballscrew.__all__ if getattr(ballscrew, n).__module__.endswith("api")}
     assert functions == set(re.findall(r"<ballscrew\.(?:\w+_)?api\.(\w+)>", page))
+
+
+# -- scripts for tools that nobody here has ---------------------------------------------------
+
+FOLDER = ROOT / "docs" / "howto" / "scripts"
+
+
+@pytest.fixture(scope="module")
+def ports(exported):
+    """Names of inputs and outputs of both FMUs, in their order."""
+    found = {}
+    for part in ("plant", "iol"):
+        path = exported / "native" / f"{part}.fmu"
+        variables = fmpy.read_model_description(str(path)).modelVariables
+        for causality in ("input", "output"):
+            names = [v.name for v in variables if v.causality == causality]
+            found[f"{part}_{causality.removesuffix('put')}"] = names
+    return found
+
+
+@pytest.mark.ci
+def test_the_table_is_the_whole_loop_in_radau():
+    kernel = fmu_kernel("iol", "plant")
+    model = Model(kernel)
+    known = np.genfromtxt(FOLDER / "iol_step.csv", delimiter=",", names=True)
+    course = solve_ivp(
+        model.derivatives,
+        (0.0, 2.0),
+        model.x,
+        method="Radau",
+        jac=model.jacobian,
+        rtol=1e-10,
+        atol=1e-10 * kernel.nominal,
+        t_eval=known["time"],
+    )
+    names = [s.name for s in kernel.states]
+    np.testing.assert_allclose(course.y[names.index("plant_x")], known["x"], atol=1e-8)
+    power = known["u"]
+    assert power.max() < 36.0
+    current = course.y[names.index("plant_i")]
+    speed = course.y[names.index("plant_v")]
+    rate = np.gradient(current, known["time"], edge_order=2)
+    # u = R i + L di/dt + ke w, of the motor's nominal values
+    voltage = 21.4 * current + 0.000953 * rate + 0.03744822190397537 * 2 * np.pi * 1000.0 * speed
+    np.testing.assert_allclose(voltage[2:-2], power[2:-2], atol=2e-3)
+
+
+@pytest.mark.ci
+def test_the_matlab_script_knows_the_ports_in_their_order(ports):
+    text = (FOLDER / "build_iol.m").read_text("utf-8").replace("...\n", "")
+    for name in ("plant_in", "plant_out", "iol_in"):
+        listed = re.findall(r"'(\w+)'", re.search(rf"^{name} = \{{(.*?)\}}", text, re.M)[1])
+        assert listed == ports[name]
+    assert ports["iol_out"] == ports["plant_in"]  # as the script says
+
+
+@pytest.mark.ci
+def test_the_models_wire_every_input_once(ports):
+    texts = {n: (FOLDER / f"axis_{n}.mo").read_text("utf-8") for n in ("openmodelica", "dymola")}
+    same = texts["openmodelica"].replace("_me_FMU", "_fmu").replace("OpenModelica", "Dymola")
+    assert same == texts["dymola"]
+    wired = re.findall(r"^  (plant|iol)\.(\w+) = ", texts["dymola"], re.M)
+    inputs = [(part, n) for part in ("plant", "iol") for n in ports[f"{part}_in"]]
+    assert sorted(wired) == sorted(inputs)

@@ -180,7 +180,7 @@ RECORDS = """
 import numpy as np
 from prescribed_motion import prescribed_friction
 
-t = np.arange(0, 8, 0.005)
+t = np.arange(0, 8, 0.01)
 random = np.random.default_rng(1)
 for k, (top, w) in enumerate([(1e-3, 2.0), (4e-3, 0.9), (-2e-3, 1.3)]):
     v, x = top * np.sin(w * t), top / w * (1 - np.cos(w * t))

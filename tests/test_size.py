@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1799, 1661),
     "docs": (324, 293),
     ".ci": (204, 184),
-    "tests": (22511, 21485),
+    "tests": (22384, 21375),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -39,13 +39,6 @@ Kd = 60.0
 SET_POINT, STOP = 0.02, 0.5
 
 
-@pytest.fixture
-def machine(tmp_path):
-    path = tmp_path / "machine.toml"
-    path.write_text(MACHINE, encoding="utf-8")
-    return path
-
-
 def integrated(time):
     """The same loop, written down again and solved by SciPy."""
 
@@ -247,26 +240,20 @@ def test_a_drive_that_comes_to_rest_by_classical_friction_is_trusted_and_is_righ
     assert result.run.outputs["stuck"].max() == 1.0
 
 
-def write_joint(path):
-    """Eight seconds of a joint, typed by hand: degrees and N*m."""
+@pytest.mark.ci
+def test_inertia_and_friction_of_a_body_that_turns_come_from_its_record(tmp_path):
+    """Eight seconds of a joint, typed by hand in degrees and N*m; written as such a body again."""
     time = np.arange(0.0, 8.0, 1e-3)
     angle = 1.2 * np.sin(2.0 * time) + 0.1 * np.sin(9.0 * time)
     v = 2.4 * np.cos(2.0 * time) + 0.9 * np.cos(9.0 * time)
     a = -4.8 * np.sin(2.0 * time) - 8.1 * np.sin(9.0 * time)
     torque = 0.5 * a + 2.0 * np.sign(v) + 1.5 * v
     torque += 0.02 * np.random.default_rng(4).standard_normal(len(time))
+    record, head = tmp_path / "record.csv", "time [s],angle [deg],torque [N*m]"
     table = np.column_stack([time, np.degrees(angle), torque])
-    head = "time [s],angle [deg],torque [N*m]"
-    np.savetxt(path, table, delimiter=",", header=head, comments="")
-    return path
-
-
-@pytest.mark.ci
-def test_inertia_and_friction_of_a_body_that_turns_come_from_its_record(tmp_path):
-    """Written as such a body again, which runs."""
-    start = tmp_path / "joint.toml"
+    np.savetxt(record, table, delimiter=",", header=head, comments="")
+    start, out = tmp_path / "joint.toml", tmp_path / "out"
     start.write_text('kind = "rotary_drive"\ncommand = "torque"\n[plant]\ngain = 1.0\n')
-    record, out = write_joint(tmp_path / "record.csv"), tmp_path / "out"
     columns = ("--map", "angle=x", "--map", "torque=force", "--params", start)
     fit = ("--law", "classical", "--mass", "fit", "--fix", "Vs=0.01", "--out", out)
     code, printed, said = run("identify", record, *columns, *fit)
@@ -280,7 +267,3 @@ def test_inertia_and_friction_of_a_body_that_turns_come_from_its_record(tmp_path
     assert file.plant["J"].unit == "kg*m^2"
     assert file.plant["Fc"].value == pytest.approx(2.0, rel=0.02)
     assert file.plant["sigma2"].unit == "N*m*s/rad"
-    gains = ("--set", "controller.Kp=50", "--set", "controller.Ki=0", "--set", "controller.Kd=5")
-    loop = ("--controller", "pid", *gains, "--setpoint", "1", "--stop", "0.5")
-    made = ("--params", out / "parameters.toml", "--out", tmp_path / "run")
-    assert run("run", *loop, *made)[0] == 0

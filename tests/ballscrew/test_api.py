@@ -1,7 +1,8 @@
-"""The public functions: complete documentation, examples that run, results that are alike."""
+"""The public functions: documentation, types, examples that run, results that are alike."""
 
 import doctest
 import inspect
+import subprocess
 import sys
 from dataclasses import replace
 
@@ -165,16 +166,12 @@ def test_bad_requests_are_told_by_one_exception_with_one_line(tmp_path):
         ballscrew.run(3)
     with pytest.raises(ValueError, match=r"plant_values\['m'\] is nan, expected a finite"):
         ballscrew.run("pid", plant_values={"m": float("nan")})
-    with pytest.raises(KeyError, match="no component 'iel'"):
-        ballscrew.component("iel")
     with pytest.raises(ValueError, match="a single part"):
         ballscrew.export("pid", "pid.ssp", tangents=2)
     with pytest.raises(ValueError, match=r"tolerance is 0\.1, expected 1e-13"):
         ballscrew.lyapunov("pid", stop=0.2, tolerance=0.1)
     with pytest.raises(ValueError, match=r"two: an \.ssp can only be run; give a Loop"):
         ballscrew.lyapunov(ballscrew.SystemLoop("two.ssp"), stop=0.2)
-    with pytest.raises(ValueError, match="corrections is 2, expected 0 or 1"):
-        ballscrew.SystemLoop("two.ssp", corrections=2)
     with pytest.raises(AttributeError, match="no attribute 'rune'"):
         ballscrew.rune  # noqa: B018
     for ask in (ballscrew.diagnose, lambda file: ballscrew.identify(file, "lugre")):
@@ -206,3 +203,47 @@ def test_a_map_without_a_decided_cell_is_not_trusted_and_says_how_many_are_open(
         assert of_counts.trusted is trusted
         assert ("4 undecided" in of_counts.headline()) is not trusted
         assert ("4 of 4 undecided" in of_counts.badge) is not trusted
+
+
+PROGRAM = """
+import numpy as np
+import numpy.typing as npt
+
+import ballscrew
+from ballscrew import Component, Input, Output, Parameter, symbol
+
+
+def spring() -> Component:
+    return Component(
+        "spring",
+        "u = K (x_d - x)",
+        parameters=(Parameter("K", 500.0, "V/m", "gain", "chosen"),),
+        inputs=(Input("x", "m", "position"), Input("x_d", "m", "set-point")),
+        outputs=(Output("u", "V", "command", symbol("K") * (symbol("x_d") - symbol("x"))),),
+    )
+
+
+result = ballscrew.run(spring(), stop=1.0)
+position: npt.NDArray[np.float64] = result.run.outputs["x"]
+trusted: bool = result.run.verdict.trusted
+word: str = result.run.verdict.word
+result.save("out")
+version: str = ballscrew.__version__
+"""
+
+
+@pytest.mark.ci
+def test_a_users_program_passes_mypy_strict_and_its_mistakes_are_found(tmp_path):
+    def checked(name, text):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", "cache", name]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600)
+
+    typed = [name for name in ballscrew.__all__ if name != "TIME"]  # SymPy's; it has no types
+    every = "".join(f"reveal_type(ballscrew.{name})\n" for name in typed)
+    right = checked("right.py", PROGRAM + every)
+    assert right.returncode == 0, right.stdout  # a name that is missing is an error
+    assert 'is "Any"' not in right.stdout, right.stdout
+    wrong = checked("wrong.py", PROGRAM.replace("stop=1.0", 'stop="1"') + "ballscrew.runs()\n")
+    assert 'has no attribute "runs"' in wrong.stdout
+    assert 'incompatible type "str"' in wrong.stdout

@@ -3,6 +3,7 @@
 import csv
 import inspect
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from any_fmu import repacked
 
 import ballscrew
 from ballscrew.cli import command_parser, main
@@ -133,41 +135,30 @@ BOMB = b'<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&
 FOREIGN = b'<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>'
 
 
-def without_binaries(name, data):
-    return None if name.startswith("binaries/linux64") else data
-
-
-def garbage_for_binaries(name, data):
-    return b"no library" if name.startswith("binaries/linux64") else data
+def instead_of_binaries(other):
+    return lambda name, data: other if name.startswith("binaries/linux64") else data
 
 
 def in_description(old, new):
-    def change(name, data):
-        return data.replace(old, new) if name == "modelDescription.xml" else data
-
-    return change
-
-
-def too_large(name, data):
-    return data + b" " * (257 << 20) if name == "modelDescription.xml" else data
+    return lambda name, data: data.replace(old, new) if name == "modelDescription.xml" else data
 
 
 BROKEN = [
     (b"hello", "is not a zip file"),
     ("../../evil.py", "'../../evil.py', which is outside its folder"),
-    (without_binaries, "expected binaries/linux64/pid.so; it has binaries for win64"),
+    (instead_of_binaries(None), "expected binaries/linux64/pid.so; it has binaries for win64"),
     (in_description(b"<fmiModel", BOMB + b"<fmiModel"), "declares a document type"),
 ]
 MORE_BROKEN = [
     ("/tmp/evil.py", "'/tmp/evil.py', which is outside its folder"),
     ("..\\evil.py", "which is outside its folder"),
-    (garbage_for_binaries, "cannot be instantiated"),
+    (instead_of_binaries(b"no library"), "cannot be instantiated"),
     (in_description(b' fmiVersion="2.0"', b""), "is FMI of no version"),
     (in_description(b'fmiVersion="2.0"', b'fmiVersion="1.0"'), "is FMI 1.0, expected FMI 2.0"),
     (in_description(b"</ModelVariables>", b""), "modelDescription.xml cannot be read"),
     (in_description(b"CoSimulation", b"Cosimulation"), "expected co-simulation"),
     (in_description(b"<fmiModel", FOREIGN + b"<fmiModel"), "declares a document type"),
-    (too_large, "expected at most 256"),
+    (in_description(b"<fmiModel", b" " * (257 << 20) + b"<fmiModel"), "expected at most 256"),
     (in_description(b'Identifier="pid"', b'Identifier="../pid"'), "expected a name in C"),
 ]
 
@@ -179,17 +170,12 @@ def test_files_that_are_no_fmu_are_refused_in_one_line(tmp_path, capsys, fmus, c
     path = tmp_path / "bad.fmu"
     if isinstance(change, bytes):
         path.write_bytes(change)
+    elif isinstance(change, str):
+        shutil.copy(fmus["pid"], path)
+        with zipfile.ZipFile(path, "a") as bad:
+            bad.writestr(change, "")
     else:
-        with (
-            zipfile.ZipFile(fmus["pid"]) as good,
-            zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as bad,
-        ):
-            if isinstance(change, str):
-                bad.writestr(change, "")
-            for name in good.namelist():
-                data = good.read(name) if isinstance(change, str) else change(name, good.read(name))
-                if data is not None:
-                    bad.writestr(name, data)
+        repacked(fmus["pid"], path, change)
     out = tmp_path / "out"
     assert main(["run", "--controller", str(path), "--out", str(out)]) == 2
     heard = capsys.readouterr().err

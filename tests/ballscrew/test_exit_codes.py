@@ -1,12 +1,18 @@
-"""Exit code 1 means that a result is not to be trusted, and nothing else."""
+"""Exit codes, streams and what a terminal shows: one line each, and no order to the terminal."""
 
 import os
+import pty
+import select
 import subprocess
 import sys
+import termios
 from pathlib import Path
 
+import numpy as np
 import pytest
+from third_party_fmus import proportional
 
+from ballscrew import supervision
 from ballscrew.cli import main
 
 BALLSCREW = Path(sys.executable).with_name("ballscrew")
@@ -117,3 +123,104 @@ def test_without_docstrings_and_assertions_commands_work_or_say_why_not(tmp_path
     assert done.returncode == 2
     assert "remove -OO" in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+# -- no name or message of a file obeys ----------------------------------------------------------
+
+
+BELL, RED, C1, TURNED = "\x07", "\x1b[31m", "\x9b31m", "\u202e"
+SPOOF = f"a{RED}{BELL}{C1}{TURNED}\rb"
+OBEYED = {chr(c) for c in (*range(32), *range(127, 160), 0x202E)} - {"\n", "\t"}
+
+
+def columns(folder):
+    rows = "".join(f"{t},0,0\n" for t in np.arange(50) / 100)
+    path = folder / "record.csv"
+    path.write_text(f"time,{SPOOF.replace(chr(13), '')},u\n{rows}")
+    return ["identify", str(path), "--law", "dahl", "--out", str(folder / "out")]
+
+
+def words_of_an_fmu(folder):
+    path = proportional(folder, "Says", at_start=f"raise RuntimeError({SPOOF!r})")
+    return ["run", "--controller", str(path), "--out", str(folder / "out")]
+
+
+def the_name_of_a_file(folder):
+    return ["run", "--controller", str(folder / f"{SPOOF}.fmu"), "--out", str(folder / "out")]
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        words_of_an_fmu,
+        *(pytest.param(f, marks=pytest.mark.ci) for f in (columns, the_name_of_a_file)),
+    ],
+)
+def test_what_a_command_prints_holds_no_order_to_the_terminal(asked, tmp_path, capsys):
+    main(asked(tmp_path))
+    out, said = capsys.readouterr()
+    assert "\\x1b[31m" in out + said  # it was named, in letters
+    assert not OBEYED & set(out + said)
+
+
+def test_the_line_of_an_interrupt_holds_none(capsys, monkeypatch):
+    monkeypatch.setattr(supervision, "_heard", lambda number: SPOOF.encode() * (number == 0))
+    supervision.interrupted()
+    said = capsys.readouterr().err
+    assert "\\x1b[31m" in said
+    assert not OBEYED & set(said)
+
+
+# -- how far a command is ------------------------------------------------------------------------
+
+
+COMMANDS = {
+    "run": "run --controller pid --stop 4",
+    "swap": "swap --controllers pid nctf --stop 2",
+    "rig": "rig 2.4/7",
+    "map": "map --controller pid --x plant.Fc=0.5:2:8 --y plant.Fs=2.1:3:16 --stop 2 --workers 1",
+}
+SHOWN = {
+    "run": (" of 4 s, ", " left"),
+    "swap": ("pid: ", "nctf: ", " of 2 s, ", " left"),
+    "rig": ("t = ", " s, ", " left"),
+    "map": (" of 128 cells, ", " left"),
+}
+
+
+def in_terminal(words: list[str]) -> tuple[int, str]:
+    """The exit code of a command, and what it writes on its standard error, a terminal.
+
+    The terminal has 100 columns. It is kept open here until all is read: when the last process
+    closes it, some systems lose what is not read yet.
+    """
+    ours, theirs = pty.openpty()
+    try:
+        termios.tcsetwinsize(theirs, (24, 100))
+        said = b""
+        with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=theirs) as process:
+            ended = False
+            while not ended:
+                ended = process.poll() is not None  # then what is there now is all
+                while select.select([ours], [], [], 0 if ended else 0.05)[0]:
+                    said += os.read(ours, 4096)
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    return process.returncode, said.decode()
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_terminal_has_one_line_that_says_how_far_it_is_and_a_pipe_has_none(name, tmp_path):
+    command = [str(BALLSCREW), *COMMANDS[name].split(), "--out", str(tmp_path)]
+    code, said = in_terminal(command)
+    assert code == 0
+    assert [part for part in SHOWN[name] if part not in said] == []
+    assert "\n" not in said
+    assert max(map(len, said.split("\r"))) <= 100
+    *_, before, last = said.split("\r")
+    assert (before.strip(), last) == ("", "")
+    if name == "run":
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+        assert done.stderr == ""

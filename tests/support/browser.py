@@ -21,10 +21,7 @@ _ERRORS = ("Runtime.exceptionThrown", "Log.entryAdded", "Runtime.consoleAPICalle
 
 
 class Page:
-    """A page that was opened, with the addresses that it requested.
-
-    `errors` are exceptions of scripts, console output, and errors of the browser.
-    """
+    """A page that was opened; `errors` are exceptions, console output, and the browser's own."""
 
     def __init__(self, to_browser: int, from_browser: int) -> None:
         self._to, self._from = to_browser, from_browser
@@ -33,21 +30,15 @@ class Page:
         self._session: str | None = None
         self._seen: set[str] = set()
         self.errors: list[str] = []
-        self.requests: list[str] = []
 
     def open(self, path: Path, width: int, height: int, touch: bool) -> None:
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
         self._session = attached["sessionId"]
-        for domain in ("Page", "Runtime", "Log", "Network"):
+        for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
+        screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **screen)
         self.call("Emulation.setTouchEmulationEnabled", enabled=touch)
         self._seen.clear()
         self.call("Page.navigate", url=path.resolve().as_uri())
@@ -86,17 +77,12 @@ class Page:
         self._seen.add(name)
         if name in _ERRORS:
             self.errors.append(json.dumps(message["params"]))
-        if name == "Network.requestWillBeSent":
-            self.requests.append(message["params"]["request"]["url"])
         return message
 
 
 @contextmanager
 def opened(path: Path, width: int = 1100, height: int = 800, touch: bool = False) -> Iterator[Page]:
-    """A page in a separate browser, without other network access than the page's requests.
-
-    With `touch` it is a device without a mouse.
-    """
+    """A page in a separate browser; with `touch` it is a device without a mouse."""
     assert PROGRAM is not None
     hears, to_browser = os.pipe()
     from_browser, says = os.pipe()
@@ -109,17 +95,9 @@ def opened(path: Path, width: int = 1100, height: int = 800, touch: bool = False
     with tempfile.TemporaryDirectory(
         prefix="ballscrew-browser-", ignore_cleanup_errors=True
     ) as profile:
-        command = [
-            PROGRAM,
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-dev-shm-usage",
-            "--no-first-run",
-            "--disable-background-networking",
-            "--remote-debugging-pipe",
-            f"--user-data-dir={profile}",
-        ]
+        options = "--headless --no-sandbox --disable-gpu --disable-dev-shm-usage --no-first-run "
+        options += "--disable-background-networking --remote-debugging-pipe"
+        command = [PROGRAM, *options.split(), f"--user-data-dir={profile}"]
         quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
         with subprocess.Popen(
             command, stderr=subprocess.DEVNULL, preexec_fn=pipes, close_fds=False, **quiet
