@@ -89,9 +89,7 @@ bench: $(VENV)/installed
 	$(PEERS) -m pip install --quiet --constraint constraints.txt "setuptools>=77" wheel
 	$(PEERS) -m pip install --quiet --constraint constraints.txt --no-deps --force-reinstall .
 	$(PEERS) -m pip install --quiet --constraint constraints.txt "ballscrew[test]" -r benchmarks/peers.txt
-	for name in start master lyapunov map native study peers scale; do \
-	  $(PEERS) benchmarks/$$name.py || exit 1; \
-	done
+	$(PEERS) benchmarks
 
 # One for each platform, compiled here by ziglang; `WHEELS=win64` makes one.
 WHEELS ?= linux64 win64 darwin64 aarch64-linux aarch64-windows aarch64-darwin

@@ -25,10 +25,10 @@ MOST = {  # folder: lines, lines without docstrings
     "gallery": (2730, 2356),
     "measurement": (11367, 9998),
     "proofs": (8760, 7967),
-    "benchmarks": (1799, 1661),
+    "benchmarks": (1098, 952),
     "docs": (324, 293),
     ".ci": (204, 184),
-    "tests": (22384, 21375),
+    "tests": (22385, 21376),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

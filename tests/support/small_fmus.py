@@ -32,7 +32,7 @@ _C = """
 #include <stdlib.h>
 #include <string.h>
 #define API __attribute__((visibility("default")))
-typedef struct { double r[32], S[8], stop; } Part;
+typedef struct { double r[@room], S[8], stop; } Part;
 #define S (part->S)
 #define stop (part->stop)
 static void init(Part *part) { @init }
@@ -101,7 +101,8 @@ def source_of(name: str, variables: Sequence[Variable], **lines: str) -> str:
     """The C of an FMU; `lines` are those of init, out, step and inst."""
     rows = {v[0]: f"part->r[{k}]" for k, v in enumerate(variables)}
     starts = ", ".join(repr(float(v[2] or 0.0)) for v in variables)
-    parts = {"name": name, "starts": starts} | {k: lines.get(k, "") for k in LINES}
+    parts = {"name": name, "starts": starts, "room": str(max(32, len(variables)))}
+    parts |= {k: lines.get(k, "") for k in LINES}
     text = re.sub(r"@(\w+)", lambda found: parts[found[1]], _C)
     text = re.sub(r"\$(\w+)\$", lambda found: rows[found[1]], text)
     answers = dict.fromkeys(_DONE.split(), 0) | dict.fromkeys(_REFUSED.split(), 3)
