@@ -50,7 +50,7 @@ lint: $(VENV)/ci
 	$(BIN)/python -m cogapp --check $(PAGES)
 
 # Numbers and tables on the pages, from the stored proofs.
-PAGES = $(shell grep -l '\[\[\[cog' README.md docs/*.md docs/proof/*.md)
+PAGES = $(shell grep -l '\[\[\[cog' README.md docs/*.md docs/proof/*.md proofs/*.md)
 pages: $(VENV)/ci
 	$(BIN)/python -m cogapp -r $(PAGES)
 
@@ -60,27 +60,13 @@ docs: $(VENV)/installed
 
 prove: $(VENV)/ci
 	$(PYTEST) -m prove
-	$(BIN)/python proofs/trusted_loops.py
-	$(BIN)/python proofs/networks.py
-	$(BIN)/python proofs/fuzz.py
-	$(BIN)/python proofs/identification.py --rigs 30
-	$(BIN)/python proofs/variational.py
-	$(BIN)/python proofs/interoperability/exchange.py
-	$(BIN)/python proofs/diagnosis_rule.py
-	$(BIN)/python proofs/thesis
-	$(BIN)/python proofs/thesis --pictures
-	$(BIN)/python proofs/emps.py
-	$(BIN)/python proofs/tro2021.py
-	$(BIN)/python proofs/own_records.py
-	$(BIN)/python proofs/interrupts.py
-	$(BIN)/python proofs/practice.py
-	$(BIN)/python proofs/swap_study.py
+	$(BIN)/python proofs/runner.py interrupts --workers 1
+	$(BIN)/python proofs/runner.py trusted_loops networks fuzz identification variational exchange \
+	  diagnosis_rule thesis emps tro2021 own_records practice swap_study
 
 # Tools of others, each in an environment of its own that pip fills. FLAGS=--quick is what CI runs.
 tools: $(VENV)/ci
-	$(BIN)/python proofs/interoperability/tools.py $(FLAGS)
-	$(BIN)/python proofs/interoperability/made_by_others.py $(FLAGS)
-	$(BIN)/python proofs/interoperability/modelica.py $(FLAGS)
+	$(BIN)/python proofs/runner.py tools made_by_others modelica $(FLAGS)
 
 # In an environment of their own, with the programs that they compare with.
 PEERS := .venv-peers/bin/python

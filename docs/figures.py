@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "proofs"))
-from provenance import SHOWS, stored
+from runner import PROOFS, stored
 
 __all__ = ["number", "percent", "proofs", "row", "share", "stored", "within", "word"]
 WORDS = (
@@ -47,10 +47,11 @@ def row(*cells: object) -> str:
     return f"| {' | '.join(map(str, cells))} |".replace("|  |", "| |")
 
 
-def proofs() -> str:
-    """The table of the stored proofs."""
-    lines = [row("file", "what it shows"), "|---|---|"]
-    for name, shows in SHOWS.items():
-        shows = shows.format(packages=word(len(stored(name).get("packages", ()))))
-        lines.append(row(f"[{name}.json]({name}.json)", shows))
+def proofs(folder: str = "") -> str:
+    """The table of the proofs; `folder` is where their files are, seen from the page."""
+    lines = [row("claim", "command", "minutes, about", "result"), "|---|---|---|---|"]
+    for name, (_, minutes) in PROOFS.items():
+        found, command = stored(name), f"`python proofs/runner.py {name}`"
+        result = f"[{found['says']}]({folder}{name}.json)"
+        lines.append(row(found["claim"], command, minutes, result))
     return "\n".join(lines)

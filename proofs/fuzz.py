@@ -1,80 +1,228 @@
-"""Proof: damaged and hostile files never cause a traceback, a hang, or a file outside the folder.
+"""Damaged and hostile files never cause a traceback, a hang, or a file outside the folder.
 
 Each of a few thousand mutated FMUs and systems is given to the command line, like a user's file,
-and is run if it can still be opened. Writes ``docs/proof/fuzz.json``.
+and is run if it can still be opened.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
-import json
 import os
-import sys
+import random
+import re
 import tempfile
 import time
+import warnings
+import zipfile
+from argparse import Namespace
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from unittest import mock
 
-from mutations import mutated
-from provenance import provenance
+from runner import PARTIAL, Row, seeds
 
-TARGET = Path(__file__).resolve().parents[1] / "docs" / "proof" / "fuzz.json"
+from ballscrew.cli import main as ballscrew
+from ballscrew.fmus.system_export import export_system
+from ballscrew.orchestration.loop.catalogue import fmu
+
+FIRST, FILES = 0, 2500
 TIME_LIMIT = 5.0  # for a call of the FMU [s]
 PATIENCE = 60.0  # for the entire command [s]
 DESCRIPTIONS = {"fmu": "modelDescription.xml", "ssp": "SystemStructure.ssd"}
+HOSTILE_NAMES = (
+    "../escaped.txt",
+    "/tmp/ballscrew-escaped.txt",
+    "a/../../escaped.txt",
+    "..\\escaped.txt",
+    "C:escaped.txt",
+    "C:\\escaped.txt",
+    "resources/../../escaped.txt",
+    "x" * 5000,
+    "binaries",
+    "modelDescription.xml/",
+    "modelDescription.xml/inside",
+    "a\x00b",
+    ".",
+    "..",
+    "/",
+    "",
+    "con\udcffname".encode("utf-8", "replace").decode(),
+)
+HOSTILE_VALUES = (
+    "",
+    "nan",
+    "inf",
+    "-1e999",
+    "-1",
+    "0",
+    "1e308",
+    str(10**30),
+    "true",
+    "../../escaped",
+    "/etc/passwd",
+    "\U0001d54f \u202e",
+    "%s%s%n",
+    "x" * 10_000,
+    "&bomb;",
+    "&outside;",
+)
+ENTITIES = (
+    '<!DOCTYPE d [<!ENTITY a "aaaaaaaaaaaaaaaaaaaaaaaaaaaaaa">'
+    + "".join(f'<!ENTITY {c} "{f"&{p};" * 30}">' for p, c in zip("abcdefg", "bcdefgh", strict=True))
+    + '<!ENTITY bomb "&h;&h;"><!ENTITY outside SYSTEM "file:///etc/passwd">]>'
+)
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """Result of a mutated file; `complaint` is empty if nothing was wrong."""
+Entries = list[tuple[str, bytes]]
 
-    seed: int
-    kind: str
-    code: int
-    seconds: float
-    complaint: str
+
+# -- one mutation of a good file for each seed ---------------------------------------------------
+
+
+def mutated(good: bytes, description: str, seed: int) -> tuple[str, bytes]:
+    """Kind of the damage, and the damaged archive; `description` names its main XML file."""
+    chance = random.Random(seed)
+    kind, make = chance.choice(
+        [
+            ("bytes of the file", spoilt),
+            ("an entry's name", rewritten(renamed)),
+            ("an entry left out", rewritten(left_out)),
+            ("an entry's content", rewritten(content_spoilt)),
+            ("an entry added", rewritten(added)),
+            *[("the description", rewritten(described, description))] * 5,
+        ]
+    )
+    return kind, make(good, chance)
+
+
+def spoilt(data: bytes, chance: random.Random) -> bytes:
+    """Flip, cut, repeat, blank or insert."""
+    text = bytearray(data)
+    for _ in range(chance.choice((1, 1, 5, 50))):
+        at = chance.randrange(len(text) or 1)
+        much = chance.choice((1, 4, 64, 4096))
+        how = chance.randrange(5)
+        if how == 0 and text:
+            text[at] ^= 1 << chance.randrange(8)
+        elif how == 1:
+            del text[at : at + much]
+        elif how == 2:
+            text[at:at] = text[at : at + much]
+        elif how == 3:
+            text[at : at + much] = bytes(len(text[at : at + much]))
+        else:
+            text[at:at] = chance.randbytes(much)
+    return bytes(text[: chance.randrange(len(text) + 1)] if chance.random() < 0.1 else text)
+
+
+def rewritten(change: Callable[..., None], *more: str) -> Callable[..., bytes]:
+    """A function that changes the entries of an archive."""
+
+    def make(data: bytes, chance: random.Random) -> bytes:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            entries = [(n, archive.read(n)) for n in archive.namelist()]
+        change(entries, chance, *more)
+        stream = io.BytesIO()
+        with warnings.catch_warnings(), zipfile.ZipFile(stream, "w") as archive:
+            warnings.simplefilter("ignore")  # two entries of one name are intended
+            for name, content in entries:
+                entry = zipfile.ZipInfo("x")
+                entry.filename = name  # not by the constructor, which corrects some names
+                archive.writestr(entry, content)
+        return stream.getvalue()
+
+    return make
+
+
+def renamed(entries: Entries, chance: random.Random) -> None:
+    k = chance.randrange(len(entries))
+    other = chance.choice(entries)[0]
+    entries[k] = (chance.choice((*HOSTILE_NAMES, other)), entries[k][1])
+
+
+def left_out(entries: Entries, chance: random.Random) -> None:
+    del entries[chance.randrange(len(entries))]
+
+
+def content_spoilt(entries: Entries, chance: random.Random) -> None:
+    k = chance.randrange(len(entries))
+    entries[k] = (entries[k][0], spoilt(entries[k][1], chance))
+
+
+def added(entries: Entries, chance: random.Random) -> None:
+    entries.insert(chance.randrange(len(entries) + 1), (chance.choice(HOSTILE_NAMES), b"evil"))
+
+
+def described(entries: Entries, chance: random.Random, description: str) -> None:
+    k = next(k for k, (name, _) in enumerate(entries) if name == description)
+    text = entries[k][1].decode("utf-8")
+    for _ in range(chance.choice((1, 1, 2, 5))):
+        text = xml_changed(text, chance)
+    encoding = chance.choice(("utf-8",) * 8 + ("utf-16", "latin-1"))
+    entries[k] = (description, text.encode(encoding, "replace"))
+
+
+def xml_changed(text: str, chance: random.Random) -> str:
+    """Change one attribute or element, or the document's frame."""
+    attributes = list(re.finditer(r'\s([\w:]+)="([^"]*)"', text))
+    tags = list(re.finditer(r"<[^<>]*>", text))
+    how = chance.randrange(8)
+    if how <= 2 and attributes:
+        found = chance.choice(attributes)
+        value = chance.choice((*HOSTILE_VALUES, chance.choice(attributes)[2])).replace('"', "")
+        return text[: found.start(2)] + value + text[found.end(2) :]
+    if how == 3 and attributes:
+        found = chance.choice(attributes)
+        return text[: found.start()] + text[found.end() :]
+    if how in (4, 5) and tags:
+        found = chance.choice(tags)
+        again = found[0] if how == 5 else ""
+        return text[: found.start()] + again * 2 + text[found.end() :]
+    if how == 6:
+        head, mark, rest = text.partition("?>")
+        return head + mark + ENTITIES + rest
+    return text[: chance.randrange(len(text) + 1)]
+
+
+# -- the proof -----------------------------------------------------------------------------------
 
 
 def good_files() -> dict[str, bytes]:
     """Files to be mutated: one FMU and one system of ours, without the rarer binaries."""
-    import zipfile
-
-    from ballscrew.fmus.system_export import export_system
-    from ballscrew.orchestration.loop.catalogue import fmu
-
-    def lean(path: Path) -> bytes:
-        stream = io.BytesIO()
-        with zipfile.ZipFile(path) as old, zipfile.ZipFile(stream, "w") as new:
-            for name in old.namelist():
-                if not name.endswith(".dll"):
-                    new.writestr(name, old.read(name), zipfile.ZIP_DEFLATED)
-        return stream.getvalue()
-
+    stream = io.BytesIO()
+    with zipfile.ZipFile(fmu("pid")) as old, zipfile.ZipFile(stream, "w") as new:
+        for name in old.namelist():
+            if not name.endswith(".dll"):
+                new.writestr(name, old.read(name), zipfile.ZIP_DEFLATED)
     with tempfile.TemporaryDirectory() as folder:
         system = export_system(fmu("plant"), fmu("pid"), Path(folder) / "s.ssp", name="s")
-        return {"fmu": lean(fmu("pid")), "ssp": system.read_bytes()}
+        return {"fmu": stream.getvalue(), "ssp": system.read_bytes()}
 
 
-def outcome(seed: int, good: dict[str, bytes]) -> Outcome:
+def tasks(asked: Namespace) -> dict[str, tuple[int, dict[str, Path]]]:
+    files = {}
+    for suffix, data in good_files().items():
+        files[suffix] = PARTIAL / f"good.{suffix}"
+        files[suffix].parent.mkdir(parents=True, exist_ok=True)
+        files[suffix].write_bytes(data)
+    return {f"file {seed}": (seed, files) for seed in seeds(asked, FILES, FIRST)}
+
+
+def trial(seed: int, good: dict[str, Path]) -> Row:
     """Give one mutated file to the command line, in a separate folder."""
-    from ballscrew.cli import main
-
     suffix = "ssp" if seed % 5 == 0 else "fmu"
-    mutation = mutated(good[suffix], DESCRIPTIONS[suffix], seed)
+    kind, data = mutated(good[suffix].read_bytes(), DESCRIPTIONS[suffix], seed)
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         root = Path(folder)
         inner, scratch = root / "inner", root / "inner" / "tmp"
         scratch.mkdir(parents=True)
-        (inner / f"bad.{suffix}").write_bytes(mutation.data)
+        (inner / f"bad.{suffix}").write_bytes(data)
         option = "--system" if suffix == "ssp" else "--controller"
         arguments = ["run", option, str(inner / f"bad.{suffix}"), "--stop", "0.003"]
         arguments += ["--time-limit", str(TIME_LIMIT), "--out", str(inner / "out")]
-        said, complaint, code = io.StringIO(), "", -1
+        said, what, code = io.StringIO(), "", -1
         start = time.monotonic()
         # Each picture takes seconds and uses numbers only.
         pictures = mock.patch("ballscrew.orchestration.loop.pictures.run_figures", return_value={})
@@ -86,15 +234,17 @@ def outcome(seed: int, good: dict[str, bytes]) -> Outcome:
             contextlib.redirect_stdout(io.StringIO()),
         ):
             try:
-                code = main(arguments)
+                code = ballscrew(arguments)
             except BaseException as error:
-                complaint = f"{type(error).__name__}: {error}"
+                what = f"{type(error).__name__}: {error}"
         seconds = time.monotonic() - start
-        complaint = complaint or _complaint(code, said.getvalue(), seconds, root)
-    return Outcome(seed, f"{suffix}: {mutation.kind}", code, seconds, complaint)
+        what = what or complaint(code, said.getvalue(), seconds, root)
+    row = {"seed": seed, "kind": f"{suffix}: {kind}", "code": code}
+    return row | {"seconds": round(seconds, 1), "complaint": what}
 
 
-def _complaint(code: int, said: str, seconds: float, root: Path) -> str:
+def complaint(code: int, said: str, seconds: float, root: Path) -> str:
+    """What is wrong; empty if nothing is."""
     if "Traceback" in said:
         return f"a traceback: {said}"
     if code not in (0, 1, 2):
@@ -111,37 +261,20 @@ def _complaint(code: int, said: str, seconds: float, root: Path) -> str:
     return ""
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--files", type=int, default=2500)
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    options = parser.parse_args()
-    seeds = range(options.first, options.first + options.files)
-    good = good_files()
-    outcomes = []
-    with ProcessPoolExecutor() as pool:
-        for result in pool.map(outcome, seeds, [good] * len(seeds), chunksize=5):
-            outcomes.append(result)
-            if result.complaint:
-                print(f"seed {result.seed}, {result.kind}: {result.complaint}", file=sys.stderr)
-            if len(outcomes) % 100 == 0:
-                print(f"{len(outcomes)} of {options.files}", file=sys.stderr)
-    bad = [o for o in outcomes if o.complaint]
-    report = {
-        **provenance("fuzz"),
-        "seeds": [seeds.start, seeds.stop],
-        "files": len(outcomes),
-        "refused": sum(o.code == 2 for o in outcomes),
-        "ran": sum(o.code in (0, 1) for o in outcomes),
-        "longest_seconds": round(max(o.seconds for o in outcomes), 1),
-        "by_kind": dict(sorted(Counter(o.kind for o in outcomes).items())),
-        "complaints": [{"seed": o.seed, "kind": o.kind, "what": o.complaint} for o in bad],
+def report(rows: Sequence[Row]) -> Row:
+    wrong = [r for r in rows if r["complaint"]]
+    return {
+        "seeds": [rows[0]["seed"], rows[-1]["seed"] + 1],
+        "files": len(rows),
+        "refused": sum(r["code"] == 2 for r in rows),
+        "ran": sum(r["code"] in (0, 1) for r in rows),
+        "longest_seconds": max(r["seconds"] for r in rows),
+        "by_kind": dict(sorted(Counter(r["kind"] for r in rows).items())),
+        "wrong": wrong,
+        "holds": not wrong,
     }
-    TARGET.parent.mkdir(parents=True, exist_ok=True)
-    TARGET.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(report, indent=1))
-    return 1 if bad else 0
 
 
-if __name__ == "__main__":
-    raise SystemExit(main())
+def says(report: Row) -> str:
+    refused, ran, wrong = report["refused"], report["ran"], len(report["wrong"])
+    return f"of {report['files']} files {refused} are refused, {ran} run; {wrong} complaints"

@@ -6,56 +6,46 @@ tests of that part run until one fails::
 
     python proofs/mutants.py --workers 2 --out out/mutants.json
 
-A change is killed by a test that fails, killed by time, survives, does not build, or is equivalent:
-`EQUIVALENT` lists by hand those that cannot change a result. Each process of a run has the
-processor time `LIMIT`, and the run the wall-clock time `WALL`, which is longer since the machine
-may have other work. The tests of a part must pass without a change, and within a third of the
-limit, so that a run that is too slow is the effect of its change.
-
-Each run has its own copy of a cache that holds the unchanged equations. Entries have keys made of
-the sources that they come from, so a changed source derives its equations again. FMUs and reference
-solutions are made again in each run.
-
-The result is written after each run, and the next call continues it.
+A change is killed by a test that fails or by time, survives, or does not build. Whether one that
+survives can change a result at all is for the reader. The tests of a part must pass without a
+change, and within a quarter of the time `LIMIT`, so that a run that is too slow is the effect of
+its change. Each run has its own copy of a cache that holds the unchanged equations; a changed
+source derives its equations again. The result is written after each run, and the next call
+continues it.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
-import contextlib
 import importlib.util
 import json
-import multiprocessing
 import os
 import random
 import re
-import resource
 import runpy
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
+import time
 import tokenize
 from collections import Counter
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from io import StringIO
 from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[1]
-LIMIT, WALL = 60, 240  # s
+LIMIT = 240  # s
 EACH = 15
-IMPORTED = ("matplotlib.figure", "scipy.integrate", "scipy.optimize", "sympy")
 KINDS = ("constant", "one", "sign", "comparison", "branch", "logic")
 REMADE = ("fmus", "references")  # folders of the cache
+OUTCOMES = ("killed", "killed by time", "survived", "does not build")
 
 # the tests of each file below tests/, cheap ones first, as pytest takes them
 PARTS = {
@@ -101,53 +91,6 @@ PARTS = {
     "measurement/identification/fit.py": "measurement/identification/test_fit.py",
 }
 
-# changes of each file that cannot change a result, and why
-EQUIVALENT = {
-    "solver/c/tangents.c": {
-        "return [0 -> 1];": "returned where there is no memory, which the status says",
-        "step->rate = [2.0 -> 4.0] * met / h;": (
-            "what is expected of the next step, which sets only how it is divided"
-        ),
-    },
-    "orchestration/master/c/master.c": {
-        "if (low > 0 && low [< -> >] count)": (
-            "the time since a point is limited by the next one, which only round-off passes"
-        ),
-    },
-    "fmus/native/c/component.h": {
-        "c->derived = [1 -> 2];": "a flag: only zero differs",
-        "const int shown = v->what == OUTPUT ? STATE_OF_OUTPUT[v->place - AT_OUTPUTS] "
-        ": -[1 -> 2];": ("a mark of no place: any negative number is one"),
-        "if (status == NO_ROOM && !remember(c, c->history, [2.0 -> 4.0] * c->history[ROOM]))": (
-            "room for twice as much as is needed"
-        ),
-    },
-    "measurement/diagnosis/experiment.py": {
-        '"start": float(self.values[[0 -> 1]]),': "the motion begins with a rest",
-    },
-    "measurement/diagnosis/scores.py": {
-        "if [k + m == 1 -> False]:": "the general case gives the same product",
-    },
-    "orchestration/fmu/isolated.py": {
-        "self._made += [1 -> 2]": "numbers of states only have to differ",
-        "self._changes [+= -> -=] 1": "only whether the count has changed is compared",
-        "self._changes [+= -> -=] call[0] != 'read'": "only whether it has changed is compared",
-    },
-    "solver/codegen.py": {
-        'temporaries = sp.numbered_symbols("_c", real=[True -> False])': (
-            "these symbols are only printed"
-        ),
-    },
-    "controllers/nctf.py": {
-        'steady = plant.simulate(np.linspace(0.0, 1.0, [101 -> 102])).outputs["v"]': (
-            "other times at which a speed that is steady is read"
-        ),
-    },
-    "stability/lyapunov.py": {
-        "span = float(run.time[-1] [- -> +] run.time[0])": "every run begins at 0 s",
-    },
-}
-
 Row = dict[str, Any]
 Place = tuple[str, int, int, str]  # kind, start, end, new text
 
@@ -163,16 +106,18 @@ class Mutant:
     new: str
     change: str
 
+    @property
+    def key(self) -> tuple[str, int, str]:
+        return self.file, self.start, self.new
+
 
 def mutants(file: str, text: str) -> list[Mutant]:
     """All changes of a file that can be drawn."""
     found = []
     for kind, start, end, new in in_python(text) if file.endswith(".py") else in_c(text):
         first, last = text.rfind("\n", 0, start) + 1, text.find("\n", end)
-        changed = " ".join(
-            f"{text[first:start]}[{text[start:end]} -> {new}]{text[end:last]}".split()
-        )
-        found.append(Mutant(file, kind, start, end, new, changed))
+        words = f"{text[first:start]}[{text[start:end]} -> {new}]{text[end:last]}".split()
+        found.append(Mutant(file, kind, start, end, new, " ".join(words)))
     return found
 
 
@@ -361,7 +306,7 @@ def closed_after(text: str) -> int:
 
 
 def judged(mutant: Mutant | None, tests: str, package: Path, cache: Path, markers: str) -> Row:
-    """Outcome, processor time [s] and last words of the tests with a change, or without one."""
+    """Outcome, time [s] and last words of the tests with a change, or without one."""
     with tempfile.TemporaryDirectory(prefix="mutant-", ignore_cleanup_errors=True) as place:
         folder = Path(place) / "ballscrew"
         shutil.copytree(package, folder, copy_function=os.link)
@@ -375,24 +320,13 @@ def judged(mutant: Mutant | None, tests: str, package: Path, cache: Path, marker
             kept = Path(place) / "cache"
             shutil.copytree(cache, kept, ignore=shutil.ignore_patterns(*REMADE))
             cache = kept
-        file = mutant.file if mutant else ""
-        if file.endswith(".c") and not built(folder, Path(file).parts[0]):
-            return {"outcome": "does not build", "seconds": 0.0, "said": ""}
-        (Path(place) / "tmp").mkdir()
-        asked = [f"tests/{a}" if ".py" in a else a for a in shlex.split(tests)]
-        said, code, seconds = ran([*asked, "-m", markers], Path(place), cache)
-    if "does not compile" in said:
-        outcome = "does not build"
-    elif code in (None, -signal.SIGXCPU, -signal.SIGKILL):
-        outcome = "killed by time"
-    else:
-        outcome = "killed" if code else "survived"
-    failed = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    return {
-        "outcome": outcome,
-        "seconds": round(seconds, 1),
-        "said": (failed or [said[-500:]])[-1],
-    }
+            if mutant.file.endswith(".c") and not built(folder, Path(mutant.file).parts[0]):
+                return {"outcome": "does not build", "seconds": 0.0, "said": ""}
+        scratch = Path(place) / "tmp"
+        scratch.mkdir()
+        asked = [f"tests/{word}" if ".py" in word else word for word in shlex.split(tests)]
+        given = {"PYTHONPATH": place, "BALLSCREW_CACHE": str(cache), "TMPDIR": str(scratch)}
+        return ran([*asked, "-m", markers], os.environ | given)
 
 
 def built(folder: Path, part: str) -> bool:
@@ -406,123 +340,86 @@ def built(folder: Path, part: str) -> bool:
     return subprocess.run(command, capture_output=True).returncode == 0
 
 
-def ran(arguments: list[str], place: Path, cache: Path) -> tuple[str, int | None, float]:
-    """What pytest printed, its exit code, None after `WALL`, and its processor time [s].
-
-    It runs in a fork of this process, which has imported what most tests need.
-    """
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    with tempfile.TemporaryFile() as output:
-        process = multiprocessing.get_context("fork").Process(
-            target=run_pytest, args=(arguments, place, cache, output.fileno())
-        )
-        process.start()
-        process.join(WALL)
-        code = process.exitcode
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.join()
-        output.seek(0)
-        said = output.read().decode(errors="replace")
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return (
-        said,
-        code,
-        after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+def ran(arguments: list[str], environment: dict[str, str]) -> Row:
+    """The outcome of pytest; all its processes end with it."""
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *arguments]
+    began = time.monotonic()
+    done = subprocess.run(
+        ["timeout", "--kill-after=5", str(LIMIT), *command],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        errors="replace",
     )
-
-
-def run_pytest(arguments: list[str], place: Path, cache: Path, output: int) -> None:
-    """Run tests with the package in `place`; this process ends."""
-    os.setsid()
-    resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT + 5))
-    for descriptor in (1, 2):
-        os.dup2(output, descriptor)
-    os.environ |= {
-        "PYTHONPATH": str(place),
-        "BALLSCREW_CACHE": str(cache),
-        "TMPDIR": f"{place}/tmp",
-    }
-    tempfile.tempdir = None
-    sys.path.insert(0, str(place))
-    os.chdir(ROOT)
-    code = pytest.main(["-x", "-q", "-p", "no:cacheprovider", *arguments])
-    sys.stdout.flush()
-    os._exit(code)
+    said, code = done.stdout + done.stderr, done.returncode
+    seconds = time.monotonic() - began
+    failed = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    outcome = "killed" if code else "survived"
+    if "does not compile" in said:
+        outcome = "does not build"
+    elif code in (124, 137, -9):
+        outcome = "killed by time"
+    last = (failed or [said[-500:]])[-1]
+    return {"outcome": outcome, "seconds": round(seconds, 1), "said": last}
 
 
 def main() -> None:
     """Judge the changes that have no row yet; print a table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument(
-        "--files", nargs="*", default=list(PARTS), help="only these of the 22 files"
-    )
+    parser.add_argument("--files", nargs="*", default=list(PARTS), help="only these files")
     parser.add_argument("--draw", type=int, default=EACH, help="changes of each file")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--markers", default="not prove", help="which tests, as pytest takes it")
     parser.add_argument("--again", action="store_true", help="try those that survived once more")
     parser.add_argument("--out", type=Path, default=Path("out/mutants.json"))
     given = parser.parse_args()
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # a fork must have no threads
-    for name in IMPORTED:
-        importlib.import_module(name)
     found = importlib.util.find_spec("ballscrew")
     assert found
     assert found.origin
     package = Path(found.origin).parent
-    rows = json.loads(given.out.read_text("utf-8")) if given.out.is_file() else []
-    cache = given.out.with_suffix(".cache").absolute()
-    cache.mkdir(parents=True, exist_ok=True)
-
-    chosen = [drawn(f, (package / f).read_text("utf-8"), given.draw) for f in given.files]
-    wanted = [m for of_all in zip_longest(*chosen) for m in of_all if m]
+    rows: list[Row] = json.loads(given.out.read_text("utf-8")) if given.out.is_file() else []
     if given.again:
         rows = [r for r in rows if r["outcome"] != "survived" or r["file"] not in given.files]
     known = {(r["file"], r["start"], r["new"]) for r in rows}
-    wanted = [m for m in wanted if (m.file, m.start, m.new) not in known]
+    cache = given.out.with_suffix(".cache").absolute()
+    cache.mkdir(parents=True, exist_ok=True)
+    chosen = [drawn(f, (package / f).read_text("utf-8"), given.draw) for f in given.files]
+    wanted = [m for some in zip_longest(*chosen) for m in some if m and m.key not in known]
 
-    def keep(mutant: Mutant, found: Row) -> None:
-        rows.append(asdict(mutant) | found)
-        part = given.out.with_suffix(".part")
-        part.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", "utf-8")
-        part.replace(given.out)
+    def alone(file: str) -> bool:
+        """Whether the tests of a file pass in time without a change; first they fill the cache."""
+        judged(None, PARTS[file], package, cache, given.markers)
+        row = judged(None, PARTS[file], package, cache, given.markers)
+        good = row["outcome"] == "survived" and row["seconds"] < LIMIT / 4
         print(
-            f"{found['outcome']:15}{found['seconds']:6.1f} s  {mutant.file}: {mutant.change}",
-            flush=True,
+            f"{'unchanged' if good else 'left out':15}{row['seconds']:6.1f} s  {file}", flush=True
         )
+        return good
 
-    for file in dict.fromkeys(m.file for m in wanted):
-        for _ in range(2):  # the first time may fill the cache
-            alone = judged(None, PARTS[file], package, cache, given.markers)
-            if alone["outcome"] == "survived" and alone["seconds"] < LIMIT / 3:
-                break
-        else:
-            print(f"left out, its unchanged tests are too slow or fail: {file}, {alone}")
-            wanted = [m for m in wanted if m.file != file]
-            continue
-        print(f"{'unchanged':15}{alone['seconds']:6.1f} s  {file}", flush=True)
-    with ProcessPoolExecutor(given.workers) as pool:
-        tried = {}
-        for mutant in wanted:
-            if mutant.change in EQUIVALENT.get(mutant.file, {}):
-                keep(mutant, {"outcome": "equivalent", "seconds": 0.0, "said": ""})
-            else:
-                arguments = mutant, PARTS[mutant.file], package, cache, given.markers
-                tried[pool.submit(judged, *arguments)] = mutant
-        for done in as_completed(tried):
-            keep(tried[done], done.result())
+    files = {m.file for m in wanted}
+    files = {file for file in PARTS if file in files and alone(file)}
+    wanted = [m for m in wanted if m.file in files]
+    with ThreadPoolExecutor(given.workers) as pool:
+        results = pool.map(
+            lambda m: judged(m, PARTS[m.file], package, cache, given.markers), wanted
+        )
+        for mutant, row in zip(wanted, results, strict=True):
+            rows.append(asdict(mutant) | row)
+            given.out.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", "utf-8")
+            seconds = f"{row['seconds']:6.1f} s"
+            print(f"{row['outcome']:15}{seconds}  {mutant.file}: {mutant.change}", flush=True)
     print_table([r for r in rows if r["file"] in given.files])
 
 
 def print_table(rows: list[Row]) -> None:
-    """A line for each file, and the share that survives of those that can be killed."""
-    outcomes = ("killed", "killed by time", "survived", "equivalent", "does not build")
-    print(f"{'file':36}{'drawn':>7}" + "".join(f"{name:>16}" for name in outcomes))
+    """A line for each file, and the share that survives of those that build."""
+    print(f"{'file':36}{'drawn':>7}" + "".join(f"{name:>16}" for name in OUTCOMES))
     for file in [*dict.fromkeys(r["file"] for r in rows), "all"]:
         own = Counter(r["outcome"] for r in rows if file in (r["file"], "all"))
-        print(f"{file:36}{own.total():7}" + "".join(f"{own[name]:16}" for name in outcomes))
-    killed = own["killed"] + own["killed by time"]
-    print(f"survived: {100 * own['survived'] / max(killed + own['survived'], 1):.1f} %")
+        print(f"{file:36}{own.total():7}" + "".join(f"{own[name]:16}" for name in OUTCOMES))
+    tried = own.total() - own["does not build"]
+    print(f"survived: {100 * own['survived'] / max(tried, 1):.1f} %")
 
 
 if __name__ == "__main__":

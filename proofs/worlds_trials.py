@@ -9,9 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
-from scipy.stats import binomtest
 from worlds import OUTSIDE as NOT_IN_CATALOGUE
 from worlds import WORLDS, Unusable, draw_case, effects_of, write_case
 
@@ -116,15 +114,6 @@ def right_names(effect: str, shared: Sequence[str]) -> set[str]:
     truth = truth_of(effect)
     same = {"parameter_error"} if truth in SYNONYMS.values() else set()
     return {truth, *shared, *same, *(LATE if truth in LATE else ())}
-
-
-def share(hits: list[bool]) -> dict[str, Any]:
-    """A share with Wilson's bounds."""
-    if not hits:
-        return {"records": 0}
-    interval = binomtest(sum(hits), len(hits)).proportion_ci(method="wilson")
-    bounds = [float(interval.low), float(interval.high)]
-    return {"records": len(hits), "share": sum(hits) / len(hits), "wilson_95": bounds}
 
 
 def plan_trials(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import provenance
 import pytest
+import runner
 from cogapp import Cog
 
 ROOT = Path(__file__).resolve().parents[1]
-FILES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+FILES = (ROOT / "README.md", ROOT / "proofs" / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 PAGES = {
     str(f.relative_to(ROOT)): text for f in FILES if "[[[cog" in (text := f.read_text("utf-8"))
 }
@@ -23,11 +23,4 @@ def test_what_a_page_says_is_what_is_stored(monkeypatch, page):
 
 
 def test_every_stored_proof_is_listed():
-    assert {p.stem for p in provenance.FOLDER.glob("*.json")} == set(provenance.SHOWS)
-
-
-def test_a_stored_proof_says_what_made_it(monkeypatch):
-    monkeypatch.setattr(
-        "sys.argv", [str(ROOT / "proofs" / "thesis" / "__main__.py"), "--only", "E5"]
-    )
-    assert provenance.provenance("thesis")["command"] == "python proofs/thesis --only E5"
+    assert {p.stem for p in runner.FOLDER.glob("*.json")} == set(runner.PROOFS)

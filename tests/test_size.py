@@ -24,11 +24,11 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (3500, 2890),
     "gallery": (2730, 2356),
     "measurement": (11367, 9998),
-    "proofs": (8760, 7967),
+    "proofs": (7823, 7089),
     "benchmarks": (1098, 952),
-    "docs": (324, 293),
+    "docs": (325, 294),
     ".ci": (204, 184),
-    "tests": (22385, 21376),
+    "tests": (22367, 21358),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-import provenance
 import pytest
+from runner import stored
 
 pytestmark = pytest.mark.ci  # their scripts are imported where they are used: some need numba
 
@@ -12,7 +11,7 @@ pytestmark = pytest.mark.ci  # their scripts are imported where they are used: s
 def test_the_stored_bound_of_wrong_results_called_trusted_is_that_of_clopper_and_pearson():
     from scipy.stats import binomtest
 
-    for said in provenance.stored("trusted_loops")["summary"].values():
+    for said in stored("trusted_loops")["summary"].values():
         deceived = len(said["wrong_called_trusted"])
         test = binomtest(deceived, said["wrong"], alternative="less")
         bound = test.proportion_ci(0.95, method="exact").high
@@ -21,61 +20,50 @@ def test_the_stored_bound_of_wrong_results_called_trusted_is_that_of_clopper_and
 
 @pytest.mark.xdist_group("worlds")  # whose simulators are compiled once
 def test_a_record_of_a_world_diagnosed_again_gets_the_stored_answer():
-    import diagnosis_rule
+    from diagnosis import rule
     from worlds_trials import Trial
 
-    row = provenance.stored("diagnosis_rule")["example"]
-    again = diagnosis_rule.row_of(Trial(row["world"], "", row["effect"], row["seed"]))
-    assert diagnosis_rule.named(again) == diagnosis_rule.named(row)
+    row = stored("diagnosis_rule")["example"]
+    again = rule.trial(Trial(row["world"], "", row["effect"], row["seed"]))
+    assert rule.named(again) == rule.named(row)
     assert (again["verdict"], again["suspects"]) == (row["verdict"], row["suspects"])
 
 
 @pytest.mark.parametrize("task", [("run", 1), pytest.param(("rig", 39), marks=pytest.mark.prove)])
 def test_a_record_of_this_program_made_again_gets_the_stored_verdict_and_no_name(task):
-    import own_records
+    from diagnosis import own_records
 
-    (again,) = own_records.trial(task)
-    rows = {r["record"]: r for r in provenance.stored("own_records")["rows"]}
-    assert again.named == []
-    assert again.verdict == rows[again.record]["verdict"]
+    (again,) = own_records.trial(*task)
+    assert again in stored("own_records")["again"]
+    assert again["named"] == []
 
 
 @pytest.mark.prove  # the proof is of the estimator before, until `make prove` makes it again
 def test_a_rig_whose_interval_missed_the_truth_misses_it_again_by_the_same_bounds():
-    from synthetic.rigs import identify_closed_loop_rig
+    from identification import intervals
 
-    misses = provenance.stored("identification")["closed_loop"]["classical"]["misses"]
-    stored = {miss["parameter"]: miss for miss in misses if miss["seed"] == misses[0]["seed"]}
-    again = {o.parameter: o for o in identify_closed_loop_rig("classical", misses[0]["seed"])}
-    assert {name for name, o in again.items() if not o.covered} == set(stored)
-    for name, miss in stored.items():
+    misses = stored("identification")["closed_loop"]["classical"]["misses"]
+    before = {miss["parameter"]: miss for miss in misses if miss["seed"] == misses[0]["seed"]}
+    again = intervals.trial("closed_loop", "classical", misses[0]["seed"])
+    assert {row["parameter"] for row in again if not row["covered"]} == set(before)
+    for row in (row for row in again if not row["covered"]):
         for field in ("truth", "value", "low", "high"):
-            assert getattr(again[name], field) == pytest.approx(miss[field], rel=1e-5)
+            assert row[field] == pytest.approx(before[row["parameter"]][field], rel=1e-5)
 
 
 def test_a_study_of_two_equal_controllers_made_again_ends_as_stored():
-    import swap_study
+    from verdict import swap_study
 
-    stored = provenance.stored("swap_study")
-    again = swap_study.outcome(stored["outcomes"][7]["seed"])
-    assert again["ratio"] == pytest.approx(stored["outcomes"][7]["ratio"], rel=1e-6)
-    assert stored["summary"] == swap_study.summary(stored["outcomes"])
-    assert stored["summary"]["met"]
-
-
-def test_exponents_over_fmus_at_the_stored_steps_are_as_far_off_as_stored():
-    import variational
-
-    rows = [r for r in provenance.stored("variational")["convergence"] if r["controller"] == "nctf"]
-    case = variational.Case("nctf", "nctf", {"v_start": 0.05})
-    found = variational.difference(case, rows[0]["step"])
-    np.testing.assert_allclose(found, rows[0]["difference"], rtol=1e-2, atol=1e-6)
+    report = stored("swap_study")
+    again = swap_study.trial(report["again"]["seed"])
+    assert again["ratio"] == pytest.approx(report["again"]["ratio"], rel=1e-6)
+    assert report["holds"]
 
 
 def test_controllers_made_by_others_are_all_trusted_and_right():
     from interoperability import made_by_others
 
-    report = provenance.stored("made_by_others")
+    report = stored("made_by_others")
     assert report["wrong"] == 0
     assert {row["made_by"] for row in report["rows"]} == {*made_by_others.KINDS}
     assert all(made_by_others.good(row) for row in report["rows"])
@@ -85,7 +73,7 @@ def test_controllers_made_by_others_are_all_trusted_and_right():
 def test_the_stored_errors_of_tools_are_those_that_are_allowed():
     from interoperability import tools
 
-    report = provenance.stored("tools")
+    report = stored("tools")
     asked = {
         (j.tool, j.what, j.controller, *sorted(map(str, j.more.values()))): j for j in tools.jobs()
     }

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 import thesis
-from provenance import stored
-from thesis.chapter_3 import SYSTEM_2, scipy_end, swinging_neighbours
+from runner import stored
+from thesis.chapter_3 import swinging_neighbours
+from thesis.loops import scipy_end
+from thesis.printed import SYSTEM_2
 
 pytestmark = pytest.mark.ci
 

@@ -4,7 +4,7 @@ A hypothesis is *found* if its score, its share of the squares and the lower end
 that share, all on held-out blocks, are large enough. The set has the best one that is found and all
 that come near the top score; without one that is found, it is empty. The best is named if no other
 entry of the catalogue is in the set. The numbers were set on records of simulated machines;
-`proofs/diagnosis_rule.py` counts how often they are wrong.
+`proofs/diagnosis/rule.py` counts how often they are wrong.
 """
 
 from __future__ import annotations

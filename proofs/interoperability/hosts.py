@@ -1,8 +1,8 @@
-"""Other tools run FMUs and Modelica, each in its own environment: ``hosts.py TOOL JOB RESULT``.
+"""Other tools run FMUs and Modelica, each in its own environment: ``hosts.py JOB RESULT``.
 
-A job is a JSON file with ``fmus`` by name (the first shows ``x``, the last takes ``x_d``),
-``connections``, ``step`` and ``stop``; the result is one with ``time`` and ``x``. For the compilers
-of Modelica, a job has ``models`` and ``columns``, and the result has them by model.
+A job is a JSON file with the name of the ``tool``, ``fmus`` by name (the first shows ``x``, the
+last takes ``x_d``), ``connections``, ``step`` and ``steps``; the result has ``time`` and ``x``. For
+the compilers of Modelica, a job has ``models`` and ``columns``, and the result has them by model.
 """
 
 from __future__ import annotations
@@ -24,21 +24,7 @@ GOAL = 0.08  # [m]
 Job = dict[str, Any]
 
 
-def _steps(job: Job) -> int:
-    return round(job["stop"] / job["step"])
-
-
-def _ends(job: Job) -> tuple[str, str]:
-    """Names of the FMU that shows x and of the one that takes the set-point."""
-    names = list(job["fmus"])
-    return names[0], names[-1]
-
-
-def _path(job: Job) -> str:
-    return str(next(iter(job["fmus"].values())))
-
-
-def _first_outputs(path: str) -> dict[str, float]:
+def first_outputs(path: str) -> dict[str, float]:
     """First outputs of a controller; without them, the master begins with zeros."""
     import fmpy
 
@@ -52,9 +38,9 @@ def _first_outputs(path: str) -> dict[str, float]:
     return dict(zip(names, fmu.getReal([at[n] for n in names]), strict=True))
 
 
-def _first_commands(job: Job) -> dict[str, float]:
+def first_commands(job: Job) -> dict[str, float]:
     """First commands of the controller by the plant's inputs."""
-    first = _first_outputs(job["fmus"][_ends(job)[1]])
+    first = first_outputs(job["fmus"][job["last"]])
     return {u: first[y] for (_, y), (_, u) in job["connections"] if y in first}
 
 
@@ -63,15 +49,14 @@ def casadi(job: Job):
     import casadi as ca
 
     with tempfile.TemporaryDirectory() as folder:
-        with zipfile.ZipFile(_path(job)) as archive:
+        with zipfile.ZipFile(job["path"]) as archive:
             archive.extractall(folder)
         model = ca.DaeBuilder("loop", folder)
-        time = [k * job["step"] for k in range(_steps(job) + 1)]
         tolerance = job["tolerance"]
         options = {"reltol": tolerance, "abstol": 1e-2 * tolerance, "max_num_steps": 10**7}
-        solver = ca.integrator("solver", "cvodes", model.create(), 0.0, time, options)
+        solver = ca.integrator("solver", "cvodes", model.create(), 0.0, job["times"], options)
         course = solver(x0=model.start(model.x()), u=GOAL)["xf"]
-        return time, course[model.x().index("x"), :].full()[0]
+        return job["times"], course[model.x().index("x"), :].full()[0]
 
 
 def cofmupy(job: Job):
@@ -83,39 +68,16 @@ def cofmupy(job: Job):
 
     fmus = [{"id": n, "path": f, "initialization": {}} for n, f in job["fmus"].items()]
     fmus[-1]["initialization"]["x_d"] = GOAL
-    fmus[0]["initialization"] |= _first_commands(job)
+    fmus[0]["initialization"] |= first_commands(job)
     wires = [{"source": end(a), "target": [end(b)]} for a, b in job["connections"]]
     told = {"fmus": fmus, "connections": wires, "cosim_method": job["method"], "iterative": False}
     coordinator = Coordinator()
     coordinator.start(told)
     time, x = [], []
-    for _ in range(_steps(job)):
+    for _ in range(job["steps"]):
         coordinator.do_step(job["step"])
         time.append(coordinator.master.current_time)
-        x.append(coordinator.get_results()[fmus[0]["id"], "x"][-1])
-    return time, x
-
-
-def ecos(job: Job):
-    """Through ecospy: its fixed-step algorithm."""
-    from ecospy import EcosSimulation, EcosSimulationStructure
-
-    first, last = _ends(job)
-    with EcosSimulationStructure() as structure:
-        for name, path in job["fmus"].items():
-            structure.add_model(name, path)
-        for (a, y), (b, u) in job["connections"]:
-            structure.make_real_connection(f"{a}::{y}", f"{b}::{u}")
-        structure.add_parameter_set("start", {f"{last}::x_d": GOAL})
-        with EcosSimulation(structure=structure, step_size=job["step"]) as simulation:
-            if not simulation.init(parameter_set="start"):
-                raise SystemExit("Ecos does not initialize")
-            time, x = [0.0], [simulation.get_real(f"{first}::x")]
-            for k in range(_steps(job)):
-                simulation.step(1)
-                time.append((k + 1) * job["step"])
-                x.append(simulation.get_real(f"{first}::x"))
-            simulation.terminate()
+        x.append(coordinator.get_results()[job["first"], "x"][-1])
     return time, x
 
 
@@ -123,25 +85,25 @@ def estim8(job: Job):
     """Its model class around an FMU, with a tolerance that is passed to the FMU's solver."""
     from estim8.models import FmuModel
 
-    model = FmuModel(_path(job), fmi_type=job["kind"], r_tol=1e-8)
+    model = FmuModel(job["path"], fmi_type=job["kind"], r_tol=1e-8)
     run = model.simulate(0.0, job["stop"], job["step"], observe=["x"])
     return run["x"].timepoints, run["x"].values
 
 
-def fmpy(job: Job):
+def fmpy(job: Job, output="x"):
     """Its own simulation of one FMU, as co-simulation or by its CVODE."""
     import fmpy
 
     course = fmpy.simulate_fmu(
-        _path(job),
-        fmi_type=job["kind"],
+        job["path"],
+        fmi_type=job.get("kind", "CoSimulation"),
         stop_time=job["stop"],
         step_size=job["step"],
         output_interval=job["step"],
         relative_tolerance=job.get("tolerance"),
-        output=["x"],
+        output=[output],
     )
-    return course["time"], course["x"]
+    return course["time"], course[output]
 
 
 def fmucontainer(job: Job):
@@ -149,21 +111,12 @@ def fmucontainer(job: Job):
 
     Local variables are outputs of that FMU, because our .ssp has no connectors.
     """
-    import fmpy
-
     with tempfile.TemporaryDirectory() as folder:
-        system = Path(shutil.copy(_path(job), folder))
+        system = Path(shutil.copy(job["path"], folder))
         command = Path(sys.executable).with_name("fmucontainer")
         description = f"{system.name}:{job['step']!r}"
         subprocess.run([command, "-container", description, "-auto-local"], cwd=folder, check=True)
-        course = fmpy.simulate_fmu(
-            str(system.with_suffix(".fmu")),
-            stop_time=job["stop"],
-            step_size=job["step"],
-            output_interval=job["step"],
-            output=["plant.x"],
-        )
-        return course["time"], course["plant.x"]
+        return fmpy(job | {"path": str(system.with_suffix(".fmu"))}, "plant.x")
 
 
 def fmuloader(job: Job):
@@ -171,27 +124,26 @@ def fmuloader(job: Job):
     from fmuloader.fmi2 import Fmi2Slave, Fmi2Type
     from fmuloader.fmi3 import Fmi3Slave
 
-    with zipfile.ZipFile(_path(job)) as archive:
+    with zipfile.ZipFile(job["path"]) as archive:
         root = ET.fromstring(archive.read("modelDescription.xml"))
     (x,) = (int(v.get("valueReference")) for v in root.iter() if v.get("name") == "x")
     name = root.find("CoSimulation").get("modelIdentifier")
     if root.get("fmiVersion") == "2.0":
-        fmu = Fmi2Slave(Path(_path(job)), model_identifier=name)
+        fmu = Fmi2Slave(Path(job["path"]), model_identifier=name)
         fmu.instantiate("loop", Fmi2Type.CO_SIMULATION, guid=root.get("guid"))
         fmu.setup_experiment(0.0)
         read = fmu.get_real
     else:
-        fmu = Fmi3Slave(Path(_path(job)), model_identifier=name)
+        fmu = Fmi3Slave(Path(job["path"]), model_identifier=name)
         fmu.instantiate_co_simulation("loop", instantiation_token=root.get("instantiationToken"))
         read = fmu.get_float64
     fmu.enter_initialization_mode()
     fmu.exit_initialization_mode()
-    time, course = [0.0], [read([x])[0]]
-    for k in range(_steps(job)):
-        fmu.do_step(k * job["step"], job["step"])
-        time.append((k + 1) * job["step"])
+    course = [read([x])[0]]
+    for t in job["times"][:-1]:
+        fmu.do_step(t, job["step"])
         course.append(read([x])[0])
-    return time, course
+    return job["times"], course
 
 
 def gemseo(job: Job):
@@ -199,13 +151,9 @@ def gemseo(job: Job):
     from gemseo_fmu.disciplines.fmu_discipline import FMUDiscipline
     from numpy import array
 
-    loop = FMUDiscipline(
-        _path(job),
-        input_names=["x_d"],
-        output_names=["x"],
-        final_time=job["stop"],
-        time_step=job["step"],
-    )
+    names = {"input_names": ["x_d"], "output_names": ["x"]}
+    span = {"final_time": job["stop"], "time_step": job["step"]}
+    loop = FMUDiscipline(job["path"], **names, **span)
     data = loop.execute({"x_d": array([GOAL])})
     return loop.time, data["x"]
 
@@ -215,18 +163,18 @@ def jaxonomy(job: Job):
     import jaxonomy as jx
     from jaxonomy.library import Constant, ModelicaFMU, ModelicaFMUME
 
-    names = {"name": _ends(job)[0], "input_names": ["x_d"], "output_names": ["x"]}
+    names = {"name": job["first"], "input_names": ["x_d"], "output_names": ["x"]}
     builder, more = jx.DiagramBuilder(), {}
     if job["kind"] == "ModelExchange":
-        fmu = builder.add(ModelicaFMUME(_path(job), **names))
+        fmu = builder.add(ModelicaFMUME(job["path"], **names))
         tolerance = job["tolerance"]
         more = {"rtol": tolerance, "atol": 1e-2 * tolerance, "ode_solver_method": "dopri5"}
     else:
-        fmu = builder.add(ModelicaFMU(_path(job), job["step"], first_step_at_zero=True, **names))
+        fmu = builder.add(ModelicaFMU(job["path"], job["step"], first_step_at_zero=True, **names))
     goal = builder.add(Constant(GOAL, name="goal"))
     builder.connect(goal.output_ports[0], fmu.input_ports[0])
     diagram = builder.build()
-    limits = {"max_major_step_length": job["step"], "max_major_steps": _steps(job) + 10}
+    limits = {"max_major_step_length": job["step"], "max_major_steps": job["steps"] + 10}
     result = jx.simulate(
         diagram,
         diagram.create_context(),
@@ -237,54 +185,19 @@ def jaxonomy(job: Job):
     return result.time, result.outputs["x"]
 
 
-def libcosim(job: Job):
-    """Through libcosimpy: its fixed-step algorithm."""
-    from libcosimpy.CosimEnums import CosimVariableType
-    from libcosimpy.CosimExecution import CosimExecution
-    from libcosimpy.CosimObserver import CosimObserver
-    from libcosimpy.CosimSlave import CosimLocalSlave
-
-    execution = CosimExecution.from_step_size(round(job["step"] * 1e9))
-    slaves = [CosimLocalSlave(path, name) for name, path in job["fmus"].items()]
-    index = [execution.add_local_slave(slave) for slave in slaves]
-    at = {
-        (n, v.name.decode()): (i, v.reference)
-        for n, i in zip(job["fmus"], index, strict=True)
-        for v in execution.slave_variables(i)
-        if v.type == CosimVariableType.REAL.value
-    }
-    first, last = _ends(job)
-    wired = [execution.real_initial_value(*at[last, "x_d"], GOAL)]
-    wired += [
-        execution.connect_real_variables(*at[tuple(a)], *at[tuple(b)]) == 0
-        for a, b in job["connections"]
-    ]
-    observer = CosimObserver.create_last_value()
-    if not (all(wired) and execution.add_observer(observer)):
-        raise SystemExit("libcosim refuses")
-    slave, reference = at[first, "x"]
-    time, x = [0.0], list(observer.last_real_values(slave, [reference]))
-    for k in range(_steps(job)):
-        if not execution.step(1):
-            raise SystemExit(f"libcosim takes no step at {time[-1]} s")
-        time.append((k + 1) * job["step"])
-        x += observer.last_real_values(slave, [reference])
-    return time, x
-
-
 def pathsim(job: Job):
     """Blocks around FMUs; a block steps at the start of an interval, so labels are a step early."""
     from pathsim import Connection, Simulation
     from pathsim.blocks import Constant, Scope
     from pathsim_fmi import CoSimulationFMU
 
-    goal, scope, (first, last) = Constant(GOAL), Scope(), _ends(job)
+    goal, scope, last = Constant(GOAL), Scope(), job["last"]
     blocks = {
         n: CoSimulationFMU(f, n, {"x_d": GOAL} if n == last else None, job["step"])
         for n, f in job["fmus"].items()
     }
     wires = [Connection(blocks[a][y], blocks[b][u]) for (a, y), (b, u) in job["connections"]]
-    wires += [Connection(goal, blocks[last]["x_d"]), Connection(blocks[first]["x"], scope)]
+    wires += [Connection(goal, blocks[last]["x_d"]), Connection(blocks[job["first"]]["x"], scope)]
     Simulation([goal, scope, *blocks.values()], wires, dt=job["step"], log=False).run(job["stop"])
     time, (x,) = scope.read()
     return [t + job["step"] for t in time[:-1]], x[:-1]
@@ -294,10 +207,10 @@ def sofirpy(job: Job):
     """FMUs that step and then exchange; the plant gets the first commands as start values."""
     from sofirpy import simulate
 
-    shown, last = _ends(job)
-    starts: dict[str, dict[str, float]] = {last: {"x_d": GOAL}}
+    shown = job["first"]
+    starts: dict[str, dict[str, float]] = {job["last"]: {"x_d": GOAL}}
     if job["connections"]:
-        starts[shown] = _first_commands(job)
+        starts[shown] = first_commands(job)
     wires: dict[str, list[dict[str, str]]] = {name: [] for name in job["fmus"]}
     for (a, y), (b, u) in job["connections"]:
         end = {"connect_to_system": a, "connect_to_external_parameter": y}
@@ -334,10 +247,9 @@ def syssimx(job: Job):
     methods = {"jacobi": JacobiAlgorithm, "gauss_seidel": GaussSeidelAlgorithm}
     system.set_algorithm(methods[job["method"]]())
     system.initialize(0.0)
-    first, last = _ends(job)
-    parts[last].set_inputs({"x_d": GOAL})
+    parts[job["last"]].set_inputs({"x_d": GOAL})
     result = system.run(0.0, job["stop"], job["step"])
-    time, courses = result.histories[first]
+    time, courses = result.histories[job["first"]]
     return time, courses["x"]
 
 
@@ -356,29 +268,23 @@ def pymoca(job: Job, name: str, text: str):
         (Path(folder) / f"{name}.mo").write_text(text.replace("atan(", "arctan("))
         model = transfer_model(folder, name, {"cache": False})
     known = [*model.parameters, *model.constants]
-    values = ca.vertcat(*(v.value for v in known))
-    symbols = ca.vertcat(*(v.symbol for v in known))
+    symbols, values = (ca.vertcat(*(getattr(v, k) for v in known)) for k in ("symbol", "value"))
     numbers = {v.symbol.name(): v.value for v in known}
     states = {s.symbol.name(): s.symbol for s in model.states}
     rates = {f"der({s})": d.symbol for s, d in zip(states, model.der_states, strict=True)}
     others = {s.symbol.name(): s.symbol for s in model.alg_states}
     left = re.findall(r"^  (der\(\w+\)|\w+) = ", text.partition("\nequation\n")[2], re.M)
-    named = {**others, **rates}
-    right = {}
+    named, right, found = {**others, **rates}, {}, {}
     for n, equation in zip(left, model.equations, strict=True):
         right[n] = ca.substitute(-ca.substitute(equation, named[n], 0), symbols, values)
-    found: dict[str, Any] = {}
     while right:
         unknown = {named[k].name() for k in right}
         ready = [n for n, v in right.items() if not {s.name() for s in ca.symvar(v)} & unknown]
-        for n in ready:
-            found[n] = right.pop(n)
+        found |= {n: right.pop(n) for n in ready}
         if right:
-            of = ca.vertcat(*(named[n] for n in ready))
-            to = ca.vertcat(*(found[n] for n in ready))
+            of, to = (ca.vertcat(*(some[n] for n in ready)) for some in (named, found))
             right = {n: ca.substitute(v, of, to) for n, v in right.items()}
-    x = ca.vertcat(*states.values())
-    time = [k * job["step"] for k in range(_steps(job) + 1)]
+    x, time = ca.vertcat(*states.values()), job["times"]
     shown = ca.Function("shown", [model.time, x], [ca.vertcat(*(found[n] for n in others))])
     rows = []
     if states:
@@ -403,7 +309,11 @@ def rumoca(job: Job, name: str, text: str):
 
 def answer(tool: Callable[..., Any], job: Job) -> Job:
     """The result of a job, or of each of its models."""
+    job["times"] = [k * job["step"] for k in range(job["steps"] + 1)]
+    job["stop"] = job["steps"] * job["step"]
     if "models" not in job:
+        names = list(job["fmus"])
+        job |= {"first": names[0], "last": names[-1], "path": job["fmus"][names[0]]}
         time, x = ([float(value) for value in column] for column in tool(job))
         return {"time": time, "x": x}
     found: Job = {}
@@ -417,6 +327,6 @@ def answer(tool: Callable[..., Any], job: Job) -> Job:
 
 
 if __name__ == "__main__":
-    name, given, got = sys.argv[1:]
+    given, got = sys.argv[1:]
     asked = json.loads(Path(given).read_text(encoding="utf-8"))
-    Path(got).write_text(json.dumps(answer(globals()[name], asked)), encoding="utf-8")
+    Path(got).write_text(json.dumps(answer(globals()[asked["tool"]], asked)), encoding="utf-8")

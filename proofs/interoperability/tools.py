@@ -1,40 +1,37 @@
-"""Proof: other tools run the exported files unchanged, with the error of each.
+"""Other tools run the exported files unchanged, with the error of each.
 
-Makes an environment for each tool under ``out/tools`` (with pip), exports loops, parts and systems
-with the command, runs them in every tool (``hosts.py``), and compares the position of the block
-with the complete loop in SciPy's Radau solver. Two tools run at a time. Writes
-``docs/proof/tools.json``. It fails if a tool does not accept a file, or has twice the error allowed
-in its row. A tool whose environment cannot be made is listed at the end. ``--quick`` runs only what
-is fast enough for continuous integration, and writes no file.
+Each tool has an environment of its own under ``out/tools``, which pip fills. Loops, parts and
+systems are exported with the command and run in every tool (``hosts.py``, and the hosts of the
+tests). The position of the block is compared with the complete loop in SciPy's Radau solver. A tool
+is wrong if it does not accept a file, or has twice the error allowed in its row; one whose
+environment cannot be made is listed. ``--quick`` runs only what is fast enough for continuous
+integration.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
+import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+import venv
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from runner import ROOT, Row
 from scipy.integrate import solve_ivp
+from wired_loop import HOSTS, HostFailed, WiredLoop, ask, wired
 
 from ballscrew.cli import main as ballscrew
 from ballscrew.orchestration.loop.catalogue import fmu_kernel
 from ballscrew.solver.arrays import Vector
 from ballscrew.solver.kernel import Model
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from provenance import provenance
-
-from interoperability.environments import FOLDER, ROOT, NotMade, by_host, python_of
-
-TARGET = ROOT / "docs" / "proof" / "tools.json"
+HERE = Path(__file__).resolve().parent
 PACKAGES = {
     "casadi": ["casadi==3.8.2", "fmpy==0.3.32"],  # needs FMPy's headers to make FMUs
     "pathsim": ["pathsim==0.27.1", "pathsim-fmi==0.1.1"],
@@ -53,8 +50,42 @@ PACKAGES = {
 QUICK = ("pathsim", "fmuloader", "fmucontainer", "fmpy", "libcosim", "ecos")
 FMPY = {"iol": {1e-6: 6.2e-7, 1e-8: 2.9e-8}, "nctf": {1e-6: 3.4e-9, 1e-8: 2.3e-10}}
 CVODES = {"iol": {1e-6: 1.7e-6, 1e-8: 1.3e-8}, "nctf": {1e-6: 1.9e-7, 1e-8: 1.4e-9}}
-REFERENCE_TOLERANCE = 1e-11
-GRID, STEP = 1e-3, 1e-3  # [s]
+REFERENCE_TOLERANCE, LONGEST = 1e-11, 20.0
+GRID, STEP, GOAL = 1e-3, 1e-3, 0.08  # [s], [s], [m]
+PATIENCE = 3600.0  # [s]
+
+
+class NotMade(RuntimeError):
+    """pip could not fill an environment, or a run in it failed; the message is the last line."""
+
+
+def called(command: Sequence[Path | str]) -> None:
+    """Run a command; `NotMade` with its last line if it fails."""
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise NotMade(((done.stderr or done.stdout).strip().splitlines() or ["no word"])[-1])
+
+
+def python_of(tool: str, packages: Sequence[str]) -> Path:
+    """The interpreter of a tool's environment, which is made if it does not exist."""
+    home = ROOT / "out" / "tools" / tool
+    if not (home / "ready").is_file():
+        venv.create(home, with_pip=True, clear=True)
+        pip = [home / "bin" / "python", "-m", "pip", "install", "--quiet"]
+        called([*pip, "--disable-pip-version-check", *packages])
+        (home / "ready").touch()
+    return home / "bin" / "python"
+
+
+def by_host(tool: str, python: Path, job: Row) -> Any:
+    """The result of a job by one of the tools of `hosts.py`, or of the tests' hosts."""
+    script = HOSTS / f"{tool}_host.py"
+    try:
+        if script.is_file():
+            return ask(script, job, python, PATIENCE)
+        return ask(HERE / "hosts.py", job | {"tool": tool}, python, PATIENCE)
+    except HostFailed as error:
+        raise NotMade(str(error).strip().splitlines()[-1]) from None
 
 
 @dataclass(frozen=True)
@@ -66,7 +97,7 @@ class Job:
     controller: str
     allowed: float
     stop: float = 1.0
-    more: dict[str, Any] = field(default_factory=dict)
+    more: Row = field(default_factory=dict)
 
     @property
     def quick(self) -> bool:
@@ -82,7 +113,7 @@ def jobs() -> Iterator[Job]:
         for fmi in (2, 3):
             for tolerance in (1e-6, 1e-8):
                 more = {"tolerance": tolerance}
-                yield Job("casadi", f"loop {fmi}", c, CVODES[c][tolerance], 20.0, more)
+                yield Job("casadi", f"loop {fmi}", c, CVODES[c][tolerance], LONGEST, more)
                 more = {"kind": "ModelExchange", "tolerance": tolerance}
                 yield Job("fmpy", f"loop {fmi}", c, FMPY[c][tolerance], more=more)
             off = 3.8e-9 if c == "iol" else 1e-11
@@ -108,39 +139,20 @@ def jobs() -> Iterator[Job]:
             yield Job("fmucontainer", file, c, jacobi)
 
 
-def files(folder: Path, what: str, controller: str) -> dict[str, str]:
-    """A job's files by the names of their elements; exported if they do not exist."""
-    kind = what.removeprefix("readable ").split()[0]
-    asked, names = {
-        "loop": (["--loop", controller], {"loop": f"{controller}_loop.fmu"}),
-        "law": (
-            ["--only", "plant", controller],
-            {"plant": "plant.fmu", "controller": f"{controller}.fmu"},
-        ),
-        "system": (["--ssp", "--only", controller], {"system": f"{controller}.ssp"}),
-    }[kind]
-    asked += [] if what.startswith("readable") else ["--native"]
-    asked += ["--fmi", what[-1]] if what[-1].isdigit() else []
-    out = folder / what.replace(" ", "_") / controller
-    if not out.is_dir() and ballscrew(["export", *asked, "--out", str(out)]):
-        raise RuntimeError(f"cannot export {what} of {controller}")
-    return {element: str(out / name) for element, name in names.items()}
-
-
-def wires(fmus: dict[str, str], controller: str) -> list[list[list[str]]]:
-    """Connections from outputs to inputs, including law ports."""
-    if len(fmus) < 2:
-        return []
-    plant, own = fmu_kernel("plant"), fmu_kernel(controller)
-
-    def between(a: str, source: Any, b: str, target: Any) -> list[list[list[str]]]:
-        common = {v.name for v in source.outputs} & {v.name for v in target.inputs}
-        return [[[a, n], [b, n]] for n in sorted(common)]
-
-    return [
-        *between("plant", plant, "controller", own),
-        *between("controller", own, "plant", plant),
-    ]
+def loop_of(folder: Path, job: Job) -> WiredLoop:
+    """The loop of a job; its files are exported if they do not exist."""
+    kind, c = job.what.removeprefix("readable ").split()[0], job.controller
+    asked = {"loop": ["--loop", c], "law": ["--only", "plant", c], "system": ["--ssp", "--only", c]}
+    options = asked[kind] + ([] if job.what.startswith("readable") else ["--native"])
+    options += ["--fmi", job.what[-1]] if job.what[-1].isdigit() else []
+    out, steps = folder / job.what.replace(" ", "_") / c, round(job.stop / STEP)
+    if not out.is_dir() and ballscrew(["export", *options, "--out", str(out)]):
+        raise RuntimeError(f"cannot export {job.what} of {c}")
+    if kind == "law":
+        files = out / "plant.fmu", out / f"{c}.fmu"
+        return wired(*files, STEP, job.stop, law=True, goal=GOAL, outputs=("x",))
+    file = out / (f"{c}_loop.fmu" if kind == "loop" else f"{c}.ssp")
+    return WiredLoop({"plant": str(file)}, [], [("plant", "x_d", GOAL)], ["x"], STEP, steps)
 
 
 @cache
@@ -150,89 +162,79 @@ def reference(controller: str) -> Vector:
     model = Model(kernel)
     course = solve_ivp(
         model.derivatives,
-        (0.0, 20.0),
+        (0.0, LONGEST),
         model.x,
         method="Radau",
         jac=model.jacobian,
         rtol=REFERENCE_TOLERANCE,
         atol=REFERENCE_TOLERANCE * kernel.nominal,
-        t_eval=GRID * np.arange(20_001),
+        t_eval=GRID * np.arange(round(LONGEST / GRID) + 1),
     )
     if not course.success:
         raise RuntimeError(course.message)
     return np.asarray(course.y[[s.name for s in kernel.states].index("plant_x")])
 
 
-def run(job: Job, folder: Path, python: Path) -> dict[str, Any]:
-    """A row of the result; `error` [m] is None if the tool did not reach the end."""
-    fmus = files(folder, job.what, job.controller)
-    asked = {"fmus": fmus, "connections": wires(fmus, job.controller), "step": STEP}
-    row = {"tool": job.tool, "file": job.what, "controller": job.controller, **job.more}
-    row |= {"step": STEP, "stop": job.stop, "allowed": job.allowed}
-    try:
-        result = by_host(job.tool, python, asked | {"stop": job.stop} | job.more)
-    except NotMade as error:
-        return row | {"error": None, "why": str(error)}
-    time, x = np.array(result["time"]), np.array(result["x"])
+def error_of(job: Job, found: Any) -> float | None:
+    """Largest error of the position [m]; None if the tool did not reach the end."""
+    if isinstance(found, list):  # the tests' hosts show a row for each step
+        found = {"time": STEP * np.arange(len(found)), "x": [x for (x,) in found]}
+    time, x = np.array(found["time"]), np.array(found["x"])
     nearest = np.rint(time / GRID).astype(int)
     on_grid = np.abs(time - GRID * nearest) < 1e-9
     if on_grid.sum() < 0.99 * job.stop / STEP or time[-1] < job.stop - 1.5 * STEP:
-        return row | {"error": None, "why": f"{on_grid.sum()} points, the last at {time[-1]} s"}
-    inside = on_grid & (nearest <= 20_000)
-    error = np.abs(x[inside] - reference(job.controller)[nearest[inside]]).max()
-    return row | {"error": float(error)}
+        return None
+    inside = on_grid & (nearest < len(reference(job.controller)))
+    return float(np.abs(x[inside] - reference(job.controller)[nearest[inside]]).max())
 
 
-def wrong_in(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows without an end, or with more than twice the allowed error."""
-    return [r for r in rows if r["error"] is None or not r["error"] <= 2.0 * r["allowed"]]
+def not_made(tool: str, error: NotMade, quick: bool) -> list[Row]:
+    """What is kept of an environment that pip could not fill; in CI nothing."""
+    print(f"no environment: {tool}: {error}", file=sys.stderr)
+    return [] if quick else [{"tool": tool, "not_made": str(error)}]
 
 
-def runs_of(tool: str, asked: Sequence[Job], folder: Path) -> list[Any]:
-    """The rows of a tool; `NotMade` if its environment cannot be made."""
-    python = python_of(tool, PACKAGES[tool])
-    rows = []
-    for job in asked:
-        rows.append(run(job, folder, python))
-        print(json.dumps(rows[-1]), flush=True)
-    return rows
+def tasks(asked: Namespace) -> dict[str, tuple[str, list[Job], bool]]:
+    chosen = [j for j in jobs() if j.quick or not asked.quick]
+    tools = dict.fromkeys(j.tool for j in chosen)
+    return {t: (t, [j for j in chosen if j.tool == t], asked.quick) for t in tools}
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", nargs="+", default=list(PACKAGES), choices=list(PACKAGES))
-    parser.add_argument("--quick", action="store_true", help="what CI runs: six tools, iol")
-    options = parser.parse_args()
-    asked = [j for j in jobs() if j.tool in options.only and (j.quick or not options.quick)]
-    rows, not_made = [], {}
-    with tempfile.TemporaryDirectory() as place, ThreadPoolExecutor(2) as pool:
-        for job in asked:  # before the threads start, so that all files exist
-            files(Path(place), job.what, job.controller)
-            reference(job.controller)
-        ends = {
-            tool: pool.submit(runs_of, tool, [j for j in asked if j.tool == tool], Path(place))
-            for tool in dict.fromkeys(j.tool for j in asked)
-        }
-        for tool, end in ends.items():
-            try:
-                rows += end.result()
-            except NotMade as error:
-                not_made[tool] = str(error)
-    wrong = wrong_in(rows)
-    if options.only == list(PACKAGES) and not options.quick:
-        report = {**provenance("tools"), "packages": PACKAGES, "wrong": len(wrong)}
-        report |= {"not_made": not_made, "rows": rows}
-        TARGET.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    print(f"{len(rows)} runs in {FOLDER}, {len(wrong)} wrong", file=sys.stderr)
-    for row in wrong:
-        print(f"wrong: {json.dumps(row)}", file=sys.stderr)
-    for tool, why in not_made.items():
-        print(f"no environment: {tool}: {why}", file=sys.stderr)
-    left = [tool for tool in options.only if tool not in {j.tool for j in asked}]
-    if left:
-        print(f"not asked for by --quick: {', '.join(left)}", file=sys.stderr)
-    return 1 if wrong or (not_made and not options.quick) else 0  # a package index may be down
+def trial(tool: str, asked: Sequence[Job], quick: bool) -> list[Row]:
+    """The rows of a tool, or why its environment could not be made."""
+    try:
+        python = python_of(tool, PACKAGES[tool])
+    except NotMade as error:
+        return not_made(tool, error, quick)
+    with tempfile.TemporaryDirectory() as place:
+        return [run(job, Path(place), python) for job in asked]
 
 
-if __name__ == "__main__":
-    raise SystemExit(main())
+def run(job: Job, folder: Path, python: Path) -> Row:
+    """A row of the result; `error` [m] is None if the tool did not reach the end."""
+    loop = asdict(loop_of(folder, job))
+    row = {"tool": job.tool, "file": job.what, "controller": job.controller, **job.more}
+    row |= {"step": STEP, "stop": job.stop, "allowed": job.allowed, "error": None}
+    try:
+        return row | {"error": error_of(job, by_host(job.tool, python, loop | job.more))}
+    except NotMade as error:
+        return row | {"why": str(error)}
+
+
+def report(found: Sequence[list[Row]]) -> Row:
+    return judged(PACKAGES, found, lambda r: r["error"] <= 2.0 * r["allowed"])
+
+
+def judged(packages: Row, found: Sequence[list[Row]], good: Callable[[Row], bool]) -> Row:
+    """Rows, how many are wrong, and what could not be made."""
+    every = [row for some in found for row in some]
+    rows = [r for r in every if "not_made" not in r]
+    missing = {r["tool"]: r["not_made"] for r in every if "not_made" in r}
+    wrong = sum(r["error"] is None or not good(r) for r in rows)
+    about = {"packages": packages, "wrong": wrong, "not_made": missing}
+    return {**about, "rows": rows, "holds": not (wrong or missing)}
+
+
+def says(report: Row) -> str:
+    tools, rows = {r["tool"] for r in report["rows"]}, report["rows"]
+    return f"{len(rows)} runs in {len(tools)} tools, {report['wrong']} wrong"

@@ -1,8 +1,13 @@
-"""What the thesis says and prints, row by row, and what is computed here."""
+"""What the thesis says and prints, row by row, and what is computed here.
+
+``--only E5 G`` computes rows or sections, ``--only pictures`` draws the figures of Chapter 3
+into ``docs/images``. The claim holds if each row that differs has its reason.
+"""
 
 from __future__ import annotations
 
-from provenance import stored
+from argparse import Namespace
+from collections.abc import Sequence
 
 from thesis import chapter_3, friction_laws, region_and_tables
 
@@ -10,17 +15,35 @@ SECTIONS = (*friction_laws.SECTIONS, *chapter_3.SECTIONS, *region_and_tables.SEC
 ROWS = {label: row for section in SECTIONS for label, row in section.labelled()}
 
 
-def table(letter: str) -> str:
-    """The rows of a section as Markdown, from the stored figures."""
-    section = next(s for s in SECTIONS if s.letter == letter)
-    return section.table(stored("thesis")["figures"])
+def tasks(asked: Namespace) -> dict[str, tuple[list[str]]]:
+    """Sections, since their rows share runs, or the rows that are asked for."""
+    if asked.only:
+        return {label: ([label],) for label in (*ROWS, "pictures")}
+    sections = {s.letter: ([label for label, _ in s.labelled()],) for s in SECTIONS}
+    return sections | {"pictures": (["pictures"],)}
 
 
-def counted() -> str:
-    """How many rows agree, in words, from the stored figures."""
-    figures = stored("thesis")["figures"]
-    agree = [row.agrees(figures[label]) for label, row in ROWS.items() if row.counted]
-    return (
-        f"{len(agree)} numbers and statements: {sum(agree)} agree, "
-        f"{len(agree) - sum(agree)} differ."
-    )
+def trial(labels: Sequence[str]) -> dict[str, float]:
+    if labels == ["pictures"]:
+        from thesis import pictures
+
+        pictures.save_all()
+        return {}
+    return {label: float(ROWS[label].here()) for label in labels}
+
+
+def report(found: Sequence[dict[str, float]]) -> dict[str, object]:
+    figures = {label: here for some in found for label, here in some.items()}
+    open_ones = [
+        k for k, here in figures.items() if not ROWS[k].agrees(here) and not ROWS[k].excused
+    ]
+    return {"figures": figures, "without_a_reason": open_ones, "holds": not open_ones}
+
+
+def says(report: dict[str, dict[str, float]]) -> str:
+    figures = report["figures"]
+    if len(figures) < len(ROWS):
+        return "\n".join(ROWS[label].told(label, here) for label, here in figures.items())
+    agree = [ROWS[label].agrees(here) for label, here in figures.items() if ROWS[label].counted]
+    differ = len(agree) - sum(agree)
+    return f"{len(agree)} numbers and statements: {sum(agree)} agree, {differ} differ."

@@ -18,7 +18,7 @@ from ballscrew.solver.arrays import Vector
 from ballscrew.solver.kernel import IntegrationError, Model
 from ballscrew.solver.spectrum import follow_returns, follow_tangents
 from ballscrew.stability.lyapunov import LyapunovRun, loop_lyapunov, loop_maker, loop_order
-from thesis.printed import BITS, SETPOINT, STOP
+from thesis import printed as th
 
 SWING = 1e-6  # amplitude in the last two seconds below which the loop is at rest [m]
 SEEN = 1e-5  # the same for a reader of a picture of 8 cm [m]
@@ -30,28 +30,28 @@ def hats(system: tuple[float, float]) -> dict[str, float]:
 
 
 @cache
-def step(controller: str, stop: float = STOP, plant: str = "plant", **values: float) -> Any:
+def step(controller: str, stop: float = th.STOP, plant: str = "plant", **values: float) -> Any:
     """A step to 8 cm in one solver, on a grid of one millisecond."""
-    reference = Reference.constant(SETPOINT)
+    reference = Reference.constant(th.SETPOINT)
     return run_monolithic(Loop(controller, plant, reference, stop, controller_values=values), 1e-3)
 
 
 @cache
-def figures(controller: str, stop: float = STOP, **values: float) -> Any:
+def figures(controller: str, stop: float = th.STOP, **values: float) -> Any:
     """Figures of merit of such a step."""
     return metrics(step(controller, stop, **values))
 
 
 @cache
 def spectrum(
-    controller: str, stop: float, setpoint: float = SETPOINT, **values: float
+    controller: str, stop: float, setpoint: float = th.SETPOINT, **values: float
 ) -> LyapunovRun:
     """All exponents, after `stop` seconds and in the limit."""
     return loop_lyapunov(Loop(controller, reference=setpoint, stop=stop, controller_values=values))
 
 
 def model_of(
-    controller: str, tolerance: float, setpoint: float = SETPOINT, **values: float
+    controller: str, tolerance: float, setpoint: float = th.SETPOINT, **values: float
 ) -> Model:
     loop = Loop(controller, reference=setpoint, controller_values=values)
     return loop_maker(loop)(tolerance)
@@ -67,7 +67,7 @@ def growth(
     run = follow_tangents(model, np.linspace(0.0, stop, points), count=1, frame=frame)
     if run.failure:
         raise IntegrationError(run.failure)
-    return run.time, run.growth[:, 0] * BITS
+    return run.time, run.growth[:, 0] * th.BITS
 
 
 def largest(controller: str, stop: float, tolerance: float = 1e-9, **values: float) -> float:
@@ -86,12 +86,12 @@ class End:
 
 @cache
 def end_of(
-    sigma0: float, sigma1: float, controller: str = "iol", setpoint: float = SETPOINT
+    sigma0: float, sigma1: float, controller: str = "iol", setpoint: float = th.SETPOINT
 ) -> End:
     """The end of a linearizing loop."""
     model = model_of(controller, 1e-8, setpoint, **hats((sigma0, sigma1)))
     x = [s.name for s in model.kernel.states].index("plant_x")
-    for start, stop in ((0.0, STOP - 2.0), (STOP - 2.0, STOP)):
+    for start, stop in ((0.0, th.STOP - 2.0), (th.STOP - 2.0, th.STOP)):
         seen = follow_returns(model, start, stop, x, math.inf, 1)
         if seen.diverged:
             return End("diverges", math.inf, math.inf)
@@ -113,9 +113,15 @@ def scipy_end(system: tuple[float, float], method: str, rtol: float, atol: float
     far.terminal = True  # type: ignore[attr-defined]
     with np.errstate(all="ignore"):
         run = solve_ivp(
-            model.derivatives, (0.0, STOP), model.x.copy(), method, rtol=rtol, atol=atol, events=far
+            model.derivatives,
+            (0.0, th.STOP),
+            model.x.copy(),
+            method,
+            rtol=rtol,
+            atol=atol,
+            events=far,
         )
-    if run.t[-1] < STOP:
+    if run.t[-1] < th.STOP:
         return End("diverges", math.inf, math.inf)
-    swing = float(np.ptp(run.y[x][run.t >= STOP - 2.0])) / 2.0
-    return End("swings" if swing > SWING else "stands", swing, float(run.y[x][-1]) - SETPOINT)
+    swing = float(np.ptp(run.y[x][run.t >= th.STOP - 2.0])) / 2.0
+    return End("swings" if swing > SWING else "stands", swing, float(run.y[x][-1]) - th.SETPOINT)

@@ -1,4 +1,4 @@
-"""Figs. 3.4 to 3.24 drawn by this program, with statements and numbers of the thesis.
+"""The figures 3.4 to 3.24, drawn by this program with what the thesis says.
 
 The pictures of the thesis are not copied. Numbers and statements of its text are black.
 """
@@ -24,29 +24,8 @@ from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.solver.stored import stored_kernel
 from ballscrew.stability.lyapunov import loop_order
+from thesis import printed as th
 from thesis.loops import end_of, hats, model_of
-from thesis.printed import (
-    BITS,
-    CYCLE,
-    LARGEST_1,
-    LONG,
-    NOMINAL_VOLTAGE,
-    PEAK,
-    PRINTED_A,
-    PRINTED_C,
-    PRINTED_H,
-    RUNAWAY,
-    SECOND_PEAK,
-    SETPOINT,
-    SIGMA0,
-    SIGMA1,
-    SPECTRUM_2,
-    STEADY,
-    STEADY_NCTF,
-    STOP,
-    SYSTEM_1,
-    SYSTEM_2,
-)
 from thesis.region_and_tables import grid
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "images" / "thesis"
@@ -75,20 +54,20 @@ def exponents(controller: str, values: dict[str, float], stop: float) -> tuple[A
     model = model_of(controller, 1e-11, **values)
     frame = np.eye(len(model.x))[loop_order(model.kernel)]
     run = follow_tangents(model, np.linspace(0.0, stop, 401), frame=frame)
-    rates = run.growth[1:] * BITS / run.time[1:, None]
+    rates = run.growth[1:] * th.BITS / run.time[1:, None]
     return run.time[1:], -np.sort(-rates, axis=1)
 
 
 def draw_position(axes: Any, run: Any, figure: str) -> None:
     axes.plot(run.time, 1e2 * run.outputs["x"], color=COLOURS[0])
-    axes.axhline(1e2 * SETPOINT, color="black", lw=1, ls=":")
+    axes.axhline(1e2 * th.SETPOINT, color="black", lw=1, ls=":")
     thesis_text(axes, "no overshoot, no steady-state error", (0.97, 0.08), ha="right")
     titled(axes, f"Fig. {figure}: position", "time [s]", "position $x$ [cm]")
 
 
 def draw_voltage(axes: Any, run: Any, figure: str, steady: float) -> None:
     axes.plot(run.time, run.outputs["u"], color=COLOURS[1])
-    axes.axhline(NOMINAL_VOLTAGE, color="black", lw=1, ls=":")
+    axes.axhline(th.NOMINAL_VOLTAGE, color="black", lw=1, ls=":")
     axes.text(run.time[-1], 35.3, "nominal 35 V", ha="right", va="bottom", fontsize=9)
     axes.axvline(steady, color="black", lw=1, ls="--")
     axes.text(steady, 5.0, f" thesis: steady\n after {steady:g} s", fontsize=9)
@@ -100,12 +79,12 @@ def linearization() -> Any:
     run = course("iol", {}, 3.0, 1501)
     figure, ((left, right),) = new_figure(1, 2, (9.6, 3.8))
     draw_position(left, run, "3.4")
-    draw_voltage(right, run, "3.5", STEADY)
+    draw_voltage(right, run, "3.5", th.STEADY)
     peak = int(np.argmax(run.outputs["u"]))
     here = f"here {run.outputs['u'][peak]:.1f} V at {run.time[peak]:.3f} s"
     right.plot(run.time[peak], run.outputs["u"][peak], "o", color=COLOURS[1], label=here)
-    said = f"thesis: about {PEAK[1]:g} V at {PEAK[0]:g} s"
-    right.plot(*PEAK, "x", color="black", ms=8, label=said)
+    said = f"thesis: about {th.PEAK[1]:g} V at {th.PEAK[0]:g} s"
+    right.plot(*th.PEAK, "x", color="black", ms=8, label=said)
     right.legend(loc="center right", fontsize=8, bbox_to_anchor=(1.0, 0.35), handlelength=1.0)
     return figure
 
@@ -121,31 +100,31 @@ def nctf() -> Any:
     time = np.concatenate([up.time, down.time])
     speed = np.concatenate([up.outputs["v"], down.outputs["v"]])
     step.plot(time, speed, color=COLOURS[0], label="here")
-    step.axhline(PRINTED_H, color="black", lw=1, ls=":")
-    step.axvspan(0.3, 0.3 + PRINTED_A, color="#dddddd")
-    thesis_text(step, f"$h$ = {PRINTED_H} m/s, dotted", (0.03, 0.91))
-    thesis_text(step, f"stops within\n$A$ = {PRINTED_A} s (grey)", (0.53, 0.45))
+    step.axhline(th.PRINTED_H, color="black", lw=1, ls=":")
+    step.axvspan(0.3, 0.3 + th.PRINTED_A, color="#dddddd")
+    thesis_text(step, f"$h$ = {th.PRINTED_H} m/s, dotted", (0.03, 0.91))
+    thesis_text(step, f"stops within\n$A$ = {th.PRINTED_A} s (grey)", (0.53, 0.45))
     step.set_ylim(-0.005, 0.145)
     titled(step, "Fig. 3.7: 30 V until 0.3 s, then 0 V", "time [s]", "velocity $v$ [m/s]")
     last = int(np.argmax(down.outputs["x"]))  # then it creeps back
     x, v = down.outputs["x"][: last + 1], down.outputs["v"][: last + 1]
     plane.semilogx(1e6 * np.maximum(x[-1] - x, 1e-9), v, color=COLOURS[0], label="here")
     error = np.geomspace(1e-9, 0.1, 200)
-    printed = PRINTED_H * np.tanh(PRINTED_C * error)
-    said = f"thesis:\n{PRINTED_H} tanh({PRINTED_C} $e$)"
+    printed = th.PRINTED_H * np.tanh(th.PRINTED_C * error)
+    said = f"thesis:\n{th.PRINTED_H} tanh({th.PRINTED_C} $e$)"
     plane.semilogx(1e6 * error, printed, color="black", ls="--", label=said)
     plane.set_xlim(1e-2, 1e5)
     plane.legend(loc="center left", fontsize=9)
     titled(plane, "Figs. 3.7, 3.8: speed and way to go", "way to go $e$ [um]", "velocity [m/s]")
     run = course("nctf", {}, 4.0, 4001)
     draw_position(position, run, "3.9")
-    draw_voltage(voltage, run, "3.10", STEADY_NCTF)
+    draw_voltage(voltage, run, "3.10", th.STEADY_NCTF)
     later = run.time > 0.05
     second = int(np.flatnonzero(later)[np.argmax(run.outputs["u"][later])])
     here = f"here {run.outputs['u'][second]:.1f} V at {run.time[second]:.2f} s"
     voltage.plot(run.time[second], run.outputs["u"][second], "o", color=COLOURS[1], label=here)
-    said = f"thesis: second peak at about {SECOND_PEAK:g} s"
-    voltage.axvline(SECOND_PEAK, color="black", lw=1, ls="-.", label=said)
+    said = f"thesis: second peak at about {th.SECOND_PEAK:g} s"
+    voltage.axvline(th.SECOND_PEAK, color="black", lw=1, ls="-.", label=said)
     voltage.plot(0.0, run.outputs["u"][0], "s", color=COLOURS[1], ms=5,
                  label=f"here {run.outputs['u'][0]:.1f} V at the start")  # fmt: skip
     voltage.legend(loc="upper left", fontsize=8, bbox_to_anchor=(0.1, 0.84), handlelength=1.4)
@@ -153,7 +132,7 @@ def nctf() -> Any:
 
 
 STATES = (
-    ("$x_1$ [cm]", lambda s: 1e2 * (s["plant_x"] - SETPOINT)),
+    ("$x_1$ [cm]", lambda s: 1e2 * (s["plant_x"] - th.SETPOINT)),
     ("$x_2$ = $v$ [cm/s]", lambda s: 1e2 * s["plant_v"]),
     ("$x_3$ = $z$ [um]", lambda s: 1e6 * s["plant_z"]),
     ("$x_4$ = $i$ [A]", lambda s: s["plant_i"]),
@@ -189,15 +168,15 @@ def draw_exponents(
 
 def system_1() -> Any:
     figure, grid = new_figure(2, 3, SIZE)
-    run = course("iol", hats(SYSTEM_1), STOP, 4001)
+    run = course("iol", hats(th.SYSTEM_1), th.STOP, 4001)
     draw_states(grid[:, :2].T.flat, run, ("3.11", "3.11", "3.12", "3.12"))
     thesis_text(grid[0][0], "the states converge", (0.97, 0.1), ha="right")
-    found = exponents("iol", hats(SYSTEM_1), 400.0)
-    said = f"{LARGEST_1} ($\\lambda_1$)"
-    draw_exponents(grid[0][2], found, "3.13", (LARGEST_1,), said)
+    found = exponents("iol", hats(th.SYSTEM_1), 400.0)
+    said = f"{th.LARGEST_1} ($\\lambda_1$)"
+    draw_exponents(grid[0][2], found, "3.13", (th.LARGEST_1,), said)
     largest = grid[1][2]
     largest.plot(found[0], found[1][:, 0], color=COLOURS[0], label="here")
-    largest.axhline(LARGEST_1, color="black", lw=1, ls=":", label=f"thesis: {LARGEST_1}")
+    largest.axhline(th.LARGEST_1, color="black", lw=1, ls=":", label=f"thesis: {th.LARGEST_1}")
     largest.set_ylim(-0.2, 0.0)
     largest.legend(loc="lower right", fontsize=9)
     titled(largest, "Fig. 3.13: the largest one", "time [s]", "$\\lambda_1$ [bits/s]")
@@ -206,16 +185,16 @@ def system_1() -> Any:
 
 def loose_course() -> Any:
     """System 2 by scipy's RK45 with its default relative tolerance and one of 1e-6 for all."""
-    model = model_of("iol", 1e-8, **hats(SYSTEM_2))
+    model = model_of("iol", 1e-8, **hats(th.SYSTEM_2))
     return solve_ivp(
-        model.derivatives, (0.0, STOP), model.x.copy(), "RK45", rtol=1e-3, atol=1e-6,
-        t_eval=np.linspace(0.0, STOP, 20_001),
+        model.derivatives, (0.0, th.STOP), model.x.copy(), "RK45", rtol=1e-3, atol=1e-6,
+        t_eval=np.linspace(0.0, th.STOP, 20_001),
     )  # fmt: skip
 
 
 def system_2() -> Any:
     figure, grid = new_figure(2, 4, (12.0, 5.6))
-    run, loose = course("iol", hats(SYSTEM_2), STOP, 4001), loose_course()
+    run, loose = course("iol", hats(th.SYSTEM_2), th.STOP, 4001), loose_course()
     draw_states(grid[:, :2].T.flat, run, ("3.14", "3.14", "3.15", "3.15"))
     thesis_text(grid[0][0], "it swings on", (0.97, 0.1), ha="right")
     thesis_text(grid[0][1], "it swings on", (0.97, 0.1), ha="right")
@@ -225,17 +204,17 @@ def system_2() -> Any:
     )
     phase, close = grid[0][2], grid[0][3]
     for k, (time, x, v, label) in enumerate(courses):
-        phase.plot(1e2 * (x - SETPOINT), 1e2 * v, color=COLOURS[k], ls=DASHES[k], label=label)
+        phase.plot(1e2 * (x - th.SETPOINT), 1e2 * v, color=COLOURS[k], ls=DASHES[k], label=label)
         late = time >= 4.0
-        close.plot(time[late], 1e6 * (x[late] - SETPOINT), color=COLOURS[k], label=label, lw=1.2)
+        close.plot(time[late], 1e6 * (x[late] - th.SETPOINT), color=COLOURS[k], label=label, lw=1.2)
     thesis_text(phase, "ends in a cycle\naround the origin", (0.3, 0.08))
     phase.legend(loc="upper right", fontsize=8)
     titled(phase, "Fig. 3.16: phase portrait", "$x_1$ [cm]", "$x_2$ [cm/s]")
     close.legend(loc="lower left", fontsize=8)
     titled(close, "Fig. 3.14, close-up", "time [s]", "$x_1$ [um]")
-    found = exponents("iol", hats(SYSTEM_2), LONG)
-    said = "{:g}, {:g},\n{:g}, {:g}".format(*SPECTRUM_2)
-    draw_exponents(grid[1][2], found, "3.17", SPECTRUM_2, said)
+    found = exponents("iol", hats(th.SYSTEM_2), th.LONG)
+    said = "{:g}, {:g},\n{:g}, {:g}".format(*th.SPECTRUM_2)
+    draw_exponents(grid[1][2], found, "3.17", th.SPECTRUM_2, said)
     slow = grid[1][3]
     for k in (0, 1):
         slow.plot(
@@ -245,7 +224,7 @@ def system_2() -> Any:
             ls=DASHES[k],
             label=f"here $\\lambda_{k + 1}$",
         )
-    for k, value in enumerate(SPECTRUM_2[:2]):
+    for k, value in enumerate(th.SPECTRUM_2[:2]):
         slow.axhline(value, color="black", lw=1, ls=(":", "--")[k], label=f"thesis: {value:g}")
     slow.set_ylim(-1.0, 0.05)
     slow.legend(loc="lower right", fontsize=8)
@@ -261,17 +240,17 @@ def plane() -> Any:
     cells = np.array([[KINDS.index(end_of(a, b).kind) for a in across] for b in up])
     figure, ((axes,),) = new_figure(1, 1, (8.0, 5.2))
     colours = ("#666666", "#56B4E9", "#E69F00")
-    axes.pcolormesh(across - SIGMA0, up, cells, cmap=ListedColormap(colours), shading="nearest")
+    axes.pcolormesh(across - th.SIGMA0, up, cells, cmap=ListedColormap(colours), shading="nearest")
     for k, kind in enumerate(KINDS):
         share = f"{kind} ({100 * np.mean(cells == k):.0f} %)"
         axes.plot([], [], "s", ms=10, color=colours[k], label=share)
-    axes.axvline(RUNAWAY - SIGMA0, color="black", lw=1.5, ls="--")
-    said = f"thesis: unstable beyond {RUNAWAY} N/m"
-    axes.text(RUNAWAY - SIGMA0 + 0.06, 354.0, said, rotation=90, va="center")
-    axes.axhline(CYCLE, color="black", lw=1.5, ls=":")
-    said = f"thesis: cycle or unstable below {CYCLE} (dotted)"
-    axes.text(across[0] - SIGMA0, up[0] - 1.9, said)
-    axes.plot(0.0, SIGMA1, "*", ms=15, color="#F0E442", mec="black", label="nominal")
+    axes.axvline(th.RUNAWAY - th.SIGMA0, color="black", lw=1.5, ls="--")
+    said = f"thesis: unstable beyond {th.RUNAWAY} N/m"
+    axes.text(th.RUNAWAY - th.SIGMA0 + 0.06, 354.0, said, rotation=90, va="center")
+    axes.axhline(th.CYCLE, color="black", lw=1.5, ls=":")
+    said = f"thesis: cycle or unstable below {th.CYCLE} (dotted)"
+    axes.text(across[0] - th.SIGMA0, up[0] - 1.9, said)
+    axes.plot(0.0, th.SIGMA1, "*", ms=15, color="#F0E442", mec="black", label="nominal")
     axes.set_ylim(up[0] - 2.4, up[-1] + 0.5)
     axes.grid(False)
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
@@ -281,12 +260,12 @@ def plane() -> Any:
 
 def perturbed(percent: int, figures: tuple[str, ...]) -> Any:
     share = percent / 100
-    made = design({"sigma0": share * SIGMA0, "sigma1": share * SIGMA1}).parameters()
+    made = design({"sigma0": share * th.SIGMA0, "sigma1": share * th.SIGMA1}).parameters()
     figure, grid = new_figure(2, 3, SIZE)
     panels = list(grid.flat)
     draw_states(panels, course("nctf", made, 5.0, 5001), figures)
     thesis_text(panels[0], "the states converge", (0.97, 0.1), ha="right")
-    found = exponents("nctf", made, LONG)
+    found = exponents("nctf", made, th.LONG)
     draw_exponents(panels[5], found, figures[5], (), "all negative")
     return figure
 
@@ -314,6 +293,6 @@ def write(draw: Callable[[], Any], path: Path) -> None:
 
 
 def save_all() -> None:
-    """Draw Figs. 3.4 to 3.24."""
+    """Draw all figures."""
     for name, draw in PICTURES.items():
         write(draw, FOLDER / f"{name}.png")

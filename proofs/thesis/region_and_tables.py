@@ -12,21 +12,8 @@ from scipy.optimize import brentq
 
 from ballscrew.controllers.nctf import NctfDesign, design
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
+from thesis import printed as th
 from thesis.loops import end_of, figures, growth, largest, scipy_end, spectrum, step
-from thesis.printed import (
-    CYCLE,
-    GRID,
-    LARGEST_BY_SIGMA1,
-    LONG,
-    PRINTED_A,
-    PRINTED_C,
-    REGION,
-    RUNAWAY,
-    SETPOINT,
-    SIGMA0,
-    SIGMA1,
-    STOP,
-)
 from thesis.rows import Row, Section, near
 
 # -- 3.5.1.3 -------------------------------------------------------------------------------
@@ -44,12 +31,12 @@ def edge(settled: Callable[[float], bool], good: float, bad: float, width: float
     return 0.5 * (good + bad)
 
 
-def _runaway(sigma1: float, setpoint: float = SETPOINT, controller: str = "iol") -> float:
+def _runaway(sigma1: float, setpoint: float = th.SETPOINT, controller: str = "iol") -> float:
     """Smallest sigma0_hat at which the loop diverges [N/m]."""
     return edge(
         lambda s0: end_of(s0, sigma1, controller, setpoint).kind != "diverges",
-        SIGMA0,
-        SIGMA0 + 20.0,
+        th.SIGMA0,
+        th.SIGMA0 + 20.0,
         5e-4,
     )
 
@@ -57,7 +44,7 @@ def _runaway(sigma1: float, setpoint: float = SETPOINT, controller: str = "iol")
 def _cycle() -> float:
     """Least sigma1_hat, over sigma0_hat from the nominal one on, below which a loop swings."""
     edges = [
-        edge(lambda s1, off=off: end_of(SIGMA0 + off, s1).kind == "stands", 347.0, 340.0, 0.005)
+        edge(lambda s1, off=off: end_of(th.SIGMA0 + off, s1).kind == "stands", 347.0, 340.0, 0.005)
         for off in (0.0, 0.1, 0.3, 0.5, 0.7, 1.0, 1.5)
     ]
     return float(np.nanmin(edges))
@@ -66,7 +53,7 @@ def _cycle() -> float:
 @cache
 def grid() -> tuple[Any, Any]:
     """Values of sigma0_hat and sigma1_hat of the 1938 loops of the picture."""
-    return np.linspace(*REGION[0], 34), np.linspace(*REGION[1], 57)
+    return np.linspace(*th.REGION[0], 34), np.linspace(*th.REGION[1], 57)
 
 
 def _share(kind: str, inside: Inside) -> float:
@@ -78,52 +65,52 @@ def _share(kind: str, inside: Inside) -> float:
 
 def _loose_share(method: str) -> float:
     """Share of some loops left of the nominal sigma0_hat that a loose solver makes swing."""
-    across, up = np.linspace(*REGION[0], 8), np.linspace(*REGION[1], 6)
-    ends = [scipy_end((a, b), method, 1e-3, 1e-6) for b in up for a in across if a < SIGMA0]
+    across, up = np.linspace(*th.REGION[0], 8), np.linspace(*th.REGION[1], 6)
+    ends = [scipy_end((a, b), method, 1e-3, 1e-6) for b in up for a in across if a < th.SIGMA0]
     return sum(1e-6 < e.swing < math.inf for e in ends) / len(ends)
 
 
 def _first_swing() -> float:
     """The least increase of sigma0_hat with which the loop swings, over sigma0."""
     off = next(
-        d for d in np.arange(0.05, 1.75, 0.05) if end_of(SIGMA0 + d, SIGMA1).kind == "swings"
+        d for d in np.arange(0.05, 1.75, 0.05) if end_of(th.SIGMA0 + d, th.SIGMA1).kind == "swings"
     )
-    return float(off) / SIGMA0
+    return float(off) / th.SIGMA0
 
 
 def _left(a: float, b: float) -> bool:
-    return a < SIGMA0
+    return a < th.SIGMA0
 
 
 def _middle(a: float, b: float) -> bool:
-    return SIGMA0 <= a < RUNAWAY
+    return th.SIGMA0 <= a < th.RUNAWAY
 
 
 def _beyond(a: float, b: float) -> bool:
-    return a > RUNAWAY
+    return a > th.RUNAWAY
 
 
 def _low(a: float, b: float) -> bool:
-    return b < CYCLE
+    return b < th.CYCLE
 
 
 def _low_right(a: float, b: float) -> bool:
-    return b < CYCLE and a >= SIGMA0
+    return b < th.CYCLE and a >= th.SIGMA0
 
 
 def _above(a: float, b: float) -> bool:
-    return b > SIGMA1
+    return b > th.SIGMA1
 
 
 WHERE = "3.5.1.3, Fig. 3.18"
 PLANE = Section(
     "F",
     (
-        near(WHERE, "critical sigma0_hat at the least sigma1_hat [N/m]", RUNAWAY, GRID,
-             partial(_runaway, REGION[1][0])),
+        near(WHERE, "critical sigma0_hat at the least sigma1_hat [N/m]", th.RUNAWAY, th.GRID,
+             partial(_runaway, th.REGION[1][0])),
         Row(WHERE, "the same at the largest sigma1_hat [N/m]", "", partial(_runaway, 365.0)),
         Row(WHERE, "the same with a step of 2 cm in place of 8 [N/m]", "",
-            partial(_runaway, REGION[1][0], 0.02)),
+            partial(_runaway, th.REGION[1][0], 0.02)),
         Row(WHERE, "loops beyond it are unstable: their share", "all",
             partial(_share, "diverges", _beyond), (1.0, 1.0)),
         Row(WHERE, "between nominal and critical sigma0_hat fixed points dominate: their share",
@@ -136,7 +123,7 @@ PLANE = Section(
             Row(WHERE, f"the same share by {method}", "", partial(_loose_share, method))
             for method in ("RK45", "BDF")
         ),
-        near(WHERE, "critical sigma1_hat [N*s/m]", CYCLE, GRID, _cycle),
+        near(WHERE, "critical sigma1_hat [N*s/m]", th.CYCLE, th.GRID, _cycle),
         Row(WHERE, "below it no loop stands: share that does", "0",
             partial(_share, "stands", _low), (0.0, 0.0),
             "Right of the nominal sigma0_hat this is true (next row); left of it the loops come "
@@ -152,7 +139,7 @@ PLANE = Section(
         Row("3.5.1.3, 3.6", "less than 0.01 % off sigma0 can make a cycle: share off", "1e-4",
             _first_swing, (0.0, 1e-4)),
         Row("3.5.1.3, 3.6", "and instability: share off", "1e-4",
-            lambda: _runaway(SIGMA1) / SIGMA0 - 1.0, (0.0, 1e-4)),
+            lambda: _runaway(th.SIGMA1) / th.SIGMA0 - 1.0, (0.0, 1e-4)),
     ),
 )  # fmt: skip
 
@@ -162,33 +149,33 @@ PLANE = Section(
 @cache
 def _design(percent0: float, percent1: float) -> NctfDesign:
     """NCTF for a plant with these shares of sigma0 and sigma1."""
-    return design({"sigma0": percent0 / 100 * SIGMA0, "sigma1": percent1 / 100 * SIGMA1})
+    return design({"sigma0": percent0 / 100 * th.SIGMA0, "sigma1": percent1 / 100 * th.SIGMA1})
 
 
 def _cell(percent0: float, percent1: float) -> float:
     """A cell of Tables 3.3 and 3.4 at 300 s; at rest it falls like 1/t, so 20 s are enough."""
     made = _design(percent0, percent1).parameters()
-    return float(growth("nctf", STOP, **made)[1][-1]) / LONG
+    return float(growth("nctf", th.STOP, **made)[1][-1]) / th.LONG
 
 
 def _cells() -> Any:
-    percent = [*LARGEST_BY_SIGMA1][::2]
+    percent = [*th.LARGEST_BY_SIGMA1][::2]
     return np.array([[_cell(q, p) for q in percent] for p in percent])
 
 
 def _by_stopping_time(time: float) -> dict[str, float]:
     """The controller by the rule of the printed design for a stopping time [s]."""
-    share = time / PRINTED_A
+    share = time / th.PRINTED_A
     default = {p.name: p.default for p in loop_kernel("plant", "nctf").parameters}
     kp, ki = default["controller_Kp"], default["controller_Ki"]
-    return {"c": PRINTED_C / share, "Kp": kp * share, "Ki": ki * share}
+    return {"c": th.PRINTED_C / share, "Kp": kp * share, "Ki": ki * share}
 
 
 def _needed(exponent: float) -> float:
     """Stopping time that gives an exponent at 300 s [s]."""
     return float(
         brentq(
-            lambda a: growth("nctf", STOP, **_by_stopping_time(a))[1][-1] - exponent * LONG,
+            lambda a: growth("nctf", th.STOP, **_by_stopping_time(a))[1][-1] - exponent * th.LONG,
             0.09,
             0.1022,
             xtol=1e-5,
@@ -199,26 +186,26 @@ def _needed(exponent: float) -> float:
 def _apart(one: NctfDesign, two: NctfDesign) -> float:
     """Largest difference of x under two controllers, over the step."""
     x = [step("nctf", **made.parameters()).outputs["x"] for made in (one, two)]
-    return float(np.max(np.abs(x[0] - x[1]))) / SETPOINT
+    return float(np.max(np.abs(x[0] - x[1]))) / th.SETPOINT
 
 
 def _order() -> float:
     """Whether the order of settling times of three designs is that of the exponents."""
     ways = [_by_stopping_time(a) for a in (0.08, 0.1, 0.12)]
     settling = [figures("nctf", 10.0, **w)["settling_time_2pct"] for w in ways]
-    exponents = [largest("nctf", STOP, **w) for w in ways]
+    exponents = [largest("nctf", th.STOP, **w) for w in ways]
     return float((np.argsort(settling) == np.argsort(exponents)).all())
 
 
 def _largest_of(percent: int) -> float:
     """The largest exponent after 300 s with both parameters perturbed [bits/s]."""
-    run = spectrum("nctf", LONG, **_design(percent, percent).parameters())
+    run = spectrum("nctf", th.LONG, **_design(percent, percent).parameters())
     return run.figures()["exponents_bits_per_s"][0]
 
 
 def _rises() -> float:
     """Least difference of the exponents of adjacent rows, sigma0 left alone [bits/s]."""
-    return float(np.diff([_cell(100, p) for p in LARGEST_BY_SIGMA1]).min())
+    return float(np.diff([_cell(100, p) for p in th.LARGEST_BY_SIGMA1]).min())
 
 
 TABLES = Section(
@@ -226,7 +213,7 @@ TABLES = Section(
     (
         *(
             near(f"3.5.2.{k}", f"{share} % of sigma{n} [{unit}]", printed, 0.005,
-                 lambda share=share, n=n: share / 100 * (SIGMA0, SIGMA1)[n])
+                 lambda share=share, n=n: share / 100 * (th.SIGMA0, th.SIGMA1)[n])
             for k, share, n, printed, unit in (
                 (1, 70, 0, 46877.06, "N/m"), (1, 70, 1, 241.19, "N*s/m"),
                 (2, 130, 0, 87057.4, "N/m"), (2, 130, 1, 447.93, "N*s/m"))
@@ -246,14 +233,14 @@ TABLES = Section(
         *(
             near("Tables 3.3-3.4", f"row {p} %, sigma0 left alone, 300 s [bits/s]", printed,
                  0.02 * abs(printed), lambda p=p: _cell(100, p))
-            for p, printed in LARGEST_BY_SIGMA1.items()
+            for p, printed in th.LARGEST_BY_SIGMA1.items()
         ),
         Row("Tables 3.3-3.4", "stopping time that gives the row 130 % exactly [s]", "",
-            lambda: _needed(LARGEST_BY_SIGMA1[130])),
+            lambda: _needed(th.LARGEST_BY_SIGMA1[130])),
         Row("Tables 3.3-3.4", "stopping time of the design for that row [s]", "",
             lambda: _design(100, 130).stopping_time),
         near("3.5.2, Tables 3.3-3.4", "the nominal cell at the 20 s of 3.5.1 [bits/s]", -0.0134,
-             1.3e-4, lambda: LONG / STOP * _cell(100, 100),
+             1.3e-4, lambda: th.LONG / th.STOP * _cell(100, 100),
              "At rest the largest exponent times time is a constant; the rows fit 300 s."),
         Row("3.5.2.3, Tables 3.3-3.4", "columns alike: the cell at 70 % of sigma0 over that at "
             "100 %", "1", lambda: _cell(70, 100) / _cell(100, 100), (0.99, 1.01),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 
@@ -22,6 +22,10 @@ class Row:
     def counted(self) -> bool:
         return self.printed != ""
 
+    @property
+    def excused(self) -> bool:
+        return self.counted and self.why != ""
+
     def agrees(self, here: float) -> bool:
         low, high = self.allowed
         return low <= here <= high
@@ -31,6 +35,12 @@ class Row:
         if self.counted:
             return "agrees" if self.agrees(here) else "**differs**"
         return "" if self.agrees(here) else "**our own check fails**"
+
+    def told(self, label: str, here: float) -> str:
+        """The row in one line."""
+        verdict = self.verdict(here).strip("*") or "not counted"
+        words = f"{label} {self.where}: {self.says}: thesis {self.printed or '-'}"
+        return f"{words}, here {here:.7g}: {verdict}"
 
 
 @dataclass(frozen=True)
@@ -43,21 +53,6 @@ class Section:
     def labelled(self) -> Iterator[tuple[str, Row]]:
         return ((f"{self.letter}{n}", row) for n, row in enumerate(self.rows, start=1))
 
-    def table(self, figures: dict[str, float]) -> str:
-        """The rows with their figures as Markdown, and why some differ."""
-        lines = ["| | where | the thesis says | thesis | here | agrees from, to | |"]
-        lines.append("|---|---|---|---|---|---|---|")
-        reasons = []
-        for label, row in self.labelled():
-            here = figures[label]
-            ends = "" if row.allowed == Row.allowed else "{:.7g}, {:.7g}".format(*row.allowed)
-            printed = row.printed if row.counted else "-"
-            printed = printed if isinstance(printed, str) else f"{printed:.10g}"
-            cells = (label, row.where, row.says, printed, f"{here:.7g}", ends)
-            lines.append("| " + " | ".join((*cells, row.verdict(here))).rstrip() + " |")
-            reasons += ["", f"**{label}.** {row.why}"] if row.why else []
-        return "\n".join([*lines, *reasons])
-
 
 def near(
     where: str,
@@ -69,12 +64,3 @@ def near(
 ) -> Row:
     """A row with a printed number, and the largest difference from it."""
     return Row(where, says, printed, here, (printed - within, printed + within), why)
-
-
-def differing(rows: Mapping[str, Row], figures: dict[str, float]) -> list[str]:
-    """A line for each difference that no reason is given for, and each failed check of our own."""
-    return [
-        f"{label} {row.where}: {row.says}: thesis {row.printed or '-'}, here {figures[label]:.7g}"
-        for label, row in rows.items()
-        if not row.agrees(figures[label]) and not (row.counted and row.why)
-    ]

@@ -92,23 +92,25 @@ def run_in(host: str, loop: WiredLoop, **options: Any) -> Any:
     return ask(HOSTS / f"{host}_host.py", asdict(loop) | options)
 
 
-def ask(script: Path, job: dict[str, Any]) -> Any:
+def ask(
+    script: Path, job: dict[str, Any], python: Path | str = sys.executable, timeout: float = TIMEOUT
+) -> Any:
     """Run a script on a job in a new process; raises like `run_in`."""
     with tempfile.TemporaryDirectory() as folder:
         paths = [Path(folder) / "job.json", Path(folder) / "result.json"]
         paths[0].write_text(json.dumps(job))
-        command = [sys.executable, str(script), *map(str, paths)]
+        command = [str(python), str(script), *map(str, paths)]
         try:
             done = subprocess.run(
                 command,
                 capture_output=True,
                 text=True,
-                timeout=TIMEOUT,
+                timeout=timeout,
                 cwd=folder,
                 env=os.environ | {"TMPDIR": folder},  # hosts unpack FMUs, and some do not clean up
             )
         except subprocess.TimeoutExpired as error:
-            raise HostFailed(f"{script.name} is not done after {TIMEOUT} s") from error
+            raise HostFailed(f"{script.name} is not done after {timeout} s") from error
         if done.returncode or not paths[1].is_file():
             raise HostFailed(
                 f"{script.name} ended with exit code {done.returncode}:\n"

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-import tro2021
+from identification import tro2021
 
 from ballscrew.measurement.identification.fit import fit_along
 from ballscrew.measurement.records.reading import read_drive_records
@@ -43,10 +41,10 @@ def test_a_start_and_stop_is_a_record_for_diagnose_too(data):
 
 def test_runs_that_were_not_fitted_lie_in_their_intervals_by_direction(data):
     records, _ = tro2021.read_folder(data / tro2021.STEADY, LEAD)
-    speeds = sorted({abs(tro2021.speed_of(Path(r.name))) for r in records})
+    speeds = sorted({abs(tro2021.speed_of(r.name)) for r in records})
     out = set(speeds[2:-1:3])
-    chosen = [r for r in records if abs(tro2021.speed_of(Path(r.name))) not in out]
-    new = [r for r in records if abs(tro2021.speed_of(Path(r.name))) in out]
+    chosen = [r for r in records if abs(tro2021.speed_of(r.name)) not in out]
+    new = [r for r in records if abs(tro2021.speed_of(r.name)) in out]
     fit = fit_along(chosen, tro2021.LAW, tied=False)
     assert fit.values["Fc_neg"] == pytest.approx(2.0 * fit.values["Fc_pos"], rel=0.05)
     seen = tro2021.steady_points(chosen)

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from linear_loops import LawSlave, LinearSlave, law_inputs
 from scipy.linalg import expm
+from verdict.parts import LawSlave, LinearSlave, law_inputs
 
 from ballscrew.orchestration.fmu.fmu_instance import StepFailed
 from ballscrew.orchestration.master import compiled

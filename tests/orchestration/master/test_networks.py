@@ -1,9 +1,5 @@
 """Systems of more than two FMUs against the whole of them in one solver of SciPy's."""
 
-import json
-from pathlib import Path
-
-import networks
 import numpy as np
 import pytest
 import small_fmus
@@ -23,7 +19,9 @@ from networks_of_parts import (
     write_system,
 )
 from pythonfmu.builder import FmuBuilder
-from trusted_loops import WRONG
+from runner import stored
+from verdict import networks
+from verdict.parts import deceived, wrong
 
 from ballscrew.fmus.native.export import export_native
 from ballscrew.orchestration.loop.catalogue import fmu
@@ -80,19 +78,17 @@ def test_two_axes_on_one_digital_controller(tmp_path):
         assert off(course[at_samples], exact[at_samples]) < 0.01
 
 
-# random networks, see proofs/networks.py
+# random networks, see proofs/verdict/networks.py
 
 
 @pytest.mark.ci
 def test_random_networks_made_again_end_as_stored_and_no_wrong_one_is_trusted(tmp_path):
-    text = (Path(__file__).resolve().parents[3] / "docs/proof/networks.json").read_text("utf-8")
-    rows = [r for r in json.loads(text)["outcomes"] if r["step"] > 2e-3][:8]
-    fmus = networks.blocks(tmp_path)
+    rows, fmus = stored("networks")["again"], networks.blocks(tmp_path)
     again = [networks.outcome(row["seed"], fmus) for row in rows]
-    assert [o.trusted for o in again] == [row["trusted"] for row in rows]
-    assert [o.error for o in again] == pytest.approx([row["error"] for row in rows], rel=1e-3)
-    assert not any(o.trusted and o.error > WRONG for o in again)
-    assert any(o.error > WRONG for o in again)
+    assert [o["trusted"] for o in again] == [row["trusted"] for row in rows]
+    assert [o["error"] for o in again] == pytest.approx([row["error"] for row in rows], rel=1e-3)
+    assert not deceived(again)
+    assert any(map(wrong, again))
 
 
 # parameters that are Strings or of an Enumeration

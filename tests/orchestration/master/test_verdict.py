@@ -1,15 +1,13 @@
 """The verdict against exact solutions: wrong results are never called trusted."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
-import linear_loops
-import nonlinear_loops
 import numpy as np
 import pytest
 import small_fmus
-from trusted_loops import RIGHT, WRONG, plain, summary
+from runner import stored
+from verdict import linear, loops, nonlinear
+from verdict.parts import WRONG, ComponentSlave, summary
 
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
@@ -19,25 +17,20 @@ from ballscrew.orchestration.master.reference_signal import Reference
 from ballscrew.orchestration.master.sides import Sides
 from ballscrew.orchestration.master.verdict import Rung, Verdict, verdict_of
 
-ROOT = Path(__file__).resolve().parents[3]
-OUTCOMES = {"linear": linear_loops.outcome, "nonlinear": nonlinear_loops.outcome}
-
 
 def test_wrong_results_of_random_stiff_loops_are_not_trusted_and_most_right_ones_are():
-    """Against matrix exponentials; a thousand of them: proofs/trusted_loops.py."""
-    outcomes = [linear_loops.outcome(seed) for seed in range(40)]
-    wrong = [o for o in outcomes if o.error > WRONG]
-    right = [o for o in outcomes if o.error <= RIGHT]
-    assert len(wrong) >= 12
-    assert [o for o in wrong if o.trusted] == []
-    assert len(right) >= 6
-    assert sum(o.trusted for o in right) >= 0.7 * len(right)
+    """Against matrix exponentials; a thousand of them: proofs/verdict/loops.py."""
+    found = summary([linear.outcome(seed) for seed in range(40)])
+    assert found["wrong"] >= 12
+    assert found["wrong_called_trusted"] == []
+    assert found["right"] >= 6
+    assert found["right_called_trusted"] >= 0.7 * found["right"]
 
 
-@pytest.mark.parametrize("family", range(len(nonlinear_loops.FAMILIES)))
+@pytest.mark.parametrize("family", range(len(nonlinear.FAMILIES)))
 def test_wrong_results_of_loops_that_stick_hit_switch_or_sample_are_not_trusted(family):
-    seeds = range(family, 5 * len(nonlinear_loops.FAMILIES), len(nonlinear_loops.FAMILIES))
-    found = summary([plain(nonlinear_loops.outcome(seed)) for seed in seeds])
+    seeds = range(family, 5 * len(nonlinear.FAMILIES), len(nonlinear.FAMILIES))
+    found = summary([nonlinear.outcome(seed) for seed in seeds])
     assert found["wrong"] + found["right"] >= 3
     assert found["wrong_called_trusted"] == []
     assert found["right_called_trusted"] == found["right"]
@@ -46,9 +39,9 @@ def test_wrong_results_of_loops_that_stick_hit_switch_or_sample_are_not_trusted(
 @pytest.mark.parametrize(("seed", "least"), [(30_218, WRONG / 2), (30_066, WRONG), (40_186, WRONG)])
 def test_relays_that_switch_late_alike_with_other_steps_are_not_trusted(seed, least):
     """The first cannot save its state: with all steps it is late; the others with longer ones."""
-    late = nonlinear_loops.outcome(seed)
-    assert late.error > least
-    assert not late.trusted
+    late = nonlinear.outcome(seed)
+    assert late["error"] > least
+    assert not late["trusted"]
 
 
 @pytest.mark.parametrize(("gap", "trusted"), [(0.55, True), (0.500_01, False), (0.499_99, False)])
@@ -56,11 +49,11 @@ def test_a_jump_closer_to_a_communication_point_than_its_time_is_known_is_not_tr
     """A mass that nothing drives hits the stop at t = gap; the communication points are tenths."""
     still = {"k": 0.0, "c": 0.0, "shake": 0.0}
     parts = {
-        "plant": (nonlinear_loops._plant_kernel, "stops", {**still, "gap": gap, "v_start": 1.0}),
-        "controller": (nonlinear_loops._controller_kernel, "pid", {"Kp": 0.0, "Kd": 0.0}),
+        "plant": (nonlinear.plant_kernel, "stops", {**still, "gap": gap, "v_start": 1.0}),
+        "controller": (nonlinear.controller_kernel, "pid", {"Kp": 0.0, "Kd": 0.0}),
     }
     sides = (
-        nonlinear_loops.ModelInstance(name, kernel(kind, False, False), values)
+        ComponentSlave(name, kernel(kind, False, False), values)
         for name, (kernel, kind, values) in parts.items()
     )
     run = run_loop(Sides(*sides, Reference.constant(0.0), 1.0), 0.1)
@@ -105,14 +98,14 @@ def test_what_dies_out_after_the_start_asks_for_no_shorter_steps():
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("kind", OUTCOMES)
+@pytest.mark.parametrize("kind", loops.OUTCOMES)
 def test_a_sample_of_the_kept_proof_comes_out_the_same_again(kind):
-    stored = json.loads((ROOT / "docs" / "proof" / "trusted_loops.json").read_text())
-    for row in stored["outcomes"][kind][200:205]:
-        again = OUTCOMES[kind](row["seed"])
-        assert again.trusted == row["trusted"]
-        if row["error"] is not None:
-            assert again.error == pytest.approx(row["error"], rel=1e-3, abs=1e-9)
+    rows = [row for row in stored("trusted_loops")["again"] if row["kind"] == kind]
+    assert len(rows) == 5
+    for row in rows:
+        again = loops.trial(kind, row["seed"])
+        assert again["trusted"] == row["trusted"]
+        assert again["error"] == pytest.approx(row["error"], rel=1e-3, abs=1e-9)
 
 
 # the numbers of a verdict: x goes from 0 to 1, v from 3 to 1, w stays at 5 and z at 0

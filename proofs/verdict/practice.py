@@ -1,8 +1,7 @@
-"""Proof: limits of sampled, delayed and hunting loops, for ``docs/stability.md``.
+"""Limits of sampled, delayed and hunting loops.
 
-Writes ``docs/proof/practice.json`` and the maps' pictures into ``docs/images/``. Longest sampling
-periods and delays are found by bisection to a twentieth; the maps come from the commands next to
-them.
+Longest sampling periods and delays are found by bisection to a twentieth. The maps come from the
+commands that are stored beside them; their pictures go into ``docs/images``.
 """
 
 from __future__ import annotations
@@ -10,15 +9,15 @@ from __future__ import annotations
 import contextlib
 import json
 import shutil
-import sys
 import tempfile
+from argparse import Namespace
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from provenance import provenance
 
 from ballscrew.cli import main as command
 from ballscrew.orchestration.loop.catalogue import component
@@ -31,25 +30,22 @@ from ballscrew.solver.kernel import IntegrationError, Kernel, Model
 from ballscrew.solver.spectrum import follow_returns
 from ballscrew.stability.lyapunov import held_loop_kernel
 
-ROOT = Path(__file__).resolve().parents[1]
-TARGET = ROOT / "docs" / "proof" / "practice.json"
-IMAGES = ROOT / "docs" / "images"
-
+ROOT = Path(__file__).resolve().parents[2]
 GOAL, BAND = 0.08, 0.02  # set-point [m]; share of it within which the position has to stay
 SAMPLED = {"iol": "iol+sampled", "nctf": "nctf+sampled", "pid": "pid_sampled"}
 SETTLED = 10.0  # more than twice the longest settling time [s]
 RATIO = 1.05  # ratio of the shortest failing to the longest working value at the end of a search
-SHORTEST = 2e-6  # [s]
+SHORTEST, LONGEST = 2e-6, 10.0  # [s]
 MAPS = {
     "hunting_of_the_sampled_pid": (
-        "map --controller proofs/practice.py:pid_encoder --plant plant_classical --x Ki=0:4000:21 "
-        "--y encoder_counts=1:41:21 --stop 60 --set plant.Fc=5 --set plant.Fs=25 "
-        "--set controller.sample_time=0.005"
-    ).split(),
+        "map --controller proofs/verdict/practice.py:pid_encoder --plant plant_classical "
+        "--x Ki=0:4000:21 --y encoder_counts=1:41:21 --stop 60 --set plant.Fc=5 "
+        "--set plant.Fs=25 --set controller.sample_time=0.005"
+    ),
     "hunting_over_friction": (
         "map --controller pid --plant plant_classical --stop 60 --x plant.Fc=0.5:10:20 "
         "--y plant.Fs=10:60:21 --set controller.Ki=3000"
-    ).split(),
+    ),
 }
 
 
@@ -70,10 +66,8 @@ def bears_period(name: str, period: float) -> bool:
     model = Model(kernel, {"controller_sample_time": period}, 1e-6)
     model.set_input("x_d", GOAL)
     place = [s.name for s in kernel.states].index("plant_x")
-    seen = [
-        follow_returns(model, a, b, 0, np.inf, 0)
-        for a, b in ((0.0, SETTLED - 1), (SETTLED - 1, SETTLED))
-    ]
+    spans = (0.0, SETTLED - 1), (SETTLED - 1, SETTLED)
+    seen = [follow_returns(model, a, b, 0, np.inf, 0) for a, b in spans]
     if any(s.failure for s in seen):
         return False
     return stays(float(seen[1].low[place]), float(seen[1].high[place]))
@@ -99,52 +93,55 @@ def bears_delay(name: str, delay: float) -> bool:
     return stays(float(x.min()), float(x.max()))
 
 
-def longest(bears: Any, name: str) -> dict[str, float | None]:
+BEARS = {"sampling_period": bears_period, "delay": bears_delay}
+
+
+def longest(what: str, name: str) -> dict[str, float | None]:
     """The longest working time [s], and the shortest failing one."""
     borne, not_borne = 0.0, SHORTEST
-    while bears(name, not_borne):
+    while BEARS[what](name, not_borne):
         borne, not_borne = not_borne, 4.0 * not_borne
-        if not_borne > 10.0:
+        if not_borne > LONGEST:
             return {"borne_s": borne, "not_borne_s": None}
     if borne == 0.0:
         return {"borne_s": None, "not_borne_s": not_borne}
     while not_borne > RATIO * borne:
         middle = float(np.sqrt(borne * not_borne))
-        borne, not_borne = (middle, not_borne) if bears(name, middle) else (borne, middle)
+        borne, not_borne = (middle, not_borne) if BEARS[what](name, middle) else (borne, middle)
     return {"borne_s": borne, "not_borne_s": not_borne}
 
 
-def mapped(name: str, arguments: tuple[str, ...]) -> dict[str, Any]:
+def mapped(name: str) -> dict[str, Any]:
     """The summary of a map; its picture is copied to the documentation."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(ROOT):
         out = Path(folder) / "map"
-        if command([*arguments, "--out", str(out)]) not in (0, 1):
-            raise SystemExit(f"{' '.join(arguments)} failed")
-        shutil.copyfile(out / "map.png", IMAGES / f"{name}.png")
+        if command([*MAPS[name].split(), "--out", str(out)]) not in (0, 1):
+            raise RuntimeError(f"{MAPS[name]} failed")
+        shutil.copyfile(out / "map.png", ROOT / "docs" / "images" / f"{name}.png")
         summary = json.loads((out / "map.json").read_text(encoding="utf-8"))
-    return {"command": " ".join(("ballscrew", *arguments)), "verdicts": summary["verdicts"]}
+    return {"command": f"ballscrew {MAPS[name]}", "verdicts": summary["verdicts"]}
 
 
-def main() -> int:
-    limits: dict[str, dict[str, Any]] = {}
-    for name in SAMPLED:
-        limits[name] = {
-            "sampling_period": longest(bears_period, name),
-            "delay": longest(bears_delay, name),
-        }
-        print(name, limits[name], file=sys.stderr, flush=True)
-    report = {
-        **provenance("practice"),
-        "set_point_m": GOAL,
-        "band": BAND,
-        "within_s": SETTLED,
-        "limits": limits,
-        "maps": {name: mapped(name, arguments) for name, arguments in MAPS.items()},
-    }
-    TARGET.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(report, indent=1))
-    return 0
+def tasks(asked: Namespace) -> dict[str, tuple[str, ...]]:
+    limits = {f"{what} of {name}": (what, name) for name in SAMPLED for what in BEARS}
+    return limits | {name: (name,) for name in MAPS}
 
 
-if __name__ == "__main__":
-    raise SystemExit(main())
+def trial(what: str, name: str = "") -> tuple[str, str, dict[str, Any]]:
+    return what, name, longest(what, name) if name else mapped(what)
+
+
+def report(rows: Sequence[tuple[str, str, dict[str, Any]]]) -> dict[str, Any]:
+    limits: dict[str, Any] = {}
+    for what, name, found in rows:
+        if name:
+            limits.setdefault(name, {})[what] = found
+    maps = {what: found for what, name, found in rows if not name}
+    told = {"set_point_m": GOAL, "band": BAND, "within_s": SETTLED}
+    return {**told, "limits": limits, "maps": maps}
+
+
+def says(report: dict[str, Any]) -> str:
+    found = ((n, limits.get("sampling_period", {})) for n, limits in report["limits"].items())
+    periods = (f"{name} {of['borne_s']:.2g} s" for name, of in found if of.get("borne_s"))
+    return f"longest sampling periods: {', '.join(periods)}"
