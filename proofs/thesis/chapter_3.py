@@ -260,7 +260,7 @@ NCTF = Section(
             _coasting_time, (0.09, 0.11),
             "The block has stopped by then, and only the bristles still relax. The design by the "
             f"printed rule takes {STOPPED_SPEED:g} m/s as static, the speed that is left after "
-            "0.1 s; its A is in the next row."),
+            "0.1 s; its A agrees (D6)."),
         near("3.4.2.1", "A by this threshold [s]", th.PRINTED_A, 1e-3,
              lambda: design().stopping_time),
         near("Eq. 3.23", "m = -h/A [m/s^2]", th.PRINTED_M, 5e-4,
