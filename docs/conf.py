@@ -12,8 +12,6 @@ version = release = __version__
 copyright = "the authors of ballscrew"
 extensions = ["myst_nb", "numpydoc", "sphinx.ext.autodoc", "sphinx-mathjax-offline"]
 html_theme = "furo"
-html_static_path = ["_static"]
-html_css_files = ["pictures.css"]
 html_title = f"ballscrew {__version__}"
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3

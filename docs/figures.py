@@ -12,7 +12,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "proofs"))
 from runner import PROOFS, stored
 
-__all__ = ["number", "percent", "proofs", "row", "share", "stored", "within", "word"]
+__all__ = "number percent proofs row share stored tools within word".split()
 WORDS = (
     "no one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen"
 ).split()
@@ -54,4 +54,35 @@ def proofs(folder: str = "") -> str:
         found, command = stored(name), f"`python proofs/runner.py {name}`"
         result = f"[{found['says']}]({folder}{name}.json)"
         lines.append(row(found["claim"], command, minutes, result))
+    return "\n".join(lines)
+
+
+HOSTS = (  # as shown, as stored, which rows of the loop FMU and of law ports
+    ("FMPy 0.3.32", "fmpy", {"kind": "CoSimulation"}, None),
+    ("CasADi 3.8.2", "casadi", {"tolerance": 1e-8}, None),
+    ("PathSim 0.27.1", "pathsim", {"kind": "CoSimulation"}, {"file": "law"}),
+    ("CoFmuPy 1.0.0", "cofmupy", None, {"method": "jacobi"}),
+    ("SysSimX 0.4.3", "syssimx", None, {"method": "jacobi"}),
+    ("estim8 0.1.6", "estim8", {}, None),
+    ("gemseo-fmu 3.1.1", "gemseo", {}, None),
+    ("libcosimpy 0.0.6", "libcosim", {"file": "loop 2"}, {"file": "law"}),
+    ("ecospy 0.7.2", "ecos", {"file": "loop 2"}, {"file": "law"}),
+    ("sofirpy 1.0.2", "sofirpy", {"file": "loop 2"}, {"file": "law"}),
+    ("jaxonomy 3.4.1", "jaxonomy", {"kind": "CoSimulation"}, None),
+    ("fmuloader 0.1.2rc0", "fmuloader", {}, None),
+    ("FMU container 2.0", "fmucontainer", None, {}),
+)
+
+
+def tools() -> str:
+    """The table of the largest errors of iol in other tools."""
+    lines = [row("tool", "loop FMU", "law ports"), "|---|---|---|"]
+    for shown, tool, *ways in HOSTS:
+        cells = ["-", "-"]
+        for k, asked in enumerate(ways):
+            if asked is not None:
+                want = {**asked, "tool": tool, "controller": "iol"}
+                rows = [r for r in stored("tools")["rows"] if want.items() <= r.items()]
+                cells[k] = number(max(r["error"] for r in rows), ".1e")
+        lines.append(row(shown, *cells))
     return "\n".join(lines)

@@ -1,8 +1,7 @@
-"""Write the tables and the picture of ``swap-study.md`` from two finished studies.
+"""Write the tables and the picture of ``swap-study.md`` from a finished study.
 
 ballscrew study docs/examples/swap_study.toml --out out/study
-ballscrew study docs/examples/swap_study_ideal.toml --out out/ideal
-python docs/write_swap_study.py out/study out/ideal
+python docs/write_swap_study.py out/study
 """
 
 import json
@@ -16,7 +15,7 @@ import numpy as np
 from figures import row
 
 import ballscrew
-from ballscrew.orchestration.loop.shown import length, shown_unit
+from ballscrew.orchestration.loop.shown import shown_unit
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "swap-study.md"
@@ -33,13 +32,10 @@ def answers(study: Mapping[str, Any]) -> str:
     rows = []
     for answer in study["answers"]:
         best, *others = answer["best"]
-        rest = [n for n in answer["order"] if n not in answer["best"]]
         cells = [answer["duty"], f"`{best}`", _rms(study, answer["duty"], best)]
         cells.append(", ".join(f"`{n}`" for n in others) or "-")
-        rows.append([*cells, *(f"`{n}`" for n in rest[:1] or "-")])
-        rows[-1].append(_rms(study, answer["duty"], rest[0]) if rest else "-")
-    head = "duty", "best", "rms error (90 %)", "equal to it within 10 %", "next", "rms error (90 %)"
-    return table(head, rows)
+        rows.append(cells)
+    return table(("duty", "best", "rms error (90 %)", "equal to it within 10 %"), rows)
 
 
 def _rms(study: Mapping[str, Any], duty: str, name: str) -> str:
@@ -50,48 +46,13 @@ def _rms(study: Mapping[str, Any], duty: str, name: str) -> str:
 
 
 def errors(study: Mapping[str, Any]) -> str:
-    """Mean rms error of every controller at every duty."""
+    """Mean rms error of every controller at every duty, in um."""
     duties = study["intervals"]
     rows = (
-        [f"`{name}`", *(length(duty[name]["rms_error"]["mean"]) for duty in duties.values())]
+        [f"`{name}`", *(f"{1e6 * d[name]['rms_error']['mean']:.3g}" for d in duties.values())]
         for name in study["tunings"]
     )
     return table(["controller", *duties], rows)
-
-
-def tunings(study: Mapping[str, Any]) -> str:
-    """Costs before and after tuning, and the effort."""
-    first, judged = next(iter(study["intervals"].items()))
-    rows = []
-    for name, found in study["tunings"].items():
-        costs = [t["cost"] for t in found]
-        gains = [100 * (1 - t["doubled_cost"] / t["cost"]) for t in found]
-        cells = [f"`{name}`", len(found[0]["values"]), f"{found[0]['published_cost']:.3g}"]
-        cells += [
-            f"{min(costs):.3g} to {max(costs):.3g}",
-            f"{min(gains):.2g} to {max(gains):.2g} %",
-        ]
-        cells.append(f"{judged[name]['total_variation']['mean']:.3g}")
-        rows.append([*cells, length(judged[name]["peak_error"]["mean"])])
-    head = "controller|parameters tuned|cost, published|cost, tuned|gain of twice the budget".split(
-        "|"
-    )
-    return table([*head, f"variation at {first} [V]", f"peak error at {first}"], rows)
-
-
-def hunting(study: Mapping[str, Any]) -> str:
-    """Runs that hunt, of all runs, where any does."""
-    rows = []
-    for name in study["tunings"]:
-        runs = {duty: found[name] for duty, found in study["hunting"].items()}
-        cells = (
-            f"{d} ({n['hunting']} of {sum(n.values())})" for d, n in runs.items() if n["hunting"]
-        )
-        rows.append([f"`{name}`", ", ".join(cells) or "none"])
-    runs = study["plan"]["plants"] * study["plan"]["tuning"]["seeds"]
-    return f"Of {runs} runs each; motions without hunting are left out:\n\n" + table(
-        ("controller", "hunts at rest after"), rows
-    )
 
 
 def size(study: Mapping[str, Any]) -> str:
@@ -151,12 +112,11 @@ def _outcome(run: Any) -> str:
     return f"{settled}; {1e6 * error[-1]:.2g} um"
 
 
-def main(folder: Path, ideal: Path) -> None:
-    study, other = (json.loads((f / "study.json").read_text("utf-8")) for f in (folder, ideal))
+def main(folder: Path) -> None:
+    study = json.loads((folder / "study.json").read_text("utf-8"))
     weak = "".join(f"\n- {w}" for w in study["weaknesses"])
     made = {"verdict": f"**{study['verdict']}.**\n{weak}", "thesis step": thesis_step()}
-    made |= {f.__name__: f(study) for f in (size, checks, answers, errors, tunings, hunting)}
-    made["ideal"] = errors(other)
+    made |= {f.__name__: f(study) for f in (size, checks, answers, errors)}
     page = PAGE.read_text("utf-8")
     for name, text in made.items():
         before, begin, rest = page.partition(f"<!-- {name} -->\n")
@@ -169,4 +129,4 @@ def main(folder: Path, ideal: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:]))
+    main(Path(sys.argv[1]))

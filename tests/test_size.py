@@ -26,7 +26,7 @@ MOST = {  # folder: lines, lines without docstrings
     "measurement": (11367, 9998),
     "proofs": (7823, 7089),
     "benchmarks": (1098, 952),
-    "docs": (325, 294),
+    "docs": (293, 265),
     ".ci": (204, 184),
     "tests": (22367, 21358),
 }
