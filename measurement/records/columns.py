@@ -15,6 +15,8 @@ from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
 
 Array = npt.NDArray[Any]
+Notes = Sequence[str]
+Lines = npt.NDArray[np.int64] | None
 
 MOST = {
     "rows": 5_000_000,
@@ -32,9 +34,8 @@ _OVERFLOW = 9.9e36  # a meter writes 9.9e37 for an overflow, netCDF 9.97e36 for 
 def check_size(path: Path, what: str, size: int) -> None:
     """Raise BadRecord if there is more of `what`, a key of `MOST`, than is read."""
     if size > MOST[what]:
-        raise BadRecord(
-            f"{path}: has {size} {what}, expected at most {MOST[what]}; save a part of it"
-        )
+        expected = f"expected at most {MOST[what]}; save a part of it"
+        raise BadRecord(f"{path}: has {size} {what}, {expected}")
 
 
 class Column(NamedTuple):
@@ -65,11 +66,7 @@ class Table:
 
 
 def table_of(
-    path: Path,
-    columns: Iterable[Column],
-    group: str = "",
-    lines: npt.NDArray[np.int64] | None = None,
-    notes: Sequence[str] = (),
+    path: Path, columns: Iterable[Column], group: str = "", lines: Lines = None, notes: Notes = ()
 ) -> Table:
     """The table of some columns; those of one name are numbered, as ``x #1`` and ``x #2``.
 

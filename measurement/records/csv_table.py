@@ -27,6 +27,7 @@ from .columns import Column, Table, check_size, table_of
 from .units import NO_UNIT, quantity_of
 
 Rows = list[list[str]]
+Integers = npt.NDArray[np.int64]
 
 _SEPARATORS = ("\t", ";", ",", "|", " ")
 _LOOKED_AT = 400  # lines of the file's second half used to detect its style
@@ -132,10 +133,9 @@ def _day(text: str) -> float:
         if "." not in text:
             return math.nan if text else 0.0  # 3/4/2024: April, or March?
         parts.reverse()
-    try:
+    with suppress(ValueError):
         return float(date(*map(int, parts)).toordinal())
-    except ValueError:
-        return math.nan
+    return math.nan
 
 
 def read_text(path: Path, data: bytes) -> list[Table]:
@@ -198,7 +198,7 @@ def read_lines(path: Path, numbered: Iterable[tuple[int, str]], cut: bool = Fals
 
 
 def _by_time(
-    path: Path, columns: Sequence[Column], lines: npt.NDArray[np.int64], notes: Sequence[str]
+    path: Path, columns: Sequence[Column], lines: Integers, notes: Sequence[str]
 ) -> list[Table]:
     """One table, or one per time column if signals have their own and these differ."""
     starts = [k for k, column in enumerate(columns) if column.name == columns[0].name]
@@ -206,15 +206,15 @@ def _by_time(
     if len(parts) == 1 or min(map(len, parts)) < 2:
         return [table_of(path, columns, "", lines, notes)]
     first, *others = (part[0] for part in parts)
-    time = first.values
-    alike = (
-        time is not None and t.values is not None and np.array_equal(t.values, time) for t in others
+    values, starts_at = first.values, {t.start for t in others}
+    same = values is not None and all(
+        t.values is not None and np.array_equal(t.values, values) for t in others
     )
-    if all(alike) and {t.start for t in others} == {first.start}:
+    if same and starts_at == {first.start}:
         kept = [c for c in columns if c.name != first.name]
         table = table_of(path, [first, *kept], "", lines, notes)
-        same = {t.number: table.numbers[first.number] for t in others}
-        return [replace(table, numbers=table.numbers | same)]
+        called = {t.number: table.numbers[first.number] for t in others}
+        return [replace(table, numbers=table.numbers | called)]
     found = []
     for part in parts:
         samples, time = len(lines), part[0].values
@@ -226,7 +226,7 @@ def _by_time(
 
 
 def _kept(
-    rows: Rows, lines: npt.NDArray[np.int64], width: int, style: _Style, cut: bool
+    rows: Rows, lines: Integers, width: int, style: _Style, cut: bool
 ) -> tuple[list[int], tuple[str, ...]]:
     """The rows to keep, and a note: not lines of words, and no incomplete line at the end."""
 
@@ -240,11 +240,9 @@ def _kept(
     while last > 0 and (last in out or (begins(0) and rows[last][0] and not begins(last))):
         out.add(last)
         last -= 1
-    if not out:
-        return list(range(len(rows))), ()
     what = f"{len(out)} invalid line{'s' if len(out) > 1 else ''} of the table left out"
-    note = f"{what}; the first is line {lines[min(out)]}"
-    return [k for k in range(len(rows)) if k not in out], (note,)
+    note = (f"{what}; the first is line {lines[min(out)]}",) if out else ()
+    return [k for k in range(len(rows)) if k not in out], note
 
 
 def _labview(path: Path, numbered: Sequence[tuple[int, str]]) -> list[Table]:
@@ -364,7 +362,7 @@ def _plain(texts: Sequence[str], style: _Style, width: int) -> npt.NDArray[np.fl
     return None
 
 
-def _column(name: str, cells: Sequence[str], lines: npt.NDArray[np.int64], style: _Style) -> Column:
+def _column(name: str, cells: Sequence[str], lines: Integers, style: _Style) -> Column:
     """The numbers of a column, or seconds from its first stamp; or the first cell that is wrong."""
     filled = [c for c in cells if c]
     stamped = 2 * sum(map(bool, map(_stamp, filled))) > len(filled)

@@ -21,9 +21,8 @@ _FALLS = 4.0  # fall of a spectrum within an octave, in powers of ten, that only
 def check_identifiable(records: Sequence[Record]) -> list[str]:
     """Warnings about several records, or BadRecord if they are not for one diagnosis."""
     if len({"i" in r.signals for r in records}) > 1:
-        raise BadRecord(
-            "some records have the current `i` and some do not; diagnose them separately"
-        )
+        what = "some records have the current `i` and some do not"
+        raise BadRecord(f"{what}; diagnose them separately")
     return [f"{record.name}: {note}" for record in records for note in _examined(record)]
 
 
@@ -31,10 +30,8 @@ def _examined(record: Record) -> Iterator[str]:
     """Warnings, and changes that were made; BadRecord if it cannot be used for a diagnosis."""
     x, name = record.x, record.name
     if np.ptp(x) == 0:
-        raise BadRecord(
-            f"{name}: the position never changes ({x[0]:.6g} m): without motion nothing is "
-            "known about friction; record a motion in both directions"
-        )
+        why = "without motion nothing is known about friction; record a motion in both directions"
+        raise BadRecord(f"{name}: the position never changes ({x[0]:.6g} m): {why}")
     values = record.signals["i" if record.current_alone else "u"]
     if np.ptp(values) == 0 and values[0] == 0:
         what = "the current i" if record.current_alone else "the command u"
@@ -47,17 +44,13 @@ def _examined(record: Record) -> Iterator[str]:
     for column in (c for c in ("u", "i") if c in record.signals):
         share = np.mean(clipped(record.signals[column]))
         if share > _CLIPPED:
-            yield (
-                f"{column} is at its largest value in {100 * share:.0f} % of the samples: clipped? "
-                "Clipped samples give no information"
-            )
+            often = f"{column} is at its largest value in {100 * share:.0f} % of the samples"
+            yield f"{often}: clipped? Clipped samples give no information"
     pace = np.diff(np.convolve(x, np.ones(21) / 21, "valid"))
     some = 0.05 * np.abs(pace).max()
     if not (np.any(pace > some) and np.any(pace < -some)):
-        yield (
-            "moves in one direction only: effects at reversals, or with the direction, cannot be "
-            "distinguished from a constant force"
-        )
+        what = "effects at reversals, or with the direction, cannot be distinguished"
+        yield f"moves in one direction only: {what} from a constant force"
 
 
 def clipped(values: Vector) -> npt.NDArray[np.bool_]:

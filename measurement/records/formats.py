@@ -82,8 +82,7 @@ def _read(path: Path, data: bytes, known: _Format) -> list[Table]:
     said = logging.root.manager.disable
     logging.disable()  # libraries print their warnings beside our one line
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             tables = known.reader(path, data)
     except BadRecord:
         raise

@@ -114,8 +114,7 @@ def _columns(name: str, value: Any, path: Path, groups: list[Table]) -> Iterator
 
 def _several(value: Any) -> list[Mapping[str, Any]]:
     """A structure, or an array of structures, as a list."""
-    items = [value] if isinstance(value, Mapping) else value
-    items = items if isinstance(items, list | np.ndarray) else []
+    items = value if isinstance(value, list | np.ndarray) else [value]
     return [v for v in items if isinstance(v, Mapping)]
 
 

@@ -25,6 +25,9 @@ from .table import choose, in_si, read_tables
 from .units import UNITS
 
 Integers = npt.NDArray[np.int64]
+Names = Mapping[str, str] | None
+Paths = Iterable[Path | str]
+Size = float | None
 
 QUANTITIES: dict[str, tuple[str, ...]] = {
     "time": ("time",),
@@ -97,10 +100,7 @@ RESPONSE_RECORD = FORCE_RECORD._replace(
 
 
 def read_response_record(
-    path: Path | str,
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    lead: float | None = None,
+    path: Path | str, mapping: Names = None, units: Names = None, lead: Size = None
 ) -> Record:
     """Read one record of a drive with an excitation; see `read_drive_records`."""
     records = _read(Path(path), RESPONSE_RECORD, mapping, units, lead)
@@ -110,11 +110,7 @@ def read_response_record(
 
 
 def read_force_records(
-    paths: Iterable[Path | str],
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    mass: float | None = None,
-    lead: float | None = None,
+    paths: Paths, mapping: Names = None, units: Names = None, mass: Size = None, lead: Size = None
 ) -> list[Record]:
     """Read records of force and position, with the trial data of rigs; see `read_drive_records`.
 
@@ -140,10 +136,7 @@ def read_force_records(
 
 
 def read_drive_records(
-    paths: Iterable[Path | str],
-    mapping: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    lead: float | None = None,
+    paths: Paths, mapping: Names = None, units: Names = None, lead: Size = None
 ) -> list[Record]:
     """Read records of a drive, each at its own rate; `ballscrew.read_drive_records` has more.
 
@@ -153,27 +146,19 @@ def read_drive_records(
     return [r for path in files for r in _read(path, DRIVE_RECORD, mapping, units, lead)]
 
 
-def _expanded(paths: Iterable[Path | str]) -> Iterator[Path]:
+def _expanded(paths: Paths) -> Iterator[Path]:
     """The paths; for a folder of rig folders, the rig folders in it."""
     for path in map(Path, paths):
         inner = [path]
         if path.is_dir() and not (path / "record.csv").is_file():
             inner = sorted(p.parent for p in path.glob("*/record.csv"))
         if not inner:
-            raise BadRecord(
-                f"{path}: contains no record.csv, and no folder in it does; expected "
-                "a folder written by `ballscrew rig`, or a file of measured data"
-            )
+            expected = "expected a folder written by `ballscrew rig`, or a file of measured data"
+            raise BadRecord(f"{path}: contains no record.csv, and no folder in it does; {expected}")
         yield from inner
 
 
-def _read(
-    path: Path,
-    use: _Use,
-    mapping: Mapping[str, str] | None,
-    units: Mapping[str, str] | None,
-    lead: float | None,
-) -> list[Record]:
+def _read(path: Path, use: _Use, mapping: Names, units: Names, lead: Size) -> list[Record]:
     """The record in a file, or its pieces if it has gaps."""
     mapping, units = mapping or {}, units or {}
     tables = read_tables(path / "record.csv" if path.is_dir() else path)
@@ -220,11 +205,10 @@ def check_record(
     signals = {n: v[known] for n, v in signals.items() if np.any(np.isfinite(v[known]))}
     step = float(np.median(np.diff(signals["time"])))
     if step > use.slowest and "time" not in said:
-        raise BadRecord(
-            f"{name}: sampled every {step:.4g} s, at {1 / step:.3g} Hz: too slow for friction; if "
-            "time is in milliseconds or microseconds, use unit time=ms or time=us"
-            + (", if it is in seconds time=s" if use.believes else "")
-        )
+        why = f"sampled every {step:.4g} s, at {1 / step:.3g} Hz: too slow for friction; if time"
+        why += " is in milliseconds or microseconds, use unit time=ms or time=us"
+        why += ", if it is in seconds time=s" if use.believes else ""
+        raise BadRecord(f"{name}: {why}")
     position, lost = signals.get("x", signals.get("x_fine")), ""
     if position is not None and np.isfinite(position).all():
         signals["time"], lost = recounted(signals["time"], position)
@@ -254,10 +238,9 @@ def _known(
         if len(bad) > HOLES * len(known):
             every = len(bad) > max(len(known) / 3, 1) and np.diff(bad).max() <= 3
             repair = "remove these samples at an end of the record, or repair the record"
-            raise BadRecord(
-                f"{name}: {column} is empty or not a number in {len(bad)} of {len(known)} samples, "
-                f"the first in row {lines[bad[0]]}; {_LOWER_RATE if every else repair}"
-            )
+            of = f"{len(bad)} of {len(known)} samples, the first in row {lines[bad[0]]}"
+            what = f"{column} is empty or not a number in {of}"
+            raise BadRecord(f"{name}: {what}; {_LOWER_RATE if every else repair}")
     for column, values in signals.items():
         if np.any(np.isinf(values[known])):
             raise BadRecord(f"{name}: {column} has infinite values")

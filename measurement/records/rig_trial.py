@@ -28,9 +28,8 @@ def read_about(folder: Path) -> dict[str, Any]:
     try:
         return dict(json.loads(path.read_text(encoding="utf-8")).items())
     except (AttributeError, OSError, ValueError, RecursionError) as error:
-        raise BadRecord(
-            f"{path}: is not JSON of an object with the trial's description: {error}"
-        ) from error
+        what = "is not JSON of an object with the trial's description"
+        raise BadRecord(f"{path}: {what}: {error}") from error
 
 
 def described(record: Record, about: Mapping[str, Any], mass: float | None = None) -> Record:

@@ -87,9 +87,8 @@ def recounted(time: Vector, x: Vector) -> tuple[Vector, str]:
     smooth = (alike > 1 - _ALIKE).all(axis=0) & (np.sum(alike < 1 + _ALIKE, axis=0) > 4)
     noise = float(np.median(np.abs(np.diff(x, 3)))) / 3.0
     moving = np.abs(usual) > _CLEAR * max(noise, resolution_of(x))
-    lost = (
-        smooth & moving & (jump >= 2) & (jump <= _LONGEST_GAP + 1) & (np.abs(ratio - jump) < _ALIKE)
-    )
+    whole = (jump >= 2) & (jump <= _LONGEST_GAP + 1) & (np.abs(ratio - jump) < _ALIKE)
+    lost = smooth & moving & whole
     places = np.flatnonzero(lost) + 5  # samples behind a jump
     apart = np.diff(places)
     rough = 2 * np.count_nonzero(smooth & moving) < np.count_nonzero(moving)
@@ -99,10 +98,8 @@ def recounted(time: Vector, x: Vector) -> tuple[Vector, str]:
         return time, ""
     missing = np.zeros(len(time))
     missing[places] = jump[lost] - 1
-    note = (
-        f"x jumps by whole samples at {len(places)} places while the time stamps are even: samples "
-        "are missing there, and the stamps behind them were moved"
-    )
+    note = f"x jumps by whole samples at {len(places)} places while the time stamps are even: "
+    note += "samples are missing there, and the stamps behind them were moved"
     return time + float(np.median(ticks)) * np.cumsum(missing), note
 
 
@@ -175,10 +172,8 @@ def pieces_between_gaps(time: Vector, samples: int, lasts: float) -> tuple[list[
     if not len(gaps) or not long:
         return whole, ""
     lost = 100 * (1 - sum(b - a for a, b in long) / len(time))
-    note = (
-        f"{len(gaps)} gaps, the first of {steps[gaps[0]]:.4g} s after {time[gaps[0]]:.6g} s: the "
-    )
-    note += f"record was divided there into {len(long)} pieces of at least {lasts:g} s"
+    first = f"{len(gaps)} gaps, the first of {steps[gaps[0]]:.4g} s after {time[gaps[0]]:.6g} s"
+    note = f"{first}: the record was divided there into {len(long)} pieces of at least {lasts:g} s"
     note += f"; {lost:.2g} % of its samples are in shorter ones" if lost else ""
     return [slice(a, b) for a, b in long], note
 

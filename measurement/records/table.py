@@ -17,6 +17,10 @@ from .formats import tables_in
 from .sampling import unrounded, unwrapped
 from .units import NO_UNIT, UNITS, conversion, quantity_of, spell
 
+Map = Mapping[str, str]
+Names = Sequence[str]
+Needed = Sequence[Names]
+
 _LISTED = 12  # names in a message
 _POSITIONS = ("x", "x_fine", "x_ref", "time")  # columns that may wrap
 
@@ -37,12 +41,7 @@ def read_tables(path: Path) -> list[Table]:
     ]
 
 
-def choose(
-    tables: Sequence[Table],
-    mapping: Mapping[str, str],
-    known: Sequence[str],
-    needed: Sequence[Sequence[str]],
-) -> Table:
+def choose(tables: Sequence[Table], mapping: Map, known: Names, needed: Needed) -> Table:
     """The table of a file with the requested columns, or a table from columns of several.
 
     A column of a table is also ``TABLE/COLUMN``; for the arguments see `rename`.
@@ -136,13 +135,11 @@ def _joined(
         notes.append(f"{what}, recorded {every}, {how}, {at}")
     if not inside.any():
         raise BadRecord(f"{path}: {', '.join(parts)} do not overlap in time")
-    return Table(
-        path,
-        {n: v[inside] for n, v in columns.items()},
-        {n: u for n, u in (("time", unit), *((n, p.units.get(n)) for n, p in parts.items())) if u},
-        notes=tuple(notes),
-        renamed={n: t for p in sources for n, t in p.renamed.items()},
-    )
+    units = {"time": unit} | {n: p.units.get(n, "") for n, p in parts.items()}
+    within = {n: v[inside] for n, v in columns.items()}
+    given = {n: u for n, u in units.items() if u}
+    renamed = {n: t for p in sources for n, t in p.renamed.items()}
+    return Table(path, within, given, notes=tuple(notes), renamed=renamed)
 
 
 def _step(table: Table) -> float:
@@ -169,8 +166,7 @@ def listed(names: Iterable[str]) -> str:
 
 def _column(table: Table, theirs: str) -> str:
     """The table's name for the user's name of a column; empty if there is none."""
-    if table.group and theirs.startswith(f"{table.group}/"):
-        theirs = theirs[len(table.group) + 1 :]
+    theirs = theirs.removeprefix(f"{table.group}/") if table.group else theirs
     if theirs in table.columns or theirs in table.faults:
         return theirs
     bare, unit = name_and_unit(theirs)
@@ -179,12 +175,7 @@ def _column(table: Table, theirs: str) -> str:
     return table.numbers.get(theirs, "")
 
 
-def rename(
-    table: Table,
-    mapping: Mapping[str, str],
-    known: Sequence[str],
-    needed: Sequence[Sequence[str]],
-) -> Table:
+def rename(table: Table, mapping: Map, known: Names, needed: Needed) -> Table:
     """Columns under our names, in the order of ours, of constant length.
 
     `mapping` is ``theirs -> ours``, `known` has our names, and of each in `needed` at least one
@@ -227,10 +218,7 @@ def rename(
 
 
 def in_si(
-    table: Table,
-    units: Mapping[str, str],
-    quantities: Mapping[str, Sequence[str]],
-    lead: float | None,
+    table: Table, units: Map, quantities: Mapping[str, Names], lead: float | None
 ) -> tuple[dict[str, Vector], dict[str, str], list[str]]:
     """A table's columns in SI units of a linear motion, their quantities, and notes.
 

@@ -30,26 +30,20 @@ UNITS = {
     "temperature": {"degC": 1.0},
 }
 """Factors to SI units, by quantity."""
-ROTARY = {"angle": "length", "angular velocity": "velocity", "torque": "force"}
-"""Linear quantities by a screw, for the quantities of a rotation."""
-NO_UNIT = ("", "-", "1")
-"""Words for no unit, or for an unknown one."""
+ROTARY = {"angle": "length", "angular velocity": "velocity", "torque": "force"}  # by a screw
+NO_UNIT = ("", "-", "1")  # words for no unit, or for an unknown one
 _SPELLINGS = {
     **{"sec": "s", "µs": "us", "µm": "um", "µm/s": "um/s", "°": "deg", "°/s": "deg/s"},
-    **dict.fromkeys(("m/s2", "m/s²"), "m/s^2"),
-    **dict.fromkeys(("mm/s2", "mm/s²"), "mm/s^2"),
-    **dict.fromkeys(("rad/s2", "rad/s²"), "rad/s^2"),
     **dict.fromkeys(("1/min", "min-1", "r/min", "rev/min"), "rpm"),
-    **dict.fromkeys(("Nm", "N.m", "N·m"), "N*m"),
-    **dict.fromkeys(("mNm", "mN.m", "mN·m"), "mN*m"),
-    **{"°C": "degC", "volt": "V", "volts": "V"},
+    **{"Nm": "N*m", "mNm": "mN*m", "°C": "degC", "volt": "V", "volts": "V"},
 }
-_SIZED = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)(?:\s*\*\s*|\s+)(.+)")
+_SIZED = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?:\s*\*\s*|\s+)(.+)")
 
 
 def spell(unit: str) -> str:
     """A unit in the spelling of `UNITS`; other text unchanged."""
-    unit = unit.strip().replace("μ", "µ")  # two characters look the same
+    unit = unit.strip().replace("μ", "µ").replace("²", "2")  # two characters look like mu
+    unit = re.sub("/s2$", "/s^2", re.sub("N[.·]m$", "N*m", unit))
     return _SPELLINGS.get(unit, unit)
 
 
@@ -67,24 +61,18 @@ def conversion(
     """
     sized = _SIZED.fullmatch(text.strip())
     unit = spell(sized[2] if sized else text)
-    try:
-        size = float(sized[1]) if sized else 1.0
-    except ValueError:
-        size = math.nan
+    size = float(sized[1]) if sized else 1.0
     quantity = quantity_of(unit)
     if not math.isfinite(size) or size == 0.0 or quantity not in quantities:
         known = ", ".join(u for q in quantities for u in UNITS[q])
-        raise BadRecord(
-            f"unit {column}={text}: expected one of {known}, or a number of them such as "
-            f"1e-3*{next(iter(UNITS[quantities[0]]))}"
-        )
+        such = f"a number of them such as 1e-3*{next(iter(UNITS[quantities[0]]))}"
+        raise BadRecord(f"unit {column}={text}: expected one of {known}, or {such}")
     factor = size * UNITS[quantity][unit]
     if quantity not in ROTARY:
         return factor, quantity
     if lead is None:
-        raise BadRecord(
-            f"unit {column}={text}: the conversion along the screw depends on "
-            "its lead; give lead in metres, or p (turns per metre) in params"
-        )
+        why = "the conversion along the screw depends on its lead"
+        give = "give lead in metres, or p (turns per metre) in params"
+        raise BadRecord(f"unit {column}={text}: {why}; {give}")
     per_metre = 2 * math.pi / lead
     return factor * (per_metre if quantity == "torque" else 1.0 / per_metre), quantity

@@ -138,17 +138,6 @@ def test_a_slip_in_a_column_is_named_where_the_column_is_asked_for(tmp_path):
             rename(table, mapping, ["time", "x"], [])
 
 
-@pytest.mark.parametrize("names", ["t;x;x", "t;x [mm];x"])
-def test_of_two_columns_of_one_name_one_has_to_be_chosen(tmp_path, names):
-    table = read_table(write(tmp_path, f"{names}\n{body(';')}"))
-    if names == "t;x;x":
-        with pytest.raises(BadRecord, match=r"the column 'x' occurs twice; .* map 'x #1=x'"):
-            rename(table, {}, ["x"], [])
-    for theirs, column in (("2", 1), ("x #2" if names == "t;x;x" else "x", 2)):
-        found = rename(table, {theirs: "x"}, ["x"], []).columns["x"]
-        np.testing.assert_array_equal(found, ROWS[:, column])
-
-
 @pytest.mark.parametrize(
     ("row", "separator"),
     [("{:.3f};{:,.3f}", ";"), ('{:.3f},"{:,.3f}"', ",")],
