@@ -251,11 +251,7 @@ class FittedRecords:
 
 
 def fit_late_records(
-    records: Sequence[Record],
-    law: str,
-    fixed: Mapping[str, float],
-    beside: Collection[str],
-    progress: Progress,
+    records: Sequence[Record], law: str, fixed: Start, beside: Collection[str], progress: Progress
 ) -> FittedRecords:
     """Fit a law to records, and correct them by the delay of the force if it is certain.
 

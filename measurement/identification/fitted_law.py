@@ -108,8 +108,9 @@ def _fitted(name: str) -> FittedLaw:
     """A law of the plants; parameters with a default of 0 are not fitted."""
     both, claim = name.removeprefix("directional_"), claims(name)
     every = law(name)(symbol("v")).parameters
+    one_way = every if both == name else law(both)(symbol("v")).parameters
     unseen = tuple(p.name for p in every if p.name in claim.estimation.unseen)
-    own = [p for p in law(both)(symbol("v")).parameters if p.default > 0 and p.name not in unseen]
+    own = [p for p in one_way if p.default > 0 and p.name not in unseen]
     names, units = tuple(p.name for p in own), tuple(p.unit for p in own)
     return FittedLaw(name, names, units, both != name, claim.stiffness is None, unseen)
 

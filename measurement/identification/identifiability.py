@@ -257,15 +257,12 @@ def why_not(fit: Fit, parameter: str, course: StackedRecords) -> str:
             "cannot be distinguished"
         )
     if hardly_slides(fit, course, parameter):
-        return (
-            f"the block hardly slides {way}: after break-away it moves almost no distance, or at "
-            "too few speeds to distinguish the fall of the Stribeck curve from the viscous slope"
-        )
+        few = "too few speeds to distinguish the fall of the Stribeck curve from the viscous slope"
+        why = f"after break-away it moves almost no distance, or at {few}"
+        return f"the block hardly slides {way}: {why}"
     if peak_unseen(fit, course, parameter):
-        return (
-            f"break-away is not visible {way}: the largest force is below it, or there "
-            "is no visible peak of static friction"
-        )
+        why = "the largest force is below it, or there is no visible peak of static friction"
+        return f"break-away is not visible {way}: {why}"
     return _confused(fit, parameter)
 
 

@@ -60,11 +60,8 @@ class Identification:
             "law": self.law,
             "records": [r.name for r in self.records],
             "record_notes": {r.name: list(r.notes) for r in self.records},
-            "parameters": {n: asdict(i) for n, i in self.parameters.items()},
-            "per_direction": {
-                side: {n: asdict(i) for n, i in table.items()}
-                for side, table in self.per_direction.items()
-            },
+            "parameters": _told(self.parameters),
+            "per_direction": {s: _told(table) for s, table in self.per_direction.items()},
             "delay_of_force_s": [float(d) for d in self.fit.delays],
             "load_cell_noise_N": self.fit.noise,
             "unexplained_force_N": self.unexplained,
@@ -113,6 +110,10 @@ class Identification:
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / "identified.json", self.to_dict())
         self.parameter_file().save(folder)
+
+
+def _told(table: Mapping[str, Interval]) -> dict[str, Any]:
+    return {n: asdict(i) for n, i in table.items()}
 
 
 def _of_law(name: str) -> dict[str, Value]:

@@ -25,8 +25,12 @@ from .intervals import Fit, Interval
 from .layout import StackedRecords
 from .left_over import gain_words
 
+Records = Sequence[Record]
+Intervals = Mapping[str, Interval]
+Fixed = Mapping[str, float]
 
-def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> None:
+
+def check_held(law: str, fixed: Fixed, offset: bool = False) -> None:
     """Raise BadParameter if a parameter cannot be fixed, or an offset cannot be fitted.
 
     `fixed` has values by the law's names, or `OFFSET` [N]; `offset`: a constant force is fitted.
@@ -35,14 +39,12 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
     for name, value in fixed.items():
         if name in together:
             others = ", ".join(n for n in together if n != name)
-            raise BadParameter(
-                f"{name} of {law} is fitted together with {others} and cannot be fixed alone"
-            )
+            both = f"{name} of {law} is fitted together with {others}"
+            raise BadParameter(f"{both} and cannot be fixed alone")
         if name not in (*names, OFFSET):
             near, there = nearest(name, [*names, OFFSET]), ", ".join(names)
-            raise BadParameter(
-                f"{law} has no parameter {name!r}{near}; it has {there}, and there is {OFFSET}"
-            )
+            known = f"it has {there}, and there is {OFFSET}"
+            raise BadParameter(f"{law} has no parameter {name!r}{near}; {known}")
         if not math.isfinite(value) or (name != OFFSET and value <= 0):
             wanted = "number above 0; a small value removes its effect"
             wanted = "finite number" if name == OFFSET else wanted
@@ -51,10 +53,9 @@ def check_held(law: str, fixed: Mapping[str, float], offset: bool = False) -> No
         said = f"{fixed[OFFSET]:g} N and fitted; expected one of them"
         raise BadParameter(f"{OFFSET} is held at {said}")
     if offset and LAWS[law].directional:
-        raise BadParameter(
-            f"{law} has separate friction for each direction, which cannot be distinguished "
-            f"from a constant force; fix {OFFSET} at a value"
-        )
+        both = f"{law} has separate friction for each direction"
+        why = "which cannot be distinguished from a constant force"
+        raise BadParameter(f"{both}, {why}; fix {OFFSET} at a value")
 
 
 def identify_files(
@@ -122,24 +123,20 @@ def identify(
     per_direction, notes = _each_way(records, fit, judged, course, fixed)
     notes += [TURNS] * file.turns + _remarks(records, fit, offset)
     if OFFSET in judged and file.kind != DRIVE:
-        notes.append(
-            'the offset is not in parameters.toml: only kind = "drive" has such a parameter'
-        )
+        why = 'only kind = "drive" has such a parameter'
+        notes.append(f"the offset is not in parameters.toml: {why}")
     if shift and records[0].lags != given[0].lags:
         low, high = (math.nan if end is None else 1e3 * end for end in (shift.low, shift.high))
-        notes.append(
-            f"the force comes {1e3 * shift.value:.3g} ms later than the motion "
-            f"({low:.3g} .. {high:.3g} ms): the records were corrected by it"
-        )
+        late = f"{1e3 * shift.value:.3g} ms later than the motion ({low:.3g} .. {high:.3g} ms)"
+        notes.append(f"the force comes {late}: the records were corrected by it")
     if mass:
         notes += _of_mass(judged[MASS], file.plant.get(MASS))
     warnings = [f"{n}: {i.because}" for n, i in judged.items() if not i.identified]
     parts = "; ".join(f"{p.force:.3g} N go {p.words}" for p in left.parts)
     if not fitted.explained:
-        warnings.append(
-            f"the law leaves {left.force:.3g} N of the force unexplained, "
-            f"{left.force / left.noise:.3g} times the effect of noise and sampling; {parts}"
-        )
+        times = f"{left.force / left.noise:.3g} times the effect of noise and sampling"
+        unexplained = f"the law leaves {left.force:.3g} N of the force unexplained, {times}"
+        warnings.append(f"{unexplained}; {parts}")
     elif left.force > 0.02 * course.level:
         notes.append(f"of this, {parts}")
     return Identification(
@@ -158,7 +155,7 @@ def identify(
     )
 
 
-def _file_of(records: Sequence[Record], mass: bool) -> ParameterFile:
+def _file_of(records: Records, mass: bool) -> ParameterFile:
     """What is known of the machine: the rig's axis without friction, or a drive by force or torque.
 
     Without the mass, if `mass` is fitted.
@@ -180,11 +177,7 @@ def _file_of(records: Sequence[Record], mass: bool) -> ParameterFile:
 
 
 def _each_way(
-    records: Sequence[Record],
-    fit: Fit,
-    judged: Mapping[str, Interval],
-    course: StackedRecords,
-    fixed: Mapping[str, float],
+    records: Records, fit: Fit, judged: Intervals, course: StackedRecords, fixed: Fixed
 ) -> tuple[dict[str, dict[str, Interval]], list[str]]:
     """Parameters of each direction, if both were recorded, and notes on them."""
     names = LAWS[fit.law.name].parameters
@@ -212,17 +205,15 @@ def _of_mass(found: Interval, given: Value | None) -> list[str]:
     return [said + gain_words(found.value, given.value)]
 
 
-def _remarks(records: Sequence[Record], fit: Fit, offset: bool) -> list[str]:
+def _remarks(records: Records, fit: Fit, offset: bool) -> list[str]:
     """Notes on the records and on the law."""
     notes = []
     if foreign := [r for r in records if not r.about]:
         way = max(float(np.ptp(r.position)) for r in foreign)
         pull = max(float(np.abs(r.force).max()) for r in foreign)
-        notes.append(
-            f"without trial.json, by name and unit, positions cover up to {way:.3g} m, forces "
-            f"reach {pull:.3g} N, samples come every {foreign[0].step:.3g} s: if this is "
-            "wrong, give the units"
-        )
+        sizes = f"positions cover up to {way:.3g} m, forces reach {pull:.3g} N, samples come every"
+        step = f"{foreign[0].step:.3g} s: if this is wrong, give the units"
+        notes.append(f"without trial.json, by name and unit, {sizes} {step}")
     if offset:
         notes.append(
             "in sliding, a constant force and a Coulomb friction that depends on direction "
@@ -230,15 +221,12 @@ def _remarks(records: Sequence[Record], fit: Fit, offset: bool) -> list[str]:
         )
     notes += [INTEGRATED] * any(r.velocity_alone for r in records)
     if fit.law.rigid:
-        notes.append(
-            f"presliding stiffness: the law has none; {np.mean(~fit.spoken):.0%} of the samples, "
-            "where the block may stick, only give a lower limit of the static friction"
-        )
+        share = f"{np.mean(~fit.spoken):.0%} of the samples, where the block may stick,"
+        only = "only give a lower limit of the static friction"
+        notes.append(f"presliding stiffness: the law has none; {share} {only}")
     if not fit.law.asks.form:
-        notes.append(
-            f"{fit.law.name} has no fast form in c/laws.c: its equations are solved from sample "
-            "to sample, which is slower"
-        )
+        slower = "its equations are solved from sample to sample, which is slower"
+        notes.append(f"{fit.law.name} has no fast form in c/laws.c: {slower}")
     if "Kv" in fit.law.unseen:
         notes.append("Kv is fixed at 1e8 s/m: these records do not resolve |v| of 1e-8 m/s")
     return notes
@@ -252,7 +240,7 @@ def _judge(fit: Fit, name: str, course: StackedRecords) -> Interval:
     return replace(interval, because=because, would_do=would_do)
 
 
-def _difference(apart: Fit, split: Mapping[str, Interval], fixed: Mapping[str, float]) -> list[str]:
+def _difference(apart: Fit, split: Intervals, fixed: Fixed) -> list[str]:
     """A note if the two directions differ significantly."""
     names = apart.law.parameters
     free = [j for j, n in enumerate(names) if n not in fixed]
@@ -267,8 +255,6 @@ def _difference(apart: Fit, split: Mapping[str, Interval], fixed: Mapping[str, f
         return []
     name = names[seen[int(np.argmax(np.abs(gap)))]]
     one, other = split[name + "_pos"], split[name + "_neg"]
-    return [
-        f"the two directions differ by more than chance (most in {name}: "
-        f"{one.value:.4g} and {other.value:.4g} {one.unit}); "
-        "one set of parameters for both is a compromise, and its intervals are too narrow"
-    ]
+    most = f"most in {name}: {one.value:.4g} and {other.value:.4g} {one.unit}"
+    both = "one set of parameters for both is a compromise, and its intervals are too narrow"
+    return [f"the two directions differ by more than chance ({most}); {both}"]

@@ -137,7 +137,5 @@ def gain_words(right: float, given: float) -> str:
     if right <= 0 or given <= 0:
         return ""
     ratio = right / given
-    return (
-        f"; if {given:.4g} kg is certain, the force is {ratio:.4g} times too large, or the lead or "
-        f"the unit of the position is wrong by a factor of {math.sqrt(ratio):.4g}"
-    )
+    wrong = f"the lead or the unit of the position is wrong by a factor of {math.sqrt(ratio):.4g}"
+    return f"; if {given:.4g} kg is certain, the force is {ratio:.4g} times too large, or {wrong}"

@@ -134,16 +134,12 @@ class Climb:
     """The search from a first guess of the coordinates; those in `held` stay."""
 
     def __init__(
-        self,
-        problem: Problem,
-        guess: Vector,
-        held: Sequence[int] = (),
-        hidden: Vector | None = None,
+        self, problem: Problem, at: Vector, held: Sequence[int] = (), hidden: Vector | None = None
     ) -> None:
         course = problem.course
         self.problem, self.held = problem, list(held)
         none = np.zeros(course.clocks + OWN * course.records)
-        self.centre = np.concatenate([guess, none, [math.log(course.noise)]])
+        self.centre = np.concatenate([at, none, [math.log(course.noise)]])
         self.vector = self.centre.copy()
         wide = np.full(problem.size, _WIDE)
         wide[problem.logarithms :] = _WIDE_OFFSET * course.level

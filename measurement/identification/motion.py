@@ -220,11 +220,7 @@ def _errors(position: Vector, speed: Vector, resolution: float) -> tuple[float, 
 
 
 def _to_noise(
-    readings: _Readings,
-    noise: float,
-    resolution: float,
-    more: Vector,
-    like: SmoothedMotion | None,
+    readings: _Readings, noise: float, resolution: float, more: Vector, like: SmoothedMotion | None
 ) -> tuple[Vector, Vector]:
     """The smooth course with residuals as large as the noise, and weights of second differences.
 

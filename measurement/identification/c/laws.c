@@ -1,9 +1,7 @@
-/* Friction laws along a given motion; law_along_record.py describes the functions and their units.
- * The laws' equations come from plant/, by laws_in_c.py; this file integrates them.
- *
+/* Friction laws along a given motion, see law_along_record.py; their equations come from plant/.
  * Between two samples the velocity is constant and g(v) is linear in time. Then a law of one of the
- * forms below has an exact step, which is stable for any stiffness. For all other laws the core
- * solves the equations. There are two sets of parameters, for motion forwards and backwards. */
+ * forms below has an exact step, which is stable for any stiffness; for all others the core solves
+ * the equations. There are two sets of parameters, for motion forwards and backwards. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -237,7 +235,7 @@ static double dry_friction(const Law *law, const double *state, Pace pace)
     return dry_force(towards_side(law, pace.v), sign_of(pace.v), pace.v, pace.curve);
 }
 
-/* ---- solved: the equations of any other law, by the core ---- */
+/* ---- solved: the equations of any other law, by the core; NAN if it fails ---- */
 
 static void put_before_core(const Law *law, const double *state, double v)
 {
@@ -254,7 +252,6 @@ static double solved_friction(const Law *law, const double *state, Pace pace)
     return *law->equations->friction;
 }
 
-/* NAN if it fails. */
 static void solved_move(const Law *law, double *state, const Move *m)
 {
     const Equations *const e = law->equations;
