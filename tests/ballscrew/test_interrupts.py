@@ -1,8 +1,7 @@
-"""An interrupt ends every command at once, with one line; a kill leaves no process behind.
+"""An interrupt ends every command at once, a kill leaves no process, the next one cleans up."""
 
-Here each long command is interrupted at one instant; `proofs/interrupts.py` does it at 20.
-"""
-
+import errno
+import os
 import signal
 import subprocess
 import time
@@ -21,6 +20,7 @@ from long_commands import (
 from waiting import wait_for
 
 from ballscrew.orchestration.loop.run_folder import HIDDEN, written_files
+from ballscrew.solver import files
 
 LATEST = 2.0  # s of processor time: well into the work of each
 
@@ -58,7 +58,7 @@ def test_an_interrupt_while_pictures_are_drawn_leaves_the_earlier_run(tmp_path):
     subprocess.run(words, check=True, capture_output=True)
     before = seen_in(out)
     assert "trajectory.csv" in before
-    command = Command.of(["run", "--controller", "iol", "--stop", "20"], out)
+    command = Command(["run", "--controller", "iol", "--stop", "20"], tmp_path, out)
     wait_for((out / HIDDEN / "next").is_dir, 120.0, command.process)
     ending = interrupted(command, signal.SIGTERM)
     assert ending.fault() == ""
@@ -86,6 +86,7 @@ def test_a_command_that_a_shell_started_in_the_background_does_not_hear_ctrl_c(d
     ignoring = f"trap '' INT; exec {BALLSCREW} rig 2.4/1 --out {tmp_path}"
     process = subprocess.Popen(["sh", "-c", ignoring], stdout=subprocess.PIPE, text=True)
     time.sleep(1.0)
+    assert process.poll() is None  # else nothing would be shown
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=60)
     assert process.returncode == 0
@@ -98,3 +99,84 @@ def test_five_seconds_after_a_kill_no_process_of_a_command_lives(name, data, tmp
     command.process.send_signal(signal.SIGKILL)
     command.process.communicate(timeout=10)
     assert command.left_after(5.0) == {}
+
+
+# -- what killed commands left -------------------------------------------------------------------
+
+
+def begin(temporary, out):
+    """A long command, and its folder for temporary files."""
+    before = set(temporary.iterdir())
+    process = subprocess.Popen(
+        [BALLSCREW, *COMMANDS["run_isolated"].split(), "--out", out],
+        env=os.environ | {"TMPDIR": str(temporary)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+    def unpacked():
+        return [f for f in set(temporary.iterdir()) - before if f.is_dir() and list(f.iterdir())]
+
+    return process, wait_for(unpacked, 60.0, process)[0]
+
+
+@pytest.mark.ci
+def test_folders_of_killed_commands_are_removed_and_those_of_living_ones_never(tmp_path):
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    others = [temporary / name for name in ("ballscrew-run-link", "ballscrew-mine", "mine")]
+    others[0].symlink_to(tmp_path)
+    others[1].mkdir()
+    others[2].touch()
+    killed, left = begin(temporary, tmp_path / "killed")
+    living, used = begin(temporary, tmp_path / "living")
+    try:
+        killed.send_signal(signal.SIGKILL)
+        killed.wait()
+        held = set(used.rglob("*"))
+        deadline = time.monotonic() + 10  # its child ends with it, and frees the folder
+        while left.exists():
+            assert time.monotonic() < deadline
+            assert left.is_dir()
+            done = subprocess.run(
+                [BALLSCREW, "gallery"],
+                env=os.environ | {"TMPDIR": str(temporary)},
+                capture_output=True,
+            )
+            assert done.returncode == 0
+        assert held <= set(used.rglob("*"))
+        assert held
+        assert living.poll() is None
+        assert sorted(temporary.iterdir()) == sorted([*others, used])
+    finally:
+        living.terminate()
+        living.wait()
+    assert sorted(temporary.iterdir()) == sorted(others)
+
+
+@pytest.mark.ci
+def test_a_folder_that_is_too_deep_for_recursion_goes_with_the_next_command(tmp_path):
+    """As an FMU leaves it that makes folders within folders; the path is longer than allowed."""
+    place = os.open(tmp_path, os.O_RDONLY)
+    for name in ("ballscrew-run-left", *("d" * 9 for _ in range(1200))):
+        os.mkdir(name, dir_fd=place)
+        inner = os.open(name, os.O_RDONLY, dir_fd=place)
+        os.close(place)
+        place = inner
+    os.close(place)
+    environment = os.environ | {"TMPDIR": str(tmp_path)}
+    done = subprocess.run([BALLSCREW, "gallery"], env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.ci
+def test_what_cannot_be_written_to_a_full_disk_is_told_with_its_file(tmp_path, monkeypatch):
+    def full(_descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(files.os, "fsync", full)
+    with pytest.raises(OSError, match=str(tmp_path / "file")) as caught:
+        files.write_atomically(tmp_path / "file", b"data")
+    assert caught.value.errno == errno.ENOSPC
+    assert list(tmp_path.iterdir()) == []

@@ -116,29 +116,20 @@ def test_set_wins_over_the_file_and_the_file_over_the_default(axis, tmp_path):
     assert (file.controllers["pid"]["Kp"].value, file.controllers["pid"]["Ki"].value) == (300, 1)
 
 
-@pytest.fixture(scope="module")
-def loops(tmp_path_factory):
-    """The same loop as it is, and with values from a file."""
-    top = tmp_path_factory.mktemp("loops")
-    pid, path = ("run", "--controller", "pid", *SHORT), top / "axis.toml"
-    path.write_text(HAND)
-    done(*pid, "--out", top / "nominal")
-    done(*pid, "--params", path, "--out", top / "told")
-    course = (top / "told" / "trajectory.csv").read_bytes()
-    assert course != (top / "nominal" / "trajectory.csv").read_bytes()
-    return SimpleNamespace(pid=pid, nominal=top / "nominal", told=top / "told", course=course)
+def test_the_file_s_values_act_as_set_does_and_the_file_that_a_run_writes_is_that_run(
+    axis, tmp_path
+):
+    def course(out, *given):
+        done("run", "--controller", "pid", *SHORT, *given, "--out", tmp_path / out)
+        return (tmp_path / out / "trajectory.csv").read_bytes()
 
-
-def test_the_file_s_values_move_the_block_as_set_does(loops, tmp_path):
+    told = course("told", "--params", axis(HAND))
+    assert told != course("nominal")
     sets = ("plant.sigma0=6e4", "plant.m=2", "controller.Kp=300")
-    done(*loops.pid, *itertools.chain(*(("--set", s) for s in sets)), "--out", tmp_path)
-    assert (tmp_path / "trajectory.csv").read_bytes() == loops.course
-
-
-def test_the_file_that_a_run_writes_is_the_same_run(loops, tmp_path):
-    done(*loops.pid, "--params", loops.told / "parameters.toml", "--out", tmp_path)
-    for name in ("trajectory.csv", "parameters.toml"):
-        assert (tmp_path / name).read_bytes() == (loops.told / name).read_bytes()
+    assert told == course("set", *itertools.chain(*(("--set", s) for s in sets)))
+    assert told == course("again", "--params", tmp_path / "told" / "parameters.toml")
+    files = [(tmp_path / out / "parameters.toml").read_bytes() for out in ("told", "again")]
+    assert files[0] == files[1]
 
 
 def test_the_file_s_law_chooses_the_plant(axis, tmp_path):

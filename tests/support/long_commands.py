@@ -52,19 +52,10 @@ def write_data(folder: Path) -> None:
 
 
 class Command:
-    """A running command of `COMMANDS`; `data` is the folder of `write_data`, `out` for results."""
+    """A running command of `COMMANDS`, or of words; `data` is the folder of `write_data`."""
 
-    def __init__(self, name: str, data: Path, out: Path) -> None:
-        self._start(COMMANDS[name].format(data=data).split(), out)
-
-    @classmethod
-    def of(cls, words: list[str], out: Path) -> Command:
-        """A command that is not in `COMMANDS`."""
-        command = cls.__new__(cls)
-        command._start(words, out)
-        return command
-
-    def _start(self, words: list[str], out: Path) -> None:
+    def __init__(self, name: str | list[str], data: Path, out: Path) -> None:
+        words = COMMANDS[name].format(data=data).split() if isinstance(name, str) else name
         self._mark = uuid.uuid4().hex
         self.process = subprocess.Popen(
             [str(BALLSCREW), *words, "--out", str(out)],
