@@ -23,12 +23,12 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (2779, 2276),
     "ballscrew": (3500, 2890),
     "gallery": (2730, 2356),
-    "measurement": (11270, 9901),
+    "measurement": (11205, 9843),
     "proofs": (7823, 7089),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (22337, 21333),
+    "tests": (22292, 21291),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -83,18 +84,33 @@ def _either(d: Diagnosis, cause: Finding) -> str:
     found = {s.name: s for s in (*d.suspects, *d.causes)}
     words = []
     for name in (cause.name, *d.alternatives.get(cause.name, cause.alike)):
-        sizes = _sizes(found[name], ends=False) if name in found else []
-        words.append(f"{name} ({sizes[0]})" if sizes else name)
+        size = _first_size(found[name]) if name in found else ""
+        words.append(f"{name} ({size})" if size else name)
     return " or ".join(words)
 
 
-def _sizes(found: Finding, ends: bool = True) -> list[str]:
-    """Sizes with their units and, if asked for, their 95 % intervals."""
+def _first_size(found: Finding) -> str:
+    """The first size; of waves, the largest amplitude of a cosine and its sine."""
+    values = found.parameters
+    pairs = [(n, n.replace("_cos", "_sin")) for n in values if "_cos" in n]
+    waves = {n: math.hypot(values[n], values[s]) for n, s in pairs if s in values}
+    if not waves:
+        return next((_size(found, name, value) for name, value in values.items()), "")
+    name = max(waves, key=lambda n: waves[n])
+    return _size(found, name, waves[name]).replace(name, "amplitude")
+
+
+def _size(found: Finding, name: str, value: float) -> str:
+    unit = found.units.get(name, "")
+    return f"{name} = {value:.4g} {'' if unit == '1' else unit}".rstrip()
+
+
+def _sizes(found: Finding) -> list[str]:
+    """Sizes with their units and 95 % intervals."""
     words = []
     for name, value in found.parameters.items():
-        unit = found.units.get(name, "")
-        words.append(f"{name} = {value:.4g} {'' if unit == '1' else unit}".rstrip())
-        if ends and name in found.intervals:
+        words.append(_size(found, name, value))
+        if name in found.intervals:
             low, high = found.intervals[name]
             words[-1] += f" ({low:.4g} to {high:.4g})"
     return words

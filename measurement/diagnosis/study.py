@@ -14,7 +14,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ...solver.arrays import Matrix, Vector
 from ...solver.errors import BadRecord
@@ -329,20 +328,6 @@ def noise_products(study: Study, columns: Sequence[Matrix], own: Vector) -> Vect
     noise *= np.min(room[:, :, 1:], axis=2)[:, :, None, None]
     noise[:, :, 0, 0] = 0.0
     return np.asarray(noise)
-
-
-def told_of(inner: Matrix, chosen: npt.NDArray[np.int64], precision: Vector) -> Matrix:
-    """Information of normal equations on some amplitudes, all others fitted: a Schur complement.
-
-    `inner` are products of the columns in units of their noise, shape (n, n); `precision` is the
-    prior one of the others, in their order.
-    """
-    others = np.setdiff1d(np.arange(len(inner)), chosen)
-    at = np.arange(len(others))
-    free = inner[np.ix_(others, others)]
-    free[at, at] += precision + 1e-9 * (free[at, at] + 1e-30)
-    cross = inner[np.ix_(others, chosen)]
-    return np.asarray(inner[np.ix_(chosen, chosen)] - cross.T @ np.linalg.solve(free, cross))
 
 
 def _moved(study: Study) -> tuple[Study, Fit]:

@@ -29,7 +29,7 @@ def test_a_hidden_ripple_is_named_and_everything_is_written_and_printed(diagnose
         "explained",
         ["torque_ripple"],
     )
-    assert printed.startswith("cause found: torque_ripple (ripple_cos = ")
+    assert printed.startswith("cause found: torque_ripple (amplitude = ")
     assert printed.count("\n") < 24  # one screen
     for name in ("baseline_residual", "adjusted_residual", "final_residual", "floor"):
         assert f"{result[name]['force_N']:.4g}" in printed

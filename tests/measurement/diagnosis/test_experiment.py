@@ -1,16 +1,14 @@
 """The next experiment: its motion by hand, within what the machine did, and what is said of it."""
 
 import math
-import re
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from diagnosed import nominal
-from slide_records import COULOMB, MASS, VISCOUS, believed, slide_record
+from slide_records import believed, slide_record
 
-from ballscrew.measurement.diagnosis import experiment as module
 from ballscrew.measurement.diagnosis.causes import CAUSES
 from ballscrew.measurement.diagnosis.diagnose import diagnose_records
 from ballscrew.measurement.diagnosis.drive import Drive
@@ -22,9 +20,7 @@ from ballscrew.measurement.diagnosis.experiment import (
     survey,
 )
 from ballscrew.measurement.diagnosis.modelled_record import lay_along
-from ballscrew.measurement.diagnosis.rule import Explained
-from ballscrew.measurement.diagnosis.scores import OUTSIDE, Catalogue
-from ballscrew.measurement.diagnosis.study import study_of
+from ballscrew.measurement.diagnosis.scores import OUTSIDE
 from ballscrew.measurement.records.reading import check_record
 from ballscrew.orchestration.master.reference_signal import Reference
 
@@ -86,69 +82,37 @@ def test_it_lasts_twelve_seconds_at_least_and_a_loop_can_follow_its_file(tmp_pat
     assert np.allclose(reference.values, motion.values, atol=1e-9)
 
 
-def found_with(*names, built=()):
+def found_with(*names, built=(), alternatives=()):
     """What a search leaves that ended with these suspects, the best score first."""
-    members = [
-        SimpleNamespace(name=n, score=90.0 - k, certain=False, alike=())
-        for k, n in enumerate(names)
-    ]
+    members = [SimpleNamespace(name=n, score=90.0 - k) for k, n in enumerate(names)]
     course = lay_along(slide_record(), believed())
     study = SimpleNamespace(courses=[course], model=believed())
-    return SimpleNamespace(study=study, built=list(built), suspects=members[::-1])
+    more = {"built": list(built), "alternatives": dict.fromkeys(alternatives, ("...",))}
+    return SimpleNamespace(study=study, suspects=members[::-1], **more)
 
 
-def test_what_is_asked_for_names_three_suspects_and_waits_for_slow_ones(monkeypatch):
-    monkeypatch.setattr(module, "_alike", lambda found, told, motion: [(told[0].name, "load_bias")])
-    names = ("backlash", OUTSIDE, "load_bias", "friction_drift", "compliance")
-    asked = next_experiment(found_with(*names), quiet=False)
+def test_what_is_asked_for_is_about_what_is_undecided_and_waits_for_slow_ones():
+    certain = SimpleNamespace(name="load_bias", score=95.0, certain=True)
+    beside = SimpleNamespace(name="torque_ripple", score=99.0, certain=False)
+    built, names = (
+        [certain, beside],
+        ("backlash", OUTSIDE, "compliance", "friction_drift", "time_shift"),
+    )
+    asked = next_experiment(found_with(*names, built=built), quiet=False)
     assert asked.says == (
-        "these records cannot distinguish backlash from load_bias or friction_drift; this motion "
-        "will not distinguish backlash from load_bias, and each of them corrects the model equally "
-        f"well: {CAUSES['backlash'].confirm}"
+        "these records cannot distinguish backlash from compliance or friction_drift; what would "
+        f"confirm backlash: {CAUSES['backlash'].confirm}"
     )
     assert asked.motion.duration == pytest.approx(3 * 7.999 + 0.1, abs=2e-3)
-    certain = SimpleNamespace(name="load_bias", score=90.0, certain=True, alike=())
-    one = next_experiment(found_with("backlash", built=[certain]), quiet=False)
-    assert one.says == f"what would confirm backlash: {CAUSES['backlash'].confirm}"
-    assert one.motion.duration == pytest.approx(12.1)
-
-
-@pytest.fixture(scope="module")
-def loaded():
-    """A study of a slide with a load, and the next motion as it is foreseen."""
-    study = study_of([slide_record("load_bias")], believed())
-    found = Explained(study, Catalogue(study), [], [])
-    motion = survey(reach_of(study.courses), study.model, 12.0)
-    return found, motion, module._foreseen(found, motion)
-
-
-def test_the_foreseen_record_is_newtons_law_along_the_motion(loaded):
-    found, motion, study = loaded
-    (course,), step = study.courses, motion.time[1]
-    v = np.gradient(motion.values, step)
-    values = found.study.model.values
-    by_hand = values["m"] * np.gradient(v, step) + values["sigma2"] * v
-    by_hand += values["Fc"] * np.sign(v)
-    # midway between samples, friction is that of another instant
-    even = np.abs(v[: len(course.u)]) > 0.02
-    assert np.abs(course.u - by_hand[: len(course.u)])[even].max() < 0.02 * COULOMB
-    assert values["m"] == pytest.approx(MASS, rel=0.03)
-    assert values["sigma2"] == pytest.approx(VISCOUS, rel=0.05)
-
-
-def test_what_sets_suspects_apart_is_the_loss_of_log_likelihood(loaded):
-    """By least squares of all lines, each weighted, with the priors as rows of their own."""
-    _, _, study = loaded
-    n, used = len(study.courses[0].resting), np.flatnonzero(study.bands.used)
-    columns = np.random.default_rng(0).standard_normal((n, len(study.courses[0].channels), 3))
-    weights, spread = 0.5 + np.arange(len(used)) / len(used), np.array([0.01])
-    lines = study.bands.lines([columns])
-    rows = np.concatenate(
-        [math.sqrt(w) * block[k] for block in lines for k, w in zip(used, weights, strict=True)]
-    )
-    rows = np.vstack([rows, [0.0, 1.0 / spread[0], 0.0]])
-    _, left, *_ = np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)
-    assert module._apart(study, columns, weights, spread) == pytest.approx(0.5 * left[0], rel=1e-3)
+    of_two = found_with("backlash", built=built, alternatives=["load_bias"])
+    assert "cannot distinguish load_bias from backlash;" in next_experiment(of_two, False).says
+    for given, name in (
+        (found_with("backlash", built=built), "backlash"),
+        (found_with(built=built), "torque_ripple"),
+    ):
+        one = next_experiment(given, quiet=False)
+        assert one.says == f"what would confirm {name}: {CAUSES[name].confirm}"
+        assert one.motion.duration == pytest.approx(12.1)
 
 
 def test_the_reach_is_that_of_all_records():
@@ -186,24 +150,3 @@ def test_records_of_which_each_has_a_phase_of_its_own_are_asked_for_one_more():
     asked = found.next_experiment
     assert "these records cannot distinguish" in asked.says
     assert np.abs(asked.motion.values).max() <= 0.012
-
-
-@pytest.mark.ci
-def test_what_no_motion_of_this_kind_tells_apart_is_said_and_that_the_correction_is_the_same():
-    """A load of 8 N, and friction that is 16 N more one way and 8 N less in all, as it may be."""
-    random, time = np.random.default_rng(1), np.arange(0.0, 8.0, 1e-3)
-    x = 0.1 * np.sin(2.0 * time) + 0.01 * np.sin(9.0 * time)
-    v = 0.2 * np.cos(2.0 * time) + 0.09 * np.cos(9.0 * time)
-    a = -0.4 * np.sin(2.0 * time) - 0.81 * np.sin(9.0 * time)
-    u = 40.0 * a + 80.0 * np.sign(v) + 200.0 * v + 8.0 + random.standard_normal(len(time))
-    values = {"m": 40.0, "gain": 1.0, "offset": 0.0, "Fc": 80.0, "Fs": 80.0, "sigma2": 200.0}
-    believed = Drive("drive", "classical", values | {"Vs": 0.01}, {"Fc": 0.1, "sigma2": 0.1})
-    record = check_record("made", {"time": time, "x": x, "u": u}, "force")
-    found = diagnose_records([record], believed)
-    members = {c.name for c in found.causes} | {s.name for s in found.suspects}
-    assert {"load_bias", "direction_asymmetry"} <= members
-    says = found.next_experiment.says
-    pair = "load_bias from direction_asymmetry|direction_asymmetry from load_bias"
-    assert re.search(
-        f"this motion will not distinguish ({pair}), and each of them corrects the model", says
-    )

@@ -54,6 +54,12 @@ def test_the_numbers_of_the_report_are_those_of_the_result(found):
     assert found.friction == pytest.approx(friction, rel=0.03)
 
 
+def test_the_size_of_a_wave_is_its_largest_amplitude(found):
+    sizes = {"ripple_cos_1": 0.15, "ripple_sin_1": -0.2, "ripple_cos_2": 0.6, "ripple_sin_2": 0.8}
+    cause = replace(found.causes[0], parameters=sizes, units=dict.fromkeys(sizes, "N"))
+    assert "torque_ripple (amplitude = 1 N). The" in text_of(replace(found, causes=(cause,)))
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
