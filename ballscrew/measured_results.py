@@ -7,8 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from .measurement.diagnosis.blocks import Estimate
-from .measurement.diagnosis.compared import ALL, Compared, Left
+from .measurement.diagnosis.compared import ALL, Compared, Estimate, Left
 from .measurement.diagnosis.diagnosis import ANSWERED, Diagnosis
 from .measurement.diagnosis.report import WORDS, diagnosis_figure, tables_of, verdict_sentence
 from .measurement.identification.identification import Identification

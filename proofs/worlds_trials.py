@@ -14,7 +14,7 @@ from worlds import OUTSIDE as NOT_IN_CATALOGUE
 from worlds import WORLDS, Unusable, draw_case, effects_of, write_case
 
 from ballscrew import read_drive_records, read_parameters
-from ballscrew.measurement.diagnosis.drive import Drive, commanded, drive_of
+from ballscrew.measurement.diagnosis.model import Drive, commanded, drive_of
 from ballscrew.measurement.diagnosis.scores import OUTSIDE as IN_NO_CAUSE
 from ballscrew.measurement.records.record import Record
 

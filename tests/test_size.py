@@ -21,14 +21,14 @@ MOST = {  # folder: lines, lines without docstrings
     "fmus": (4974, 4446),
     "orchestration": (9104, 7999),
     "stability": (2779, 2276),
-    "ballscrew": (3500, 2890),
+    "ballscrew": (3499, 2889),
     "gallery": (2730, 2356),
-    "measurement": (11205, 9843),
+    "measurement": (11025, 9677),
     "proofs": (7823, 7089),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (22292, 21291),
+    "tests": (22198, 21198),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

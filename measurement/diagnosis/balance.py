@@ -6,27 +6,29 @@ forces and masses would have smaller residuals than the true model.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+from scipy.ndimage import binary_opening
 
-from ...solver.arrays import Matrix, Vector
+from ...solver.arrays import Mask, Matrix, Vector
+from ...solver.errors import BadRecord
+from ..identification.fitted_law import BRISTLES
 from .causes.cause import Form
-from .drive import Drive
-from .modelled_record import (
-    CalibrationPrior,
-    ModelledRecord,
-    calibration_priors,
-    mean_current,
-    true_current,
-)
-from .weak_form import averaged, lagged, rate, windows
+from .model import Drive
+from .motion import Course, calibrations, mean_current, read_anew, recalibrated
+from .windows import at_samples, averaged, lagged, per_interval, windows
 
 EXACT = 3e-3
 """Smallest noise, as a share of the friction: friction laws are not exact."""
+AROUND_REST = 3
+"""Number of windows excluded on each side of a rest; at the start, twice as many."""
 _STEP = 1e-3  # step of finite differences, relative to a value
+_JUMP = 0.1  # jump of the law's force between two samples, as a share of friction
+_FEWEST = 50  # smallest number of windows in motion to judge a model
+
+Courses = Sequence[Course]
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Added:
     command: list[Vector]
 
     @classmethod
-    def nothing(cls, courses: Sequence[ModelledRecord]) -> Added:
+    def nothing(cls, courses: Courses) -> Added:
         return cls(*([np.zeros(len(c.x)) for c in courses] for _ in range(2)))
 
     def more(self, form: Form, amplitudes: Vector) -> Added:
@@ -52,7 +54,7 @@ class Added:
 
 
 def balance(
-    course: ModelledRecord, model: Drive, friction: Vector, force: Vector, command: Vector
+    course: Course, model: Drive, friction: Vector, force: Vector, command: Vector
 ) -> Matrix:
     """Residual of each balance in each window, shape (windows, channels) [N].
 
@@ -60,8 +62,7 @@ def balance(
     voltage is given as the force that it holds at rest. `friction` is the law along the record;
     `force` and `command` are added to the model's own equations, shape (n,) each.
     """
-    width, step = course.width, course.step
-    v = course.moved_v
+    width, step, v = course.width, course.step, course.moved_v
     u = course.u + course.calibration["command_shift"] * course.next_change + command
     opposed = averaged(friction + force + model.linear_friction * v, width)
     opposed += course.own_offset + model.inertia * course.measured_a
@@ -72,107 +73,165 @@ def balance(
         return (course.per_command / model.values["gain"] * (driven - opposed))[:, None]
     resistance, inductance = model.values["R"], model.values["L"]
     volts = u - model.back_emf * v
-    per_volt = course.per_command
     if not course.by_current:
         late = lagged((volts / resistance)[:, None], step, inductance / resistance)[:, 0]
-        scale = per_volt / model.per_command
+        scale = course.per_command / model.per_command
         forces = scale * (model.per_ampere * averaged(late, width) - opposed)
         if not course.has_current:
             return forces[:, None]
     read = averaged(mean_current(course, model), width)
     if course.by_current:
-        scale = per_volt * course.resistance / model.per_ampere
+        scale = course.per_command * course.resistance / model.per_ampere
         scale /= 1.0 + course.calibration["current_gain"]
         forces = scale * (model.per_ampere * read - opposed)
     left_volts = averaged(volts, width) - resistance * read
-    left_volts -= inductance * rate(true_current(course), step, width)
-    return np.column_stack([forces, per_volt * left_volts])
-
-
-def shown(course: ModelledRecord, model: Drive, form: Form, record: int) -> npt.NDArray[np.float64]:
-    """Effect of a cause of amplitude one on each balance, shape (windows, channels, m) [N]."""
-    m = len(form.amplitudes)
-    out = np.zeros((windows(len(course.x), course.width), len(course.channels), m))
-    if form.force is not None:
-        out[:, 0] += averaged(form.force[record], course.width)
-    if form.command is not None:
-        command = form.command[record]
-        if not model.has_motor:
-            out[:, 0] -= model.values["gain"] * averaged(command, course.width)
-        elif not course.by_current:
-            late = lagged(command, course.step, model.values["L"] / model.values["R"])
-            out[:, 0] -= model.per_command * averaged(late, course.width)
-        if course.has_current:
-            out[:, 1] -= course.per_command * averaged(command, course.width)
-    return out
+    left_volts -= inductance * averaged(per_interval(course.true_current) / step, width)
+    return np.column_stack([forces, course.per_command * left_volts])
 
 
 def leftovers(
-    courses: Sequence[ModelledRecord],
-    model: Drive,
-    added: Added,
-    law: Sequence[Vector] | None = None,
+    courses: Courses, model: Drive, added: Added, law: Sequence[Vector] | None = None
 ) -> list[Matrix]:
     """`balance` of each record; `law` is the friction along the records if already computed."""
     if law is None:
         law = [model.friction(c.x, c.v, c.step) for c in courses]
-    return [
-        balance(c, model, *given)
-        for c, *given in zip(courses, law, added.force, added.command, strict=True)
-    ]
+    along = zip(courses, law, added.force, added.command, strict=True)
+    return [balance(c, model, *given) for c, *given in along]
 
 
-def responses(courses: Sequence[ModelledRecord], model: Drive, form: Form) -> list[Matrix]:
-    """Effect of a cause of amplitude one on the balances of each record, see `shown`."""
-    return [shown(c, model, form, r) for r, c in enumerate(courses)]
-
-
-def calibrated(courses: Sequence[ModelledRecord]) -> dict[str, CalibrationPrior]:
-    """Possible errors of the instruments of a study."""
-    return calibration_priors(courses[0])
+def responses(courses: Courses, model: Drive, form: Form) -> list[Matrix]:
+    """Effect of a cause of amplitude one on each balance: (windows, channels, m) per record [N]."""
+    found = []
+    for record, course in enumerate(courses):
+        count = windows(len(course.x), course.width)
+        out = np.zeros((count, len(course.channels), len(form.amplitudes)))
+        if form.force is not None:
+            out[:, 0] += averaged(form.force[record], course.width)
+        if form.command is not None:
+            command = form.command[record]
+            if not model.has_motor:
+                out[:, 0] -= model.values["gain"] * averaged(command, course.width)
+            elif not course.by_current:
+                late = lagged(command, course.step, model.values["L"] / model.values["R"])
+                out[:, 0] -= model.per_command * averaged(late, course.width)
+            if course.has_current:
+                out[:, 1] -= course.per_command * averaged(command, course.width)
+        found.append(out)
+    return found
 
 
 def sensitivities(
-    courses: Sequence[ModelledRecord],
-    model: Drive,
-    added: Added,
-    usual: Sequence[Vector],
-    of_law: bool = True,
+    courses: Courses, model: Drive, usual: Sequence[Vector], of_law: bool = True
 ) -> list[Matrix]:
     """Effect of values and calibrations on the balances: (windows, channels, columns) per record.
 
-    The columns are a relative change of each adjustable value, then a change of each of
-    `calibrated`. `usual` is the law along the records. Without `of_law`, the columns of its values
-    are zero.
+    The columns are a relative change of each adjustable value, then a change of each of the
+    `calibrations`. `usual` is the law along the records. Without `of_law`, the columns of its
+    values are zero.
     """
+    added = Added.nothing(courses)
 
-    def of_value(name: str) -> list[Matrix]:
-        law = None if name in model.law_parameters else usual
-        low, high = (
-            leftovers(courses, model.changed({name: model.values[name] * (1 + s)}), added, law)
-            for s in (-_STEP, _STEP)
-        )
-        return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
-
-    def of_calibration(name: str) -> list[Matrix]:
-        low, high = (
-            leftovers(recalibrated(courses, {name: s}), model, added, usual)
-            for s in (-_STEP, _STEP)
-        )
-        return [(a - b) / (2 * _STEP) for a, b in zip(low, high, strict=True)]
+    def slope(name: str, of_model: bool) -> list[Matrix]:
+        law = None if of_model and name in model.law_parameters else usual
+        ends = []
+        for s in (-_STEP, _STEP):
+            changed = model.changed({name: model.values[name] * (1 + s)}) if of_model else model
+            those = courses if of_model else recalibrated(courses, {name: s})
+            ends.append(leftovers(those, changed, added, law))
+        return [(a - b) / (2 * _STEP) for a, b in zip(*ends, strict=True)]
 
     fixed = () if of_law else model.law_parameters
     nothing = [np.zeros((windows(len(c.x), c.width), len(c.channels))) for c in courses]
-    columns = [nothing if name in fixed else of_value(name) for name in model.adjustable]
-    columns += [of_calibration(name) for name in calibrated(courses)]
+    columns = [nothing if name in fixed else slope(name, True) for name in model.adjustable]
+    columns += [slope(name, False) for name in calibrations(courses[0])]
     return [np.stack(record, axis=2) for record in zip(*columns, strict=True)]
 
 
-def recalibrated(
-    courses: Sequence[ModelledRecord], changes: Mapping[str, float]
-) -> list[ModelledRecord]:
-    """Return the courses with their calibration changed by `change`."""
-    return [
-        replace(c, calibration={n: v + changes.get(n, 0.0) for n, v in c.calibration.items()})
-        for c in courses
-    ]
+# -- where forces are known --------------------------------------------------------------------
+
+
+def moving(course: Course, model: Drive) -> Vector:
+    """One for each window that gives forces, else zero, shape (windows,).
+
+    Windows at a rest or a jump, near one and at the start are zero. A law without bristles has no
+    known force at a rest that is longer than a reversal. The current in the winding before the
+    start is not known.
+    """
+    slow, still = course.silent, np.abs(course.v) < course.slowest
+    rigid = model.law not in BRISTLES
+    if rigid:
+        slow = slow | binary_opening(still, np.ones(2 * course.width, dtype=bool))
+    rests = averaged(slow.astype(float), course.width) > 0.0
+    near = np.convolve(rests, np.ones(2 * AROUND_REST + 1), mode="same") > 0.0
+    near[: 2 * AROUND_REST] = True
+    if rigid:  # the direction of friction is not known there
+        near |= averaged(still.astype(float), course.width) > 0.0
+    return np.asarray(1.0 - near)
+
+
+def check_motion(courses: Courses, model: Drive) -> None:
+    """Raise BadRecord for records with almost no motion."""
+    moves = [moving(c, model) for c in courses]
+    count, parts = int(sum(m.sum() for m in moves)), sum(map(len, moves))
+    if count < _FEWEST:
+        names = ", ".join(c.record.name for c in courses)
+        raise BadRecord(
+            f"{names}: only {count} of {parts} parts of {courses[0].width} samples are in motion; "
+            f"expected {_FEWEST} at least: x is constant, jumps from sample to sample or is noise"
+        )
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Residuals of one study, its records end to end, shape (n,)."""
+
+    force: Vector  # opposes motion in +x and is missing in the model [N]
+    by_current: Vector  # motor force by the voltage less that by the current, 0 without one [N]
+    telling: Mask  # samples at which forces are known
+
+    @property
+    def force_rms(self) -> float:
+        return rms(self.force[self.telling])
+
+    @property
+    def by_current_rms(self) -> float:
+        return rms(self.by_current[self.telling])
+
+
+def rms(values: Vector) -> float:
+    """Root mean square; zero for an empty array."""
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
+
+
+def residual(courses: Courses, model: Drive, added: Added | None = None) -> Residual:
+    """Force missing in a model and what is added to its equations, along each record.
+
+    Forces are scaled to the prior model's force per unit of the command, see `balance`. At jumps of
+    the law's force they are not known, because the instant within a sampling interval is not.
+    """
+    parts = []
+    for c, left in zip(
+        courses, leftovers(courses, model, added or Added.nothing(courses)), strict=True
+    ):
+        size = len(c.x), c.width
+        whole = at_samples(left[:, 0], *size)
+        between = at_samples(left[:, 1], *size) if c.has_current else np.zeros(len(whole))
+        if c.by_current:  # the input of a simulation is the voltage
+            whole = whole + between
+        jumps = np.abs(np.diff(c.bristle, append=c.bristle[-1:]))
+        steady = averaged(jumps, c.width) < _JUMP * model.friction_scale
+        keep = at_samples(np.asarray(moving(c, model) * steady, dtype=float), *size) == 1.0
+        parts.append((whole, between, keep))
+    return Residual(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def noise_of_readings(courses: Courses, model: Drive) -> Residual:
+    """Residual due to rounding and instrument noise alone: the change with a repeated reading.
+
+    It does not include the law's error due to the error of the motion, see `force_variance`.
+    """
+    random = np.random.default_rng(0)
+    once = residual(courses, model)
+    again = residual([read_anew(c, model, random) for c in courses], model)
+    between = again.by_current - once.by_current
+    return Residual(again.force - once.force, between, once.telling)

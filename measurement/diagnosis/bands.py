@@ -14,18 +14,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.fft import rfft
-from scipy.ndimage import binary_opening
 from scipy.signal.windows import tukey
 
-from ...solver.arrays import Matrix, Vector
-from ..identification.fitted_law import BRISTLES
+from ...solver.arrays import Mask, Matrix, Vector
 from ..records.examine import carried
-from .balance import EXACT, Added, leftovers
-from .drive import Drive
-from .modelled_record import ModelledRecord, read_anew
-from .weak_form import averaged, windows
+from .balance import EXACT, Added, leftovers, moving
+from .model import Drive
+from .motion import Course, read_anew
+from .windows import averaged, windows
 
 BLOCKS = 5
 """Number of blocks, held out one at a time; with more records than this, one per record."""
@@ -36,10 +33,7 @@ EDGES = (0.0, 0.5, 2.0, 8.0, 32.0, 128.0, 512.0, np.inf)
 TAPER = 0.1
 """Share of a block in the cosine ends of a Tukey window."""
 
-AROUND_REST = 3
-"""Number of windows excluded on each side of a rest; at the start, twice as many."""
-
-OF_CARRIED = 0.35
+OF_CUT_OFF = 0.35
 """Share of a position filter's cut-off up to which the filter does not change the signal."""
 
 WITHIN_INTERVAL = 1.0 / math.sqrt(3.0)
@@ -59,13 +53,13 @@ class Bands:
 
     parts: list[tuple[int, int, int]]  # record, and window range, of each block
     weights: list[Matrix]
-    used: npt.NDArray[np.bool_]  # shape (channels * bands,)
+    used: Mask  # shape (channels * bands,)
     counts: Matrix  # shape (blocks, channels * bands)
     steps: list[float]  # time between windows in each block [s]
     top: float  # frequency up to which a filter does not change the position [Hz]
 
     @property
-    def of_force(self) -> npt.NDArray[np.bool_]:
+    def of_force(self) -> Mask:
         """Which of the used bands belong to the balance of forces."""
         return np.asarray((np.arange(len(self.used)) < len(EDGES) - 1)[self.used])
 
@@ -98,14 +92,10 @@ class Bands:
         return out
 
 
-def products(left: list[list[Matrix]], right: list[list[Matrix]]) -> npt.NDArray[np.float64]:
+def products(left: list[list[Matrix]], right: list[list[Matrix]]) -> Vector:
     """Inner products of columns, shape (blocks, channels * bands, columns, columns)."""
-    return np.array(
-        [
-            [a.T @ b for a, b in zip(one, other, strict=True)]
-            for one, other in zip(left, right, strict=True)
-        ]
-    )
+    blocks = zip(left, right, strict=True)
+    return np.array([[a.T @ b for a, b in zip(*block, strict=True)] for block in blocks])
 
 
 def _rows(count: int, step: float, top: float) -> list[slice]:
@@ -120,7 +110,7 @@ def _seen(weights: Matrix) -> Vector:
     return np.asarray(np.mean(weights**2, axis=0))
 
 
-def cut(courses: Sequence[ModelledRecord], model: Drive) -> Bands:
+def cut(courses: Sequence[Course], model: Drive) -> Bands:
     """Return the blocks and bands of a study; bands hidden by instrument noise are not used."""
     exact = EXACT * model.friction_scale
     per = -(-BLOCKS // len(courses))
@@ -146,32 +136,13 @@ def cut(courses: Sequence[ModelledRecord], model: Drive) -> Bands:
     return Bands(parts, weights, _clear(courses, model, bands), bands.counts, steps, top)
 
 
-def moving(course: ModelledRecord, model: Drive) -> Vector:
-    """One for each window that gives forces, else zero, shape (windows,).
-
-    Windows at a rest or a jump, near one and at the start are zero. A law without bristles has no
-    known force at a rest that is longer than a reversal. The current in the winding before the
-    start is not known.
-    """
-    slow = course.silent
-    if model.law not in BRISTLES:
-        still = np.abs(course.v) < course.slowest
-        slow = slow | binary_opening(still, np.ones(2 * course.width, dtype=bool))
-    rests = averaged(slow.astype(float), course.width) > 0.0
-    near = np.convolve(rests, np.ones(2 * AROUND_REST + 1), mode="same") > 0.0
-    near[: 2 * AROUND_REST] = True
-    if model.law not in BRISTLES:  # the direction of friction is not known there
-        near |= averaged((np.abs(course.v) < course.slowest).astype(float), course.width) > 0.0
-    return np.asarray(1.0 - near)
-
-
-def _top(course: ModelledRecord) -> float:
+def _top(course: Course) -> float:
     """Frequency up to which the recorded position contains the motion unfiltered [Hz]."""
     known = carried(course.record)
-    return OF_CARRIED * known if known < 0.49 / course.step else math.inf
+    return OF_CUT_OFF * known if known < 0.49 / course.step else math.inf
 
 
-def _doubt(course: ModelledRecord, model: Drive, exact: float, moves: Vector) -> Vector:
+def _doubt(course: Course, model: Drive, exact: float, moves: Vector) -> Vector:
     """Weight of the balance of forces, by the law's error due to the motion's error, (windows,)."""
     left = leftovers([course], model, Added.nothing([course]))[0][moves > 0.0, 0]
     left = left if len(left) else np.zeros(1)
@@ -182,16 +153,13 @@ def _doubt(course: ModelledRecord, model: Drive, exact: float, moves: Vector) ->
     return np.asarray(1.0 / np.sqrt(1.0 + (course.force_variance + timing**2) / size**2))
 
 
-def _clear(courses: Sequence[ModelledRecord], model: Drive, bands: Bands) -> npt.NDArray[np.bool_]:
+def _clear(courses: Sequence[Course], model: Drive, bands: Bands) -> Mask:
     """Bands in which the motion is larger than the instruments' noise."""
-    random = np.random.default_rng(0)
-    both = []
+    random, both = np.random.default_rng(0), []
     for c in courses:
-        again = read_anew(c, model, random)
-        noise = model.inertia * (again.measured_a - c.measured_a)
+        noise = model.inertia * (read_anew(c, model, random).measured_a - c.measured_a)
         whole = model.inertia * c.measured_a
-        one = np.stack([np.column_stack([noise, whole])] * len(c.channels), axis=1)
-        both.append(one)
+        both.append(np.stack([np.column_stack([noise, whole])] * len(c.channels), axis=1))
     lines = bands.lines(both)
     power = products(lines, lines).sum(axis=0)
     hidden = power[:, 0, 0] > NOISE_OF_MOTION * np.maximum(power[:, 1, 1] - power[:, 0, 0], 0.0)

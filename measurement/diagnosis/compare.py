@@ -8,34 +8,26 @@ from pathlib import Path
 
 import numpy as np
 
-from ...orchestration.loop.parameter_file import (
-    TURNS,
-    Diagnosed,
-    ParameterFile,
-    Value,
-)
+from ...orchestration.loop.parameter_file import TURNS, Diagnosed, ParameterFile, Value
 from ...plant.law import claims
 from ...solver.arrays import Mask, Vector
 from ...solver.errors import BadParameters, BadRecord
 from ..identification.motion_parts import REST, motion_parts
 from ..records.examine import check_identifiable
 from ..records.record import Record
-from .balance import Added, balance, recalibrated
-from .bands import AROUND_REST
-from .blocks import Blocks, Estimate, ends_of_seconds
+from .balance import AROUND_REST, Added, balance, check_motion, noise_of_readings, residual, rms
 from .causes import CAUSES
-from .compared import ADJUSTED, ALL, CORRECTED, MODEL, PRIOR, Compared, Gain, Left, Traces
+from .compared import ALL, Blocks, Compared, Estimate, Gain, Left, Traces
 from .corrected import PARTING
-from .drive import Drive, commanded, compiled, drive_of
-from .modelled_record import ModelledRecord, jumps_of, lay_along, shaken, with_law_force
-from .predicted import NotPredicted, Predictor
-from .residuals import at_samples, check_motion, floor, residual, rms
-from .weak_form import averaged
+from .model import Drive, commanded, compiled, drive_of
+from .motion import Course, jumps_of, lay_along, recalibrated, shaken, with_law_force
+from .predicted import NotPredicted, Predictor, ends_of_seconds
+from .windows import at_samples, averaged
 
-Courses = Sequence[ModelledRecord]
+Courses = Sequence[Course]
 Causes = Mapping[str, Mapping[str, float]]
 
-_GAINS = ((ADJUSTED, PRIOR), (CORRECTED, PRIOR), (CORRECTED, ADJUSTED))
+_GAINS = (("adjusted", "prior"), ("corrected", "prior"), ("corrected", "adjusted"))
 _SLOWEST = 1e-5  # speed just above rest, at which stiction is computed [m/s]
 
 
@@ -52,7 +44,7 @@ def compare_records(
         If an input cannot be used; the message says why in one line.
     """
     diagnosed = file.diagnosis
-    models = _models(file, diagnosed) if diagnosed else {MODEL: drive_of(file)}
+    models = _models(file, diagnosed) if diagnosed else {"model": drive_of(file)}
     first = next(iter(models))
     records, accepts, notes = commanded(records, models[first])
     if diagnosed and accepts.kind != models[first].kind:
@@ -68,14 +60,16 @@ def compare_records(
     courses = recalibrated([lay_along(r, accepts) for r in records], shift)
     check_motion(courses, accepts)
     notes += jumps_of(courses)
-    found, lowest = {}, ADJUSTED if diagnosed else MODEL
+    found, lowest = {}, "adjusted" if diagnosed else "model"
     for name, model in models.items():
         progress(f"solving the {name} model" if diagnosed else "solving the model")
-        causes = diagnosed.causes if diagnosed and name == CORRECTED else {}
+        causes = diagnosed.causes if diagnosed and name == "corrected" else {}
         found[name] = _found(courses, model, causes, file.path, name == lowest)
         if found[name].why:
             notes.append(f"no position is predicted with the {name} model: {found[name].why}")
-    return _compared(courses, found, floor(courses, models[lowest]).force, diagnosed, notes)
+    return _compared(
+        courses, found, noise_of_readings(courses, models[lowest]).force, diagnosed, notes
+    )
 
 
 @dataclass(frozen=True)
@@ -125,7 +119,7 @@ def _compared(
     diagnosed: Diagnosed | None,
     notes: Sequence[str],
 ) -> Compared:
-    first, lowest = next(iter(found.values())), found[ADJUSTED if diagnosed else MODEL]
+    first, lowest = next(iter(found.values())), found["adjusted" if diagnosed else "model"]
     x = np.concatenate([c.x for c in courses])
     ends = ends_of_seconds(courses)
     squares = Blocks(ends)
@@ -181,22 +175,21 @@ def _compared(
 # -- along one record ------------------------------------------------------------------------
 
 
-def _required(course: ModelledRecord, model: Drive, command: Vector) -> Vector:
+def _required(course: Course, model: Drive, command: Vector) -> Vector:
     """Force of the command less mass times acceleration, shape (n,) [N]."""
     nothing, viscous = np.zeros(len(course.x)), model.linear_friction * course.moved_v
-    return at_samples(course, balance(course, model, nothing, -viscous, command)[:, 0])
+    left = balance(course, model, nothing, -viscous, command)
+    return at_samples(left[:, 0], len(course.x), course.width)
 
 
-def _well_within_rest(course: ModelledRecord) -> Mask:
+def _well_within_rest(course: Course) -> Mask:
     """Samples at rest that are not near a motion; the counterpart of `moving`."""
     moves = averaged((~course.rests).astype(float), course.width) > 0.0
     near = np.convolve(moves, np.ones(2 * AROUND_REST + 1), mode="same")
-    return np.asarray(course.rests & (at_samples(course, near) == 0.0))
+    return np.asarray(course.rests & (at_samples(near, len(course.x), course.width) == 0.0))
 
 
-def _beyond_stiction(
-    course: ModelledRecord, model: Drive, required: Vector, force: Vector
-) -> Vector:
+def _beyond_stiction(course: Course, model: Drive, required: Vector, force: Vector) -> Vector:
     """Required force beyond what friction can hold at rest, shape (n,) [N].
 
     Friction at rest can hold as much as the law's friction in sliding at a speed just above rest.
@@ -224,9 +217,9 @@ def _models(file: ParameterFile, diagnosed: Diagnosed) -> dict[str, Drive]:
         return drive if drive.has_motor else replace(drive, command=diagnosed.command)
 
     return {
-        PRIOR: model("diagnosis.prior", diagnosed.prior),
-        ADJUSTED: model("diagnosis.adjusted", diagnosed.adjusted),
-        CORRECTED: model("plant", file.plant),
+        "prior": model("diagnosis.prior", diagnosed.prior),
+        "adjusted": model("diagnosis.adjusted", diagnosed.adjusted),
+        "corrected": model("plant", file.plant),
     }
 
 

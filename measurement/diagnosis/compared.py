@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import t as student
 
 from ...orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
 from ...orchestration.loop.shown import length, shown_unit
 from ...solver.arrays import Mask, Vector
 from ...solver.files import write_json
-from .blocks import Estimate
-from .residuals import binned
 
-MODEL, PRIOR, ADJUSTED, CORRECTED = "model", "prior", "adjusted", "corrected"
 ALL, REST = "all", "rest"
 _MOST_POINTS = 6000
 _SHOWN = (0.002, 0.998)  # quantiles of a curve at the lower and upper end of a picture
 _MEASURED, _REST = "#000000", "#e8e8e8"
+_BINS, _LEAST_IN_BIN = 60, 20  # parts of a signal's range, and samples in each that count
+_DRAWS = 2000
+_FEWEST = 4  # blocks needed for an interval
+_NORMAL = 1.96  # quantile of the normal distribution
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value and its 95 % interval; None if there are too few blocks for an interval."""
+
+    value: float
+    interval: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -77,7 +89,7 @@ class Compared:
     def says(self) -> str:
         """The result in a sentence."""
         *_, (name, parts) = self.models.items()
-        whole, who = parts[ALL], "the model" if name == MODEL else f"the {name} model"
+        whole, who = parts[ALL], "the model" if name == "model" else f"the {name} model"
         words = "no force can be computed"
         if whole.force:
             share = 100 * whole.force.value / self.friction
@@ -146,7 +158,7 @@ def compare_figure(found: Compared) -> Any:
         look = {"ms": 2.5, "color": COLOURS[5], "label": "record, while moving", "rasterized": True}
         over_velocity.plot(1e3 * t.v[some], t.required[some], ".", **look)
         for k, (name, left) in enumerate(t.left.items()):
-            label = name if name == MODEL else f"{name} model"
+            label = name if name == "model" else f"{name} model"
             style = {"color": COLOURS[(1, 4, 0)[k]], "ls": DASHES[k], "lw": 1.3, "label": label}
             if name in errors:
                 off.plot(t.time, np.where(begins_again, np.nan, size * errors[name]), **style)
@@ -172,3 +184,78 @@ def compare_figure(found: Compared) -> Any:
         figure.legend(*known, loc="outside lower left", ncols=4, fontsize=10)
         over_velocity.legend(loc="upper left", fontsize=10)
     return figure
+
+
+def binned(x: Vector, y: Vector, keep: Mask, alike: bool = False) -> tuple[Vector, Vector]:
+    """Means of y over parts of the range of x, NaN for parts with almost no samples.
+
+    The parts have equal width or, with `alike`, equal numbers of samples, for speeds held constant.
+    """
+    if not np.any(keep) or np.ptp(x[keep]) == 0:
+        return np.array([np.nan]), np.array([np.nan])
+    if alike:
+        order = np.flatnonzero(keep)[np.argsort(x[keep], kind="stable")]
+        parts = np.array_split(order, min(2 * _BINS, max(1, len(order) // _LEAST_IN_BIN)))
+        return np.array([x[k].mean() for k in parts]), np.array([y[k].mean() for k in parts])
+    count, edges = np.histogram(x[keep], _BINS)
+    total, _ = np.histogram(x[keep], edges, weights=y[keep])
+    mean = np.where(count >= _LEAST_IN_BIN, total / np.maximum(count, 1), np.nan)
+    return 0.5 * (edges[1:] + edges[:-1]), mean
+
+
+# -- intervals -----------------------------------------------------------------------------------
+
+
+class Blocks:
+    """Signals cut into blocks.
+
+    Neighbouring blocks are drawn together, as many as the cube root of the number of blocks,
+    because an effect longer than a block is no new evidence. A few blocks scatter less than the
+    population, so the interval is widened as in Student's distribution.
+
+    Parameters
+    ----------
+    ends : sequence of int
+        Ends of the blocks among n samples: 0, ..., n.
+    """
+
+    def __init__(self, ends: Sequence[int]) -> None:
+        self._starts = np.array(ends[:-1])
+        self._blocks = len(self._starts)
+        together = max(round(self._blocks ** (1 / 3)), 1)
+        draws = (_DRAWS, -(-self._blocks // together))
+        first = np.random.default_rng(0).integers(0, self._blocks, draws)
+        drawn = (first[:, :, None] + np.arange(together)) % self._blocks
+        self._drawn = drawn.reshape(_DRAWS, -1)
+        independent = self._blocks / together
+        free = max(independent - 1.0, 1.0)
+        self._wider = float(student.ppf(0.975, free)) / _NORMAL * math.sqrt(independent / free)
+
+    def rms(self, values: Vector, counted: Mask | None = None) -> Estimate:
+        """Root mean square of values, shape (n,), over the counted samples."""
+        mask = np.ones(len(values), dtype=bool) if counted is None else counted
+        found = self._ratio(values**2 * mask, mask.astype(float))
+        ends = found.interval and (math.sqrt(found.interval[0]), math.sqrt(found.interval[1]))
+        return Estimate(math.sqrt(found.value), ends)
+
+    def gain(self, before: Vector, after: Vector, counted: Mask | None = None) -> Estimate:
+        """Share by which the mean square falls from `before` to `after`, shape (n,)."""
+        mask = np.ones(len(before), dtype=bool) if counted is None else counted
+        left = self._ratio(after**2 * mask, before**2 * mask)
+        ends = left.interval and (1.0 - left.interval[1], 1.0 - left.interval[0])
+        return Estimate(1.0 - left.value, ends)
+
+    def _ratio(self, above: Vector, below: Vector) -> Estimate:
+        """Ratio of the sums of two arrays of non-negative values, each shape (n,)."""
+        tops, bottoms = (np.add.reduceat(values, self._starts) for values in (above, below))
+        top, bottom = float(tops.sum()), float(bottoms.sum())
+        if top == 0.0 or bottom == 0.0:
+            return Estimate(0.0 if bottom else 1.0, None)
+        if min(np.count_nonzero(tops), np.count_nonzero(bottoms)) < _FEWEST:
+            return Estimate(top / bottom, None)
+        up, down = (sums[self._drawn].sum(axis=1) for sums in (tops, bottoms))
+        kept = (up > 0.0) & (down > 0.0)
+        middle = math.log(top / bottom)
+        quantiles = np.quantile(np.log(up[kept] / down[kept]), [0.025, 0.975])
+        low, high = middle + self._wider * (quantiles - middle)
+        return Estimate(top / bottom, (math.exp(low), math.exp(high)))

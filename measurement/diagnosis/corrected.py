@@ -20,7 +20,7 @@ from ..identification.fitted_law import LAWS
 from .causes import CAUSES
 from .causes.reversals import BRISTLES, bristled
 from .diagnosis import Diagnosis
-from .drive import Drive, curve_of
+from .model import Drive, curve_of
 
 PRIOR = "prior value, adjusted to measured data"
 FOUND = "found in measured data"

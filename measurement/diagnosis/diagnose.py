@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,27 +13,15 @@ from ...solver.arrays import Vector
 from ..records.examine import check_identifiable
 from ..records.reading import read_drive_records
 from ..records.record import Record
-from .balance import Added
+from .balance import Added, residual, rms
 from .causes import CAUSES, OUTSIDE
-from .diagnosis import (
-    EXPLAINED,
-    NONE,
-    PARTLY,
-    UNDECIDED,
-    UNEXPLAINED,
-    Curves,
-    Diagnosis,
-    holds,
-)
-from .drive import Drive, commanded, drive_of
+from .diagnosis import Curves, Diagnosis, Level, Verdict, finding, holds
 from .experiment import next_experiment
-from .found_cause import finding
-from .held_out import HeldOut, held_out
-from .modelled_record import ModelledRecord, jumps_of, opposing
-from .noise_floor import AT_FLOOR, NoiseFloor, Remainder, noise_floor, remainder
-from .residuals import residual, rms
+from .fit import study_of
+from .held_out import AT_FLOOR, HeldOut, NoiseFloor, Remainder, held_out, noise_floor, remainder
+from .model import Drive, commanded, drive_of
+from .motion import jumps_of, opposing
 from .rule import Explained, built, explained
-from .study import study_of
 
 MOST = 0.5
 """Share of the squares: if it certainly goes, the error is explained in part without a name."""
@@ -77,8 +65,9 @@ def diagnose_records(
     held = held_out(found)
     courses, corrected, named = built(study, found.forms, found.fit.amplitude[0])
     left = residual(courses, corrected, named)
-    lowest = noise_floor(found, left, held.position("noise"))
-    friction = _friction(study.courses, study.model, held)
+    lowest = noise_floor(found, left)
+    along = np.concatenate([opposing(c, study.model) for c in study.courses])
+    friction = max(rms(along[held.all.telling]), 1e-300)
     causes = tuple(finding(found, h, friction) for h in found.built)
     suspects = tuple(finding(found, h, friction) for h in found.suspects)
     interval = found.gain([]).interval if found.built else (0.0, 0.0)
@@ -87,24 +76,14 @@ def diagnose_records(
     better = holds(interval, fitted, final)
     settled = better and not remains.something and not remains.hidden
     either = found.alternatives if settled else {}
-    verdict = _verdict(found, remains, better, either, interval[0])
-    free = found.outside
-    notes += jumps_of(study.courses) + _notes(found, held, lowest)
-    if held.why:
-        notes.append(f"no position is predicted: {held.why}")
-    if remains.doubtful and found.best:
-        first = found.best
-        size = f"; --take {first.name} gives its size" if first.name in CAUSES else ""
-        notes.append(
-            f"the best score is {first.score:.0f}, of {first.name} with "
-            f"{100 * first.gain.share:.2g} % of the squares: more than noise has, and not enough "
-            f"to be found{size}"
-        )
+    verdict = _verdict(found, remains, settled, better, either, interval[0])
+    notes += [*jumps_of(study.courses), *_notes(found, held, lowest, remains)]
     quiet = not found.built and not remains.something
-    done = verdict == EXPLAINED and not either
+    done = verdict == "explained" and not either
+    floors = zip(("force_N", "voltage_N"), (lowest.force, lowest.by_current), strict=True)
     return Diagnosis(
         verdict=verdict,
-        floor=lowest.level,
+        floor=Level(lowest.force, held.position("noise")),
         baseline_residual=before,
         adjusted_residual=fitted,
         final_residual=final,
@@ -112,11 +91,11 @@ def diagnose_records(
         left_of_friction=max(final.force, held.all.by_current_rms) / friction,
         unseen=remains.unseen,
         gain_interval=interval,
-        held_out=held.parts,
+        held_out=f"{len(study.bands.parts)} parts",
         causes=causes,
         suspects=suspects,
         alternatives=either,
-        unnamed=(free.form.lives,) if free else (),
+        unnamed=(found.outside.form.lives,) if found.outside else (),
         next_experiment=None if done else next_experiment(found, quiet),
         prior=prior_model,
         adjusted=built(study, [], found.catalogue.without([]).amplitude[0])[1],
@@ -126,7 +105,7 @@ def diagnose_records(
         adjustments={
             n: corrected.values[n] / prior_model.values[n] - 1.0 for n in prior_model.adjustable
         },
-        noise=lowest.by_channel(study.courses[0].channels),
+        noise=dict(list(floors)[: len(courses[0].channels)]),
         records=tuple(r.name for r in records),
         curves=_curves(found, prior_model, held, left.force, named),
         seconds=time.perf_counter() - began,
@@ -137,25 +116,26 @@ def diagnose_records(
 def _verdict(
     found: Explained,
     remains: Remainder,
+    settled: bool,
     better: bool,
     either: Mapping[str, tuple[str, ...]],
     gone: float,
-) -> str:
+) -> Verdict:
     """Verdict from what is left, and from whether the causes are certain.
 
     A cause with one alternative explains the error, too, if only noise is left with either. `gone`
     is the share of the squares that certainly goes with what is built in.
     """
-    certain = [m.certain for m in found.built]
-    if better and not remains.something and not remains.hidden and found.built:
+    certain = any(m.certain for m in found.built)
+    if settled and found.built:
         if sum(map(len, either.values())) <= 1 and OUTSIDE not in sum(either.values(), ()):
-            return EXPLAINED
-        return PARTLY if any(certain) else UNDECIDED
-    if any(certain) or gone >= MOST:
-        return PARTLY
+            return "explained"
+        return "partly" if certain else "undecided"
+    if certain or gone >= MOST:
+        return "partly"
     if remains.something or (found.built and not better):
-        return UNEXPLAINED
-    return UNDECIDED if remains.hidden or remains.doubtful else NONE
+        return "unexplained"
+    return "undecided" if remains.hidden or remains.doubtful else "none"
 
 
 def _curves(
@@ -182,39 +162,35 @@ def _curves(
     )
 
 
-def _friction(courses: Sequence[ModelledRecord], model: Drive, held: HeldOut) -> float:
-    """Root mean square of the friction over samples at which forces are known [N]."""
-    along = np.concatenate([opposing(c, model) for c in courses])
-    return max(rms(along[held.all.telling]), 1e-300)
-
-
-# -- sentences -------------------------------------------------------------------------------
-
-
-def _notes(found: Explained, held: HeldOut, lowest: NoiseFloor) -> list[str]:
+def _notes(
+    found: Explained, held: HeldOut, lowest: NoiseFloor, remains: Remainder
+) -> Iterator[str]:
     study, left = found.study, held.all
-    notes = []
     if lowest.repeated and left.force_rms > AT_FLOOR * lowest.force:
-        notes.append(
+        yield (
             f"the residual, {left.force_rms:.3g} N, is more than twice {lowest.force:.3g} N, the "
             "noise from differences between laps and the uncertain motion: a part of it may have "
             "a cause"
         )
     if not lowest.has_current(left):
-        notes.append(
+        yield (
             "the motor's forces computed from the voltage and from the current differ by "
             f"{left.by_current_rms:.3g} N, but noise only makes {lowest.by_current:.3g} N: check "
             "the units and signs of u and i, and the values of R and ke"
         )
-    own = [f"{c.own_offset:+.3g} N in {c.record.name}" for c in study.courses if c.offset_name]
-    if own:
-        notes.append(
-            f"additional offsets to that of {study.courses[0].record.name}: {', '.join(own)}"
-        )
-    ends = study.at_ends(found.fit.amplitude[0])
-    if ends:
-        notes.append(
+    if own := [f"{c.own_offset:+.3g} N in {c.record.name}" for c in study.courses if c.offset_name]:
+        yield f"additional offsets to that of {study.courses[0].record.name}: {', '.join(own)}"
+    if ends := study.at_ends(found.fit.amplitude[0]):
+        yield (
             f"at their limit: {', '.join(ends)}. A tolerance is too narrow, "
             "or they compensate for an unknown cause"
         )
-    return notes
+    if held.why:
+        yield f"no position is predicted: {held.why}"
+    if remains.doubtful and (first := found.best):
+        size = f"; --take {first.name} gives its size" if first.name in CAUSES else ""
+        yield (
+            f"the best score is {first.score:.0f}, of {first.name} with "
+            f"{100 * first.gain.share:.2g} % of the squares: more than noise has, and not enough "
+            f"to be found{size}"
+        )

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import t as student
 
 from ...solver.arrays import Mask, Vector
 from ...solver.files import write_json
-from .causes import CAUSES
-from .drive import Drive
+from .causes import CAUSES, EVERY
+from .causes.values import CURRENT_GAIN
+from .experiment import NextExperiment
+from .fit import Study
+from .model import Drive
+from .rule import Explained
+from .scores import Hypothesis, own_columns
 
-if TYPE_CHECKING:
-    from .experiment import NextExperiment
-
-NONE, EXPLAINED, PARTLY, UNEXPLAINED = "none", "explained", "partly", "unexplained"
-UNDECIDED = "undecided"
-ANSWERED = (NONE, EXPLAINED)
+Verdict = Literal["none", "explained", "partly", "unexplained", "undecided"]
+ANSWERED = ("none", "explained")
 """Verdicts with exit code 0; with the others it is 1."""
+
+_EXACT = 0.04  # smallest relative error of a size: laws and shapes are not exact
+_OUTSIDE = (
+    "an unknown cause, not in the catalogue: friction or force that only a free curve describes"
+)
+_AGAIN = "repeat the same motion: does the error repeat?"
 
 
 @dataclass(frozen=True)
@@ -95,7 +104,7 @@ class Diagnosis:
     on held-out data.
     """
 
-    verdict: str  # "none", "explained", "partly", "unexplained" or "undecided"
+    verdict: Verdict
     floor: Level  # residual of noise
     baseline_residual: Level
     adjusted_residual: Level
@@ -158,3 +167,74 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {name: _plain(v) for name, v in value.items()}
     return [_plain(v) for v in value] if isinstance(value, tuple | list) else value
+
+
+# -- a hypothesis as a result --------------------------------------------------------------------
+
+
+def finding(found: Explained, h: Hypothesis, friction: float) -> Finding:
+    """A hypothesis with its values and sizes; `friction` is the root mean square friction [N]."""
+    gain = h.gain
+    if any(h is b for b in found.built):
+        others = [f for f in found.forms if f is not h.form]
+        fit, own = found.catalogue.without([*others, h.form]), own_columns(h.form)
+        h = replace(h, amplitude=fit.amplitude[0][own], error=fit.error[0][own])
+        gain = found.gain(others)
+    cause, force = EVERY.get(h.name), found.catalogue.force_of(h)
+    values, intervals = _values(found.study, h) if cause else ({}, {})
+    units = dict.fromkeys(values, "1")
+    if h.name in CAUSES:
+        known = found.study.model.units | {p.name: p.unit for p in CAUSES[h.name].parameters}
+        units = {n: known[n.partition(".")[0]] for n in values}
+    return Finding(
+        name=h.name,
+        says=cause.says if cause else _OUTSIDE,
+        alike=h.alike,
+        score=h.score,
+        lead=h.lead,
+        share=h.gain.share,
+        parameters=values,
+        intervals=intervals,
+        units=units,
+        force=force,
+        of_friction=force / friction,
+        confirm=cause.confirm if cause else _AGAIN,
+        certain=h.certain,
+        gain_heldout=gain.share,
+        gain_interval=gain.interval,
+        before=gain.before,
+        after=gain.after,
+    )
+
+
+def _values(study: Study, h: Hypothesis) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
+    """Values and their 95 % intervals, computed by leaving out one block at a time."""
+    wide = float(student.ppf(0.975, len(study.bands.parts) - 1))
+    form, values, intervals = h.form, {}, {}
+    if form.sure is not None:
+        off = abs(math.log(max(float(h.amplitude[0]), 0.1)))
+        off = min(off + wide * float(h.error[0]) + h.doubt + _EXACT, 3.0)
+        for name, value in form.values.items():
+            if value != 0.0:  # else this form does not have the effect; zero is not a size
+                ends = sorted((value * math.exp(-off), value * math.exp(off)))
+                intervals[name] = (ends[0], ends[1])
+        return dict(form.values), intervals
+    for name, size, error in zip(
+        form.freed or form.amplitudes, h.amplitude.tolist(), h.error.tolist(), strict=True
+    ):
+        reported, says = _reported(study, h.name, name)
+        reach = wide * error + _EXACT * abs(size)
+        ends = sorted((reported(size - reach), reported(size + reach)))
+        values[says], intervals[says] = reported(size), (ends[0], ends[1])
+    return values | {n: float(v) for n, v in form.values.items() if n not in values}, intervals
+
+
+def _reported(study: Study, suspect: str, name: str) -> tuple[Callable[[float], float], str]:
+    """Function from an amplitude to the reported value, and the name of that value."""
+    if suspect in ("scale_of_u", "scale_of_i", "scale_of_x"):  # the true signal over the recorded
+        known = study.courses[0].calibration[CURRENT_GAIN] if suspect == "scale_of_i" else 0.0
+        return lambda size: 1.0 + known + size, suspect
+    if name in study.model.values and name in study.values:
+        value = study.model.values[name]
+        return lambda size: value * (1.0 + size), name
+    return lambda size: size, name

@@ -20,8 +20,8 @@ import numpy as np
 from ...solver.arrays import Vector
 from ...solver.files import write_atomically
 from .causes import EVERY, OUTSIDE
-from .drive import Drive
-from .modelled_record import ModelledRecord
+from .model import Drive
+from .motion import Course
 from .rule import Explained
 
 COMMAND_FILE = "next_experiment.csv"
@@ -69,7 +69,7 @@ class Reach:
         return fastest, min(recorded, hardest) if hardest > 0.0 else 0.5 * recorded
 
 
-def reach_of(courses: Sequence[ModelledRecord]) -> Reach:
+def reach_of(courses: Sequence[Course]) -> Reach:
     """Range shown by all records of a study together."""
     return Reach(
         low=min(float(c.x.min()) for c in courses),

@@ -1,4 +1,4 @@
-"""Residuals on held-out blocks of a study."""
+"""Residuals on held-out blocks of a study, what noise alone leaves, and whether more is left."""
 
 from __future__ import annotations
 
@@ -10,17 +10,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...solver.arrays import Vector
-from .balance import Added
-from .blocks import ends_of_seconds
+from .balance import Residual, noise_of_readings, residual, rms
+from .bands import EDGES
 from .causes.cause import Form
 from .diagnosis import Level
-from .drive import Drive
-from .modelled_record import ModelledRecord, shaken
-from .predicted import NotPredicted, Predictor
-from .residuals import Residual, residual, rms
-from .rule import Explained, built, own_amplitudes
-from .study import Study
+from .fit import Study
+from .model import Drive
+from .motion import Course, shaken
+from .predicted import NotPredicted, Predictor, ends_of_seconds
+from .rule import NOISE, Explained, built, own_amplitudes
+from .windows import at_samples
 
+AT_FLOOR = 2.0
+"""A residual above this multiple of the noise has more than noise in it."""
+TELLS = 0.2
+"""Share of the friction: records that hide a larger fault decide nothing."""
 _LAPS = range(3, 7)  # numbers of laps of one motion for which repetition is used
 _SAME = 1e-3  # largest difference of laps, as a share of the motion's mean square
 _SHORTEST_LAP = 1.0  # s
@@ -34,7 +38,6 @@ class HeldOut:
     its change with another reading of the encoder, shape (n,) [m]; NaN if it cannot be predicted.
     """
 
-    parts: str  # what was held out, one at a time
     prior: Residual
     none: Residual
     all: Residual
@@ -55,28 +58,25 @@ class HeldOut:
 def held_out(found: Explained) -> HeldOut:
     """Fit without each block in turn, and return the residuals on the held-out blocks."""
     study, forms = found.study, found.forms
-    none = left_on_blocks(found, [])
+    none = _left_on_blocks(found, [])
     as_read = [replace(c, calibration=dict.fromkeys(c.calibration, 0.0)) for c in study.courses]
-    positions, why = _positions(found, as_read)
     return HeldOut(
-        f"{len(study.bands.parts)} parts",
-        residual(as_read, study.prior_model, Added.nothing(as_read)),
+        residual(as_read, study.prior_model),
         none,
-        left_on_blocks(found, forms) if forms else none,
-        positions,
-        why,
+        _left_on_blocks(found, forms) if forms else none,
+        *_positions(found, as_read),
     )
 
 
-def left_on_blocks(found: Explained, forms: Sequence[Form]) -> Residual:
+def _left_on_blocks(found: Explained, forms: Sequence[Form]) -> Residual:
     """Residual of each block with these forms, fitted without the block."""
     study = found.study
-    fit = found.catalogue.without(forms)
     starts = np.cumsum([0, *(len(c.x) for c in study.courses)])
     force, between = np.zeros((2, starts[-1]))
     whole = Residual(force, between, np.zeros(starts[-1], dtype=bool))
-    for ways, (record, begin, end) in zip(fit.ways, _samples(study), strict=True):
-        one = residual(*built(study, forms, ways[0]))
+    ways = found.catalogue.without(forms).ways
+    for way, (record, begin, end) in zip(ways, _samples(study), strict=True):
+        one = residual(*built(study, forms, way[0]))
         test = slice(starts[record] + begin, starts[record] + end)
         for name, values in vars(whole).items():
             values[test] = getattr(one, name)[test]
@@ -95,50 +95,44 @@ def _samples(study: Study) -> list[tuple[int, int, int]]:
     return out
 
 
-def _positions(
-    found: Explained, as_read: Sequence[ModelledRecord]
-) -> tuple[dict[str, Vector], str]:
+def _positions(found: Explained, as_read: Sequence[Course]) -> tuple[dict[str, Vector], str]:
     """Errors of predicted positions, see `HeldOut`, and why one cannot be predicted."""
-    study, forms, why = found.study, found.forms, ""
-    out = dict.fromkeys(
-        ("prior", "none", "all", "noise"), np.full(len(_end_to_end(as_read)), np.nan)
-    )
+    x, why = np.concatenate([c.x for c in as_read]), ""
+    out = dict.fromkeys(("prior", "none", "all", "noise"), np.full(len(x), np.nan))
     try:
-        predictor = Predictor(study.prior_model, {})
-        prior = [predictor(c, np.zeros(len(c.x))) for c in as_read]
-        out["prior"] = np.concatenate(prior) - _end_to_end(as_read)
-        out["none"], out["noise"] = _ahead_on_blocks(found, [])
+        prior = Predictor(found.study.prior_model, {})
+        out["prior"] = np.concatenate([prior(c, np.zeros(len(c.x))) for c in as_read]) - x
+        out["none"], out["noise"] = _ahead_on_blocks(found, [], prior)
         out["all"] = out["none"]
-        if forms:
-            out["all"], out["noise"] = _ahead_on_blocks(found, forms)
+        if found.forms:
+            out["all"], out["noise"] = _ahead_on_blocks(found, found.forms)
     except NotPredicted as error:
         why = str(error)
-        if forms:
-            out["all"] = out["noise"] = np.full_like(out["all"], np.nan)
+        if found.forms:
+            out["all"] = out["noise"] = np.full(len(x), np.nan)
     return out, why
 
 
-def _end_to_end(courses: Sequence[ModelledRecord]) -> Vector:
-    return np.concatenate([c.x for c in courses])
-
-
-def _ahead_on_blocks(found: Explained, forms: Sequence[Form]) -> tuple[Vector, Vector]:
+def _ahead_on_blocks(
+    found: Explained, forms: Sequence[Form], like: Predictor | None = None
+) -> tuple[Vector, Vector]:
     """Error of the position in each second, and its change with another reading of the encoder.
 
     A second is predicted without the block in which it begins. States that are not recorded begin
-    as in the fit to all blocks.
+    as in the fit to all blocks. `like` has the same equations.
     """
     study = found.study
     fit = found.catalogue.without(forms)
 
-    def predictor(
-        model: Drive, amplitude: Vector, record: int, like: Predictor | None = None
-    ) -> Predictor:
+    def predictor(model: Drive, amplitude: Vector, record: int) -> Predictor:
         return Predictor(model, _in_plant(study, forms, amplitude, record), like)
 
     courses, model, added = built(study, forms, fit.amplitude[0])
-    whole = [predictor(model, fit.amplitude[0], r) for r in range(len(courses))]
-    inner = [p.states(c, u) for p, c, u in zip(whole, courses, added.command, strict=True)]
+    like = like or predictor(model, fit.amplitude[0], 0)
+    inner = [
+        predictor(model, fit.amplitude[0], r).states(c, u)
+        for r, (c, u) in enumerate(zip(courses, added.command, strict=True))
+    ]
     random = np.random.default_rng(0)
     again = [shaken(c, random) for c in courses]
     once, twice = ([np.full(len(c.x), np.nan) for c in courses] for _ in range(2))
@@ -146,14 +140,14 @@ def _ahead_on_blocks(found: Explained, forms: Sequence[Form]) -> tuple[Vector, V
         courses, model, added = built(study, forms, ways[0])
         course, change = courses[record], added.command[record]
         other = replace(course, x=again[record].x, v=again[record].v)
-        own = predictor(model, ways[0], record, whole[record])
+        own = predictor(model, ways[0], record)
         seconds = itertools.pairwise(ends_of_seconds([course]))
         some = [(first, last) for first, last in seconds if begin <= first < end]
         for out, read in ((once, course), (twice, other)):
             position = own(read, change, some, inner[record])
             out[record] = np.where(np.isnan(position), out[record], position)
     first = np.concatenate(once)
-    return first - _end_to_end(study.courses), np.concatenate(twice) - first
+    return first - np.concatenate([c.x for c in study.courses]), np.concatenate(twice) - first
 
 
 def _in_plant(
@@ -175,6 +169,65 @@ def _in_plant(
     return out
 
 
+# -- the noise, and whether more is left -------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """Root mean square residuals due to noise, as in `Residual`."""
+
+    force: float  # [N]
+    by_current: float  # [N]
+    repeated: bool  # whether it is computed from laps of one motion
+
+    def has(self, left: Residual) -> bool:
+        """Whether the residual on held-out data is noise: at most twice the floor in newtons."""
+        return left.force_rms <= AT_FLOOR * self.force and self.has_current(left)
+
+    def has_current(self, left: Residual) -> bool:
+        """Whether voltage and current differ by no more than noise."""
+        return left.by_current_rms <= AT_FLOOR * self.by_current
+
+
+def noise_floor(found: Explained, left: Residual) -> NoiseFloor:
+    """Differences between laps of one motion, or the white part of the residual without laps.
+
+    The floor is at least the noise of readings. The error of the law due to the error of the motion
+    is added. `left` is the residual of the model with all causes.
+    """
+    study = found.study
+    courses = study.courses
+    read = noise_of_readings(courses, study.model)
+    along = [at_samples(c.force_variance, len(c.x), c.width) for c in courses]
+    known = np.concatenate(along)[left.telling]
+    law = math.sqrt(float(known.mean())) if len(known) else 0.0
+    # of each balance, if all bands had the noise of the quietest one
+    levels = np.sqrt(found.variance)
+    channel = np.flatnonzero(study.bands.used) // (len(EDGES) - 1)
+    white = [float(levels[channel == c].min()) for c in np.unique(channel)]
+    laps = [lap(c.x, c.step) for c in courses]
+    # slower noise is not included, because faults are slow too
+    own = math.hypot(_repetition(left, courses, laps), study.exact) if all(laps) else white[0]
+    forces = max(own, read.force_rms)  # rounding may be the same in every lap
+    between = max([study.exact, read.by_current_rms, *white[1:]])
+    return NoiseFloor(math.hypot(forces, law), between, all(laps))
+
+
+def _repetition(found: Residual, courses: Sequence[Course], laps: Sequence[float]) -> float:
+    """Root mean square of the part of the residual that does not repeat from lap to lap [N].
+
+    Each lap contributes half of the mean square of the difference.
+    """
+    squares, at = [], 0
+    for c, length in zip(courses, laps, strict=True):
+        n, later = len(c.x), round(length / c.step)
+        force, keep = found.force[at : at + n], found.telling[at : at + n]
+        both = keep[later:] & keep[:-later]
+        squares.append(0.5 * (force[later:] - force[:-later])[both] ** 2)
+        at += n
+    return rms(np.sqrt(np.concatenate(squares)))
+
+
 def lap(x: Vector, step: float) -> float:
     """Period of a repeated motion, of positions `step` apart [s]; zero without enough laps."""
     n = len(x)
@@ -193,7 +246,27 @@ def lap(x: Vector, step: float) -> float:
     return float(lags[best] * step) if apart[best] < _SAME else 0.0
 
 
-def laps_of(courses: Sequence[ModelledRecord]) -> list[float]:
-    """Period of each record's laps [s]; empty if a record has no laps."""
-    laps = [lap(c.x, c.step) for c in courses]
-    return laps if all(laps) else []
+@dataclass(frozen=True)
+class Remainder:
+    """What is left on held-out data; all verdicts rest on it.
+
+    More than noise is left if a hypothesis is found, voltage and current contradict each other, or
+    laps of one motion differ by less.
+    """
+
+    something: bool
+    unseen: float  # largest fault that these records would not show, as a share of the friction
+    doubtful: bool  # a score is between noise and what is found, and nothing is built in
+
+    @property
+    def hidden(self) -> bool:
+        return self.unseen >= TELLS
+
+
+def remainder(found: Explained, left: Residual, lowest: NoiseFloor, friction: float) -> Remainder:
+    """Judge the residual `left` on held-out data, with the causes found in the model."""
+    something = bool(found.sets[-1]) or not lowest.has_current(left)
+    something = something or (lowest.repeated and not lowest.has(left))
+    doubtful = found.best is not None and found.best.score > NOISE and not found.built
+    unseen = max(AT_FLOOR * lowest.force, left.force_rms) / friction
+    return Remainder(something, unseen, doubtful)

@@ -20,13 +20,13 @@ from ...solver.codegen import generate
 from ...solver.component import Component
 from ...solver.errors import ContractError
 from ...solver.kernel import IntegrationError, Kernel, Model
-from .blocks import ends_of_seconds
 from .corrected import with_causes
-from .drive import Drive
-from .modelled_record import ModelledRecord
+from .model import Drive
+from .motion import Course
 
 Causes = Mapping[str, Mapping[str, float]]
 
+_AHEAD = 1.0  # time over which a position is predicted from a known state [s]
 _TOLERANCE = 1e-6
 _BESIDE = {"xb": "x", "vb": "v", "xl": "x", "vl": "v"}  # initial states from the encoder's side
 
@@ -62,7 +62,7 @@ class Predictor:
 
     def __call__(
         self,
-        course: ModelledRecord,
+        course: Course,
         change: Vector,
         seconds: Sequence[tuple[int, int]] | None = None,
         states: Matrix | None = None,
@@ -90,22 +90,23 @@ class Predictor:
                 out[first:last] = model.simulate(course.time[first:last], given).states["x"]
         return out
 
-    def states(self, course: ModelledRecord, change: Vector) -> Matrix:
+    def states(self, course: Course, change: Vector) -> Matrix:
         """The component's state at each sample, shape (n, states); arguments as in a call."""
         model, command = self._along(course, change)
         names = [s.name for s in self._kernel.states]
         for name, encoder in _BESIDE.items():
             if name in names:
                 model.x[names.index(name)] = getattr(course, encoder)[0]
-        motion = np.column_stack([course.x, course.v])
-        states = np.empty((len(motion), len(names)))
-        measured, time = self._measured, course.time.tolist()
-        inner = len(names) > len(measured)
+        motion, measured = np.column_stack([course.x, course.v]), self._measured
+        states, time = np.empty((len(motion), len(names))), course.time.tolist()
+        if len(names) == len(measured):
+            states[:, measured] = motion
+            return states
         with _solved():
             for k, t in enumerate(time):
                 model.x[measured] = motion[k]
                 states[k] = model.x
-                if inner and k + 1 < len(motion):
+                if k + 1 < len(motion):
                     _let_go(model)
                     model.u[0] = command[k]
                     model.advance(t, time[k + 1])
@@ -116,7 +117,7 @@ class Predictor:
         names = [s.name for s in self._kernel.states]
         return [names.index("x"), names.index("v")]
 
-    def _along(self, course: ModelledRecord, change: Vector) -> tuple[Model, Vector]:
+    def _along(self, course: Course, change: Vector) -> tuple[Model, Vector]:
         """The equations with the values of this record, and its command."""
         values = {p.name: p.default for p in self._plant.all_parameters}
         if course.offset_name:
@@ -137,3 +138,13 @@ def _let_go(model: Model) -> None:
     """Set the first mode, so that velocity and forces decide again whether the body sticks."""
     if model.kernel.modes:
         model.u[-1] = 0.0
+
+
+def ends_of_seconds(courses: Sequence[Course]) -> list[int]:
+    """Ends of the seconds over which positions are predicted, among all samples."""
+    ends = [0]
+    for c in courses:
+        start, n = ends[-1], len(c.x)
+        every = max(2, min(round(_AHEAD / c.step), n))
+        ends += [start + k for k in (*range(every, n, every), n)]
+    return ends

@@ -12,25 +12,16 @@ from ...orchestration.loop.pictures import COLOURS, STYLE, new_figure
 from ...orchestration.loop.shown import Table, length
 from ...solver.arrays import Mask, Vector
 from .causes import OUTSIDE
-from .diagnosis import (
-    EXPLAINED,
-    NONE,
-    PARTLY,
-    UNDECIDED,
-    UNEXPLAINED,
-    Curves,
-    Diagnosis,
-    Finding,
-)
+from .compared import binned
+from .diagnosis import Curves, Diagnosis, Finding
 from .experiment import COMMAND_FILE
-from .residuals import binned
 
 WORDS = {
-    NONE: "no fault seen",
-    EXPLAINED: "cause found",
-    PARTLY: "partly explained",
-    UNEXPLAINED: "cause not found",
-    UNDECIDED: "cannot tell",
+    "none": "no fault seen",
+    "explained": "cause found",
+    "partly": "partly explained",
+    "unexplained": "cause not found",
+    "undecided": "cannot tell",
 }
 """Verdicts for a person."""
 
@@ -74,7 +65,7 @@ def verdict_sentence(d: Diagnosis) -> str:
     ]
     if not d.confirmed:
         said.append("This is not confirmed on held-out data: do not rely on it.")
-    elif d.verdict in (NONE, UNDECIDED, PARTLY):
+    elif d.verdict in ("none", "undecided", "partly"):
         said.append(f"A fault up to {of_friction(d.unseen)} would not be seen.")
     return " ".join(said)
 

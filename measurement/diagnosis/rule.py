@@ -17,13 +17,13 @@ import numpy as np
 
 from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
-from .balance import Added, recalibrated
+from .balance import Added
 from .causes import CAUSES, OUTSIDE, entry_of
 from .causes.cause import Form
-from .drive import Drive
-from .modelled_record import ModelledRecord
+from .fit import Fit, Study
+from .model import Drive
+from .motion import Course, recalibrated
 from .scores import Catalogue, Gain, Hypothesis, gain_of, scored, smaller_by
-from .study import Fit, Study
 
 SCORE = 100.0
 """Least score of what is found [nats]."""
@@ -167,7 +167,7 @@ def _taken(ranked: Sequence[Hypothesis], study: Study, name: str) -> Hypothesis:
 
 def built(
     study: Study, forms: Sequence[Form], amplitude: Vector
-) -> tuple[list[ModelledRecord], Drive, Added]:
+) -> tuple[list[Course], Drive, Added]:
     """Courses, model and additions to it, by the amplitudes of a fit of these forms."""
     model, names = study.model, study.values
     change = dict(zip(names, amplitude.tolist(), strict=False))

@@ -15,12 +15,12 @@ import numpy.typing as npt
 from scipy.stats import t as student
 
 from ...solver.arrays import Matrix, Vector
-from .balance import responses
-from .bands import EDGES, moving, products
+from .balance import moving, responses
+from .bands import EDGES, products
 from .causes import CAUSES, EVERY, OUTSIDE, SIGNALS
 from .causes.cause import Form
 from .causes.free_curves import free_curves
-from .study import Fit, Priors, Study, base_columns, base_fit, fitted, noise_products, trusted
+from .fit import Fit, Priors, Study, base_columns, base_fit, fitted, noise_products, trusted
 
 _LEAST = 1e-4  # smallest factor by which a hypothesis makes the signal smaller
 _AROUND_ONE, _SPREADS = 0.5, 10.0  # amplitude limits of a form of known size
@@ -72,11 +72,12 @@ class Catalogue:
         self.base = base_columns(study)
         self.parts = [self.base]
         self.forms: list[Form] = []
+        self._fits: dict[tuple[int, ...], Fit] = {}  # by the forms that are fitted
         self.count = self.values = self.base[0].shape[2]
         courses, model = study.courses, study.model
         for name, cause in EVERY.items():
             for values in [] if cause.beyond(courses, model) else cause.grid(courses, model):
-                if not cause.cuts_noise(courses, values):
+                if not cause.mechanism(values).cuts_noise(courses, values):
                     self.add(name, cause.at(courses, model, values))
         for form in free_curves(courses, model):
             self.add(OUTSIDE, form)
@@ -88,7 +89,13 @@ class Catalogue:
 
     def without(self, forms: Sequence[Form]) -> Fit:
         """Fit of the model's own values with these forms only."""
-        return self.fit([forms[-1]], forms[:-1])[0] if forms else base_fit(self.study, self.base)
+        known = tuple(map(id, forms))
+        if known not in self._fits:
+            last = forms[-1:]
+            self._fits[known] = (
+                self.fit(last, forms[:-1])[0] if last else base_fit(self.study, self.base)
+            )
+        return self._fits[known]
 
     def _lines(self, parts: Sequence[Sequence[Matrix]]) -> list[list[Matrix]]:
         together = [np.concatenate(each, axis=2) for each in zip(*parts, strict=True)]
@@ -297,10 +304,10 @@ def _between(
         for name in steps:
             steps[name] *= 0.5
             values = best[name].values
-            key = CAUSES[name].refined_of(values) or ""
+            key = CAUSES[name].mechanism(values).refined
             for side in (-steps[name], steps[name]):
                 moved = {**values, key: values[key] * math.exp(side)}
-                if not CAUSES[name].cuts_noise(study.courses, moved):
+                if not CAUSES[name].mechanism(moved).cuts_noise(study.courses, moved):
                     catalogue.add(name, CAUSES[name].at(study.courses, study.model, moved))
         catalogue.extend(before)
         new = catalogue.forms[before:]
@@ -313,8 +320,8 @@ def _between(
 def _spacing(form: Form, forms: Sequence[Form]) -> float:
     """Distance of a form to the nearest one on its grid, as a logarithm; zero without a grid."""
     cause, own = CAUSES.get(form.name), form.values
-    name = cause.refined_of(own) if cause else None
-    if name is None or own[name] <= 0.0:
+    name = cause.mechanism(own).refined if cause else ""
+    if not name or own[name] <= 0.0:
         return 0.0
     alike = [f.values for f in forms if f.values.keys() == own.keys()]
     alike = [v for v in alike if all(v[k] == w for k, w in own.items() if k != name)]

@@ -22,7 +22,7 @@ from scipy.signal import savgol_filter
 
 from ballscrew import read_drive_records, read_parameters
 from ballscrew.measurement.diagnosis.diagnose import diagnose_records
-from ballscrew.measurement.diagnosis.drive import drive_of
+from ballscrew.measurement.diagnosis.model import drive_of
 from ballscrew.solver.arrays import Vector
 from ballscrew.solver.errors import UserError
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ballscrew.measurement.diagnosis.drive import Drive
+from ballscrew.measurement.diagnosis.model import Drive
 from ballscrew.orchestration.loop.catalogue import component
 
 # the thesis' axis as believed by its user

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ballscrew.measurement.diagnosis.drive import Drive
+from ballscrew.measurement.diagnosis.model import Drive
 from ballscrew.measurement.records.reading import check_record
 from ballscrew.measurement.records.record import Record
 

@@ -12,8 +12,8 @@ import sympy as sp
 from ....plant.ball_screw import bare_ball_screw
 from ....solver.arrays import Matrix, Vector
 from ....solver.component import Component, ForceTerm, Parameter, symbol
-from ..drive import Drive, compiled
-from ..modelled_record import ModelledRecord
+from ..model import Drive, compiled
+from ..motion import Course
 
 FRICTION = symbol("friction")
 """The total friction force of the prior law, opposing motion [N]."""
@@ -52,7 +52,7 @@ class Form:
     columns: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
-Courses = Sequence[ModelledRecord]
+Courses = Sequence[Course]
 Values = Mapping[str, float]
 Smaller = Callable[[Courses, Form, Vector], float]
 Grid = Callable[[Courses, Drive], list[Values]]
@@ -115,29 +115,22 @@ class Cause:
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(dict.fromkeys(p for m in self.mechanisms for p in m.parameters))
 
+    def mechanism(self, values: Values) -> Mechanism:
+        """The form that has these values."""
+        own = (m for m in self.mechanisms if set(values) <= {p.name for p in m.parameters})
+        return next(own, self.mechanisms[0])
+
     def grid(self, courses: Courses, model: Drive) -> list[Values]:
         """Values to try, of all mechanisms."""
         return [values for m in self.mechanisms for values in m.grid(courses, model)]
 
     def at(self, courses: Courses, model: Drive, values: Values) -> Form:
         """Its effect on these records."""
-        return self._told_by(values).at(courses, model, values)
+        return self.mechanism(values).at(courses, model, values)
 
     def extend(self, plant: Component, curve: sp.Expr, values: Values) -> Component:
         """The plant with the cause, see `Mechanism`."""
-        return self._told_by(values).extend(plant, curve, self)
-
-    def cuts_noise(self, courses: Courses, values: Values) -> bool:
-        """Whether with these values it mostly takes noise out of a command, see `Mechanism`."""
-        return self._told_by(values).cuts_noise(courses, values)
-
-    def refined_of(self, values: Values) -> str | None:
-        """Name of the value that is refined between grid points, if any."""
-        return self._told_by(values).refined or None
-
-    def _told_by(self, values: Values) -> Mechanism:
-        own = (m for m in self.mechanisms if set(values) <= {p.name for p in m.parameters})
-        return next(own, self.mechanisms[0])
+        return self.mechanism(values).extend(plant, curve, self)
 
 
 def parameter(name: str, unit: str, meaning: str, default: float = 0.0) -> Parameter:
@@ -164,23 +157,19 @@ def force(
     nonlinear parameters. With `per_record`, each record has its own amplitudes, for example if a
     phase changes with each homing. `signals` along a record replace constant values, by symbol.
     """
-    names = tuple(p.name for p in amplitudes)
     parameters = (*amplitudes, *constants)
 
     def at(courses: Courses, model: Drive, values: Values) -> Form:
-        more = signals(courses, model, values)
-        forces = [
-            _along(tuple(amplitudes.values()), c, model, values, own)
-            for c, own in zip(courses, more, strict=True)
-        ]
-        amplitude_names = names
+        forces = _along(tuple(amplitudes.values()), courses, model, values, signals)
+        names = tuple(p.name for p in amplitudes)
         if per_record and len(courses) > 1:
-            amplitude_names = tuple(f"{n}.{r + 1}" for r in range(len(courses)) for n in names)
+            count = range(len(courses))
+            names = tuple(f"{n}.{k + 1}" for k in count for n in names)
             forces = [
-                np.hstack([f if r == k else np.zeros_like(f) for k in range(len(courses))])
+                np.hstack([f if r == k else np.zeros_like(f) for k in count])
                 for r, f in enumerate(forces)
             ]
-        return Form(amplitude_names, force=forces, values=values)
+        return Form(names, force=forces, values=values)
 
     def extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
         friction = -next(t.force for t in plant.terms if t.name == "friction")
@@ -222,10 +211,7 @@ def voltage(
     change = after - sp.expand(before) if sure else sp.diff(after, symbol(first))
 
     def at(courses: Courses, model: Drive, values: Values) -> Form:
-        more = signals(courses, model, values)
-        command = [
-            _along((change,), c, model, values, own) for c, own in zip(courses, more, strict=True)
-        ]
+        command = _along((change,), courses, model, values, signals)
         return Form((first,), command=command, values=values, sure=sure)
 
     def extend(plant: Component, curve: sp.Expr, cause: Cause) -> Component:
@@ -238,38 +224,41 @@ def voltage(
     return Mechanism(parameters, at, grid, extend, refined, cuts_noise)
 
 
-def engaged(course: ModelledRecord, model: Drive) -> Vector:
+def engaged(course: Course, model: Drive) -> Vector:
     """`ENGAGED` along a record, shape (n,)."""
     return np.asarray(course.bristle / model.curve(course.middle_v))
 
 
 def _along(
     expressions: tuple[sp.Expr, ...],
-    course: ModelledRecord,
+    courses: Courses,
     model: Drive,
     values: Values,
-    own: Mapping[str, Vector],
-) -> Matrix:
-    """Values of expressions along a record, shape (n, expressions)."""
-    signals: dict[str, Callable[[], Vector]] = {
-        "x": lambda: course.middle_x,
-        "v": lambda: course.middle_v,
-        "t": lambda: course.time + 0.5 * course.step,
-        "u": lambda: course.u,
-        "i": lambda: course.mean_i,
-        FRICTION.name: lambda: course.bristle + model.linear_friction * course.middle_v,
-        DRY.name: lambda: course.bristle,
-        ENGAGED.name: lambda: engaged(course, model),
-        ACTING.name: lambda: (
-            model.per_ampere * course.mean_i if model.has_motor else model.values["gain"] * course.u
-        ),
-    }
+    signals: Signals,
+) -> list[Matrix]:
+    """Values of expressions along each record, shape (n, expressions)."""
     stiffness = model.values.get("sigma0", 0.0)
     relaxation = model.values.get("sigma1", 0.0) / stiffness if stiffness else 0.0
-    numbers = {**model.values, RELAXATION.name: relaxation, **values, **own}
-    columns = []
-    for expression in expressions:
-        free, function = compiled(expression)
-        given = [signals[n]() if n in signals and n not in own else numbers[n] for n in free]
-        columns.append(np.broadcast_to(function(*given), course.x.shape))
-    return np.column_stack(columns)
+    numbers = {**model.values, RELAXATION.name: relaxation, **values}
+    functions = [compiled(e) for e in expressions]
+    found = []
+    for course, own in zip(courses, signals(courses, model, values), strict=True):
+        current = np.append(course.i[1:], course.i[-1])  # at the interval's end: it has settled
+        known: dict[str, Vector] = {
+            "x": course.middle_x,
+            "v": course.middle_v,
+            "t": course.time + 0.5 * course.step,
+            "u": course.u,
+            "i": current,
+            FRICTION.name: course.bristle + model.linear_friction * course.middle_v,
+            DRY.name: course.bristle,
+            ACTING.name: model.per_ampere * current
+            if model.has_motor
+            else model.values["gain"] * course.u,
+        }
+        if any(ENGAGED.name in free for free, _ in functions):
+            known[ENGAGED.name] = engaged(course, model)
+        given = {**numbers, **known, **own}
+        columns = [function(*(given[n] for n in free)) for free, function in functions]
+        found.append(np.column_stack([np.broadcast_to(c, course.x.shape) for c in columns]))
+    return found

@@ -18,10 +18,21 @@ from ....plant.instruments.late_command import with_command_behind, with_late_co
 from ....solver.arrays import Vector
 from ....solver.component import Component, Parameter, symbol
 from ...records.record import fast_noise
-from ..drive import Drive
-from ..modelled_record import ModelledRecord
-from ..weak_form import lagged
-from .cause import CERTAIN, Cause, Courses, Form, Mechanism, Values, of_command, parameter, voltage
+from ..model import Drive
+from ..motion import Course
+from ..windows import lagged
+from .cause import (
+    CERTAIN,
+    Cause,
+    Courses,
+    Form,
+    Grid,
+    Mechanism,
+    Values,
+    of_command,
+    parameter,
+    voltage,
+)
 
 _SHARES = 2.0 ** np.arange(-5.0, 12.0)  # delays over a sampling interval
 _LONGEST = 5e-3  # longest delay [s]; at least eight samples
@@ -137,6 +148,11 @@ def _largest(courses: Courses) -> float:
     return max(float(np.abs(c.u).max()) for c in courses)
 
 
+def _scaled(name: str, shares: Vector) -> Grid:
+    """Values to try, as shares of the largest command."""
+    return lambda courses, model: [{name: float(k)} for k in shares * _largest(courses)]
+
+
 def _cuts_noise(courses: Courses, values: Values) -> bool:
     """Whether a limit cuts many samples by little, so that it only removes noise of a command."""
     asked = np.abs(np.concatenate([c.u for c in courses])) / values["voltage_limit"]
@@ -157,7 +173,7 @@ def _sags(courses: Courses, model: Drive) -> list[Values]:
 def _drawn(courses: Courses, model: Drive, values: Values) -> Sequence[Mapping[str, Vector]]:
     """Steady-state current of the limited voltage, for records without a measured current [A]."""
 
-    def settled(course: ModelledRecord) -> Vector:
+    def settled(course: Course) -> Vector:
         generated = np.sign(course.u) * model.back_emf * course.middle_v
         resistance = model.values["R"] + values["supply_resistance"]
         return np.maximum((values["voltage_limit"] - generated) / resistance, 0.0)
@@ -167,6 +183,7 @@ def _drawn(courses: Courses, model: Drive, values: Values) -> Sequence[Mapping[s
 
 _MOST = sp.Max(_LIMIT - symbol("supply_resistance") * sp.Abs(symbol("i")), 0)
 _HARD = parameter("voltage_limit", "V", "largest voltage, either sign", 1e6)
+_SUPPLY = parameter("supply_resistance", "Ohm", "by which the limit falls with the current")
 VOLTAGE_SATURATION = Cause(
     "voltage_saturation",
     "the amplifier gives less voltage than the largest commands demand",
@@ -174,9 +191,7 @@ VOLTAGE_SATURATION = Cause(
         voltage(
             {_U: clip(_U, -_LIMIT, _LIMIT)},
             (_HARD,),
-            lambda courses, model: [
-                {"voltage_limit": float(level)} for level in _LEVELS * _largest(courses)
-            ],
+            _scaled("voltage_limit", _LEVELS),
             "voltage_limit",
             _SURE,
             cuts_noise=_cuts_noise,
@@ -184,22 +199,13 @@ VOLTAGE_SATURATION = Cause(
         voltage(
             {_U: _SCALE * sp.tanh(_U / _SCALE)},
             (parameter("voltage_scale", "V", "limiting voltage of a nonlinear amplifier", 1e6),),
-            lambda courses, model: [
-                {"voltage_scale": _largest(courses) * float(k)} for k in _SCALES
-            ],
+            _scaled("voltage_scale", _SCALES),
             "voltage_scale",
             _SURE,
         ),
         voltage(
             {_U: clip(_U, -_MOST, _MOST)},
-            (
-                _HARD,
-                parameter(
-                    "supply_resistance",
-                    "Ohm",
-                    "resistance by which the limit falls with the current",
-                ),
-            ),
+            (_HARD, _SUPPLY),
             _sags,
             "voltage_limit",
             _SURE,

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ....solver.arrays import Vector
-from ..drive import Drive
-from ..modelled_record import ModelledRecord
+from ..model import Drive
+from ..motion import Course
 from .cause import Form, engaged
 from .travel import Beats
 
@@ -41,7 +41,7 @@ def way_since_reversal(x: Vector) -> Vector:
     return out
 
 
-def free_curves(courses: Sequence[ModelledRecord], model: Drive) -> list[Form]:
+def free_curves(courses: Sequence[Course], model: Drive) -> list[Form]:
     """Free curves along the records; `lives` describes their signal, for a sentence."""
     sign = [engaged(c, model) for c in courses]
     one = [np.ones(len(c.x)) for c in courses]
@@ -74,7 +74,7 @@ def free_curves(courses: Sequence[ModelledRecord], model: Drive) -> list[Form]:
     return [*made, replace(_swings(courses, time), lives="in time, swinging")]
 
 
-def _swings(courses: Sequence[ModelledRecord], time: list[Vector]) -> Form:
+def _swings(courses: Sequence[Course], time: list[Vector]) -> Form:
     """Sines in time at the strongest frequencies of the unknown force."""
     c = max(courses, key=lambda c: len(c.x))
     window = np.hanning(len(c.unknown))

@@ -18,8 +18,8 @@ from ....plant.two_masses import GAP, STIFFNESS, with_gap, with_spring
 from ....solver.component import Component, Parameter
 from ...identification.fitted_law import assumed_damping
 from ...identification.law_along_record import SHARPNESS, force_behind
-from ..drive import Drive
-from ..modelled_record import with_law_force
+from ..model import Drive
+from ..motion import with_law_force
 from .cause import Cause, Courses, Form, Grid, Mechanism, Values, parameter
 
 

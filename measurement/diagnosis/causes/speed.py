@@ -9,8 +9,9 @@ import sympy as sp
 
 from ....plant.lugre import stribeck
 from ....solver.component import Component, symbol
-from ..drive import Drive
-from ..modelled_record import with_law_force
+from ...identification.fitted_law import BRISTLES
+from ..model import Drive
+from ..motion import with_law_force
 from .cause import DRY, ENGAGED, Cause, Courses, Form, Values, force, parameter
 from .travel import changing, either_way, fast_speed, viscous_share
 
@@ -101,7 +102,7 @@ def _speeds(courses: Courses) -> list[float]:
 
 
 def _at(courses: Courses, model: Drive, values: Values) -> Form:
-    if not model.can_bend:
+    if model.law not in BRISTLES:
         return _ADDED.at(courses, model, values)
     scale = model.friction_scale
     size = max(values.get("dF_low", 0.0), -_DEEPEST * scale)

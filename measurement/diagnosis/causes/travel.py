@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import sympy as sp
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
 
-from ....solver.arrays import Vector
+from ....solver.arrays import Mask, Vector
 from ....solver.component import Parameter, symbol
 from ...records.record import resolution_of
-from ..drive import Drive
-from ..modelled_record import ModelledRecord
+from ..model import Drive
+from ..motion import Course
 from .cause import (
     ACTING,
     DRY,
@@ -40,6 +39,8 @@ _AROUND = 75  # width of the surroundings, in fifths of a period in the travel
 _CONSTANT = 0.05  # largest relative deviation of a constant speed
 _HARMONICS, _BESIDE = 4, 3.0  # harmonics of rounding, and half-width around each
 
+Wave = Callable[[sp.Expr], sp.Expr]
+
 
 def viscous_share(name: str) -> Parameter:
     """Share of the viscous friction that changes with the dry friction.
@@ -63,19 +64,18 @@ def either_way(values: list[Values], name: str) -> list[Values]:
     return [{**v, name: share} for v in values for share in (0.0, 1.0)]
 
 
-class Wave(NamedTuple):
-    name: str
-    kind: str
-    course: sp.Expr
-
-
-def waves(per_metre: str, harmonics: Sequence[int]) -> Iterator[Wave]:
+def waves(
+    name: str, unit: str, meaning: str, per_metre: str, harmonics: Sequence[int], of: Wave
+) -> dict[Parameter, sp.Expr]:
     """Cosine and sine of each harmonic; with several harmonics, names contain the number."""
+    found = {}
     for times in harmonics:
         angle = 2 * sp.pi * times * symbol(per_metre) * symbol("x")
         suffix = f"_{times}" if len(harmonics) > 1 else ""
-        yield Wave(f"cos{suffix}", "cosine", sp.cos(angle))
-        yield Wave(f"sin{suffix}", "sine", sp.sin(angle))
+        for short, kind, wave in (("cos", "cosine", sp.cos), ("sin", "sine", sp.sin)):
+            says = meaning.format(kind)
+            found[parameter(f"{name}_{short}{suffix}", unit, says)] = of(wave(angle))
+    return found
 
 
 def middle_and_half(courses: Courses) -> tuple[float, float]:
@@ -135,7 +135,7 @@ class Beats(NamedTuple):
     shares: list[float]  # frequencies in periods per window, 0 to 1/2
 
     @classmethod
-    def of(cls, course: ModelledRecord) -> Beats | None:
+    def of(cls, course: Course) -> Beats | None:
         """Frequencies of a course with constant speed for more than half of it; None for others."""
         usual = float(np.median(course.v))
         odd = np.flatnonzero(np.abs(course.v - usual) > _CONSTANT * abs(usual))
@@ -156,18 +156,17 @@ class Beats(NamedTuple):
         return any(abs(share - own) < around * self.way for own in self.shares)
 
 
-def _strongest(power: Vector, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+def _strongest(power: Vector, known: Mask) -> list[int]:
     """Indices of a spectrum's peaks."""
     # peaks relative to their surroundings: slow variation has more power at few periods
     rises = np.where(known, power / median_filter(power, _AROUND, mode="nearest"), 0.0)
     power = np.where(known, power, 0.0)
     inner = np.flatnonzero((rises[1:-1] > rises[:-2]) & (rises[1:-1] > rises[2:])) + 1
-    return np.union1d(
-        inner[np.argsort(-rises[inner])][:_PEAKS], inner[np.argsort(-power[inner])][:_STRONGEST]
-    )
+    steepest, strongest = (inner[np.argsort(-p[inner])] for p in (rises, power))
+    return sorted({*steepest[:_PEAKS].tolist(), *strongest[:_STRONGEST].tolist()})
 
 
-def _along_way(course: ModelledRecord, flips: bool) -> Vector:
+def _along_way(course: Course, flips: bool) -> Vector:
     """The unknown force per distance instead of per time, zero at rest, shape (n,)."""
     speed = course.v if flips else np.abs(course.v)
     whole = float(np.sum(np.abs(speed)))
@@ -199,26 +198,33 @@ def _peak(courses: Courses, swings: float, apart: float, flips: bool) -> float:
 
 _TREND_SHARE = "trend_viscous_share"
 _WORN_FROM = (-0.4, 0.0, 0.4)  # start of the worn end, over half the travel
-_BEYOND = "friction at the end of the travel minus that in its middle, as a share"
-_AT_BOTH = "friction at both ends minus that in the middle, as a share"
+_AT_END = "friction at the end of the travel minus that in its middle, as a share"
+_TREND = {"friction_trend": _AT_END}
+_SLOPE_AND_BOW = {
+    "friction_slope": _AT_END,
+    "friction_bow": "friction at both ends minus that in the middle, as a share",
+}
 
 
-def _over_travel(middle: str, half: str, amplitudes: dict[tuple[str, str], int]) -> Mechanism:
-    """Friction by powers of the position from the middle of the travel; by name and meaning."""
+def _over_travel(middle: str, half: str, powers: dict[str, str]) -> Mechanism:
+    """Friction by powers of the position from the middle of the travel; with their meanings."""
     place = (symbol("x") - symbol(middle)) / symbol(half)
+
+    def grid(courses: Courses, model: Drive) -> list[Values]:
+        ends = dict(zip((middle, half), middle_and_half(courses), strict=True))
+        return either_way([ends], _TREND_SHARE)
+
     return force(
         {
             parameter(name, "1", meaning): changing(_TREND_SHARE, place**power)
-            for (name, meaning), power in amplitudes.items()
+            for power, (name, meaning) in enumerate(powers.items(), start=1)
         },
         (
             parameter(middle, "m", "middle of the travel"),
             parameter(half, "m", "half the travel", 1.0),
             viscous_share(_TREND_SHARE),
         ),
-        lambda courses, model: either_way(
-            [dict(zip((middle, half), middle_and_half(courses), strict=True))], _TREND_SHARE
-        ),
+        grid,
     )
 
 
@@ -233,12 +239,9 @@ def _ends(courses: Courses, model: Drive) -> list[Values]:
 
 
 _INTO = (symbol("x") - symbol("x_worn")) / symbol("way_worn")
+_WORN = parameter("friction_worn", "1", "additional friction at the worn end, as a share")
 _END = force(
-    {
-        parameter("friction_worn", "1", "additional friction at the worn end, as a share"): (
-            changing(_TREND_SHARE, (_INTO + sp.Abs(_INTO)) / 2)
-        )
-    },
+    {_WORN: changing(_TREND_SHARE, (_INTO + sp.Abs(_INTO)) / 2)},
     (
         parameter("x_worn", "m", "where the worn part begins"),
         parameter("way_worn", "m", "length from there to the end; negative: towards -x", 1.0),
@@ -250,12 +253,8 @@ POSITION_TREND_FRICTION = Cause(
     "position_trend_friction",
     "friction changes from one end of the travel to the other",
     (
-        _over_travel("x_middle", "x_half", {("friction_trend", _BEYOND): 1}),
-        _over_travel(
-            "x_bow",
-            "bow_half",
-            {("friction_slope", _BEYOND): 1, ("friction_bow", _AT_BOTH): 2},
-        ),
+        _over_travel("x_middle", "x_half", _TREND),
+        _over_travel("x_bow", "bow_half", _SLOPE_AND_BOW),
         _END,
     ),
     confirm="slow runs over the whole travel in both directions: the difference of the forces "
@@ -265,20 +264,20 @@ POSITION_TREND_FRICTION = Cause(
 
 _PERIODIC_SHARE = "periodic_viscous_share"
 _PER_TURN = (1, 2)  # periods per turn of the screw
+_SLOWLY = "move slowly over a few turns in both directions: the periodic part "
 
 
 def _friction_swinging(per_metre: str, harmonics: tuple[int, ...]) -> Mechanism:
+    def grid(courses: Courses, model: Drive) -> list[Values]:
+        return either_way(periods(courses, model, per_metre, _PER_TURN), _PERIODIC_SHARE)
+
+    def of(wave: sp.Expr) -> sp.Expr:
+        return changing(_PERIODIC_SHARE, wave)
+
     return force(
-        {
-            parameter(
-                f"friction_{wave.name}", "1", f"share of friction with the {wave.kind}"
-            ): changing(_PERIODIC_SHARE, wave.course)
-            for wave in waves(per_metre, harmonics)
-        },
+        waves("friction", "1", "share of friction with the {}", per_metre, harmonics, of),
         (parameter(per_metre, "1/m", "periods per metre", 1.0), viscous_share(_PERIODIC_SHARE)),
-        lambda courses, model: either_way(
-            periods(courses, model, per_metre, _PER_TURN), _PERIODIC_SHARE
-        ),
+        grid,
         per_record=True,
     )
 
@@ -290,36 +289,34 @@ POSITION_PERIODIC_FRICTION = Cause(
         _friction_swinging("periods_per_metre", (1,)),
         _friction_swinging("double_periods_per_metre", (1, 2)),
     ),
-    confirm="move slowly over a few turns in both directions: the periodic part changes sign with "
-    "the direction",
+    confirm=_SLOWLY + "changes sign with the direction",
 )
 
 
 def _force_swinging(
-    per_metre: str, names: str, unit: str, of: sp.Expr, harmonics: tuple[int, ...], tried: range
+    name: str, per_metre: str, harmonics: tuple[int, ...], tried: range, acting: bool = False
 ) -> Mechanism:
+    """A ripple of the force; if `acting`, as a share of the acting force."""
+
+    def of(wave: sp.Expr) -> sp.Expr:
+        return -ACTING * wave if acting else wave
+
+    unit, says = "1" if acting else "N", "swing with the {} of the angle"
     return force(
-        {
-            parameter(f"{names}_{wave.name}", unit, f"swing with the {wave.kind} of the angle"): of
-            * wave.course
-            for wave in waves(per_metre, harmonics)
-        },
+        waves(name, unit, says, per_metre, harmonics, of),
         (parameter(per_metre, "1/m", "periods per metre", 1.0),),
         lambda courses, model: periods(courses, model, per_metre, tried),
         per_record=True,
     )
 
 
-_ONE = sp.Integer(1)
 TORQUE_RIPPLE = Cause(
     "torque_ripple",
     "the drive's force varies periodically with the motor's angle, the same in both directions",
     (
-        _force_swinging("ripples_per_metre", "ripple", "N", _ONE, (1,), range(1, 9)),
-        _force_swinging("double_ripples_per_metre", "ripple", "N", _ONE, (1, 2), range(1, 5)),
-        _force_swinging(
-            "constant_ripples_per_metre", "constant_ripple", "1", -ACTING, (1,), range(1, 7)
-        ),
+        _force_swinging("ripple", "ripples_per_metre", (1,), range(1, 9)),
+        _force_swinging("ripple", "double_ripples_per_metre", (1, 2), range(1, 5)),
+        _force_swinging("constant_ripple", "constant_ripples_per_metre", (1,), range(1, 7), True),
     ),
-    confirm="move slowly over a few turns in both directions: the periodic part keeps its sign",
+    confirm=_SLOWLY + "keeps its sign",
 )

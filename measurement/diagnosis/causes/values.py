@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ....solver.arrays import Vector
-from ..drive import Drive
-from ..modelled_record import ModelledRecord
+from ..model import Drive
+from ..motion import Course
 from .cause import CERTAIN, Cause, Courses, Form, Mechanism, Values, parameter
 
 _OTHERS = ("m", "Jm", "offset", "Fs", "Vs")
@@ -50,7 +50,7 @@ CURRENT_GAIN = "current_gain"
 """The calibration that a wrong scale of the current frees."""
 
 
-def _inertial(course: ModelledRecord, model: Drive) -> Vector:
+def _inertial(course: Course, model: Drive) -> Vector:
     """Force that grows with the scale of x, shape (n,) [N]."""
     return model.inertia * course.mean_a + model.linear_friction * course.middle_v
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ballscrew.measurement.diagnosis.balance import Added, leftovers, responses, sensitivities
 from ballscrew.measurement.diagnosis.causes import CAUSES
-from ballscrew.measurement.diagnosis.modelled_record import lay_along
+from ballscrew.measurement.diagnosis.motion import lay_along
 
 pytestmark = pytest.mark.ci
 
@@ -48,7 +48,7 @@ def test_a_cause_of_its_size_takes_away_what_is_left(course):
 def test_columns_of_values_are_the_slopes_of_what_is_left(course):
     model = nominal()
     law = [model.friction(course.x, course.v, course.step)]
-    (columns,) = sensitivities([course], model, Added.nothing([course]), law)
+    (columns,) = sensitivities([course], model, law)
     step = 1e-2
     for k, name in enumerate(model.adjustable):
         high, low = (

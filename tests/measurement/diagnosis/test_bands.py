@@ -8,7 +8,8 @@ from axis_records import strong_record
 from diagnosed import nominal
 
 from ballscrew.measurement.diagnosis.bands import cut, products
-from ballscrew.measurement.diagnosis.modelled_record import lay_along
+from ballscrew.measurement.diagnosis.motion import lay_along
+from ballscrew.measurement.diagnosis.windows import windows
 
 pytestmark = pytest.mark.ci
 
@@ -21,7 +22,7 @@ def course():
 def test_white_noise_has_its_variance_in_every_number_of_every_band(course):
     bands = cut([course], nominal())
     size, many = 3.0, 200
-    shape = len(course.resting), len(course.channels), many
+    shape = windows(len(course.x), course.width), len(course.channels), many
     noise = size * np.random.default_rng(1).standard_normal(shape)
     lines = bands.lines([noise])
     found = np.einsum("qbii->qb", products(lines, lines)) / many

@@ -8,13 +8,12 @@ import pytest
 from axis_records import NOMINAL, TURN, friction_noise, moved, signals_of
 from diagnosed import nominal
 
-from ballscrew.measurement.diagnosis.balance import Added
+from ballscrew.measurement.diagnosis.balance import residual
 from ballscrew.measurement.diagnosis.compare import compare_records
 from ballscrew.measurement.diagnosis.corrected import corrected
 from ballscrew.measurement.diagnosis.diagnose import diagnose
-from ballscrew.measurement.diagnosis.drive import commanded, driven_by_current
-from ballscrew.measurement.diagnosis.modelled_record import lay_along
-from ballscrew.measurement.diagnosis.residuals import residual
+from ballscrew.measurement.diagnosis.model import commanded, driven_by_current
+from ballscrew.measurement.diagnosis.motion import lay_along
 from ballscrew.measurement.records.reading import check_record
 from ballscrew.measurement.records.record import CURRENT
 from ballscrew.orchestration.loop.parameter_file import read_parameters
@@ -60,7 +59,7 @@ def test_the_current_leaves_the_same_residual_as_the_voltage(signals):
     for record in (check_record("both", signals), check_record("current", without(signals, "u"))):
         (record,), model, _ = commanded([record], nominal())
         course = lay_along(record, model)
-        found = residual([course], model, Added.nothing([course]))
+        found = residual([course], model)
         left.append(float(np.mean(found.force[found.telling])))
     # minus the force that opposes motion in +x
     assert np.abs(left) == pytest.approx(LOAD, rel=0.05)

@@ -11,7 +11,6 @@ from slide_records import believed, slide_record
 
 from ballscrew.measurement.diagnosis.causes import CAUSES
 from ballscrew.measurement.diagnosis.diagnose import diagnose_records
-from ballscrew.measurement.diagnosis.drive import Drive
 from ballscrew.measurement.diagnosis.experiment import (
     COMMAND_FILE,
     Reach,
@@ -19,7 +18,8 @@ from ballscrew.measurement.diagnosis.experiment import (
     reach_of,
     survey,
 )
-from ballscrew.measurement.diagnosis.modelled_record import lay_along
+from ballscrew.measurement.diagnosis.model import Drive
+from ballscrew.measurement.diagnosis.motion import lay_along
 from ballscrew.measurement.diagnosis.scores import OUTSIDE
 from ballscrew.measurement.records.reading import check_record
 from ballscrew.orchestration.master.reference_signal import Reference

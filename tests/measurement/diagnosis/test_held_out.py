@@ -5,9 +5,9 @@ import pytest
 from axis_records import strong_record
 from diagnosed import nominal
 
+from ballscrew.measurement.diagnosis.fit import study_of
 from ballscrew.measurement.diagnosis.held_out import held_out, lap
 from ballscrew.measurement.diagnosis.rule import explained
-from ballscrew.measurement.diagnosis.study import study_of
 from ballscrew.measurement.records.reading import check_record
 
 STEP = 1e-3

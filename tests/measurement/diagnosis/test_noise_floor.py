@@ -1,4 +1,4 @@
-"""What noise alone leaves, and the one comparison with it that clears a model."""
+"""What noise alone leaves, a jump of the position, and a current that contradicts the voltage."""
 
 from __future__ import annotations
 
@@ -8,30 +8,13 @@ import numpy as np
 import pytest
 from axis_records import strong_record
 from diagnosed import nominal
-from hypothesis import given
-from hypothesis import strategies as st
 
-from ballscrew.measurement.diagnosis.balance import Added
+from ballscrew.measurement.diagnosis.balance import noise_of_readings, residual, rms
 from ballscrew.measurement.diagnosis.diagnose import diagnose_records
-from ballscrew.measurement.diagnosis.modelled_record import lay_along
-from ballscrew.measurement.diagnosis.noise_floor import NoiseFloor
-from ballscrew.measurement.diagnosis.residuals import Residual, floor, residual, rms
+from ballscrew.measurement.diagnosis.motion import lay_along
 from ballscrew.measurement.records.reading import check_record
 
 pytestmark = pytest.mark.ci
-
-
-def left(force, between):
-    return Residual(force, between, np.ones(len(force), dtype=bool))
-
-
-@given(sizes=st.tuples(*[st.floats(1e-6, 1e6)] * 4))
-def test_at_most_twice_the_floor_in_newtons_is_noise_and_more_is_not(sizes):
-    force, between, of_force, of_between = sizes
-    noise = NoiseFloor(of_force, of_between, 0.0, False)
-    signal = np.array([1.0, -1.0, 1.0, -1.0])
-    told = noise.has(left(force * signal, between * signal))
-    assert told == (force <= 2.0 * of_force and between <= 2.0 * of_between)
 
 
 def test_reading_anew_changes_as_much_as_rounding_leaves_under_the_true_model():
@@ -39,9 +22,9 @@ def test_reading_anew_changes_as_much_as_rounding_leaves_under_the_true_model():
     record = strong_record({}, samples=4_000)
     signals = record.signals | {"x": count * np.round(record.x / count)}
     courses = [lay_along(check_record("counted", signals), nominal())]
-    found = residual(courses, nominal(), Added.nothing(courses))
+    found = residual(courses, nominal())
     law = np.mean(np.concatenate([c.force_variance for c in courses]))
-    known = math.hypot(floor(courses, nominal()).force_rms, math.sqrt(law))
+    known = math.hypot(noise_of_readings(courses, nominal()).force_rms, math.sqrt(law))
     assert 0.5 < found.force_rms / known < 2.0
 
 
@@ -70,10 +53,10 @@ def test_a_jump_is_named_and_changes_nothing_else():
 def test_voltage_and_current_that_contradict_each_other_are_not_cleared():
     record = strong_record({}, with_current=True, samples=4_000)
     courses = [lay_along(record, nominal())]
-    right = residual(courses, nominal(), Added.nothing(courses))
+    right = residual(courses, nominal())
     signals = record.signals | {"i": 2.0 * record.signals["i"]}
     courses = [lay_along(check_record("twice", signals), nominal())]
-    twice = residual(courses, nominal(), Added.nothing(courses))
+    twice = residual(courses, nominal())
     assert twice.by_current_rms > 20.0 * right.by_current_rms
     force = nominal().per_ampere * rms(record.signals["i"])
     assert twice.by_current_rms == pytest.approx(force, rel=0.1)

@@ -7,7 +7,7 @@ import pytest
 from diagnosed import nominal, run
 
 from ballscrew.measurement.diagnosis.causes.travel import Beats
-from ballscrew.measurement.diagnosis.modelled_record import lay_along
+from ballscrew.measurement.diagnosis.motion import lay_along
 from ballscrew.measurement.records.reading import check_record
 
 STEP, COUNT = 5e-3, 2e-6

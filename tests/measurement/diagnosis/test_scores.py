@@ -21,8 +21,7 @@ from ballscrew.measurement.diagnosis import scores
 from ballscrew.measurement.diagnosis.bands import Bands
 from ballscrew.measurement.diagnosis.causes import CAUSES
 from ballscrew.measurement.diagnosis.causes.cause import Form
-from ballscrew.measurement.diagnosis.scores import Catalogue, gain_of, scored
-from ballscrew.measurement.diagnosis.study import (
+from ballscrew.measurement.diagnosis.fit import (
     COARSE,
     FREEDOM,
     Priors,
@@ -30,6 +29,7 @@ from ballscrew.measurement.diagnosis.study import (
     study_of,
     within_most,
 )
+from ballscrew.measurement.diagnosis.scores import Catalogue, gain_of, scored
 from ballscrew.measurement.records.reading import check_record
 
 ROWS, COLUMNS, BLOCKS, BANDS = 100, 3, 5, 2
@@ -181,8 +181,8 @@ def test_a_gain_is_the_removed_share_with_its_jackknife():
 def test_a_limit_that_cuts_many_samples_by_little_only_cuts_noise(share, excess, cuts):
     """More than a fifth of the samples, by less than a quarter of the limit."""
     u = np.where(np.arange(1000) < 1000 * share, -excess * 5.0, 4.0)
-    courses = [SimpleNamespace(u=u)]
-    assert CAUSES["voltage_saturation"].cuts_noise(courses, {"voltage_limit": 5.0}) == cuts
+    courses, limit = [SimpleNamespace(u=u)], {"voltage_limit": 5.0}
+    assert CAUSES["voltage_saturation"].mechanisms[0].cuts_noise(courses, limit) == cuts
 
 
 def test_sizes_that_no_machine_has_are_no_suspects():

@@ -10,7 +10,7 @@ import pytest
 from synthetic.records import record_of, sine_velocity
 
 from ballscrew.cli import main
-from ballscrew.measurement.diagnosis.drive import drive_of
+from ballscrew.measurement.diagnosis.model import drive_of
 from ballscrew.measurement.identification.identify import check_held
 from ballscrew.orchestration.loop.parameter_file import read_parameters
 from ballscrew.solver.errors import BadParameter

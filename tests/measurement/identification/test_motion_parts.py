@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from diagnosed import nominal
 
-from ballscrew.measurement.diagnosis.modelled_record import lay_along
+from ballscrew.measurement.diagnosis.motion import lay_along
 from ballscrew.measurement.identification.motion_parts import motion_parts
 from ballscrew.measurement.records.reading import check_record
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from ballscrew.measurement.diagnosis.weak_form import (
+from ballscrew.measurement.diagnosis.windows import (
     acceleration,
     averaged,
     between_samples,

@@ -1,4 +1,4 @@
-"""One record in a diagnosis: signals, motion, and the law along it."""
+"""A record laid along a model: its smoothed motion, the law's force along it, its instruments."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import (
     binary_opening,
     maximum_filter1d,
@@ -18,14 +17,14 @@ from scipy.ndimage import (
 )
 from scipy.signal import lfilter, savgol_filter
 
-from ...solver.arrays import Vector
+from ...solver.arrays import Mask, Vector
 from ..records.examine import carried
 from ..records.record import Record, fast_noise
-from .drive import Drive, midway
-from .weak_form import acceleration, averaged, between_samples, lagged, per_interval
+from .model import Drive, midway
+from .windows import acceleration, averaged, between_samples, lagged, per_interval
 
-_ROUGH = 0.1  # largest force error in a window due to the encoder, as a share of friction
-_SHOWN = 0.05  # largest force error in a window due to position noise, as a share of friction
+_HIDDEN = 0.05  # largest force error in a window due to position noise, as a share of friction
+_ROUGH = 0.1  # the same due to an interpolating encoder
 _SHORTEST, _SHORT, _LONGEST = 2e-4, 1e-3, 0.02  # spacing of the windows [s]
 _OF_BAND = 0.35  # shortest window over the period of a position filter's cut-off
 _MOST_WINDOWS = 10_000
@@ -34,22 +33,27 @@ _AROUND = 5  # windows or samples
 _LONGEST_REST = 0.05  # rests longer than this give no forces [s]
 _SLOW = 3e-3  # rest is slower than this share of the record's fast speeds
 _JUMP, _USUAL = 4.0, 0.99  # a jump over the usual one of moving samples, and its quantile
-_OFFSET = 0.1  # standard deviation of a current sensor's offset, as a share of the rms current
 _OFFSETS = "offset."  # prefix of the names of the records' offsets
-_ANSWERS = 1.0  # an interval longer than this many time constants hides the speed's response
-_OWN_OFFSET = 0.5  # largest offset of a single record, as a share of friction
+
+
+class CalibrationPrior(NamedTuple):
+    """Spread of an instrument's error, and its limits."""
+
+    spread: float
+    low: float
+    high: float
 
 
 @dataclass(frozen=True)
-class ModelledRecord:
+class Course:
     """A record of n samples with its motion and the law's force along it.
 
     Forces oppose motion in +x, and are means over the interval after each sample. `calibration` has
-    the known errors of the instruments, see `calibration_priors`: ``command_shift`` in sampling
+    the known errors of the instruments, see `calibrations`: ``command_shift`` in sampling
     intervals; ``current_offset`` of the reading [A]; ``current_gain``, the share by which the true
     current is larger; ``current_jump``, the share of a voltage's jump that the current sample at
     the same time already has; ``fast_speed``, the weight of `inner_a`; and the offset of a record
-    less that of the first one, see `with_own_offsets` [N].
+    less that of the first one [N].
 
     If the speed follows the voltage within a sampling interval, the samples do not show the current
     in between: then `by_current` is false, and the motor's force is that of the voltage.
@@ -81,6 +85,7 @@ class ModelledRecord:
 
     @property
     def has_current(self) -> bool:
+        """Whether there is a balance of voltages beside that of forces."""
         return "i" in self.record.signals
 
     @property
@@ -105,24 +110,18 @@ class ModelledRecord:
         return max(_SLOW * float(np.quantile(np.abs(self.v), 0.95)), least)
 
     @cached_property
-    def rests(self) -> npt.NDArray[np.bool_]:
+    def rests(self) -> Mask:
         """Samples in long rests, shape (n,); any force below break-away may act there."""
-        slow = np.abs(self.v) < self.slowest
         length = max(round(_LONGEST_REST / self.step), 2)
-        return np.asarray(binary_opening(slow, np.ones(length, dtype=bool)))
+        return np.asarray(binary_opening(np.abs(self.v) < self.slowest, np.ones(length, bool)))
 
     @cached_property
-    def silent(self) -> npt.NDArray[np.bool_]:
+    def silent(self) -> Mask:
         """Samples that give no forces, shape (n,): in long rests and around jumps."""
         out = self.rests.copy()
         for k in self.jumps:
             out[max(k - 2 * self.width, 0) : k + 2 * self.width] = True
         return out
-
-    @cached_property
-    def resting(self) -> Vector:
-        """Share of long rests in each window, shape (windows,)."""
-        return averaged(self.rests.astype(float), self.width)
 
     @cached_property
     def moved_v(self) -> Vector:
@@ -144,36 +143,36 @@ class ModelledRecord:
         kept = math.exp(-self.answers)
         mean = (1.0 - kept) / self.answers
         back = kept - (1.0 - kept) * mean / (1.0 - mean)
-        moved = self.moved_v
-        gain = (1.0 - kept) / (1.0 - mean)
+        moved, gain = self.moved_v, (1.0 - kept) / (1.0 - mean)
         end, _ = lfilter([gain], [1.0, -back], moved, zi=[back * moved[0]])
         change = np.diff(end, prepend=moved[0]) / self.step
         return np.asarray(averaged(change, self.width) - self.measured_a)
 
-    @cached_property
+    @property
     def next_change(self) -> Vector:
         """Change of the command to the next sample, shape (n,)."""
         return np.append(self.u[1:], self.u[-1]) - self.u
 
-    @property
+    @cached_property
     def middle_x(self) -> Vector:
         """Position in the middle of the interval after each sample [m]."""
         return midway(self.x)
 
-    @property
+    @cached_property
     def middle_v(self) -> Vector:
         """Mean velocity over the interval after each sample [m/s]."""
         return midway(self.v)
 
     @property
-    def mean_i(self) -> Vector:
-        """Current at the end of the interval after each sample, when it has settled [A]."""
-        return np.append(self.i[1:], self.i[-1])
-
-    @property
     def mean_a(self) -> Vector:
         """Mean acceleration over the interval after each sample [m/s^2]."""
         return per_interval(self.v) / self.step
+
+    @property
+    def true_current(self) -> Vector:
+        """Current at the samples, before the voltage jumps, by the calibrated reading, (n,) [A]."""
+        gain = 1.0 + self.calibration["current_gain"]
+        return np.asarray(gain * (self.i - self.calibration["current_offset"]))
 
 
 def position_noise(record: Record) -> float:
@@ -181,32 +180,31 @@ def position_noise(record: Record) -> float:
     return max(record.resolution / math.sqrt(12.0), fast_noise(record.x), 1e-12)
 
 
-class CalibrationPrior(NamedTuple):
-    """Spread of an instrument's error, and its limits."""
-
-    spread: float
-    low: float
-    high: float
-
-
-def calibration_priors(course: ModelledRecord) -> dict[str, CalibrationPrior]:
-    """Priors of the instruments' errors, with the names of `ModelledRecord.calibration`."""
+def calibrations(course: Course) -> dict[str, CalibrationPrior]:
+    """Priors of the instruments' errors, with the names of `Course.calibration`."""
     found = {"command_shift": CalibrationPrior(0.4, -0.6, 0.6)}
-    if course.answers > _ANSWERS:
+    if course.answers > 1.0:  # the interval is longer than the time constant of the speed
         found["fast_speed"] = CalibrationPrior(0.7, -0.2, 1.4)
     if course.has_current:
-        offset = _OFFSET * float(np.sqrt(np.nanmean(course.record.signals["i"] ** 2)))
+        offset = 0.1 * float(np.sqrt(np.nanmean(course.record.signals["i"] ** 2)))
         found["current_offset"] = CalibrationPrior(offset, -3.0 * offset, 3.0 * offset)
         found["current_gain"] = CalibrationPrior(0.03, -0.06, 0.06)
         found["current_jump"] = CalibrationPrior(0.4, 0.0, 1.0)
-    own = [n for n in course.calibration if n.startswith(_OFFSETS)]
-    if own:
-        most = _OWN_OFFSET * float(np.sqrt(np.mean(course.bristle**2)))
+    if own := [n for n in course.calibration if n.startswith(_OFFSETS)]:
+        most = 0.5 * float(np.sqrt(np.mean(course.bristle**2)))  # half of the friction
         found |= dict.fromkeys(own, CalibrationPrior(0.5 * most, -most, most))
     return found
 
 
-def with_own_offsets(courses: Sequence[ModelledRecord], model: Drive) -> list[ModelledRecord]:
+def recalibrated(courses: Sequence[Course], changes: Mapping[str, float]) -> list[Course]:
+    """Return the courses with their calibrations changed by `changes`."""
+    return [
+        replace(c, calibration={n: v + changes.get(n, 0.0) for n, v in c.calibration.items()})
+        for c in courses
+    ]
+
+
+def with_own_offsets(courses: Sequence[Course], model: Drive) -> list[Course]:
     """The courses of a drive with an offset for each record after the first, as of a cable."""
     if model.has_motor:
         return list(courses)
@@ -218,34 +216,38 @@ def with_own_offsets(courses: Sequence[ModelledRecord], model: Drive) -> list[Mo
     ]
 
 
-def lay_along(record: Record, model: Drive) -> ModelledRecord:
+def lay_along(record: Record, model: Drive) -> Course:
     """Smooth the motion and follow the law along it."""
-    noise = position_noise(record)
-    # noise of the second difference of averaged positions, times the mass, relative to friction
-    share = model.inertia * noise * math.sqrt(record.step) / (_SHOWN * model.friction_scale)
-    spacing = (math.sqrt(8.0 / 3.0) * share) ** 0.4
-    # long enough for the drive to respond, short enough to resolve the response
-    answers = model.inertia / max(model.damping, 1e-9)
-    least = min(max(answers, _SHORTEST), _SHORT)
-    spacing = min(max(spacing, least, _OF_BAND / carried(record)), _LONGEST)
-    width = max(round(spacing / record.step), -(-len(record.x) // _MOST_WINDOWS), 1)
-    while width * record.step < _LONGEST and _rough(record, width, model) > _ROUGH:
-        width = math.ceil(1.2 * width)
+    width = _width(record, model)
     x, v = _smoothed(record.x, width, record.step)
     nothing, current = np.zeros(len(x)), _current(record, v, model)
-    resistance = model.values["R"] if model.has_motor else 0.0
-    course = ModelledRecord(
-        *(record, width, resistance, x, v, current, nothing, nothing),
+    course = Course(
+        *(record, width, model.values.get("R", 0.0), x, v, current, nothing, nothing),
         force_variance=_force_variance(record, x, v, width, model),
         per_command=model.per_command,
         answers=record.step * model.damping / model.inertia,
     )
-    errors = dict.fromkeys(calibration_priors(course), 0.0)
+    errors = dict.fromkeys(calibrations(course), 0.0)
     course = replace(course, calibration=errors, jumps=_jumps(course, model))
     return with_law_force(course, model)
 
 
-def _jumps(course: ModelledRecord, model: Drive) -> tuple[int, ...]:
+def _width(record: Record, model: Drive) -> int:
+    """Samples between windows: long enough for the drive to respond, and for quiet positions."""
+    noise = position_noise(record)
+    # noise of the second difference of averaged positions, times the mass, relative to friction
+    share = model.inertia * noise * math.sqrt(record.step) / (_HIDDEN * model.friction_scale)
+    spacing = (math.sqrt(8.0 / 3.0) * share) ** 0.4
+    answers = model.inertia / max(model.damping, 1e-9)
+    least = min(max(answers, _SHORTEST), _SHORT)
+    spacing = min(max(spacing, least, _OF_BAND / carried(record)), _LONGEST)
+    width: int = max(round(spacing / record.step), -(-len(record.x) // _MOST_WINDOWS), 1)
+    while width * record.step < _LONGEST and _rough(record, width, model) > _ROUGH:
+        width = math.ceil(1.2 * width)
+    return width
+
+
+def _jumps(course: Course, model: Drive) -> tuple[int, ...]:
     """Samples before which x jumps in motion, as by lost counts: the speed stays the same."""
     bent = np.diff(course.record.x, 2)
     first, second = bent[:-1], bent[1:]
@@ -261,7 +263,7 @@ def _jumps(course: ModelledRecord, model: Drive) -> tuple[int, ...]:
     return tuple((np.flatnonzero(moves & (size > least)) + 2).tolist())
 
 
-def jumps_of(courses: Sequence[ModelledRecord]) -> list[str]:
+def jumps_of(courses: Sequence[Course]) -> list[str]:
     """Notes on jumps of the position: the first of each record."""
     notes = []
     for c in courses:
@@ -281,20 +283,22 @@ def _smoothed(x: Vector, width: int, step: float) -> tuple[Vector, Vector]:
     return savgol_filter(x, window, 3), savgol_filter(x, window, 3, deriv=1, delta=step)
 
 
-def shaken(course: ModelledRecord, random: np.random.Generator) -> ModelledRecord:
+def shaken(course: Course, random: np.random.Generator) -> Course:
     """The course with its smoothed motion as in another reading by the encoder."""
     noise = position_noise(course.record) * random.standard_normal(len(course.x))
     x, v = _smoothed(noise, course.width, course.step)
     return replace(course, x=course.x + x, v=course.v + v)
 
 
-def read_anew(course: ModelledRecord, model: Drive, random: np.random.Generator) -> ModelledRecord:
+def read_anew(course: Course, model: Drive, random: np.random.Generator) -> Course:
     """The course with new noise of each instrument, but the same smoothed motion."""
-    record = course.record
+    record, i = course.record, course.i
     white = random.standard_normal((2, len(record.x)))
     read = {"x": record.x + position_noise(record) * white[0]}
     if course.has_current:
-        read["i"] = record.signals["i"] + _current_noise(course) * white[1]
+        step = float(np.median(np.abs(np.diff(np.unique(i))))) if len(i) > 1 else 0.0
+        noise = max(fast_noise(i), step / math.sqrt(12.0))
+        read["i"] = record.signals["i"] + noise * white[1]
     record = replace(record, signals={**record.signals, **read})
     return replace(course, record=record, i=_current(record, course.v, model))
 
@@ -305,12 +309,6 @@ def _rough(record: Record, width: int, model: Drive) -> float:
     # a fourth difference of white noise is larger by the root of 70, and by 1.4 as bells overlap
     usual = 1.48 * float(np.median(np.abs(bent))) if len(bent) else 0.0
     return usual / (1.4 * math.sqrt(70.0) * model.friction_scale)
-
-
-def _current_noise(course: ModelledRecord) -> float:
-    """Standard deviation of a current's reading [A]."""
-    step = float(np.median(np.abs(np.diff(np.unique(course.i))))) if len(course.i) > 1 else 0.0
-    return max(fast_noise(course.i), step / math.sqrt(12.0))
 
 
 def _force_variance(record: Record, x: Vector, v: Vector, width: int, model: Drive) -> Vector:
@@ -343,28 +341,22 @@ def _current(record: Record, v: Vector, model: Drive) -> Vector:
     return np.append(late[:1], late[:-1])
 
 
-def with_law_force(course: ModelledRecord, model: Drive) -> ModelledRecord:
+def with_law_force(course: Course, model: Drive) -> Course:
     """The course with the law's force along it."""
     offset = 0.0 if model.has_motor else model.values["offset"]
     return replace(course, bristle=model.friction(course.x, course.v, course.step) - offset)
 
 
-def opposing(course: ModelledRecord, model: Drive) -> Vector:
+def opposing(course: Course, model: Drive) -> Vector:
     """The law's total force along the course, mean over each interval, shape (n,) [N]."""
     law = model.friction(course.x, course.v, course.step)
     return law + model.linear_friction * course.middle_v
 
 
-def true_current(course: ModelledRecord) -> Vector:
-    """Current at the samples, before the voltage jumps, by the calibrated reading, (n,) [A]."""
-    gain = 1.0 + course.calibration["current_gain"]
-    return np.asarray(gain * (course.i - course.calibration["current_offset"]))
-
-
-def mean_current(course: ModelledRecord, model: Drive) -> Vector:
+def mean_current(course: Course, model: Drive) -> Vector:
     """The true current, mean over the interval after each sample, shape (n,) [A]."""
     resistance, slowed = model.values["R"], max(model.damping, 1e-12)
     jumps = np.diff(course.u, prepend=course.u[0]) / resistance
     had = course.calibration["current_jump"] * jumps  # the sample may already have a share of it
     times = model.values["L"] / resistance, model.inertia / slowed
-    return between_samples(true_current(course) - had, jumps, course.step, *times)
+    return between_samples(course.true_current - had, jumps, course.step, *times)

@@ -6,7 +6,7 @@ import pytest
 from diagnosed import whole
 
 from ballscrew.measurement.diagnosis.corrected import corrected, with_causes
-from ballscrew.measurement.diagnosis.drive import drive_of
+from ballscrew.measurement.diagnosis.model import drive_of
 from ballscrew.orchestration.loop.parameter_file import ParameterFile, read_parameters
 from ballscrew.plant import plant_of
 from ballscrew.solver.errors import BadParameters

@@ -1,4 +1,4 @@
-"""Records compared with a model: values fitted within their tolerances, and blocks held out.
+"""A model fitted to records within the tolerances of its values, with blocks held out.
 
 Values, amplitudes and the noise of each band are fitted to all blocks except one. The
 log-likelihood of the held-out block is summed over all blocks (cross-validated predictive
@@ -18,17 +18,20 @@ import numpy as np
 from ...solver.arrays import Matrix, Vector
 from ...solver.errors import BadRecord
 from ..records.record import Record
-from .balance import EXACT, Added, calibrated, leftovers, recalibrated, sensitivities
+from .balance import EXACT, Added, check_motion, leftovers, sensitivities
 from .bands import Bands, cut, products
-from .drive import Drive
-from .modelled_record import (
-    ModelledRecord,
+from .model import Drive
+from .motion import (
+    CalibrationPrior,
+    Course,
+    calibrations,
     lay_along,
     read_anew,
+    recalibrated,
     with_law_force,
     with_own_offsets,
 )
-from .residuals import at_samples, check_motion
+from .windows import at_samples
 
 FREEDOM = 4.0
 """Degrees of freedom of Student's distribution, as usual for noise with outliers."""
@@ -53,15 +56,19 @@ _AT_MOST = 0.9  # largest share of noise in a column
 class Study:
     """Records with a model along them, and their blocks and bands."""
 
-    courses: list[ModelledRecord]
+    courses: list[Course]
     model: Drive  # its values are the point of linearization
     prior_model: Drive
     bands: Bands
 
     @property
+    def calibrations(self) -> dict[str, CalibrationPrior]:
+        return calibrations(self.courses[0])
+
+    @property
     def values(self) -> tuple[str, ...]:
         """Names of the columns of values and calibrations."""
-        return (*self.model.adjustable, *calibrated(self.courses))
+        return (*self.model.adjustable, *self.calibrations)
 
     @cached_property
     def exact(self) -> float:
@@ -74,25 +81,22 @@ class Study:
         """Mean and spread of the change of each of `values`."""
         names = self.model.adjustable
         ratio = [self.prior_model.values[n] / self.model.values[n] - 1.0 for n in names]
-        known = calibrated(self.courses)
+        known = self.calibrations
         mean = np.array([*ratio, *(-self.courses[0].calibration[n] for n in known)])
         spread = [self.prior_model.tolerance[n] / math.sqrt(3.0) for n in names]
         return mean, np.array([*spread, *(p.spread for p in known.values())])
 
     def most(self, spread: Vector) -> Vector:
         """Largest change of each of `values`: tolerances, and limits of the instruments' errors."""
-        known = calibrated(self.courses).values()
-        ends = [max(-p.low, p.high) for p in known]
+        ends = [max(-p.low, p.high) for p in self.calibrations.values()]
         values = math.sqrt(3.0) * spread[: len(spread) - len(ends)]
         return np.append(values, ends)
 
     def at_ends(self, amplitude: Vector) -> list[str]:
         """Those of `values` that are at their limit after a fit."""
         mean, spread = self.prior()
-        off = np.abs(amplitude[: len(mean)] - mean)
-        return [
-            n for n, at in zip(self.values, off > _NEARLY * self.most(spread), strict=True) if at
-        ]
+        full = np.abs(amplitude[: len(mean)] - mean) > _NEARLY * self.most(spread)
+        return [n for n, at in zip(self.values, full, strict=True) if at]
 
 
 @dataclass(frozen=True)
@@ -264,11 +268,10 @@ def study_of(records: Sequence[Record], prior_model: Drive) -> Study:
     studies = [_adjusted(courses, prior_model)]
     if all(c.has_current for c in courses):
         studies.append(_adjusted([replace(c, by_current=True) for c in courses], prior_model))
-    likely = [float(s[1].held.sum()) for s in studies]
-    return studies[int(np.argmax(likely))][0]
+    return max(studies, key=lambda s: float(s[1].held.sum()))[0]
 
 
-def _adjusted(courses: list[ModelledRecord], prior_model: Drive) -> tuple[Study, Fit]:
+def _adjusted(courses: list[Course], prior_model: Drive) -> tuple[Study, Fit]:
     bands = cut(courses, prior_model)
     if not bands.used.any() or bands.counts[:, bands.used].sum() < 30.0:
         names = ", ".join(c.record.name for c in courses)
@@ -294,10 +297,9 @@ def base_columns(study: Study, of_law: bool = True) -> list[Matrix]:
 
     The columns of the friction's values are zero without `of_law`.
     """
-    nothing = Added.nothing(study.courses)
     usual = [study.model.friction(c.x, c.v, c.step) for c in study.courses]
-    left = leftovers(study.courses, study.model, nothing, usual)
-    columns = sensitivities(study.courses, study.model, nothing, usual, of_law)
+    left = leftovers(study.courses, study.model, Added.nothing(study.courses), usual)
+    columns = sensitivities(study.courses, study.model, usual, of_law)
     return [np.concatenate([y[:, :, None], s], axis=2) for y, s in zip(left, columns, strict=True)]
 
 
@@ -309,17 +311,13 @@ def noise_products(study: Study, columns: Sequence[Matrix], own: Vector) -> Vect
     bias is avoided by subtracting the contribution. `own` are the products of `columns`; the result
     has the same shape.
     """
-    random = np.random.default_rng(0)
-    again = [read_anew(c, study.model, random) for c in study.courses]
+    random, model = np.random.default_rng(0), study.model
+    again = [read_anew(c, model, random) for c in study.courses]
     read = base_columns(replace(study, courses=again), of_law=False)
-    of_law = [
-        1 + study.values.index(n) for n in study.model.adjustable if n in study.model.law_parameters
-    ]
-    changes = []
-    for after, before in zip(read, columns, strict=True):
-        change = after - before
+    of_law = [1 + study.values.index(n) for n in model.adjustable if n in model.law_parameters]
+    changes = [after - before for after, before in zip(read, columns, strict=True)]
+    for change in changes:
         change[:, :, of_law] = 0.0  # computed along the smoothed motion, which does not change
-        changes.append(change)
     lines = study.bands.lines(changes)
     noise = products(lines, lines)[:, study.bands.used]
     most = _AT_MOST * np.diagonal(own, axis1=2, axis2=3)
@@ -338,16 +336,14 @@ def _moved(study: Study) -> tuple[Study, Fit]:
     names, prior = study.model.adjustable, study.prior_model
     values = {}
     for n in names:  # within tolerances, because forms are computed around possible values
-        off, most = (
-            study.model.values[n] * (1.0 + change[n]) / prior.values[n] - 1.0,
-            prior.tolerance[n],
-        )
-        values[n] = prior.values[n] * (1.0 + min(max(off, -most), most))
+        off = study.model.values[n] * (1.0 + change[n]) / prior.values[n] - 1.0
+        values[n] = prior.values[n] * (1.0 + min(max(off, -prior.tolerance[n]), prior.tolerance[n]))
     model = study.model.changed(values)
     moved = recalibrated(study.courses, {n: c for n, c in change.items() if n not in names})
     courses = [with_law_force(c, model) for c in moved]
     left = leftovers(courses, model, Added.nothing(courses))
     courses = [
-        replace(c, unknown=at_samples(c, y[:, 0])) for c, y in zip(courses, left, strict=True)
+        replace(c, unknown=at_samples(y[:, 0], len(c.x), c.width))
+        for c, y in zip(courses, left, strict=True)
     ]
     return replace(study, courses=courses, model=model), fit

@@ -3,7 +3,7 @@
 Newton's law is multiplied by a bell-shaped weight and integrated. The acceleration becomes the
 second difference of averaged positions, so measured signals are not differentiated. Effects of a
 recorder, an encoder or an amplifier within a sampling interval are averaged out. Forces and
-commands are as in `Shape`: means over the interval after each sample.
+commands are means over the interval after each sample.
 
 The bell is a triangle of `width` samples on each side, convolved with the same triangle over the
 samples: nearly the cubic B-spline of that spacing. The triangle alone would give the second
@@ -53,8 +53,7 @@ def averaged(values: Matrix, width: int) -> Matrix:
     """
     count = windows(len(values), width)
     blocks = count + 3
-    parts = values[: blocks * width].reshape(blocks, width, -1)
-    bell = _bell(width)
+    parts, bell = values[: blocks * width].reshape(blocks, width, -1), _bell(width)
     if parts.shape[2] == 1:  # one product of matrices instead of one per block
         quarters = (parts[:, :, 0] @ bell.T)[:, :, None]
     else:
@@ -71,9 +70,9 @@ def acceleration(x: Vector, step: float, width: int) -> Vector:
     return np.asarray(second / (width * step) ** 2)
 
 
-def rate(values: Vector, step: float, width: int) -> Vector:
-    """Average rate of change of a sampled signal under each bell, shape (windows,)."""
-    return averaged(per_interval(values) / step, width)
+def at_samples(values: Vector, samples: int, width: int) -> Vector:
+    """Values of the windows, shape (windows,), interpolated at the samples, shape (samples,)."""
+    return np.interp(np.arange(samples), centres(samples, width), values)
 
 
 def per_interval(values: Vector) -> Vector:

@@ -1,4 +1,4 @@
-"""The prior model of a drive: values of a plant, their tolerances, and the command it takes."""
+"""The model of a drive: values of a plant, their tolerances, and the command it takes."""
 
 from __future__ import annotations
 
@@ -115,11 +115,6 @@ class Drive:
         return self._linear["per_command"]
 
     @property
-    def can_bend(self) -> bool:
-        """Whether the law's curve can have an additional bend, see `BEND`."""
-        return self.law in BRISTLES
-
-    @property
     def linear_friction(self) -> float:
         """Viscous coefficient in the linear filter [N*s/m]."""
         return self.values["sigma2"] if "sigma2" in self.law_parameters else 0.0
@@ -164,7 +159,7 @@ class Drive:
         """The law's values, as used along a motion."""
         half = len(LAWS[self.law].parameters)
         q = np.array([self.values[n] for n in self.law_parameters])
-        bend = [self.values[n] for n in BEND] if self.can_bend and BEND[0] in self.values else []
+        bend = [self.values[n] for n in BEND if n in self.values and self.law in BRISTLES]
         forwards, backwards = np.append(q[:half], bend), np.append(q[-half:], bend)
         return LawValues(self.law, forwards, backwards, self.values.get("Kv", 0.0))
 
