@@ -88,7 +88,6 @@ def diagnose_records(
         adjusted_residual=fitted,
         final_residual=final,
         friction=friction,
-        left_of_friction=max(final.force, held.all.by_current_rms) / friction,
         unseen=remains.unseen,
         gain_interval=interval,
         held_out=f"{len(study.bands.parts)} parts",

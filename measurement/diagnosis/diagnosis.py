@@ -72,8 +72,6 @@ class Finding:
     certain: bool  # whether it is named
     gain_heldout: float  # share that it removes from its balance, beside the other causes
     gain_interval: tuple[float, float]  # 90 %, by leaving out one block at a time
-    before: float  # residual of that balance on held-out data without it [N]
-    after: float  # and with it [N]
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,6 @@ class Diagnosis:
     adjusted_residual: Level
     final_residual: Level
     friction: float  # root mean square along the records [N]
-    left_of_friction: float  # final residual, or voltage against current, as a share of it
     unseen: float  # largest fault that would not be seen: twice the noise, or what is left
     gain_interval: tuple[float, float]  # 90 %, of the removed share of the squares
     held_out: str  # what was held out, one at a time: "4 laps", "5 parts"
@@ -202,8 +199,6 @@ def finding(found: Explained, h: Hypothesis, friction: float) -> Finding:
         certain=h.certain,
         gain_heldout=gain.share,
         gain_interval=gain.interval,
-        before=gain.before,
-        after=gain.after,
     )
 
 

@@ -16,7 +16,7 @@ from scipy.stats import t as student
 
 from ...solver.arrays import Matrix, Vector
 from .balance import moving, responses
-from .bands import EDGES, products
+from .bands import products
 from .causes import CAUSES, EVERY, OUTSIDE, SIGNALS
 from .causes.cause import Form
 from .causes.free_curves import free_curves
@@ -34,8 +34,6 @@ class Gain:
 
     share: float  # in the used bands of the balance
     interval: tuple[float, float]  # 90 %, by leaving out one block at a time (jackknife)
-    before: float  # root mean square residual of the balance without it [N]
-    after: float
 
     @property
     def certain(self) -> bool:
@@ -236,24 +234,19 @@ def scored(
 def gain_of(study: Study, before: Matrix, after: Matrix) -> Gain:
     """What is removed from squares, shape (blocks, used bands), of the balance that loses more."""
     of_force = study.bands.of_force
-    numbers = study.bands.counts.reshape(len(before), -1, len(EDGES) - 1).sum(axis=(0, 2))
-    gains = []
-    for of_balance, count in zip((of_force, ~of_force), numbers, strict=False):
-        if of_balance.any():
-            sums = before[:, of_balance].sum(axis=1), after[:, of_balance].sum(axis=1)
-            gains.append(_gain(*sums, float(count)))
+    balances = [b for b in (of_force, ~of_force) if b.any()]
+    gains = [_gain(before[:, b].sum(axis=1), after[:, b].sum(axis=1)) for b in balances]
     return max(gains, key=lambda g: g.share)
 
 
-def _gain(before: Vector, after: Vector, counts: float) -> Gain:
+def _gain(before: Vector, after: Vector) -> Gain:
     """The gain of squares by block, shape (blocks,)."""
     n = len(before)
     whole, left = max(float(before.sum()), 1e-300), float(after.sum())
     each = (left - after) / np.maximum(whole - before, 1e-300)
     error = math.sqrt((n - 1) / n * float(np.sum((each - each.mean()) ** 2)))
     share, reach = 1.0 - left / whole, float(student.ppf(0.95, n - 1)) * error
-    sizes = (math.sqrt(s / counts) for s in (whole, left))
-    return Gain(share, (share - reach, share + reach), *sizes)
+    return Gain(share, (share - reach, share + reach))
 
 
 def smaller_by(study: Study, form: Form, amplitude: Vector) -> Vector:

@@ -12,7 +12,7 @@ RIPPLE, GAP, LOAD, LEAN = "torque_ripple", "backlash", "load_bias", "direction_a
 
 
 def hypothesis(name, score, share=0.5, low=0.1):
-    gain = Gain(share, (low, 2 * share - low), 2.0, 1.0)
+    gain = Gain(share, (low, 2 * share - low))
     return Hypothesis(Form((), name=name), None, None, score, gain)
 
 
