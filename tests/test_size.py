@@ -23,12 +23,12 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (2779, 2276),
     "ballscrew": (3499, 2889),
     "gallery": (2730, 2356),
-    "measurement": (11012, 9664),
+    "measurement": (11018, 9664),
     "proofs": (7823, 7089),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (22198, 21198),
+    "tests": (22147, 21148),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

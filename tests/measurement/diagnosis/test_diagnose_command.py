@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from diagnosed import run
+from diagnosed import Diagnosed, run
 from pages import Page
 from slide_records import write_slide
 
@@ -19,6 +19,15 @@ pytestmark = pytest.mark.xdist_group("diagnosis")  # one diagnosis is made once
 
 FILES = {"diagnosis.json", "report.html", "curves.parquet", "parameters.toml", "diagnosis.png"}
 PLANT, NEXT = "extended_plant.fmu", "next_experiment.csv"
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory):
+    """The record of a slide with a ripple, diagnosed by the command."""
+    folder = tmp_path_factory.mktemp("diagnosed")
+    record, prior_model = write_slide(folder, "torque_ripple")
+    given = ("diagnose", record, "--params", prior_model, "--out", folder / "out")
+    return Diagnosed(record, prior_model, folder / "out", *run(*given))
 
 
 def test_a_hidden_ripple_is_named_and_everything_is_written_and_printed(diagnosed):
