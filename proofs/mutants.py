@@ -74,10 +74,10 @@ PARTS = {
     "test_experiment.py -k 'motion or lasts'",
     "measurement/diagnosis/scores.py": "measurement/diagnosis/test_scores.py -k "
     "'not (far or gap or noisy or follows or swing)'",
-    "measurement/records/record.py": "measurement/records/test_resolution.py "
-    "measurement/records/test_velocity.py",
+    "measurement/records/record.py": "measurement/records/test_examine.py "
+    "measurement/records/test_wraps.py",
     "measurement/records/table.py": "measurement/records/test_table.py "
-    "measurement/records/test_mat_tables.py measurement/records/test_joined.py",
+    "measurement/records/test_formats.py",
     "orchestration/fmu/isolated.py": "orchestration/fmu/test_isolated.py -k 'not called'",
     "orchestration/master/verdict.py": "orchestration/master/test_verdict.py -k "
     "'allowed or halvings or parts or flag or closer'",
@@ -320,7 +320,7 @@ def judged(mutant: Mutant | None, tests: str, package: Path, cache: Path, marker
             kept = Path(place) / "cache"
             shutil.copytree(cache, kept, ignore=shutil.ignore_patterns(*REMADE))
             cache = kept
-            if mutant.file.endswith(".c") and not built(folder, Path(mutant.file).parts[0]):
+            if mutant.file.endswith(".c") and not built(folder, Path(mutant.file).parent):
                 return {"outcome": "does not build", "seconds": 0.0, "said": ""}
         scratch = Path(place) / "tmp"
         scratch.mkdir()
@@ -329,11 +329,11 @@ def judged(mutant: Mutant | None, tests: str, package: Path, cache: Path, marker
         return ran([*asked, "-m", markers], os.environ | given)
 
 
-def built(folder: Path, part: str) -> bool:
-    """Compile the library of a part, fast; whether it compiles."""
-    name = {"solver": "core", "orchestration": "master"}[part]
+def built(folder: Path, part: Path) -> bool:
+    """Compile the library of a folder of C, fast; whether it compiles."""
+    name = {"solver": "core", "orchestration": "master"}[part.parts[0]]
     flags = runpy.run_path(str(folder / "solver" / "compilers.py"))["FLAGS"]
-    source = folder / part / "c" / f"{name}.c"
+    source = folder / part / f"{name}.c"
     made = source.with_name(f"lib{name}.so")
     made.unlink()
     command = ["cc", *flags, "-O1", "-w", "-o", str(made), str(source), "-fPIC", "-lm"]
@@ -342,7 +342,8 @@ def built(folder: Path, part: str) -> bool:
 
 def ran(arguments: list[str], environment: dict[str, str]) -> Row:
     """The outcome of pytest; all its processes end with it."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *arguments]
+    pytest = str(Path(sys.executable).with_name("pytest"))  # not `-m`: it finds this folder first
+    command = [pytest, "-x", "-q", "-p", "no:cacheprovider", *arguments]
     began = time.monotonic()
     done = subprocess.run(
         ["timeout", "--kill-after=5", str(LIMIT), *command],
@@ -353,15 +354,14 @@ def ran(arguments: list[str], environment: dict[str, str]) -> Row:
         errors="replace",
     )
     said, code = done.stdout + done.stderr, done.returncode
-    seconds = time.monotonic() - began
     failed = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
     outcome = "killed" if code else "survived"
     if "does not compile" in said:
         outcome = "does not build"
     elif code in (124, 137, -9):
         outcome = "killed by time"
-    last = (failed or [said[-500:]])[-1]
-    return {"outcome": outcome, "seconds": round(seconds, 1), "said": last}
+    seconds = round(time.monotonic() - began, 1)
+    return {"outcome": outcome, "seconds": seconds, "said": (failed or [said[-500:]])[-1]}
 
 
 def main() -> None:
