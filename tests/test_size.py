@@ -28,7 +28,7 @@ MOST = {  # folder: lines, lines without docstrings
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (22147, 21148),
+    "tests": (21956, 20957),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -92,15 +92,6 @@ def test_the_line_to_line_voltage_taken_for_the_phases_is_named_with_its_size(tm
 
 
 @pytest.mark.ci
-def test_a_counter_of_14_bits_that_wraps_is_nothing(tmp_path):
-    folder = case("counts_wrap_14_bits", tmp_path)
-    (record,) = read_drive_records([folder / "run.csv"], None, {"u": "N", "x": "1e-6*m"})
-    found = diagnose_records([record], drive_of(read_parameters(folder / "d.toml"), None))
-    assert found.verdict == "none"
-    assert any("x jumps by 2^14 " in note for note in found.notes)
-
-
-@pytest.mark.ci
 def test_the_right_voltage_is_nothing(tmp_path):
     record, model = right(case("diagnose_voltage_scaled_none", tmp_path))
     found = diagnose_records([record], model)

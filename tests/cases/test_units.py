@@ -5,8 +5,9 @@ The exact solution is that of the loop in metres and newtons.
 
 import numpy as np
 import pytest
+import small_fmus
 from case_inputs import DEFINED, UNITS, cart_in, pd_in, system
-from cases import cart_position, maker
+from cases import cart_position
 
 from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop, SystemLoop
@@ -107,7 +108,7 @@ def test_the_law_and_probed_derivatives_pass_through_the_conversions(tmp_path, r
             ports += [(n, "output", None, "") for n in ("u_gain_x", "u_gain_v", "u_rate")]
             law += f"$u_gain_x$=-300.0*{size!r}/{volts!r};$u_gain_v$=-5.0/{volts!r};$u_rate$=0;"
         path = str(tmp_path / f"{length}.fmu")
-        maker().build(path, length, ports, out=law, units=DEFINED)
+        small_fmus.build(path, length, ports, out=law, units=DEFINED)
         coupling = Coupling.INTERFACE_JACOBIAN
         return run_closed_loop(
             Loop(path, stop=0.3, step=1e-3, isolate=False, coupling=coupling)

@@ -8,14 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from ballscrew.gallery.forced_friction.findings import (
-    STOPPING,
-    border,
-    course,
-    motion,
-    stops,
-    turning,
-)
+from ballscrew.gallery.forced_friction import findings as ours
 
 
 class SlideBySlide:
@@ -76,9 +69,9 @@ frequencies = st.floats(0.36, 2.5).filter(lambda b: abs(b - 1.0) > 0.05)
 @given(b=frequencies, share=st.floats(0.05, 0.98))
 @settings(max_examples=10, deadline=None, derandomize=True)
 def test_below_the_border_the_motion_of_the_closed_form_comes_back_at_every_instant(b, share):
-    known, rows = turning(b, share * border(b)), 40
+    known, rows = ours.turning(b, share * ours.border(b)), 40
     x_start, v_start = known.start
-    run = course({"b": b, "F": known.f, "x_start": x_start, "v_start": v_start}, 1, rows)
+    run = ours.course({"b": b, "F": known.f, "x_start": x_start, "v_start": v_start}, 1, rows)
     since = (run.time - known.phase / b) % (2 * math.pi / b)
     half = math.pi / b
     x, v = known.at(since % half)
@@ -88,16 +81,16 @@ def test_below_the_border_the_motion_of_the_closed_form_comes_back_at_every_inst
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(("b", "f"), STOPPING)
+@pytest.mark.parametrize(("b", "f"), ours.STOPPING)
 def test_it_stops_as_often_as_slide_by_slide(b, f):
-    assert stops(b, f) == SlideBySlide(b, f).over(20).stops()
+    assert ours.stops(b, f) == SlideBySlide(b, f).over(20).stops()
 
 
 @pytest.mark.ci
 @pytest.mark.parametrize(("b", "f"), [(0.8, 0.9), (1.4, 0.8)])
 @pytest.mark.parametrize("periods", [5.0, 20.3])
 def test_a_motion_with_stops_is_a_cycle_wherever_the_run_ends(b, f, periods):
-    found = motion(b, f, periods)
+    found = ours.motion(b, f, periods)
     assert found.kind.value == "limit cycle", found.evidence
     turns = [x for _, x in SlideBySlide(b, f).over(20).turns]
     assert found.amplitude["plant_x"] == pytest.approx(max(turns[-10:]), rel=1e-6)
@@ -105,6 +98,6 @@ def test_a_motion_with_stops_is_a_cycle_wherever_the_run_ends(b, f, periods):
 
 @pytest.mark.parametrize("start", [0.0, 0.04])
 def test_a_mass_that_its_force_never_moves_is_stuck_where_it_was(start):
-    found = motion(0.3, 1.05, 20.0, start)
+    found = ours.motion(0.3, 1.05, 20.0, start)
     assert found.kind.value == "stuck on a line of equilibria", found.evidence
     assert found.equilibrium.state[0] == start

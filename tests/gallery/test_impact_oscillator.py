@@ -9,20 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from ballscrew.gallery.finding import motion as run_of
-from ballscrew.gallery.impact_oscillator.findings import (
-    CHAOTIC,
-    GAP,
-    GRAZING,
-    OMEGA,
-    OSCILLATOR,
-    PERIOD,
-    SHORT,
-    ZETA,
-    R,
-    exponents,
-    motion,
-    single_impact,
-)
+from ballscrew.gallery.impact_oscillator import findings as ours
 
 
 def complex_swing(t, force, zeta, omega):
@@ -46,11 +33,11 @@ class FromImpactToImpact:
         self.tangent, self.growth = np.array([1.0, 0.0]), 0.0
 
     def fly(self, s):
-        flight = free_flight(s, ZETA)
-        forced = np.array(complex_swing(self.t, self.force, ZETA, OMEGA))
+        flight = free_flight(s, ours.ZETA)
+        forced = np.array(complex_swing(self.t, self.force, ours.ZETA, ours.OMEGA))
         self.state = flight @ (self.state - forced)
         self.t += s
-        self.state = self.state + complex_swing(self.t, self.force, ZETA, OMEGA)
+        self.state = self.state + complex_swing(self.t, self.force, ours.ZETA, ours.OMEGA)
         self.stretch(flight)
 
     def stretch(self, matrix):
@@ -60,11 +47,11 @@ class FromImpactToImpact:
         self.tangent /= size
 
     def until_the_impact(self):
-        begin = self.state - complex_swing(self.t, self.force, ZETA, OMEGA)
+        begin = self.state - complex_swing(self.t, self.force, ours.ZETA, ours.OMEGA)
 
         def beyond(s):
-            forced, _ = complex_swing(self.t + s, self.force, ZETA, OMEGA)
-            return (free_flight(s, ZETA) @ begin)[0] + forced - GAP
+            forced, _ = complex_swing(self.t + s, self.force, ours.ZETA, ours.OMEGA)
+            return (free_flight(s, ours.ZETA) @ begin)[0] + forced - ours.GAP
 
         s = 0.02
         while beyond(s) <= 0.0:
@@ -73,20 +60,22 @@ class FromImpactToImpact:
 
     def strike(self):
         v = self.state[1]
-        pull = self.force * math.cos(OMEGA * self.t) - GAP
+        pull = self.force * math.cos(ours.OMEGA * self.t) - ours.GAP
         # rates of the velocity after and before the impact
-        kick = (pull + 2 * ZETA * R * v) + R * (pull - 2 * ZETA * v)
-        self.stretch(np.array([[-R, 0.0], [kick / v, -R]]))
-        self.state = np.array([GAP, -R * v])
+        kick = (pull + 2 * ours.ZETA * ours.R * v) + ours.R * (pull - 2 * ours.ZETA * v)
+        self.stretch(np.array([[-ours.R, 0.0], [kick / v, -ours.R]]))
+        self.state = np.array([ours.GAP, -ours.R * v])
 
 
 def test_the_exponent_over_a_while_is_that_of_the_map_from_impact_to_impact():
-    motion, end = FromImpactToImpact(CHAOTIC * GRAZING), SHORT * PERIOD
+    motion, end = FromImpactToImpact(ours.CHAOTIC * ours.GRAZING), ours.SHORT * ours.PERIOD
     while motion.t + (s := motion.until_the_impact()) < end:
         motion.fly(s)
         motion.strike()
     motion.fly(end - motion.t)
-    assert exponents(CHAOTIC, SHORT).exponents[0] == pytest.approx(motion.growth / end, abs=1e-6)
+    assert ours.exponents(ours.CHAOTIC, ours.SHORT).exponents[0] == pytest.approx(
+        motion.growth / end, abs=1e-6
+    )
 
 
 @given(
@@ -102,7 +91,7 @@ def test_a_motion_with_one_impact_in_each_period_is_that_of_the_closed_form(
 ):
     """Stable or not: from its start it comes back after a period, if nothing is hit in between."""
     try:
-        known = single_impact(force, zeta, omega, gap, r)
+        known = ours.single_impact(force, zeta, omega, gap, r)
     except ValueError:
         assume(False)
     assume(known.speed > 0.05 and np.abs(known.multipliers).max() < 50.0)
@@ -114,15 +103,15 @@ def test_a_motion_with_one_impact_in_each_period_is_that_of_the_closed_form(
     assume(np.all(course + complex_swing(hit + inside, force, zeta, omega)[0] < gap))
     values = {"zeta": zeta, "omega": omega, "gap": gap, "r": r, "force": force}
     values |= {"x_start": known.start[0], "v_start": known.start[1]}
-    run = run_of(OSCILLATOR, 2 * np.pi / omega, 2 * np.pi / omega, values)
+    run = run_of(ours.OSCILLATOR, 2 * np.pi / omega, 2 * np.pi / omega, values)
     assert run.outputs["x"][-1] == pytest.approx(known.start[0], abs=1e-7 * force)
     assert run.outputs["v"][-1] == pytest.approx(known.start[1], abs=1e-7 * force)
 
 
 @pytest.mark.ci
 def test_where_impacts_chatter_no_disturbance_outlives_them():
-    found = exponents(1.2)
+    found = ours.exponents(1.2)
     assert np.all(np.isneginf(found.exponents))
     assert np.all(np.isneginf(found.motion.limit))
-    run = motion({"force": 1.2 * GRAZING}, 60, 100).outputs
-    assert np.any((run["x"] == GAP) & (run["v"] == 0.0))  # it stays at the stop for a while
+    run = ours.motion({"force": 1.2 * ours.GRAZING}, 60, 100).outputs
+    assert np.any((run["x"] == ours.GAP) & (run["v"] == 0.0))  # it stays at the stop for a while

@@ -203,18 +203,11 @@ def time_as_date(folder):
 
 
 def fast_stamps(folder):
-    """At 2.5 kHz: a sheet with dates, a database's nanoseconds, and float32 after four hours."""
-    import openpyxl
+    """At 2.5 kHz: a database's nanoseconds, and float32 after an hour."""
     import pyarrow
     from pyarrow import parquet
 
     t, x, u = swing(2600, 4e-4)
-    book = openpyxl.Workbook()
-    book.active.append(["time", "x", "u"])
-    for row in zip(45352.5 + t / 86400, x, u, strict=True):
-        book.active.append(list(map(float, row)))
-        book.active.cell(book.active.max_row, 1).number_format = "yyyy-mm-dd hh:mm:ss.000"
-    book.save(folder / "run.xlsx")
     since = np.round(1e9 * t).astype("i8") + 1_760_000_000_000_000_000
     parquet.write_table(pyarrow.table({"time": since, "x": x, "u": u}), folder / "run.parquet")
     np.savez(folder / "run.npz", time=(5000.0 + t).astype("f4"), x=x, u=u)
@@ -233,16 +226,6 @@ def hdf5_scale_factor(folder):
         file["x"].attrs.update(told | {"units": "m"})
 
 
-def mdf_name_twice_in_group(folder):
-    from asammdf import MDF, Signal
-
-    t, x, u = swing()
-    columns = ("x", x), ("x", 2 * x + 0.01), ("u", u)
-    with MDF(version="4.10") as file:
-        file.append([Signal(c, t, name=n, unit="V" if n == "u" else "m") for n, c in columns])
-        file.save(folder / "run.mf4", overwrite=True)
-
-
 def words_beside_the_table(folder):
     t, x, u = swing(1500)
     beside = [["Record Length", "1500", ""], ["Source", "CH1", ""], ["Vertical Units", "V", ""]]
@@ -257,14 +240,6 @@ def block_record(noise: float, random: np.random.Generator) -> list[np.ndarray]:
     x, v, a = swings(t, (0.03, 0.7), (0.008, 2.1))
     force = 5.0 * a + 40.0 * v + 8.0 * np.sign(v) + noise * random.standard_normal(t.size)
     return [t, x, v, force]
-
-
-def counts_wrap_14_bits(folder):
-    t, x, _, force = block_record(0.02, np.random.default_rng(1))
-    write(folder / "run.csv", "time,x,u", ".3f .0f .3f", t, np.round(x / 1e-6) % 2**14, force)
-    values = "m = 5.0\nFc = 8.0\nFs = 8.0\nVs = 0.01\nsigma2 = 40.0\ngain = 1.0\n"
-    drive = 'kind = "drive"\ncommand = "force"\nlaw = "classical"\n[plant]\n'
-    (folder / "d.toml").write_text(drive + values)
 
 
 def samples_lost_under_even_stamps(folder, every: int | None = None):
@@ -291,16 +266,6 @@ def xlsx_far_cell(folder):
 def header_brackets(folder):
     t, x, u = swing(300)
     write(folder / "record.csv", f"time{'(' * 50_000},x,u", ".3f .6f .6f", t, x, u)
-
-
-def response_of_held_drive(folder):
-    """2 kg with 5 N s/m, held by a controller while it is shaken from outside."""
-    t = np.arange(20_000) * 2e-3
-    s = 2j * np.pi * np.fft.rfftfreq(t.size, 2e-3)
-    phases = np.exp(2j * np.pi * np.random.default_rng(3).uniform(size=s.size))
-    x = np.where((s.imag > 3) & (s.imag < 1200), phases, 0) / (2 * s**2 + (5 + 60) * s + 2e4)
-    x, force = (1e4 * np.fft.irfft(c, t.size) for c in (x, -(2e4 + 60 * s) * x))
-    write(folder / "held.csv", "time,x,force", ".3f .9f .5f", t, x, force)
 
 
 def twincat_scope_eof(folder):
@@ -422,17 +387,6 @@ def plant_with_fixed_step(folder):
     _pair(folder, "cart_fx", step=step, varstep=False, exp=exp)
 
 
-def stop_time_overstepped(folder):
-    strict = "if(t+h>stop)return 3;"
-    mk.plant(str(folder / "cart_st2.fmu"), "cart_st2", saves=False, step=strict + mk.PLANT_STEP)
-    mk.pd(str(folder / "pd_ns.fmu"), "pd_ns", saves=False)
-
-
-def runaway_counts(folder):
-    mk.plant(str(folder / "cart_cnt.fmu"), "cart_cnt", scale=1e6)
-    mk.pd(str(folder / "pd_cnt.fmu"), "pd_cnt", scale=1e-6)
-
-
 def sources_with_their_own_prefix(folder):
     """With a header of FMI 2.0.0, in which only the model says the prefix."""
     source = mk.source_of("cart_src", mk.PLANT, out="$x$=S[0];$v$=S[1];", step=mk.PLANT_STEP)
@@ -546,11 +500,6 @@ def units_relative_quantity(folder):
     own = [("x", "input", 0, told + '"K"'), ("x_d", "input", 0, ""), ("u", "output", None, "")]
     mk.build(str(folder / "pd.fmu"), "pd", own, out="$u$=20.0*($x_d$-$x$);", units=DEFINED)
     system(folder, "s.ssp", without="v")
-
-
-def units_command_kN_to_N(folder):
-    cart_in(folder, "cart_N", u="N")
-    pd_in(folder, "pd_kN", u="kN")
 
 
 def system(

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import case_inputs
 import numpy as np
-import small_fmus
 from scipy.linalg import expm
 
 
@@ -16,11 +15,6 @@ def case(name: str, folder: Path) -> Path:
     made.mkdir()
     getattr(case_inputs, name)(made)
     return made
-
-
-def maker():
-    """The module that makes the FMUs of the cases."""
-    return small_fmus
 
 
 def cart_position(t: float, setpoint: float = 0.1, m: float = 1.0) -> float:

@@ -6,17 +6,17 @@ the controller's step gets what the plant's step has just put out. At the start 
 values until the controller answers to the plant's initial state, as our master does.
 """
 
+import functools
+
 import numpy as np
 import pytest
 from wired_loop import OUTPUTS, run_in, wired
 
-from ballscrew.orchestration.fmu.fmu_instance import FmuInstance
+from ballscrew.orchestration.loop.closed_loop import run_closed_loop
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.whole_loop import run_monolithic
 from ballscrew.orchestration.master.couplings import Coupling
-from ballscrew.orchestration.master.master import run_loop
 from ballscrew.orchestration.master.reference_signal import Reference
-from ballscrew.orchestration.master.sides import Sides
 
 pytestmark = pytest.mark.ci
 GOAL = Reference.constant(0.08)
@@ -24,21 +24,11 @@ NCTF_STOP = 0.5  # seconds
 IOL_STOP = 1.0  # the error is largest at 0.36 s, also of a run over 20 s
 
 
-@pytest.fixture(scope="module")
-def our_master(fmus):
-    """The plant's course under NCTF in our master, per held coupling."""
-    kept = {}
-
-    def course(coupling):
-        if coupling not in kept:
-            parts = FmuInstance(fmus["plant"], "plant"), FmuInstance(fmus["nctf"], "controller")
-            run = run_loop(Sides(*parts, GOAL, NCTF_STOP, coupling, 0), 1e-4)
-            for part in parts:
-                part.close()
-            kept[coupling] = table(run)
-        return kept[coupling]
-
-    return course
+@functools.cache
+def ours(coupling):
+    """The plant's course under NCTF in our master, with this coupling."""
+    how = {"step": 1e-4, "coupling": coupling, "corrections": 0}
+    return table(run_closed_loop(Loop("nctf", reference=GOAL, stop=NCTF_STOP, **how)).run)
 
 
 def table(run):
@@ -50,22 +40,20 @@ def apart(a, b):
     return np.abs(a - b).max()
 
 
-JACOBI = ["libcosim", "container", "ecos"]
+HOSTS = [
+    *(pytest.param(host, {}, id=host) for host in ("libcosim", "container", "ecos")),
+    pytest.param("container", {"sequential": True}, id="container-sequential"),
+]
 
 
-@pytest.mark.parametrize("host", JACOBI)
-def test_nctf_in_a_stranger_s_jacobi_master_agrees_with_ours(fmus, our_master, host):
+@pytest.mark.parametrize(("host", "options"), HOSTS)
+def test_nctf_in_a_stranger_s_master_agrees_with_ours_of_the_same_scheme(fmus, host, options):
     loop = wired(fmus["plant"], fmus["nctf"], 1e-4, NCTF_STOP, law=False)
-    course = np.array(run_in(host, loop))
-    assert apart(course, our_master(Coupling.JACOBI)) < 1e-9
-    assert apart(course, our_master(Coupling.GAUSS_SEIDEL)) > 0.1  # A: no doubt which
-
-
-def test_nctf_in_a_stranger_s_gauss_seidel_master_agrees_with_ours(fmus, our_master):
-    loop = wired(fmus["plant"], fmus["nctf"], 1e-4, NCTF_STOP, law=False)
-    course = np.array(run_in("container", loop, sequential=True))
-    assert apart(course, our_master(Coupling.GAUSS_SEIDEL)) < 1e-9
-    assert apart(course, our_master(Coupling.JACOBI)) > 0.1
+    course = np.array(run_in(host, loop, **options))
+    schemes = [Coupling.JACOBI, Coupling.GAUSS_SEIDEL]
+    same, other = schemes[::-1] if options else schemes
+    assert apart(course, ours(same)) < 1e-9
+    assert apart(course, ours(other)) > 0.1  # A: no doubt which
 
 
 def position_error(fmus, host, step, *, law=True, **options):
@@ -76,16 +64,9 @@ def position_error(fmus, host, step, *, law=True, **options):
     return apart(course[:, :1], table(exact)[:, :1])
 
 
-@pytest.mark.parametrize(
-    ("host", "options", "coarse", "fine"),
-    [
-        *(pytest.param(host, {}, 4.2e-4, 1.8e-5, id=host) for host in JACOBI),
-        pytest.param("container", {"sequential": True}, 7.2e-5, 3.0e-6, id="container-sequential"),
-    ],
-)
-def test_iol_with_the_law_wired_is_right_in_masters_that_know_nothing_of_it(
-    fmus, host, options, coarse, fine
-):
+@pytest.mark.parametrize(("host", "options"), HOSTS)
+def test_iol_with_the_law_wired_is_right_in_masters_that_know_nothing_of_it(fmus, host, options):
+    coarse, fine = (7.2e-5, 3.0e-6) if options else (4.2e-4, 1.8e-5)
     errors = [position_error(fmus, host, step, **options) for step in (1e-3, 2e-4)]
     assert errors == pytest.approx([coarse, fine], rel=0.02)
     assert np.log(errors[0] / errors[1]) / np.log(5) == pytest.approx(2.0, abs=0.1)

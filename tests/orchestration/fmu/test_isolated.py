@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import maker
+import small_fmus
 from third_party_fmus import proportional
 from waiting import wait_for
 
@@ -82,7 +82,7 @@ def test_an_fmu_that_does_not_open_is_a_bad_request(tmp_path, capsys, at_start, 
 def test_why_an_fmu_is_not_instantiated_is_told_in_its_own_words(tmp_path):
     missing = "ModuleNotFoundError: No module named 'zmq'"
     says = f'fprintf(stderr,"Traceback\\n{missing}\\n");return 0;'
-    maker().pd(str(tmp_path / "pd.fmu"), inst=says)
+    small_fmus.pd(str(tmp_path / "pd.fmu"), inst=says)
     with pytest.raises(FmuError, match=missing):
         IsolatedInstance(tmp_path / "pd.fmu", "controller")
 
@@ -91,7 +91,7 @@ def test_why_an_fmu_is_not_instantiated_is_told_in_its_own_words(tmp_path):
 def test_an_fmu_that_prints_without_end_fills_no_disk_and_goes_on(tmp_path):
     """Four megabytes: none of it lies in a file."""
     line = "x" * 1000
-    maker().pd(str(tmp_path / "pd.fmu"), step=f'for(int k=0;k<4000;k++)puts("{line}");')
+    small_fmus.pd(str(tmp_path / "pd.fmu"), step=f'for(int k=0;k<4000;k++)puts("{line}");')
     with contextlib.closing(IsolatedInstance(tmp_path / "pd.fmu", "controller")) as part:
         part.initialize({}, 1.0)
         part.step(0.0, 1e-3)
