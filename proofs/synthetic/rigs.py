@@ -28,6 +28,9 @@ from synthetic.records import Trial, constant_velocity, record_of, sine_velocity
 PRESCRIBED = tuple(n for n in LAWS if n not in ("maxwell_slip", "classical"))
 _SEEDED = [n for n in LAWS if n != "classical"]  # a law's index is part of its seed
 _SEEDED.insert(7, "classical")  # also when there are more laws
+MIXED = "mixed"
+SUBSETS = (MIXED, "2.4", MIXED, "2.6", MIXED, "2.3.1", MIXED, "2.8")
+_POOL = ("2.2", "2.3.1", "2.4", "2.6", "2.8", "2.10", "2.11", "presliding", "loading-rate")
 
 
 @dataclass(frozen=True)
@@ -50,30 +53,20 @@ class Outcome:
 def random_truth(law: str, random: np.random.Generator) -> dict[str, float]:
     """Parameters around those of the thesis, by a factor of up to about one and a half."""
 
-    def near(value: float, spread: float = 0.25) -> float:
-        return value * math.exp(float(np.clip(random.normal(0.0, spread), -0.6, 0.6)))
+    def near(value: float) -> float:
+        return value * math.exp(float(np.clip(random.normal(0.0, 0.25), -0.6, 0.6)))
 
     def lugre() -> dict[str, float]:
         fc = near(1.284)
-        return {
-            "sigma0": near(66967.0),
-            "sigma1": near(344.56),
-            "sigma2": near(173.0),
-            "Fc": fc,
-            "Fs": fc * random.uniform(1.3, 2.2),
-            "Vs": near(1.14e-3),
-        }
+        bristles = {"sigma0": near(66967.0), "sigma1": near(344.56), "sigma2": near(173.0)}
+        peak = fc * random.uniform(1.3, 2.2)
+        return bristles | {"Fc": fc, "Fs": peak, "Vs": near(1.14e-3)}
 
     if law == "dahl":
         return {"sigma": near(87750.0), "Fc": near(2.0), "alpha": random.uniform(0.7, 1.8)}
     if law == "bliman_sorine":
         fc, f2 = near(2.06), near(7.0)
-        return {
-            "f1": fc + f2,
-            "f2": f2,
-            "eps_f": near(1.5e-4),
-            "eta": random.uniform(0.5, 0.85),
-        }
+        return {"f1": fc + f2, "f2": f2, "eps_f": near(1.5e-4), "eta": random.uniform(0.5, 0.85)}
     if law == "directional_lugre":
         both = {side: lugre() for side in ("pos", "neg")}
         return {f"{n}_{side}": v for side, values in both.items() for n, v in values.items()}
@@ -107,7 +100,7 @@ def identify_random_rig(law: str, seed: int) -> list[Outcome]:
     delay = 0.005 / math.sqrt(12) * random.standard_normal()
     noise = random.uniform(0.02, 0.05)
     records = [record_of(t, law, truth, random, delay, noise) for t in random_trials(random)]
-    return _compared(law, seed, "prescribed motion", truth, records)
+    return _fitted(law, seed, "prescribed motion", truth, records)
 
 
 def identify_accelerated_rig(law: str, seed: int) -> list[Outcome]:
@@ -127,71 +120,62 @@ def identify_accelerated_rig(law: str, seed: int) -> list[Outcome]:
         trials.append(Trial("shaken", 6.0, partial(_shaken, sizes, phases, omegas)))
     noise = random.uniform(0.02, 0.05)
     records = [record_of(t, law, truth, random, delay, noise, mass) for t in trials]
-    started = time.perf_counter()
+    began = time.perf_counter()
     found = identify(records, law, mass=True)
+    shift = {"time_shift": found.time_shift} if found.time_shift else {}
     truth |= {"m": mass, "time_shift": delay}
-    intervals = {**found.parameters}
-    if found.time_shift:
-        intervals["time_shift"] = found.time_shift
-    seconds = time.perf_counter() - started
-    return [
-        _outcome(law, seed, "accelerated", n, truth[n], i, seconds) for n, i in intervals.items()
-    ]
+    return _outcomes(law, seed, "accelerated", truth, found.parameters | shift, began)
 
 
-def _shaken(
-    sizes: npt.NDArray[np.float64],
-    phases: npt.NDArray[np.float64],
-    omegas: npt.NDArray[np.float64],
-    t: npt.NDArray[np.float64],
-) -> npt.NDArray[np.float64]:
+Vector = npt.NDArray[np.float64]
+
+
+def _shaken(sizes: Vector, phases: Vector, omegas: Vector, t: Vector) -> Vector:
     """Sines that begin smoothly from rest [m]."""
-    gently = (1 - np.exp(-t / 0.3)) ** 3
     waves = sizes[:, None] * np.sin(omegas[:, None] * t + phases[:, None])
-    return np.asarray(gently * waves.sum(axis=0))
-
-
-MIXED = "mixed"
-SUBSETS = (MIXED, "2.4", MIXED, "2.6", MIXED, "2.3.1", MIXED, "2.8")
-_POOL = ("2.2", "2.3.1", "2.4", "2.6", "2.8", "2.10", "2.11", "presliding", "loading-rate")
-
-
-def closed_loop_trials(seed: int, random: np.random.Generator) -> tuple[str, list[str]]:
-    """Trials for the identification of a closed-loop rig: from one table, or from all."""
-    subset = SUBSETS[seed % len(SUBSETS)]
-    names = [n for n, t in TRIALS.items() if t.table in (_POOL if subset == MIXED else (subset,))]
-    count = min(int(random.integers(6, 13)), len(names))
-    return subset, [names[k] for k in sorted(random.choice(len(names), count, replace=False))]
+    return np.asarray((1 - np.exp(-t / 0.3)) ** 3 * waves.sum(axis=0))
 
 
 def identify_closed_loop_rig(law: str, seed: int) -> list[Outcome]:
-    """The same with records of the virtual rig, with its controllers, counts and filters."""
+    """The same with records of the virtual rig, with its controllers, counts and filters.
+
+    The trials are of one of the thesis' tables, or of all.
+    """
     random = np.random.default_rng([seed, _SEEDED.index(law), 1])
     truth = random_truth(law, random)
-    subset, names = closed_loop_trials(seed, random)
+    subset = SUBSETS[seed % len(SUBSETS)]
+    names = [n for n, t in TRIALS.items() if t.table in (_POOL if subset == MIXED else (subset,))]
+    count = min(int(random.integers(6, 13)), len(names))
     records = []
-    for name in names:
-        made = run_trial(name, law, truth, seed=seed)
+    for k in sorted(random.choice(len(names), count, replace=False)):
+        made = run_trial(names[k], law, truth, seed=seed)
         signals = {n: v for n, v in made.record.items() if n in FORCE_RECORD.columns}
-        record = described(Record(name, signals, SAMPLE_TIME), made.description())
+        record = described(Record(names[k], signals, SAMPLE_TIME), made.description())
         if np.ptp(record.position) > 0:  # others are rejected when they are read
             records.append(record)
-    return _compared(law, seed, subset, truth, records)
+    return _fitted(law, seed, subset, truth, records)
 
 
-def _compared(
+def _fitted(
     law: str, seed: int, trials: str, truth: dict[str, float], records: list[Record]
 ) -> list[Outcome]:
-    started = time.perf_counter()
-    fit = fit_along(records, law, lay_out(records))
-    seconds = time.perf_counter() - started
-    return [_outcome(law, seed, trials, n, truth[n], i, seconds) for n, i in fit.intervals.items()]
+    began = time.perf_counter()
+    intervals = fit_along(records, law, lay_out(records)).intervals
+    return _outcomes(law, seed, trials, truth, intervals, began)
 
 
-def _outcome(
-    law: str, seed: int, trials: str, name: str, truth: float, i: Interval, seconds: float
-) -> Outcome:
-    low = -math.inf if i.low is None else i.low
-    high = math.inf if i.high is None else i.high
-    known = (i.value, i.low, i.high, i.identified, low <= truth <= high, seconds)
-    return Outcome(law, seed, trials, name, truth, *known)
+def _outcomes(
+    law: str,
+    seed: int,
+    trials: str,
+    truth: dict[str, float],
+    intervals: dict[str, Interval],
+    began: float,
+) -> list[Outcome]:
+    seconds, outcomes = time.perf_counter() - began, []
+    for name, i in intervals.items():
+        low = -math.inf if i.low is None else i.low
+        high = math.inf if i.high is None else i.high
+        known = (i.value, i.low, i.high, i.identified, low <= truth[name] <= high, seconds)
+        outcomes.append(Outcome(law, seed, trials, name, truth[name], *known))
+    return outcomes
