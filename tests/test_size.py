@@ -24,7 +24,7 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (3499, 2889),
     "gallery": (2730, 2356),
     "measurement": (11018, 9664),
-    "proofs": (7760, 7030),
+    "proofs": (7692, 6988),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),

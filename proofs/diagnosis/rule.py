@@ -15,18 +15,18 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from runner import Row, share
 from worlds import HELD_BACK, OUTSIDE, WORLDS, Unusable
-from worlds_trials import VISIBLE, Trial, drawn, plan_trials, right_names
 
 from ballscrew.measurement.diagnosis.causes import entry_of
 from ballscrew.measurement.diagnosis.diagnose import diagnose_records
 from ballscrew.solver.errors import BadRecord
+from diagnosis.trials import VISIBLE, Trial, drawn, plan_trials, right_names
 
 FIRST, RECORDS = 2_100_000, 130
 
 
 def tasks(asked: Namespace) -> dict[str, tuple[Trial]]:
     worlds = [w for w in WORLDS if (w in asked.only if asked.only else w not in HELD_BACK)]
-    plan = plan_trials(1, asked.first or FIRST, tuple(worlds))
+    plan = plan_trials(asked.first or FIRST, worlds)
     random.Random(0).shuffle(plan)
     return {t.key: (t,) for t in plan[: asked.draws or RECORDS]}
 
@@ -36,9 +36,8 @@ def trial(asked: Trial) -> Row:
     row: Row = {"world": asked.world, "effect": asked.effect, "seed": asked.seed}
     try:
         case = drawn(asked)
-        records, model = case.read()
         began = time.process_time()
-        found = diagnose_records(records, model)
+        found = diagnose_records(case.records, case.model)
     except (Unusable, BadRecord) as reason:
         return row | {"message": str(reason)}
     causes = [

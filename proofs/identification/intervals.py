@@ -19,14 +19,14 @@ from itertools import groupby
 from typing import Any
 
 from runner import Row, lower, seeds, upper
-from synthetic.rigs import (
+
+from ballscrew.measurement.identification.fitted_law import LAWS
+from identification.rigs import (
     PRESCRIBED,
     identify_accelerated_rig,
     identify_closed_loop_rig,
     identify_random_rig,
 )
-
-from ballscrew.measurement.identification.fitted_law import LAWS
 
 STATED = 0.95
 RIGS = 30  # of each law and group

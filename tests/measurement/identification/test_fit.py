@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from case_inputs import strokes
-from prescribed_motion import prescribed_friction
-from synthetic.records import (
+from identification.records import (
     Trial,
     constant_velocity,
     record_of,
     sine_velocity,
     slow_load,
 )
+from prescribed_motion import prescribed_friction
 
 from ballscrew.measurement.identification.fit import fit_along
 from ballscrew.measurement.identification.fitted_law import LAWS, assumed_damping

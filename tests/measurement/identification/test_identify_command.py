@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from synthetic.records import record_of, sine_velocity
+from identification.records import record_of, sine_velocity
 
 from ballscrew.cli import main
 from ballscrew.measurement.diagnosis.model import drive_of

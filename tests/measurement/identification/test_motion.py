@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from synthetic.records import COUNT, LUGRE, record_of, sine_velocity, true_friction
+from identification.records import COUNT, LUGRE, record_of, sine_velocity, true_friction
 
 from ballscrew.measurement.identification.motion import motion_of, smooth_motion
 from ballscrew.measurement.records.record import Record, held_samples

@@ -22,7 +22,7 @@ from ballscrew.measurement.rig.bench import run_trial
 from ballscrew.measurement.rig.trials import TRIALS
 from ballscrew.plant.instruments.acquisition import SAMPLE_TIME
 from ballscrew.plant.maxwell_slip import PARAMETERS as MAXWELL_SLIP
-from synthetic.records import Trial, constant_velocity, record_of, sine_velocity, slow_load
+from identification.records import Trial, constant_velocity, record_of, sine_velocity, slow_load
 
 # Laws with prescribed motions; the others' records come from the rig: the force causes the motion.
 PRESCRIBED = tuple(n for n in LAWS if n not in ("maxwell_slip", "classical"))
