@@ -131,7 +131,7 @@ MORE = [
     ("new controller json", "which is a module of this Python"),
     # records and parameter files
     ("identify long.csv --law dahl", "no column 'force'"),
-    ("identify folder --law dahl", "expected `plant.m` to be a finite"),
+    ("identify folder --law dahl", "with a finite `plant.m` above 0 kg"),
     ("diagnose loop", "symbolic links"),
     ("diagnose record.csv --params deep.toml", "nested too deeply"),
     ("diagnose record.csv --params hexadecimal.toml", "m is a number beyond 1e308"),

@@ -119,7 +119,7 @@ def test_neither_a_scale_nor_a_resistance_that_is_wrong_is_nothing(tmp_path, col
     else:
         assert set(certain) <= {"scale_of_u" if column == "u" else "parameter_error"}
         assert found.adjusted_residual.force > 10.0 * found.floor.force
-    assert found.left_of_friction > 0.5 or found.causes
+    assert found.final_residual.force > 0.5 * found.friction or found.causes
 
 
 @pytest.mark.ci
