@@ -8,10 +8,8 @@ tests of that part run until one fails::
 
 A change is killed by a test that fails or by time, survives, or does not build. Whether one that
 survives can change a result at all is for the reader. The tests of a part must pass without a
-change, and within a quarter of the time `LIMIT`, so that a run that is too slow is the effect of
-its change. Each run has its own copy of a cache that holds the unchanged equations; a changed
-source derives its equations again. The result is written after each run, and the next call
-continues it.
+change, and within a quarter of the time `LIMIT`. Each run has its own copy of a cache that holds
+the unchanged equations. The result is written after each run, and the next call continues it.
 """
 
 from __future__ import annotations
@@ -30,13 +28,11 @@ import subprocess
 import sys
 import tempfile
 import time
-import tokenize
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
-from io import StringIO
-from itertools import pairwise, zip_longest
+from itertools import accumulate, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +42,7 @@ EACH = 15
 KINDS = ("constant", "one", "sign", "comparison", "branch", "logic")
 REMADE = ("fmus", "references")  # folders of the cache
 OUTCOMES = ("killed", "killed by time", "survived", "does not build")
+BYTES = "latin-1"  # each byte is a letter, so that the columns of `ast` are places in the text
 
 # the tests of each file below tests/, cheap ones first, as pytest takes them
 PARTS = {
@@ -92,7 +89,6 @@ PARTS = {
 }
 
 Row = dict[str, Any]
-Place = tuple[str, int, int, str]  # kind, start, end, new text
 
 
 @dataclass(frozen=True)
@@ -106,35 +102,69 @@ class Mutant:
     new: str
     change: str
 
-    @property
-    def key(self) -> tuple[str, int, str]:
-        return self.file, self.start, self.new
 
-
-def mutants(file: str, text: str) -> list[Mutant]:
+def mutants(file: str, text: str) -> Iterator[Mutant]:
     """All changes of a file that can be drawn."""
-    found = []
-    for kind, start, end, new in in_python(text) if file.endswith(".py") else in_c(text):
+    for kind, start, end, new in changes(text, file.endswith(".py")):
         first, last = text.rfind("\n", 0, start) + 1, text.find("\n", end)
         words = f"{text[first:start]}[{text[start:end]} -> {new}]{text[end:last]}".split()
-        found.append(Mutant(file, kind, start, end, new, " ".join(words)))
-    return found
+        yield Mutant(file, kind, start, end, new, " ".join(words))
 
 
 def drawn(file: str, text: str, count: int = EACH) -> list[Mutant]:
     """Changes of a file, in turn from each kind, at most one at each place."""
-    chance, every = random.Random(file), mutants(file, text)
-    chance.shuffle(every)
-    waiting = {kind: [m for m in every if m.kind == kind] for kind in KINDS}
+    every = [*mutants(file, text)]
+    random.Random(file).shuffle(every)
+    turns = zip_longest(*([m for m in every if m.kind == kind] for kind in KINDS))
     found: dict[int, Mutant] = {}
-    while len(found) < count and any(waiting.values()):
-        for kind in KINDS:
-            while waiting[kind]:
-                mutant = waiting[kind].pop()
-                if mutant.start not in found:
-                    found[mutant.start] = mutant
-                    break
-    return list(found.values())[:count]
+    for mutant in (m for turn in turns for m in turn if m):
+        found.setdefault(mutant.start, mutant)
+    return [*found.values()][:count]
+
+
+# -- what can be changed: tokens, and the conditions of branches ---------------------------------
+
+Span = tuple[int, int]
+Branch = tuple[int, int, str]
+
+COMPARED = {"<": ">", "<=": "<", ">": "<", ">=": ">", "==": "!=", "!=": "=="}
+COMPARED_WORDS = {"is": "is not", "is not": "is", "in": "not in", "not in": "in"}
+LOGIC = {"&&": "||", "||": "&&", "!": ""}
+LOGIC_WORDS = {"and": "or", "or": "and", "not ": "", "True": "False", "False": "True"}
+NO_VALUES = "return case in and or not if elif else is lambda yield while".split()
+NUMBER = r"(?<![\w.])(?:\d[\d_]*\.\d*|\.?\d[\d_]*)(?:[eE][+-]?\d+)?(?![\w.])"
+TOKEN = re.compile(
+    rf"{NUMBER}|is not\b|not in\b|not |\w+|->|\+\+|--|<<|>>|&&|\|\||[-+<>=!*/&|:]=|[^\s\w]"
+)
+
+
+def changes(text: str, python: bool) -> Iterator[tuple[str, int, int, str]]:
+    """Kind, start, end and new text of each change."""
+    alone, branches = parts_of_python(text) if python else parts_of_c(text)
+    code = [*text]
+    for start, end in alone:
+        code[start:end] = " " * (end - start)
+    compared, logic = COMPARED, LOGIC
+    if python:
+        compared, logic = COMPARED | COMPARED_WORDS, LOGIC_WORDS
+    yield from (("branch", *branch) for branch in branches)
+    before = ""
+    for found in TOKEN.finditer("".join(code)):
+        token, place = found[0], found.span()
+        binary = re.match(r"[\w)\]}]", before) and before.strip() not in NO_VALUES
+        if re.fullmatch(r"[\d_]*\d", token):
+            yield "one", *place, another(int(token))
+        elif re.fullmatch(NUMBER, token):
+            yield "constant", *place, another(float(token))
+        elif token in ("+", "-", "+=", "-=") and binary:
+            yield "sign", *place, token.translate(str.maketrans("+-", "-+"))
+        elif token == "-":
+            yield "sign", *place, ""
+        elif token in compared:
+            yield "comparison", *place, compared[token]
+        elif token in logic:
+            yield "logic", *place, logic[token]
+        before = token
 
 
 def another(number: float) -> str:
@@ -144,155 +174,68 @@ def another(number: float) -> str:
     return repr(1.0 if number == 0 else (100 if abs(number) <= 1e-3 else 2) * number)
 
 
-COMPARED = {"<": ">", "<=": "<", ">": "<", ">=": ">", "==": ">=", "!=": "=="}
-COMPARED |= {"is": "is not", "is not": "is", "in": "not in", "not in": "in"}
-WORDS = {"Lt": "<", "LtE": "<=", "Gt": ">", "GtE": ">=", "Eq": "==", "NotEq": "!="}
-WORDS |= {"Is": "is", "IsNot": "is not", "In": "in", "NotIn": "not in"}
+def parts_of_python(text: str) -> tuple[list[Span], list[Branch]]:
+    """What is left alone: texts, errors, annotations, decorators; and the branches."""
+    starts = [0, *accumulate(len(line) + 1 for line in text.split("\n"))]
 
+    def span(node: Any) -> Span:
+        first, last = starts[node.lineno - 1], starts[node.end_lineno - 1]
+        return first + node.col_offset, last + node.end_col_offset
 
-class Places:
-    """Where the expressions and operators of a Python text stand."""
-
-    def __init__(self, text: str) -> None:
-        self._lines = text.splitlines(keepends=True)
-        self._starts = [sum(map(len, self._lines[:k])) for k in range(len(self._lines))]
-        self._words = [
-            (self._starts[t.start[0] - 1] + t.start[1], t.string)
-            for t in tokenize.generate_tokens(StringIO(text).readline)
-            if t.string.strip()
-        ]
-
-    def of(self, node: ast.AST) -> tuple[int, int]:
-        """Start and end of an expression."""
-        ends = (node.lineno, node.col_offset), (node.end_lineno, node.end_col_offset)
-        first, last = (
-            self._starts[line - 1] + len(self._lines[line - 1].encode()[:column].decode())
-            for line, column in ends
-        )
-        return first, last
-
-    def between(self, left: ast.AST, word: str, right: ast.AST) -> tuple[int, int]:
-        """Start and end of an operator between two expressions."""
-        begin, end, first = self.of(left)[1], self.of(right)[0], word.split()[0]
-        start = next(k for k, found in self._words if begin <= k < end and found == first)
-        return start, start + len(word)
-
-
-def in_python(text: str) -> Iterator[Place]:
-    """Changes of the code: not of annotations, decorators, assertions, errors and their texts."""
-    places = Places(text)
-    waiting: list[ast.AST] = [ast.parse(text)]
+    alone, branches = [m.span() for m in re.finditer(r"^\s*#.*|  # .*", text, re.M)], []
+    waiting: list[Any] = [ast.parse(text.encode(BYTES))]
     while waiting:
         node = waiting.pop()
-        if isinstance(node, (ast.JoinedStr, ast.Raise, ast.Assert)):
+        if is_left_alone(node):
+            alone.append(span(node))
             continue
-        if isinstance(node, ast.keyword) and node.arg == "strict":
-            continue
-        for name, value in ast.iter_fields(node):
-            if name not in ("annotation", "returns", "decorator_list"):
-                below = value if isinstance(value, list) else [value]
-                waiting += [n for n in below if isinstance(n, ast.AST)]
-        yield from of_numbers_and_signs(node, places)
-        yield from of_conditions(node, places)
+        waiting += ast.iter_child_nodes(node)
+        said = [getattr(node, name, None) for name in ("annotation", "returns")]
+        alone += [span(n) for n in [*said, *getattr(node, "decorator_list", ())] if n]
+        match node:
+            case ast.BinOp(left=left, right=right) | ast.AugAssign(target=left, value=right):
+                if any(is_text(n) for n in (left, right)):
+                    alone.append((span(left)[1], span(right)[0]))
+            case ast.If() | ast.IfExp() if ast.unparse(node.test) != "TYPE_CHECKING":
+                branches += [(*span(node.test), word) for word in ("True", "False")]
+            case ast.While():
+                branches.append((*span(node.test), "False"))
+            case ast.For() | ast.comprehension():
+                alone.append((span(node.target)[1], span(node.iter)[0]))
+                branches += [(*span(test), "True") for test in getattr(node, "ifs", ())]
+    return alone, branches
 
 
-def of_numbers_and_signs(node: ast.AST, places: Places) -> Iterator[Place]:
-    """Changes of the kinds `constant`, `one`, `sign`, and of True and False."""
-    match node:
-        case ast.Constant(value=bool()):
-            yield "logic", *places.of(node), str(not node.value)
-        case ast.Constant(value=int()):
-            yield "one", *places.of(node), another(node.value)
-        case ast.Constant(value=float()):
-            yield "constant", *places.of(node), another(node.value)
-        case ast.UnaryOp(op=ast.USub()):
-            yield "sign", places.of(node)[0], places.of(node)[0] + 1, ""
-        case ast.BinOp(op=ast.Add() | ast.Sub()) if not is_text(node):
-            old, new = "+-" if isinstance(node.op, ast.Add) else "-+"
-            yield "sign", *places.between(node.left, old, node.right), new
-        case ast.AugAssign(op=ast.Add() | ast.Sub()) if not is_text(node):
-            old, new = ("+=", "-=") if isinstance(node.op, ast.Add) else ("-=", "+=")
-            yield "sign", *places.between(node.target, old, node.value), new
-
-
-def of_conditions(node: ast.AST, places: Places) -> Iterator[Place]:
-    """Changes of the kinds `comparison`, `branch` and `logic`."""
-    match node:
-        case ast.UnaryOp(op=ast.Not()):
-            yield "logic", places.of(node)[0], places.of(node)[0] + len("not "), ""
-        case ast.BoolOp():
-            old, new = ("and", "or") if isinstance(node.op, ast.And) else ("or", "and")
-            for left, right in pairwise(node.values):
-                yield "logic", *places.between(left, old, right), new
-        case ast.Compare():
-            for (left, right), op in zip(
-                pairwise([node.left, *node.comparators]), node.ops, strict=True
-            ):
-                old = WORDS[type(op).__name__]
-                counted = isinstance(right, ast.Constant) and isinstance(right.value, int)
-                new = "!=" if old == "==" and not counted else COMPARED[old]
-                yield "comparison", *places.between(left, old, right), new
-        case ast.If() | ast.IfExp() if ast.unparse(node.test) != "TYPE_CHECKING":
-            yield from (("branch", *places.of(node.test), word) for word in ("True", "False"))
-        case ast.While():
-            yield "branch", *places.of(node.test), "False"
-        case ast.comprehension():
-            yield from (("branch", *places.of(test), "True") for test in node.ifs)
+def is_left_alone(node: ast.AST) -> bool:
+    text = isinstance(node, ast.Constant) and isinstance(node.value, str | bytes)
+    strict = isinstance(node, ast.keyword) and node.arg == "strict"
+    return text or strict or isinstance(node, ast.JoinedStr | ast.Raise | ast.Assert)
 
 
 def is_text(node: ast.AST) -> bool:
-    """Whether an addition joins texts or lists."""
-    parts = (ast.JoinedStr, ast.List, ast.ListComp, ast.Tuple)
-    return any(
-        isinstance(n, parts) or (isinstance(n, ast.Constant) and isinstance(n.value, str))
-        for n in ast.iter_child_nodes(node)
-    )
+    """Whether a part of an addition shows that texts or lists are joined."""
+    text = isinstance(node, ast.Constant) and isinstance(node.value, str)
+    return text or isinstance(node, ast.JoinedStr | ast.List | ast.ListComp | ast.Tuple)
 
 
-_COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.S)
-_TEXT = re.compile(r'"(?:\\.|[^"\\\n])*"|' + r"'(?:\\.|[^'\\\n])+'")
-_DIRECTIVE = re.compile(r"^[ \t]*#(?:\\\n|[^\n])*", re.M)
-_TOLERANCE = re.compile(r"#define \w+ (\d+\.\d*|\d*\.?\d+e-?\d+)\s*")
-_SIZES = re.compile(
-    r"^\s*(?:(?:static|const|unsigned) )*[A-Za-z_]\w* [*\w]+(?:\[[^\]\n]*\])+", re.M
+OF_C = re.compile(  # comments, texts, directives without a tolerance, enums, and sizes
+    r"/\*(?s:.*?)\*/|//.*|\"(?:\\.|[^\"\\\n])*\"|'(?:\\.|[^'\\\n])+'|enum \{[^}]*\}"
+    r"|^[ \t]*#(?!define \w+ (?:\d+\.\d*|\d*\.?\d+e-?\d+)\s*(?:/|$))(?:\\\n|.)*"
+    r"|^[ \t]*(?:(?:static|const|unsigned) )*[A-Za-z_]\w* [*\w]+(?:\[[^\]\n]*\])+",
+    re.M,
 )
-_ENUMS = re.compile(r"enum \{[^}]*\}")
-_NUMBER = r"(?<![\w.])(?:\d+\.\d*|\.?\d+)(?:[eE][+-]?\d+)?(?![\w.])"
-_TOKEN = re.compile(rf"{_NUMBER}|\w+|->|\+\+|--|<<|>>|&&|\|\||[-+<>=!*/&|]=|[^\s\w]")
-_AFTER_VALUE = re.compile(r"[\w)\]]")
 
 
-def in_c(text: str) -> Iterator[Place]:
-    """Changes of C: not of comments, texts, the preprocessor, sizes in declarations, and enums."""
-
-    def blank(found: re.Match[str]) -> str:
-        return found[0] if _TOLERANCE.fullmatch(found[0]) else re.sub(r"[^\n]", " ", found[0])
-
-    code = text
-    for left_alone in (_COMMENT, _TEXT, _DIRECTIVE, _ENUMS):
-        code = left_alone.sub(blank, code)
-    sizes = {k for m in _SIZES.finditer(code) for k in range(*m.span())}
-    tokens = [(m.start(), m[0]) for m in _TOKEN.finditer(code)]
-    for (_, before), (k, token) in zip([(0, ""), *tokens], tokens, strict=False):
-        end, binary = (
-            k + len(token),
-            bool(_AFTER_VALUE.match(before)) and before != "return",
-        )
-        if re.fullmatch(_NUMBER, token) and k not in sizes:
-            kind, value = ("one", int(token)) if token.isdigit() else ("constant", float(token))
-            yield kind, k, end, another(value)
-        elif token in ("+", "-", "+=", "-=") and binary:
-            yield "sign", k, end, token.translate(str.maketrans("+-", "-+"))
-        elif token == "-":
-            yield "sign", k, end, ""
-        elif token in COMPARED:
-            yield "comparison", k, end, COMPARED[token]
-        elif token in ("&&", "||", "!"):
-            yield "logic", k, end, {"&&": "||", "||": "&&", "!": ""}[token]
-        elif token in ("if", "while"):
-            start = code.index("(", k)
-            inside = start + 1 + closed_after(code[start + 1 :])
-            yield from (("branch", start + 1, inside, n) for n in "01" if token == "if" or n == "0")
+def parts_of_c(text: str) -> tuple[list[Span], list[Branch]]:
+    """What is left alone, see above, and the branches."""
+    alone = [m.span() for m in OF_C.finditer(text)]
+    within = {k for span in alone for k in range(*span)}
+    branches = []
+    for found in re.finditer(r"\b(if|while) \(", text):
+        if found.start() not in within:
+            inside = found.end(), found.end() + closed_after(text[found.end() :])
+            branches += [(*inside, n) for n in "01" if found[1] == "if" or n == "0"]
+    return alone, branches
 
 
 def closed_after(text: str) -> int:
@@ -305,16 +248,19 @@ def closed_after(text: str) -> int:
     raise ValueError("a bracket is not closed")
 
 
-def judged(mutant: Mutant | None, tests: str, package: Path, cache: Path, markers: str) -> Row:
+# -- what the tests say --------------------------------------------------------------------------
+
+
+def judged(mutant: Mutant | None, tests: str, package: Path, cache: Path) -> Row:
     """Outcome, time [s] and last words of the tests with a change, or without one."""
     with tempfile.TemporaryDirectory(prefix="mutant-", ignore_cleanup_errors=True) as place:
         folder = Path(place) / "ballscrew"
         shutil.copytree(package, folder, copy_function=os.link)
         if mutant:
             file = folder / mutant.file
-            text = file.read_text("utf-8")
+            text = file.read_text(BYTES)
             file.unlink()  # it is the installed package's, too
-            file.write_text(text[: mutant.start] + mutant.new + text[mutant.end :], "utf-8")
+            file.write_text(text[: mutant.start] + mutant.new + text[mutant.end :], BYTES)
             for compiled in file.parent.glob(f"__pycache__/{file.stem}.*"):
                 compiled.unlink()
             kept = Path(place) / "cache"
@@ -326,7 +272,7 @@ def judged(mutant: Mutant | None, tests: str, package: Path, cache: Path, marker
         scratch.mkdir()
         asked = [f"tests/{word}" if ".py" in word else word for word in shlex.split(tests)]
         given = {"PYTHONPATH": place, "BALLSCREW_CACHE": str(cache), "TMPDIR": str(scratch)}
-        return ran([*asked, "-m", markers], os.environ | given)
+        return ran([*asked, "-m", "not prove"], os.environ | given)
 
 
 def built(folder: Path, part: Path) -> bool:
@@ -345,14 +291,9 @@ def ran(arguments: list[str], environment: dict[str, str]) -> Row:
     pytest = str(Path(sys.executable).with_name("pytest"))  # not `-m`: it finds this folder first
     command = [pytest, "-x", "-q", "-p", "no:cacheprovider", *arguments]
     began = time.monotonic()
-    done = subprocess.run(
-        ["timeout", "--kill-after=5", str(LIMIT), *command],
-        cwd=ROOT,
-        env=environment,
-        capture_output=True,
-        text=True,
-        errors="replace",
-    )
+    command = ["timeout", "--kill-after=5", str(LIMIT), *command]
+    how = {"cwd": ROOT, "env": environment, "capture_output": True}
+    done = subprocess.run(command, text=True, errors="replace", **how)
     said, code = done.stdout + done.stderr, done.returncode
     failed = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
     outcome = "killed" if code else "survived"
@@ -364,51 +305,40 @@ def ran(arguments: list[str], environment: dict[str, str]) -> Row:
     return {"outcome": outcome, "seconds": seconds, "said": (failed or [said[-500:]])[-1]}
 
 
+def passes_unchanged(file: str, package: Path, cache: Path) -> bool:
+    """Whether the tests of a file pass in time without a change; first they fill the cache."""
+    judged(None, PARTS[file], package, cache)
+    row = judged(None, PARTS[file], package, cache)
+    good = row["outcome"] == "survived" and row["seconds"] < LIMIT / 4
+    print(f"{'unchanged' if good else 'left out':15}{row['seconds']:6.1f} s  {file}", flush=True)
+    return bool(good)
+
+
 def main() -> None:
     """Judge the changes that have no row yet; print a table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--files", nargs="*", default=list(PARTS), help="only these files")
     parser.add_argument("--draw", type=int, default=EACH, help="changes of each file")
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--markers", default="not prove", help="which tests, as pytest takes it")
-    parser.add_argument("--again", action="store_true", help="try those that survived once more")
     parser.add_argument("--out", type=Path, default=Path("out/mutants.json"))
     given = parser.parse_args()
-    found = importlib.util.find_spec("ballscrew")
-    assert found
-    assert found.origin
-    package = Path(found.origin).parent
+    package = Path(importlib.util.find_spec("ballscrew").origin).parent
     rows: list[Row] = json.loads(given.out.read_text("utf-8")) if given.out.is_file() else []
-    if given.again:
-        rows = [r for r in rows if r["outcome"] != "survived" or r["file"] not in given.files]
     known = {(r["file"], r["start"], r["new"]) for r in rows}
     cache = given.out.with_suffix(".cache").absolute()
     cache.mkdir(parents=True, exist_ok=True)
-    chosen = [drawn(f, (package / f).read_text("utf-8"), given.draw) for f in given.files]
-    wanted = [m for some in zip_longest(*chosen) for m in some if m and m.key not in known]
-
-    def alone(file: str) -> bool:
-        """Whether the tests of a file pass in time without a change; first they fill the cache."""
-        judged(None, PARTS[file], package, cache, given.markers)
-        row = judged(None, PARTS[file], package, cache, given.markers)
-        good = row["outcome"] == "survived" and row["seconds"] < LIMIT / 4
-        print(
-            f"{'unchanged' if good else 'left out':15}{row['seconds']:6.1f} s  {file}", flush=True
-        )
-        return good
-
-    files = {m.file for m in wanted}
-    files = {file for file in PARTS if file in files and alone(file)}
+    chosen = [drawn(f, (package / f).read_text(BYTES), given.draw) for f in given.files]
+    wanted = [m for some in zip_longest(*chosen) for m in some if m]
+    wanted = [m for m in wanted if (m.file, m.start, m.new) not in known]
+    files = {f for f in {m.file for m in wanted} if passes_unchanged(f, package, cache)}
     wanted = [m for m in wanted if m.file in files]
     with ThreadPoolExecutor(given.workers) as pool:
-        results = pool.map(
-            lambda m: judged(m, PARTS[m.file], package, cache, given.markers), wanted
-        )
+        results = pool.map(lambda m: judged(m, PARTS[m.file], package, cache), wanted)
         for mutant, row in zip(wanted, results, strict=True):
             rows.append(asdict(mutant) | row)
             given.out.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", "utf-8")
-            seconds = f"{row['seconds']:6.1f} s"
-            print(f"{row['outcome']:15}{seconds}  {mutant.file}: {mutant.change}", flush=True)
+            took = f"{row['outcome']:15}{row['seconds']:6.1f} s"
+            print(f"{took}  {mutant.file}: {mutant.change}", flush=True)
     print_table([r for r in rows if r["file"] in given.files])
 
 

@@ -64,12 +64,9 @@ def provenance(arguments: Sequence[str]) -> dict[str, str]:
     commit = git("rev-parse", "HEAD")
     if git("status", "--porcelain", "--untracked-files=no", "--", ".", ":(exclude)docs"):
         commit += "-dirty"
+    committed = git("show", "-s", "--format=%cI", "HEAD")
     command = " ".join(["python proofs/runner.py", *arguments])
-    return {
-        "commit": commit,
-        "committed": git("show", "-s", "--format=%cI", "HEAD"),
-        "command": command,
-    }
+    return {"commit": commit, "committed": committed, "command": command}
 
 
 def stored(name: str) -> Row:
@@ -170,9 +167,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "names", nargs="+", choices=list(PROOFS), metavar="NAME", help=", ".join(PROOFS)
-    )
+    names = {"choices": list(PROOFS), "metavar": "NAME", "help": ", ".join(PROOFS)}
+    parser.add_argument("names", nargs="+", **names)
     parser.add_argument("--draws", type=int, help="draws of each kind")
     parser.add_argument("--first", type=int, help="first seed")
     parser.add_argument("--only", nargs="+", metavar="WORD", help="tasks with one of these words")

@@ -35,11 +35,8 @@ sys.path += [str(ROOT / "proofs"), str(ROOT / "tests" / "support")]
 RENAMED = {"iol_sampled": "iol+sampled"}  # old name of a part, a command, a column: the new one
 ALLOWED = 1e-12
 SPENT = "processor seconds"
-PRACTICE = [
-    "pid+sampled+position_encoder",
-    "iol+sampled",
-    "nctf+position_encoder+velocity_estimate+current_sensor",
-]
+PRACTICE = ["pid+sampled+position_encoder", "iol+sampled"]
+PRACTICE += ["nctf+position_encoder+velocity_estimate+current_sensor"]
 # In these, {name} is the folder of the data of this name, see `data`.
 COMMANDS = """
 run --controller iol --stop 0.5
@@ -103,9 +100,8 @@ def data(folder: Path) -> dict[str, object]:
     t = np.arange(8000) * 1e-3
     x = 0.03 * np.sin(3 * t) + 0.01 * np.sin(8 * t)
     v, a = np.gradient(x, 1e-3), np.gradient(np.gradient(x, 1e-3), 1e-3)
-    force = (
-        5 * a + 40 * v + 8 * np.sign(v) + 0.02 * np.random.default_rng(7).standard_normal(t.size)
-    )
+    noise = 0.02 * np.random.default_rng(7).standard_normal(t.size)
+    force = 5 * a + 40 * v + 8 * np.sign(v) + noise
     write_csv(named(folder, "force") / "record.csv", time=t, x=x.round(7), force=force)
     pushed, noise = np.random.default_rng(8).standard_normal((2, t.size))
     moved = lfilter([0, 1e-5], [1, -1.99, 0.9901], pushed) + 1e-7 * noise
@@ -118,7 +114,7 @@ def data(folder: Path) -> dict[str, object]:
     study = (ROOT / "tests" / "data" / "small_study.toml").read_text("utf-8")
     for name in STUDIES:
         path = named(folder, "studies") / f"{name}.toml"
-        path.write_text(study.replace("nctf", name), encoding="utf-8")
+        path.write_text(study.replace("nctf", name), "utf-8")
     return found
 
 
@@ -303,10 +299,8 @@ def write(pattern: str) -> dict[str, object]:
 
 def leaves(tree: object, path: str = "") -> dict[str, object]:
     """Lists of values stay whole."""
-    pairs = (
-        tree.items() if isinstance(tree, dict) else enumerate(tree if type(tree) is list else ())
-    )
-    branches = [(name, branch) for name, branch in pairs]
+    listed = enumerate(tree if type(tree) is list else ())
+    branches = [*(tree.items() if isinstance(tree, dict) else listed)]
     if not isinstance(tree, dict) and not any(isinstance(b, dict | list) for _, b in branches):
         return {path: tree}
     return {k: v for name, branch in branches for k, v in leaves(branch, f"{path}/{name}").items()}

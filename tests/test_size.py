@@ -24,11 +24,11 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (3499, 2889),
     "gallery": (2730, 2356),
     "measurement": (11018, 9664),
-    "proofs": (7692, 6988),
+    "proofs": (7330, 6644),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21956, 20957),
+    "tests": (21955, 20956),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

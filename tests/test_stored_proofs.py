@@ -21,10 +21,9 @@ def test_the_stored_bound_of_wrong_results_called_trusted_is_that_of_clopper_and
 @pytest.mark.xdist_group("worlds")  # whose simulators are compiled once
 def test_a_record_of_a_world_diagnosed_again_gets_the_stored_answer():
     from diagnosis import rule
-    from diagnosis.trials import Trial
 
     row = stored("diagnosis_rule")["example"]
-    again = rule.trial(Trial(row["world"], row["effect"], row["seed"]))
+    again = rule.trial(row["world"], row["effect"], row["seed"])
     assert rule.named(again) == rule.named(row)
     assert (again["verdict"], again["suspects"]) == (row["verdict"], row["suspects"])
 

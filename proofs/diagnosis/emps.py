@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,50 +33,34 @@ STORED = ("verdict", "floor", "baseline_residual", "adjusted_residual", "final_r
 STORED += ("gain_interval", "held_out", "unnamed")
 OF_CAUSE = ("name", "parameters", "intervals", "gain_heldout", "gain_interval")
 
-# the name to be found, and the force [N] of x [m], v [m/s], friction [N], and shares of travel and
-# time
-Force = Callable[[Vector, Vector, Vector, Vector, Vector], Vector]
-EFFECTS: dict[str, tuple[str, Force]] = {
-    "load of 4 N": ("load_bias", lambda x, v, f, at, t: 4.0 + 0 * x),
-    "friction 10 % larger in one direction": (
-        "direction_asymmetry",
-        lambda x, v, f, at, t: 0.10 * f,
-    ),
-    "friction 12 % larger at one end": (
-        "position_trend_friction",
-        lambda x, v, f, at, t: 0.12 * f * sign(v) * at,
-    ),
-    "friction varies by 1 N, 100 periods per metre": (
-        "position_periodic_friction",
-        lambda x, v, f, at, t: sign(v) * np.cos(100 * (2 * np.pi * x) + 1.0),
-    ),
-    "ripple of 1 N, 60 periods per metre": (
-        "torque_ripple",
-        lambda x, v, f, at, t: np.cos(60 * (2 * np.pi * x) + 2.0),
-    ),
-    "quadratic viscous friction": (
-        "nonlinear_viscous",
-        lambda x, v, f, at, t: 400.0 * v * np.abs(v),
-    ),
-    "friction 4 N larger at low speed": (
-        "stribeck_mismatch",
-        lambda x, v, f, at, t: 4.0 * sign(v) * np.exp(-((v / 0.03) ** 2)),
-    ),
-    "friction grows by 10 %": (
-        "friction_drift",
-        lambda x, v, f, at, t: 0.10 * f * sign(v) * t,
-    ),
-}
 
-
-def sign(v: Vector) -> Vector:
-    return np.tanh(v / 2e-3)
+def effects(x: Vector, v: Vector, friction: Vector, t: Vector) -> dict[str, tuple[str, Vector]]:
+    """The name to be found, and the force [N], along a motion [m, m/s, N, share of the time]."""
+    sign, turns = np.tanh(v / 2e-3), 2 * np.pi * x
+    at = (x - 0.5 * (x.min() + x.max())) / (0.5 * np.ptp(x))
+    return {
+        "load of 4 N": ("load_bias", 4.0 + 0 * x),
+        "friction 10 % larger in one direction": ("direction_asymmetry", 0.10 * friction),
+        "friction 12 % larger at one end": ("position_trend_friction", 0.12 * friction * sign * at),
+        "friction varies by 1 N, 100 periods per metre": (
+            "position_periodic_friction",
+            sign * np.cos(100 * turns + 1.0),
+        ),
+        "ripple of 1 N, 60 periods per metre": ("torque_ripple", np.cos(60 * turns + 2.0)),
+        "quadratic viscous friction": ("nonlinear_viscous", 400.0 * v * np.abs(v)),
+        "friction 4 N larger at low speed": (
+            "stribeck_mismatch",
+            4.0 * sign * np.exp(-((v / 0.03) ** 2)),
+        ),
+        "friction grows by 10 %": ("friction_drift", 0.10 * friction * sign * t),
+    }
 
 
 def tasks(asked: Namespace) -> dict[str, tuple[str]]:
     if not (DATA / "DATA_EMPS.mat").exists():
         raise UserError("DATA_EMPS.mat is not here; see docs/measured-drives.md")
-    return {effect or "the record itself": (effect,) for effect in ("", *EFFECTS)}
+    names = effects(*np.array([[0.0, 1.0]] * 4))
+    return {effect or "the record itself": (effect,) for effect in ("", *names)}
 
 
 def trial(effect: str) -> Row:
@@ -88,9 +72,7 @@ def trial(effect: str) -> Row:
     if effect:
         v = savgol_filter(x, 31, 3, deriv=1, delta=record.step)
         friction = model.values["Fc"] + model.values["sigma2"] * np.abs(v)
-        at = (x - 0.5 * (x.min() + x.max())) / (0.5 * np.ptp(x))
-        cause, force = EFFECTS[effect]
-        extra = force(x, v, friction, at, t / t[-1])
+        cause, extra = effects(x, v, friction, t / t[-1])[effect]
         record = replace(record, signals={**record.signals, "u": record.u + extra / gain})
         row = {"effect": effect, "cause": cause}
         row["force_rms_N"] = float(np.sqrt(np.mean(extra**2)))
@@ -107,13 +89,10 @@ def told(found: Any) -> Row:
 def report(rows: Sequence[Row]) -> Row:
     alone = [row for row in rows if "effect" not in row]
     had = {c["name"] for row in alone for c in row["causes"]}
-    hidden = [
-        row
-        | {"found": row["cause"] in {c["name"] for c in row["causes"]}}
-        | {"had_it_already": row["cause"] in had}
-        for row in rows
-        if "effect" in row
-    ]
+    hidden = [row for row in rows if "effect" in row]
+    for row in hidden:
+        row["found"] = row["cause"] in {c["name"] for c in row["causes"]}
+        row["had_it_already"] = row["cause"] in had
     return {"published_model": alone[0] if alone else None, "hidden": hidden}
 
 

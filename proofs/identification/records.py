@@ -37,9 +37,8 @@ class Trial:
 
 def constant_velocity(speed: float, duration: float = 2.0, rise: float = 0.06) -> Trial:
     """A velocity reached exponentially from rest."""
-    return Trial(
-        f"velocity {speed}", duration, lambda t: speed * (t - rise * (1 - np.exp(-t / rise)))
-    )
+    name = f"velocity {speed}"
+    return Trial(name, duration, lambda t: speed * (t - rise * (1 - np.exp(-t / rise))))
 
 
 def sine_velocity(amplitude: float, omega: float, duration: float) -> Trial:

@@ -147,13 +147,10 @@ def speeds_left_out(records: Sequence[Record], per_cent: float) -> Row:
 def summary(found: Sequence[Forecast], per_cent: float) -> Row:
     """Errors of forecasts, and number of intervals that contain the measured value."""
     error = np.array([f.measured - f.foretold for f in found])
-    measured = np.array([f.measured for f in found])
     return {
         "runs": len(found),
         "held": sum(f.holds for f in found),
         "rms_error_percent_of_nominal": float(np.sqrt(np.mean(error**2))) / per_cent,
-        "rms_error_share": float(np.sqrt(np.mean((error / measured) ** 2))),
-        "half_width_percent_of_nominal": float(np.median([f.half_width for f in found])) / per_cent,
         "missed": [asdict(f) for f in found if not f.holds],
     }
 
@@ -194,15 +191,8 @@ def with_the_turn(record: Record, lead: float) -> float:
 def told(result: Identification) -> Row:
     """What is stored of an identification."""
     said = result.to_dict()
-    brief = ("value", "low", "high", "identified")
-    tables = {"parameters": said["parameters"], **said["per_direction"]}
-    rows = {way: {n: {k: i[k] for k in brief} for n, i in t.items()} for way, t in tables.items()}
-    return {
-        "parameters": rows.pop("parameters"),
-        "per_direction": rows,
-        "unexplained_N": result.unexplained,
-        "trusted": result.trusted,
-    }
+    kept = {k: said[k] for k in ("parameters", "per_direction")}
+    return kept | {"unexplained_N": result.unexplained, "trusted": result.trusted}
 
 
 def draw(name: str, fit: Fit, points: Sequence[Point], runs: Sequence[Point]) -> None:

@@ -94,15 +94,9 @@ def fmpy(job: Job, output="x"):
     """Its own simulation of one FMU, as co-simulation or by its CVODE."""
     import fmpy
 
-    course = fmpy.simulate_fmu(
-        job["path"],
-        fmi_type=job.get("kind", "CoSimulation"),
-        stop_time=job["stop"],
-        step_size=job["step"],
-        output_interval=job["step"],
-        relative_tolerance=job.get("tolerance"),
-        output=[output],
-    )
+    how = {"fmi_type": job.get("kind", "CoSimulation"), "relative_tolerance": job.get("tolerance")}
+    how |= {"stop_time": job["stop"], "step_size": job["step"], "output_interval": job["step"]}
+    course = fmpy.simulate_fmu(job["path"], output=[output], **how)
     return course["time"], course[output]
 
 
@@ -215,14 +209,10 @@ def sofirpy(job: Job):
     for (a, y), (b, u) in job["connections"]:
         end = {"connect_to_system": a, "connect_to_external_parameter": y}
         wires[b].append({"parameter_name": u, **end})
-    table = simulate(
-        stop_time=job["stop"],
-        step_size=job["step"],
-        fmu_paths={n: Path(f) for n, f in job["fmus"].items()},
-        connections_config=wires if job["connections"] else None,
-        start_values=starts,
-        parameters_to_log={shown: ["x"]},
-    )
+    how = {"fmu_paths": {n: Path(f) for n, f in job["fmus"].items()}, "start_values": starts}
+    how |= {"connections_config": wires if job["connections"] else None}
+    how |= {"stop_time": job["stop"], "step_size": job["step"]}
+    table = simulate(parameters_to_log={shown: ["x"]}, **how)
     return table["time"], table[f"{shown}.x"]
 
 

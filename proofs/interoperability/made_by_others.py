@@ -21,17 +21,7 @@ from runner import Row, stored
 
 from ballscrew.cli import main as ballscrew
 from ballscrew.controllers.pid import simc
-from interoperability.tools import (
-    GRID,
-    HERE,
-    PACKAGES,
-    NotMade,
-    called,
-    judged,
-    not_made,
-    python_of,
-    reference,
-)
+from interoperability import tools
 
 ENVIRONMENTS = {
     "pythonfmu": ["pythonfmu==0.7.0"],
@@ -39,8 +29,8 @@ ENVIRONMENTS = {
     "qfmu": ["qfmu==0.2.9"],
     "pythonfmu3": ["pythonfmu3==0.3.4"],
     "unifmu": ["unifmu==0.0.3", "pyzmq==27.3.0", "setuptools<81"],  # it imports pkg_resources
-    "casadi": PACKAGES["casadi"],
-    "jaxonomy": PACKAGES["jaxonomy"],
+    "casadi": tools.PACKAGES["casadi"],
+    "jaxonomy": tools.PACKAGES["jaxonomy"],
 }
 KINDS = {
     "pid": "`pid` as a component",
@@ -68,17 +58,18 @@ def trial(quick: bool) -> list[Row]:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         gains = dict(zip(("Kp", "Ki", "Kd"), asdict(simc()).values(), strict=True))
-        (folder / "gains.json").write_text(json.dumps(gains), encoding="utf-8")
+        given = folder / "gains.json"
+        given.write_text(json.dumps(gains), encoding="utf-8")
         for name in ENVIRONMENTS:
             if quick and name == "jaxonomy":
                 continue
             target = folder / f"{name}.fmu"
             try:
-                python = python_of(name, ENVIRONMENTS[name])
-                called([python, HERE / "makers.py", name, folder / "gains.json", target])
+                python = tools.python_of(name, ENVIRONMENTS[name])
+                tools.called([python, tools.HERE / "makers.py", name, given, target])
                 fmus[name] = target
-            except NotMade as error:
-                rows += not_made(name, error, quick)
+            except tools.NotMade as error:
+                rows += tools.not_made(name, error, quick)
         return swapped(fmus, folder) + rows
 
 
@@ -95,17 +86,10 @@ def swapped(fmus: Mapping[str, Path], folder: Path) -> list[Row]:
         with (out / f"trajectory_{name}.csv").open(encoding="utf-8") as file:
             columns = list(csv.DictReader(file))
         time, x = (np.array([float(row[n]) for row in columns]) for n in ("time", "x"))
-        known = reference("pid")[np.rint(time / GRID).astype(int)]
-        rows.append(
-            {
-                "made_by": name,
-                "verdict": result["verdict"],
-                "estimate": result["error_estimate"].get("x"),
-                "error": float(np.abs(x - known).max()),
-                "coupling": result["coupling_reason"],
-                "end": float(time[-1]),
-            }
-        )
+        known = tools.reference("pid")[np.rint(time / tools.GRID).astype(int)]
+        row = {"made_by": name, "verdict": result["verdict"], "coupling": result["coupling_reason"]}
+        row |= {"estimate": result["error_estimate"].get("x"), "end": float(time[-1])}
+        rows.append(row | {"error": float(np.abs(x - known).max())})
     return rows
 
 
@@ -116,7 +100,7 @@ def good(row: Row) -> bool:
 
 
 def report(found: Sequence[list[Row]]) -> Row:
-    return judged(ENVIRONMENTS, found, good)
+    return tools.judged(ENVIRONMENTS, found, good)
 
 
 def says(report: Row) -> str:

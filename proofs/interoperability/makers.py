@@ -184,12 +184,8 @@ def pythonfmu(gains: Gains, scratch: Path, target: Path) -> None:
 
 def qfmu(gains: Gains, scratch: Path, target: Path) -> None:
     """A state-space model as C with Euler steps of 1e-5 s; u1, u2, u3 are x_d, x, v and y1 is u."""
-    matrices = {
-        "A": [[0.0]],
-        "B": [[1.0, -1.0, 0.0]],
-        "C": [[gains["Ki"]]],
-        "D": [[gains["Kp"], -gains["Kp"], -gains["Kd"]]],
-    }
+    through = [gains["Kp"], -gains["Kp"], -gains["Kd"]]
+    matrices = {"A": [[0.0]], "B": [[1.0, -1.0, 0.0]], "C": [[gains["Ki"]]], "D": [through]}
     options = [part for n, matrix in matrices.items() for part in (f"-{n}", json.dumps(matrix))]
     command = [Path(sys.executable).with_name("qfmu"), "ss", *options, "-dt", "1e-5", "-o", target]
     subprocess.run(command, cwd=scratch, check=True)

@@ -47,7 +47,14 @@ PACKAGES = {
     "sofirpy": ["sofirpy==1.0.2"],
     "jaxonomy": ["jaxonomy==3.4.1", "fmpy==0.3.32", "pythonfmu==0.7.0"],
 }
-QUICK = ("pathsim", "fmuloader", "fmucontainer", "fmpy", "libcosim", "ecos")
+QUICK = (
+    "pathsim",
+    "fmuloader",
+    "fmucontainer",
+    "fmpy",
+    "libcosim",
+    "ecos",
+)  # small
 FMPY = {"iol": {1e-6: 6.2e-7, 1e-8: 2.9e-8}, "nctf": {1e-6: 3.4e-9, 1e-8: 2.3e-10}}
 CVODES = {"iol": {1e-6: 1.7e-6, 1e-8: 1.3e-8}, "nctf": {1e-6: 1.9e-7, 1e-8: 1.4e-9}}
 REFERENCE_TOLERANCE, LONGEST = 1e-11, 20.0
@@ -98,11 +105,6 @@ class Job:
     allowed: float
     stop: float = 1.0
     more: Row = field(default_factory=dict)
-
-    @property
-    def quick(self) -> bool:
-        """Whether it is for continuous integration: with a small environment and within seconds."""
-        return self.tool in QUICK and self.controller == "iol" and self.stop == 1.0
 
 
 def jobs() -> Iterator[Job]:
@@ -160,16 +162,9 @@ def reference(controller: str) -> Vector:
     """Position of the block on a grid of `GRID` over 20 s [m]."""
     kernel = fmu_kernel(controller, "plant")
     model = Model(kernel)
-    course = solve_ivp(
-        model.derivatives,
-        (0.0, LONGEST),
-        model.x,
-        method="Radau",
-        jac=model.jacobian,
-        rtol=REFERENCE_TOLERANCE,
-        atol=REFERENCE_TOLERANCE * kernel.nominal,
-        t_eval=GRID * np.arange(round(LONGEST / GRID) + 1),
-    )
+    how = {"rtol": REFERENCE_TOLERANCE, "atol": REFERENCE_TOLERANCE * kernel.nominal}
+    how |= {"jac": model.jacobian, "t_eval": GRID * np.arange(round(LONGEST / GRID) + 1)}
+    course = solve_ivp(model.derivatives, (0.0, LONGEST), model.x, method="Radau", **how)
     if not course.success:
         raise RuntimeError(course.message)
     return np.asarray(course.y[[s.name for s in kernel.states].index("plant_x")])
@@ -194,8 +189,13 @@ def not_made(tool: str, error: NotMade, quick: bool) -> list[Row]:
     return [] if quick else [{"tool": tool, "not_made": str(error)}]
 
 
+def _is_quick(job: Job) -> bool:
+    """Whether it is for continuous integration: with a small environment and within seconds."""
+    return job.tool in QUICK and job.controller == "iol" and job.stop == 1.0
+
+
 def tasks(asked: Namespace) -> dict[str, tuple[str, list[Job], bool]]:
-    chosen = [j for j in jobs() if j.quick or not asked.quick]
+    chosen = [j for j in jobs() if not asked.quick or _is_quick(j)]
     tools = dict.fromkeys(j.tool for j in chosen)
     return {t: (t, [j for j in chosen if j.tool == t], asked.quick) for t in tools}
 

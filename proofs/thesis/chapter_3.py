@@ -16,18 +16,7 @@ from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.solver.stored import stored_kernel
 from ballscrew.stability.lyapunov import loop_order
 from thesis import printed as th
-from thesis.loops import (
-    SEEN,
-    end_of,
-    figures,
-    growth,
-    hats,
-    largest,
-    model_of,
-    scipy_end,
-    spectrum,
-    step,
-)
+from thesis.loops import end_of, figures, growth, hats, largest, model_of, scipy_end, spectrum, step
 from thesis.rows import Row, Section, near
 
 BELOW_ZERO = (-math.inf, -1e-9)
@@ -297,13 +286,17 @@ NCTF = Section(
 # -- 3.5.1 ---------------------------------------------------------------------------------
 
 
+def _figures(system: tuple[float, float], stop: float) -> Any:
+    return spectrum("iol", stop, **hats(system)).figures()
+
+
 def _exponent(system: tuple[float, float], stop: float, k: int) -> float:
     """The k-th exponent after `stop` seconds [bits/s]."""
-    return spectrum("iol", stop, **hats(system)).figures()["exponents_bits_per_s"][k]
+    return _figures(system, stop)["exponents_bits_per_s"][k]
 
 
 def _limit(k: int) -> float:
-    return spectrum("iol", th.STOP, **hats(th.SYSTEM_2)).figures()["asymptotic_bits_per_s"][k]
+    return _figures(th.SYSTEM_2, th.STOP)["asymptotic_bits_per_s"][k]
 
 
 def _passes() -> float:
@@ -312,14 +305,10 @@ def _passes() -> float:
     return float(time[1 + np.flatnonzero(grown[1:] / time[1:] < th.LARGEST_1)[-1]])
 
 
-def _trace(stop: float) -> float:
-    return spectrum("iol", stop, **hats(th.SYSTEM_2)).figures()["mean_trace_bits_per_s"]
-
-
 def swinging_neighbours(system: tuple[float, float]) -> float:
-    """Of nine loops that differ in the last bits, how many swing visibly by a loose RK45."""
+    """Of nine loops that differ in the last bits, how many swing by 10 um by a loose RK45."""
     near_it = [(system[0] * (1.0 + k * 1e-13), system[1]) for k in range(9)]
-    return float(sum(scipy_end(s, "RK45", 1e-3, 1e-6).swing > SEEN for s in near_it))
+    return float(sum(scipy_end(s, "RK45", 1e-3, 1e-6).swing > 1e-5 for s in near_it))
 
 
 ROUNDED = "The printed value is rounded from another percentage; this page uses the values."
@@ -381,7 +370,8 @@ PERTURBED = Section(
             for k, word in ((2, "third"), (3, "fourth"))
         ),
         near("3.5.1.2, Fig. 3.17", "sum of the four: the mean trace after 300 s [bits/s]",
-             sum(th.SPECTRUM_2), 0.26, partial(_trace, th.LONG),
+             sum(th.SPECTRUM_2), 0.26,
+             lambda: _figures(th.SYSTEM_2, th.LONG)["mean_trace_bits_per_s"],
              "While the block slides the bristles contract fast, which is a part of the sum. So "
              "either the transient was left out, or the fast direction was lost between two "
              "orthonormalizations. The next row is the sum at rest."),

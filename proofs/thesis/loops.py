@@ -21,7 +21,6 @@ from ballscrew.stability.lyapunov import LyapunovRun, loop_lyapunov, loop_maker,
 from thesis import printed as th
 
 SWING = 1e-6  # amplitude in the last two seconds below which the loop is at rest [m]
-SEEN = 1e-5  # the same for a reader of a picture of 8 cm [m]
 
 
 def hats(system: tuple[float, float]) -> dict[str, float]:
@@ -53,8 +52,7 @@ def spectrum(
 def model_of(
     controller: str, tolerance: float, setpoint: float = th.SETPOINT, **values: float
 ) -> Model:
-    loop = Loop(controller, reference=setpoint, controller_values=values)
-    return loop_maker(loop)(tolerance)
+    return loop_maker(Loop(controller, reference=setpoint, controller_values=values))(tolerance)
 
 
 @cache
@@ -112,15 +110,8 @@ def scipy_end(system: tuple[float, float], method: str, rtol: float, atol: float
 
     far.terminal = True  # type: ignore[attr-defined]
     with np.errstate(all="ignore"):
-        run = solve_ivp(
-            model.derivatives,
-            (0.0, th.STOP),
-            model.x.copy(),
-            method,
-            rtol=rtol,
-            atol=atol,
-            events=far,
-        )
+        told = {"method": method, "rtol": rtol, "atol": atol, "events": far}
+        run = solve_ivp(model.derivatives, (0.0, th.STOP), model.x.copy(), **told)
     if run.t[-1] < th.STOP:
         return End("diverges", math.inf, math.inf)
     swing = float(np.ptp(run.y[x][run.t >= th.STOP - 2.0])) / 2.0

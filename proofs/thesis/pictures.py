@@ -19,7 +19,6 @@ from scipy.integrate import solve_ivp
 from ballscrew.controllers.nctf import STEP_VOLTAGE, design
 from ballscrew.orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
 from ballscrew.plant.axis import axis
-from ballscrew.solver.files import write_atomically
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.solver.stored import stored_kernel
@@ -119,8 +118,7 @@ def nctf() -> Any:
     run = course("nctf", {}, 4.0, 4001)
     draw_position(position, run, "3.9")
     draw_voltage(voltage, run, "3.10", th.STEADY_NCTF)
-    later = run.time > 0.05
-    second = int(np.flatnonzero(later)[np.argmax(run.outputs["u"][later])])
+    second = int(np.argmax(np.where(run.time > 0.05, run.outputs["u"], -np.inf)))
     here = f"here {run.outputs['u'][second]:.1f} V at {run.time[second]:.2f} s"
     voltage.plot(run.time[second], run.outputs["u"][second], "o", color=COLOURS[1], label=here)
     said = f"thesis: second peak at about {th.SECOND_PEAK:g} s"
@@ -147,12 +145,16 @@ def draw_states(panels: Any, run: Any, figures: tuple[str, ...]) -> None:
         titled(axes, f"Fig. {figure}", "time [s]", label)
 
 
+def draw_rates(axes: Any, time: Any, rates: Any) -> None:
+    for k, rate in enumerate(rates.T):
+        axes.plot(time, rate, color=COLOURS[k], ls=DASHES[k], label=f"here $\\lambda_{k + 1}$")
+
+
 def draw_exponents(
     axes: Any, found: tuple[Any, Any], figure: str, printed: tuple[float, ...], said: str
 ) -> None:
     time, rates = found
-    for k, rate in enumerate(rates.T):
-        axes.plot(time, rate, color=COLOURS[k], ls=DASHES[k], label=f"here $\\lambda_{k + 1}$")
+    draw_rates(axes, time, rates)
     for value in printed:
         axes.axhline(value, color="black", lw=1, ls=":")
     axes.plot([], [], color="black", lw=1, ls=":", label=f"thesis: {said}")
@@ -186,10 +188,8 @@ def system_1() -> Any:
 def loose_course() -> Any:
     """System 2 by scipy's RK45 with its default relative tolerance and one of 1e-6 for all."""
     model = model_of("iol", 1e-8, **hats(th.SYSTEM_2))
-    return solve_ivp(
-        model.derivatives, (0.0, th.STOP), model.x.copy(), "RK45", rtol=1e-3, atol=1e-6,
-        t_eval=np.linspace(0.0, th.STOP, 20_001),
-    )  # fmt: skip
+    how = {"rtol": 1e-3, "atol": 1e-6, "t_eval": np.linspace(0.0, th.STOP, 20_001)}
+    return solve_ivp(model.derivatives, (0.0, th.STOP), model.x.copy(), "RK45", **how)
 
 
 def system_2() -> Any:
@@ -216,14 +216,7 @@ def system_2() -> Any:
     said = "{:g}, {:g},\n{:g}, {:g}".format(*th.SPECTRUM_2)
     draw_exponents(grid[1][2], found, "3.17", th.SPECTRUM_2, said)
     slow = grid[1][3]
-    for k in (0, 1):
-        slow.plot(
-            found[0],
-            found[1][:, k],
-            color=COLOURS[k],
-            ls=DASHES[k],
-            label=f"here $\\lambda_{k + 1}$",
-        )
+    draw_rates(slow, found[0], found[1][:, :2])
     for k, value in enumerate(th.SPECTRUM_2[:2]):
         slow.axhline(value, color="black", lw=1, ls=(":", "--")[k], label=f"thesis: {value:g}")
     slow.set_ylim(-1.0, 0.05)
@@ -281,18 +274,11 @@ PICTURES: dict[str, Callable[[], Any]] = {
 }
 
 
-def write(draw: Callable[[], Any], path: Path) -> None:
-    """Draw a picture and write it as PNG of 256 colours."""
-    with mpl.rc_context({**STYLE, "font.size": 10}):
-        drawn, packed = io.BytesIO(), io.BytesIO()
-        draw().savefig(drawn, format="png", dpi=100)
-    image = Image.open(drawn).convert("RGB")
-    image.quantize(256, dither=Image.Dither.NONE).save(packed, format="png", optimize=True)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, packed.getvalue())
-
-
 def save_all() -> None:
-    """Draw all figures."""
+    """Draw all figures as PNG of 256 colours: a third of the size."""
     for name, draw in PICTURES.items():
-        write(draw, FOLDER / f"{name}.png")
+        drawn = io.BytesIO()
+        with mpl.rc_context({**STYLE, "font.size": 10}):
+            draw().savefig(drawn, format="png", dpi=100)
+        image = Image.open(drawn).convert("RGB").quantize(256, dither=Image.Dither.NONE)
+        image.save(FOLDER / f"{name}.png", optimize=True)

@@ -22,30 +22,20 @@ class Row:
     def counted(self) -> bool:
         return self.printed != ""
 
-    @property
-    def excused(self) -> bool:
-        return self.counted and self.why != ""
-
     def agrees(self, here: float) -> bool:
         low, high = self.allowed
         return low <= here <= high
 
-    def verdict(self, here: float) -> str:
-        """Text of the last column."""
-        if self.counted:
-            return "agrees" if self.agrees(here) else "**differs**"
-        return "" if self.agrees(here) else "**our own check fails**"
-
     def told(self, label: str, here: float) -> str:
         """The row in one line."""
-        verdict = self.verdict(here).strip("*") or "not counted"
+        verdict = "agrees" if self.agrees(here) else "differs"
         words = f"{label} {self.where}: {self.says}: thesis {self.printed or '-'}"
         return f"{words}, here {here:.7g}: {verdict}"
 
 
 @dataclass(frozen=True)
 class Section:
-    """Rows of one section; they are called by its letter and a number."""
+    """Rows of one section, called by its letter and a number."""
 
     letter: str
     rows: tuple[Row, ...]
@@ -55,12 +45,7 @@ class Section:
 
 
 def near(
-    where: str,
-    says: str,
-    printed: float,
-    within: float,
-    here: Callable[[], float],
-    why: str = "",
+    where: str, says: str, printed: float, within: float, here: Callable[[], float], why: str = ""
 ) -> Row:
     """A row with a printed number, and the largest difference from it."""
     return Row(where, says, printed, here, (printed - within, printed + within), why)

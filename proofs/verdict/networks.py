@@ -283,13 +283,11 @@ def tamed(network: Network) -> Network | None:
 def columns(network: Network, run: Any) -> tuple[list[int], Vector]:
     """Block of each recorded column, and the columns, shape (times, columns)."""
     plant = network.plant()
-    found = [(plant, course) for course in run.outputs.values()]
-    found += [
-        (int(network.wires[plant, INPUTS.index(name)]), course)
-        for name, course in run.commands.items()
-    ]
-    found += [(int(name.partition(".")[0][1:]), course) for name, course in run.others.items()]
-    return [k for k, _ in found], np.column_stack([course for _, course in found])
+    found = [plant] * len(run.outputs)
+    found += [int(network.wires[plant, INPUTS.index(name)]) for name in run.commands]
+    found += [int(name.partition(".")[0][1:]) for name in run.others]
+    courses = (run.outputs, run.commands, run.others)
+    return found, np.column_stack([course for some in courses for course in some.values()])
 
 
 def outcome(seed: int, fmus: dict[str, Path]) -> Row:

@@ -51,15 +51,14 @@ def mass(driven: bool, rubs: bool = False) -> bs.Component:
     damping = 0 if rubs else bs.symbol("c") * v
     force = (q if driven else u) + shaken - bs.symbol("k") * x - damping
     terms = bs.ForceTerm("applied", force, "all but dry friction"), *((classical(v),) * rubs)
-    drive = (
-        (bs.State("q", "N", "force of the drive", (u - q) / bs.symbol("lag")),) if driven else ()
-    )
+    states = bs.State("x", "m", "position", v), bs.State("v", "m/s", "velocity")
+    drive = bs.State("q", "N", "force of the drive", (u - q) / bs.symbol("lag"))
     return bs.Component(
         f"{'rubbing' if rubs else 'free'}{'_driven' if driven else ''}",
         "a mass on a spring",
         parameters=_parameters(**dict.fromkeys(names, 1.0)),
         inputs=(bs.Input("u", "N", "command", law=OUTPUTS),),
-        states=(bs.State("x", "m", "position", v), bs.State("v", "m/s", "velocity"), *drive),
+        states=(*states, drive) if driven else states,
         outputs=(bs.Output("x", "m", "position", x), bs.Output("v", "m/s", "velocity", v)),
         balances=(bs.ForceBalance("v", bs.symbol("m"), terms),),
     )
@@ -109,9 +108,8 @@ def pid(filtered: bool) -> bs.Component:
     speed = (x - bs.symbol("d")) / bs.symbol("filter") if filtered else v
     slow = (bs.State("d", "m", "filtered position", speed),) if filtered else ()
     gains = _parameters(Kp=1.0, Ki=0.0, Kd=1.0, **({"filter": 1.0} if filtered else {}))
-    command = (
-        bs.symbol("Kp") * (goal - x) + bs.symbol("Ki") * bs.symbol("w") - bs.symbol("Kd") * speed
-    )
+    Kp, Ki, Kd, w = (bs.symbol(name) for name in ("Kp", "Ki", "Kd", "w"))
+    command = Kp * (goal - x) + Ki * w - Kd * speed
     return bs.Component(
         "pid_filtered" if filtered else "pid",
         "PID",
@@ -137,16 +135,10 @@ def relay(rests: bool) -> bs.Component:
             "push": ((seen - zone, -1, "rest"),),
             "pull": ((seen + zone, 1, "rest"),),
         }
-    modes = tuple(
-        bs.Mode(
-            name,
-            outputs={"u": forces[name]},
-            events=tuple(
-                bs.Event(f"{name}_{to}", at, direction=d, next_mode=to) for at, d, to in all_
-            ),
-        )
-        for name, all_ in switches.items()
-    )
+    modes = []
+    for name, ends in switches.items():
+        events = (bs.Event(f"{name}_{to}", at, direction=d, next_mode=to) for at, d, to in ends)
+        modes.append(bs.Mode(name, outputs={"u": forces[name]}, events=tuple(events)))
     return bs.Component(
         "relay_resting" if rests else "relay",
         "a relay with hysteresis",
@@ -161,11 +153,9 @@ def relay(rests: bool) -> bs.Component:
 def sampled(quantized: bool) -> bs.Component:
     """A PID with the backward difference of the position; PI and PD have gains of zero."""
     period = bs.symbol("sample_time")
-    seen = (
-        sp.floor(x / bs.symbol("count") + sp.Rational(1, 2)) * bs.symbol("count")
-        if quantized
-        else x
-    )
+    seen, count = x, bs.symbol("count")
+    if quantized:
+        seen = sp.floor(x / count + sp.Rational(1, 2)) * count
     total = bs.symbol("w") + period * (goal - seen)
     speed = (seen - bs.symbol("x_last")) / period
     command = bs.symbol("Kp") * (goal - seen) + bs.symbol("Ki") * total - bs.symbol("Kd") * speed

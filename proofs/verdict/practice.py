@@ -136,9 +136,8 @@ def report(rows: Sequence[tuple[str, str, dict[str, Any]]]) -> dict[str, Any]:
     for what, name, found in rows:
         if name:
             limits.setdefault(name, {})[what] = found
-    maps = {what: found for what, name, found in rows if not name}
-    told = {"set_point_m": GOAL, "band": BAND, "within_s": SETTLED}
-    return {**told, "limits": limits, "maps": maps}
+    told = {"set_point_m": GOAL, "band": BAND, "within_s": SETTLED, "limits": limits}
+    return told | {"maps": {what: found for what, name, found in rows if not name}}
 
 
 def says(report: dict[str, Any]) -> str:

@@ -53,27 +53,17 @@ def trial(seed: int) -> Row:
         work = studies.Work.of(replace(PLAN, seed=seed), Path(folder), Processes(1))
         errors = work.figures(work.tunings())["rms_error"][:, :, 0]
     equal = compare(errors[0], errors[1])
-    return {
-        "seed": seed,
-        "ratio": equal.ratio,
-        "low": equal.low,
-        "high": equal.high,
-        "equal_told_apart": equal.told_apart,
-        "worse_told_apart": compare(WORSE * errors[0], errors[1]).told_apart,
-    }
+    row = {"seed": seed, "ratio": equal.ratio, "low": equal.low, "high": equal.high}
+    worse = compare(WORSE * errors[0], errors[1])
+    return row | {"equal_told_apart": equal.told_apart, "worse_told_apart": worse.told_apart}
 
 
 def report(rows: Sequence[Row]) -> Row:
     count, wrong = len(rows), [r for r in rows if r["equal_told_apart"]]
     right = sum(r["worse_told_apart"] for r in rows)
     most, least = upper(len(wrong), count), lower(right, count)
-    summary = {
-        "studies": count,
-        "equal_called_different": len(wrong),
-        "equal_called_different_upper_95": most,
-        "worse_told_apart": right,
-        "worse_told_apart_lower_95": least,
-    }
+    summary = {"studies": count, "equal_called_different": len(wrong), "worse_told_apart": right}
+    summary |= {"equal_called_different_upper_95": most, "worse_told_apart_lower_95": least}
     return {
         "seeds": [rows[0]["seed"], rows[-1]["seed"] + 1],
         "summary": summary,
