@@ -24,14 +24,12 @@ from .model import Drive
 from .motion import Course, read_anew
 from .windows import averaged, windows
 
-BLOCKS = 5
-"""Number of blocks, held out one at a time; with more records than this, one per record."""
+BLOCKS = 5  # number of blocks, held out one at a time; with more records than this, one per record
 
 EDGES = (0.0, 0.5, 2.0, 8.0, 32.0, 128.0, 512.0, np.inf)
 """Edges of the bands [Hz]: two octaves each; machine noise is nearly constant within that."""
 
-TAPER = 0.1
-"""Share of a block in the cosine ends of a Tukey window."""
+TAPER = 0.1  # share of a block in the cosine ends of a Tukey window
 
 OF_CUT_OFF = 0.35
 """Share of a position filter's cut-off up to which the filter does not change the signal."""

@@ -18,14 +18,12 @@ from ..records.record import Record
 from .balance import AROUND_REST, Added, balance, check_motion, noise_of_readings, residual, rms
 from .causes import CAUSES
 from .compared import ALL, Blocks, Compared, Estimate, Gain, Left, Traces
-from .corrected import PARTING
+from .corrected import NOT_PREDICTED, PARTING, Causes, Predictor, ends_of_seconds
 from .model import Drive, commanded, compiled, drive_of
 from .motion import Course, jumps_of, lay_along, recalibrated, shaken, with_law_force
-from .predicted import NotPredicted, Predictor, ends_of_seconds
 from .windows import at_samples, averaged
 
 Courses = Sequence[Course]
-Causes = Mapping[str, Mapping[str, float]]
 
 _GAINS = (("adjusted", "prior"), ("corrected", "prior"), ("corrected", "adjusted"))
 _SLOWEST = 1e-5  # speed just above rest, at which stiction is computed [m/s]
@@ -97,16 +95,17 @@ def _found(
     ]
     rests = np.concatenate([c.rests for c in courses])
     force = np.where(rests, np.concatenate(beyond), left.force)
-    predictor, random, why = Predictor(model, built), np.random.default_rng(0), ""
+    random, why = np.random.default_rng(0), ""
     predicted, again = np.full((2, len(force)), np.nan)
     readings = [(predicted, courses)]
     if lowest:
         readings.append((again, [shaken(c, random) for c in courses]))
     try:
+        predictor = Predictor(model, built)
         for out, them in readings:
             along = zip(them, added.command, strict=True)
             out[:] = np.concatenate([predictor(c, u) for c, u in along])
-    except NotPredicted as error:
+    except NOT_PREDICTED as error:
         why = str(error)
     noise = again - predicted
     return _Found(force, np.concatenate(required), left.telling, predicted, noise, why)

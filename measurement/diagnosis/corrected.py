@@ -1,11 +1,13 @@
-"""The plant with the causes of a diagnosis as a component, and its parameter file."""
+"""The plant with the causes of a diagnosis: component, parameter file, predicted position."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
+import numpy as np
 import sympy as sp
 
 from ...orchestration.loop.parameter_file import Diagnosed, ParameterFile, Value
@@ -14,17 +16,22 @@ from ...plant.direct_drive import with_command_limit
 from ...plant.instruments.amplifier import PARAMETERS as AMPLIFIER
 from ...plant.instruments.amplifier import with_amplifier
 from ...plant.rotary_drive import turned
+from ...solver.arrays import Matrix, Vector
+from ...solver.codegen import generate
 from ...solver.component import Component, Parameter, symbol
 from ...solver.errors import ContractError
+from ...solver.kernel import IntegrationError, Model
 from ..identification.fitted_law import LAWS
 from .causes import CAUSES
 from .causes.reversals import BRISTLES, bristled
 from .diagnosis import Diagnosis
 from .model import Drive, curve_of
+from .motion import Course
 
 PRIOR = "prior value, adjusted to measured data"
 FOUND = "found in measured data"
 
+Causes = Mapping[str, Mapping[str, float]]
 _Number = TypeVar("_Number")
 
 # Order of causes: first forces, while there is one body that cannot stick; then joints that divide
@@ -183,3 +190,109 @@ def corrected(
             causes=found,
         ),
     ).turning()
+
+
+# -- the predicted position --------------------------------------------------------------------
+
+_AHEAD = 1.0  # time over which a position is predicted from a known state [s]
+_TOLERANCE = 1e-6
+_BESIDE = {"xb": "x", "vb": "v", "xl": "x", "vl": "v"}  # initial states from the encoder's side
+
+NOT_PREDICTED = (ContractError, IntegrationError)
+"""Errors by which no position can be predicted; the message says why."""
+
+
+class Predictor:
+    """The equations of a drive with causes, to predict the motion of a record.
+
+    The method is the same for every law: the package's solver solves the component under the
+    recorded command. The causes have none in the command, which changes the command instead. `like`
+    is a predictor of a drive with the same causes and other values, whose equations are used.
+    Raises one of `NOT_PREDICTED`.
+    """
+
+    def __init__(self, drive: Drive, causes: Causes, like: Predictor | None = None) -> None:
+        plant = with_causes(drive, list(causes.items()))
+        self._values = {p.name: p.default for p in plant.all_parameters}
+        self._kernel = like._kernel if like else generate(plant)
+        if like is None:
+            self._kernel.compile()
+        self._names = [s.name for s in self._kernel.states]
+        self._measured = [self._names.index("x"), self._names.index("v")]
+
+    def __call__(
+        self,
+        course: Course,
+        change: Vector,
+        seconds: Sequence[tuple[int, int]] | None = None,
+        states: Matrix | None = None,
+    ) -> Vector:
+        """Position from the recorded state at the start of each second, shape (n,) [m].
+
+        `change` is that of the command by causes in the command, shape (n,). Only the `seconds`,
+        (first, end), are predicted if they are given; other samples are NaN. `states` are those of
+        `states`, if they are known already. Raises one of `NOT_PREDICTED`.
+        """
+        if states is None:
+            states = self.states(course, change)
+        if seconds is None:
+            seconds = list(itertools.pairwise(ends_of_seconds([course])))
+        model, command = self._along(course, change)
+        out = np.full(len(course.x), np.nan)
+        for first, last in seconds:
+            model.x[:] = states[first]
+            model.x[self._measured] = course.x[first], course.v[first]
+            _let_go(model)
+            now = command[first:last, None]
+            given = np.vstack([now[:1], now[:-1]]), now
+            out[first:last] = model.simulate(course.time[first:last], given).states["x"]
+        return out
+
+    def states(self, course: Course, change: Vector) -> Matrix:
+        """The component's state at each sample, shape (n, states); arguments as in a call.
+
+        States that are not recorded (bristles, the current, a block behind a joint) come from
+        solving it from sample to sample, with its position and velocity reset to the recorded ones
+        at each. At rest, the bristles then balance the force of the command.
+        """
+        model, command = self._along(course, change)
+        for name, encoder in _BESIDE.items():
+            if name in self._names:
+                model.x[self._names.index(name)] = getattr(course, encoder)[0]
+        motion, measured = np.column_stack([course.x, course.v]), self._measured
+        states, time = np.empty((len(motion), len(self._names))), course.time.tolist()
+        if len(self._names) == len(measured):
+            states[:, measured] = motion
+            return states
+        for k, t in enumerate(time):
+            model.x[measured] = motion[k]
+            states[k] = model.x
+            if k + 1 < len(motion):
+                _let_go(model)
+                model.u[0] = command[k]
+                model.advance(t, time[k + 1])
+        return states
+
+    def _along(self, course: Course, change: Vector) -> tuple[Model, Vector]:
+        """The equations with the values of this record, and its command."""
+        values = dict(self._values)
+        if course.offset_name:
+            values["offset"] += course.own_offset
+        command = course.u + course.calibration["command_shift"] * course.next_change + change
+        return Model(self._kernel, values, tolerance=_TOLERANCE), command
+
+
+def _let_go(model: Model) -> None:
+    """Set the first mode, so that velocity and forces decide again whether the body sticks."""
+    if model.kernel.modes:
+        model.u[-1] = 0.0
+
+
+def ends_of_seconds(courses: Sequence[Course]) -> list[int]:
+    """Ends of the seconds over which positions are predicted, among all samples."""
+    ends = [0]
+    for c in courses:
+        start, n = ends[-1], len(c.x)
+        every = max(2, min(round(_AHEAD / c.step), n))
+        ends += [start + k for k in (*range(every, n, every), n)]
+    return ends

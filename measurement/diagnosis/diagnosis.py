@@ -15,7 +15,7 @@ from scipy.stats import t as student
 from ...solver.arrays import Mask, Vector
 from ...solver.files import write_json
 from .causes import CAUSES, EVERY
-from .causes.values import CURRENT_GAIN
+from .causes.command import CURRENT_GAIN
 from .experiment import NextExperiment
 from .fit import Study
 from .model import Drive
@@ -23,8 +23,7 @@ from .rule import Explained
 from .scores import Hypothesis, own_columns
 
 Verdict = Literal["none", "explained", "partly", "unexplained", "undecided"]
-ANSWERED = ("none", "explained")
-"""Verdicts with exit code 0; with the others it is 1."""
+ANSWERED = ("none", "explained")  # verdicts with exit code 0; with the others it is 1
 
 _EXACT = 0.04  # smallest relative error of a size: laws and shapes are not exact
 _OUTSIDE = (

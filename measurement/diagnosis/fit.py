@@ -33,8 +33,7 @@ from .motion import (
 )
 from .windows import at_samples
 
-FREEDOM = 4.0
-"""Degrees of freedom of Student's distribution, as usual for noise with outliers."""
+FREEDOM = 4.0  # degrees of freedom of Student's distribution, as usual for noise with outliers
 
 COARSE = 100.0
 """Count of a block's band beyond which more numbers add little information, because a model is not

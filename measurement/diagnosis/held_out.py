@@ -10,21 +10,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...solver.arrays import Vector
+from ...solver.errors import ContractError
 from .balance import Residual, noise_of_readings, residual, rms
 from .bands import EDGES
 from .causes.cause import Form
+from .corrected import NOT_PREDICTED, Predictor, ends_of_seconds
 from .diagnosis import Level
 from .fit import Study
 from .model import Drive
 from .motion import Course, shaken
-from .predicted import NotPredicted, Predictor, ends_of_seconds
 from .rule import NOISE, Explained, built, own_amplitudes
 from .windows import at_samples
 
-AT_FLOOR = 2.0
-"""A residual above this multiple of the noise has more than noise in it."""
-TELLS = 0.2
-"""Share of the friction: records that hide a larger fault decide nothing."""
+AT_FLOOR = 2.0  # A residual above this multiple of the noise has more than noise in it
+TELLS = 0.2  # share of the friction: records that hide a larger fault decide nothing
 _LAPS = range(3, 7)  # numbers of laps of one motion for which repetition is used
 _SAME = 1e-3  # largest difference of laps, as a share of the motion's mean square
 _SHORTEST_LAP = 1.0  # s
@@ -106,7 +105,7 @@ def _positions(found: Explained, as_read: Sequence[Course]) -> tuple[dict[str, V
         out["all"] = out["none"]
         if found.forms:
             out["all"], out["noise"] = _ahead_on_blocks(found, found.forms)
-    except NotPredicted as error:
+    except NOT_PREDICTED as error:
         why = str(error)
         if found.forms:
             out["all"] = out["noise"] = np.full(len(x), np.nan)
@@ -159,7 +158,7 @@ def _in_plant(
         if form.force is None:
             continue
         if form.command is not None:
-            raise NotPredicted(f"the recorded position itself is corrected by {form.name}")
+            raise ContractError(f"the recorded position itself is corrected by {form.name}")
         own = dict(form.values)
         for name, size in zip(form.amplitudes, mine.tolist(), strict=True):
             name, _, number = name.partition(".")

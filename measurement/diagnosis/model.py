@@ -28,8 +28,7 @@ from ..identification.fitted_law import BRISTLES, LAWS
 from ..identification.law_along_record import LawValues, mean_friction_along
 from ..records.record import CURRENT, FORCE, TORQUE, VOLTAGE, Record
 
-TOLERANCE = 0.03
-"""Relative tolerance of a value without a given tolerance."""
+TOLERANCE = 0.03  # relative tolerance of a value without a given tolerance
 BEND = ("dF_low", "V_mismatch")  # bend of friction at low speed, N and m/s; see stribeck_mismatch
 _PLANTS = {BALL_SCREW: bare_ball_screw, DRIVE: bare_direct_drive}
 _NEVER_ADJUSTED = ("L", "p", "Kv", "offset")

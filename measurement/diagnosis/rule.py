@@ -25,17 +25,13 @@ from .model import Drive
 from .motion import Course, recalibrated
 from .scores import Catalogue, Gain, Hypothesis, gain_of, scored, smaller_by
 
-SCORE = 100.0
-"""Least score of what is found [nats]."""
+SCORE = 100.0  # least score of what is found [nats]
 
-SHARE = 0.05
-"""Least share of the squares that it removes."""
+SHARE = 0.05  # least share of the squares that it removes
 
-NEAR = 0.8
-"""Least score of a member of the set, as a share of the best one."""
+NEAR = 0.8  # least score of a member of the set, as a share of the best one
 
-NOISE = 20.0
-"""Scores up to this are noise [nats]."""
+NOISE = 20.0  # scores up to this are noise [nats]
 
 _MOST = 4  # causes built in
 

@@ -3,15 +3,30 @@
 from __future__ import annotations
 
 from .cause import Cause
-from .command import INPUT_DELAY, SCALE_OF_U, SIGN_OF_U, TIME_SHIFT, VOLTAGE_SATURATION
-from .in_time import FRICTION_DRIFT, RESISTANCE_DRIFT
+from .command import (
+    INPUT_DELAY,
+    PARAMETER_ERROR,
+    SCALE_OF_I,
+    SCALE_OF_U,
+    SCALE_OF_X,
+    SIGN_OF_U,
+    SIGN_OF_X,
+    TIME_SHIFT,
+    UNMODELLED_INERTIA,
+    VOLTAGE_SATURATION,
+)
+from .friction import (
+    DIRECTION_ASYMMETRY,
+    FRICTION_DRIFT,
+    LOAD_BIAS,
+    NONLINEAR_VISCOUS,
+    RESISTANCE_DRIFT,
+    STRIBECK_MISMATCH,
+)
 from .reversals import BACKLASH, COMPLIANCE, PRESLIDING_HYSTERESIS
-from .speed import DIRECTION_ASYMMETRY, LOAD_BIAS, NONLINEAR_VISCOUS, STRIBECK_MISMATCH
 from .travel import POSITION_PERIODIC_FRICTION, POSITION_TREND_FRICTION, TORQUE_RIPPLE
-from .values import PARAMETER_ERROR, SCALE_OF_I, SCALE_OF_X, SIGN_OF_X, UNMODELLED_INERTIA
 
-OUTSIDE = "outside the catalogue"
-"""Name of a free curve."""
+OUTSIDE = "outside the catalogue"  # name of a free curve
 
 
 def _named(*causes: Cause) -> dict[str, Cause]:

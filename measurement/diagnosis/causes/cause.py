@@ -15,11 +15,9 @@ from ....solver.component import Component, ForceTerm, Parameter, symbol
 from ..model import Drive, compiled
 from ..motion import Course
 
-FRICTION = symbol("friction")
-"""The total friction force of the prior law, opposing motion [N]."""
+FRICTION = symbol("friction")  # the total friction force of the prior law, opposing motion [N]
 
-DRY = symbol("dry_friction")
-"""The same without the part proportional to velocity [N]."""
+DRY = symbol("dry_friction")  # the same without the part proportional to velocity [N]
 
 ENGAGED = symbol("engaged")
 """Friction since a reversal as a share of sliding friction, with its sign, -1 to 1."""
@@ -27,8 +25,7 @@ ENGAGED = symbol("engaged")
 RELAXATION = symbol("relaxation_time")
 """Time by which bristle damping leads deflection, sigma1/sigma0; 0 without bristles [s]."""
 
-ACTING = symbol("acting")
-"""Force of the motor or drive on the moving bodies [N]."""
+ACTING = symbol("acting")  # force of the motor or drive on the moving bodies [N]
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,9 @@ import pytest
 from diagnosed import NOMINAL
 
 from ballscrew.measurement.diagnosis.compare import compare_records
-from ballscrew.measurement.diagnosis.corrected import with_causes
+from ballscrew.measurement.diagnosis.corrected import Predictor, with_causes
 from ballscrew.measurement.diagnosis.model import Drive
 from ballscrew.measurement.diagnosis.motion import lay_along
-from ballscrew.measurement.diagnosis.predicted import Predictor
 from ballscrew.measurement.records.reading import check_record
 from ballscrew.orchestration.loop.parameter_file import DRIVE, Diagnosed, ParameterFile, Value
 from ballscrew.plant import LAWS
