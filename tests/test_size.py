@@ -23,12 +23,12 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (2779, 2276),
     "ballscrew": (3499, 2889),
     "gallery": (2730, 2356),
-    "measurement": (10985, 9637),
+    "measurement": (10968, 9627),
     "proofs": (7330, 6644),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21954, 20955),
+    "tests": (21953, 20954),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

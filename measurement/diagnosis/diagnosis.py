@@ -145,7 +145,7 @@ class Diagnosis:
         """Write ``diagnosis.json`` and the commands of the next experiment; see `write_json`."""
         write_json(folder / "diagnosis.json", self.to_dict())
         if self.next_experiment is not None:
-            self.next_experiment.motion.save(folder)
+            self.next_experiment.save(folder)
 
 
 _APART = ("prior", "adjusted", "corrected", "command", "command_shift", "curves")

@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,8 +43,7 @@ _SLOW = ("friction_drift", "resistance_drift")
 _LONGER = 3.0  # length over that of the records, if a suspect is slow
 
 
-@dataclass(frozen=True)
-class Reach:
+class Reach(NamedTuple):
     """Range of a machine, as its records show it."""
 
     low: float  # ends of the travel [m]
@@ -54,19 +53,6 @@ class Reach:
     command: float  # largest magnitude, in its unit
     step: float  # sampling interval [s]
     lasts: float  # longest record [s]
-
-    def fastest_and_hardest(self, model: Drive) -> tuple[float, float]:
-        """Used speed [m/s] and acceleration [m/s^2], for which the command has force by a model."""
-        static = [abs(model.values[n]) for n in ("Fs", "Fs_pos", "Fs_neg") if n in model.values]
-        spare = _USED * abs(model.per_command) * self.command
-        spare -= max([model.friction_scale, *static])  # of slow motion, break-away included
-        spare -= 0.0 if model.has_motor else abs(model.values["offset"])
-        fastest = _USED * self.speed
-        if spare > 0.0 and model.damping > 0.0:
-            fastest = min(fastest, _AT_SPEED * spare / model.damping)
-        hardest = _HEADROOM * (spare - model.damping * fastest) / model.inertia
-        recorded = self.acceleration
-        return fastest, min(recorded, hardest) if hardest > 0.0 else 0.5 * recorded
 
 
 def reach_of(courses: Sequence[Course]) -> Reach:
@@ -82,36 +68,31 @@ def reach_of(courses: Sequence[Course]) -> Reach:
     )
 
 
-@dataclass(frozen=True)
-class Motion:
-    """The motion to command, from rest to rest, and the signals to record."""
+def fastest_and_hardest(reach: Reach, model: Drive) -> tuple[float, float]:
+    """Used speed [m/s] and acceleration [m/s^2], for which the command has force by a model."""
+    static = [abs(model.values[n]) for n in ("Fs", "Fs_pos", "Fs_neg") if n in model.values]
+    spare = _USED * abs(model.per_command) * reach.command
+    spare -= max([model.friction_scale, *static])  # of slow motion, break-away included
+    spare -= 0.0 if model.has_motor else abs(model.values["offset"])
+    fastest = _USED * reach.speed
+    if spare > 0.0 and model.damping > 0.0:
+        fastest = min(fastest, _AT_SPEED * spare / model.damping)
+    hardest = _HEADROOM * (spare - model.damping * fastest) / model.inertia
+    return fastest, min(reach.acceleration, hardest) if hardest > 0.0 else 0.5 * reach.acceleration
 
-    says: str  # description with numbers, as a clause
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """The purpose of the next experiment, and the motion to command, from rest to rest."""
+
+    says: str
+    motion: dict[str, Any]  # as in `diagnosis.json`
     time: Vector  # rows of the command file [s]
     values: Vector  # reference position of the controller [m]
-    speeds: tuple[float, float]  # largest, of the motion over the travel and of the oscillation
-    record: tuple[str, ...]  # columns, with our names
-    sampling: float  # largest sampling interval of the record [s]
-
-    @property
-    def duration(self) -> float:
-        """Duration [s]."""
-        return float(self.time[-1])
 
     def to_dict(self) -> dict[str, Any]:
         """Its content in `diagnosis.json`."""
-        return {
-            "kind": "travel with reversals",
-            "says": self.says,
-            "reference": "x_d",
-            "amplitude": 0.5 * float(np.ptp(self.values)),
-            "speeds_m_per_s": list(self.speeds),
-            "start": float(self.values[0]),
-            "duration_s": self.duration,
-            "record": list(self.record),
-            "sampling_s": self.sampling,
-            "file": COMMAND_FILE,
-        }
+        return {"says": self.says, "motion": self.motion}
 
     def save(self, folder: Path) -> None:
         """Write ``next_experiment.csv``: ``time`` [s] and ``x_d`` [m]; an OSError says why not."""
@@ -120,21 +101,16 @@ class Motion:
         write_atomically(folder / COMMAND_FILE, stream.getvalue().encode())
 
 
-def survey(reach: Reach, model: Drive, lasts: float) -> Motion:
+def survey(says: str, reach: Reach, model: Drive, lasts: float) -> NextExperiment:
     """Return the motion over the travel, with an oscillation at all positions.
 
-    Parameters
-    ----------
-    reach : Reach
-    model : Drive
-        Gives friction and the force of the command, as far as known.
-    lasts : float
-        Duration [s]; a minimum applies. A longer record has coarser windows, so use the length of
-        the present records to resolve effects of milliseconds equally well.
+    It lasts `lasts` [s]; a minimum applies. A longer record has coarser windows, so the length of
+    the present records resolves effects of milliseconds equally well. The model gives friction and
+    the force of the command.
     """
     rows = max(reach.step, _ROWS)
     way = (1.0 - 2.0 * _MARGIN) * (reach.high - reach.low)
-    fastest, hardest = reach.fastest_and_hardest(model)
+    fastest, hardest = fastest_and_hardest(reach, model)
     hardest *= _HARDNESS
     lasts = max(lasts, _SHORTEST)
     over = min(_OVER * way, _GOING * fastest * lasts / (2 * math.pi))
@@ -151,24 +127,28 @@ def survey(reach: Reach, model: Drive, lasts: float) -> Motion:
     x += 0.5 * (reach.low + reach.high)
     values = np.concatenate([np.full(max(round(_REST / rows), 1), x[0]), x])
     time = np.asarray(rows * np.arange(len(values)), dtype=float)
-    record = ("time", "u", "x", *(("i",) if model.has_motor else ()))
+    record = ["time", "u", "x", *(["i"] if model.has_motor else [])]
     start, low, high = (f"{1e3 * float(p):.3g} mm" for p in (x[0], values.min(), values.max()))
     quick, slow = (f"{r / (2 * math.pi):.3g} Hz" for r in (rate, rate / _SLOWER))
-    says = (
+    course = (
         f"forwards and backwards over {2e3 * over:.3g} mm and in addition forwards and backwards "
         f"by up to {2e3 * swing:.3g} mm, at {quick} and {slow} alternately; from x = {start}, "
         f"between {low} and {high}, {time[-1]:.3g} s; record {', '.join(record)} every "
         f"{1e3 * reach.step:.3g} ms or faster"
     )
-    return Motion(says, time, values, (going, swing * rate), record, reach.step)
-
-
-@dataclass(frozen=True)
-class NextExperiment:
-    """The purpose of the next experiment, and the motion of the machine."""
-
-    says: str
-    motion: Motion
+    motion = {
+        "kind": "travel with reversals",
+        "says": course,
+        "reference": "x_d",
+        "amplitude": 0.5 * float(np.ptp(values)),
+        "speeds_m_per_s": [going, swing * rate],
+        "start": float(values[0]),
+        "duration_s": float(time[-1]),
+        "record": record,
+        "sampling_s": reach.step,
+        "file": COMMAND_FILE,
+    }
+    return NextExperiment(says, motion, time, values)
 
 
 def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
@@ -190,4 +170,4 @@ def next_experiment(found: Explained, quiet: bool) -> NextExperiment:
             f"these records cannot distinguish {names[0]} from {' or '.join(names[1:])}; "
             f"what would confirm {names[0]}: {EVERY[names[0]].confirm}"
         )
-    return NextExperiment(says, survey(reach, found.study.model, longer * reach.lasts))
+    return survey(says, reach, found.study.model, longer * reach.lasts)

@@ -178,7 +178,7 @@ def _causes(d: Diagnosis) -> Iterator[Table]:
 
 def _next_experiment(d: Diagnosis) -> Iterator[Table]:
     if d.next_experiment:
-        rows = [("motion", d.next_experiment.motion.says), ("commands", COMMAND_FILE)]
+        rows = [("motion", d.next_experiment.motion["says"]), ("commands", COMMAND_FILE)]
         text = d.next_experiment.says
         yield Table("Do next", ("", ""), rows, says=f"{text[:1].upper()}{text[1:]}.")
 

@@ -1,7 +1,6 @@
 """The next experiment: its motion by hand, within what the machine did, and what is said of it."""
 
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -50,9 +49,9 @@ REACH = Reach(-0.1, 0.3, 0.5, 2.0, 20.0, 2e-3, 20.0)
 def test_the_motion_is_as_fast_and_hard_as_the_machine_can_be(
     machine, model, going, swinging, rate
 ):
-    reach = replace(REACH, **machine)
-    motion = survey(reach, Drive("drive", "classical", VALUES | model, {}), 20.0)
-    assert motion.speeds == pytest.approx((going, swinging), rel=1e-4)
+    reach = REACH._replace(**machine)
+    motion = survey("why", reach, Drive("drive", "classical", VALUES | model, {}), 20.0)
+    assert motion.motion["speeds_m_per_s"] == pytest.approx([going, swinging], rel=1e-4)
     over, swing = going * 20.0 / (2 * math.pi), swinging / rate
     # from the middle less the slow motion's amplitude, after a rest; quick lobes, then slow ones
     rest = int(np.searchsorted(motion.time, 0.099999))
@@ -64,21 +63,21 @@ def test_the_motion_is_as_fast_and_hard_as_the_machine_can_be(
         swung *= swing * math.sin(6 * math.pi * t / 20.0) ** 2
         x = 0.1 - over * math.cos(2 * math.pi * t / 20.0) + swung
         assert motion.values[k] == pytest.approx(x, abs=1e-4 * over)
-    assert motion.duration == pytest.approx(20.1)
+    assert motion.motion["duration_s"] == pytest.approx(20.1)
     said = f"over {2e3 * over:.3g} mm and in addition forwards and backwards by up to "
-    assert f"{said}{2e3 * swing:.3g} mm, at {rate / (2 * math.pi):.3g} Hz" in motion.says
+    assert f"{said}{2e3 * swing:.3g} mm, at {rate / (2 * math.pi):.3g} Hz" in motion.motion["says"]
     assert REACH.low < motion.values.min() < motion.values.max() < REACH.high
     assert np.abs(np.gradient(motion.values, motion.time)).max() <= reach.speed
 
 
 def test_it_lasts_twelve_seconds_at_least_and_a_loop_can_follow_its_file(tmp_path):
-    motion = survey(REACH, nominal(), 5.0)
-    assert motion.duration == pytest.approx(12.1)
-    assert motion.record == ("time", "u", "x", "i")
-    assert motion.to_dict()["amplitude"] == 0.5 * np.ptp(motion.values)
+    motion = survey("why", REACH, nominal(), 5.0)
+    assert motion.motion["duration_s"] == pytest.approx(12.1)
+    assert motion.motion["record"] == ["time", "u", "x", "i"]
+    assert motion.motion["amplitude"] == 0.5 * np.ptp(motion.values)
     motion.save(tmp_path)
     reference = Reference.read(tmp_path / COMMAND_FILE)
-    assert reference.times[-1] == pytest.approx(motion.duration)
+    assert reference.times[-1] == pytest.approx(motion.motion["duration_s"])
     assert np.allclose(reference.values, motion.values, atol=1e-9)
 
 
@@ -103,7 +102,7 @@ def test_what_is_asked_for_is_about_what_is_undecided_and_waits_for_slow_ones():
         "these records cannot distinguish backlash from compliance or friction_drift; what would "
         f"confirm backlash: {CAUSES['backlash'].confirm}"
     )
-    assert asked.motion.duration == pytest.approx(3 * 7.999 + 0.1, abs=2e-3)
+    assert asked.motion["duration_s"] == pytest.approx(3 * 7.999 + 0.1, abs=2e-3)
     of_two = found_with("backlash", built=built, alternatives=["load_bias"])
     assert "cannot distinguish load_bias from backlash;" in next_experiment(of_two, False).says
     for given, name in (
@@ -112,7 +111,7 @@ def test_what_is_asked_for_is_about_what_is_undecided_and_waits_for_slow_ones():
     ):
         one = next_experiment(given, quiet=False)
         assert one.says == f"what would confirm {name}: {CAUSES[name].confirm}"
-        assert one.motion.duration == pytest.approx(12.1)
+        assert one.motion["duration_s"] == pytest.approx(12.1)
 
 
 def test_the_reach_is_that_of_all_records():
@@ -149,4 +148,4 @@ def test_records_of_which_each_has_a_phase_of_its_own_are_asked_for_one_more():
     assert {n.partition(".")[2] for n in ripple.intervals} == {"1", "2"}
     asked = found.next_experiment
     assert "these records cannot distinguish" in asked.says
-    assert np.abs(asked.motion.values).max() <= 0.012
+    assert np.abs(asked.values).max() <= 0.012
