@@ -15,10 +15,10 @@ from ..records.reading import read_drive_records
 from ..records.record import Record
 from .balance import Added, residual, rms
 from .causes import CAUSES, OUTSIDE
-from .diagnosis import Curves, Diagnosis, Level, Verdict, finding, holds
+from .diagnosis import Curves, Diagnosis, Verdict, finding, holds
 from .experiment import next_experiment
 from .fit import study_of
-from .held_out import AT_FLOOR, HeldOut, NoiseFloor, Remainder, held_out, noise_floor, remainder
+from .held_out import HeldOut, NoiseFloor, Remainder, held_out, noise_floor, remainder
 from .model import Drive, commanded, drive_of
 from .motion import jumps_of, opposing
 from .rule import Explained, built, explained
@@ -83,7 +83,7 @@ def diagnose_records(
     floors = zip(("force_N", "voltage_N"), (lowest.force, lowest.by_current), strict=True)
     return Diagnosis(
         verdict=verdict,
-        floor=Level(lowest.force, held.position("noise")),
+        floor=held.level("noise", lowest.force),
         baseline_residual=before,
         adjusted_residual=fitted,
         final_residual=final,
@@ -165,13 +165,13 @@ def _notes(
     found: Explained, held: HeldOut, lowest: NoiseFloor, remains: Remainder
 ) -> Iterator[str]:
     study, left = found.study, held.all
-    if lowest.repeated and left.force_rms > AT_FLOOR * lowest.force:
+    if remains.unrepeated:
         yield (
             f"the residual, {left.force_rms:.3g} N, is more than twice {lowest.force:.3g} N, the "
             "noise from differences between laps and the uncertain motion: a part of it may have "
             "a cause"
         )
-    if not lowest.has_current(left):
+    if remains.contradicts:
         yield (
             "the motor's forces computed from the voltage and from the current differ by "
             f"{left.by_current_rms:.3g} N, but noise only makes {lowest.by_current:.3g} N: check "

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from .motion import Course, shaken
 from .rule import NOISE, Explained, built, own_amplitudes
 from .windows import at_samples
 
-AT_FLOOR = 2.0  # A residual above this multiple of the noise has more than noise in it
+AT_FLOOR = 2.0  # a residual above this multiple of the noise has more than noise in it
 TELLS = 0.2  # share of the friction: records that hide a larger fault decide nothing
 _LAPS = range(3, 7)  # numbers of laps of one motion for which repetition is used
 _SAME = 1e-3  # largest difference of laps, as a share of the motion's mean square
@@ -43,15 +44,11 @@ class HeldOut:
     positions: dict[str, Vector]
     why: str  # why a position cannot be predicted
 
-    def position(self, name: str) -> float | None:
-        """Root mean square error of a predicted position [m]; None if it is not known."""
+    def level(self, name: str, force: float | None = None) -> Level:
+        """Residual of "prior", "none" or "all"; or of "noise", with its `force` [N]."""
         error = rms(self.positions[name])
-        return error if math.isfinite(error) else None
-
-    def level(self, name: str) -> Level:
-        """Residual of one of the models "prior", "none" and "all"."""
-        found: Residual = getattr(self, name)
-        return Level(found.force_rms, self.position(name))
+        force = getattr(self, name).force_rms if force is None else force
+        return Level(force, error if math.isfinite(error) else None)
 
 
 def held_out(found: Explained) -> HeldOut:
@@ -171,21 +168,12 @@ def _in_plant(
 # -- the noise, and whether more is left -------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class NoiseFloor:
+class NoiseFloor(NamedTuple):
     """Root mean square residuals due to noise, as in `Residual`."""
 
     force: float  # [N]
     by_current: float  # [N]
     repeated: bool  # whether it is computed from laps of one motion
-
-    def has(self, left: Residual) -> bool:
-        """Whether the residual on held-out data is noise: at most twice the floor in newtons."""
-        return left.force_rms <= AT_FLOOR * self.force and self.has_current(left)
-
-    def has_current(self, left: Residual) -> bool:
-        """Whether voltage and current differ by no more than noise."""
-        return left.by_current_rms <= AT_FLOOR * self.by_current
 
 
 def noise_floor(found: Explained, left: Residual) -> NoiseFloor:
@@ -245,8 +233,7 @@ def lap(x: Vector, step: float) -> float:
     return float(lags[best] * step) if apart[best] < _SAME else 0.0
 
 
-@dataclass(frozen=True)
-class Remainder:
+class Remainder(NamedTuple):
     """What is left on held-out data; all verdicts rest on it.
 
     More than noise is left if a hypothesis is found, voltage and current contradict each other, or
@@ -254,6 +241,8 @@ class Remainder:
     """
 
     something: bool
+    contradicts: bool  # voltage and current differ by more than noise
+    unrepeated: bool  # laps of one motion differ by less than what is left
     unseen: float  # largest fault that these records would not show, as a share of the friction
     doubtful: bool  # a score is between noise and what is found, and nothing is built in
 
@@ -264,8 +253,9 @@ class Remainder:
 
 def remainder(found: Explained, left: Residual, lowest: NoiseFloor, friction: float) -> Remainder:
     """Judge the residual `left` on held-out data, with the causes found in the model."""
-    something = bool(found.sets[-1]) or not lowest.has_current(left)
-    something = something or (lowest.repeated and not lowest.has(left))
+    contradicts = left.by_current_rms > AT_FLOOR * lowest.by_current
+    unrepeated = lowest.repeated and left.force_rms > AT_FLOOR * lowest.force
+    something = bool(found.sets[-1]) or contradicts or unrepeated
     doubtful = found.best is not None and found.best.score > NOISE and not found.built
     unseen = max(AT_FLOOR * lowest.force, left.force_rms) / friction
-    return Remainder(something, unseen, doubtful)
+    return Remainder(something, contradicts, unrepeated, unseen, doubtful)
