@@ -63,25 +63,25 @@ def balance(
     width, step, v = course.width, course.step, course.moved_v
     u = course.u + course.calibration["command_shift"] * course.next_change + command
     opposed = averaged(friction + force + model.linear_friction * v, width)
-    opposed += course.own_offset + model.inertia * course.measured_a
+    opposed += course.own_offset + model.linear.inertia * course.measured_a
     if "fast_speed" in course.calibration:
-        opposed += course.calibration["fast_speed"] * model.inertia * course.inner_a
+        opposed += course.calibration["fast_speed"] * model.linear.inertia * course.inner_a
     if not model.has_motor:
         driven = model.values["gain"] * averaged(u, width)
         return (course.per_command / model.values["gain"] * (driven - opposed))[:, None]
     resistance, inductance = model.values["R"], model.values["L"]
-    volts = u - model.back_emf * v
+    volts = u - model.linear.back_emf * v
     if not course.by_current:
         late = lagged((volts / resistance)[:, None], step, inductance / resistance)[:, 0]
-        scale = course.per_command / model.per_command
-        forces = scale * (model.per_ampere * averaged(late, width) - opposed)
+        scale = course.per_command / model.linear.per_command
+        forces = scale * (model.linear.per_ampere * averaged(late, width) - opposed)
         if not course.has_current:
             return forces[:, None]
     read = averaged(mean_current(course, model), width)
     if course.by_current:
-        scale = course.per_command * course.resistance / model.per_ampere
+        scale = course.per_command * course.resistance / model.linear.per_ampere
         scale /= 1.0 + course.calibration["current_gain"]
-        forces = scale * (model.per_ampere * read - opposed)
+        forces = scale * (model.linear.per_ampere * read - opposed)
     left_volts = averaged(volts, width) - resistance * read
     left_volts -= inductance * averaged(per_interval(course.true_current) / step, width)
     return np.column_stack([forces, course.per_command * left_volts])
@@ -111,7 +111,7 @@ def responses(courses: Courses, model: Drive, form: Form) -> list[Matrix]:
                 out[:, 0] -= model.values["gain"] * averaged(command, course.width)
             elif not course.by_current:
                 late = lagged(command, course.step, model.values["L"] / model.values["R"])
-                out[:, 0] -= model.per_command * averaged(late, course.width)
+                out[:, 0] -= model.linear.per_command * averaged(late, course.width)
             if course.has_current:
                 out[:, 1] -= course.per_command * averaged(command, course.width)
         found.append(out)

@@ -155,8 +155,8 @@ def _clear(courses: Sequence[Course], model: Drive, bands: Bands) -> Mask:
     """Bands in which the motion is larger than the instruments' noise."""
     random, both = np.random.default_rng(0), []
     for c in courses:
-        noise = model.inertia * (read_anew(c, model, random).measured_a - c.measured_a)
-        whole = model.inertia * c.measured_a
+        noise = model.linear.inertia * (read_anew(c, model, random).measured_a - c.measured_a)
+        whole = model.linear.inertia * c.measured_a
         both.append(np.stack([np.column_stack([noise, whole])] * len(c.channels), axis=1))
     lines = bands.lines(both)
     power = products(lines, lines).sum(axis=0)

@@ -193,7 +193,7 @@ def _beyond_stiction(course: Course, model: Drive, required: Vector, force: Vect
 
     Friction at rest can hold as much as the law's friction in sliding at a speed just above rest.
     """
-    scale = course.per_command / model.per_command  # as in `balance`
+    scale = course.per_command / model.linear.per_command  # as in `balance`
     asked = required - scale * (force + model.values.get("offset", 0.0))
     names, steady = compiled(claims(model.law).steady_state)
     sides = ({**model.values, "v": v} for v in (-_SLOWEST, _SLOWEST))

@@ -141,14 +141,8 @@ def compare_figure(found: Compared) -> Any:
     t = found.traces
     begins_again = np.append(t.starts[1:], False)
     with mpl.rc_context(STYLE):
-        figure, grid = new_figure(2, 2, (14, 7))
-        (off, _), (force, over_velocity) = grid
+        figure, ((off, force, over_velocity),) = new_figure(1, 3, (18, 5.5))
         off.sharex(force)
-        spec = off.get_gridspec()
-        spec.set_width_ratios([1.5, 1])
-        for axes in grid[:, 1]:
-            axes.remove()
-        over_velocity = figure.add_subplot(spec[:, 1])
         figure.suptitle(found.says[0].upper() + found.says[1:], fontsize=12)
         errors = {n: x - t.x for n, x in t.predicted.items()}
         size, unit = shown_unit(np.concatenate([*errors.values(), np.zeros(1)]), "m")
@@ -167,7 +161,7 @@ def compare_figure(found: Compared) -> Any:
             over_velocity.plot(1e3 * v, friction, **{**style, "lw": 2.0})
         grey = "; grey: at rest" if t.rests.any() else ""
         off.set_title(f"Predicted minus measured position, by the second{grey}", loc="left")
-        off.set_ylabel(f"error [{unit}]")
+        off.set(ylabel=f"error [{unit}]", xlabel="time [s]")
         force.set_title("Force against the motion", loc="left")
         force.set(ylabel="force [N]", xlabel="time [s]")
         over_velocity.set_title("Friction over velocity", loc="left")

@@ -20,7 +20,7 @@ from ...solver.arrays import Matrix, Vector
 from ...solver.codegen import generate
 from ...solver.component import Component, Parameter, symbol
 from ...solver.errors import ContractError
-from ...solver.kernel import IntegrationError, Model
+from ...solver.kernel import IntegrationError, Kernel, Model
 from ..identification.fitted_law import LAWS
 from .causes import CAUSES
 from .causes.reversals import BRISTLES, bristled
@@ -214,7 +214,7 @@ class Predictor:
     def __init__(self, drive: Drive, causes: Causes, like: Predictor | None = None) -> None:
         plant = with_causes(drive, list(causes.items()))
         self._values = {p.name: p.default for p in plant.all_parameters}
-        self._kernel = like._kernel if like else generate(plant)
+        self._kernel: Kernel = like._kernel if like else generate(plant)
         if like is None:
             self._kernel.compile()
         self._names = [s.name for s in self._kernel.states]

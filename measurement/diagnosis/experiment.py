@@ -71,13 +71,13 @@ def reach_of(courses: Sequence[Course]) -> Reach:
 def fastest_and_hardest(reach: Reach, model: Drive) -> tuple[float, float]:
     """Used speed [m/s] and acceleration [m/s^2], for which the command has force by a model."""
     static = [abs(model.values[n]) for n in ("Fs", "Fs_pos", "Fs_neg") if n in model.values]
-    spare = _USED * abs(model.per_command) * reach.command
+    spare = _USED * abs(model.linear.per_command) * reach.command
     spare -= max([model.friction_scale, *static])  # of slow motion, break-away included
     spare -= 0.0 if model.has_motor else abs(model.values["offset"])
     fastest = _USED * reach.speed
     if spare > 0.0 and model.damping > 0.0:
         fastest = min(fastest, _AT_SPEED * spare / model.damping)
-    hardest = _HEADROOM * (spare - model.damping * fastest) / model.inertia
+    hardest = _HEADROOM * (spare - model.damping * fastest) / model.linear.inertia
     return fastest, min(reach.acceleration, hardest) if hardest > 0.0 else 0.5 * reach.acceleration
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import sympy as sp
@@ -38,7 +38,16 @@ _TURN = symbol("turn")  # screw angle per travel; pi is then in the equations on
 _FREED = 0.3  # relative spread of a freed value
 _MORE_MASS = 2.0  # spread of an unknown mass, relative to the total moving mass
 _FINEST = 2.5e-4  # largest step of the law between two samples [s]
-_LINEAR = ("inertia", "block", "per_ampere", "back_emf", "per_command")
+
+
+class Linear(NamedTuple):
+    """Linear part of a plant's equations; zero for what belongs to a motor and there is none."""
+
+    inertia: float  # total moving mass [kg]
+    block: float  # mass of the body on which friction acts [kg]
+    per_ampere: float  # force of the motor per ampere [N/A]
+    back_emf: float  # per velocity [V*s/m]
+    per_command: float  # static force per unit of a constant command [N/V]
 
 
 @dataclass(frozen=True)
@@ -81,37 +90,11 @@ class Drive:
         return LAWS[self.law].names
 
     @cached_property
-    def _linear(self) -> dict[str, float]:
+    def linear(self) -> Linear:
         """The linear part of the plant's equations, without friction."""
         names, numbers = _linear_of(self.kind)
         known = {**self.values, _TURN.name: 2 * math.pi * self.values.get("p", 0.0)}
-        found = map(float, numbers(*(known[n] for n in names)))
-        return dict(zip(_LINEAR, found, strict=True))
-
-    @property
-    def inertia(self) -> float:
-        """Total moving mass [kg]."""
-        return self._linear["inertia"]
-
-    @property
-    def block(self) -> float:
-        """Mass of the body on which friction acts [kg]."""
-        return self._linear["block"]
-
-    @property
-    def per_ampere(self) -> float:
-        """Force of the motor per ampere; zero without a motor [N/A]."""
-        return self._linear["per_ampere"]
-
-    @property
-    def back_emf(self) -> float:
-        """Back-EMF per velocity; zero without a motor [V*s/m]."""
-        return self._linear["back_emf"]
-
-    @property
-    def per_command(self) -> float:
-        """Static force per unit of a constant command [N/V]."""
-        return self._linear["per_command"]
+        return Linear(*map(float, numbers(*(known[n] for n in names))))
 
     @property
     def linear_friction(self) -> float:
@@ -121,7 +104,7 @@ class Drive:
     @property
     def damping(self) -> float:
         """Total damping: viscous friction and the motor's back-EMF [N*s/m]."""
-        return self.linear_friction + self.per_command * self.back_emf
+        return self.linear_friction + self.linear.per_command * self.linear.back_emf
 
     @property
     def friction_scale(self) -> float:
@@ -131,7 +114,7 @@ class Drive:
 
     def free_spread(self, name: str) -> float:
         """Relative spread of a freed value; larger for a mass."""
-        return _MORE_MASS * self.inertia / self.values["m"] if name == "m" else _FREED
+        return _MORE_MASS * self.linear.inertia / self.values["m"] if name == "m" else _FREED
 
     def changed(self, values: Mapping[str, float]) -> Drive:
         return replace(self, values={**self.values, **values})
@@ -188,15 +171,11 @@ def drive_of(file: ParameterFile, law: str | None = None) -> Drive:
     ways = [Drive(file.kind, name, {}).parameters for name in laws]
     adjusted = {n for names in ways for n in names} - set(_NEVER_ADJUSTED)
     for name, share in file.tolerance.items():
-        said = ""
-        if name in _NEVER_ADJUSTED:
-            said = f"[tolerance] has {name}, which is never adjusted; remove it"
-        elif name not in adjusted:
-            said = f"[tolerance] there is no {name!r}; there are {', '.join(sorted(adjusted))}"
-        elif not 0 <= share < 1:
-            said = f"the tolerance of {name} is {share:g}, expected a share of its value, 0 to 1"
-        if said:
-            raise BadParameters(f"{file.path}: {said}")
+        if name not in adjusted or not 0 <= share < 1:
+            raise BadParameters(
+                f"{file.path}: [tolerance] {name} = {share:g}, expected a share of its value, 0 to "
+                f"1, for one of {', '.join(sorted(adjusted))}"
+            )
     tolerance = {
         n: file.tolerance[n] if n in file.tolerance else _tolerance_of(file.plant.get(n))
         for n in ways[-1]
@@ -241,15 +220,11 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
             )
         elif (made := _with_command(record, wanted)).command == wanted:
             known.append(made)
-        elif model.has_motor:
-            said = (
-                f"u is a {record.command}, but the ball screw is driven by a voltage; use "
-                'kind = "drive", whose force is gain*u'
-            )
         else:
             said = (
-                f"u is a {record.command}, and the drive's command is a {wanted}; say its unit as "
-                f'unit u=UNIT, or command = "{record.command}" in the parameter file with its gain'
+                f"u is a {record.command}, and the {model.kind} is driven by a {wanted}; say its "
+                f'unit as unit u=UNIT, or kind = "drive" and command = "{record.command}" in the '
+                "parameter file with its gain"
             )
         if said:
             raise BadRecord(f"{record.name}: {said}")
@@ -264,12 +239,12 @@ def driven_by_current(model: Drive) -> Drive:
     """
     known = {p.name for p in _plant(DRIVE, model.law).all_parameters}
     values = {n: v for n, v in model.values.items() if n in known}
-    values |= {"m": model.inertia, "gain": model.per_ampere, "offset": 0.0}
-    given = model.tolerance
-    block, rotor = model.values["m"], model.inertia - model.values["m"]
-    tolerance = {n: t for n, t in given.items() if n in values}
+    whole, given = model.linear.inertia, model.tolerance
+    values |= {"m": whole, "gain": model.linear.per_ampere, "offset": 0.0}
+    block, tolerance = model.values["m"], {n: t for n, t in given.items() if n in values}
     tolerance["gain"] = given.get("kt", 0.0)
-    tolerance["m"] = (block * given.get("m", 0.0) + rotor * given.get("Jm", 0.0)) / model.inertia
+    of_rotor = (whole - block) * given.get("Jm", 0.0)
+    tolerance["m"] = (block * given.get("m", 0.0) + of_rotor) / whole
     return Drive(DRIVE, model.law, values, tolerance, CURRENT)
 
 
@@ -307,7 +282,7 @@ def curve_of(law: str) -> sp.Expr:
 
 @cache
 def _linear_of(kind: str) -> tuple[tuple[str, ...], Callable[..., Any]]:
-    """Names of the symbols of `_LINEAR`, and a function of them, from the plant's equations."""
+    """Names of the symbols of `Linear`, and a function of them, from the plant's equations."""
     plant = _plant(kind, DEFAULT_LAW)
     (balance,), (u, v, i) = plant.balances, map(symbol, ("u", "v", "i"))
     force = next(t.force for t in balance.terms if t.name in ("motor", "drive"))

@@ -224,8 +224,8 @@ def lay_along(record: Record, model: Drive) -> Course:
     course = Course(
         *(record, width, model.values.get("R", 0.0), x, v, current, nothing, nothing),
         force_variance=_force_variance(record, x, v, width, model),
-        per_command=model.per_command,
-        answers=record.step * model.damping / model.inertia,
+        per_command=model.linear.per_command,
+        answers=record.step * model.damping / model.linear.inertia,
     )
     errors = dict.fromkeys(calibrations(course), 0.0)
     course = replace(course, calibration=errors, jumps=_jumps(course, model))
@@ -236,9 +236,9 @@ def _width(record: Record, model: Drive) -> int:
     """Samples between windows: long enough for the drive to respond, and for quiet positions."""
     noise = position_noise(record)
     # noise of the second difference of averaged positions, times the mass, relative to friction
-    share = model.inertia * noise * math.sqrt(record.step) / (_HIDDEN * model.friction_scale)
+    share = model.linear.inertia * noise * math.sqrt(record.step) / (_HIDDEN * model.friction_scale)
     spacing = (math.sqrt(8.0 / 3.0) * share) ** 0.4
-    answers = model.inertia / max(model.damping, 1e-9)
+    answers = model.linear.inertia / max(model.damping, 1e-9)
     least = min(max(answers, _SHORTEST), _SHORT)
     spacing = min(max(spacing, least, _OF_BAND / carried(record)), _LONGEST)
     width: int = max(round(spacing / record.step), -(-len(record.x) // _MOST_WINDOWS), 1)
@@ -257,8 +257,8 @@ def _jumps(course: Course, model: Drive) -> tuple[int, ...]:
     usual = float(np.quantile(size[moves], _USUAL)) if moves.any() else 0.0
     u = course.u
     swing = maximum_filter1d(u, _AROUND)[1:-2] - minimum_filter1d(u, _AROUND)[1:-2]
-    swing = abs(model.per_command) * swing + 2.0 * model.friction_scale
-    possible = swing * course.step**2 / model.inertia
+    swing = abs(model.linear.per_command) * swing + 2.0 * model.friction_scale
+    possible = swing * course.step**2 / model.linear.inertia
     least = np.maximum(possible, _JUMP * max(usual, position_noise(course.record)))
     return tuple((np.flatnonzero(moves & (size > least)) + 2).tolist())
 
@@ -305,7 +305,7 @@ def read_anew(course: Course, model: Drive, random: np.random.Generator) -> Cour
 
 def _rough(record: Record, width: int, model: Drive) -> float:
     """Random change of the force between windows, as by an interpolating encoder, over friction."""
-    bent = np.diff(model.inertia * acceleration(record.x, record.step, width), 4)
+    bent = np.diff(model.linear.inertia * acceleration(record.x, record.step, width), 4)
     # a fourth difference of white noise is larger by the root of 70, and by 1.4 as bells overlap
     usual = 1.48 * float(np.median(np.abs(bent))) if len(bent) else 0.0
     return usual / (1.4 * math.sqrt(70.0) * model.friction_scale)
@@ -336,7 +336,7 @@ def _current(record: Record, v: Vector, model: Drive) -> Vector:
         known = np.isfinite(read)
         return np.interp(record.time, record.time[known], read[known])
     resistance = model.values["R"]
-    goal = (record.u - model.back_emf * v) / resistance
+    goal = (record.u - model.linear.back_emf * v) / resistance
     late = lagged(goal[:, None], record.step, model.values["L"] / resistance)[:, 0]
     return np.append(late[:1], late[:-1])
 
@@ -358,5 +358,5 @@ def mean_current(course: Course, model: Drive) -> Vector:
     resistance, slowed = model.values["R"], max(model.damping, 1e-12)
     jumps = np.diff(course.u, prepend=course.u[0]) / resistance
     had = course.calibration["current_jump"] * jumps  # the sample may already have a share of it
-    times = model.values["L"] / resistance, model.inertia / slowed
+    times = model.values["L"] / resistance, model.linear.inertia / slowed
     return between_samples(course.true_current - had, jumps, course.step, *times)

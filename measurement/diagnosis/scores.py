@@ -74,9 +74,10 @@ class Catalogue:
         self.count = self.values = self.base[0].shape[2]
         courses, model = study.courses, study.model
         for name, cause in EVERY.items():
-            for values in [] if cause.beyond(courses, model) else cause.grid(courses, model):
-                if not cause.mechanism(values).cuts_noise(courses, values):
-                    self.add(name, cause.at(courses, model, values))
+            for way in [] if cause.beyond(courses, model) else cause.mechanisms:
+                for values in way.grid(courses, model):
+                    if not way.cuts_noise(courses, values):
+                        self.add(name, way.at(courses, model, values))
         for form in free_curves(courses, model):
             self.add(OUTSIDE, form)
         self.lines = self._lines(self.parts)

@@ -2,29 +2,8 @@
 
 from __future__ import annotations
 
+from . import command, friction, reversals, travel
 from .cause import Cause
-from .command import (
-    INPUT_DELAY,
-    PARAMETER_ERROR,
-    SCALE_OF_I,
-    SCALE_OF_U,
-    SCALE_OF_X,
-    SIGN_OF_U,
-    SIGN_OF_X,
-    TIME_SHIFT,
-    UNMODELLED_INERTIA,
-    VOLTAGE_SATURATION,
-)
-from .friction import (
-    DIRECTION_ASYMMETRY,
-    FRICTION_DRIFT,
-    LOAD_BIAS,
-    NONLINEAR_VISCOUS,
-    RESISTANCE_DRIFT,
-    STRIBECK_MISMATCH,
-)
-from .reversals import BACKLASH, COMPLIANCE, PRESLIDING_HYSTERESIS
-from .travel import POSITION_PERIODIC_FRICTION, POSITION_TREND_FRICTION, TORQUE_RIPPLE
 
 OUTSIDE = "outside the catalogue"  # name of a free curve
 
@@ -34,26 +13,33 @@ def _named(*causes: Cause) -> dict[str, Cause]:
 
 
 CAUSES = _named(
-    DIRECTION_ASYMMETRY,
-    POSITION_PERIODIC_FRICTION,
-    POSITION_TREND_FRICTION,
-    TORQUE_RIPPLE,
-    LOAD_BIAS,
-    NONLINEAR_VISCOUS,
-    STRIBECK_MISMATCH,
-    PRESLIDING_HYSTERESIS,
-    UNMODELLED_INERTIA,
-    INPUT_DELAY,
-    FRICTION_DRIFT,
-    RESISTANCE_DRIFT,
-    BACKLASH,
-    COMPLIANCE,
-    VOLTAGE_SATURATION,
-    PARAMETER_ERROR,
+    friction.DIRECTION_ASYMMETRY,
+    travel.POSITION_PERIODIC_FRICTION,
+    travel.POSITION_TREND_FRICTION,
+    travel.TORQUE_RIPPLE,
+    friction.LOAD_BIAS,
+    friction.NONLINEAR_VISCOUS,
+    friction.STRIBECK_MISMATCH,
+    reversals.PRESLIDING_HYSTERESIS,
+    command.UNMODELLED_INERTIA,
+    command.INPUT_DELAY,
+    friction.FRICTION_DRIFT,
+    friction.RESISTANCE_DRIFT,
+    reversals.BACKLASH,
+    reversals.COMPLIANCE,
+    command.VOLTAGE_SATURATION,
+    command.PARAMETER_ERROR,
 )
 """Errors of the plant."""
 
-SIGNALS = _named(SCALE_OF_U, SCALE_OF_I, SCALE_OF_X, SIGN_OF_U, SIGN_OF_X, TIME_SHIFT)
+SIGNALS = _named(
+    command.SCALE_OF_U,
+    command.SCALE_OF_I,
+    command.SCALE_OF_X,
+    command.SIGN_OF_U,
+    command.SIGN_OF_X,
+    command.TIME_SHIFT,
+)
 """Errors of recorded signals: they correct the record and not the plant."""
 
 EVERY = {**CAUSES, **SIGNALS}

@@ -117,10 +117,6 @@ class Cause:
         own = (m for m in self.mechanisms if set(values) <= {p.name for p in m.parameters})
         return next(own, self.mechanisms[0])
 
-    def grid(self, courses: Courses, model: Drive) -> list[Values]:
-        """Values to try, of all mechanisms."""
-        return [values for m in self.mechanisms for values in m.grid(courses, model)]
-
     def at(self, courses: Courses, model: Drive, values: Values) -> Form:
         """Its effect on these records."""
         return self.mechanism(values).at(courses, model, values)
@@ -249,7 +245,7 @@ def _along(
             "i": current,
             FRICTION.name: course.bristle + model.linear_friction * course.middle_v,
             DRY.name: course.bristle,
-            ACTING.name: model.per_ampere * current
+            ACTING.name: model.linear.per_ampere * current
             if model.has_motor
             else model.values["gain"] * course.u,
         }

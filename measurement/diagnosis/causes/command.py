@@ -174,7 +174,7 @@ def _drawn(courses: Courses, model: Drive, values: Values) -> Sequence[Mapping[s
     """Steady-state current of the limited voltage, for records without a measured current [A]."""
 
     def settled(course: Course) -> Vector:
-        generated = np.sign(course.u) * model.back_emf * course.middle_v
+        generated = np.sign(course.u) * model.linear.back_emf * course.middle_v
         resistance = model.values["R"] + values["supply_resistance"]
         return np.maximum((values["voltage_limit"] - generated) / resistance, 0.0)
 
@@ -303,14 +303,14 @@ CURRENT_GAIN = "current_gain"  # the calibration that a wrong scale of the curre
 
 def _inertial(course: Course, model: Drive) -> Vector:
     """Force that grows with the scale of x, shape (n,) [N]."""
-    return model.inertia * course.mean_a + model.linear_friction * course.middle_v
+    return model.linear.inertia * course.mean_a + model.linear_friction * course.middle_v
 
 
 def _of_motion(
     name: str, forces: list[Vector], times: float, courses: Courses, model: Drive
 ) -> Form:
     """A force, and the command equivalent to the motion's back-EMF."""
-    emf = model.back_emf if model.has_motor else 0.0
+    emf = model.linear.back_emf if model.has_motor else 0.0
     return Form(
         (name,),
         force=[times * f[:, None] for f in forces],

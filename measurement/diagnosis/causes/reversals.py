@@ -29,10 +29,10 @@ def joint(
     """A joint with one parameter; `kind` as in `force_behind`."""
 
     def at(courses: Courses, model: Drive, values: Values) -> Form:
-        size, forces = values[varied.name], []
+        size, block, forces = values[varied.name], model.linear.block, []
         for c in courses:
-            behind = force_behind(kind, model.law_values, c.x, c.v, c.step, size, model.block)
-            rigid = c.bristle + model.linear_friction * c.middle_v + model.block * c.mean_a
+            behind = force_behind(kind, model.law_values, c.x, c.v, c.step, size, block)
+            rigid = c.bristle + model.linear_friction * c.middle_v + block * c.mean_a
             forces.append((behind - rigid)[:, None])
         return Form((varied.name,), force=forces, values=values, sure=sure)
 
@@ -83,7 +83,7 @@ _WAYS = 1e-6 * 2.0 ** np.arange(0.0, 9.5, 0.5)  # presliding distances [m]
 
 def bristled(model: Drive, sigma0: float, damping_ratio: float = 1.0) -> Drive:
     """The model with LuGre bristles and its own curve over speed, see `damping_ratio`."""
-    sigma1 = assumed_damping(sigma0, model.values["sigma2"], model.block, damping_ratio)
+    sigma1 = assumed_damping(sigma0, model.values["sigma2"], model.linear.block, damping_ratio)
     values = {**model.values, "sigma0": sigma0, "sigma1": max(sigma1, 0.0), "Kv": SHARPNESS}
     return replace(model, law="modified_lugre", values=values)
 

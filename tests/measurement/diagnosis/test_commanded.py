@@ -96,5 +96,5 @@ def test_current_alone_is_diagnosed_and_compared_in_any_units(signals, tmp_path)
     }
     with pytest.raises(BadRecord, match="there is no command u, and the current i has gaps"):
         compare_records([dataclasses.replace(other, signals=gaps, command=CURRENT)], file)
-    with pytest.raises(BadRecord, match="u is a voltage, and the drive's command is a current"):
+    with pytest.raises(BadRecord, match="u is a voltage, and the drive is driven by a current"):
         compare_records([check_record("voltage", without(other.signals, "i"))], file)

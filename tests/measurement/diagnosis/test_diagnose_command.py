@@ -137,7 +137,7 @@ def bad(*arguments):
         (("RECORD", "--lead", "0"), "lead is 0, expected a number of metres above 0"),
         (("RECORD", "--params", "SCREW", "--lead", "0.01"), "the lead is given as 0.01 m, but "),
         (("RECORD", "--params", "SCREW"), "[plant] has no kt (torque constant), and the nominal"),
-        (("RECORD",), "u is a force, but the ball screw is driven by a"),
+        (("RECORD",), "u is a force, and the ball_screw is driven by a voltage; say"),
     ],
 )
 def test_requests_that_make_no_sense_are_one_line(diagnosed, tmp_path, arguments, words):

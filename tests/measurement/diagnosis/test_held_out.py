@@ -41,7 +41,7 @@ def test_what_is_left_of_a_block_does_not_know_the_block():
     record = strong_record({}, samples=10_000)
     late = np.arange(10_000) >= 8_000
     model = nominal()
-    u = record.signals["u"] + late * 0.3 / model.per_command
+    u = record.signals["u"] + late * 0.3 / model.linear.per_command
     found = held_out(explained(study_of([check_record("made", record.signals | {"u": u})], model)))
     ends = found.none.force[8_200:9_800]
     assert abs(np.mean(ends)) == pytest.approx(0.3, rel=0.2)

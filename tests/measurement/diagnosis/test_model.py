@@ -81,8 +81,8 @@ def test_another_law_takes_what_it_knows_of_the_file(written):
         ("[plant]\nFcc = 1.0", r"\[plant\] there is no 'Fcc', did you mean Fc"),
         ("[plant]\nFc = '1'", r"Fc is '1', expected a finite number in SI units"),
         ("[plant]\nm = -1", "m is -1 kg, expected 1e-06 to inf .mass of the block"),
-        ("[tolerance]\nKv = 0.1", "Kv, which is never adjusted; remove it"),
-        ("[tolerance]\nm = 3", "the tolerance of m is 3, expected a share of its value"),
+        ("[tolerance]\nKv = 0.1", r"\[tolerance\] Kv = 0.1, expected a share of its value"),
+        ("[tolerance]\nm = 3", r"\[tolerance\] m = 3, expected a share of its value"),
         ('kind = "drive"\n[plant]\nR = 2', r"\[plant\] there is no 'R'"),
     ],
 )

@@ -86,7 +86,7 @@ def test_bristles_with_less_damping_have_it_as_sigma1():
         values = {"sigma0": 2e5, "damping_ratio": ratio}
         plant = with_causes(model, [("presliding_hysteresis", values)])
         sigma1.append({p.name: p.default for p in plant.all_parameters}["sigma1"])
-    assert sigma1[2] == pytest.approx(2.0 * np.sqrt(2e5 * model.block), rel=1e-12)
+    assert sigma1[2] == pytest.approx(2.0 * np.sqrt(2e5 * model.linear.block), rel=1e-12)
     assert sigma1[:2] == pytest.approx([0.0, 0.35 * sigma1[2]])
 
 
@@ -177,13 +177,13 @@ def simulated(model, found):
     x, v = fine["x"][::PARTS], fine["v"][::PARTS]
     if not model.has_motor:
         still = np.zeros(SAMPLES)
-        force = model.values["gain"] * u - model.inertia * np.diff(v) / STEP
+        force = model.values["gain"] * u - model.linear.inertia * np.diff(v) / STEP
         return Motion(x[:-1].copy(), v[:-1].copy(), still, u, force)
     q, i = model.values, fine["i"][::PARTS]
     mean = (0.5 * (fine["i"][1:] + fine["i"][:-1])).reshape(-1, PARTS).mean(axis=1)
-    rates = {"emf": model.back_emf * np.diff(x), "coil": q["L"] * np.diff(i)}
+    rates = {"emf": model.linear.back_emf * np.diff(x), "coil": q["L"] * np.diff(i)}
     arrived = q["R"] * mean + (rates["emf"] + rates["coil"]) / STEP
-    force = model.per_ampere * mean - model.inertia * np.diff(v) / STEP
+    force = model.linear.per_ampere * mean - model.linear.inertia * np.diff(v) / STEP
     return Motion(x[:-1].copy(), v[:-1].copy(), i[:-1].copy(), arrived, force)
 
 
