@@ -9,12 +9,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import (
-    binary_opening,
-    maximum_filter1d,
-    minimum_filter1d,
-    uniform_filter1d,
-)
+from scipy.ndimage import binary_opening, maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.signal import lfilter, savgol_filter
 
 from ...solver.arrays import Mask, Vector
