@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.fft import rfft
@@ -131,7 +131,7 @@ def cut(courses: Sequence[Course], model: Drive) -> Bands:
             counts.append(np.outer(_seen(block), real).ravel())
     all_ = np.ones(len(counts[0]), dtype=bool)
     bands = Bands(parts, weights, all_, np.array(counts), steps, top)
-    return Bands(parts, weights, _clear(courses, model, bands), bands.counts, steps, top)
+    return replace(bands, used=_clear(courses, model, bands))
 
 
 def _top(course: Course) -> float:

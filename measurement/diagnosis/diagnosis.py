@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.stats import t as student
 
 from ...solver.arrays import Mask, Vector
-from ...solver.files import write_json
+from ...solver.files import finite_or_null, write_json
 from .causes import CAUSES, EVERY
 from .causes.command import CURRENT_GAIN
 from .experiment import NextExperiment
@@ -38,6 +38,10 @@ class Level:
 
     force: float  # at frequencies at which the record gives forces [N]
     position: float | None  # of the prediction from the start of each second, if known [m]
+
+    def to_dict(self) -> dict[str, float | None]:
+        """Its content in `diagnosis.json`."""
+        return {"force_N": self.force, "position_m": self.position}
 
 
 def holds(gain_interval: tuple[float, float], before: Level, after: Level) -> bool:
@@ -135,7 +139,13 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """Content of ``diagnosis.json``."""
-        return {f.name: _plain(getattr(self, f.name)) for f in fields(self) if f.name not in _APART}
+        told = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _APART}
+        for name, value in told.items():
+            if isinstance(value, Level | NextExperiment):
+                told[name] = value.to_dict()
+        lists = {n: [vars(c) for c in told[n]] for n in ("causes", "suspects")}
+        plain: dict[str, Any] = finite_or_null(told | lists)
+        return plain
 
     def found(self) -> list[tuple[str, dict[str, float]]]:
         """Names and values of the plant's causes, as input of `with_causes`."""
@@ -150,19 +160,6 @@ class Diagnosis:
 
 _APART = ("prior", "adjusted", "corrected", "command", "command_shift", "curves")
 """Fields of a `Diagnosis` that are written to other files."""
-
-
-def _plain(value: Any) -> Any:
-    """JSON form of a value; levels have their units."""
-    if isinstance(value, Level):
-        return {"force_N": value.force, "position_m": value.position}
-    if hasattr(value, "to_dict"):
-        return value.to_dict()
-    if is_dataclass(value):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
-    if isinstance(value, Mapping):
-        return {name: _plain(v) for name, v in value.items()}
-    return [_plain(v) for v in value] if isinstance(value, tuple | list) else value
 
 
 # -- a hypothesis as a result --------------------------------------------------------------------

@@ -77,12 +77,11 @@ class Explained:
     @property
     def alternatives(self) -> dict[str, tuple[str, ...]]:
         """For each cause built in, the others of its set."""
-        names = {h.name for h in self.built}
-        others = {
-            h.name: tuple(m.name for m in members if m.name not in names)
-            for h, members in zip(self.built, self.sets, strict=False)
-        }
-        return {name: those for name, those in others.items() if those}
+        names, out = {h.name for h in self.built}, {}
+        for h, members in zip(self.built, self.sets, strict=False):
+            if others := tuple(m.name for m in members if m.name not in names):
+                out[h.name] = others
+        return out
 
     def gain(self, forms: Sequence[Form]) -> Gain:
         """What the causes built in remove from what only these of their forms leave."""

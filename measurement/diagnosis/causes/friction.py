@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -163,43 +163,29 @@ _STEPS = 16  # parts of a record; a step is not in the first two or the last
 _SUDDEN = 0.01  # duration of a step [s]
 
 
-def _longest(courses: Courses) -> float:
-    return max(float(c.time[-1]) for c in courses)
-
-
 def _courses(name: str, line: str, of: Callable[..., Mechanism]) -> tuple[Mechanism, ...]:
     """Mechanisms of a change of `name` whose course in time goes from 0 to 1.
 
     `of` makes one of the change's name, its course, the constant of the course, and its grid;
     `line` is the constant of the linear course.
     """
+
+    def one(change: str, constant: str, says: str, course: sp.Expr, shares: Vector) -> Mechanism:
+        def grid(courses: Courses, model: Drive) -> list[Values]:
+            longest = max(float(c.time[-1]) for c in courses)
+            return [{constant: float(k) * longest} for k in shares]
+
+        refined = "" if constant == line else constant
+        return of(f"{name}_{change}", course, parameter(constant, "s", says, 1.0), grid, refined)
+
     settling, step = f"{name}_settling_time", f"{name}_step_time"
-    parts = [k / _STEPS for k in range(2, _STEPS - 1)]
-
-    def grid(constant: str, shares: Sequence[float]) -> Grid:
-        return lambda courses, model: [{constant: k * _longest(courses)} for k in shares]
-
+    settles = 1 - sp.exp(-TIME / symbol(settling))
+    steps = (1 + sp.tanh((TIME - symbol(step)) / _SUDDEN)) / 2
+    parts = np.arange(2, _STEPS - 1) / _STEPS
     return (
-        of(
-            f"{name}_drift",
-            TIME / symbol(line),
-            parameter(line, "s", "time of that growth", 1.0),
-            grid(line, [1.0]),
-        ),
-        of(
-            f"{name}_settling",
-            1 - sp.exp(-TIME / symbol(settling)),
-            parameter(settling, "s", "time constant of that growth", 1.0),
-            grid(settling, _SETTLING),
-            settling,
-        ),
-        of(
-            f"{name}_step",
-            (1 + sp.tanh((TIME - symbol(step)) / _SUDDEN)) / 2,
-            parameter(step, "s", "time of that change", 1.0),
-            grid(step, parts),
-            step,
-        ),
+        one("drift", line, "time of that growth", TIME / symbol(line), np.ones(1)),
+        one("settling", settling, "time constant of that growth", settles, np.array(_SETTLING)),
+        one("step", step, "time of that change", steps, parts),
     )
 
 
@@ -207,7 +193,7 @@ _SHARE = "drift_viscous_share"
 
 
 def _friction_drifting(
-    change: str, course: sp.Expr, constant: Parameter, grid: Grid, refined: str = ""
+    change: str, course: sp.Expr, constant: Parameter, grid: Grid, refined: str
 ) -> Mechanism:
     return force(
         {parameter(change, "1", "share by which friction grows"): changing(_SHARE, course)},
@@ -253,7 +239,7 @@ FRICTION_DRIFT = Cause(
 
 
 def _resistance_drifting(
-    change: str, course: sp.Expr, constant: Parameter, grid: Grid, refined: str = ""
+    change: str, course: sp.Expr, constant: Parameter, grid: Grid, refined: str
 ) -> Mechanism:
     return voltage(
         {symbol("R"): symbol("R") * (1 + symbol(change) * course)},
