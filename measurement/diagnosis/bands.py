@@ -26,19 +26,16 @@ from .windows import averaged, windows
 
 BLOCKS = 5  # number of blocks, held out one at a time; with more records than this, one per record
 
+# edges of the bands [Hz]: two octaves each; machine noise is nearly constant within that
 EDGES = (0.0, 0.5, 2.0, 8.0, 32.0, 128.0, 512.0, np.inf)
-"""Edges of the bands [Hz]: two octaves each; machine noise is nearly constant within that."""
 
 TAPER = 0.1  # share of a block in the cosine ends of a Tukey window
 
-OF_CUT_OFF = 0.35
-"""Share of a position filter's cut-off up to which the filter does not change the signal."""
+OF_CUT_OFF = 0.35  # share of a filter's cut-off up to which it does not change a position
 
-WITHIN_INTERVAL = 1.0 / math.sqrt(3.0)
-"""Standard deviation of an instant uniformly distributed within one interval on either side."""
+WITHIN_INTERVAL = 1.0 / math.sqrt(3.0)  # standard deviation of an instant within +-1 interval
 
-NOISE_OF_MOTION = 0.1
-"""Share of encoder noise in the power of mass times acceleration above which a band is unused."""
+NOISE_OF_MOTION = 0.1  # share of encoder noise in mass times acceleration, of a band still used
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,7 @@ from .model import Drive, commanded, drive_of
 from .motion import jumps_of, opposing
 from .rule import Explained, built, explained
 
-MOST = 0.5
-"""Share of the squares: if it certainly goes, the error is explained in part without a name."""
+MOST = 0.5  # share of the squares that, if it certainly goes, explains in part without a name
 
 
 def diagnose(

@@ -39,8 +39,7 @@ COARSE = 100.0
 """Count of a block's band beyond which more numbers add little information, because a model is not
 exact (coarsened posterior; J. Miller and D. Dunson, JASA 114, 2019)."""
 
-COMMANDED = 2e-4
-"""Error of a command as a share of its root mean square: about one bit of a 12-bit converter."""
+COMMANDED = 2e-4  # error of a command over its rms: about one bit of a 12-bit converter
 
 _WEIGHINGS = 6  # iterations of the bands' weights
 _WEIGHINGS_MORE = 4  # the same without one of the blocks

@@ -93,20 +93,19 @@ def _samples(study: Study) -> list[tuple[int, int, int]]:
 
 def _positions(found: Explained, as_read: Sequence[Course]) -> tuple[dict[str, Vector], str]:
     """Errors of predicted positions, see `HeldOut`, and why one cannot be predicted."""
-    x, why = np.concatenate([c.x for c in as_read]), ""
-    out = dict.fromkeys(("prior", "none", "all", "noise"), np.full(len(x), np.nan))
+    x = np.concatenate([c.x for c in as_read])
+    unknown = np.full(len(x), np.nan)
+    out = dict.fromkeys(("prior", "none", "all", "noise"), unknown)
     try:
         prior = Predictor(found.study.prior_model, {})
         out["prior"] = np.concatenate([prior(c, np.zeros(len(c.x))) for c in as_read]) - x
-        out["none"], out["noise"] = _ahead_on_blocks(found, [], prior)
-        out["all"] = out["none"]
-        if found.forms:
-            out["all"], out["noise"] = _ahead_on_blocks(found, found.forms)
+        out["none"], noise = _ahead_on_blocks(found, [], prior)
+        out["all"], out["noise"] = (
+            _ahead_on_blocks(found, found.forms) if found.forms else (out["none"], noise)
+        )
     except NOT_PREDICTED as error:
-        why = str(error)
-        if found.forms:
-            out["all"] = out["noise"] = np.full(len(x), np.nan)
-    return out, why
+        return out, str(error)
+    return out, ""
 
 
 def _ahead_on_blocks(

@@ -301,31 +301,22 @@ UNMODELLED_INERTIA = Cause(
 CURRENT_GAIN = "current_gain"  # the calibration that a wrong scale of the current frees
 
 
-def _inertial(course: Course, model: Drive) -> Vector:
-    """Force that grows with the scale of x, shape (n,) [N]."""
-    return model.linear.inertia * course.mean_a + model.linear_friction * course.middle_v
+def _of_motion(name: str, times: float, sure: float | None = None) -> Mechanism:
+    """A force that grows with x, and the command equivalent to the motion's back-EMF.
 
+    If `sure`, a change of the sign, which changes the direction of friction, too.
+    """
 
-def _of_motion(
-    name: str, forces: list[Vector], times: float, courses: Courses, model: Drive
-) -> Form:
-    """A force, and the command equivalent to the motion's back-EMF."""
-    emf = model.linear.back_emf if model.has_motor else 0.0
-    return Form(
-        (name,),
-        force=[times * f[:, None] for f in forces],
-        command=[-times * emf * c.middle_v[:, None] for c in courses],
-    )
+    def at(courses: Courses, model: Drive, values: Values) -> Form:
+        emf, forces, command = model.linear.back_emf if model.has_motor else 0.0, [], []
+        for c in courses:
+            force = model.linear.inertia * c.mean_a + model.linear_friction * c.middle_v
+            force = force + c.bristle if sure else force
+            forces.append(times * force[:, None])
+            command.append(-times * emf * c.middle_v[:, None])
+        return Form((name,), force=forces, command=command, sure=sure)
 
-
-def _scale_of_x(courses: Courses, model: Drive, values: Values) -> Form:
-    forces = [_inertial(c, model) for c in courses]
-    return _of_motion("scale_of_x", forces, 1.0, courses, model)
-
-
-def _sign_of_x(courses: Courses, model: Drive, values: Values) -> Form:
-    forces = [_inertial(c, model) + c.bristle for c in courses]
-    return replace(_of_motion("sign_of_x", forces, -2.0, courses, model), sure=CERTAIN)
+    return Mechanism((), at)
 
 
 SCALE_OF_I = Cause(
@@ -340,13 +331,13 @@ SCALE_OF_I = Cause(
 SCALE_OF_X = Cause(
     "scale_of_x",
     "the recorded position has a wrong scale",
-    (Mechanism((), _scale_of_x),),
+    (_of_motion("scale_of_x", 1.0),),
     confirm="move by a known distance and read the position",
     smaller=lambda courses, form, amplitudes: min(abs(1.0 + float(amplitudes[0])), 1.0),
 )
 SIGN_OF_X = Cause(
     "sign_of_x",
     "the recorded position has the wrong sign",
-    (Mechanism((), _sign_of_x),),
+    (_of_motion("sign_of_x", -2.0, CERTAIN),),
     confirm="move in +x by hand and read the position",
 )
