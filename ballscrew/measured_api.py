@@ -218,14 +218,19 @@ def diagnose(
     """
     from .measured_results import DiagnosisResult
     from .measurement.diagnosis.causes import CAUSES
-    from .measurement.diagnosis.diagnose import diagnose as diagnosed
+    from .measurement.diagnosis.diagnose import diagnose_records
+    from .measurement.diagnosis.model import drive_of
+    from .measurement.records.reading import read_drive_records
+    from .orchestration.loop.parameter_file import ParameterFile, read_parameters
     from .plant import LAWS
 
     for name, value, known in (("law", law, LAWS), ("take", take, CAUSES)):
         if value is not None:
             check_name(name, value, known)
-    columns = mapping, progress or _silent, units, lead
-    return DiagnosisResult.of(diagnosed(_paths(data), params, law, *columns, take))
+    file = (ParameterFile() if params is None else read_parameters(params)).with_lead(lead)
+    records = read_drive_records(_paths(data), mapping, units, lead or file.lead)
+    found = diagnose_records(records, drive_of(file, law), progress or _silent, take)
+    return DiagnosisResult.of(found)
 
 
 def compare(
@@ -240,15 +245,11 @@ def compare(
 
     Parameters
     ----------
-    data : path-like or sequence of path-like
+    data, mapping, units, lead, progress
         As in `diagnose`.
     params : path-like
         Parameter file of any command, or your own. A file of `diagnose` has three models:
         the prior one, the one with adjusted values, and the corrected one.
-    mapping, units, lead
-        As in `read_drive_records`.
-    progress : function of str, optional
-        As in `identify`.
 
     Returns
     -------

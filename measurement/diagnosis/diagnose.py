@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
-from ...orchestration.loop.parameter_file import TURNS, ParameterFile, read_parameters
+from ...orchestration.loop.parameter_file import TURNS
 from ...solver.arrays import Vector
 from ..records.examine import check_identifiable
-from ..records.reading import read_drive_records
 from ..records.record import Record
 from .balance import Added, residual, rms
 from .causes import CAUSES, OUTSIDE
@@ -19,31 +17,11 @@ from .diagnosis import Curves, Diagnosis, Verdict, finding, holds
 from .experiment import next_experiment
 from .fit import study_of
 from .held_out import HeldOut, NoiseFloor, Remainder, held_out, noise_floor, remainder
-from .model import Drive, commanded, drive_of
+from .model import Drive, commanded
 from .motion import jumps_of, opposing
 from .rule import Explained, built, explained
 
 MOST = 0.5  # share of the squares that, if it certainly goes, explains in part without a name
-
-
-def diagnose(
-    data: Sequence[Path | str],
-    params: Path | str | None = None,
-    law: str | None = None,
-    mapping: Mapping[str, str] | None = None,
-    progress: Callable[[str], None] = lambda doing: None,
-    units: Mapping[str, str] | None = None,
-    lead: float | None = None,
-    take: str | None = None,
-) -> Diagnosis:
-    """Find the errors of a simulation of recorded runs; arguments as in `ballscrew.diagnose`.
-
-    `take` is a cause to include in the model in any case; its gain is measured like that of any
-    other. Raises `BadRecord` or `BadParameters` if an input cannot be used.
-    """
-    file = (ParameterFile() if params is None else read_parameters(params)).with_lead(lead)
-    records = read_drive_records(data, mapping, units, lead or file.lead)
-    return diagnose_records(records, drive_of(file, law), progress, take)
 
 
 def diagnose_records(
@@ -52,7 +30,11 @@ def diagnose_records(
     progress: Callable[[str], None] = lambda doing: None,
     take: str | None = None,
 ) -> Diagnosis:
-    """Like `diagnose`, for records in memory; `prior` of the result has the records' command."""
+    """Find the errors of a simulation of recorded runs.
+
+    `take` is a cause to include in the model in any case; its gain is measured like that of any
+    other. `prior` of the result has the records' command. Raises `BadRecord`.
+    """
     began = time.perf_counter()
     records, prior_model, notes = commanded(records, prior_model)
     notes += [TURNS] * prior_model.turns + check_identifiable(records)

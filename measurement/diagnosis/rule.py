@@ -122,7 +122,7 @@ def explained(study: Study, take: str | None = None) -> Explained:
 
 def is_found(h: Hypothesis) -> bool:
     """Whether a hypothesis is more than noise: score, share, and force on held-out data."""
-    return h.score >= SCORE and h.gain.share >= SHARE and h.gain.certain
+    return h.score >= SCORE and h.gain.share >= SHARE and h.gain.interval[0] > 0.0
 
 
 def members_of(ranked: Sequence[Hypothesis]) -> list[Hypothesis]:

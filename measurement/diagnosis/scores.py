@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,16 +29,11 @@ _AT_END = 0.99
 _REFINED = 3  # halvings of a grid's spacing
 
 
-@dataclass(frozen=True)
-class Gain:
+class Gain(NamedTuple):
     """What a fit removes from another one's squares of a balance, on held-out blocks."""
 
     share: float  # in the used bands of the balance
     interval: tuple[float, float]  # 90 %, by leaving out one block at a time (jackknife)
-
-    @property
-    def certain(self) -> bool:
-        return self.interval[0] > 0.0
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 from runner import Row
 
+from ballscrew import diagnose
 from ballscrew.cli import main as ballscrew
-from ballscrew.measurement.diagnosis.diagnose import diagnose
 from ballscrew.measurement.rig.trials import trials_named
 
 SEED = 1700

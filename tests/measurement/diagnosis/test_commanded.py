@@ -8,10 +8,10 @@ import pytest
 from axis_records import NOMINAL, TURN, friction_noise, moved, signals_of
 from diagnosed import nominal
 
+from ballscrew import diagnose
 from ballscrew.measurement.diagnosis.balance import residual
 from ballscrew.measurement.diagnosis.compare import compare_records
 from ballscrew.measurement.diagnosis.corrected import corrected
-from ballscrew.measurement.diagnosis.diagnose import diagnose
 from ballscrew.measurement.diagnosis.model import commanded, driven_by_current
 from ballscrew.measurement.diagnosis.motion import lay_along
 from ballscrew.measurement.records.reading import check_record

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ballscrew.measurement.diagnosis.diagnose import diagnose
+from ballscrew import diagnose
 
 pytestmark = pytest.mark.ci
 
