@@ -212,22 +212,18 @@ def commanded(records: Sequence[Record], model: Drive) -> tuple[list[Record], Dr
     wanted = VOLTAGE if model.has_motor else model.command or records[0].command
     known = []
     for record in records:
-        said = ""
-        if record.current_alone and model.command != CURRENT:
-            said = (
-                'has the current i and no command u; with kind = "drive" say map i=u unit u=A, and '
-                "give gain in N/A"
+        alone = record.current_alone and model.command != CURRENT
+        made = record if alone else _with_command(record, wanted)
+        if alone or made.command != wanted:
+            has, say = f"u is a {record.command}", "its unit as unit u=UNIT"
+            if alone:
+                has, say = "has the current i and no command u", "map i=u unit u=A"
+            raise BadRecord(
+                f"{record.name}: {has}, and the {model.kind} is driven by a {wanted}; say {say}, "
+                f'or command = "{CURRENT if alone else record.command}" in the parameter file, of '
+                'kind = "drive", with its gain'
             )
-        elif (made := _with_command(record, wanted)).command == wanted:
-            known.append(made)
-        else:
-            said = (
-                f"u is a {record.command}, and the {model.kind} is driven by a {wanted}; say its "
-                f'unit as unit u=UNIT, or kind = "drive" and command = "{record.command}" in the '
-                "parameter file with its gain"
-            )
-        if said:
-            raise BadRecord(f"{record.name}: {said}")
+        known.append(made)
     return known, model if model.has_motor else replace(model, command=wanted), []
 
 
