@@ -61,7 +61,7 @@ def balance(
     `force` and `command` are added to the model's own equations, shape (n,) each.
     """
     width, step, v = course.width, course.step, course.moved_v
-    u = course.u + course.calibration["command_shift"] * course.next_change + command
+    u = course.shifted_u + command
     opposed = averaged(friction + force + model.linear_friction * v, width)
     opposed += course.own_offset + model.linear.inertia * course.measured_a
     if "fast_speed" in course.calibration:

@@ -278,8 +278,7 @@ class Predictor:
         values = dict(self._values)
         if course.offset_name:
             values["offset"] += course.own_offset
-        command = course.u + course.calibration["command_shift"] * course.next_change + change
-        return Model(self._kernel, values, tolerance=_TOLERANCE), command
+        return Model(self._kernel, values, tolerance=_TOLERANCE), course.shifted_u + change
 
 
 def _let_go(model: Model) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -144,9 +144,10 @@ class Course:
         return np.asarray(averaged(change, self.width) - self.measured_a)
 
     @property
-    def next_change(self) -> Vector:
-        """Change of the command to the next sample, shape (n,)."""
-        return np.append(self.u[1:], self.u[-1]) - self.u
+    def shifted_u(self) -> Vector:
+        """The command with its calibrated shift, shape (n,)."""
+        next_change = np.append(self.u[1:], self.u[-1]) - self.u
+        return np.asarray(self.u + self.calibration["command_shift"] * next_change)
 
     @cached_property
     def middle_x(self) -> Vector:
@@ -258,18 +259,16 @@ def _jumps(course: Course, model: Drive) -> tuple[int, ...]:
     return tuple((np.flatnonzero(moves & (size > least)) + 2).tolist())
 
 
-def jumps_of(courses: Sequence[Course]) -> list[str]:
+def jumps_of(courses: Sequence[Course]) -> Iterator[str]:
     """Notes on jumps of the position: the first of each record."""
-    notes = []
     for c in courses:
         for k in c.jumps[:1]:
             size = 1e6 * float(np.diff(c.record.x[k - 2 : k + 1], 2)[0])
-            notes.append(
+            yield (
                 f"{c.record.name}: x jumps by {size:.3g} um within a sample at "
                 f"{c.record.time[k]:.6g} s ({len(c.jumps)} in all), which no force of this drive "
                 "can do: look for lost counts; the samples around are left out"
             )
-    return notes
 
 
 def _smoothed(x: Vector, width: int, step: float) -> tuple[Vector, Vector]:

@@ -105,7 +105,12 @@ def explained(study: Study, take: str | None = None) -> Explained:
         ranked = scored(catalogue, built)
         sets.append(members_of(ranked))
         if take is not None:
-            first, take = _taken(ranked, study, take), None
+            first = next((h for h in ranked if h.name == take), None)
+            if first is None:
+                why = CAUSES[take].beyond(study.courses, study.model)
+                why = why or "none of its forms fits the records"
+                raise BadRecord(f"these records cannot show {take}: {why}")
+            take = None
         elif not sets[-1] or sets[-1][0].name == OUTSIDE or len(built) == _MOST:
             break
         else:
@@ -149,15 +154,6 @@ def members_of(ranked: Sequence[Hypothesis]) -> list[Hypothesis]:
     alike = tuple(h.name for h in rest if entry_of(h.name) == entry_of(first.name))
     certain = len(alike) == len(rest)
     return [replace(led(first), certain=certain, alike=alike), *rest]
-
-
-def _taken(ranked: Sequence[Hypothesis], study: Study, name: str) -> Hypothesis:
-    found = next((h for h in ranked if h.name == name), None)
-    if found is None:
-        why = CAUSES[name].beyond(study.courses, study.model)
-        why = why or "none of its forms fits the records"
-        raise BadRecord(f"these records cannot show {name}: {why}")
-    return found
 
 
 def built(
