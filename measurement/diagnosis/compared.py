@@ -160,8 +160,8 @@ def compare_figure(found: Compared) -> Any:
             v, friction = binned(t.v, t.required - left, t.counted, alike=True)
             over_velocity.plot(1e3 * v, friction, **{**style, "lw": 2.0})
         grey = "; grey: at rest" if t.rests.any() else ""
-        off.set_title(f"Predicted minus measured position, by the second{grey}", loc="left")
-        off.set(ylabel=f"error [{unit}]", xlabel="time [s]")
+        off.set_title("Error of the position, predicted each second", loc="left")
+        off.set(ylabel=f"predicted minus measured [{unit}]", xlabel=f"time [s]{grey}")
         force.set_title("Force against the motion", loc="left")
         force.set(ylabel="force [N]", xlabel="time [s]")
         over_velocity.set_title("Friction over velocity", loc="left")
