@@ -58,5 +58,5 @@ def test_voltage_and_current_that_contradict_each_other_are_not_cleared():
     courses = [lay_along(check_record("twice", signals), nominal())]
     twice = residual(courses, nominal())
     assert twice.by_current_rms > 20.0 * right.by_current_rms
-    force = nominal().per_ampere * rms(record.signals["i"])
+    force = nominal().linear.per_ampere * rms(record.signals["i"])
     assert twice.by_current_rms == pytest.approx(force, rel=0.1)
