@@ -136,7 +136,7 @@ MORE = [
     ("diagnose record.csv --params deep.toml", "nested too deeply"),
     ("diagnose record.csv --params hexadecimal.toml", "m is a number beyond 1e308"),
     ("diagnose record.csv --params more_digits.toml", "is not a TOML file"),
-    ("diagnose record.csv --params current.toml --unit u=N", "and the drive is driven by a current"),
+    ("diagnose record.csv --params current.toml --unit u=N", "drive is driven by a current"),
     ("diagnose record.csv --params turns.toml --lead 5e-3", "without one; leave the lead out"),
     ("compare record.csv --params fmu.toml", "kind is 'fmu', expected one of ball_screw, drive"),
     ("compare record.csv --params screw.toml --lead 0.001", "but screw.toml has 0.005 m"),
