@@ -57,34 +57,32 @@ PARTS = {
     "orchestration/master/c/master.c": "orchestration/master/test_couplings.py",
     **dict.fromkeys(
         (f"fmus/native/c/{part}.h" for part in ("component", "events", "exchange")),
-        "fmus/test_events_and_delays.py fmus/test_model_exchange.py "
-        "fmus/test_every_kind.py -k '(native-2 and (plant_classical or pid_sampled or nctf or "
-        "states_set or be_set or no_ or failure or bound or limit or words or events) or margin or "
-        "either_way or bounces) and not (loop or cvode or tangents or maxwell or observed)'",
+        "fmus/test_events_and_delays.py fmus/test_model_exchange.py fmus/test_limits.py "
+        "fmus/test_every_kind.py -k 'not (readable or native-3 or cvode or iol or maxwell or "
+        "encoder or million or thousand or courses or feedback)'",
     ),
-    "controllers/adaptive_friction.py": "controllers/test_commands.py "
-    "controllers/test_observers.py",
-    "controllers/nctf.py": "controllers/test_thesis_laws.py",
+    "controllers/adaptive_friction.py": "controllers/test_every_controller.py "
+    "controllers/test_commands.py controllers/test_observers.py",
+    "controllers/nctf.py": "controllers/test_every_controller.py controllers/test_thesis_laws.py",
     "plant/lugre.py": "plant/test_ball_screw.py plant/test_exact_solutions.py plant/test_laws.py "
     "-k 'lugre or printed or modified or each_direction or by_side'",
-    "measurement/diagnosis/experiment.py": "measurement/diagnosis/"
-    "test_experiment.py -k 'motion or lasts'",
-    "measurement/diagnosis/scores.py": "measurement/diagnosis/test_scores.py -k "
-    "'not (far or gap or noisy or follows or swing)'",
+    "measurement/diagnosis/experiment.py": "measurement/diagnosis/test_experiment.py -k 'not own'",
+    "measurement/diagnosis/scores.py": "measurement/diagnosis/test_scores.py -k 'not noisy'",
     "measurement/records/record.py": "measurement/records/test_examine.py "
     "measurement/records/test_wraps.py",
     "measurement/records/table.py": "measurement/records/test_table.py "
     "measurement/records/test_formats.py",
     "orchestration/fmu/isolated.py": "orchestration/fmu/test_isolated.py -k 'not called'",
-    "orchestration/master/verdict.py": "orchestration/master/test_verdict.py -k "
-    "'allowed or halvings or parts or flag or closer'",
-    "orchestration/master/master.py": "orchestration/master/test_step_choice.py -k "
-    "'not left_to and not which_step'",
+    "orchestration/master/verdict.py": "orchestration/master/test_verdict.py -k 'not results_of'",
+    "orchestration/master/master.py": "orchestration/loop/test_pair.py "
+    "orchestration/master/test_step_choice.py orchestration/master/test_verdict.py "
+    "-k 'not results_of'",
     "fmus/system_reading.py": "fmus/test_system_reading.py",
     "solver/codegen.py": "solver/test_codegen.py solver/test_events_and_delays.py",
-    "solver/interconnect.py": "solver/test_interconnect.py",
-    "stability/lyapunov.py": "stability/test_motions.py "
-    "stability/test_known_answers.py -k 'not torus or agree'",
+    "solver/interconnect.py": "solver/test_interconnect.py controllers/test_every_controller.py "
+    "stability/test_sampled_and_delayed_loops.py -k 'not (cycles or circle or quantized)'",
+    "stability/lyapunov.py": "stability/test_motions.py stability/test_known_answers.py "
+    "ballscrew/test_lyapunov_command.py -k 'not (torus or map or disk) or agree'",
     "measurement/identification/fit.py": "measurement/identification/test_fit.py",
 }
 
