@@ -82,10 +82,7 @@ PENDULUM = Component(
         State("x", "rad", "angle", V, start=0.7),
         State("v", "rad/s", "rate", -A * sp.sin(X) - B * V + U * sp.cos(X)),
     ),
-    outputs=(
-        Output("x", "rad", "angle", X),
-        Output("height", "1", "height", 1 - sp.cos(X) + U**2),
-    ),
+    outputs=(Output("x", "rad", "angle", X), Output("height", "1", "height", 1 - sp.cos(X) + U**2)),
 )
 
 

@@ -12,14 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from axis_records import (
-    friction_noise,
-    gap,
-    moved,
-    signals_of,
-    strong_record,
-    to_and_fro,
-)
+from axis_records import friction_noise, gap, moved, signals_of, strong_record, to_and_fro
 from diagnosed import nominal
 from slide_records import believed, slide_record
 from worlds import draw_case as draw_world
@@ -164,8 +157,7 @@ def test_each_record_may_have_an_offset_of_its_own():
 
 @pytest.mark.ci
 @pytest.mark.parametrize(
-    "effect",
-    ["load_bias", "backlash", *(pytest.param(e, marks=pytest.mark.prove) for e in OTHERS)],
+    "effect", ["load_bias", "backlash", *(pytest.param(e, marks=pytest.mark.prove) for e in OTHERS)]
 )
 def test_a_hidden_effect_of_the_axis_is_built_in_alone_and_has_its_size(effect):
     _, name, size = TRUTH[effect]

@@ -142,10 +142,7 @@ def looked():
 def test_the_effect_that_is_there_leads_with_its_size(looked):
     catalogue, found = looked
     first, *others = found
-    assert (first.name, first.form.amplitudes) == (
-        "torque_ripple",
-        ("ripple_cos", "ripple_sin"),
-    )
+    assert (first.name, first.form.amplitudes) == ("torque_ripple", ("ripple_cos", "ripple_sin"))
     assert first.amplitude == pytest.approx([12.0, 0.0], abs=0.05)
     assert first.form.values["ripples_per_metre"] == pytest.approx(50.0, rel=2e-3)
     assert catalogue.force_of(first) == pytest.approx(12.0 / math.sqrt(2.0), rel=0.03)
@@ -171,8 +168,7 @@ def test_a_gain_is_the_removed_share_with_its_jackknife():
 
 
 @pytest.mark.parametrize(
-    ("share", "excess", "cuts"),
-    [(0.25, 1.2, True), (0.25, 1.3, False), (0.15, 1.2, False)],
+    ("share", "excess", "cuts"), [(0.25, 1.2, True), (0.25, 1.3, False), (0.15, 1.2, False)]
 )
 def test_a_limit_that_cuts_many_samples_by_little_only_cuts_noise(share, excess, cuts):
     """More than a fifth of the samples, by less than a quarter of the limit."""

@@ -7,13 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from case_inputs import strokes
-from identification.records import (
-    Trial,
-    constant_velocity,
-    record_of,
-    sine_velocity,
-    slow_load,
-)
+from identification.records import Trial, constant_velocity, record_of, sine_velocity, slow_load
 from prescribed_motion import prescribed_friction
 
 from ballscrew.measurement.identification.fit import fit_along

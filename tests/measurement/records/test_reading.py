@@ -223,8 +223,7 @@ def test_each_fault_of_a_column_is_said_in_one_line(tmp_path):
 
 @pytest.mark.ci
 @pytest.mark.parametrize(
-    ("name", "factor", "unit"),
-    [("x", 1e6, "mm"), ("time", 1e3, "ms"), ("force", 1e-3, "kN")],
+    ("name", "factor", "unit"), [("x", 1e6, "mm"), ("time", 1e3, "ms"), ("force", 1e-3, "kN")]
 )
 def test_numbers_that_look_like_another_unit_are_refused_until_the_unit_is_said(
     tmp_path, name, factor, unit

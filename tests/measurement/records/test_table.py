@@ -85,10 +85,7 @@ def german(value, places):
 
 
 @pytest.mark.ci
-@given(
-    values=st.lists(st.floats(-1e7, 1e7), min_size=6, max_size=30),
-    places=st.integers(0, 4),
-)
+@given(values=st.lists(st.floats(-1e7, 1e7), min_size=6, max_size=30), places=st.integers(0, 4))
 def test_dots_among_decimal_commas_are_of_thousands_or_refused(tmp_path_factory, values, places):
     texts = [german(v, places) for v in values]
     rows = [f"{k},5;{t}" for k, t in enumerate(texts)]
@@ -138,10 +135,7 @@ def test_a_slip_in_a_column_is_named_where_the_column_is_asked_for(tmp_path):
             rename(table, mapping, ["time", "x"], [])
 
 
-@pytest.mark.parametrize(
-    ("row", "separator"),
-    [("{:.3f};{:,.3f}", ";"), ('{:.3f},"{:,.3f}"', ",")],
-)
+@pytest.mark.parametrize(("row", "separator"), [("{:.3f};{:,.3f}", ";"), ('{:.3f},"{:,.3f}"', ",")])
 def test_commas_between_thousands_stand_beside_decimal_points(tmp_path, row, separator):
     values = [0.25, 999.5, 1000.125, -1234567.5, 12.0]
     rows = [row.format(k / 1000, v) for k, v in enumerate(values)]
@@ -291,10 +285,7 @@ def test_stamps_with_decimal_commas_and_columns_without_a_name(tmp_path):
     ("stamps", "words"),
     [
         (["3/4/2024 23:59"] * 2 + ["4/4/2024 00:00"] * 2, "'3/4/2024 23:59' may be from two days;"),
-        (
-            ["12:00:00", "noon", "12:00:02", "12:00:03"],
-            "row 3, column 'time': 'noon' is not a",
-        ),
+        (["12:00:00", "noon", "12:00:02", "12:00:03"], "row 3, column 'time': 'noon' is not a"),
     ],
 )
 def test_stamps_that_are_not_clear_are_refused(tmp_path, stamps, words):
