@@ -24,11 +24,11 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (3500, 2894),
     "gallery": (2730, 2356),
     "measurement": (10856, 9523),
-    "proofs": (7330, 6644),
+    "proofs": (7328, 6642),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21953, 20954),
+    "tests": (21941, 20942),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -26,6 +26,7 @@ def test_on_the_plant_s_friction_the_adaptive_law_learns_the_coulomb_part():
     (rate,) = (p.default for p in adaptive_friction().parameters if p.name == "rate")
     estimate = run.states["controller_y"] - rate * la.M * run.outputs["v"] ** 2 / 2
     assert estimate[-1] == pytest.approx(1.284, rel=0.05)
+    assert np.exp(-0.08 * rate) == pytest.approx(0.02, rel=0.1)  # as the parameter says
 
 
 def test_a_load_is_taken_away_without_an_integral():

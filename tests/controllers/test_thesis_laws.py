@@ -113,6 +113,8 @@ def test_printed_design_of_the_nominal_plant_gives_the_printed_gains():
     assert defaults["Kp"] == pytest.approx(2 * 0.3 * 3 * 30 / (1.193 * 0.1193), rel=1e-12)
     assert (defaults["h"], defaults["c"]) == (0.1193, 13.25)
     assert defaults["Ki"] == pytest.approx(9 * 30 / (1.193 * 0.1193), rel=1e-12)
+    with pytest.raises(ValueError, match="design mode is 'print', expected 'printed' or 'fitted'"):
+        design(mode="print")
 
 
 @pytest.mark.ci

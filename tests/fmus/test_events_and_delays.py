@@ -99,14 +99,15 @@ def watched(written):
 def test_an_event_is_due_from_half_of_the_margin_on_which_is_a_trillionth_of_the_nominal(watched):
     """The host sees an indicator less the margin, so that zero is beyond the event."""
 
-    def at(height, w):
-        """Indicators there, whether a completed step asks for events, and how many happen."""
-        host = Host(watched, {"w": -1.0}, exchange=True)
+    def at(height, *course):
+        """Indicators at its end, whether that asks for events, and how many happen there."""
+        host = Host(watched, {"w": course[0]}, exchange=True)
         host.fmu.enterContinuousTimeMode()
         host.set_states([height, -1.0, 0.0])
-        host.set({"w": w})
-        shown = host.array("getEventIndicators", 2)
-        asked = host.fmu.completedIntegratorStep()[0] != 0
+        for w in course[1:]:
+            host.set({"w": w})
+            shown = host.array("getEventIndicators", 2)
+            asked = host.fmu.completedIntegratorStep()[0] != 0
         host.fmu.enterEventMode()
         changed = host.update()
         (side,) = host.get("s")
@@ -115,12 +116,14 @@ def test_an_event_is_due_from_half_of_the_margin_on_which_is_a_trillionth_of_the
         assert changed == (bounced or side > 0)
         return shown, asked, bounced, side
 
-    shown, *happened = at(0.5, -0.25)
+    shown, *happened = at(0.5, -1.0, -0.25)
     assert happened == [False, False, 0.0]
     assert shown == pytest.approx([-0.5 - 1e-12, -0.25 - 1e-12], rel=0, abs=1e-15)
     for share, due, asked in ((0.4, False, False), (0.6, True, False), (1.1, True, True)):
-        assert at(-share * 1e-12, -0.25)[1:] == (asked, due, 0.0)
-        assert at(0.5, share * 1e-12)[1:] == (asked, False, float(due))
+        assert at(-share * 1e-12, -1.0, -0.25)[1:] == (asked, due, 0.0)
+        assert at(0.5, -1.0, share * 1e-12)[1:] == (asked, False, float(due))
+    # from zero its first side is where it goes, and the way back is an event
+    assert at(0.5, 0.0, -1.0, 1.0)[1:] == (True, False, 1.0)
 
 
 def test_events_that_reset_or_watch_either_way_leave_no_indicator_at_zero(watched):

@@ -75,6 +75,9 @@ def test_it_lasts_twelve_seconds_at_least_and_a_loop_can_follow_its_file(tmp_pat
     assert motion.motion["duration_s"] == pytest.approx(12.1)
     assert motion.motion["record"] == ["time", "u", "x", "i"]
     assert motion.motion["amplitude"] == 0.5 * np.ptp(motion.values)
+    # 0.8 of the force beyond break-away, at 10.98 N/V, over friction's and the back EMF's damping
+    fastest = 0.8 * (0.9 * 20.0 * 10.98089 - 2.35) / (173.0 + 10.98089 * 235.2941)
+    assert sum(motion.motion["speeds_m_per_s"]) == pytest.approx(fastest, rel=1e-5)
     motion.save(tmp_path)
     reference = Reference.read(tmp_path / COMMAND_FILE)
     assert reference.times[-1] == pytest.approx(motion.motion["duration_s"])

@@ -313,15 +313,19 @@ def test_asynchronous_stamps_are_put_to_the_slower_ones_where_both_are_known(tmp
     for name, head, *columns in (
         ("axis", ("t [s]", "x"), TIME, x_at(TIME)),
         ("drive", ("t [ms]", "u"), 1e3 * of_u, u_at(of_u)),
+        ("heat", ("t [ms]", "temperature"), 1e3 * of_u[::2], of_u[::2]),
     ):
         sheet = book.create_sheet(name)
         for row in (head, *np.column_stack(columns).tolist()):
             sheet.append(row)
     book.save(tmp_path / "a.xlsx")
-    (record,) = read_drive_records([tmp_path / "a.xlsx"], {"t": "time"})
+    known = {"t": "time", "temperature": "temperature"}
+    (record,) = read_drive_records([tmp_path / "a.xlsx"], known)
     np.testing.assert_allclose(record.time, of_u, atol=1e-9)
     np.testing.assert_allclose(record.x, x_at(of_u), atol=1e-6)
     np.testing.assert_allclose(record.u, u_at(of_u), atol=1e-12)
+    at_heat = np.where(np.arange(1000) % 2, np.nan, of_u)  # no samples are invented between
+    np.testing.assert_allclose(record.signals["temperature"], at_heat, atol=1e-12)
     (note,) = record.notes
     assert note.startswith(
         "x of axis, recorded every 1 ms, is interpolated linearly at the time stamps of drive"

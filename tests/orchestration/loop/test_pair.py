@@ -98,6 +98,7 @@ def test_its_fmu_follows_the_exact_course_and_nothing_of_a_set_point_is_written(
     figures = json.loads((tmp_path / "metrics.json").read_text())
     assert figures["controller"] == "pendulum"
     assert "there is no coupling" in figures["verdict_reason"]
+    assert figures["error_estimate"] == {"x": 0.0, "v": 0.0}
     assert "peak voltage" not in capsys.readouterr().out
 
 
