@@ -156,11 +156,14 @@ def prove(name: str, asked: argparse.Namespace, arguments: Sequence[str]) -> boo
     claim = (module.__doc__ or "").partition("\n")[0]
     report |= {"claim": claim, "says": module.says(report)}
     part = asked.only or asked.quick or asked.draws or asked.first is not None
+    holds = bool(report.get("holds", True))
     if asked.out or not part:
         write(asked.out or FOLDER / f"{name}.json", report)
+    elif not holds:
+        print(spelled(finite_or_null(report)))
     (PARTIAL / f"{name}.jsonl").unlink()
     print(f"{name}: {report['says']}")
-    return bool(report.get("holds", True))
+    return holds
 
 
 def main() -> int:

@@ -8,19 +8,16 @@ not trusted, or has twice the allowed error. ``--quick`` leaves out jaxonomy, wh
 
 from __future__ import annotations
 
-import csv
 import json
 import tempfile
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from runner import Row, stored
 
-from ballscrew.cli import main as ballscrew
-from ballscrew.controllers.pid import simc
+from ballscrew import component, swap
 from interoperability import tools
 
 ENVIRONMENTS = {
@@ -48,48 +45,38 @@ ALLOWED = {"pid": 1.5e-9, "pythonfmu": 9.8e-6, "qfmu": 5e-6, "casadi": 5e-6}
 HELD = 2.8e-5  # error of the others: their inputs are held over a step
 
 
-def tasks(asked: Namespace) -> dict[str, tuple[bool]]:
-    return {"swap": (asked.quick,)}
+def tasks(asked: Namespace) -> dict[str, tuple[list[str]]]:
+    return {"swap": ([n for n in ENVIRONMENTS if n != "jaxonomy" or not asked.quick],)}
 
 
-def trial(quick: bool) -> list[Row]:
+def trial(programs: Sequence[str]) -> list[Row]:
     """Let the programs make their FMUs, and swap them all."""
+    gains = json.dumps({p.name: p.default for p in component("pid").parameters})
     fmus, rows = {}, []
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        gains = dict(zip(("Kp", "Ki", "Kd"), asdict(simc()).values(), strict=True))
-        given = folder / "gains.json"
-        given.write_text(json.dumps(gains), encoding="utf-8")
-        for name in ENVIRONMENTS:
-            if quick and name == "jaxonomy":
-                continue
-            target = folder / f"{name}.fmu"
+    with tempfile.TemporaryDirectory() as folder:
+        for name in programs:
+            fmus[name] = Path(folder) / f"{name}.fmu"
             try:
                 python = tools.python_of(name, ENVIRONMENTS[name])
-                tools.called([python, tools.HERE / "makers.py", name, given, target])
-                fmus[name] = target
+                tools.called([python, tools.HERE / "makers.py", name, gains, fmus[name]])
             except tools.NotMade as error:
-                rows += tools.not_made(name, error, quick)
-        return swapped(fmus, folder) + rows
+                rows.append({"tool": name, "not_made": str(error)})
+                del fmus[name]
+        return swapped(fmus) + rows
 
 
-def swapped(fmus: Mapping[str, Path], folder: Path) -> list[Row]:
+def swapped(fmus: Mapping[str, Path]) -> list[Row]:
     """A row for `pid` and for each FMU: verdict, and largest error of the position [m]."""
-    options = ["--controllers", "pid", *map(str, fmus.values())]
-    for name in set(MAPS) & set(fmus):
-        options += [o for a, b in MAPS[name].items() for o in ("--map", f"{name}.{a}={b}")]
-    out = folder / "swap"
-    ballscrew(["swap", *options, "--stop", str(STOP), "--step", str(STEP), "--out", str(out)])
-    rows = []
-    for result in json.loads((out / "comparison.json").read_text(encoding="utf-8")):
-        name = result["controller"]
-        with (out / f"trajectory_{name}.csv").open(encoding="utf-8") as file:
-            columns = list(csv.DictReader(file))
-        time, x = (np.array([float(row[n]) for row in columns]) for n in ("time", "x"))
-        known = tools.reference("pid")[np.rint(time / tools.GRID).astype(int)]
-        row = {"made_by": name, "verdict": result["verdict"], "coupling": result["coupling_reason"]}
-        row |= {"estimate": result["error_estimate"].get("x"), "end": float(time[-1])}
-        rows.append(row | {"error": float(np.abs(x - known).max())})
+    maps = {name: MAPS[name] for name in MAPS if name in fmus}
+    found = swap(["pid", *fmus.values()], stop=STOP, step=STEP, mapping=maps)
+    rows: list[Row] = [{"made_by": n, "error": None, "why": why} for n, why in found.failures]
+    for result in found.results:
+        run = result.run
+        known = tools.reference("pid")[np.rint(run.time / tools.GRID).astype(int)]
+        row = {"made_by": result.loop.label, "verdict": run.verdict.word}
+        row |= {"coupling": run.coupling_reason, "estimate": run.verdict.error_estimate.get("x")}
+        error = float(np.abs(run.outputs["x"] - known).max())
+        rows.append(row | {"end": float(run.time[-1]), "error": error})
     return rows
 
 

@@ -1,6 +1,6 @@
 """Other programs make an FMU of the same PID: ``makers.py PROGRAM GAINS TARGET``.
 
-Each runs in its own environment. The gains Kp, Ki and Kd are a JSON file.
+Each runs in its own environment. The gains Kp, Ki and Kd are in JSON.
 """
 
 from __future__ import annotations
@@ -124,8 +124,7 @@ def jaxonomy(gains: Gains, scratch: Path, target: Path) -> None:
     """A block diagram with an integrator, stepped by its own solver."""
     from jaxonomy.library.fmu_export import build_fmu
 
-    in_order = repr({n: gains[n] for n in ("Kp", "Ki", "Kd")})
-    build_fmu(_script(scratch, _beside() + JAXONOMY.replace("{gains}", in_order)), target)
+    build_fmu(_script(scratch, _beside() + JAXONOMY.replace("{gains}", repr(gains))), target)
 
 
 PYTHONFMU3 = """
@@ -249,4 +248,4 @@ if __name__ == "__main__":
     program, given, made = sys.argv[1:]
     place = Path(made).with_name(f"{Path(made).stem}_scratch")
     place.mkdir()
-    globals()[program](json.loads(Path(given).read_text(encoding="utf-8")), place, Path(made))
+    globals()[program](json.loads(given), place, Path(made))

@@ -24,7 +24,7 @@ from ballscrew.plant import PLANTS
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import TIME, Component, symbol
 from ballscrew.solver.kernel import Model
-from interoperability.tools import GOAL, NotMade, by_host, judged, not_made, python_of
+from interoperability.tools import GOAL, NotMade, by_host, judged, python_of
 
 BY_HAND = Path(
     os.environ.get("BALLSCREW_MODELICA", ROOT.parent / "shared" / "modelica" / "loops.mo")
@@ -136,16 +136,16 @@ def of_howto(compiler: str, python: Path) -> list[Row]:
     return [position_row(compiler, words, ALLOWED_OF_HOWTO, result, table)]
 
 
-def tasks(asked: Namespace) -> dict[str, tuple[str, bool]]:
-    return {compiler: (compiler, asked.quick) for compiler in COMPILERS}
+def tasks(asked: Namespace) -> dict[str, tuple[str, Sequence[str]]]:
+    return {compiler: (compiler, QUICK if asked.quick else NAMES) for compiler in COMPILERS}
 
 
-def trial(compiler: str, quick: bool) -> list[Row]:
+def trial(compiler: str, names: Sequence[str]) -> list[Row]:
     try:
         python = python_of(compiler, COMPILERS[compiler])
     except NotMade as error:
-        return not_made(compiler, error, quick)
-    rows = of_components(compiler, python, QUICK if quick else NAMES)
+        return [{"tool": compiler, "not_made": str(error)}]
+    rows = of_components(compiler, python, names)
     if compiler == "rumoca":  # pymoca's host takes one flat model
         rows += by_hand(compiler, python) if BY_HAND.is_file() else []
         rows += of_howto(compiler, python)

@@ -11,7 +11,6 @@ integration.
 from __future__ import annotations
 
 import subprocess
-import sys
 import tempfile
 import venv
 from argparse import Namespace
@@ -47,14 +46,7 @@ PACKAGES = {
     "sofirpy": ["sofirpy==1.0.2"],
     "jaxonomy": ["jaxonomy==3.4.1", "fmpy==0.3.32", "pythonfmu==0.7.0"],
 }
-QUICK = (
-    "pathsim",
-    "fmuloader",
-    "fmucontainer",
-    "fmpy",
-    "libcosim",
-    "ecos",
-)  # small
+QUICK = ("pathsim", "fmuloader", "fmucontainer", "fmpy", "libcosim", "ecos")  # small
 FMPY = {"iol": {1e-6: 6.2e-7, 1e-8: 2.9e-8}, "nctf": {1e-6: 3.4e-9, 1e-8: 2.3e-10}}
 CVODES = {"iol": {1e-6: 1.7e-6, 1e-8: 1.3e-8}, "nctf": {1e-6: 1.9e-7, 1e-8: 1.4e-9}}
 REFERENCE_TOLERANCE, LONGEST = 1e-11, 20.0
@@ -183,29 +175,22 @@ def error_of(job: Job, found: Any) -> float | None:
     return float(np.abs(x[inside] - reference(job.controller)[nearest[inside]]).max())
 
 
-def not_made(tool: str, error: NotMade, quick: bool) -> list[Row]:
-    """What is kept of an environment that pip could not fill; in CI nothing."""
-    print(f"no environment: {tool}: {error}", file=sys.stderr)
-    return [] if quick else [{"tool": tool, "not_made": str(error)}]
+def tasks(asked: Namespace) -> dict[str, tuple[str, list[Job]]]:
+    """With `asked.quick`, only small environments, and what they do within seconds."""
+    chosen: dict[str, list[Job]] = {}
+    for job in jobs():
+        quick = job.tool in QUICK and job.controller == "iol" and job.stop == 1.0
+        if quick or not asked.quick:
+            chosen.setdefault(job.tool, []).append(job)
+    return {tool: (tool, some) for tool, some in chosen.items()}
 
 
-def _is_quick(job: Job) -> bool:
-    """Whether it is for continuous integration: with a small environment and within seconds."""
-    return job.tool in QUICK and job.controller == "iol" and job.stop == 1.0
-
-
-def tasks(asked: Namespace) -> dict[str, tuple[str, list[Job], bool]]:
-    chosen = [j for j in jobs() if not asked.quick or _is_quick(j)]
-    tools = dict.fromkeys(j.tool for j in chosen)
-    return {t: (t, [j for j in chosen if j.tool == t], asked.quick) for t in tools}
-
-
-def trial(tool: str, asked: Sequence[Job], quick: bool) -> list[Row]:
+def trial(tool: str, asked: Sequence[Job]) -> list[Row]:
     """The rows of a tool, or why its environment could not be made."""
     try:
         python = python_of(tool, PACKAGES[tool])
     except NotMade as error:
-        return not_made(tool, error, quick)
+        return [{"tool": tool, "not_made": str(error)}]
     with tempfile.TemporaryDirectory() as place:
         return [run(job, Path(place), python) for job in asked]
 
