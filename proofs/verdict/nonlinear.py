@@ -200,15 +200,9 @@ def exact(kernel: Kernel, values: dict[str, float], x_d: float, t: Vector, tol: 
     model = Model(kernel, values, tol)
     model.set_input("x_d", x_d)
     model.settle(0.0)
-    rows = [[o.name for o in kernel.outputs].index(n) for n in OUTPUTS]
-    table, period = np.empty((len(t), len(kernel.outputs))), model.sample_time
-    for k, now in enumerate(t):
-        if k:
-            model.advance(t[k - 1], now)
-        model.system.out(now, model.x, model.u, model.p, table[k])
-        if period > 0 and abs(now / period - round(now / period)) < 1e-6:
-            model.sample(now)
-    return table[:, rows]
+    samples = t / (model.sample_time or math.inf)
+    course = model.simulate(t, sampled=np.abs(samples - np.rint(samples)) < 1e-6)
+    return np.column_stack([course.outputs[n] for n in OUTPUTS])
 
 
 # -- draws ----------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from runner import Row, upper
 from scipy.linalg import expm
 
 from ballscrew.fmus.feedback_law import STEP_START
-from ballscrew.orchestration.fmu.fmu_instance import StepFailed
+from ballscrew.orchestration.fmu.fmu_instance import StepFailed, Stepped
 from ballscrew.solver.core import DONE
 from ballscrew.solver.kernel import MAX_STEPS, Kernel, Model, describe_failure
 
@@ -27,21 +27,12 @@ WITHIN = 1e-10  # tolerance of a component
 ROUND_OFF = 1e-9
 
 
-class Part:
+class Part(Stepped):
     """What the master asks of an instance; `w` and `y` are its inputs and outputs."""
 
-    name: str
-    inputs: Sequence[str]
-    outputs: Sequence[str]
-    w: Vector
-    y: Vector
     can_save = True
     answers_in_step = False  # outputs are those at the start of the last step
     sample_time = 0.0
-
-    def show(self) -> None:
-        """Compute the outputs of now."""
-        raise NotImplementedError
 
     def is_real(self, name: str) -> bool:
         return True
@@ -54,9 +45,6 @@ class Part:
 
     def initially_from(self, name: str) -> Sequence[str]:
         return self.inputs
-
-    def leave_initialization(self) -> None:
-        pass
 
     def place(self, name: str) -> int:
         """That of an input in `w`."""
@@ -80,14 +68,8 @@ class Part:
 
         return read
 
-    def release(self, state: Any) -> None:
-        pass
-
     def reopened(self) -> Part:
         return copy.copy(self)  # all that changes is made anew at initialization
-
-    def close(self) -> None:
-        pass
 
 
 @dataclass
@@ -185,8 +167,10 @@ class ComponentSlave(Part):
         self.sample_time, self.w = model.sample_time, model.u
         self.now, self.samples = 0.0, 0
         self.y = np.zeros(len(self.outputs))
-        kept = (model.x, model.u, model.p, self.y, model.atol, model.info)
-        self.bound = model.system.instance(*kept)
+        self.kept = model.x, model.u, model.info, self.y
+        self.bound = model.system.instance(
+            model.x, model.u, model.p, self.y, model.atol, model.info
+        )
         model.settle(0.0)
         self.show()
 
@@ -206,13 +190,11 @@ class ComponentSlave(Part):
         self.now = t + h
 
     def save(self) -> Any:
-        parts = (self.model.x, self.w, self.model.info, self.y)
-        return tuple(part.copy() for part in parts), self.now, self.samples
+        return [part.copy() for part in self.kept], self.now, self.samples
 
     def restore(self, state: Any) -> None:
         parts, self.now, self.samples = state
-        here = (self.model.x, self.w, self.model.info, self.y)
-        for kept, part in zip(here, parts, strict=True):
+        for kept, part in zip(self.kept, parts, strict=True):
             kept[:] = part
 
 
