@@ -157,20 +157,24 @@ def _fall(law: str) -> float:
     return 0.0 if np.isnan(peaks).any() else float(1.0 - peaks[-1] / peaks[0])
 
 
-def _off_holds(law: str, stiffness: float = STIFFNESS) -> Vector:
-    """Deviation of the displacements at the three holds from a spring's."""
+def _holds(law: str) -> tuple[Vector, Vector]:
+    """Displacement [m] and friction [N] at the three holds."""
     truth = staircase(law)
     at = np.searchsorted(truth["time"], HOLDS) - 1
-    return np.asarray(np.abs(stiffness * truth["x"][at] / truth["friction"][at] - 1.0))
+    return truth["x"][at], truth["friction"][at]
+
+
+def _off_holds(law: str) -> Vector:
+    """Deviation of the displacements from a spring's."""
+    x, friction = _holds(law)
+    return np.asarray(np.abs(STIFFNESS * x / friction - 1.0))
 
 
 def _off_equations() -> float:
     """Largest deviation of the displacements of LuGre from -Fs/sigma0 ln(1 - F/Fs)."""
-    truth = staircase("lugre")
-    at = np.searchsorted(truth["time"], HOLDS) - 1
-    fs = 2.35
-    exact = -fs / STIFFNESS * np.log(1.0 - truth["friction"][at] / fs)
-    return float(np.max(np.abs(truth["x"][at] / exact - 1.0)))
+    (x, friction), fs = _holds("lugre"), 2.35
+    exact = -fs / STIFFNESS * np.log(1.0 - friction / fs)
+    return float(np.max(np.abs(x / exact - 1.0)))
 
 
 def _right_holds(law: str) -> float:
@@ -201,28 +205,13 @@ PRESLIDING = (
 def _rows(law: str, told: tuple[str, ...]) -> list[Row]:
     """The five features of one law of Table 2.12."""
     first, viscous, lag, varying, presliding = told
-    rows = [
-        Row(
-            "2.4.2",
-            f"{law}: friction peaks above the sliding friction, by a share of at least 0.05",
-            first,
-            partial(_drop, law),
-            _at_least(0.05)[first],
-        )
-    ]
-    if first == "yes":
-        rows.append(
-            Row(
-                "2.4.2",
-                f"{law}: peaks off the measured 2.2 and -2.4 N, as a share of at most 0.1",
-                first,
-                partial(_off_measured, law),
-                (0.0, 0.1),
-            )
-        )
-    added = 0.0 if viscous == "yes" else VISCOUS
-    words = "" if viscous == "yes" else ", with that many added"
-    rows += [
+    added, words = (0.0, "") if viscous == "yes" else (VISCOUS, ", with that many added")
+    peaks = Row("2.4.2", f"{law}: peaks off the measured 2.2 and -2.4 N, as a share of at most 0.1",
+                first, partial(_off_measured, law), (0.0, 0.1))  # fmt: skip
+    return [
+        Row("2.4.2", f"{law}: friction peaks above the sliding friction, by a share of at least "
+            "0.05", first, partial(_drop, law), _at_least(0.05)[first]),
+        *([peaks] if first == "yes" else []),
         Row("2.4.3", f"{law}: slope of steady friction off the measured 173 N*s/m{words}, as a "
             "share of at most 0.2", viscous, partial(_off_viscous, law, added), (0.0, 0.2)),
         Row("2.4.4", f"{law}: friction is higher while the velocity rises, by at least 0.01 [N]",
@@ -234,7 +223,6 @@ def _rows(law: str, told: tuple[str, ...]) -> list[Row]:
             {"yes": (3, 3), "conditional": (1, 2), "no": (0, 0)}[presliding],
             PRESLIDING if law == "lugre" else ""),
     ]  # fmt: skip
-    return rows
 
 
 LUGRE = (

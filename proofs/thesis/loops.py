@@ -83,11 +83,9 @@ class End:
 
 
 @cache
-def end_of(
-    sigma0: float, sigma1: float, controller: str = "iol", setpoint: float = th.SETPOINT
-) -> End:
+def end_of(sigma0: float, sigma1: float, setpoint: float = th.SETPOINT) -> End:
     """The end of a linearizing loop."""
-    model = model_of(controller, 1e-8, setpoint, **hats((sigma0, sigma1)))
+    model = model_of("iol", 1e-8, setpoint, **hats((sigma0, sigma1)))
     x = [s.name for s in model.kernel.states].index("plant_x")
     for start, stop in ((0.0, th.STOP - 2.0), (th.STOP - 2.0, th.STOP)):
         seen = follow_returns(model, start, stop, x, math.inf, 1)
@@ -95,24 +93,34 @@ def end_of(
             return End("diverges", math.inf, math.inf)
         if seen.failure:
             raise IntegrationError(seen.failure)
-    swing = float(seen.high[x] - seen.low[x]) / 2.0
-    return End("swings" if swing > SWING else "stands", swing, float(model.x[x]) - setpoint)
+    return _ended(seen.high[x] - seen.low[x], model.x[x] - setpoint)
+
+
+def _ended(moved: float, offset: float) -> End:
+    swing = float(moved) / 2.0
+    return End("swings" if swing > SWING else "stands", swing, float(offset))
+
+
+def scipy_course(
+    system: tuple[float, float], method: str, rtol: float, atol: float, times: Vector | None = None
+) -> Any:
+    """A linearizing loop by a solver of SciPy, with one absolute tolerance for all states."""
+    model = model_of("iol", 1e-8, **hats(system))
+
+    def far(t: float, state: Vector) -> float:
+        return 1.0 - abs(float(state[0]))
+
+    far.terminal = True  # type: ignore[attr-defined]
+    with np.errstate(all="ignore"):
+        told = {"method": method, "rtol": rtol, "atol": atol, "events": far, "t_eval": times}
+        return solve_ivp(model.derivatives, (0.0, th.STOP), model.x.copy(), **told)
 
 
 @cache
 def scipy_end(system: tuple[float, float], method: str, rtol: float, atol: float) -> End:
-    """The same by a solver of SciPy, with one absolute tolerance for all states."""
-    model = model_of("iol", 1e-8, **hats(system))
-    x = [s.name for s in model.kernel.states].index("plant_x")
-
-    def far(t: float, state: Vector) -> float:
-        return 1.0 - abs(float(state[x]))
-
-    far.terminal = True  # type: ignore[attr-defined]
-    with np.errstate(all="ignore"):
-        told = {"method": method, "rtol": rtol, "atol": atol, "events": far}
-        run = solve_ivp(model.derivatives, (0.0, th.STOP), model.x.copy(), **told)
+    """The same as `end_of` by `scipy_course`."""
+    run = scipy_course(system, method, rtol, atol)
     if run.t[-1] < th.STOP:
         return End("diverges", math.inf, math.inf)
-    swing = float(np.ptp(run.y[x][run.t >= th.STOP - 2.0])) / 2.0
-    return End("swings" if swing > SWING else "stands", swing, float(run.y[x][-1]) - th.SETPOINT)
+    x = run.y[0]
+    return _ended(np.ptp(x[run.t >= th.STOP - 2.0]), x[-1] - th.SETPOINT)

@@ -14,7 +14,6 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import ListedColormap
 from PIL import Image
-from scipy.integrate import solve_ivp
 
 from ballscrew.controllers.nctf import STEP_VOLTAGE, design
 from ballscrew.orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
@@ -24,7 +23,7 @@ from ballscrew.solver.spectrum import follow_tangents
 from ballscrew.solver.stored import stored_kernel
 from ballscrew.stability.lyapunov import loop_order
 from thesis import printed as th
-from thesis.loops import end_of, hats, model_of
+from thesis.loops import end_of, hats, model_of, scipy_course
 from thesis.region_and_tables import grid
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "images" / "thesis"
@@ -74,14 +73,19 @@ def draw_voltage(axes: Any, run: Any, figure: str, steady: float) -> None:
     titled(axes, f"Fig. {figure}: motor voltage", "time [s]", "motor voltage $u$ [V]")
 
 
+def mark(axes: Any, run: Any, k: int, marker: str, place: str, **style: Any) -> None:
+    """Mark the k-th voltage; `place` is a format of the time."""
+    time, u = run.time[k], run.outputs["u"][k]
+    here = f"here {u:.1f} V at {place.format(time)}"
+    axes.plot(time, u, marker, color=COLOURS[1], label=here, **style)
+
+
 def linearization() -> Any:
     run = course("iol", {}, 3.0, 1501)
     figure, ((left, right),) = new_figure(1, 2, (9.6, 3.8))
     draw_position(left, run, "3.4")
     draw_voltage(right, run, "3.5", th.STEADY)
-    peak = int(np.argmax(run.outputs["u"]))
-    here = f"here {run.outputs['u'][peak]:.1f} V at {run.time[peak]:.3f} s"
-    right.plot(run.time[peak], run.outputs["u"][peak], "o", color=COLOURS[1], label=here)
+    mark(right, run, np.argmax(run.outputs["u"]), "o", "{:.3f} s")
     said = f"thesis: about {th.PEAK[1]:g} V at {th.PEAK[0]:g} s"
     right.plot(*th.PEAK, "x", color="black", ms=8, label=said)
     right.legend(loc="center right", fontsize=8, bbox_to_anchor=(1.0, 0.35), handlelength=1.0)
@@ -118,13 +122,11 @@ def nctf() -> Any:
     run = course("nctf", {}, 4.0, 4001)
     draw_position(position, run, "3.9")
     draw_voltage(voltage, run, "3.10", th.STEADY_NCTF)
-    second = int(np.argmax(np.where(run.time > 0.05, run.outputs["u"], -np.inf)))
-    here = f"here {run.outputs['u'][second]:.1f} V at {run.time[second]:.2f} s"
-    voltage.plot(run.time[second], run.outputs["u"][second], "o", color=COLOURS[1], label=here)
+    second = np.argmax(np.where(run.time > 0.05, run.outputs["u"], -np.inf))
+    mark(voltage, run, second, "o", "{:.2f} s")
     said = f"thesis: second peak at about {th.SECOND_PEAK:g} s"
     voltage.axvline(th.SECOND_PEAK, color="black", lw=1, ls="-.", label=said)
-    voltage.plot(0.0, run.outputs["u"][0], "s", color=COLOURS[1], ms=5,
-                 label=f"here {run.outputs['u'][0]:.1f} V at the start")  # fmt: skip
+    mark(voltage, run, 0, "s", "the start", ms=5)
     voltage.legend(loc="upper left", fontsize=8, bbox_to_anchor=(0.1, 0.84), handlelength=1.4)
     return figure
 
@@ -185,24 +187,18 @@ def system_1() -> Any:
     return figure
 
 
-def loose_course() -> Any:
-    """System 2 by scipy's RK45 with its default relative tolerance and one of 1e-6 for all."""
-    model = model_of("iol", 1e-8, **hats(th.SYSTEM_2))
-    how = {"rtol": 1e-3, "atol": 1e-6, "t_eval": np.linspace(0.0, th.STOP, 20_001)}
-    return solve_ivp(model.derivatives, (0.0, th.STOP), model.x.copy(), "RK45", **how)
-
-
 def system_2() -> Any:
     figure, grid = new_figure(2, 4, (12.0, 5.6))
-    run, loose = course("iol", hats(th.SYSTEM_2), th.STOP, 4001), loose_course()
+    run = course("iol", hats(th.SYSTEM_2), th.STOP, 4001)
+    loose = scipy_course(th.SYSTEM_2, "RK45", 1e-3, 1e-6, np.linspace(0.0, th.STOP, 20_001))
     draw_states(grid[:, :2].T.flat, run, ("3.14", "3.14", "3.15", "3.15"))
-    thesis_text(grid[0][0], "it swings on", (0.97, 0.1), ha="right")
-    thesis_text(grid[0][1], "it swings on", (0.97, 0.1), ha="right")
+    for panel in grid[0][:2]:
+        thesis_text(panel, "it swings on", (0.97, 0.1), ha="right")
     courses = (
         (run.time, run.states["plant_x"], run.states["plant_v"], "here"),
         (loose.t, loose.y[0], loose.y[1], "RK45, loose"),
     )
-    phase, close = grid[0][2], grid[0][3]
+    phase, close, slow = grid[0][2], grid[0][3], grid[1][3]
     for k, (time, x, v, label) in enumerate(courses):
         phase.plot(1e2 * (x - th.SETPOINT), 1e2 * v, color=COLOURS[k], ls=DASHES[k], label=label)
         late = time >= 4.0
@@ -215,7 +211,6 @@ def system_2() -> Any:
     found = exponents("iol", hats(th.SYSTEM_2), th.LONG)
     said = "{:g}, {:g},\n{:g}, {:g}".format(*th.SPECTRUM_2)
     draw_exponents(grid[1][2], found, "3.17", th.SPECTRUM_2, said)
-    slow = grid[1][3]
     draw_rates(slow, found[0], found[1][:, :2])
     for k, value in enumerate(th.SPECTRUM_2[:2]):
         slow.axhline(value, color="black", lw=1, ls=(":", "--")[k], label=f"thesis: {value:g}")

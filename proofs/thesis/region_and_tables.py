@@ -31,14 +31,13 @@ def edge(settled: Callable[[float], bool], good: float, bad: float, width: float
     return 0.5 * (good + bad)
 
 
-def _runaway(sigma1: float, setpoint: float = th.SETPOINT, controller: str = "iol") -> float:
+def _runaway(sigma1: float, setpoint: float = th.SETPOINT) -> float:
     """Smallest sigma0_hat at which the loop diverges [N/m]."""
-    return edge(
-        lambda s0: end_of(s0, sigma1, controller, setpoint).kind != "diverges",
-        th.SIGMA0,
-        th.SIGMA0 + 20.0,
-        5e-4,
-    )
+
+    def ends(s0: float) -> bool:
+        return end_of(s0, sigma1, setpoint).kind != "diverges"
+
+    return edge(ends, th.SIGMA0, th.SIGMA0 + 20.0, 5e-4)
 
 
 def _cycle() -> float:
@@ -72,30 +71,9 @@ def _loose_share(method: str) -> float:
 
 def _first_swing() -> float:
     """The least increase of sigma0_hat with which the loop swings, over sigma0."""
-    off = next(
-        d for d in np.arange(0.05, 1.75, 0.05) if end_of(th.SIGMA0 + d, th.SIGMA1).kind == "swings"
-    )
-    return float(off) / th.SIGMA0
-
-
-def _left(a: float, b: float) -> bool:
-    return a < th.SIGMA0
-
-
-def _middle(a: float, b: float) -> bool:
-    return th.SIGMA0 <= a < th.RUNAWAY
-
-
-def _beyond(a: float, b: float) -> bool:
-    return a > th.RUNAWAY
-
-
-def _low(a: float, b: float) -> bool:
-    return b < th.CYCLE
-
-
-def _low_right(a: float, b: float) -> bool:
-    return b < th.CYCLE and a >= th.SIGMA0
+    offs = np.arange(0.05, 1.75, 0.05)
+    swings = (d for d in offs if end_of(th.SIGMA0 + d, th.SIGMA1).kind == "swings")
+    return float(next(swings)) / th.SIGMA0
 
 
 def _above(a: float, b: float) -> bool:
@@ -112,11 +90,12 @@ PLANE = Section(
         Row(WHERE, "the same with a step of 2 cm in place of 8 [N/m]", "",
             partial(_runaway, th.REGION[1][0], 0.02)),
         Row(WHERE, "loops beyond it are unstable: their share", "all",
-            partial(_share, "diverges", _beyond), (1.0, 1.0)),
+            partial(_share, "diverges", lambda a, b: a > th.RUNAWAY), (1.0, 1.0)),
         Row(WHERE, "between nominal and critical sigma0_hat fixed points dominate: their share",
-            "most", partial(_share, "stands", _middle), (0.5, 1.0)),
+            "most", partial(_share, "stands", lambda a, b: th.SIGMA0 <= a < th.RUNAWAY),
+            (0.5, 1.0)),
         Row(WHERE, "left of nominal sigma0_hat limit cycles dominate: their share", "most",
-            partial(_share, "swings", _left), (0.5, 1.0),
+            partial(_share, "swings", lambda a, b: a < th.SIGMA0), (0.5, 1.0),
             "They come to rest off the set-point. The next two rows are the shares of a grid of "
             "18 of these loops that a loose solver (1e-3, 1e-6) makes swing."),
         *(
@@ -125,11 +104,11 @@ PLANE = Section(
         ),
         near(WHERE, "critical sigma1_hat [N*s/m]", th.CYCLE, th.GRID, _cycle),
         Row(WHERE, "below it no loop stands: share that does", "0",
-            partial(_share, "stands", _low), (0.0, 0.0),
+            partial(_share, "stands", lambda a, b: b < th.CYCLE), (0.0, 0.0),
             "Right of the nominal sigma0_hat this is true (next row); left of it the loops come "
             "to rest off the set-point, as said above."),
         Row(WHERE, "the same right of the nominal sigma0_hat", "",
-            partial(_share, "stands", _low_right), (0.0, 0.0)),
+            partial(_share, "stands", lambda a, b: a >= th.SIGMA0 and b < th.CYCLE), (0.0, 0.0)),
         Row(WHERE, "above nominal sigma1_hat fixed points and cycles share the area: ratio of "
             "cycles to fixed points", "1",
             lambda: _share("swings", _above) / _share("stands", _above), (0.5, 2.0),
@@ -168,14 +147,11 @@ def _by_stopping_time(time: float) -> dict[str, float]:
 
 def _needed(exponent: float) -> float:
     """Stopping time that gives an exponent at 300 s [s]."""
-    return float(
-        brentq(
-            lambda a: growth("nctf", th.STOP, **_by_stopping_time(a))[1][-1] - exponent * th.LONG,
-            0.09,
-            0.1022,
-            xtol=1e-5,
-        )
-    )
+
+    def off(time: float) -> float:
+        return float(growth("nctf", th.STOP, **_by_stopping_time(time))[1][-1]) - exponent * th.LONG
+
+    return float(brentq(off, 0.09, 0.1022, xtol=1e-5))
 
 
 def _apart(one: NctfDesign, two: NctfDesign) -> float:
