@@ -6,7 +6,6 @@ and is run if it can still be opened.
 
 from __future__ import annotations
 
-import contextlib
 import io
 import os
 import random
@@ -21,9 +20,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from unittest import mock
 
+from diagnosed import run
 from runner import PARTIAL, Row, seeds
 
-from ballscrew.cli import main as ballscrew
 from ballscrew.fmus.system_export import export_system
 from ballscrew.orchestration.loop.catalogue import fmu
 
@@ -193,7 +192,7 @@ def trial(seed: int, good: dict[str, Path]) -> Row:
         option = "--system" if suffix == "ssp" else "--controller"
         arguments = ["run", option, str(inner / f"bad.{suffix}"), "--stop", "0.003"]
         arguments += ["--time-limit", str(TIME_LIMIT), "--out", str(inner / "out")]
-        said, what, code = io.StringIO(), "", -1
+        what, code, said = "", -1, ""
         start = time.monotonic()
         # Each picture takes seconds and uses numbers only.
         pictures = mock.patch("ballscrew.orchestration.loop.pictures.run_figures", return_value={})
@@ -201,15 +200,13 @@ def trial(seed: int, good: dict[str, Path]) -> Row:
             pictures,
             mock.patch.dict(os.environ, {"TMPDIR": str(scratch)}),
             mock.patch.object(tempfile, "tempdir", str(scratch)),
-            contextlib.redirect_stderr(said),
-            contextlib.redirect_stdout(io.StringIO()),
         ):
             try:
-                code = ballscrew(arguments)
+                code, _, said = run(*arguments)
             except BaseException as error:
                 what = f"{type(error).__name__}: {error}"
         seconds = time.monotonic() - start
-        what = what or complaint(code, said.getvalue(), seconds, root)
+        what = what or complaint(code, said, seconds, root)
     row = {"seed": seed, "kind": f"{suffix}: {kind}", "code": code}
     return row | {"seconds": round(seconds, 1), "complaint": what}
 

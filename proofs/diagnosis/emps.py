@@ -42,18 +42,14 @@ def effects(x: Vector, v: Vector, friction: Vector, t: Vector) -> dict[str, tupl
         "load of 4 N": ("load_bias", 4.0 + 0 * x),
         "friction 10 % larger in one direction": ("direction_asymmetry", 0.10 * friction),
         "friction 12 % larger at one end": ("position_trend_friction", 0.12 * friction * sign * at),
-        "friction varies by 1 N, 100 periods per metre": (
-            "position_periodic_friction",
-            sign * np.cos(100 * turns + 1.0),
-        ),
+        "friction varies by 1 N, 100 periods per metre":
+            ("position_periodic_friction", sign * np.cos(100 * turns + 1.0)),
         "ripple of 1 N, 60 periods per metre": ("torque_ripple", np.cos(60 * turns + 2.0)),
         "quadratic viscous friction": ("nonlinear_viscous", 400.0 * v * np.abs(v)),
-        "friction 4 N larger at low speed": (
-            "stribeck_mismatch",
-            4.0 * sign * np.exp(-((v / 0.03) ** 2)),
-        ),
+        "friction 4 N larger at low speed":
+            ("stribeck_mismatch", 4.0 * sign * np.exp(-((v / 0.03) ** 2))),
         "friction grows by 10 %": ("friction_drift", 0.10 * friction * sign * t),
-    }
+    }  # fmt: skip
 
 
 def tasks(asked: Namespace) -> dict[str, tuple[str]]:

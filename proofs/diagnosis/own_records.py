@@ -6,8 +6,6 @@ record that is rejected with a reason is not a wrong name.
 
 from __future__ import annotations
 
-import contextlib
-import io
 import tempfile
 from argparse import Namespace
 from collections import Counter
@@ -15,10 +13,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from diagnosed import run
 from runner import Row
 
 from ballscrew import diagnose
-from ballscrew.cli import main as ballscrew
 from ballscrew.measurement.rig.trials import trials_named
 
 SEED = 1700
@@ -53,11 +51,9 @@ def reference(seed: int, path: Path) -> None:
 
 def quiet(*arguments: str | Path) -> None:
     """Run a command that must succeed, or end with a result that is not trusted."""
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        code = ballscrew([str(a) for a in arguments])
+    code, _, said = run(*arguments)
     if code not in (0, 1):
-        raise RuntimeError(f"{arguments[0]} ended with {code}: {said.getvalue()[-300:]}")
+        raise RuntimeError(f"{arguments[0]} ended with {code}: {said}")
 
 
 def made(kind: str, number: int, folder: Path) -> Iterator[tuple[str, Path, Path | None]]:

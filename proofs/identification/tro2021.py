@@ -183,9 +183,8 @@ def with_the_turn(record: Record, lead: float) -> float:
     time = record.time - record.time.mean()
     angle = 2 * math.pi * record.position / lead
     line = np.ones_like(time), time
-    return 1.0 - left_by(*line, *(f(k * angle) for k in (1, 2, 3) for f in (np.sin, np.cos))) / (
-        left_by(*line)
-    )
+    waves = (f(k * angle) for k in (1, 2, 3) for f in (np.sin, np.cos))
+    return 1.0 - left_by(*line, *waves) / left_by(*line)
 
 
 def told(result: Identification) -> Row:
@@ -202,21 +201,21 @@ def draw(name: str, fit: Fit, points: Sequence[Point], runs: Sequence[Point]) ->
     with mpl.rc_context(STYLE):
         figure, ((axes,),) = new_figure(1, 1, (7.5, 4.2))
         for sign, label, colour in ((1, "forwards", COLOURS[0]), (-1, "backwards", COLOURS[1])):
-            speeds = sign * np.geomspace(0.005 * top, top, 120)
-            said = forecasts(fit, points, [Point("", float(v), 0.0) for v in speeds])
-            middle = np.array([abs(f.foretold) for f in said]) / per_cent
-            half = np.array([f.half_width for f in said]) / per_cent
-            axes.plot(rpm * np.abs(speeds), middle, color=colour, label=f"{label}, fitted")
-            band = rpm * np.abs(speeds), middle - half, middle + half
+            speeds = np.geomspace(0.005 * top, top, 120)
+            said = forecasts(fit, points, [Point("", float(sign * v), 0.0) for v in speeds])
+            middle, half = np.array([(abs(f.foretold), f.half_width) for f in said]).T / per_cent
+            axes.plot(rpm * speeds, middle, color=colour, label=f"{label}, fitted")
+            band = rpm * speeds, middle - half, middle + half
             axes.fill_between(*band, color=colour, alpha=0.2, lw=0)
-            marks = ((points, "o", "steady runs", 4), (runs, "D", "start and stop", 8))
-            for kind, marker, words, size in marks:
-                side = [p for p in kind if p.velocity * sign > 0]
-                place = [rpm * abs(p.velocity) for p in side], [abs(p.force) for p in side]
-                inside = colour if marker == "o" else "none"
+            marks = (
+                (points, "o", "steady runs", 4, colour),
+                (runs, "D", "start and stop", 8, "none"),
+            )
+            for kind, marker, words, size, inside in marks:
+                side = [(p.velocity, p.force) for p in kind if p.velocity * sign > 0]
+                v, force = np.abs(side).T
                 style = {"color": colour, "mfc": inside, "ms": size, "ls": "none"}
-                height = np.array(place[1]) / per_cent
-                axes.plot(place[0], height, marker, label=f"{label}, {words}", **style)
+                axes.plot(rpm * v, force / per_cent, marker, label=f"{label}, {words}", **style)
         axes.set_xlabel("speed of the motor [rpm]")
         axes.set_ylabel("torque [% of nominal]")
         axes.legend(fontsize=8)
