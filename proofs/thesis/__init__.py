@@ -11,15 +11,15 @@ from collections.abc import Sequence
 
 from thesis import chapter_3, friction_laws, region_and_tables
 
-SECTIONS = (*friction_laws.SECTIONS, *chapter_3.SECTIONS, *region_and_tables.SECTIONS)
-ROWS = {label: row for section in SECTIONS for label, row in section.labelled()}
+SECTIONS = friction_laws.SECTIONS | chapter_3.SECTIONS | region_and_tables.SECTIONS
+ROWS = {f"{letter}{n}": row for letter, rows in SECTIONS.items() for n, row in enumerate(rows, 1)}
 
 
 def tasks(asked: Namespace) -> dict[str, tuple[list[str]]]:
     """Sections, since their rows share runs, or the rows that are asked for."""
     if asked.only:
         return {label: ([label],) for label in (*ROWS, "pictures")}
-    sections = {s.letter: ([label for label, _ in s.labelled()],) for s in SECTIONS}
+    sections = {letter: ([k for k in ROWS if k[0] == letter],) for letter in SECTIONS}
     return sections | {"pictures": (["pictures"],)}
 
 

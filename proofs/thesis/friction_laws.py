@@ -16,7 +16,7 @@ from ballscrew.measurement.rig.bench import run_trial
 from ballscrew.measurement.rig.regulators import loading_voltage
 from ballscrew.measurement.rig.trials import VOLTAGE, Trial, trials_named
 from ballscrew.solver.arrays import Vector
-from thesis.rows import Row, Section, near
+from thesis.rows import Row, near
 
 MEASURED = {1: 2.2, -1: -2.4}  # break-away forces by direction, Section 2.4.2 [N]
 VISCOUS = 173.0  # measured sigma2, the mean of both directions, Table 2.3 [N*s/m]
@@ -165,7 +165,6 @@ def _holds(law: str) -> tuple[Vector, Vector]:
 
 
 def _off_holds(law: str) -> Vector:
-    """Deviation of the displacements from a spring's."""
     x, friction = _holds(law)
     return np.asarray(np.abs(STIFFNESS * x / friction - 1.0))
 
@@ -178,7 +177,6 @@ def _off_equations() -> float:
 
 
 def _right_holds(law: str) -> float:
-    """At how many of the three holds the displacement is within 20 % of the measured one."""
     return float((_off_holds(law) <= 0.2).sum())
 
 
@@ -244,4 +242,4 @@ LUGRE = (
         "On the same rig the motor's back-EMF damps both."),
 )  # fmt: skip
 
-SECTIONS = (Section("T", (*(row for law in LAWS for row in _rows(law, LAWS[law])), *LUGRE)),)
+SECTIONS = {"T": (*(row for law in LAWS for row in _rows(law, LAWS[law])), *LUGRE)}

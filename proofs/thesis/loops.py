@@ -37,7 +37,6 @@ def step(controller: str, stop: float = th.STOP, plant: str = "plant", **values:
 
 @cache
 def figures(controller: str, stop: float = th.STOP, **values: float) -> Any:
-    """Figures of merit of such a step."""
     return metrics(step(controller, stop, **values))
 
 
@@ -84,7 +83,6 @@ class End:
 
 @cache
 def end_of(sigma0: float, sigma1: float, setpoint: float = th.SETPOINT) -> End:
-    """The end of a linearizing loop."""
     model = model_of("iol", 1e-8, setpoint, **hats((sigma0, sigma1)))
     x = [s.name for s in model.kernel.states].index("plant_x")
     for start, stop in ((0.0, th.STOP - 2.0), (th.STOP - 2.0, th.STOP)):
@@ -118,7 +116,6 @@ def scipy_course(
 
 @cache
 def scipy_end(system: tuple[float, float], method: str, rtol: float, atol: float) -> End:
-    """The same as `end_of` by `scipy_course`."""
     run = scipy_course(system, method, rtol, atol)
     if run.t[-1] < th.STOP:
         return End("diverges", math.inf, math.inf)

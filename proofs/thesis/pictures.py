@@ -43,7 +43,6 @@ def titled(axes: Any, title: str, across: str, up: str) -> None:
 
 
 def course(controller: str, values: dict[str, float], stop: float, points: int) -> Any:
-    """A step to 8 cm by this program."""
     return model_of(controller, 1e-9, **values).simulate(np.linspace(0.0, stop, points))
 
 

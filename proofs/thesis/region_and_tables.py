@@ -14,7 +14,7 @@ from ballscrew.controllers.nctf import NctfDesign, design
 from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from thesis import printed as th
 from thesis.loops import end_of, figures, growth, largest, scipy_end, spectrum, step
-from thesis.rows import Row, Section, near
+from thesis.rows import Row, near
 
 # -- 3.5.1.3 -------------------------------------------------------------------------------
 
@@ -63,7 +63,6 @@ def _share(kind: str, inside: Inside) -> float:
 
 
 def _loose_share(method: str) -> float:
-    """Share of some loops left of the nominal sigma0_hat that a loose solver makes swing."""
     across, up = np.linspace(*th.REGION[0], 8), np.linspace(*th.REGION[1], 6)
     ends = [scipy_end((a, b), method, 1e-3, 1e-6) for b in up for a in across if a < th.SIGMA0]
     return sum(1e-6 < e.swing < math.inf for e in ends) / len(ends)
@@ -81,45 +80,42 @@ def _above(a: float, b: float) -> bool:
 
 
 WHERE = "3.5.1.3, Fig. 3.18"
-PLANE = Section(
-    "F",
-    (
-        near(WHERE, "critical sigma0_hat at the least sigma1_hat [N/m]", th.RUNAWAY, th.GRID,
-             partial(_runaway, th.REGION[1][0])),
-        Row(WHERE, "the same at the largest sigma1_hat [N/m]", "", partial(_runaway, 365.0)),
-        Row(WHERE, "the same with a step of 2 cm in place of 8 [N/m]", "",
-            partial(_runaway, th.REGION[1][0], 0.02)),
-        Row(WHERE, "loops beyond it are unstable: their share", "all",
-            partial(_share, "diverges", lambda a, b: a > th.RUNAWAY), (1.0, 1.0)),
-        Row(WHERE, "between nominal and critical sigma0_hat fixed points dominate: their share",
-            "most", partial(_share, "stands", lambda a, b: th.SIGMA0 <= a < th.RUNAWAY),
-            (0.5, 1.0)),
-        Row(WHERE, "left of nominal sigma0_hat limit cycles dominate: their share", "most",
-            partial(_share, "swings", lambda a, b: a < th.SIGMA0), (0.5, 1.0),
-            "They come to rest off the set-point. The next two rows are the shares of a grid of "
-            "18 of these loops that a loose solver (1e-3, 1e-6) makes swing."),
-        *(
-            Row(WHERE, f"the same share by {method}", "", partial(_loose_share, method))
-            for method in ("RK45", "BDF")
-        ),
-        near(WHERE, "critical sigma1_hat [N*s/m]", th.CYCLE, th.GRID, _cycle),
-        Row(WHERE, "below it no loop stands: share that does", "0",
-            partial(_share, "stands", lambda a, b: b < th.CYCLE), (0.0, 0.0),
-            "Right of the nominal sigma0_hat this is true (next row); left of it the loops come "
-            "to rest off the set-point, as said above."),
-        Row(WHERE, "the same right of the nominal sigma0_hat", "",
-            partial(_share, "stands", lambda a, b: a >= th.SIGMA0 and b < th.CYCLE), (0.0, 0.0)),
-        Row(WHERE, "above nominal sigma1_hat fixed points and cycles share the area: ratio of "
-            "cycles to fixed points", "1",
-            lambda: _share("swings", _above) / _share("stands", _above), (0.5, 2.0),
-            "The error of a solver can make this difference, too."),
-        Row(WHERE, "above nominal sigma1_hat unstable loops are a small part: share", "small",
-            partial(_share, "diverges", _above), (0.0, 0.2)),
-        Row("3.5.1.3, 3.6", "less than 0.01 % off sigma0 can make a cycle: share off", "1e-4",
-            _first_swing, (0.0, 1e-4)),
-        Row("3.5.1.3, 3.6", "and instability: share off", "1e-4",
-            lambda: _runaway(th.SIGMA1) / th.SIGMA0 - 1.0, (0.0, 1e-4)),
+PLANE = (
+    near(WHERE, "critical sigma0_hat at the least sigma1_hat [N/m]", th.RUNAWAY, th.GRID,
+         partial(_runaway, th.REGION[1][0])),
+    Row(WHERE, "the same at the largest sigma1_hat [N/m]", "", partial(_runaway, 365.0)),
+    Row(WHERE, "the same with a step of 2 cm in place of 8 [N/m]", "",
+        partial(_runaway, th.REGION[1][0], 0.02)),
+    Row(WHERE, "loops beyond it are unstable: their share", "all",
+        partial(_share, "diverges", lambda a, b: a > th.RUNAWAY), (1.0, 1.0)),
+    Row(WHERE, "between nominal and critical sigma0_hat fixed points dominate: their share",
+        "most", partial(_share, "stands", lambda a, b: th.SIGMA0 <= a < th.RUNAWAY),
+        (0.5, 1.0)),
+    Row(WHERE, "left of nominal sigma0_hat limit cycles dominate: their share", "most",
+        partial(_share, "swings", lambda a, b: a < th.SIGMA0), (0.5, 1.0),
+        "They come to rest off the set-point. The next two rows are the shares of a grid of "
+        "18 of these loops that a loose solver (1e-3, 1e-6) makes swing."),
+    *(
+        Row(WHERE, f"the same share by {method}", "", partial(_loose_share, method))
+        for method in ("RK45", "BDF")
     ),
+    near(WHERE, "critical sigma1_hat [N*s/m]", th.CYCLE, th.GRID, _cycle),
+    Row(WHERE, "below it no loop stands: share that does", "0",
+        partial(_share, "stands", lambda a, b: b < th.CYCLE), (0.0, 0.0),
+        "Right of the nominal sigma0_hat this is true (next row); left of it the loops come "
+        "to rest off the set-point, as said above."),
+    Row(WHERE, "the same right of the nominal sigma0_hat", "",
+        partial(_share, "stands", lambda a, b: a >= th.SIGMA0 and b < th.CYCLE), (0.0, 0.0)),
+    Row(WHERE, "above nominal sigma1_hat fixed points and cycles share the area: ratio of "
+        "cycles to fixed points", "1",
+        lambda: _share("swings", _above) / _share("stands", _above), (0.5, 2.0),
+        "The error of a solver can make this difference, too."),
+    Row(WHERE, "above nominal sigma1_hat unstable loops are a small part: share", "small",
+        partial(_share, "diverges", _above), (0.0, 0.2)),
+    Row("3.5.1.3, 3.6", "less than 0.01 % off sigma0 can make a cycle: share off", "1e-4",
+        _first_swing, (0.0, 1e-4)),
+    Row("3.5.1.3, 3.6", "and instability: share off", "1e-4",
+        lambda: _runaway(th.SIGMA1) / th.SIGMA0 - 1.0, (0.0, 1e-4)),
 )  # fmt: skip
 
 # -- 3.5.2 ---------------------------------------------------------------------------------
@@ -146,8 +142,6 @@ def _by_stopping_time(time: float) -> dict[str, float]:
 
 
 def _needed(exponent: float) -> float:
-    """Stopping time that gives an exponent at 300 s [s]."""
-
     def off(time: float) -> float:
         return float(growth("nctf", th.STOP, **_by_stopping_time(time))[1][-1]) - exponent * th.LONG
 
@@ -169,7 +163,6 @@ def _order() -> float:
 
 
 def _largest_of(percent: int) -> float:
-    """The largest exponent after 300 s with both parameters perturbed [bits/s]."""
     run = spectrum("nctf", th.LONG, **_design(percent, percent).parameters())
     return run.figures()["exponents_bits_per_s"][0]
 
@@ -180,55 +173,51 @@ def _rises() -> float:
 
 
 SEVEN = [*th.LARGEST_BY_SIGMA1][::2]  # rows, and columns [%]
-TABLES = Section(
-    "G",
-    (
-        *(
-            near(f"3.5.2.{k}", f"{share} % of sigma{n} [{unit}]", printed, 0.005,
-                 lambda share=share, n=n: share / 100 * (th.SIGMA0, th.SIGMA1)[n])
-            for k, share, n, printed, unit in (
-                (1, 70, 0, 46877.06, "N/m"), (1, 70, 1, 241.19, "N*s/m"),
-                (2, 130, 0, 87057.4, "N/m"), (2, 130, 1, 447.93, "N*s/m"))
-        ),
-        *(
-            Row(f"3.5.2.{k}", f"{share} % of both: all exponents are negative, the largest after "
-                "300 s [bits/s]", "below 0", partial(_largest_of, share), (-math.inf, -1e-9))
-            for k, share in ((1, 70), (2, 130))
-        ),
-        Row("3.5.2.2", "these two trajectories do not differ: x apart by, over the step", "0",
-            lambda: _apart(_design(70, 70), _design(130, 130)), (0.0, 0.01),
-            "The perturbed sigma0 changes A, and with it the gains. With sigma1 alone perturbed "
-            "(next row) they differ less. So sigma0 seems to have been left alone, as in the "
-            "tables."),
-        Row("3.5.2.2", "the same with sigma1 alone perturbed", "",
-            lambda: _apart(_design(100, 70), _design(100, 130))),
-        *(
-            near("Tables 3.3-3.4", f"row {p} %, sigma0 left alone, 300 s [bits/s]", printed,
-                 0.02 * abs(printed), lambda p=p: _cell(100, p))
-            for p, printed in th.LARGEST_BY_SIGMA1.items()
-        ),
-        Row("Tables 3.3-3.4", "stopping time that gives the row 130 % exactly [s]", "",
-            lambda: _needed(th.LARGEST_BY_SIGMA1[130])),
-        Row("Tables 3.3-3.4", "stopping time of the design for that row [s]", "",
-            lambda: _design(100, 130).stopping_time),
-        near("3.5.2, Tables 3.3-3.4", "the nominal cell at the 20 s of 3.5.1 [bits/s]", -0.0134,
-             1.3e-4, lambda: th.LONG / th.STOP * _cell(100, 100),
-             "At rest the largest exponent times time is a constant; the rows fit 300 s."),
-        Row("3.5.2.3, Tables 3.3-3.4", "columns alike: the cell at 70 % of sigma0 over that at "
-            "100 %", "1", lambda: _cell(70, 100) / _cell(100, 100), (0.99, 1.01),
-            "On the perturbed plant the stopping time is another one, and the controller follows "
-            "it. Another threshold of A does not change this. The tables fit a sigma0 that was "
-            "not perturbed."),
-        Row("Table 3.3", "row 130 %, column 90 % [bits/s]", 0.0123, partial(_cell, 90, 130),
-            (1e-9, math.inf), "The sign is a misprint: the rest of its row is -0.0123, and the "
-            "text says that all are negative."),
-        Row("3.5.2.3", "all largest exponents are negative: the largest of 49 cells [bits/s]",
-            "below 0", lambda: max(_cell(q, p) for q in SEVEN for p in SEVEN), (-math.inf, -1e-9)),
-        Row("3.5.2.3", "the largest exponent rises with sigma1: least rise from row to row "
-            "[bits/s]", "above 0", _rises, (1e-9, math.inf)),
-        Row("3.5.2.3", "a larger exponent does not mean slower convergence: whether both orders "
-            "of three designs are alike (1) or not (0)", "0", _order, (0.0, 0.0)),
+TABLES = (
+    *(
+        near(f"3.5.2.{k}", f"{share} % of sigma{n} [{unit}]", printed, 0.005,
+             lambda share=share, n=n: share / 100 * (th.SIGMA0, th.SIGMA1)[n])
+        for k, share, n, printed, unit in (
+            (1, 70, 0, 46877.06, "N/m"), (1, 70, 1, 241.19, "N*s/m"),
+            (2, 130, 0, 87057.4, "N/m"), (2, 130, 1, 447.93, "N*s/m"))
     ),
+    *(
+        Row(f"3.5.2.{k}", f"{share} % of both: all exponents are negative, the largest after "
+            "300 s [bits/s]", "below 0", partial(_largest_of, share), (-math.inf, -1e-9))
+        for k, share in ((1, 70), (2, 130))
+    ),
+    Row("3.5.2.2", "these two trajectories do not differ: x apart by, over the step", "0",
+        lambda: _apart(_design(70, 70), _design(130, 130)), (0.0, 0.01),
+        "The perturbed sigma0 changes A, and with it the gains. With sigma1 alone perturbed (next "
+        "row) they differ less. So sigma0 seems to have been left alone, as in the tables."),
+    Row("3.5.2.2", "the same with sigma1 alone perturbed", "",
+        lambda: _apart(_design(100, 70), _design(100, 130))),
+    *(
+        near("Tables 3.3-3.4", f"row {p} %, sigma0 left alone, 300 s [bits/s]", printed,
+             0.02 * abs(printed), lambda p=p: _cell(100, p))
+        for p, printed in th.LARGEST_BY_SIGMA1.items()
+    ),
+    Row("Tables 3.3-3.4", "stopping time that gives the row 130 % exactly [s]", "",
+        lambda: _needed(th.LARGEST_BY_SIGMA1[130])),
+    Row("Tables 3.3-3.4", "stopping time of the design for that row [s]", "",
+        lambda: _design(100, 130).stopping_time),
+    near("3.5.2, Tables 3.3-3.4", "the nominal cell at the 20 s of 3.5.1 [bits/s]", -0.0134,
+         1.3e-4, lambda: th.LONG / th.STOP * _cell(100, 100),
+         "At rest the largest exponent times time is a constant; the rows fit 300 s."),
+    Row("3.5.2.3, Tables 3.3-3.4", "columns alike: the cell at 70 % of sigma0 over that at "
+        "100 %", "1", lambda: _cell(70, 100) / _cell(100, 100), (0.99, 1.01),
+        "On the perturbed plant the stopping time is another one, and the controller follows "
+        "it. Another threshold of A does not change this. The tables fit a sigma0 that was "
+        "not perturbed."),
+    Row("Table 3.3", "row 130 %, column 90 % [bits/s]", 0.0123, partial(_cell, 90, 130),
+        (1e-9, math.inf), "The sign is a misprint: the rest of its row is -0.0123, and the "
+        "text says that all are negative."),
+    Row("3.5.2.3", "all largest exponents are negative: the largest of 49 cells [bits/s]",
+        "below 0", lambda: max(_cell(q, p) for q in SEVEN for p in SEVEN), (-math.inf, -1e-9)),
+    Row("3.5.2.3", "the largest exponent rises with sigma1: least rise from row to row "
+        "[bits/s]", "above 0", _rises, (1e-9, math.inf)),
+    Row("3.5.2.3", "a larger exponent does not mean slower convergence: whether both orders "
+        "of three designs are alike (1) or not (0)", "0", _order, (0.0, 0.0)),
 )  # fmt: skip
 
-SECTIONS = PLANE, TABLES
+SECTIONS = {"F": PLANE, "G": TABLES}

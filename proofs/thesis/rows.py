@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 
@@ -27,21 +27,9 @@ class Row:
         return low <= here <= high
 
     def told(self, label: str, here: float) -> str:
-        """The row in one line."""
         verdict = "agrees" if self.agrees(here) else "differs"
         words = f"{label} {self.where}: {self.says}: thesis {self.printed or '-'}"
         return f"{words}, here {here:.7g}: {verdict}"
-
-
-@dataclass(frozen=True)
-class Section:
-    """Rows of one section, called by its letter and a number."""
-
-    letter: str
-    rows: tuple[Row, ...]
-
-    def labelled(self) -> Iterator[tuple[str, Row]]:
-        return ((f"{self.letter}{n}", row) for n, row in enumerate(self.rows, start=1))
 
 
 def near(
