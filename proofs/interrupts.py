@@ -69,7 +69,6 @@ def tasks(asked: Namespace) -> dict[str, tuple[str, int]]:
 
 
 def trial(name: str, times: int) -> Row:
-    """All interrupts and kills of one command."""
     with tempfile.TemporaryDirectory(prefix="ballscrew-proof-") as place:
         data, out = Path(place) / "data", Path(place) / "out"
         write_data(data)

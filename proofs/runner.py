@@ -70,7 +70,6 @@ def provenance(arguments: Sequence[str]) -> dict[str, str]:
 
 
 def stored(name: str) -> Row:
-    """A proof's file."""
     report: Row = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
     return report
 

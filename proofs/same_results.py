@@ -7,8 +7,7 @@ or is missing. Different words are printed, but do not change the exit code. A t
 pattern: only items whose names contain it are written.
 
 An item is a command of the console, or what the public functions give. Each has its processor time
-in the file; times that end in "seconds" are not compared. Parts with other names since are in
-`RENAMED`.
+in the file; times that end in "seconds" are not compared.
 """
 
 from __future__ import annotations
@@ -16,15 +15,17 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import zlib
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
+from itertools import repeat
+from multiprocessing import get_context
 from pathlib import Path
+from resource import RUSAGE_CHILDREN, RUSAGE_SELF, getrusage
 
 import numpy as np
 import pandas as pd
@@ -32,7 +33,6 @@ from pyarrow.parquet import read_table
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path += [str(ROOT / "proofs"), str(ROOT / "tests" / "support")]
-RENAMED = {"iol_sampled": "iol+sampled"}  # old name of a part, a command, a column: the new one
 ALLOWED = 1e-12
 SPENT = "processor seconds"
 PRACTICE = ["pid+sampled+position_encoder", "iol+sampled"]
@@ -124,12 +124,10 @@ def named(folder: Path, name: str) -> Path:
 
 
 def write_csv(path: Path, **columns: np.ndarray) -> None:
-    table = np.stack(list(columns.values()), 1)
-    np.savetxt(path, table, fmt="%.12g", delimiter=",", header=",".join(columns), comments="")
+    pd.DataFrame(columns).to_csv(path, index=False, float_format="%.12g")
 
 
 def write_formats(folder: Path) -> list[Path]:
-    """One record in each format that is read."""
     import h5py
     from asammdf import MDF, Signal
     from nptdms import ChannelObject, TdmsWriter
@@ -138,9 +136,8 @@ def write_formats(folder: Path) -> list[Path]:
     t = np.arange(1500) * 1e-3
     columns = {"time": t, "x": 0.03 * np.sin(12 * t), "u": 4 * np.cos(12 * t)}
     frame = pd.DataFrame(columns)
-    write_csv(folder / "a.csv", **columns)
-    for packer in ("gz", "bz2", "xz", "zip"):
-        frame.to_csv(folder / f"a.csv.{packer}", index=False)
+    for packer in ("", ".gz", ".bz2", ".xz", ".zip"):
+        frame.to_csv(folder / f"a.csv{packer}", index=False, float_format="%.12g")
     frame.to_parquet(folder / "a.parquet")
     frame.to_feather(folder / "a.arrow")
     frame.to_excel(folder / "a.xlsx", index=False)
@@ -158,7 +155,6 @@ def write_formats(folder: Path) -> list[Path]:
 
 
 def records(folder: Path) -> dict[str, object]:
-    """The signals that are read from each format and each case."""
     import case_inputs
 
     from ballscrew import read_drive_records
@@ -210,8 +206,7 @@ def course_of(path: Path) -> np.ndarray:
             starts[w.name] = min(max(value, float(w.min or value)), float(w.max or value))
         elif w.type == "Real" and w.causality == "input":
             swings[w.name] = float(w.nominal or 1) * np.sin((40 + 30 * drawn) * t)
-    rows = [tuple(row) for row in zip(*swings.values(), strict=True)]
-    given = np.array(rows, dtype=[(n, float) for n in swings])
+    given = np.rec.fromarrays(list(swings.values()), names=list(swings))
     options = {"stop_time": t[-1], "output_interval": t[1], "start_values": starts}
     return fmpy.simulate_fmu(str(path), fmi_type="CoSimulation", input=given, **options)
 
@@ -238,13 +233,16 @@ def commands() -> list[str]:
 
 
 def console(words: str, scratch: Path, out: str) -> dict[str, object]:
-    """What a command prints as numbers, those in its tables, and its processor time."""
+    """What a command prints as numbers, and those in its tables."""
     words = re.sub(r"\{(\w+)\}", r"data/\1", words)
     as_json = [] if words.startswith("rig") else ["--json"]
     command = [str(Path(sys.executable).with_name("ballscrew")), *words.split(), *as_json]
-    found, printed = process([*command, "--out", out], scratch)
+    done = subprocess.run([*command, "--out", out], cwd=scratch, capture_output=True, check=False)
+    if done.returncode not in (0, 1):
+        print(f"{words}: exit code {done.returncode}")
+    found: dict[str, object] = {"code": done.returncode}
     with contextlib.suppress(json.JSONDecodeError):
-        found |= leaves(json.loads(printed))
+        found |= leaves(json.loads(done.stdout))
     for path in sorted((scratch / out).rglob("*.csv")):
         table = pd.read_csv(path, comment="#")
         found |= {f"{path.name} {name}": table[name].tolist() for name in table}
@@ -254,33 +252,20 @@ def console(words: str, scratch: Path, out: str) -> dict[str, object]:
     return found
 
 
-def process(command: list[str], folder: Path) -> tuple[dict[str, object], str]:
-    """Exit code and processor time of a command in a folder, and its standard output."""
-    with tempfile.TemporaryFile() as printed:
-        quiet = {"stdout": printed, "stderr": subprocess.DEVNULL}
-        started = subprocess.Popen(command, cwd=folder, **quiet)
-        _, status, used = os.wait4(started.pid, 0)
-        started.returncode = os.waitstatus_to_exitcode(status)
-        printed.seek(0)
-        spent = used.ru_utime + used.ru_stime
-        return {"code": started.returncode, SPENT: spent}, printed.read().decode()
+def spent() -> float:
+    """Processor time of this process and of those that it waited for [s]."""
+    used = (getrusage(who) for who in (RUSAGE_SELF, RUSAGE_CHILDREN))
+    return sum(u.ru_utime + u.ru_stime for u in used)
 
 
 def item(name: str, scratch: Path) -> dict[str, object]:
-    """All values of an item, by name."""
-    out = f"out-{zlib.crc32(name.encode())}"
-    if name.partition(" ")[0] not in FUNCTIONS:
-        found = console(name, scratch, out)
-    else:
-        folder = named(scratch, "data" if name == "data" else out)
-        answer = folder / "found.json"
-        command = [sys.executable, __file__, "function", name, str(folder), str(answer)]
-        found, _ = process(command, scratch)
-        if found["code"] == 0:
-            found |= json.loads(answer.read_text("utf-8"))
-    if found["code"] not in (0, 1):
-        print(f"{name}: exit code {found['code']}")
-    shutil.rmtree(scratch / out, ignore_errors=True)
+    folder = named(scratch, "data" if name == "data" else f"out-{zlib.crc32(name.encode())}")
+    (head, *rest), began = name.split(), spent()
+    is_function = head in FUNCTIONS
+    found = FUNCTIONS[head](*rest, folder) if is_function else console(name, scratch, folder.name)
+    found[SPENT] = spent() - began
+    if name != "data":
+        shutil.rmtree(folder)
     return {f"{name}: {key}": value for key, value in found.items()}
 
 
@@ -290,9 +275,10 @@ FUNCTIONS = {"data": data, "records": records, "parts": parts}
 def write(pattern: str) -> dict[str, object]:
     groups = [f"parts {kind}" for kind in ("plants", "controllers", "instruments", "laws")]
     names = [n for n in (*groups, "records", *commands()) if pattern in n]
-    with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(2) as pool:
-        found = item("data", Path(scratch))
-        for got in pool.map(lambda name: item(name, Path(scratch)), names):
+    workers = ProcessPoolExecutor(2, get_context("spawn"))
+    with tempfile.TemporaryDirectory() as scratch, workers as pool:
+        found = pool.submit(item, "data", Path(scratch)).result()
+        for got in pool.map(item, names, repeat(Path(scratch))):
             found |= got
     return found
 
@@ -321,8 +307,6 @@ def difference(old: object, new: object) -> float | str:
 def compare(old: dict[str, object], new: dict[str, object]) -> int:
     spent = [sum(v for k, v in of.items() if k.endswith(SPENT)) for of in (old, new)]
     old, new = ({k: v for k, v in of.items() if not k.endswith("seconds")} for of in (old, new))
-    for before, now in RENAMED.items():
-        old = {re.sub(rf"(?<!\w){before}(?!\w)", now, key): value for key, value in old.items()}
     found = {key: difference(old[key], new[key]) for key in old if key in new}
     differing = {key: how for key, how in found.items() if how != 0.0}
     words = {key for key in differing if isinstance(old[key], str)}
@@ -344,11 +328,6 @@ if __name__ == "__main__":
     if mode == "write" and words:
         results = write("".join(words[1:]))
         Path(words[0]).write_text(json.dumps(results), "utf-8")
-    elif mode == "function":
-        name, folder, target = words
-        function, *kind = name.split()
-        values = FUNCTIONS[function](*kind, Path(folder))
-        Path(target).write_text(json.dumps(values), "utf-8")
     elif mode == "compare" and len(words) == 2:
         raise SystemExit(compare(*(json.loads(Path(p).read_text("utf-8")) for p in words)))
     else:

@@ -76,7 +76,6 @@ def trial(effect: str) -> Row:
 
 
 def told(found: Any) -> Row:
-    """What is stored of an answer."""
     said = found.to_dict()
     causes = [{k: c[k] for k in OF_CAUSE} for c in said["causes"]]
     return {k: said[k] for k in STORED} | {"causes": causes, "seconds": round(said["seconds"], 1)}

@@ -84,7 +84,6 @@ def tasks(asked: Namespace) -> dict[str, tuple[str, int]]:
 
 
 def trial(kind: str, number: int) -> list[Row]:
-    """Make the records of one command and diagnose each."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for name, path, params in made(kind, number, Path(folder)):

@@ -75,7 +75,6 @@ def tasks(asked: Namespace) -> dict[str, Trial]:
 
 
 def trial(world: str, effect: str, seed: int) -> Row:
-    """Draw a record and diagnose it."""
     row: Row = {"world": world, "effect": effect, "seed": seed}
     try:
         records, model, sights = drawn(world, effect, seed)
@@ -99,7 +98,6 @@ def clear(row: Row) -> bool:
 
 
 def entries(names: Iterable[str]) -> set[str]:
-    """Entries of the catalogue."""
     return {entry_of(name) for name in names}
 
 
@@ -116,7 +114,6 @@ def right(row: Row) -> set[str]:
 
 
 def measured(rows: Sequence[Row]) -> Row:
-    """Shares of the answers."""
     some = {
         "clear effects": [r for r in rows if clear(r)],
         "records with effects": [r for r in rows if r["effect"]],

@@ -188,7 +188,6 @@ def with_the_turn(record: Record, lead: float) -> float:
 
 
 def told(result: Identification) -> Row:
-    """What is stored of an identification."""
     said = result.to_dict()
     kept = {k: said[k] for k in ("parameters", "per_direction")}
     return kept | {"unexplained_N": result.unexplained, "trusted": result.trusted}
@@ -234,7 +233,6 @@ def tasks(asked: Namespace) -> dict[str, tuple[str]]:
 
 
 def trial(name: str) -> Row:
-    """All results for one drive."""
     folder, lead = DATA / DRIVES[name][0], DRIVES[name][1]
     per_cent = percent_of(lead)
     records, refused = read_folder(folder / STEADY, lead)

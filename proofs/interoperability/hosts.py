@@ -288,7 +288,6 @@ def pymoca(job: Job, name: str, text: str):
 
 
 def rumoca(job: Job, name: str, text: str):
-    """Modelica compiled and solved by its own BDF."""
     from rumoca import Session, SimConfig
 
     tolerance = job["tolerance"]
@@ -298,7 +297,6 @@ def rumoca(job: Job, name: str, text: str):
 
 
 def answer(tool: Callable[..., Any], job: Job) -> Job:
-    """The result of a job, or of each of its models."""
     job["times"] = [k * job["step"] for k in range(job["steps"] + 1)]
     job["stop"] = job["steps"] * job["step"]
     if "models" not in job:

@@ -50,7 +50,6 @@ def tasks(asked: Namespace) -> dict[str, tuple[list[str]]]:
 
 
 def trial(programs: Sequence[str]) -> list[Row]:
-    """Let the programs make their FMUs, and swap them all."""
     gains = json.dumps({p.name: p.default for p in component("pid").parameters})
     fmus, rows = {}, []
     with tempfile.TemporaryDirectory() as folder:
@@ -81,7 +80,6 @@ def swapped(fmus: Mapping[str, Path]) -> list[Row]:
 
 
 def good(row: Row) -> bool:
-    """Whether it reached the end, is trusted, and has not more than twice the allowed error."""
     whole = row["verdict"] == "trusted" and row["end"] > STOP - 0.5 * STEP
     return bool(whole and row["error"] <= 2.0 * ALLOWED.get(row["made_by"], HELD))
 
@@ -95,7 +93,6 @@ def says(report: Row) -> str:
 
 
 def table() -> str:
-    """The stored rows as a table of a page."""
     report = stored("made_by_others")
     lines = ["| made by | what it is | verdict | error of `x` [m] | its estimate [m] |"]
     lines.append("|---|---|---|---|---|")

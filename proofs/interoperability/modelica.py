@@ -12,7 +12,6 @@ import os
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -24,7 +23,7 @@ from ballscrew.plant import PLANTS
 from ballscrew.solver.codegen import generate
 from ballscrew.solver.component import TIME, Component, symbol
 from ballscrew.solver.kernel import Model
-from interoperability.tools import GOAL, NotMade, by_host, judged, python_of
+from interoperability.tools import NotMade, by_host, judged, python_of
 
 BY_HAND = Path(
     os.environ.get("BALLSCREW_MODELICA", ROOT.parent / "shared" / "modelica" / "loops.mo")
@@ -43,8 +42,6 @@ HOWTO = ROOT / "docs" / "howto" / "scripts"
 # a solver that controls only the integral's error steps over the change
 SIZE, OF = 0.2, {"fuzzy_pd_i": 0.02}
 
-Columns = dict[str, Any]
-
 
 def driven(name: str) -> Component | None:
     """A component with sines for its inputs; None for one with events, samples or delays."""
@@ -62,58 +59,49 @@ def grid(steps: int) -> np.ndarray:
     return STEP * np.arange(steps + 1)
 
 
-def off(found: Row, known: Columns, times: np.ndarray) -> dict[str, float]:
-    """Largest error of each signal."""
-    return {
-        name: float(np.abs(np.interp(times, found["time"], found["columns"][name]) - y).max())
-        for name, y in known.items()
-    }
+def compared(
+    compiler: str, python: Path, job: Row, known: Row, allowed: float, share: bool
+) -> list[Row]:
+    """A row for each model of a job; of each, `known` has a title, times, and signals by name.
 
-
-def of_components(compiler: str, python: Path, names: Sequence[str]) -> list[Row]:
-    """Every component: the largest error as a share of a signal's largest value."""
-    parts = {n: part for n in names if (part := driven(n)) is not None}
-    models, known = {}, {}
-    for name, part in parts.items():
-        course = Model(generate(part), tolerance=0.1 * TOLERANCE).simulate(grid(100))
-        models[name], known[name] = modelica(part), {**course.states, **course.outputs}
-    job = {"tolerance": TOLERANCE, "step": STEP, "steps": 100, "models": models}
-    found = by_host(compiler, python, job | {"columns": {n: list(k) for n, k in known.items()}})
+    The error is the largest of a signal, or with `share` over the signal's largest value.
+    """
+    job["columns"] = {name: list(signals) for name, (*_, signals) in known.items()}
     rows = []
-    for name, result in found.items():
-        row = {"compiler": compiler, "model": name, "allowed": ALLOWED, "error": None}
+    for name, result in by_host(compiler, python, job).items():
+        title, times, signals = known[name]
+        row = {"compiler": compiler, "model": title, "allowed": allowed, "error": None}
         if "columns" in result:
-            errors = off(result, known[name], grid(100))
-            sizes = {n: max(float(np.abs(y).max()), 1e-300) for n, y in known[name].items()}
-            row["error"] = max((errors[n] / sizes[n] for n in errors), default=0.0)
+            found = result["columns"]
+            off = {n: np.interp(times, result["time"], found[n]) - y for n, y in signals.items()}
+            sizes = {n: np.abs(y).max() if share else 1.0 for n, y in signals.items()}
+            errors = [np.abs(off[n]).max() / max(sizes[n], 1e-300) for n in signals]
+            row["error"] = float(np.max(errors, initial=0.0))
         rows.append(row | {k: result[k] for k in ("why",) if k in result})
     return rows
 
 
-def position_row(compiler: str, model: str, allowed: float, result: Row, known: Any) -> Row:
-    """A row for the position of a loop: `known` are times and positions."""
-    row = {"compiler": compiler, "model": model, "allowed": allowed, "error": None}
-    if "why" in result:
-        return row | {"why": result["why"]}
-    times, x = known
-    return row | {"error": off(result, {"x": x}, times)["x"]}
+def of_components(compiler: str, python: Path, names: Sequence[str]) -> list[Row]:
+    parts = {n: part for n in names if (part := driven(n)) is not None}
+    known = {}
+    for name, part in parts.items():
+        course = Model(generate(part), tolerance=0.1 * TOLERANCE).simulate(grid(100))
+        known[name] = name, grid(100), {**course.states, **course.outputs}
+    job = {"tolerance": TOLERANCE, "step": STEP, "steps": 100}
+    job["models"] = {name: modelica(part) for name, part in parts.items()}
+    return compared(compiler, python, job, known, ALLOWED, share=True)
 
 
 def by_hand(compiler: str, python: Path) -> list[Row]:
-    """The loops not written by this program; none without their file."""
-    text = BY_HAND.read_text(encoding="utf-8")
+    """The loops not written by this program."""
+    known = {}
+    for name, controller in LOOPS.items():
+        model = Model(fmu_kernel(controller, "plant"), tolerance=0.1 * TOLERANCE)
+        x = model.simulate(grid(2000)).outputs["x"]
+        known[name] = f"by another hand: {controller}", grid(2000), {"x": x}
     job = {"tolerance": TOLERANCE, "step": STEP, "steps": 2000}
-    job |= {"models": dict.fromkeys(LOOPS, text), "columns": {n: ["x"] for n in LOOPS}}
-    rows = []
-    for name, result in by_host(compiler, python, job).items():
-        kernel = fmu_kernel(LOOPS[name], "plant")
-        model = Model(kernel, tolerance=0.1 * TOLERANCE)
-        (goal,) = (i.name for i in kernel.inputs if i.role == "reference")
-        model.set_input(goal, GOAL)
-        known = grid(2000), model.simulate(grid(2000)).outputs["x"]
-        words = f"by another hand: {LOOPS[name]}"
-        rows.append(position_row(compiler, words, ALLOWED_BY_HAND, result, known))
-    return rows
+    job["models"] = dict.fromkeys(LOOPS, BY_HAND.read_text(encoding="utf-8"))
+    return compared(compiler, python, job, known, ALLOWED_BY_HAND, share=False)
 
 
 def of_howto(compiler: str, python: Path) -> list[Row]:
@@ -128,12 +116,10 @@ def of_howto(compiler: str, python: Path) -> list[Row]:
             unused = "".join(f"  input Real {port};\n" for port in ports)
             whole = whole.replace("  input Real u(", f"{unused}  input Real u(", 1)
         text = f"{whole}\n{text}"
-    job = {"tolerance": 1e-8, "step": 5e-3, "steps": 400}
-    job |= {"models": {"Axis": text}, "columns": {"Axis": ["x"]}}
-    (result,) = by_host(compiler, python, job).values()
-    known = np.genfromtxt(HOWTO / "iol_step.csv", delimiter=",", names=True)
-    words, table = "how-to of OpenModelica: Axis", (known["time"], known["x"])
-    return [position_row(compiler, words, ALLOWED_OF_HOWTO, result, table)]
+    job = {"tolerance": 1e-8, "step": 5e-3, "steps": 400, "models": {"Axis": text}}
+    table = np.genfromtxt(HOWTO / "iol_step.csv", delimiter=",", names=True)
+    known = {"Axis": ("how-to of OpenModelica: Axis", table["time"], {"x": table["x"]})}
+    return compared(compiler, python, job, known, ALLOWED_OF_HOWTO, share=False)
 
 
 def tasks(asked: Namespace) -> dict[str, tuple[str, Sequence[str]]]:

@@ -59,7 +59,6 @@ class NotMade(RuntimeError):
 
 
 def called(command: Sequence[Path | str]) -> None:
-    """Run a command; `NotMade` with its last line if it fails."""
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise NotMade(((done.stderr or done.stdout).strip().splitlines() or ["no word"])[-1])
@@ -100,7 +99,6 @@ class Job:
 
 
 def jobs() -> Iterator[Job]:
-    """Every tool with every kind of file that it accepts."""
     stepped = {"kind": "CoSimulation"}
     for c in ("iol", "nctf"):
         exact = 2.6e-9 if c == "iol" else 1e-11
@@ -186,7 +184,6 @@ def tasks(asked: Namespace) -> dict[str, tuple[str, list[Job]]]:
 
 
 def trial(tool: str, asked: Sequence[Job]) -> list[Row]:
-    """The rows of a tool, or why its environment could not be made."""
     try:
         python = python_of(tool, PACKAGES[tool])
     except NotMade as error:
@@ -211,7 +208,6 @@ def report(found: Sequence[list[Row]]) -> Row:
 
 
 def judged(packages: Row, found: Sequence[list[Row]], good: Callable[[Row], bool]) -> Row:
-    """Rows, how many are wrong, and what could not be made."""
     every = [row for some in found for row in some]
     rows = [r for r in every if "not_made" not in r]
     missing = {r["tool"]: r["not_made"] for r in every if "not_made" in r}

@@ -61,7 +61,6 @@ def over_fmus(loop: Loop) -> TangentRun:
 
 
 def share(found: Vector, reference: Vector) -> float:
-    """Largest difference of an exponent over the allowed difference."""
     allowed = np.maximum(RELATIVE * np.abs(reference), ABSOLUTE)
     return float(np.max(np.abs(found - reference) / allowed))
 

@@ -12,7 +12,6 @@ import tempfile
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,8 @@ from verdict.parts import Vector, deceived, row_of, summary, told
 FIRST, NETWORKS = 10_000, 200
 INPUTS = ("w1", "w2", "w3")
 STATES = ("x1", "x2")
+MATRICES, VECTORS = (("a", 2), ("b", 3)), (("e", 2), ("c", 2), ("d", 3))  # and their columns
+HARD = {"direct", "sampled"}  # blocks whose output depends on an input of now, or of a sample
 SMALLEST, LARGEST = 3, 20
 MOST_STEPS = 4000
 COUPLINGS = (None, None, "gauss-seidel", "jacobi")  # None: chosen by the program
@@ -46,21 +47,15 @@ def blocks(folder: Path) -> dict[str, Path]:
     return made
 
 
-def entry(matrix: str, row: int, column: int) -> sp.Symbol:
-    """Symbol of a coefficient; those of vectors have one number."""
-    at = {"e": row, "c": column, "d": column}
-    return bs.symbol(f"{matrix}{at[matrix] + 1 if matrix in at else f'{row + 1}{column + 1}'}")
-
-
 def block(kind: str) -> bs.Component:
     """x' = A x + B w + e and y = c x (+ d w with direct feedthrough), or sampled: x+ = ..."""
-    shapes = {"a": (2, 2), "b": (2, 3), "e": (2, 1), "c": (1, 2), "d": (1, 3)}
-    A, B, e, c, d = (sp.Matrix(*of, partial(entry, name)) for name, of in shapes.items())
+    A, B = (sp.Matrix(2, n, lambda i, j, m=m: bs.symbol(f"{m}{i + 1}{j + 1}")) for m, n in MATRICES)
+    e, c, d = (sp.Matrix([bs.symbol(f"{v}{k + 1}") for k in range(n)]) for v, n in VECTORS)
     x, w = (sp.Matrix([bs.symbol(n) for n in some]) for some in (STATES, INPUTS))
-    moved, answer = A * x + B * w + e, c * x
+    moved, answer = A * x + B * w + e, c.dot(x)
     names = [str(n) for matrix in (A, B, e, c) for n in matrix]
     if kind == "direct":
-        answer, names = answer + d * w, [*names, *map(str, d)]
+        answer, names = answer + d.dot(w), [*names, *map(str, d)]
     sampled = kind == "sampled"
     of = bs.DiscreteState if sampled else bs.State
     states = tuple(of(n, "1", "state", m) for n, m in zip(STATES, moved, strict=True))
@@ -73,7 +68,7 @@ def block(kind: str) -> bs.Component:
         states=() if sampled else states,
         discrete=states if sampled else (),
         sample_time=period if sampled else None,
-        outputs=(bs.Output("y", "1", "output", answer[0]),),
+        outputs=(bs.Output("y", "1", "output", answer),),
     )
 
 
@@ -89,11 +84,6 @@ class Block:
     d: Vector
     start: Vector
     period: float = 0.0
-
-    @property
-    def hard(self) -> bool:
-        """Whether the output depends directly on an input, or on an input at a sample instant."""
-        return self.kind in ("direct", "sampled")
 
     def values(self) -> dict[str, float]:
         """Its parameters, with the FMU's names."""
@@ -120,7 +110,6 @@ class Network:
     order: tuple[int, ...] = ()  # in which the file lists the elements
 
     def write(self, path: Path, fmus: dict[str, Path]) -> Path:
-        """The network as an .ssp."""
         wires = [
             f"n{source}.y -> n{k}.{INPUTS[j]}"
             for (k, j), source in np.ndenumerate(self.wires)
@@ -144,10 +133,7 @@ class Whole:
         size = 2 * n + 1
         # all outputs from all states: y = C s + D W y, where W connects outputs to inputs
         own, through = np.zeros((n, size)), np.zeros((n, n))
-        driven = np.zeros((n, 3, n))
-        for (k, j), source in np.ndenumerate(network.wires):
-            if source >= 0:
-                driven[k, j, source] = 1.0
+        driven = (network.wires[:, :, None] == np.arange(n)).astype(float)
         for k, b in enumerate(network.blocks):
             own[k, 2 * k : 2 * k + 2] = b.c
             through[k] = b.d @ driven[k]
@@ -198,7 +184,6 @@ class Whole:
         return np.array(before), np.array(after)
 
     def growth(self, stop: float) -> float:
-        """Growth of the largest mode over the run [nats]."""
         if not self.periods:
             return float(np.linalg.eigvals(self.moves).real.max() * stop)
         shortest = min(self.periods.values())
@@ -229,7 +214,7 @@ def random_network(seed: int) -> Network:
         wires = np.full((n, 3), -1)
         for k, j in np.ndindex(n, 3):
             # blocks with feedthrough have earlier blocks as sources: no algebraic loops
-            soft = [i for i in range(n) if not (made[i].hard and made[k].hard)]
+            soft = [i for i in range(n) if not {made[i].kind, made[k].kind} <= HARD]
             able = sorted({*soft, *range(k)} - {k})
             if able and (j == 0 or random.random() < 0.3):
                 wires[k, j] = random.choice(able)
@@ -291,7 +276,6 @@ def columns(network: Network, run: Any) -> tuple[list[int], Vector]:
 
 
 def outcome(seed: int, fmus: dict[str, Path]) -> Row:
-    """Run one network and compare with the exact solution."""
     network = random_network(seed)
     with tempfile.TemporaryDirectory() as folder:
         path = network.write(Path(folder) / "network.ssp", fmus)

@@ -227,7 +227,6 @@ def truth_is_known(row: Row) -> bool:
 
 
 def deceived(rows: Sequence[Row]) -> list[Row]:
-    """Rows of wrong results that are trusted."""
     return [r for r in rows if r["trusted"] and wrong(r)]
 
 
@@ -250,7 +249,6 @@ def summary(rows: Sequence[Row]) -> Row:
 
 
 def told(found: Row) -> str:
-    """A summary in words."""
     return (
         f"of {found['wrong']} wrong results {len(found['wrong_called_trusted'])} are trusted, "
         f"of {found['right']} right ones {found['right_called_trusted']}"

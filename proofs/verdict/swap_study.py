@@ -48,7 +48,6 @@ def tasks(asked: Namespace) -> dict[str, tuple[int]]:
 
 
 def trial(seed: int) -> Row:
-    """One study: whether the equal, and the unequal, controllers are distinguished."""
     with tempfile.TemporaryDirectory() as folder:
         work = studies.Work.of(replace(PLAN, seed=seed), Path(folder), Processes(1))
         errors = work.figures(work.tunings())["rms_error"][:, :, 0]

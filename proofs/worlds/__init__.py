@@ -84,22 +84,9 @@ def effects_of(world: str) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str,
 
 
 def draw_case(world: str, effects: tuple[str, ...], seed: int) -> Case:
-    """Draw a record of a world.
+    """Draw the case of a seed from a world of `WORLDS`, with some of its `effects_of` or with none.
 
-    Parameters
-    ----------
-    world : str
-        One of `WORLDS`.
-    effects : tuple of str
-        Some of `effects_of` the world; none for a faultless record.
-    seed : int
-
-    Raises
-    ------
-    ValueError
-        For an unknown world or an effect that it cannot have.
-    Unusable
-        If no draw of the world moves in both directions and stays in range.
+    `ValueError` is for an unknown name or an effect that it cannot have, `Unusable` see there.
     """
     for name, known in ((world, WORLDS), *((name, EFFECTS) for name in effects)):
         if name not in known:
@@ -113,8 +100,8 @@ def draw_case(world: str, effects: tuple[str, ...], seed: int) -> Case:
             if not currents:
                 raise ValueError(f"scale_of_i: no current is recorded in {world}")
             conditions = replace(conditions, currents=currents)
-        scenes = make_scenes(conditions, rng, bare="presliding_hysteresis" in effects)
-        scenes = tuple(scene.taken() for scene in scenes)
+        drawn = make_scenes(conditions, rng, bare="presliding_hysteresis" in effects)
+        scenes = tuple(scene.taken() for scene in drawn)
         motions = [scene.motion for scene in scenes]
         if not _usable(motions, scenes[0]):
             continue
@@ -162,8 +149,7 @@ def _hide(names: tuple[str, ...], scenes: Scenes) -> Case | None:
         alongs = [see_effect(scene, effect) for scene in scenes]
         if None in alongs:
             return None
-        periods = (axis.lead, effect.period) if effect.period else (axis.lead,)
-        sights.append(see(effect.name, alongs, periods))
+        sights.append(see(effect.name, alongs, [p for p in (axis.lead, effect.period) if p]))
     believed, wrong = misjudged(rng, axis, scenes[0].conditions.exact)
     ratios = law_ratio, tolerated_ratio
     return Case(effects, records, believed, wrong, tuple(sights), *ratios, scenes)
@@ -179,10 +165,9 @@ def _same_law(scenes: Scenes) -> tuple[Scenes, float]:
     ratio = _ratio(scenes, "", {})
     if ratio <= SAME_LAW:
         return scenes, ratio
-    conditions = replace(conditions, axis=replace(axis, formulation=own[0]))
-    plain = [changed(scene.faultless, {"law": own[0]}) for scene in scenes]
-    pairs = zip(scenes, plain, strict=True)
-    return tuple(s.taken(conditions=conditions, faultless=axis) for s, axis in pairs), 0.0
+    conditions, plain = replace(conditions, axis=replace(axis, formulation=own[0])), {"law": own[0]}
+    taken = (s.taken(conditions=conditions, faultless=changed(s.faultless, plain)) for s in scenes)
+    return tuple(taken), 0.0
 
 
 def _tolerated(scenes: Scenes) -> tuple[Scenes, float]:

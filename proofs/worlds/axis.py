@@ -120,12 +120,10 @@ TOLERANCE = 0.03
 
 
 def blank():
-    """An axis with nothing present."""
     return np.zeros(1, AXIS)[0]
 
 
 def changed(axis, changes):
-    """A copy of an axis with other values."""
     axis = axis.copy()
     for name, value in changes.items():
         axis[name] = value

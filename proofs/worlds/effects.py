@@ -9,7 +9,7 @@ from functools import partial
 
 from worlds import axis as at
 from worlds.axis import BALL_SCREW, TOLERANCE, mass_of, scaled, simulated
-from worlds.machines import Rng, log_uniform
+from worlds.machines import Rng, by_name, log_uniform
 from worlds.scenes import Columns, Scene
 
 MOST_SHIFT = 20  # samples
@@ -116,9 +116,8 @@ def nonlinear_viscous(rng: Rng, s: Scene) -> Effect:
     force = s.size(rng, 0.02, 2.0) * (s.double.Fc + s.double.sigma2 * v)
     if form == "thinning":
         return Effect(form, {form: s.size(rng, 0.02, 3.0) / v})
-    return Effect(
-        form, {form: force / {"quadratic": v**2, "cubic": v**3, "root": math.sqrt(v)}[form]}
-    )
+    powers = {"quadratic": v**2, "cubic": v**3, "root": math.sqrt(v)}
+    return Effect(form, {form: force / powers[form]})
 
 
 def stribeck_mismatch(rng: Rng, s: Scene) -> Effect:
@@ -159,12 +158,8 @@ def input_delay(rng: Rng, s: Scene) -> Effect:
     """The command is late: by a delay, or by a filter or a moving mean."""
     form, sampling = _one_of(rng, "pure", "lag", "lag_twice", "mean"), s.conditions.sampling
     late = s.size(rng, max(0.05 * sampling, 2e-5), max(3 * sampling, 2e-3))
-    changes = {
-        "pure": {"delay": late},
-        "lag": {"lag": late},
-        "lag_twice": {"lag": late / 2, "lag_twice": 1.0},
-        "mean": {"window": 2 * late},
-    }
+    changes = {"pure": {"delay": late}, "lag": {"lag": late}, "mean": {"window": 2 * late}}
+    changes["lag_twice"] = {"lag": late / 2, "lag_twice": 1.0}
     return Effect(form, changes[form])
 
 
@@ -182,12 +177,8 @@ def resistance_drift(rng: Rng, s: Scene) -> Effect:
     """The winding warms up: linearly, exponentially, in a step, or by its own current."""
     form = int(rng.integers(0, 4))
     force = s.double.Fc + 0.5 * s.double.sigma2 * s.fastest
-    changes = {
-        "r_drift": s.size(rng, 0.01, 0.8),
-        "r_form": form,
-        "r_time": _between(rng, 0.2, 0.6) * s.conditions.duration,
-        "r_current": force / s.double.kt,
-    }
+    changes = {"r_drift": s.size(rng, 0.01, 0.8), "r_form": form, "r_current": force / s.double.kt}
+    changes["r_time"] = _between(rng, 0.2, 0.6) * s.conditions.duration
     return Effect(("line", "exponential", "step", "own_current")[form], changes)
 
 
@@ -252,11 +243,9 @@ def burst_disturbance(rng: Rng, s: Scene) -> Effect:
 
 def detent_notch(rng: Rng, s: Scene) -> Effect:
     """A position that holds the block."""
-    changes = {
-        "detent": s.size(rng, 0.1, 2.0) * s.double.Fc,
-        "detent_place": _between(rng, -0.5, 0.5) * s.reach,
-        "detent_width": _between(rng, 0.01, 0.05) * s.reach,
-    }
+    changes = {"detent": s.size(rng, 0.1, 2.0) * s.double.Fc}
+    changes["detent_place"] = _between(rng, -0.5, 0.5) * s.reach
+    changes["detent_width"] = _between(rng, 0.01, 0.05) * s.reach
     return Effect("gaussian_well", changes)
 
 
@@ -275,7 +264,6 @@ def scale_error(rng: Rng, s: Scene) -> Effect:
 
 
 def mains_ripple(rng: Rng, s: Scene) -> Effect:
-    """Mains ripple on the amplifier's voltage."""
     frequency = float(rng.choice([50.0, 100.0]))
     changes = {"mains": s.size(rng, 0.0003, 0.2) * s.peak, "mains_frequency": frequency}
     return Effect(f"{frequency:.0f}_hz", changes)
@@ -292,13 +280,9 @@ def second_resonance(rng: Rng, s: Scene) -> Effect:
     block = s.double.block_mass
     mass = s.size(rng, 0.02, 0.6) * block
     angular = 2 * math.pi * log_uniform(rng, 4.0, 80.0)
-    changes = {
-        "resonator": mass,
-        "resonator_spring": mass * angular**2,
-        "resonator_damping": _between(rng, 0.005, 0.05) * 2 * mass * angular,
-        "block_mass": block - mass,
-    }
-    return Effect("appended_mass", changes)
+    changes = {"resonator": mass, "resonator_spring": mass * angular**2}
+    changes["resonator_damping"] = _between(rng, 0.005, 0.05) * 2 * mass * angular
+    return Effect("appended_mass", changes | {"block_mass": block - mass})
 
 
 def other_bristles(rng: Rng, s: Scene) -> Effect:
@@ -317,7 +301,6 @@ def _scale(column: str, rng: Rng, s: Scene) -> Effect:
 
 
 def _turned(column: str, rng: Rng, s: Scene) -> Effect:
-    """A column has the opposite sign."""
     return Effect("turned", factors={column: -1.0})
 
 
@@ -328,22 +311,16 @@ def time_shift(rng: Rng, s: Scene) -> Effect:
     return Effect("early" if early else "late", shift=-shift if early else shift)
 
 
-CATALOGUE: dict[str, Draw] = {
-    draw.__name__: draw
-    for draw in (
-        direction_asymmetry, position_periodic_friction, position_trend_friction, torque_ripple,
-        load_bias, nonlinear_viscous, stribeck_mismatch, presliding_hysteresis, unmodelled_inertia,
-        input_delay, friction_drift, resistance_drift, backlash, compliance, voltage_saturation,
-        parameter_error,
-    )
-}  # fmt: skip
-OUTSIDE: dict[str, Draw] = {
-    draw.__name__: draw
-    for draw in (
-        burst_disturbance, detent_notch, reversal_memory, scale_error, mains_ripple, dwell_ageing,
-        second_resonance, other_bristles,
-    )
-}  # fmt: skip
+CATALOGUE: dict[str, Draw] = by_name(
+    direction_asymmetry, position_periodic_friction, position_trend_friction, torque_ripple,
+    load_bias, nonlinear_viscous, stribeck_mismatch, presliding_hysteresis, unmodelled_inertia,
+    input_delay, friction_drift, resistance_drift, backlash, compliance, voltage_saturation,
+    parameter_error,
+)  # fmt: skip
+OUTSIDE: dict[str, Draw] = by_name(
+    burst_disturbance, detent_notch, reversal_memory, scale_error, mains_ripple, dwell_ageing,
+    second_resonance, other_bristles,
+)  # fmt: skip
 SIGNALS: dict[str, Draw] = {f"scale_of_{column}": partial(_scale, column) for column in "uix"}
 SIGNALS |= {f"sign_of_{column}": partial(_turned, column) for column in "ux"}
 SIGNALS["time_shift"] = time_shift

@@ -64,6 +64,10 @@ class Conditions:
         return int(time / self.sampling) * self.faster
 
 
+def by_name(*functions: Callable[..., Any]) -> dict[str, Callable[..., Any]]:
+    return {function.__name__: function for function in functions}
+
+
 def log_uniform(rng: Rng, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
@@ -415,13 +419,10 @@ def wrong_scales(rng: Rng) -> Conditions:
     return replace(conditions, currents=conditions.currents | {"none": 0.3}, finest=1.0)
 
 
-WORLDS: dict[str, Callable[[Rng], Conditions]] = {
-    draw.__name__: draw
-    for draw in (
-        fast_screw, heavy_screw, linear_drive, industrial, simulated, heavy_friction, slow_noise,
-        jittered, one_way, geared_joint, low_sampling, warming, held_back_lead_screw,
-        held_back_gantry, wrong_scales,
-    )
-}  # fmt: skip
+WORLDS: dict[str, Callable[[Rng], Conditions]] = by_name(
+    fast_screw, heavy_screw, linear_drive, industrial, simulated, heavy_friction, slow_noise,
+    jittered, one_way, geared_joint, low_sampling, warming, held_back_lead_screw,
+    held_back_gantry, wrong_scales,
+)  # fmt: skip
 # not to be used to fit, tune or choose anything
 HELD_BACK = ("held_back_lead_screw", "held_back_gantry")

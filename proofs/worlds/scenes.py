@@ -101,10 +101,9 @@ def _sines(rng: Rng, time: np.ndarray, half: float, fastest: float) -> np.ndarra
     tones = np.exp(rng.uniform(np.log(0.15), np.log(4.0), rng.integers(2, 6)))
     swing = np.minimum(half, fastest / (2 * np.pi * tones)) / tones.size
     parts = zip(swing, tones, rng.uniform(0, 2 * np.pi, tones.size), strict=True)
-    waves = [
-        s * (np.sin(2 * np.pi * f * time + p) - np.sin(p) * np.exp(-3 * time)) for s, f, p in parts
-    ]
-    return np.sum(waves, axis=0)
+    from_zero = np.exp(-3 * time)
+    waves = (s * (np.sin(2 * np.pi * f * time + p) - np.sin(p) * from_zero) for s, f, p in parts)
+    return np.sum([*waves], axis=0)
 
 
 def _sweep(rng: Rng, time: np.ndarray, half: float, fastest: float) -> np.ndarray:
@@ -207,7 +206,6 @@ class Instruments:
 
 
 def draw_instruments(rng: Rng, conditions: Conditions) -> Instruments:
-    """Random instruments by the world's odds of each kind."""
     encoder, current = pick(rng, conditions.encoders), pick(rng, conditions.currents)
     spoilt = current == "offset_and_gain"
     cutoff = float(rng.uniform(0.08, 0.3))
@@ -223,8 +221,6 @@ def draw_instruments(rng: Rng, conditions: Conditions) -> Instruments:
 
 @dataclass(frozen=True)
 class Scene:
-    """A world's draw, ready for simulation."""
-
     conditions: Conditions
     instruments: Instruments
     double: np.record  # the axis with the law of its parameter file, without any effect
@@ -254,7 +250,6 @@ class Scene:
 
     @property
     def with_current(self) -> bool:
-        """Whether the current is recorded."""
         return self.instruments.current != "none"
 
     def taken(self, **other) -> Scene:
@@ -275,14 +270,10 @@ class Scene:
             noise[:, BURST] = self._bursts(axis.bursts)
         if clean:
             axis.resolution = axis.interpolation = 0.0
-        substeps = int(
-            np.ceil(self.conditions.period / self.logged / self.conditions.substep - 1e-9)
-        )
-        tables = FLAT if clean else self.tables
-        log, commands = simulate(
-            axis, self.double, self.wanted, noise, tables, substeps * self.logged, self.logged,
-            self.conditions.period,
-        )  # fmt: skip
+        period, logged = self.conditions.period, self.logged
+        substeps = logged * int(np.ceil(period / logged / self.conditions.substep - 1e-9))
+        course = self.wanted, noise, FLAT if clean else self.tables
+        log, commands = simulate(axis, self.double, *course, substeps, logged, period)
         skipped = self.conditions.periods(self.conditions.lead_in)
         return log[skipped * self.logged :], commands[skipped:]
 

@@ -27,18 +27,10 @@ GUESSES = 3
 def simulate(axis, double, wanted, noise, tables, substeps, logged, period):
     """The log of a run, and the commands of its control periods [V].
 
-    Parameters
-    ----------
-    axis, double : record of `AXIS`
-        The axis, and the axis without any effect.
-    wanted : ndarray, shape (periods,)
-        Commands [V], or references [m] with a controller.
-    noise : ndarray, shape (periods, 3)
-        Relative friction noise, phase of the texture [rad], bursts of force [N].
-    tables : ndarray, shape (2, places)
-        Friction fixed to the position, mixed with a phase that changes in time.
-    substeps, logged, period : int, int, float
-        Numbers of substeps and of logging periods in a control period, and its length [s].
+    Each control period, of length `period` [s] with so many substeps and logging periods, has one
+    command [V], or reference [m] for a controller, in `wanted`, and a row in `noise`: of relative
+    friction, of the texture's phase [rad], and bursts of force [N]. Friction fixed to the position
+    is mixed by that phase from the two rows of `tables`.
     """
     states = np.zeros(2, at.STATE)  # of the axis and of its double
     log, commands = _simulate(axis, double, states, wanted, noise, tables, substeps, logged, period)
@@ -129,7 +121,6 @@ def amplify(par, y, command, t, h):
 
 @compiled
 def read_encoder(par, x):
-    """Position measured by the encoder."""
     s = x / par.travel
     if par.scale_error != 0.0:
         course = s * abs(s) if par.scale_form == 0.0 else math.sin(2.0 * math.pi * s)
@@ -222,7 +213,6 @@ def resistance_now(par, y, t, period):
 
 @compiled
 def move(par, y, h):
-    """The velocities of one substep."""
     v1, v2 = y.v1, y.v2
     m1, m2 = v1, v2
     n1, n2 = v1, v2

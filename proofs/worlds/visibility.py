@@ -41,6 +41,7 @@ HIGHEST = 1000.0  # highest used frequency, Hz
 LEAST_NOISE = 1e-4  # numerical noise, share of the Coulomb force (or its voltage), rms
 REST = 1e-5  # m/s
 RESTING = 1e-9  # m/s
+FALLS = (0.5, 1.0, 2.0, 5.0, 20.0)  # of the speed of the believed law
 WAYS = (1e-6, 4e-6, 15e-6, 60e-6, 250e-6, 1e-3)  # m since a reversal
 
 
@@ -185,25 +186,22 @@ def families(along: Along, periods: tuple[float, ...]) -> dict[str, list[list[np
     load = along.needed
     slope = np.gradient(load, along.period)
     bent = force(mass * np.gradient(slope, along.period) + par.sigma2 * slope)
-    waves = [
-        [force(shape * np.cos(2 * np.pi * x / p)), force(shape * np.sin(2 * np.pi * x / p))]
-        for shape in (*parts, one)
-        for p in periods
-    ]
-    split = 2 * len(periods)
+    angles = [2 * np.pi * x / p for p in periods]
+    of_friction, of_motor = (
+        [[force(shape * f(angle)) for f in (np.cos, np.sin)] for shape in some for angle in angles]
+        for some in (parts, [one])
+    )
     limits = np.abs(u).max() * np.array([0.97, 0.9, 0.8, 0.65, 0.5, 0.35])
     moving, back = mass * log["a"] + par.sigma2 * v, along.voltage(par.ke * v)
     scale_of_u = [[along.voltage(u)]]
     found = {
         "direction_asymmetry": [[force(np.abs(p))] for p in parts],
-        "position_periodic_friction": waves[:split],
+        "position_periodic_friction": of_friction,
         "position_trend_friction": [[force(p * place**k)] for p in parts for k in (1, 2)],
-        "torque_ripple": waves[split:],
+        "torque_ripple": of_motor,
         "load_bias": [[force(one)]],
         "nonlinear_viscous": [[force(sign * np.abs(v) ** k)] for k in (2.0, 3.0, 0.5)],
-        "stribeck_mismatch": [
-            [force(sign * np.exp(-np.abs(v) / (par.Vs * f)))] for f in (0.5, 1.0, 2.0, 5.0, 20.0)
-        ],
+        "stribeck_mismatch": [[force(sign * np.exp(-np.abs(v) / (par.Vs * f)))] for f in FALLS],
         "presliding_hysteresis": [[p] for p in pulses],
         "unmodelled_inertia": [[force(log["a"])]],
         "input_delay": _late(along, (0.1, 0.3, 1.0, 3.0)),
@@ -227,7 +225,6 @@ def families(along: Along, periods: tuple[float, ...]) -> dict[str, list[list[np
 
 
 def _late(along: Along, samples: tuple[float, ...]) -> list[list[np.ndarray]]:
-    """Changes of the command by some delays."""
     u = along.log["command"]
     time = np.arange(u.size) * along.period
     steps = along.scene.conditions.sampling * np.array(samples)
@@ -246,7 +243,6 @@ def see_effect(scene: Scene, effect: Effect) -> Along | None:
 
 
 def finite(log: np.ndarray) -> bool:
-    """Whether all numbers of a log are."""
     return bool(np.isfinite(log.view(float)).all())
 
 
@@ -291,9 +287,8 @@ def _misread(along: Along, effect: Effect) -> Along:
     read["need_force"] += par.kt * more["current_mean"] - force
     read["need_voltage"] += volts - drop
     read["need"] += volt_force(par) * volts - force
-    moving = np.ones(len(log))
-    if par.law == at.SET_VALUED:
-        moving = (np.abs(log["v"]) > max(par.least_speed, RESTING)).astype(float)
+    least = max(par.least_speed, RESTING) if par.law == at.SET_VALUED else -1.0
+    moving = (np.abs(log["v"]) > least).astype(float)
     for name in ("need", "need_force"):
         read[name] *= moving
     return replace(along, log=read, moving=moving)
@@ -310,7 +305,7 @@ def whitening(scene: Scene) -> Callable[[np.ndarray], np.ndarray]:
     def spectrum(signal: np.ndarray) -> np.ndarray:
         return welch(signal, fs=rate, nperseg=length)[1]
 
-    frequencies = welch(noise[0], fs=rate, nperseg=length)[0]
+    frequencies = np.fft.rfftfreq(length, 1 / rate)
     s = 2j * np.pi * frequencies
     # at rest, a position error is an error of the bristles' deflection
     stiffness = par.sigma0 * np.sqrt(np.mean(np.abs(log["v"]) < REST))
@@ -362,9 +357,8 @@ def see(name: str, alongs: list[Along], periods: tuple[float, ...] | None = None
     offset = white(a.force(np.ones(len(a.log))) for a in alongs)
     free = [] if name == "load_bias" else [offset]
     count = len(costly)
-    log_prior_odds = np.zeros((count, count + len(free)))
-    log_prior_odds[:, :count] = np.eye(count)
-    basis = np.linalg.qr(np.vstack([np.column_stack(costly + free), log_prior_odds]))[0]
+    costs = np.eye(count, count + len(free))
+    basis = np.linalg.qr(np.vstack([np.column_stack(costly + free), costs]))[0]
 
     def left(vector: np.ndarray) -> np.ndarray:
         whole = np.concatenate([vector, np.zeros(count)])
@@ -381,10 +375,8 @@ def see(name: str, alongs: list[Along], periods: tuple[float, ...] | None = None
         if other == name or (other.startswith("sign") and not name.startswith("sign")):
             continue
         forms = zip(*(one[other] for one in known), strict=True)  # each form, for all records
-        blocks = [
-            np.column_stack([left(white(c)) for c in zip(*form, strict=True)]) for form in forms
-        ]
-        remaining[other] = min(_beside(trace, block) for block in blocks)
+        columns = ([left(white(c)) for c in zip(*form, strict=True)] for form in forms)
+        remaining[other] = min(_beside(trace, np.column_stack(some)) for some in columns)
     shared = tuple(sorted(n for n, r in remaining.items() if r < SAME))
     return Sight(ratio, shared, remaining)
 
