@@ -24,24 +24,19 @@ GOAL = 0.08  # [m]
 Job = dict[str, Any]
 
 
-def first_outputs(path: str) -> dict[str, float]:
-    """First outputs of a controller; without them, the master begins with zeros."""
+def first_commands(job: Job) -> dict[str, float]:
+    """First commands of the controller by the plant's inputs; else the master begins with zeros."""
     import fmpy
 
+    path = job["fmus"][job["last"]]
     described = fmpy.read_model_description(path)
     at = {v.name: v.valueReference for v in described.modelVariables if v.causality != "parameter"}
     fmu = fmpy.instantiate_fmu(fmpy.extract(path), described, "CoSimulation")
     fmu.setupExperiment(startTime=0.0)
     fmu.setReal([at["x_d"]], [GOAL])
     fmu.enterInitializationMode()
-    names = [v.name for v in described.modelVariables if v.causality == "output"]
-    return dict(zip(names, fmu.getReal([at[n] for n in names]), strict=True))
-
-
-def first_commands(job: Job) -> dict[str, float]:
-    """First commands of the controller by the plant's inputs."""
-    first = first_outputs(job["fmus"][job["last"]])
-    return {u: first[y] for (_, y), (_, u) in job["connections"] if y in first}
+    wires = [(y, u) for (a, y), (_, u) in job["connections"] if a == job["last"]]
+    return dict(zip((u for _, u in wires), fmu.getReal([at[y] for y, _ in wires]), strict=True))
 
 
 def casadi(job: Job):
@@ -60,7 +55,6 @@ def casadi(job: Job):
 
 
 def cofmupy(job: Job):
-    """Its coordinator and its default master."""
     from cofmupy.coordinator import Coordinator
 
     def end(port):

@@ -73,6 +73,7 @@ def swapped(fmus: Mapping[str, Path]) -> list[Row]:
         run = result.run
         known = tools.reference("pid")[np.rint(run.time / tools.GRID).astype(int)]
         row = {"made_by": result.loop.label, "verdict": run.verdict.word}
+        row["sampled"] = run.sampling_period or None  # then the error is that of holding, too
         row |= {"coupling": run.coupling_reason, "estimate": run.verdict.error_estimate.get("x")}
         error = float(np.abs(run.outputs["x"] - known).max())
         rows.append(row | {"end": float(run.time[-1]), "error": error})

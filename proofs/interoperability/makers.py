@@ -83,7 +83,6 @@ class Pid(Model):
 
 
 def component_model(gains: Gains, scratch: Path, target: Path) -> None:
-    """Its model class, based on pythonfmu."""
     from component_model.model import Model
 
     script = _script(scratch, _beside() + COMPONENT_MODEL + _held(gains))

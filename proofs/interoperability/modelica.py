@@ -25,9 +25,8 @@ from ballscrew.solver.component import TIME, Component, symbol
 from ballscrew.solver.kernel import Model
 from interoperability.tools import NotMade, by_host, judged, python_of
 
-BY_HAND = Path(
-    os.environ.get("BALLSCREW_MODELICA", ROOT.parent / "shared" / "modelica" / "loops.mo")
-)
+SHARED = ROOT.parent / "shared" / "modelica" / "loops.mo"
+BY_HAND = Path(os.environ.get("BALLSCREW_MODELICA", SHARED))
 COMPILERS = {
     "rumoca": ["rumoca==0.10.2", "numpy"],
     "pymoca": ["pymoca==0.12", "casadi==3.6.7", "numpy"],

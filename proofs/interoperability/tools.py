@@ -193,7 +193,6 @@ def trial(tool: str, asked: Sequence[Job]) -> list[Row]:
 
 
 def run(job: Job, folder: Path, python: Path) -> Row:
-    """A row of the result; `error` [m] is None if the tool did not reach the end."""
     loop = asdict(loop_of(folder, job))
     row = {"tool": job.tool, "file": job.what, "controller": job.controller, **job.more}
     row |= {"step": STEP, "stop": job.stop, "allowed": job.allowed, "error": None}
