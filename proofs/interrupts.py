@@ -72,8 +72,8 @@ def trial(name: str, times: int) -> Row:
     with tempfile.TemporaryDirectory(prefix="ballscrew-proof-") as place:
         data, out = Path(place) / "data", Path(place) / "out"
         write_data(data)
-        earlier = ["run", "--controller", "iol", "--stop", "0.5", "--out", str(out)]
-        subprocess.run([str(BALLSCREW), *earlier], capture_output=True, check=False)
+        earlier = "run --controller iol --stop 0.5 --out".split()
+        subprocess.run([BALLSCREW, *earlier, out], capture_output=True)
         (out / "notes.txt").write_text("the user's")
         latest = min(latest_of(name, data, out) for _ in range(2))  # the first may compile
         trials = [stopped(name, k, latest, data, out) for k in range(times)]

@@ -54,9 +54,8 @@ Row = dict[str, Any]
 
 def git(*arguments: str) -> str:
     """Output of git; an empty string outside a checkout."""
-    return subprocess.run(
-        ["git", *arguments], capture_output=True, text=True, check=False, cwd=ROOT
-    ).stdout.strip()
+    done = subprocess.run(["git", *arguments], capture_output=True, text=True, cwd=ROOT)
+    return done.stdout.strip()
 
 
 def provenance(arguments: Sequence[str]) -> dict[str, str]:

@@ -326,8 +326,7 @@ def compare(old: dict[str, object], new: dict[str, object]) -> int:
 if __name__ == "__main__":
     mode, *words = sys.argv[1:] or [""]
     if mode == "write" and words:
-        results = write("".join(words[1:]))
-        Path(words[0]).write_text(json.dumps(results), "utf-8")
+        Path(words[0]).write_text(json.dumps(write("".join(words[1:]))), "utf-8")
     elif mode == "compare" and len(words) == 2:
         raise SystemExit(compare(*(json.loads(Path(p).read_text("utf-8")) for p in words)))
     else:

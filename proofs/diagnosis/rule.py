@@ -122,19 +122,16 @@ def measured(rows: Sequence[Row]) -> Row:
     }
     hits: dict[str, Callable[[Row], bool]] = {
         "clear effects: named rightly": lambda r: bool(named(r) & right(r)),
-        "clear effects: at most two in the answer, one of them right": lambda r: (
-            len(answer(r)) <= 2 and bool(answer(r) & right(r))
-        ),
+        "clear effects: at most two in the answer, one of them right":
+            lambda r: len(answer(r)) <= 2 and bool(answer(r) & right(r)),
         "clear effects: `none`": lambda r: r["verdict"] == "none",
         "records with effects: a wrong name": lambda r: bool(named(r) - right(r)),
         "faultless records: a name": lambda r: bool(named(r)),
-        "faultless records: a fault is reported": lambda r: (
-            r["verdict"] not in ("none", "undecided")
-        ),
-        "answers with a cause built in: the force on held-out data may grow": lambda r: (
-            min(c["gain"] for c in r["causes"]) <= 0.0
-        ),
-    }
+        "faultless records: a fault is reported":
+            lambda r: r["verdict"] not in ("none", "undecided"),
+        "answers with a cause built in: the force on held-out data may grow":
+            lambda r: min(c["gain"] for c in r["causes"]) <= 0.0,
+    }  # fmt: skip
     return {what: share([hit(r) for r in some[what.split(":")[0]]]) for what, hit in hits.items()}
 
 

@@ -146,8 +146,6 @@ def closed_loop(law: str, seed: int, truth: Truth, random: Random) -> Intervals:
     return fit_along(records, law, lay_out(records)).intervals
 
 
-# -- the proof -----------------------------------------------------------------------------------
-
 GROUPS = {  # with a number that is part of the seed
     "closed_loop": (closed_loop, 1),
     "prescribed_motion": (prescribed_motion, 0),

@@ -10,15 +10,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from worlds.axis import compiled
 
 from ballscrew.measurement.records.record import Record
+from ballscrew.solver.arrays import Vector
 
 LUGRE = {"sigma0": 66967.0, "sigma1": 344.56, "sigma2": 173.0, "Fc": 1.284, "Fs": 2.35}
 LUGRE["Vs"] = 1.14e-3
 NAMES = {"dahl": ("sigma", "Fc", "alpha"), "bliman_sorine": ("f1", "f2", "eps_f", "eta")}
-Vector = npt.NDArray[np.float64]
 COUNT = 1e-3 / 512
 RESOLUTION = 0.089
 FINE = 20  # steps of the law in one sampling interval

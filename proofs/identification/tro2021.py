@@ -34,15 +34,11 @@ from ballscrew.solver.arrays import Vector
 from ballscrew.solver.errors import BadRecord, UserError
 
 DATA = Path(os.environ.get("BALLSCREW_TRO2021", ROOT.parent / "shared" / "data" / "TRO2021"))
-COLUMNS = {
-    "1": "time",
-    "Velocity actual value averaged": "v",
-    "Torque actual value averaged": "force",
-}
+AVERAGED = "actual value averaged"
+COLUMNS = {"1": "time", f"Velocity {AVERAGED}": "v", f"Torque {AVERAGED}": "force"}
 UNITS = {"v": "-1 rpm", "force": "-9.84e-5 N*m"}
 PER_CENT = 9.84e-5  # one percent of the motor's nominal torque [N*m]
-# for the worm drive, a metre means a thousand radians of the motor, and a newton a mN*m at its
-# shaft
+# for the worm drive, a metre is a thousand radians of the motor, a newton a mN*m at its shaft
 DRIVES = {"lead_screw": ("driveNo1", 0.002), "worm_drive": ("driveNo3", 0.006283185307)}
 LAW, STEADY = "classical", "steady_state/0.096kg"
 FOLDS, CONFIDENCE = 4, 0.95
@@ -66,18 +62,15 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Forecast:
-    """Prediction of a fit for the mean force of another run, with its 95 % interval [N]."""
+class Forecast(Point):
+    """The same, with the prediction of a fit to other runs, and its 95 % interval [N]."""
 
-    name: str
-    velocity: float
-    measured: float
     foretold: float
     half_width: float
 
     @property
     def holds(self) -> bool:
-        return bool(abs(self.measured - self.foretold) <= self.half_width)
+        return bool(abs(self.force - self.foretold) <= self.half_width)
 
 
 def speed_of(path: Path | str) -> int:
@@ -126,7 +119,7 @@ def forecasts(fit: Fit, seen: Sequence[Point], new: Sequence[Point]) -> list[For
         foretold = curve(fit, fit.coordinates, p.velocity)
         g = np.array([(curve(fit, c, p.velocity) - foretold) / STEP for c in moved])
         half = quantile * math.sqrt(float(g @ fit.covariance @ g) + scatter)
-        found.append(Forecast(p.name, p.velocity, p.force, foretold, half))
+        found.append(Forecast(**asdict(p), foretold=foretold, half_width=half))
     return found
 
 
@@ -146,7 +139,7 @@ def speeds_left_out(records: Sequence[Record], per_cent: float) -> Row:
 
 def summary(found: Sequence[Forecast], per_cent: float) -> Row:
     """Errors of forecasts, and number of intervals that contain the measured value."""
-    error = np.array([f.measured - f.foretold for f in found])
+    error = np.array([f.force - f.foretold for f in found])
     return {
         "runs": len(found),
         "held": sum(f.holds for f in found),

@@ -10,18 +10,15 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ballscrew.controllers.nctf import STEP_VOLTAGE, STOPPED_SPEED, NctfDesign, design
-from ballscrew.plant.axis import axis
 from ballscrew.solver.kernel import Model
 from ballscrew.solver.spectrum import follow_tangents
-from ballscrew.solver.stored import stored_kernel
 from ballscrew.stability.lyapunov import loop_order
+from thesis import loops
 from thesis import printed as th
 from thesis.loops import end_of, figures, growth, hats, largest, model_of, scipy_end, spectrum, step
 from thesis.rows import Row, near
 
 BELOW_ZERO = (-math.inf, -1e-9)
-
-# -- 3.2 -----------------------------------------------------------------------------------
 
 
 def _limits(setpoint: float = th.SETPOINT) -> Any:
@@ -36,7 +33,7 @@ def _range_by_first_vector() -> float:
     grown, order = [], loop_order(model_of("nctf", 1e-11).kernel)
     for shift in range(len(order)):
         frame = np.eye(len(order))[order[shift:] + order[:shift]]
-        run = follow_tangents(model_of("nctf", 1e-11), np.array([0.0, th.STOP]), frame=frame)
+        run = follow_tangents(model_of("nctf", 1e-11), (0.0, th.STOP), frame=frame)
         grown.append(abs(float(run.growth[-1].max())))
     return max(grown) / min(grown)
 
@@ -75,8 +72,6 @@ CONCEPT = (
     ),
 )  # fmt: skip
 
-# -- 3.3 -----------------------------------------------------------------------------------
-
 
 def _apart(controller: str) -> float:
     """Largest difference of x with the modified and the original law, as a share of the step."""
@@ -95,8 +90,6 @@ MODEL = (
         for name in ("iol", "nctf")
     ),
 )  # fmt: skip
-
-# -- 3.4.1 ---------------------------------------------------------------------------------
 
 
 def _exact(t: float) -> float:
@@ -149,13 +142,10 @@ LINEARIZATION = (
         lambda: _change_after("iol", th.STEADY), (0.0, 0.05)),
 )  # fmt: skip
 
-# -- 3.4.2 ---------------------------------------------------------------------------------
-
 
 def _plant(**values: float) -> Model:
     """The axis one second after 30 V."""
-    plant = Model(stored_kernel("plant", axis, "ballscrew.plant.axis"), values)
-    plant.set_input("u", STEP_VOLTAGE)
+    plant = loops.axis_under_step(**values)
     plant.advance(0.0, 1.0)
     return plant
 
@@ -165,7 +155,6 @@ def _speed(**values: float) -> float:
     return plant.outputs(1.0, plant.x)["v"]
 
 
-@cache
 def _coasting_time() -> float:
     """How long until a percent of the speed is left [s]."""
     plant = _plant()
@@ -180,7 +169,6 @@ def _fitted() -> NctfDesign:
     return design(mode="fitted")
 
 
-@cache
 def _diverges_after() -> float:
     """Time at which a state of the loop with the negative gains exceeds its bound [s]."""
     gains = {name: -value for name, value in design().parameters().items() if name[0] == "K"}
@@ -239,8 +227,6 @@ NCTF = (
     Row("3.4.2.2, Fig. 3.10", "voltage steady after 2.2 s: its change, over the peak",
         "steady", lambda: _change_after("nctf", th.STEADY_NCTF), (0.0, 0.05)),
 )  # fmt: skip
-
-# -- 3.5.1 ---------------------------------------------------------------------------------
 
 
 def _figures(system: tuple[float, float], stop: float) -> Any:

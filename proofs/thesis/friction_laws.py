@@ -37,10 +37,6 @@ LAWS: dict[str, tuple[str, ...]] = {
 Truth = dict[str, Vector]
 
 
-def _ramp(direction: int, t: Vector) -> Vector:
-    return np.asarray(direction * loading_voltage(RATE, t))
-
-
 def _step(t: Vector) -> Vector:
     """The motor's force follows its voltage within 0.1 ms: a step to 1.5 N, Fig. 2.19."""
     none, all_of_it = loading_voltage(1.0, np.array([0.0, 1.5]))
@@ -59,22 +55,6 @@ def _of_voltage(name: str, course: Callable[[Vector], Vector], length: float) ->
     return Trial(f"{name}/1", name, 1, VOLTAGE, name, length, course)
 
 
-@cache
-def slow_loading(law: str, direction: int) -> Truth:
-    trial = _of_voltage("slow-loading", partial(_ramp, direction), LOAD / RATE)
-    return _truth(law, trial)
-
-
-@cache
-def force_step(law: str) -> Truth:
-    return _truth(law, _of_voltage("force-at-once", _step, 3.0))
-
-
-@cache
-def staircase(law: str) -> Truth:
-    return _truth(law, trials_named("presliding")[0])
-
-
 def peak(friction: Vector) -> tuple[float, float]:
     """The largest friction before its first fall, and the smallest after; NaN if it never falls."""
     highest = np.maximum.accumulate(friction)
@@ -87,21 +67,10 @@ def peak(friction: Vector) -> tuple[float, float]:
 @cache
 def break_away(law: str, direction: int) -> tuple[float, float]:
     """Peak and sliding friction under slow loading, in the direction of the load [N]."""
-    return peak(direction * slow_loading(law, direction)["friction"])
+    slow = _of_voltage("slow-loading", lambda t: direction * loading_voltage(RATE, t), LOAD / RATE)
+    return peak(direction * _truth(law, slow)["friction"])
 
 
-@cache
-def steady(law: str) -> Vector:
-    """Velocity [m/s] and friction [N] of the constant velocities, shape (2, 60)."""
-    found = []
-    for trial in trials_named("viscous"):
-        truth = _truth(law, trial)
-        half = len(truth["v"]) // 2
-        found.append((truth["v"][half:].mean(), truth["friction"][half:].mean()))
-    return np.array(found).T
-
-
-@cache
 def cycle(law: str) -> Vector:
     """Velocity and friction over one cycle of Table 2.11, by the harmonics of all but the first."""
     truth = _truth(law, trials_named("2.11")[0])
@@ -124,9 +93,6 @@ def rates(law: str) -> Vector:
     return np.array([[t.level for t in trials], peaks])
 
 
-# -- measures ------------------------------------------------------------------------------
-
-
 def _drop(law: str) -> float:
     """Peak over the sliding friction that follows, less 1; 0 without a peak."""
     both = [break_away(law, direction) for direction in MEASURED]
@@ -139,7 +105,12 @@ def _off_measured(law: str) -> float:
 
 def _off_viscous(law: str, added: float = 0.0) -> float:
     """Largest deviation of the slope of steady friction from the measured one."""
-    speed, friction = steady(law)
+    found = []
+    for trial in trials_named("viscous"):
+        truth = _truth(law, trial)
+        half = len(truth["v"]) // 2
+        found.append((truth["v"][half:].mean(), truth["friction"][half:].mean()))
+    speed, friction = np.array(found).T
     sides = [speed > 0.0, speed < 0.0]
     slopes = [np.polyfit(speed[side], friction[side], 1)[0] for side in sides]
     return float(max(abs((s + added) / VISCOUS - 1.0) for s in slopes))
@@ -157,9 +128,10 @@ def _fall(law: str) -> float:
     return 0.0 if np.isnan(peaks).any() else float(1.0 - peaks[-1] / peaks[0])
 
 
+@cache
 def _holds(law: str) -> tuple[Vector, Vector]:
-    """Displacement [m] and friction [N] at the three holds."""
-    truth = staircase(law)
+    """Displacement [m] and friction [N] at the three holds of the staircase."""
+    truth = _truth(law, trials_named("presliding")[0])
     at = np.searchsorted(truth["time"], HOLDS) - 1
     return truth["x"][at], truth["friction"][at]
 
@@ -176,13 +148,9 @@ def _off_equations() -> float:
     return float(np.max(np.abs(x / exact - 1.0)))
 
 
-def _right_holds(law: str) -> float:
-    return float((_off_holds(law) <= 0.2).sum())
-
-
 def _rise(law: str) -> float:
     """Time from 10 to 90 % of the displacement after a step of force [s]."""
-    truth = force_step(law)
+    truth = _truth(law, _of_voltage("force-at-once", _step, 3.0))
     share = truth["x"] / truth["x"][-1]
     end = int(np.argmax(share >= share[-1])) + 1
     course = np.maximum.accumulate(share[:end]), truth["time"][:end]
@@ -217,7 +185,7 @@ def _rows(law: str, told: tuple[str, ...]) -> list[Row]:
         Row("2.4.5", f"{law}: the break-away force falls with the loading rate, by a share of at "
             "least 0.02", varying, partial(_fall, law), _at_least(0.02)[varying]),
         Row("2.4.6", f"{law}: holds of three at which the displacement is within 20 % of the "
-            "measured one", presliding, partial(_right_holds, law),
+            "measured one", presliding, lambda: (_off_holds(law) <= 0.2).sum(),
             {"yes": (3, 3), "conditional": (1, 2), "no": (0, 0)}[presliding],
             PRESLIDING if law == "lugre" else ""),
     ]  # fmt: skip

@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from ballscrew.controllers.nctf import STEP_VOLTAGE
 from ballscrew.orchestration.loop.closed_loop import metrics
 from ballscrew.orchestration.loop.loop import Loop
 from ballscrew.orchestration.loop.whole_loop import run_monolithic
-from ballscrew.orchestration.master.reference_signal import Reference
+from ballscrew.plant.axis import axis
 from ballscrew.solver.arrays import Vector
 from ballscrew.solver.kernel import IntegrationError, Model
 from ballscrew.solver.spectrum import follow_returns, follow_tangents
+from ballscrew.solver.stored import stored_kernel
 from ballscrew.stability.lyapunov import LyapunovRun, loop_lyapunov, loop_maker, loop_order
 from thesis import printed as th
 
@@ -31,8 +33,8 @@ def hats(system: tuple[float, float]) -> dict[str, float]:
 @cache
 def step(controller: str, stop: float = th.STOP, plant: str = "plant", **values: float) -> Any:
     """A step to 8 cm in one solver, on a grid of one millisecond."""
-    reference = Reference.constant(th.SETPOINT)
-    return run_monolithic(Loop(controller, plant, reference, stop, controller_values=values), 1e-3)
+    loop = Loop(controller, plant, th.SETPOINT, stop, controller_values=values)
+    return run_monolithic(loop, 1e-3)
 
 
 @cache
@@ -48,10 +50,27 @@ def spectrum(
     return loop_lyapunov(Loop(controller, reference=setpoint, stop=stop, controller_values=values))
 
 
+def axis_under_step(**values: float) -> Model:
+    """The axis alone, from rest under 30 V."""
+    plant = Model(stored_kernel("plant", axis, "ballscrew.plant.axis"), values)
+    plant.set_input("u", STEP_VOLTAGE)
+    return plant
+
+
 def model_of(
     controller: str, tolerance: float, setpoint: float = th.SETPOINT, **values: float
 ) -> Model:
     return loop_maker(Loop(controller, reference=setpoint, controller_values=values))(tolerance)
+
+
+def tangents(controller: str, times: Vector, tolerance: float, count: int | None, **values: float):
+    """The first tangents, or all, in the thesis' order."""
+    model = model_of(controller, tolerance, **values)
+    frame = np.eye(len(model.x))[loop_order(model.kernel)[:count]]
+    run = follow_tangents(model, times, count=count, frame=frame)
+    if run.failure:
+        raise IntegrationError(run.failure)
+    return run
 
 
 @cache
@@ -59,11 +78,7 @@ def growth(
     controller: str, stop: float, tolerance: float = 1e-9, points: int = 2, **values: float
 ) -> tuple[Vector, Vector]:
     """Times [s] and the largest exponent's estimate times time [bits], by the first tangent."""
-    model = model_of(controller, tolerance, **values)
-    frame = np.eye(len(model.x))[[loop_order(model.kernel)[0]]]
-    run = follow_tangents(model, np.linspace(0.0, stop, points), count=1, frame=frame)
-    if run.failure:
-        raise IntegrationError(run.failure)
+    run = tangents(controller, np.linspace(0.0, stop, points), tolerance, 1, **values)
     return run.time, run.growth[:, 0] * th.BITS
 
 

@@ -15,16 +15,10 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 from PIL import Image
 
-from ballscrew.controllers.nctf import STEP_VOLTAGE, design
 from ballscrew.orchestration.loop.pictures import COLOURS, DASHES, STYLE, new_figure
-from ballscrew.plant.axis import axis
-from ballscrew.solver.kernel import Model
-from ballscrew.solver.spectrum import follow_tangents
-from ballscrew.solver.stored import stored_kernel
-from ballscrew.stability.lyapunov import loop_order
 from thesis import printed as th
-from thesis.loops import end_of, hats, model_of, scipy_course
-from thesis.region_and_tables import grid
+from thesis.loops import axis_under_step, end_of, hats, model_of, scipy_course, tangents
+from thesis.region_and_tables import designed, grid
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "images" / "thesis"
 SIZE = (9.6, 5.6)  # in
@@ -48,9 +42,7 @@ def course(controller: str, values: dict[str, float], stop: float, points: int) 
 
 def exponents(controller: str, values: dict[str, float], stop: float) -> tuple[Any, Any]:
     """Times [s], and all finite-time exponents [bits/s] in descending order, one per column."""
-    model = model_of(controller, 1e-11, **values)
-    frame = np.eye(len(model.x))[loop_order(model.kernel)]
-    run = follow_tangents(model, np.linspace(0.0, stop, 401), frame=frame)
+    run = tangents(controller, np.linspace(0.0, stop, 401), 1e-11, None, **values)
     rates = run.growth[1:] * th.BITS / run.time[1:, None]
     return run.time[1:], -np.sort(-rates, axis=1)
 
@@ -93,8 +85,7 @@ def linearization() -> Any:
 
 def nctf() -> Any:
     figure, ((step, plane), (position, voltage)) = new_figure(2, 2, (9.6, 7.2))
-    plant = Model(stored_kernel("plant", axis, "ballscrew.plant.axis"), None)
-    plant.set_input("u", STEP_VOLTAGE)
+    plant = axis_under_step()
     up = plant.simulate(np.linspace(0.0, 0.3, 1501))
     plant.set_input("u", 0.0)
     # the creep is visible in the plane of speed and distance, with logarithmic time
@@ -246,8 +237,7 @@ def plane() -> Any:
 
 
 def perturbed(percent: int, figures: tuple[str, ...]) -> Any:
-    share = percent / 100
-    made = design({"sigma0": share * th.SIGMA0, "sigma1": share * th.SIGMA1}).parameters()
+    made = designed(percent, percent).parameters()
     figure, grid = new_figure(2, 3, SIZE)
     panels = list(grid.flat)
     draw_states(panels, course("nctf", made, 5.0, 5001), figures)

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from ballscrew import component
 from ballscrew.controllers.nctf import NctfDesign, design
-from ballscrew.orchestration.loop.whole_loop import loop_kernel
 from thesis import printed as th
 from thesis.loops import end_of, figures, growth, largest, scipy_end, spectrum, step
 from thesis.rows import Row, near
-
-# -- 3.5.1.3 -------------------------------------------------------------------------------
 
 Inside = Callable[[float, float], bool]
 
@@ -49,7 +47,6 @@ def _cycle() -> float:
     return float(np.nanmin(edges))
 
 
-@cache
 def grid() -> tuple[Any, Any]:
     """Values of sigma0_hat and sigma1_hat of the 1938 loops of the picture."""
     return np.linspace(*th.REGION[0], 34), np.linspace(*th.REGION[1], 57)
@@ -118,27 +115,23 @@ PLANE = (
         lambda: _runaway(th.SIGMA1) / th.SIGMA0 - 1.0, (0.0, 1e-4)),
 )  # fmt: skip
 
-# -- 3.5.2 ---------------------------------------------------------------------------------
-
 
 @cache
-def _design(percent0: float, percent1: float) -> NctfDesign:
+def designed(percent0: float, percent1: float) -> NctfDesign:
     """NCTF for a plant with these shares of sigma0 and sigma1."""
     return design({"sigma0": percent0 / 100 * th.SIGMA0, "sigma1": percent1 / 100 * th.SIGMA1})
 
 
 def _cell(percent0: float, percent1: float) -> float:
     """A cell of Tables 3.3 and 3.4 at 300 s; at rest it falls like 1/t, so 20 s are enough."""
-    made = _design(percent0, percent1).parameters()
+    made = designed(percent0, percent1).parameters()
     return float(growth("nctf", th.STOP, **made)[1][-1]) / th.LONG
 
 
 def _by_stopping_time(time: float) -> dict[str, float]:
     """The controller by the rule of the printed design for a stopping time [s]."""
-    share = time / th.PRINTED_A
-    default = {p.name: p.default for p in loop_kernel("plant", "nctf").parameters}
-    kp, ki = default["controller_Kp"], default["controller_Ki"]
-    return {"c": th.PRINTED_C / share, "Kp": kp * share, "Ki": ki * share}
+    share, own = time / th.PRINTED_A, {p.name: p.default for p in component("nctf").parameters}
+    return {"c": th.PRINTED_C / share, "Kp": own["Kp"] * share, "Ki": own["Ki"] * share}
 
 
 def _needed(exponent: float) -> float:
@@ -163,7 +156,7 @@ def _order() -> float:
 
 
 def _largest_of(percent: int) -> float:
-    run = spectrum("nctf", th.LONG, **_design(percent, percent).parameters())
+    run = spectrum("nctf", th.LONG, **designed(percent, percent).parameters())
     return run.figures()["exponents_bits_per_s"][0]
 
 
@@ -187,11 +180,11 @@ TABLES = (
         for k, share in ((1, 70), (2, 130))
     ),
     Row("3.5.2.2", "these two trajectories do not differ: x apart by, over the step", "0",
-        lambda: _apart(_design(70, 70), _design(130, 130)), (0.0, 0.01),
+        lambda: _apart(designed(70, 70), designed(130, 130)), (0.0, 0.01),
         "The perturbed sigma0 changes A, and with it the gains. With sigma1 alone perturbed (next "
         "row) they differ less. So sigma0 seems to have been left alone, as in the tables."),
     Row("3.5.2.2", "the same with sigma1 alone perturbed", "",
-        lambda: _apart(_design(100, 70), _design(100, 130))),
+        lambda: _apart(designed(100, 70), designed(100, 130))),
     *(
         near("Tables 3.3-3.4", f"row {p} %, sigma0 left alone, 300 s [bits/s]", printed,
              0.02 * abs(printed), lambda p=p: _cell(100, p))
@@ -200,7 +193,7 @@ TABLES = (
     Row("Tables 3.3-3.4", "stopping time that gives the row 130 % exactly [s]", "",
         lambda: _needed(th.LARGEST_BY_SIGMA1[130])),
     Row("Tables 3.3-3.4", "stopping time of the design for that row [s]", "",
-        lambda: _design(100, 130).stopping_time),
+        lambda: designed(100, 130).stopping_time),
     near("3.5.2, Tables 3.3-3.4", "the nominal cell at the 20 s of 3.5.1 [bits/s]", -0.0134,
          1.3e-4, lambda: th.LONG / th.STOP * _cell(100, 100),
          "At rest the largest exponent times time is a constant; the rows fit 300 s."),

@@ -40,12 +40,8 @@ def trial(name: str, fmi: int, count: int) -> list[Row]:
 def report(found: Sequence[list[Row]]) -> Row:
     rows = [row for some in found for row in some]
     wrong = [r for r in rows if r["complaint"]]
-    return {
-        "courses": len(rows),
-        "wrong": wrong,
-        "largest_share_of_allowed": max(r["share"] for r in rows if r["judged"]),
-        "holds": not wrong,
-    }
+    largest = {"largest_share_of_allowed": max(r["share"] for r in rows if r["judged"])}
+    return {"courses": len(rows), "wrong": wrong, **largest, "holds": not wrong}
 
 
 def says(report: Row) -> str:

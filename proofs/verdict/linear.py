@@ -47,12 +47,9 @@ def placed(A: Vector, B: Vector, poles: Vector) -> Vector | None:
     reach = np.hstack([np.linalg.matrix_power(A, k) @ B for k in range(n)])
     if np.linalg.cond(reach / np.linalg.norm(reach, axis=0)) > 1e6:
         return None
-    polynomial = np.zeros_like(A)
-    for power, coefficient in enumerate(np.poly(poles)[::-1]):
-        polynomial = polynomial + coefficient * np.linalg.matrix_power(A, power)
-    last = np.zeros((1, n))
-    last[0, -1] = 1
-    gain = -last @ np.linalg.solve(reach, polynomial)
+    terms = enumerate(np.poly(poles)[::-1])
+    polynomial = sum(c * np.linalg.matrix_power(A, power) for power, c in terms)
+    gain = -np.eye(n)[-1:] @ np.linalg.solve(reach, polynomial)
     return gain if np.all(np.isfinite(gain)) else None
 
 

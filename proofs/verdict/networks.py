@@ -86,7 +86,6 @@ class Block:
     period: float = 0.0
 
     def values(self) -> dict[str, float]:
-        """Its parameters, with the FMU's names."""
         arrays = {"a": self.A, "b": self.B, "e": self.e, "c": self.c}
         arrays |= {"d": self.d} if self.kind == "direct" else {}
         named = {
@@ -110,11 +109,8 @@ class Network:
     order: tuple[int, ...] = ()  # in which the file lists the elements
 
     def write(self, path: Path, fmus: dict[str, Path]) -> Path:
-        wires = [
-            f"n{source}.y -> n{k}.{INPUTS[j]}"
-            for (k, j), source in np.ndenumerate(self.wires)
-            if source >= 0
-        ]
+        ends = np.argwhere(self.wires >= 0)
+        wires = [f"n{self.wires[k, j]}.y -> n{k}.{INPUTS[j]}" for k, j in ends]
         elements = {f"n{k}": fmus[self.blocks[k].kind] for k in self.order}
         values = {f"n{k}": self.blocks[k].values() for k in self.order}
         return write_system(path, elements, wires, values)
@@ -291,9 +287,6 @@ def outcome(seed: int, fmus: dict[str, Path]) -> Row:
     size = {"size": len(network.blocks), "sampled": sum(b.period > 0 for b in network.blocks)}
     error = float(errors.max()) if complete else float("inf")
     return row_of(seed, run, error, **size, step=network.step)
-
-
-# -- the proof ------------------------------------------------------------------------------------
 
 
 def tasks(asked: Namespace) -> dict[str, tuple[int, dict[str, Path]]]:

@@ -37,8 +37,6 @@ OUTPUTS = ("x", "v")
 
 x, v, u, q, goal = (bs.symbol(name) for name in ("x", "v", "u", "q", "x_d"))
 
-# -- components -----------------------------------------------------------------------------------
-
 
 def _parameters(**defaults: float) -> tuple[bs.Parameter, ...]:
     return tuple(bs.Parameter(n, d, "1", n, "drawn") for n, d in defaults.items())
@@ -82,14 +80,11 @@ def between_stops(driven: bool) -> bs.Component:
     at_rest = {"x": sp.Integer(0), "v": sp.Integer(0)}
     hits, rests = [], []
     for name, side in (("upper", 1), ("lower", -1)):
-        reset = {"x": side * gap, "v": kept}
+        reset, left = {"x": side * gap, "v": kept}, {"direction": -side, "next_mode": "free"}
         hit = bs.Event(f"hits_{name}", x - side * gap, direction=side, reset=reset, next_mode=name)
-        left = (
-            bs.Event("rebounds", v, direction=-side, next_mode="free"),
-            bs.Event("is_pulled_off", force, direction=-side, next_mode="free"),
-        )
+        ends = bs.Event("rebounds", v, **left), bs.Event("is_pulled_off", force, **left)
         hits.append(hit)
-        rests.append(bs.Mode(name, derivatives=at_rest, events=left))
+        rests.append(bs.Mode(name, derivatives=at_rest, events=ends))
     return free.substituted(
         {},
         name="between_stops" + driven * "_driven",
@@ -126,17 +121,13 @@ def relay(rests: bool) -> bs.Component:
     width, level, zone = bs.symbol("width"), bs.symbol("level"), bs.symbol("zone")
     forces = {"rest": sp.Integer(0), "push": level, "pull": -level}
     switches = {  # mode: where it ends, in which direction, and the next one
-        "push": ((seen + width, -1, "pull"),),
-        "pull": ((seen - width, 1, "push"),),
+        "rest": ((seen - zone - width, 1, "push"), (seen + zone + width, -1, "pull")),
+        "push": ((seen - zone, -1, "rest"),) if rests else ((seen + width, -1, "pull"),),
+        "pull": ((seen + zone, 1, "rest"),) if rests else ((seen - width, 1, "push"),),
     }
-    if rests:
-        switches = {
-            "rest": ((seen - zone - width, 1, "push"), (seen + zone + width, -1, "pull")),
-            "push": ((seen - zone, -1, "rest"),),
-            "pull": ((seen + zone, 1, "rest"),),
-        }
     modes = []
-    for name, ends in switches.items():
+    for name in switches if rests else ("push", "pull"):
+        ends = switches[name]
         events = (bs.Event(f"{name}_{to}", at, direction=d, next_mode=to) for at, d, to in ends)
         modes.append(bs.Mode(name, outputs={"u": forces[name]}, events=tuple(events)))
     return bs.Component(
@@ -159,16 +150,14 @@ def sampled(quantized: bool) -> bs.Component:
     total = bs.symbol("w") + period * (goal - seen)
     speed = (seen - bs.symbol("x_last")) / period
     command = bs.symbol("Kp") * (goal - seen) + bs.symbol("Ki") * total - bs.symbol("Kd") * speed
+    last = bs.DiscreteState("x_last", "m", "last position", seen)
+    held = bs.DiscreteState("u_held", "N", "command", command)
     return bs.Component(
         "sampled_counting" if quantized else "sampled",
         "a digital PID",
         parameters=_parameters(Kp=1.0, Ki=0.0, Kd=1.0, **({"count": 1e-3} if quantized else {})),
         inputs=_inputs("x"),
-        discrete=(
-            bs.DiscreteState("w", "m*s", "sum", total),
-            bs.DiscreteState("x_last", "m", "last position", seen),
-            bs.DiscreteState("u_held", "N", "command", command),
-        ),
+        discrete=(bs.DiscreteState("w", "m*s", "sum", total), last, held),
         outputs=(bs.Output("u", "N", "command", bs.symbol("u_held")),),
         sample_time=bs.Parameter("sample_time", 1e-3, "s", "period", "drawn", minimum=1e-9),
     )
@@ -179,15 +168,11 @@ CONTROLLERS = {"pid": pid, "relay": relay, "sampled": sampled}  # their variants
 
 
 @cache
-def plant_kernel(plant: str, driven: bool, lawful: bool) -> Kernel:
-    component = PLANTS[plant](driven)
-    return generate(accept_law(component) if lawful else component)
-
-
-@cache
-def controller_kernel(controller: str, variant: bool, reports: bool) -> Kernel:
-    component = CONTROLLERS[controller](variant)
-    return generate(report_law(component) if reports else component)
+def kernel_of(part: str, variant: bool, law: bool) -> Kernel:
+    """A part, with the ports of the feedback law or without."""
+    component = (PLANTS | CONTROLLERS)[part](variant)
+    with_law = accept_law if part in PLANTS else report_law
+    return generate(with_law(component) if law else component)
 
 
 @cache
@@ -203,9 +188,6 @@ def exact(kernel: Kernel, values: dict[str, float], x_d: float, t: Vector, tol: 
     samples = t / (model.sample_time or math.inf)
     course = model.simulate(t, sampled=np.abs(samples - np.rint(samples)) < 1e-6)
     return np.column_stack([course.outputs[n] for n in OUTPUTS])
-
-
-# -- draws ----------------------------------------------------------------------------------------
 
 
 def spread(random: np.random.Generator, low: float, high: float) -> float:
@@ -237,12 +219,9 @@ def random_plant(random: Any, kinds: tuple[str, bool, str], m: float, w: float) 
 def random_loop(random: Any, family: str) -> tuple[Any, ...]:
     """Kinds, variants and parameters of both parts, set-point, stop time and step."""
     for_relay, for_sampled = (str(random.choice(["linear", "sticking"])) for _ in range(2))
-    plant, controller = {
-        "stick-slip": ("sticking", "pid"),
-        "impacts": ("stops", "pid"),
-        "relays": (for_relay, "relay"),
-        "sampled": (for_sampled, "sampled"),
-    }[family]
+    kinds = {"stick-slip": ("sticking", "pid"), "impacts": ("stops", "pid")}
+    kinds |= {"relays": (for_relay, "relay"), "sampled": (for_sampled, "sampled")}
+    plant, controller = kinds[family]
     driven, variant = bool(random.random() < 0.5), bool(random.random() < 0.4)
     m, w, x_d = spread(random, -1, 1), spread(random, 0, 1), float(random.choice([0.0, 0.5, 1.0]))
     ours = random_plant(random, (plant, driven, controller), m, w)
@@ -283,7 +262,7 @@ def outcome(seed: int) -> Row:
     plant_saves = can_save or bool(random.random() < 0.5)
     reports = bool(random.random() < 0.5) and continuous
     late = bool(random.random() < 0.2) and continuous and not reports
-    kernels = plant_kernel(*plant, lawful), controller_kernel(*controller, reports and lawful)
+    kernels = kernel_of(*plant, lawful), kernel_of(*controller, reports and lawful)
     slave = ComponentSlave("plant", kernels[0], ours, plant_saves)
     other = ComponentSlave("controller", kernels[1], theirs, can_save, late)
     values = {PLANT + n: value for n, value in ours.items()}

@@ -139,22 +139,20 @@ def law_inputs(n: int) -> list[str]:
     return ["u", *(f"u_gain_y{k}" for k in range(n)), *(f"u_ref_y{k}" for k in range(n)), "u_rate"]
 
 
+@dataclass
 class ComponentSlave(Part):
     """A component's model, with its parameters and initial states; exact up to `WITHIN`."""
 
-    def __init__(
-        self,
-        name: str,
-        kernel: Kernel,
-        values: Mapping[str, float],
-        can_save: bool = True,
-        answers_in_step: bool = False,
-    ) -> None:
-        self.name, self.can_save, self.answers_in_step = name, can_save, answers_in_step
-        self.kernel, self.values = kernel, dict(values)
-        self.ports = [i.name for i in kernel.inputs]
-        self.inputs = [i.name for i in kernel.inputs if i.role != "internal"]
-        self.outputs = [o.name for o in kernel.outputs]
+    name: str
+    kernel: Kernel
+    values: Mapping[str, float]
+    can_save: bool = True
+    answers_in_step: bool = False
+
+    def __post_init__(self) -> None:
+        self.ports = [i.name for i in self.kernel.inputs]
+        self.inputs = [i.name for i in self.kernel.inputs if i.role != "internal"]
+        self.outputs = [o.name for o in self.kernel.outputs]
 
     def place(self, name: str) -> int:
         return self.ports.index(name)
@@ -168,9 +166,8 @@ class ComponentSlave(Part):
         self.now, self.samples = 0.0, 0
         self.y = np.zeros(len(self.outputs))
         self.kept = model.x, model.u, model.info, self.y
-        self.bound = model.system.instance(
-            model.x, model.u, model.p, self.y, model.atol, model.info
-        )
+        places = model.x, model.u, model.p, self.y, model.atol, model.info
+        self.bound = model.system.instance(*places)
         model.settle(0.0)
         self.show()
 
@@ -198,9 +195,6 @@ class ComponentSlave(Part):
             kept[:] = part
 
 
-# -- results ------------------------------------------------------------------------------------
-
-
 def off(found: Vector, exact: Vector) -> float:
     """Largest error of any column as a share of its range."""
     scale = np.maximum(np.ptp(exact, axis=0), 1e-9)
@@ -221,18 +215,14 @@ def right(row: Row) -> bool:
     return row["error"] is not None and row["error"] <= RIGHT
 
 
-def truth_is_known(row: Row) -> bool:
-    doubt = row.get("doubt", 0.0)
-    return doubt is not None and doubt <= KNOWN * WRONG
-
-
 def deceived(rows: Sequence[Row]) -> list[Row]:
     return [r for r in rows if r["trusted"] and wrong(r)]
 
 
 def summary(rows: Sequence[Row]) -> Row:
     """Counts of right and wrong results, trusted and not, with a bound of the wrong ones."""
-    known = [r for r in rows if truth_is_known(r)]
+    doubts = (r.get("doubt", 0.0) for r in rows)
+    known = [r for r, d in zip(rows, doubts, strict=True) if d is not None and d <= KNOWN * WRONG]
     all_wrong, all_right = [r for r in known if wrong(r)], [r for r in known if right(r)]
     misled, trusted = deceived(known), sum(r["trusted"] for r in all_right)
     return {

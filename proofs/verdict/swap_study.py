@@ -22,8 +22,7 @@ from ballscrew.orchestration.study.result import compare
 from ballscrew.orchestration.study.workers import Processes
 
 FIRST, STUDIES = 1000, 300  # smaller seeds were used to choose the level of the intervals
-WORSE = 1.1
-MOST_CALLED_DIFFERENT, LEAST_TOLD_APART = 0.10, 0.80
+WORSE, MOST_CALLED_DIFFERENT, LEAST_TOLD_APART = 1.1, 0.10, 0.80
 AGAIN = 7  # the row that is kept, to be made again
 GAINS = {"Kp": (30.0, 3000.0), "Ki": (1.0, 3000.0), "Kd": (0.1, 200.0)}
 PLAN = Plan(
@@ -33,10 +32,7 @@ PLAN = Plan(
         Duty("tune", "move:distance=0.01,speed=0.1,start=0,dwell=0.1,back=0", 0.4, True),
         Duty("judge", "move:distance=-0.006,speed=0.1,start=0,dwell=0.1,back=0", 0.35),
     ),
-    variations=(
-        Variation(("Fc", "Fs", "sigma2"), (0.7, 1.3)),
-        Variation(("m",), (1.0, 1.5)),
-    ),
+    variations=(Variation(("Fc", "Fs", "sigma2"), (0.7, 1.3)), Variation(("m",), (1.0, 1.5))),
     tuning=Tuning(budget=40, plants=0, seeds=3),
     plants=20,
     period=0.0,

@@ -66,21 +66,18 @@ class Case:
 
     @property
     def conditions(self) -> Conditions:
-        """What the world has drawn."""
         return self.scenes[0].conditions
 
 
-def effects_of(world: str) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+def effects_of(world: str) -> tuple[tuple[str, ...], ...]:
     """Names of the causes, outside effects and wrong signals that a world can have."""
     if world == "wrong_scales":
         return LIKE_A_SCALE, (), tuple(SIGNALS)
     lacking = {"resistance_drift", "scale_of_i"} if world in NO_MOTOR else set()
     if world not in ("fast_screw", "heavy_screw"):  # whose law always has bristles
         lacking.add("other_bristles")
-    causes, outside, signals = (
-        tuple(n for n in names if n not in lacking) for names in (CATALOGUE, OUTSIDE, SIGNALS)
-    )
-    return causes, outside, signals
+    groups = CATALOGUE, OUTSIDE, SIGNALS
+    return tuple(tuple(n for n in names if n not in lacking) for names in groups)
 
 
 def draw_case(world: str, effects: tuple[str, ...], seed: int) -> Case:
@@ -171,16 +168,14 @@ def _same_law(scenes: Scenes) -> tuple[Scenes, float]:
 
 
 def _tolerated(scenes: Scenes) -> tuple[Scenes, float]:
-    """The scenes with tolerated properties of the machine, reduced until they are not visible."""
+    """The scenes with tolerated properties of the machine, whose sizes are reduced until unseen."""
     most, values, tolerated = 0.0, {}, scenes[0].conditions.tolerated
     for name, changes in tolerated.items():
         ratio = _ratio(scenes, name, changes)
         share = min(1.0, UNSEEN / len(tolerated) / max(ratio, 1e-9))
         most = max(most, share * ratio)
         for place, value in changes.items():
-            believed = scenes[0].double[place]
-            # forms and times do not change, sizes are reduced
-            whole = place in ("drift_form", "drift_time")
+            believed, whole = scenes[0].double[place], place in ("drift_form", "drift_time")
             values[place] = value if whole else believed + share * (value - believed)
     return tuple(s.taken(tolerated=values) for s in scenes) if values else scenes, most
 
@@ -203,7 +198,6 @@ def write_case(case: Case, folder: Path) -> tuple[list[Path], Path]:
         paths.append(path)
     plant, law = case.conditions.axis.plant, case.conditions.axis.law
     lines = [f'kind = "{plant}"', f'law = "{law}"', "", "[plant]"]
-    names = (*BELIEVED[plant], *BELIEVED[law])
-    lines += [f"{name} = {case.believed[name]:.10g}" for name in names]
+    lines += [f"{n} = {case.believed[n]:.10g}" for n in (*BELIEVED[plant], *BELIEVED[law])]
     believed.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return paths, believed

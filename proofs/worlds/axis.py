@@ -164,8 +164,7 @@ class Axis:
 
 def simulated(plant: str, values: Values):
     """A machine's values in the simulator; law and travel are not set."""
-    names = [name for name in values if name in AXIS.names]
-    par = changed(blank(), {name: values[name] for name in names})
+    par = changed(blank(), {n: v for n, v in values.items() if n in AXIS.names})
     par.block_mass, par.load, par.Kv = values["m"], values.get("offset", 0.0), 1e8
     if plant == BALL_SCREW:
         turn = 2 * math.pi * values["p"]

@@ -18,8 +18,7 @@ ROUNDED = 0.1  # time in which a reference reaches its speed, s
 STIFF = 1.5  # dry friction over mass above which invisible bristles are too stiff, m/s^2
 LEADS = [5e-3, 10e-3, 20e-3]  # m
 Rng = np.random.Generator
-# odds
-ANY_OPEN = {"steps": 1, "ramps": 1, "multisine": 1, "chirp": 1}
+ANY_OPEN = {"steps": 1, "ramps": 1, "multisine": 1, "chirp": 1}  # odds, as below
 TRAVELS = {"laps": 2, "points": 2, "sines": 1}
 OFTEN_CASCADE = {"cascade": 2, "pid": 1}
 MOSTLY_CASCADE = {"cascade": 3, "pid": 1}

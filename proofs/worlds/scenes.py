@@ -129,14 +129,12 @@ def _one_way(rng: Rng, time: np.ndarray, half: float, fastest: float) -> np.ndar
 
 def _profile(rng: Rng, legs: list[tuple[float, float]], time: np.ndarray) -> np.ndarray:
     """From position to position at given speeds."""
-    at, here = 0.1, 0.0
+    at, rest = 0.1, float(rng.uniform(0.02, 0.2))
     stamps, places = [0.0, at], [0.0, 0.0]
-    rest = float(rng.uniform(0.02, 0.2))
     for place, speed in legs:
-        at += max(abs(place - here) / speed, 0.02)
-        here = place
+        at += max(abs(place - places[-1]) / speed, 0.02)
         stamps += [at, at + rest]
-        places += [here, here]
+        places += [place, place]
         at += rest
         if at > time[-1]:
             break

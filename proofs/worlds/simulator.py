@@ -97,7 +97,6 @@ def late_command(par, commands, integrals, t, period):
 
 @compiled
 def amplify(par, y, command, t, h):
-    """The voltage at the motor."""
     u = command
     if par.lag > 0.0:
         share = -math.expm1(-h / par.lag)

@@ -1,7 +1,5 @@
 """Visibility of an effect in a record, and causes with the same shape, computed from the truth.
 
-The method, in terms of the generator:
-
 1. *Trace.* In a run with the effect, but without friction noise and instruments, the force of the
    command (or of the recorded current) beyond that which the faultless axis needs for the motion,
    and with a current also the voltage, are averaged over sampling periods. At a speed that the

@@ -49,12 +49,12 @@ def test_a_jump_closer_to_a_communication_point_than_its_time_is_known_is_not_tr
     """A mass that nothing drives hits the stop at t = gap; the communication points are tenths."""
     still = {"k": 0.0, "c": 0.0, "shake": 0.0}
     parts = {
-        "plant": (nonlinear.plant_kernel, "stops", {**still, "gap": gap, "v_start": 1.0}),
-        "controller": (nonlinear.controller_kernel, "pid", {"Kp": 0.0, "Kd": 0.0}),
+        "plant": ("stops", {**still, "gap": gap, "v_start": 1.0}),
+        "controller": ("pid", {"Kp": 0.0, "Kd": 0.0}),
     }
     sides = (
-        ComponentSlave(name, kernel(kind, False, False), values)
-        for name, (kernel, kind, values) in parts.items()
+        ComponentSlave(name, nonlinear.kernel_of(kind, False, False), values)
+        for name, (kind, values) in parts.items()
     )
     run = run_loop(Sides(*sides, Reference.constant(0.0), 1.0), 0.1)
     assert run.verdict.trusted == trusted
