@@ -117,7 +117,7 @@ def _ended(moved: float, offset: float) -> End:
 def scipy_course(
     system: tuple[float, float], method: str, rtol: float, atol: float, times: Vector | None = None
 ) -> Any:
-    """A linearizing loop by a solver of SciPy, with one absolute tolerance for all states."""
+    """A linearizing loop, whose first state is x, by SciPy with one absolute tolerance for all."""
     model = model_of("iol", 1e-8, **hats(system))
 
     def far(t: float, state: Vector) -> float:
