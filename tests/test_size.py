@@ -24,7 +24,7 @@ MOST = {  # folder: lines, lines without docstrings
     "ballscrew": (3500, 2894),
     "gallery": (2730, 2356),
     "measurement": (10856, 9523),
-    "proofs": (6900, 6299),
+    "proofs": (6898, 6297),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
