@@ -69,7 +69,7 @@ PARTS = {
     "measurement/diagnosis/experiment.py": "measurement/diagnosis/test_experiment.py -k 'not own'",
     "measurement/diagnosis/scores.py": "measurement/diagnosis/test_scores.py -k 'not noisy'",
     "measurement/records/record.py": "measurement/records/test_examine.py "
-    "measurement/records/test_wraps.py",
+    "measurement/records/test_wraps.py measurement/identification/test_rig_records.py",
     "measurement/records/table.py": "measurement/records/test_table.py "
     "measurement/records/test_formats.py",
     "orchestration/fmu/isolated.py": "orchestration/fmu/test_isolated.py -k 'not called'",

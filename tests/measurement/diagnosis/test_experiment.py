@@ -96,10 +96,8 @@ def found_with(*names, built=(), alternatives=()):
 def test_what_is_asked_for_is_about_what_is_undecided_and_waits_for_slow_ones():
     certain = SimpleNamespace(name="load_bias", score=95.0, certain=True)
     beside = SimpleNamespace(name="torque_ripple", score=99.0, certain=False)
-    built, names = (
-        [certain, beside],
-        ("backlash", OUTSIDE, "compliance", "friction_drift", "time_shift"),
-    )
+    built = [certain, beside]
+    names = "backlash", OUTSIDE, "compliance", "friction_drift", "time_shift"
     asked = next_experiment(found_with(*names, built=built), quiet=False)
     assert asked.says == (
         "these records cannot distinguish backlash from compliance or friction_drift; what would "
@@ -115,6 +113,7 @@ def test_what_is_asked_for_is_about_what_is_undecided_and_waits_for_slow_ones():
         one = next_experiment(given, quiet=False)
         assert one.says == f"what would confirm {name}: {CAUSES[name].confirm}"
         assert one.motion["duration_s"] == pytest.approx(12.1)
+    assert "these records show no fault" in next_experiment(found_with(*names), quiet=True).says
 
 
 def test_the_reach_is_that_of_all_records():
