@@ -58,8 +58,8 @@ PARTS = {
     **dict.fromkeys(
         (f"fmus/native/c/{part}.h" for part in ("component", "events", "exchange")),
         "fmus/test_events_and_delays.py fmus/test_model_exchange.py fmus/test_limits.py "
-        "fmus/test_every_kind.py -k 'not (readable or native-3 or cvode or iol or maxwell or "
-        "encoder or million or thousand or courses or feedback)'",
+        "fmus/test_loop_export.py fmus/test_every_kind.py -k 'not (readable or native-3 or cvode "
+        "or iol or maxwell or encoder or million or thousand or courses or feedback or valid)'",
     ),
     "controllers/adaptive_friction.py": "controllers/test_every_controller.py "
     "controllers/test_commands.py controllers/test_observers.py",

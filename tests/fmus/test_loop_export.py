@@ -37,9 +37,10 @@ def loop(request, tmp_path_factory):
 
 
 @cache
-def truth(controller, every=10, first=0):
+def truth(controller, every=10, first=0, **values):
     """The signals of one solver on the steps' grid."""
-    run = run_monolithic(Loop(controller, reference=GOAL, stop=STOP), 1e-3)
+    loop = Loop(controller, reference=GOAL, stop=STOP, controller_values=values)
+    run = run_monolithic(loop, 1e-3)
     return {n: y[first::every] for n, y in (run.outputs | run.commands).items()}
 
 
@@ -73,10 +74,10 @@ def test_the_loop_follows_one_solver_at_ten_milliseconds(loop, controller, kind)
 @pytest.mark.parametrize("kind", ["readable", *(pytest.param(k, marks=rare) for k in KINDS[1:])])
 def test_a_sampled_controller_meets_all_its_instants_within_a_step(loop, kind):
     """At a communication point `u` is what was held up to there: the instant comes after it."""
-    got = stepped(loop("pid_sampled", kind), ["x", "u"])
-    assert np.abs(got["x"] - truth("pid_sampled")["x"]).max() < 1e-8
+    got = stepped(loop("pid_sampled", kind), ["x", "u"], {"controller_w_start": 1e-3})
+    assert np.abs(got["x"] - truth("pid_sampled", w_start=1e-3)["x"]).max() < 1e-8
     assert got["u"][0] == 0.0
-    held = truth("pid_sampled", first=9)["u"]
+    held = truth("pid_sampled", first=9, w_start=1e-3)["u"]
     assert np.abs(got["u"][1:] - held).max() < 1e-5 * np.ptp(held)
 
 
