@@ -35,13 +35,7 @@ def compared(tmp_path_factory):
     np.savetxt(folder / "other.csv", table, delimiter=",", header="time,u,x", comments="")
     truth = dict(NOMINAL)
     told = Diagnosed(
-        ("one.csv",),
-        "voltage",
-        0.0,
-        "modified_lugre",
-        truth,
-        truth,
-        {"load_bias": {"load": LOAD}},
+        ("one.csv",), "voltage", 0.0, "modified_lugre", truth, truth, {"load_bias": {"load": LOAD}}
     )
     ParameterFile(plant={n: Value(v) for n, v in truth.items()}, diagnosis=told).save(folder)
     return folder
