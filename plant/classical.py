@@ -66,7 +66,7 @@ def with_sticking(
     It has a force balance of `velocity` with a term ``friction``, which opposes motion by the sign
     of that state. While it sticks, `velocity`, which is relative to the surface, is zero, and the
     derivative of `position` is the one at zero velocity. It sticks up to the force `breakaway` [N];
-    default: the friction of each direction at zero velocity.
+    default: the friction of each direction at zero velocity. All forces have the mode's sign.
 
     Raises `ContractError` if it has no such balance or term, or has modes already.
     """
@@ -85,24 +85,24 @@ def with_sticking(
             "needs to oppose sliding"
         )
 
-    def one_way(direction: int) -> sp.Expr:
-        return -term.force.xreplace({sp.sign(v): sp.Integer(direction), sp.Abs(v): direction * v})
+    def one_way(force: sp.Expr, direction: int) -> sp.Expr:
+        return force.xreplace({sp.sign(v): sp.Integer(direction), sp.Abs(v): direction * v})
 
     def at_rest(expression: sp.Expr) -> sp.Expr:
         return expression.xreplace({v: sp.Integer(0)})
 
     applied = sp.Add(*[t.force for t in balance.terms if t is not term])
-    held = at_rest(applied)
+    pushed, pulled = (at_rest(one_way(applied, direction)) for direction in (1, -1))
     forwards, backwards = breakaway, breakaway
     if breakaway is None:
-        forwards, backwards = at_rest(one_way(1)), -at_rest(one_way(-1))
+        forwards, backwards = at_rest(one_way(-term.force, 1)), at_rest(one_way(term.force, -1))
 
     def mode(name: str, direction: int) -> Mode:
-        force = one_way(direction)
+        force = one_way(-term.force, direction)
         stop = {velocity: sp.Integer(0)}
         return Mode(
             name,
-            derivatives={velocity: (applied - force) / balance.inertia},
+            derivatives={velocity: (one_way(applied, direction) - force) / balance.inertia},
             outputs={"friction": force},
             events=(Event("stops", v, direction=-direction, reset=stop, next_mode=STUCK),),
             signs={velocity: direction},
@@ -111,13 +111,13 @@ def with_sticking(
     stuck = Mode(
         STUCK,
         derivatives={velocity: sp.Integer(0), position: at_rest(component.derivative(position))},
-        outputs={"friction": held, "stuck": sp.Integer(1)},
+        outputs={"friction": at_rest(applied), "stuck": sp.Integer(1)},
         events=(
             # a body that starts or is set in motion does not stick
             Event("moves forward", v, direction=1, next_mode=FORWARD),
             Event("moves backward", v, direction=-1, next_mode=BACKWARD),
-            Event("breaks away forward", held - forwards, direction=1, next_mode=FORWARD),
-            Event("breaks away backward", held + backwards, direction=-1, next_mode=BACKWARD),
+            Event("breaks away forward", pushed - forwards, direction=1, next_mode=FORWARD),
+            Event("breaks away backward", pulled + backwards, direction=-1, next_mode=BACKWARD),
         ),
         signs={velocity: 0},
     )

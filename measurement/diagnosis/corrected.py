@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-import sympy as sp
 
 from ...orchestration.loop.parameter_file import Diagnosed, ParameterFile, Value
 from ...plant.classical import with_sticking
@@ -18,7 +17,7 @@ from ...plant.instruments.amplifier import with_amplifier
 from ...plant.rotary_drive import turned
 from ...solver.arrays import Matrix, Vector
 from ...solver.codegen import generate
-from ...solver.component import Component, Parameter, symbol
+from ...solver.component import Component, Parameter
 from ...solver.errors import ContractError
 from ...solver.kernel import IntegrationError, Kernel, Model
 from ..identification.fitted_law import LAWS
@@ -79,7 +78,8 @@ def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) 
     for name in (*first, *(n for n in PARTING if n in own)):
         plant = CAUSES[name].extend(plant, curve, own[name])
     if LAWS[drive.law].rigid:
-        plant = _able_to_stick(plant)
+        parted = "vb" in [s.name for s in plant.states]
+        plant = with_sticking(plant, *(("vb", "xb") if parted else ("v", "x")))
     plant = with_amplifier(plant) if drive.has_motor else with_command_limit(plant)
     for name in (n for n in _BEFORE_THE_FORCE if n in own):
         plant = CAUSES[name].extend(plant, curve, own[name])
@@ -106,34 +106,6 @@ def _last_record(values: Mapping[str, _Number]) -> dict[str, _Number]:
         return int(key.partition(".")[2] or 0)
 
     return {key.partition(".")[0]: values[key] for key in sorted(values, key=number)}
-
-
-def _able_to_stick(plant: Component) -> Component:
-    """The plant with the modes of the classical law, with its other forces by direction, too.
-
-    A cause that is a share of friction contains the sign of the velocity. In sliding, this is the
-    sign of the mode, and the body breaks away if it would be accelerated.
-    """
-    moving = "vb" if "vb" in [s.name for s in plant.states] else "v"
-    place = {"v": "x", "vb": "xb"}[moving]
-    plant = with_sticking(plant, moving, place)
-    inertia = next(b.inertia for b in plant.balances if b.state == moving)
-    v = symbol(moving)
-    friction = plant.output("friction").value
-    stuck, *sliding = plant.modes
-    ways = []
-    away = {}
-    for mode, direction in zip(sliding, (1, -1), strict=True):
-        table = {sp.sign(v): sp.Integer(direction), sp.Abs(v): direction * v}
-        rate = plant.derivative(moving).xreplace(table)
-        outputs = {**mode.outputs, "friction": friction.xreplace(table)}
-        ways.append(replace(mode, derivatives={**mode.derivatives, moving: rate}, outputs=outputs))
-        away[mode.name] = inertia * rate.xreplace({v: sp.Integer(0)})
-    events = tuple(
-        replace(e, indicator=away[str(e.next_mode)]) if e.name.startswith("breaks away") else e
-        for e in stuck.events
-    )
-    return replace(plant, modes=(replace(stuck, events=events), *ways))
 
 
 def corrected(
