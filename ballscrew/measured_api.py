@@ -218,7 +218,7 @@ def diagnose(
     """
     from .measured_results import DiagnosisResult
     from .measurement.diagnosis.causes import CAUSES
-    from .measurement.diagnosis.diagnose import diagnose_records
+    from .measurement.diagnosis.diagnosis import diagnose_records
     from .measurement.diagnosis.model import drive_of
     from .measurement.records.reading import read_drive_records
     from .orchestration.loop.parameter_file import ParameterFile, read_parameters

@@ -23,12 +23,12 @@ MOST = {  # folder: lines, lines without docstrings
     "stability": (2779, 2276),
     "ballscrew": (3500, 2894),
     "gallery": (2730, 2356),
-    "measurement": (10831, 9502),
+    "measurement": (10737, 9404),
     "proofs": (6898, 6297),
     "benchmarks": (1098, 952),
     "docs": (293, 265),
     ".ci": (204, 184),
-    "tests": (21941, 20942),
+    "tests": (21937, 20938),
 }
 CODE = (".py", ".c", ".h", ".jinja")
 

@@ -29,40 +29,16 @@ _FEWEST = 50  # smallest number of windows in motion to judge a model
 Courses = Sequence[Course]
 
 
-@dataclass(frozen=True)
-class Added:
-    """Forces and commands added to a model's own equations, one array per record, as in `Form`."""
-
-    force: list[Vector]
-    command: list[Vector]
-
-    @classmethod
-    def nothing(cls, courses: Courses) -> Added:
-        return cls(*([np.zeros(len(c.x)) for c in courses] for _ in range(2)))
-
-    def more(self, form: Form, amplitudes: Vector) -> Added:
-        """Return this with a cause of these amplitudes added."""
-
-        def sums(before: list[Vector], parts: list[Matrix] | None) -> list[Vector]:
-            if parts is None:
-                return before
-            return [b + p @ amplitudes for b, p in zip(before, parts, strict=True)]
-
-        return Added(sums(self.force, form.force), sums(self.command, form.command))
-
-
-def balance(
-    course: Course, model: Drive, friction: Vector, force: Vector, command: Vector
-) -> Matrix:
+def balance(course: Course, model: Drive, friction: Vector) -> Matrix:
     """Residual of each balance in each window, shape (windows, channels) [N].
 
     The balance of forces comes first. If a current is known, the balance of voltages follows; a
-    voltage is given as the force that it holds at rest. `friction` is the law along the record;
-    `force` and `command` are added to the model's own equations, shape (n,) each.
+    voltage is given as the force that it holds at rest. `friction` is the law along the record,
+    shape (n,).
     """
     width, step, v = course.width, course.step, course.moved_v
-    u = course.shifted_u + command
-    opposed = averaged(friction + force + model.linear_friction * v, width)
+    u = course.given_u
+    opposed = averaged(friction + course.added_force + model.linear_friction * v, width)
     opposed += course.own_offset + model.linear.inertia * course.measured_a
     if "fast_speed" in course.calibration:
         opposed += course.calibration["fast_speed"] * model.linear.inertia * course.inner_a
@@ -87,14 +63,10 @@ def balance(
     return np.column_stack([forces, course.per_command * left_volts])
 
 
-def leftovers(
-    courses: Courses, model: Drive, added: Added, law: Sequence[Vector] | None = None
-) -> list[Matrix]:
+def leftovers(courses: Courses, model: Drive, law: Sequence[Vector] | None = None) -> list[Matrix]:
     """`balance` of each record; `law` is the friction along the records if already computed."""
-    if law is None:
-        law = [model.friction(c.x, c.v, c.step) for c in courses]
-    along = zip(courses, law, added.force, added.command, strict=True)
-    return [balance(c, model, *given) for c, *given in along]
+    law = law or [model.friction(c.x, c.v, c.step) for c in courses]
+    return [balance(c, model, friction) for c, friction in zip(courses, law, strict=True)]
 
 
 def responses(courses: Courses, model: Drive, form: Form) -> list[Matrix]:
@@ -127,7 +99,6 @@ def sensitivities(
     `calibrations`. `usual` is the law along the records. Without `of_law`, the columns of its
     values are zero.
     """
-    added = Added.nothing(courses)
 
     def slope(name: str, of_model: bool) -> list[Matrix]:
         law = None if of_model and name in model.law_parameters else usual
@@ -135,7 +106,7 @@ def sensitivities(
         for s in (-_STEP, _STEP):
             changed = model.changed({name: model.values[name] * (1 + s)}) if of_model else model
             those = courses if of_model else recalibrated(courses, {name: s})
-            ends.append(leftovers(those, changed, added, law))
+            ends.append(leftovers(those, changed, law))
         return [(a - b) / (2 * _STEP) for a, b in zip(*ends, strict=True)]
 
     fixed = () if of_law else model.law_parameters
@@ -201,16 +172,14 @@ def rms(values: Vector) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
-def residual(courses: Courses, model: Drive, added: Added | None = None) -> Residual:
-    """Force missing in a model and what is added to its equations, along each record.
+def residual(courses: Courses, model: Drive) -> Residual:
+    """Force missing in a model and the causes along each record.
 
     Forces are scaled to the prior model's force per unit of the command, see `balance`. At jumps of
     the law's force they are not known, because the instant within a sampling interval is not.
     """
     parts = []
-    for c, left in zip(
-        courses, leftovers(courses, model, added or Added.nothing(courses)), strict=True
-    ):
+    for c, left in zip(courses, leftovers(courses, model), strict=True):
         size = len(c.x), c.width
         whole = at_samples(left[:, 0], *size)
         between = at_samples(left[:, 1], *size) if c.has_current else np.zeros(len(whole))

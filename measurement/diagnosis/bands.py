@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import rfft
@@ -19,7 +20,7 @@ from scipy.signal.windows import tukey
 
 from ...solver.arrays import Mask, Matrix, Vector
 from ..records.examine import carried
-from .balance import EXACT, Added, leftovers, moving
+from .balance import EXACT, leftovers, moving
 from .model import Drive
 from .motion import Course, read_anew
 from .windows import averaged, windows
@@ -38,19 +39,30 @@ WITHIN_INTERVAL = 1.0 / math.sqrt(3.0)  # standard deviation of an instant withi
 NOISE_OF_MOTION = 0.1  # share of encoder noise in mass times acceleration, of a band still used
 
 
+class Block(NamedTuple):
+    """A part of a record, held out as a whole.
+
+    The weights, shape (windows, channels), are a taper, zero at rest, and less where the law's
+    force is uncertain.
+    """
+
+    record: int
+    windows: slice
+    samples: slice
+    weights: Matrix
+    step: float  # time between windows [s]
+
+
 @dataclass(frozen=True)
 class Bands:
     """Blocks and frequency bands of the balances of a study.
 
-    The weights of a block, shape (windows, channels), are a taper, zero at rest, and less where the
-    law's force is uncertain. `counts` are numbers of independent real values.
+    `counts` are numbers of independent real values.
     """
 
-    parts: list[tuple[int, int, int]]  # record, and window range, of each block
-    weights: list[Matrix]
+    blocks: list[Block]
     used: Mask  # shape (channels * bands,)
     counts: Matrix  # shape (blocks, channels * bands)
-    steps: list[float]  # time between windows in each block [s]
     top: float  # frequency up to which a filter does not change the position [Hz]
 
     @property
@@ -65,25 +77,21 @@ class Bands:
         white noise has the variance of the noise. Unused bands are empty.
         """
         out = []
-        for (record, first, last), weights, step in zip(
-            self.parts, self.weights, self.steps, strict=True
-        ):
-            part = columns[record][first:last]
-            count, channels, _ = part.shape
-            block = []
-            for c in range(channels):
-                size = float(np.sum(weights[:, c] ** 2))
+        for block in self.blocks:
+            part, lines = columns[block.record][block.windows], []
+            for c, weights in enumerate(block.weights.T):
+                size = float(np.sum(weights**2))
                 # if only a small share of a block counts, its spectral lines are correlated
-                scale = math.sqrt(2.0 / max(size, 1e-300) * _seen(weights)[c])
-                each = np.ascontiguousarray((part[:, c] * (scale * weights[:, c, None])).T)
+                scale = math.sqrt(2.0 / max(size, 1e-300) * _seen(block.weights)[c])
+                each = np.ascontiguousarray((part[:, c] * (scale * weights[:, None])).T)
                 spectrum = rfft(each, axis=1)
                 spectrum[:, 0] *= math.sqrt(0.5)
-                for b, rows in enumerate(_rows(count, step, self.top)):
+                for b, rows in enumerate(_rows(len(part), block.step, self.top)):
                     if not self.used[c * (len(EDGES) - 1) + b]:
                         rows = slice(0, 0)
                     some = spectrum[:, rows]
-                    block.append(np.concatenate([some.real, some.imag], axis=1).T)
-            out.append(block)
+                    lines.append(np.concatenate([some.real, some.imag], axis=1).T)
+            out.append(lines)
         return out
 
 
@@ -110,24 +118,25 @@ def cut(courses: Sequence[Course], model: Drive) -> Bands:
     exact = EXACT * model.friction_scale
     per = -(-BLOCKS // len(courses))
     top = min(_top(c) for c in courses)
-    parts, weights, counts, steps = [], [], [], []
+    blocks, counts = [], []
     for r, c in enumerate(courses):
         n = windows(len(c.x), c.width)
         ends = [n * k // per for k in range(per + 1)]
+        # the last windows end before the last samples
+        samples = itertools.pairwise([*(c.width * end for end in ends[:-1]), len(c.x)])
         moves = moving(c, model)
         doubt = _doubt(c, model, exact, moves)
         for first, last in itertools.pairwise(ends):
             taper = tukey(last - first, TAPER) * moves[first:last]
-            block = np.column_stack([taper * doubt[first:last], *[taper] * (len(c.channels) - 1)])
-            parts.append((r, first, last))
-            weights.append(block)
-            steps.append(c.width * c.step)
-            lines = [rows.stop - rows.start for rows in _rows(last - first, steps[-1], top)]
+            weights = np.column_stack([taper * doubt[first:last], *[taper] * (len(c.channels) - 1)])
+            step, own = c.width * c.step, slice(first, last)
+            blocks.append(Block(r, own, slice(*next(samples)), weights, step))
+            lines = [rows.stop - rows.start for rows in _rows(last - first, step, top)]
             real = 2.0 * np.array(lines)
             real[0] -= 1.0
-            counts.append(np.outer(_seen(block), real).ravel())
+            counts.append(np.outer(_seen(weights), real).ravel())
     all_ = np.ones(len(counts[0]), dtype=bool)
-    bands = Bands(parts, weights, all_, np.array(counts), steps, top)
+    bands = Bands(blocks, all_, np.array(counts), top)
     return replace(bands, used=_clear(courses, model, bands))
 
 
@@ -139,7 +148,7 @@ def _top(course: Course) -> float:
 
 def _doubt(course: Course, model: Drive, exact: float, moves: Vector) -> Vector:
     """Weight of the balance of forces, by the law's error due to the motion's error, (windows,)."""
-    left = leftovers([course], model, Added.nothing([course]))[0][moves > 0.0, 0]
+    left = leftovers([course], model)[0][moves > 0.0, 0]
     left = left if len(left) else np.zeros(1)
     size = max(1.48 * float(np.median(np.abs(left - np.median(left)))), exact)
     # the instant of a jump of the law's force within a sampling interval is not known
@@ -158,7 +167,7 @@ def _clear(courses: Sequence[Course], model: Drive, bands: Bands) -> Mask:
     lines = bands.lines(both)
     power = products(lines, lines).sum(axis=0)
     hidden = power[:, 0, 0] > NOISE_OF_MOTION * np.maximum(power[:, 1, 1] - power[:, 0, 0], 0.0)
-    enough = bands.counts.sum(axis=0) > 2.0 * len(bands.parts)
+    enough = bands.counts.sum(axis=0) > 2.0 * len(bands.blocks)
     band = np.tile(np.arange(len(EDGES) - 1), len(courses[0].channels))
     clear = np.asarray((~hidden | (band < 2)) & enough)
     # a short, slow record: friction is visible there, mass is not

@@ -2,31 +2,144 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from scipy.stats import t as student
 
 from ...orchestration.loop.parameter_file import TURNS, Diagnosed, ParameterFile, Value
+from ...orchestration.loop.shown import length
 from ...plant.law import claims
 from ...solver.arrays import Mask, Vector
 from ...solver.errors import BadParameters, BadRecord
+from ...solver.files import write_json
 from ..identification.motion_parts import REST, motion_parts
 from ..records.examine import check_identifiable
 from ..records.record import Record
-from .balance import AROUND_REST, Added, balance, check_motion, noise_of_readings, residual, rms
+from .balance import AROUND_REST, balance, check_motion, noise_of_readings, residual, rms
 from .causes import CAUSES
-from .compared import ALL, Blocks, Compared, Estimate, Gain, Left, Traces
-from .corrected import NOT_PREDICTED, PARTING, Causes, Predictor, ends_of_seconds
+from .corrected import IN_COMMAND, NOT_PREDICTED, PARTING, Causes, Predictor, ends_of_seconds
 from .model import Drive, commanded, compiled, drive_of
 from .motion import Course, jumps_of, lay_along, recalibrated, shaken, with_law_force
 from .windows import at_samples, averaged
 
-Courses = Sequence[Course]
-
+ALL = "all"
 _GAINS = (("adjusted", "prior"), ("corrected", "prior"), ("corrected", "adjusted"))
 _SLOWEST = 1e-5  # speed just above rest, at which stiction is computed [m/s]
+_DRAWS = 2000
+_FEWEST = 4  # blocks needed for an interval
+_NORMAL = 1.96  # quantile of the normal distribution
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value and its 95 % interval; None if there are too few blocks for an interval."""
+
+    value: float
+    interval: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class Left:
+    """Rms residuals of a model in a part of the motion; None if not known."""
+
+    force: Estimate | None  # missing in the model [N]; at rest, beyond its stiction
+    position: Estimate | None  # error of the prediction from the start of each second [m]
+
+    def to_dict(self, force: str = "_N", position: str = "_m") -> dict[str, Any]:
+        """Its content in ``compare.json``, with the units in the names."""
+        both = (("force", self.force, force), ("position", self.position, position))
+        return {
+            name: e and {f"value{unit}": e.value, f"interval{unit}": e.interval and [*e.interval]}
+            for name, e, unit in both
+        }
+
+
+@dataclass(frozen=True)
+class Gain(Left):
+    """Share of the mean square residual of one model that another model removes."""
+
+    model: str
+    over: str
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A model along the records, end to end, shape (n,)."""
+
+    required: Vector  # force of the command less mass times acceleration [N]
+    force: Vector  # missing in the model [N]
+    counted: Mask  # samples at which forces are known
+    predicted: Vector  # position from each second's start; NaN if it cannot be predicted [m]
+    noise: Vector  # change of `predicted` with another reading of the encoder; perhaps NaN [m]
+    why: str  # why a position cannot be predicted
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Errors of models on records.
+
+    The models are the one ``model`` of a file, or ``prior``, ``adjusted`` and ``corrected`` of a
+    diagnosis. The signals, for the picture, are those of the records end to end, shape (n,).
+    """
+
+    records: tuple[str, ...]  # their names
+    diagnosed: tuple[str, ...]  # if the file comes from a diagnosis: its records
+    causes: tuple[str, ...]  # and the causes in ``corrected``
+    seconds: float  # length of the records [s]
+    friction: float  # rms force required by the motion, where forces are known [N]
+    shares: dict[str, float]  # share of time in each part of the motion, see `PARTS`
+    models: dict[str, dict[str, Left]]  # by model, and by part of the motion, all of it first
+    floor: Left  # due to the noise of the instruments alone
+    gains: tuple[Gain, ...]  # of one model over another
+    notes: tuple[str, ...]  # warnings
+    time: Vector  # from the first record's start, without the time between records [s]
+    x: Vector  # measured, smoothed [m]
+    v: Vector  # [m/s]
+    rests: Mask
+    starts: Mask  # first sample of each second, where the state is set to the recorded state
+    traces: dict[str, Trace]  # by model
+
+    @property
+    def says(self) -> str:
+        """The result in a sentence."""
+        *_, (name, parts) = self.models.items()
+        whole, who = parts[ALL], "the model" if name == "model" else f"the {name} model"
+        words = "no force can be computed"
+        if whole.force:
+            share = 100 * whole.force.value / self.friction
+            words = (
+                f"{who} leaves {whole.force.value:.2g} N rms of a friction of "
+                f"{self.friction:.3g} N rms ({share:.2g} %)"
+            )
+        if whole.position:
+            drift = length(whole.position.value)
+            words += f"; its position drifts {drift} rms within a second"
+        return words
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of ``compare.json``."""
+        return {
+            "says": self.says,
+            "records": list(self.records),
+            "diagnosed": list(self.diagnosed),
+            "causes": list(self.causes),
+            "seconds": self.seconds,
+            "friction_N": self.friction,
+            "shares": self.shares,
+            "models": {n: {p: e.to_dict() for p, e in of.items()} for n, of in self.models.items()},
+            "floor": self.floor.to_dict(),
+            "gains": [{"model": g.model, "over": g.over} | g.to_dict("", "") for g in self.gains],
+            "notes": list(self.notes),
+        }
+
+    def save(self, folder: Path | str) -> None:
+        """Write ``compare.json`` into `folder`; raises OSError if it cannot be written."""
+        write_json(Path(folder) / "compare.json", self.to_dict())
 
 
 def compare_records(
@@ -58,91 +171,37 @@ def compare_records(
     courses = recalibrated([lay_along(r, accepts) for r in records], shift)
     check_motion(courses, accepts)
     notes += jumps_of(courses)
-    found, lowest = {}, "adjusted" if diagnosed else "model"
+    traces, lowest = {}, "adjusted" if diagnosed else "model"
     for name, model in models.items():
         progress(f"solving the {name} model" if diagnosed else "solving the model")
         causes = diagnosed.causes if diagnosed and name == "corrected" else {}
-        found[name] = _found(courses, model, causes, file.path, name == lowest)
-        if found[name].why:
-            notes.append(f"no position is predicted with the {name} model: {found[name].why}")
-    return _compared(
-        courses, found, noise_of_readings(courses, models[lowest]).force, diagnosed, notes
-    )
+        traces[name] = _trace(courses, model, causes, file.path, name == lowest)
+        if why := traces[name].why:
+            notes.append(f"no position is predicted with the {name} model: {why}")
 
-
-@dataclass(frozen=True)
-class _Found:
-    """Residuals of one model, the records end to end, shape (n,)."""
-
-    force: Vector
-    required: Vector
-    counted: Mask
-    predicted: Vector  # NaN if it cannot be predicted
-    noise: Vector  # change of the prediction with another reading of the encoder; perhaps NaN
-    why: str
-
-
-def _found(
-    courses: Courses, model: Drive, causes: Causes, path: Path | None, lowest: bool
-) -> _Found:
-    """Residuals of a model with its causes on the records; `lowest` also has the noise."""
-    added, at_rest, built = _causes_along(courses, model, causes, path)
-    required = [_required(c, model, u) for c, u in zip(courses, added.command, strict=True)]
-    left = residual(courses, model, added)
-    beyond = [
-        _beyond_stiction(c, model, *forces)
-        for c, *forces in zip(courses, required, at_rest, strict=True)
-    ]
-    rests = np.concatenate([c.rests for c in courses])
-    force = np.where(rests, np.concatenate(beyond), left.force)
-    random, why = np.random.default_rng(0), ""
-    predicted, again = np.full((2, len(force)), np.nan)
-    readings = [(predicted, courses)]
-    if lowest:
-        readings.append((again, [shaken(c, random) for c in courses]))
-    try:
-        predictor = Predictor(model, built)
-        for out, them in readings:
-            along = zip(them, added.command, strict=True)
-            out[:] = np.concatenate([predictor(c, u) for c, u in along])
-    except NOT_PREDICTED as error:
-        why = str(error)
-    noise = again - predicted
-    return _Found(force, np.concatenate(required), left.telling, predicted, noise, why)
-
-
-def _compared(
-    courses: Courses,
-    found: Mapping[str, _Found],
-    noise: Vector,
-    diagnosed: Diagnosed | None,
-    notes: Sequence[str],
-) -> Compared:
-    first, lowest = next(iter(found.values())), found["adjusted" if diagnosed else "model"]
     x = np.concatenate([c.x for c in courses])
     ends = ends_of_seconds(courses)
     squares = Blocks(ends)
     parts = [motion_parts(c.step, c.v, c.mean_a, c.rests) for c in courses]
     masks = {ALL: np.ones(len(x), dtype=bool)}
     masks |= {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
-    counted = {n: m & first.counted for n, m in masks.items()}
+    counted = {n: m & traces[first].counted for n, m in masks.items()}
     counted[REST] = np.concatenate([_well_within_rest(c) for c in courses])
 
     def root(values: Vector, mask: Mask) -> Estimate | None:
         known = mask.any() and not np.isnan(values).any()
         return squares.rms(values, mask) if known else None
 
-    def left(f: _Found) -> dict[str, Left]:
-        off = f.predicted - x
-        there = {n: mask for n, mask in masks.items() if mask.any()}
-        return {n: Left(root(f.force, counted[n]), root(off, m)) for n, m in there.items()}
+    def left(force: Vector, off: Vector, part: str) -> Left:
+        return Left(root(force, counted[part]), root(off, masks[part]))
 
     def gain(model: str, over: str) -> Gain:
-        one, other = found[model], found[over]
+        one, other = traces[model], traces[over]
         before, after = other.predicted - x, one.predicted - x
         position = None if one.why or other.why else squares.gain(before, after)
         return Gain(squares.gain(other.force, one.force, counted[ALL]), position, model, over)
 
+    noise = noise_of_readings(courses, models[lowest]).force
     starts = np.zeros(len(x), dtype=bool)
     starts[ends[:-1]] = True
     begins = np.cumsum([0.0, *(len(c.x) * c.step for c in courses)])
@@ -151,33 +210,99 @@ def _compared(
         diagnosed=diagnosed.records if diagnosed else (),
         causes=tuple(diagnosed.causes) if diagnosed else (),
         seconds=float(begins[-1]),
-        friction=rms(first.required[first.counted]),
+        friction=rms(traces[first].required[traces[first].counted]),
         shares={n: float(m.mean()) for n, m in masks.items() if n != ALL and m.any()},
-        models={name: left(f) for name, f in found.items()},
-        floor=Left(root(noise, counted[ALL]), root(lowest.noise, masks[ALL])),
+        models={
+            name: {n: left(t.force, t.predicted - x, n) for n, m in masks.items() if m.any()}
+            for name, t in traces.items()
+        },
+        floor=left(noise, traces[lowest].noise, ALL),
         gains=tuple(gain(*pair) for pair in _GAINS) if diagnosed else (),
         notes=tuple(notes),
-        traces=Traces(
-            time=np.concatenate([c.time + t for c, t in zip(courses, begins, strict=False)]),
-            x=x,
-            v=np.concatenate([c.v for c in courses]),
-            required=first.required,
-            rests=masks[REST],
-            counted=first.counted,
-            starts=starts,
-            left={name: f.force for name, f in found.items()},
-            predicted={n: f.predicted for n, f in found.items() if not f.why},
-        ),
+        time=np.concatenate([c.time + t for c, t in zip(courses, begins, strict=False)]),
+        x=x,
+        v=np.concatenate([c.v for c in courses]),
+        rests=masks[REST],
+        starts=starts,
+        traces=traces,
     )
 
 
-# -- along one record ------------------------------------------------------------------------
+# -- a model along the records -------------------------------------------------------------------
 
 
-def _required(course: Course, model: Drive, command: Vector) -> Vector:
+def _models(file: ParameterFile, diagnosed: Diagnosed) -> dict[str, Drive]:
+    """The three models of a diagnosis, by name, without forces of causes."""
+
+    def model(where: str, values: Mapping[str, Value | float]) -> Drive:
+        missing = [n for n in diagnosed.prior if n not in values]
+        if missing:
+            raise BadParameters(f"{file.path}: [{where}] has no {missing[0]!r}")
+        own = {n: v if isinstance(v := values[n], Value) else Value(v) for n in diagnosed.prior}
+        drive = drive_of(replace(file, law=diagnosed.law, plant=own, found={}, tolerance={}))
+        return drive if drive.has_motor else replace(drive, command=diagnosed.command)
+
+    return {
+        "prior": model("diagnosis.prior", diagnosed.prior),
+        "adjusted": model("diagnosis.adjusted", diagnosed.adjusted),
+        "corrected": model("plant", file.plant),
+    }
+
+
+def _trace(
+    courses: Sequence[Course], model: Drive, causes: Causes, path: Path | None, again: bool
+) -> Trace:
+    """A model with its causes along the records; `again` with another reading of the encoder.
+
+    Causes in the command are known along a record, also at the start of each second, so they are
+    not included in the plant. The force of a joint does not act on a body at rest.
+    """
+    own = [_with_causes(c, model, causes, path) for c in courses]
+    required = [_required(c, model) for c in own]
+    acting = {name: values for name, values in causes.items() if name not in PARTING}
+    resting = [_with_causes(c, model, acting, path).added_force for c in courses]
+    beyond = map(_beyond_stiction, courses, [model] * len(courses), required, resting)
+    left, rests = residual(own, model), np.concatenate([c.rests for c in courses])
+    force = np.where(rests, np.concatenate([*beyond]), left.force)
+    random, why = np.random.default_rng(0), ""
+    predicted, anew = np.full((2, len(force)), np.nan)
+    readings = [(predicted, own)]
+    if again:
+        readings.append((anew, [shaken(c, random) for c in own]))
+    try:
+        predictor = Predictor(model, {n: v for n, v in causes.items() if n not in IN_COMMAND})
+        for out, read in readings:
+            out[:] = np.concatenate([predictor(c) for c in read])
+    except NOT_PREDICTED as error:
+        why = str(error)
+    noise = anew - predicted
+    return Trace(np.concatenate(required), force, left.telling, predicted, noise, why)
+
+
+def _with_causes(course: Course, model: Drive, causes: Causes, path: Path | None) -> Course:
+    """A record with the forces and commands of causes; those that are values are in the model."""
+    along, out = [with_law_force(course, model)], course
+    for name, values in causes.items():
+        where = f"{path}: [diagnosis.causes"
+        if name not in CAUSES:
+            raise BadParameters(f"{where}] there is no {name!r}; there are {', '.join(CAUSES)}")
+        if "warming" in values and "temperature" not in course.record.signals:
+            raise BadRecord(
+                f"{course.record.name}: has no column 'temperature', with which {name} changes"
+            )
+        try:
+            form = CAUSES[name].at(along, model, values)
+            sizes = [1.0 if form.sure is not None else values[n] for n in form.amplitudes]
+        except KeyError as error:
+            raise BadParameters(f"{where}.{name}] has no {error.args[0]!r}") from error
+        (out,) = form.added_to([out], np.array(sizes))
+    return out
+
+
+def _required(course: Course, model: Drive) -> Vector:
     """Force of the command less mass times acceleration, shape (n,) [N]."""
     nothing, viscous = np.zeros(len(course.x)), model.linear_friction * course.moved_v
-    left = balance(course, model, nothing, -viscous, command)
+    left = balance(replace(course, added_force=nothing), model, -viscous)
     return at_samples(left[:, 0], len(course.x), course.width)
 
 
@@ -201,61 +326,53 @@ def _beyond_stiction(course: Course, model: Drive, required: Vector, force: Vect
     return np.asarray(asked - np.clip(asked, backwards, forwards))
 
 
-# -- the models of a diagnosis ---------------------------------------------------------------
+# -- intervals -----------------------------------------------------------------------------------
 
 
-def _models(file: ParameterFile, diagnosed: Diagnosed) -> dict[str, Drive]:
-    """The three models, by name, without forces of causes."""
+class Blocks:
+    """Signals cut into blocks.
 
-    def model(where: str, values: Mapping[str, Value | float]) -> Drive:
-        missing = [n for n in diagnosed.prior if n not in values]
-        if missing:
-            raise BadParameters(f"{file.path}: [{where}] has no {missing[0]!r}")
-        own = {n: v if isinstance(v := values[n], Value) else Value(v) for n in diagnosed.prior}
-        drive = drive_of(replace(file, law=diagnosed.law, plant=own, found={}, tolerance={}))
-        return drive if drive.has_motor else replace(drive, command=diagnosed.command)
+    Neighbouring blocks are drawn together, as many as the cube root of the number of blocks,
+    because an effect longer than a block is no new evidence. A few blocks scatter less than the
+    population, so the interval is widened as in Student's distribution.
 
-    return {
-        "prior": model("diagnosis.prior", diagnosed.prior),
-        "adjusted": model("diagnosis.adjusted", diagnosed.adjusted),
-        "corrected": model("plant", file.plant),
-    }
-
-
-def _causes_along(
-    courses: Courses, model: Drive, causes: Causes, path: Path | None
-) -> tuple[Added, list[Vector], Causes]:
-    """Signals of causes along the records, their forces at rest, and causes to have in the plant.
-
-    Causes that are values are already in the model. Causes in the command are known along a record,
-    also at the start of each second, so they are not included in the plant. The force of a joint
-    does not act on a body at rest.
+    Parameters
+    ----------
+    ends : sequence of int
+        Ends of the blocks among n samples: 0, ..., n.
     """
-    forces, commands, at_rest = [], [], []
-    built: dict[str, Mapping[str, float]] = {}
-    for course in courses:
-        alone = [with_law_force(course, model)]
-        added = resting = Added.nothing(alone)
-        for name, values in causes.items():
-            where = f"{path}: [diagnosis.causes"
-            if name not in CAUSES:
-                raise BadParameters(f"{where}] there is no {name!r}; there are {', '.join(CAUSES)}")
-            if "warming" in values and "temperature" not in course.record.signals:
-                raise BadRecord(
-                    f"{course.record.name}: has no column 'temperature', with which {name} changes"
-                )
-            try:
-                shape = CAUSES[name].at(alone, model, values)
-                sizes = [1.0 if shape.sure is not None else values[n] for n in shape.amplitudes]
-            except KeyError as error:
-                raise BadParameters(f"{where}.{name}] has no {error.args[0]!r}") from error
-            if shape.command is None:
-                built[name] = values
-            if not shape.freed:
-                added = added.more(shape, np.array(sizes))
-            if not shape.freed and name not in PARTING:
-                resting = resting.more(shape, np.array(sizes))
-        forces += added.force
-        commands += added.command
-        at_rest += resting.force
-    return Added(forces, commands), at_rest, built
+
+    def __init__(self, ends: Sequence[int]) -> None:
+        self._starts = np.array(ends[:-1])
+        blocks = len(self._starts)
+        together = max(round(blocks ** (1 / 3)), 1)
+        draws = (_DRAWS, -(-blocks // together))
+        first = np.random.default_rng(0).integers(0, blocks, draws)
+        self._drawn = ((first[:, :, None] + np.arange(together)) % blocks).reshape(_DRAWS, -1)
+        independent = blocks / together
+        free = max(independent - 1.0, 1.0)
+        self._wider = float(student.ppf(0.975, free)) / _NORMAL * math.sqrt(independent / free)
+
+    def rms(self, values: Vector, counted: Mask | bool = True) -> Estimate:
+        """Root mean square of values, shape (n,), over the counted samples."""
+        return self._ratio(values**2 * counted, np.ones(len(values)) * counted, math.sqrt)
+
+    def gain(self, before: Vector, after: Vector, counted: Mask | bool = True) -> Estimate:
+        """Share by which the mean square falls from `before` to `after`, shape (n,)."""
+        return self._ratio(after**2 * counted, before**2 * counted, lambda left: 1.0 - left)
+
+    def _ratio(self, above: Vector, below: Vector, of: Callable[[float], float]) -> Estimate:
+        """A monotonic function of the ratio of sums of non-negative values, shape (n,) each."""
+        tops, bottoms = (np.add.reduceat(values, self._starts) for values in (above, below))
+        top, bottom = float(tops.sum()), float(bottoms.sum())
+        if top == 0.0 or bottom == 0.0:
+            return Estimate(of(0.0 if bottom else 1.0), None)
+        if min(np.count_nonzero(tops), np.count_nonzero(bottoms)) < _FEWEST:
+            return Estimate(of(top / bottom), None)
+        up, down = (sums[self._drawn].sum(axis=1) for sums in (tops, bottoms))
+        kept = (up > 0.0) & (down > 0.0)
+        middle = math.log(top / bottom)
+        quantiles = np.quantile(np.log(up[kept] / down[kept]), [0.025, 0.975])
+        ends = middle + self._wider * (quantiles - middle)
+        low, high = sorted(of(math.exp(end)) for end in ends)
+        return Estimate(of(top / bottom), (low, high))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -23,9 +23,11 @@ from ...solver.kernel import IntegrationError, Kernel, Model
 from ..identification.fitted_law import LAWS
 from .causes import CAUSES
 from .causes.reversals import BRISTLES, bristled
-from .diagnosis import Diagnosis
 from .model import Drive, curve_of
 from .motion import Course
+
+if TYPE_CHECKING:
+    from .diagnosis import Diagnosis
 
 PRIOR = "prior value, adjusted to measured data"
 FOUND = "found in measured data"
@@ -36,7 +38,7 @@ _Number = TypeVar("_Number")
 # Order of causes: first forces, while there is one body that cannot stick; then joints that divide
 # the body; then sticking; last, causes between the command and the force.
 PARTING = ("compliance", "backlash")
-_BEFORE_THE_FORCE = ("resistance_drift", "voltage_saturation", "input_delay")
+IN_COMMAND = ("resistance_drift", "voltage_saturation", "input_delay")
 
 
 def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) -> Component:
@@ -74,14 +76,14 @@ def with_causes(drive: Drive, found: Sequence[tuple[str, Mapping[str, float]]]) 
         values["sigma1"] = drive.values["sigma1"]
     plant = replace(drive.plant, name="extended_plant").with_defaults(drive.values, PRIOR)
     curve = curve_of(drive.law)
-    first = [n for n in own if n not in (*PARTING, *_BEFORE_THE_FORCE)]
+    first = [n for n in own if n not in (*PARTING, *IN_COMMAND)]
     for name in (*first, *(n for n in PARTING if n in own)):
         plant = CAUSES[name].extend(plant, curve, own[name])
     if LAWS[drive.law].rigid:
         parted = "vb" in [s.name for s in plant.states]
         plant = with_sticking(plant, *(("vb", "xb") if parted else ("v", "x")))
     plant = with_amplifier(plant) if drive.has_motor else with_command_limit(plant)
-    for name in (n for n in _BEFORE_THE_FORCE if n in own):
+    for name in (n for n in IN_COMMAND if n in own):
         plant = CAUSES[name].extend(plant, curve, own[name])
     return plant.with_defaults(values, FOUND)
 
@@ -195,22 +197,19 @@ class Predictor:
     def __call__(
         self,
         course: Course,
-        change: Vector,
         seconds: Sequence[tuple[int, int]] | None = None,
         states: Matrix | None = None,
     ) -> Vector:
         """Position from the recorded state at the start of each second, shape (n,) [m].
 
-        `change` is that of the command by causes in the command, shape (n,). Only the `seconds`,
-        (first, end), are predicted if they are given; other samples are NaN. `states` are those of
-        `states`, if they are known already. Raises one of `NOT_PREDICTED`.
+        Only the `seconds`, (first, end), are predicted if they are given; other samples are NaN.
+        `states` are those of `states`, if they are known already. Raises one of `NOT_PREDICTED`.
         """
         if states is None:
-            states = self.states(course, change)
+            states = self.states(course)
         if seconds is None:
             seconds = list(itertools.pairwise(ends_of_seconds([course])))
-        model, command = self._along(course, change)
-        out = np.full(len(course.x), np.nan)
+        model, command, out = self._along(course), course.given_u, np.full(len(course.x), np.nan)
         for first, last in seconds:
             model.x[:] = states[first]
             model.x[self._measured] = course.x[first], course.v[first]
@@ -220,14 +219,14 @@ class Predictor:
             out[first:last] = model.simulate(course.time[first:last], given).states["x"]
         return out
 
-    def states(self, course: Course, change: Vector) -> Matrix:
-        """The component's state at each sample, shape (n, states); arguments as in a call.
+    def states(self, course: Course) -> Matrix:
+        """The component's state at each sample, shape (n, states).
 
         States that are not recorded (bristles, the current, a block behind a joint) come from
         solving it from sample to sample, with its position and velocity reset to the recorded ones
         at each. At rest, the bristles then balance the force of the command.
         """
-        model, command = self._along(course, change)
+        model, command = self._along(course), course.given_u
         for name, encoder in _BESIDE.items():
             if name in self._names:
                 model.x[self._names.index(name)] = getattr(course, encoder)[0]
@@ -245,12 +244,12 @@ class Predictor:
                 model.advance(t, time[k + 1])
         return states
 
-    def _along(self, course: Course, change: Vector) -> tuple[Model, Vector]:
-        """The equations with the values of this record, and its command."""
+    def _along(self, course: Course) -> Model:
+        """The equations with the values of this record."""
         values = dict(self._values)
         if course.offset_name:
             values["offset"] += course.own_offset
-        return Model(self._kernel, values, tolerance=_TOLERANCE), course.shifted_u + change
+        return Model(self._kernel, values, tolerance=_TOLERANCE)
 
 
 def _let_go(model: Model) -> None:

@@ -1,28 +1,34 @@
-"""The result of a diagnosis: errors, causes, their certainty, and the next experiment."""
+"""Diagnosis of a drive's model from records: its errors, their causes, and the next experiment."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
+from ...orchestration.loop.parameter_file import TURNS
 from ...solver.arrays import Mask, Vector
 from ...solver.files import finite_or_null, write_json
+from ..records.examine import check_identifiable
+from ..records.record import Record
+from .balance import residual
 from .causes import CAUSES, EVERY
 from .causes.command import CURRENT_GAIN
-from .experiment import NextExperiment
-from .fit import Study
-from .model import Drive
-from .rule import Explained
+from .experiment import NextExperiment, next_experiment
+from .fit import Study, study_of
+from .held_out import HeldOut, Level, Verdict, held_out, holds
+from .model import Drive, commanded
+from .motion import jumps_of, opposing
+from .rule import built, explained
 from .scores import Hypothesis, own_columns
 
-Verdict = Literal["none", "explained", "partly", "unexplained", "undecided"]
 ANSWERED = ("none", "explained")  # verdicts with exit code 0; with the others it is 1
 
 _EXACT = 0.04  # smallest relative error of a size: laws and shapes are not exact
@@ -30,30 +36,6 @@ _OUTSIDE = (
     "an unknown cause, not in the catalogue: friction or force that only a free curve describes"
 )
 _AGAIN = "repeat the same motion: does the error repeat?"
-
-
-@dataclass(frozen=True)
-class Level:
-    """A residual in the two domains, root mean square."""
-
-    force: float  # at frequencies at which the record gives forces [N]
-    position: float | None  # of the prediction from the start of each second, if known [m]
-
-    def to_dict(self) -> dict[str, float | None]:
-        """Its content in `diagnosis.json`."""
-        return {"force_N": self.force, "position_m": self.position}
-
-
-def holds(gain_interval: tuple[float, float], before: Level, after: Level) -> bool:
-    """Whether the corrected model is certainly better on held-out data than the one before.
-
-    The lower end of the removed share of the mean square in force is above zero, and the residual
-    in position does not grow.
-    """
-    better = gain_interval[0] > 0.0
-    if before.position is None or after.position is None:
-        return better
-    return better and after.position <= before.position
 
 
 @dataclass(frozen=True)
@@ -129,7 +111,7 @@ class Diagnosis:
     records: tuple[str, ...]
     curves: Curves
     seconds: float  # computing time [s]
-    notes: tuple[str, ...] = field(default_factory=tuple)  # warnings
+    notes: tuple[str, ...]  # warnings
 
     @property
     def confirmed(self) -> bool:
@@ -162,12 +144,123 @@ _APART = ("prior", "adjusted", "corrected", "command", "command_shift", "curves"
 """Fields of a `Diagnosis` that are written to other files."""
 
 
+def diagnose_records(
+    records: Sequence[Record],
+    prior_model: Drive,
+    progress: Callable[[str], None] = lambda doing: None,
+    take: str | None = None,
+) -> Diagnosis:
+    """Find the errors of a simulation of recorded runs.
+
+    `take` is a cause to include in the model in any case; its gain is measured like that of any
+    other. `prior` of the result has the records' command. Raises `BadRecord`.
+    """
+    began = time.perf_counter()
+    records, prior_model, notes = commanded(records, prior_model)
+    notes += [TURNS] * prior_model.turns + check_identifiable(records)
+    progress("fitting values")
+    study = study_of(records, prior_model)
+    progress("searching for causes")
+    found = explained(study, take)
+    progress("testing on held-out data")
+    held = held_out(found)
+    courses, corrected = found.corrected
+    done = held.verdict == "explained" and not held.alternatives
+    quiet = not found.built and not held.something
+    floors = zip(("force_N", "voltage_N"), held.floor, strict=False)
+    return Diagnosis(
+        verdict=held.verdict,
+        floor=held.level("noise"),
+        baseline_residual=held.level("prior"),
+        adjusted_residual=held.level("none"),
+        final_residual=held.level("all"),
+        friction=held.friction,
+        unseen=held.unseen,
+        gain_interval=held.gain_interval,
+        held_out=f"{len(study.bands.blocks)} parts",
+        causes=tuple(_finding(held, h) for h in found.built),
+        suspects=tuple(_finding(held, h) for h in found.suspects),
+        alternatives=held.alternatives,
+        unnamed=(found.outside.form.lives,) if found.outside else (),
+        next_experiment=None if done else next_experiment(found, quiet),
+        prior=prior_model,
+        adjusted=built(study, [], found.catalogue.without([]).amplitude[0])[1],
+        corrected=corrected,
+        command=records[0].command,
+        command_shift=courses[0].calibration["command_shift"],
+        adjustments={
+            n: corrected.values[n] / prior_model.values[n] - 1.0 for n in prior_model.adjustable
+        },
+        noise=dict(list(floors)[: len(courses[0].channels)]),
+        records=tuple(r.name for r in records),
+        curves=_curves(held, prior_model),
+        seconds=time.perf_counter() - began,
+        notes=(*notes, *jumps_of(study.courses), *_notes(held)),
+    )
+
+
+def _curves(held: HeldOut, prior_model: Drive) -> Curves:
+    free, (courses, corrected) = held.found.outside, held.found.corrected
+    predicted = np.concatenate([opposing(c, prior_model) for c in courses])
+    along = held.found.study.courses
+    unnamed = free.form.added_to(along, free.amplitude) if free else along
+    shape = np.concatenate([c.added_force for c in unnamed])
+    return Curves(
+        time=np.concatenate([c.time for c in courses]),
+        record=np.repeat(np.arange(len(courses)), [len(c.x) for c in courses]),
+        x=np.concatenate([c.x for c in courses]),
+        v=np.concatenate([c.v for c in courses]),
+        force=predicted + held.prior.force,
+        predicted=predicted,
+        before=held.prior.force,
+        after=residual(courses, corrected).force,
+        position_before=held.positions["prior"],
+        position_after=held.positions["all"],
+        cause=np.concatenate([c.added_force for c in courses]),
+        shape=np.where(held.prior.telling, shape, np.nan),
+        telling=held.prior.telling,
+    )
+
+
+def _notes(held: HeldOut) -> Iterator[str]:
+    found, left, floor = held.found, held.all, held.floor
+    study = found.study
+    if held.unrepeated:
+        yield (
+            f"the residual, {left.force_rms:.3g} N, is more than twice {floor.force:.3g} N, the "
+            "noise from differences between laps and the uncertain motion: a part of it may have "
+            "a cause"
+        )
+    if held.contradicts:
+        yield (
+            "the motor's forces computed from the voltage and from the current differ by "
+            f"{left.by_current_rms:.3g} N, but noise only makes {floor.by_current:.3g} N: check "
+            "the units and signs of u and i, and the values of R and ke"
+        )
+    if own := [f"{c.own_offset:+.3g} N in {c.record.name}" for c in study.courses if c.offset_name]:
+        yield f"additional offsets to that of {study.courses[0].record.name}: {', '.join(own)}"
+    if ends := study.at_ends(found.fit.amplitude[0]):
+        yield (
+            f"at their limit: {', '.join(ends)}. A tolerance is too narrow, "
+            "or they compensate for an unknown cause"
+        )
+    if held.why:
+        yield f"no position is predicted: {held.why}"
+    if held.doubtful and (first := found.best):
+        size = f"; --take {first.name} gives its size" if first.name in CAUSES else ""
+        yield (
+            f"the best score is {first.score:.0f}, of {first.name} with "
+            f"{100 * first.gain.share:.2g} % of the squares: more than noise has, and not enough "
+            f"to be found{size}"
+        )
+
+
 # -- a hypothesis as a result --------------------------------------------------------------------
 
 
-def finding(found: Explained, h: Hypothesis, friction: float) -> Finding:
-    """A hypothesis with its values and sizes; `friction` is the root mean square friction [N]."""
-    gain = h.gain
+def _finding(held: HeldOut, h: Hypothesis) -> Finding:
+    """A hypothesis with its values and sizes."""
+    found, gain = held.found, h.gain
     if any(h is b for b in found.built):
         others = [f for f in found.forms if f is not h.form]
         fit, own = found.catalogue.without([*others, h.form]), own_columns(h.form)
@@ -190,7 +283,7 @@ def finding(found: Explained, h: Hypothesis, friction: float) -> Finding:
         intervals=intervals,
         units=units,
         force=force,
-        of_friction=force / friction,
+        of_friction=force / held.friction,
         confirm=cause.confirm if cause else _AGAIN,
         certain=h.certain,
         gain_heldout=gain.share,
@@ -200,7 +293,7 @@ def finding(found: Explained, h: Hypothesis, friction: float) -> Finding:
 
 def _values(study: Study, h: Hypothesis) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
     """Values and their 95 % intervals, computed by leaving out one block at a time."""
-    wide = float(student.ppf(0.975, len(study.bands.parts) - 1))
+    wide = float(student.ppf(0.975, len(study.bands.blocks) - 1))
     form, values, intervals = h.form, {}, {}
     if form.sure is not None:
         off = abs(math.log(max(float(h.amplitude[0]), 0.1)))

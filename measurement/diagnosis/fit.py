@@ -18,7 +18,7 @@ import numpy as np
 from ...solver.arrays import Matrix, Vector
 from ...solver.errors import BadRecord
 from ..records.record import Record
-from .balance import EXACT, Added, check_motion, leftovers, sensitivities
+from .balance import EXACT, check_motion, leftovers, sensitivities
 from .bands import Bands, cut, products
 from .model import Drive
 from .motion import (
@@ -50,6 +50,14 @@ _NEARLY = 0.999
 _AT_MOST = 0.9  # largest share of noise in a column
 
 
+class Priors(NamedTuple):
+    """Priors of columns, shape (N, columns): mean, one over the variance, and largest change."""
+
+    mean: Matrix
+    precision: Matrix
+    most: Matrix
+
+
 @dataclass(frozen=True)
 class Study:
     """Records with a model along them, and their blocks and bands."""
@@ -75,25 +83,24 @@ class Study:
         of_command = COMMANDED * math.sqrt(max(asked))
         return math.hypot(EXACT * self.prior_model.friction_scale, of_command)
 
-    def prior(self) -> tuple[Vector, Vector]:
-        """Mean and spread of the change of each of `values`."""
-        names = self.model.adjustable
+    def priors(self, freed: Sequence[str] = ()) -> Priors:
+        """Priors of the change of each of `values`; those that are `freed` have no limit."""
+        names, known = self.model.adjustable, self.calibrations
         ratio = [self.prior_model.values[n] / self.model.values[n] - 1.0 for n in names]
-        known = self.calibrations
         mean = np.array([*ratio, *(-self.courses[0].calibration[n] for n in known)])
         spread = [self.prior_model.tolerance[n] / math.sqrt(3.0) for n in names]
-        return mean, np.array([*spread, *(p.spread for p in known.values())])
-
-    def most(self, spread: Vector) -> Vector:
-        """Largest change of each of `values`: tolerances, and limits of the instruments' errors."""
-        ends = [max(-p.low, p.high) for p in self.calibrations.values()]
-        values = math.sqrt(3.0) * spread[: len(spread) - len(ends)]
-        return np.append(values, ends)
+        most = [math.sqrt(3.0) * s for s in spread]
+        most += [max(-p.low, p.high) for p in known.values()]
+        spread += [p.spread for p in known.values()]
+        for name in freed:
+            k = self.values.index(name)
+            spread[k], most[k] = max(self.model.free_spread(name), spread[k]), math.inf
+        return Priors(mean, np.array(spread) ** -2.0, np.array(most))
 
     def at_ends(self, amplitude: Vector) -> list[str]:
         """Those of `values` that are at their limit after a fit."""
-        mean, spread = self.prior()
-        full = np.abs(amplitude[: len(mean)] - mean) > _NEARLY * self.most(spread)
+        mean, _, most = self.priors()
+        full = np.abs(amplitude[: len(mean)] - mean) > _NEARLY * most
         return [n for n, at in zip(self.values, full, strict=True) if at]
 
 
@@ -113,14 +120,6 @@ class Fit:
         some = slice(k, k + 1)
         own = {name: values[some] for name, values in vars(self).items()}
         return Fit(**own | {"ways": self.ways[:, some]})
-
-
-class Priors(NamedTuple):
-    """Priors of columns, shape (N, columns): mean, one over the variance, and largest change."""
-
-    mean: Matrix
-    precision: Matrix
-    most: Matrix
 
 
 class Bounded(NamedTuple):
@@ -282,11 +281,10 @@ def _adjusted(courses: list[Course], prior_model: Drive) -> tuple[Study, Fit]:
 
 def base_fit(study: Study, columns: Sequence[Matrix]) -> Fit:
     """Fit of the model's own values alone; `columns` are those of `base_columns`."""
-    mean, spread = study.prior()
     lines = study.bands.lines(columns)
     own = products(lines, lines)[:, study.bands.used]
     own = (own - noise_products(study, columns, own))[:, :, None]
-    prior = Priors(mean[None], spread[None] ** -2.0, study.most(spread)[None])
+    prior = Priors(*(values[None] for values in study.priors()))
     return fitted(own, study.bands, prior, study.exact)
 
 
@@ -296,7 +294,7 @@ def base_columns(study: Study, of_law: bool = True) -> list[Matrix]:
     The columns of the friction's values are zero without `of_law`.
     """
     usual = [study.model.friction(c.x, c.v, c.step) for c in study.courses]
-    left = leftovers(study.courses, study.model, Added.nothing(study.courses), usual)
+    left = leftovers(study.courses, study.model, usual)
     columns = sensitivities(study.courses, study.model, usual, of_law)
     return [np.concatenate([y[:, :, None], s], axis=2) for y, s in zip(left, columns, strict=True)]
 
@@ -339,7 +337,7 @@ def _moved(study: Study) -> tuple[Study, Fit]:
     model = study.model.changed(values)
     moved = recalibrated(study.courses, {n: c for n, c in change.items() if n not in names})
     courses = [with_law_force(c, model) for c in moved]
-    left = leftovers(courses, model, Added.nothing(courses))
+    left = leftovers(courses, model)
     courses = [
         replace(c, unknown=at_samples(y[:, 0], len(c.x), c.width))
         for c, y in zip(courses, left, strict=True)

@@ -1,33 +1,69 @@
-"""Residuals on held-out blocks of a study, what noise alone leaves, and whether more is left."""
+"""What is left on held-out blocks of a study, what noise alone leaves, and the verdict."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from ...solver.arrays import Vector
 from ...solver.errors import ContractError
 from .balance import Residual, noise_of_readings, residual, rms
-from .bands import EDGES
+from .bands import EDGES, Block
+from .causes import OUTSIDE
 from .causes.cause import Form
 from .corrected import NOT_PREDICTED, Predictor, ends_of_seconds
-from .diagnosis import Level
 from .fit import Study
 from .model import Drive
-from .motion import Course, shaken
+from .motion import Course, opposing, shaken
 from .rule import NOISE, Explained, built, own_amplitudes
 from .windows import at_samples
 
+Verdict = Literal["none", "explained", "partly", "unexplained", "undecided"]
+
 AT_FLOOR = 2.0  # a residual above this multiple of the noise has more than noise in it
 TELLS = 0.2  # share of the friction: records that hide a larger fault decide nothing
+MOST = 0.5  # share of the squares that, if it certainly goes, explains in part without a name
 _LAPS = range(3, 7)  # numbers of laps of one motion for which repetition is used
 _SAME = 1e-3  # largest difference of laps, as a share of the motion's mean square
 _SHORTEST_LAP = 1.0  # s
+
+
+@dataclass(frozen=True)
+class Level:
+    """A residual in the two domains, root mean square."""
+
+    force: float  # at frequencies at which the record gives forces [N]
+    position: float | None  # of the prediction from the start of each second, if known [m]
+
+    def to_dict(self) -> dict[str, float | None]:
+        """Its content in `diagnosis.json`."""
+        return {"force_N": self.force, "position_m": self.position}
+
+
+def holds(gain_interval: tuple[float, float], before: Level, after: Level) -> bool:
+    """Whether the corrected model is certainly better on held-out data than the one before.
+
+    The lower end of the removed share of the mean square in force is above zero, and the residual
+    in position does not grow.
+    """
+    better = gain_interval[0] > 0.0
+    if before.position is None or after.position is None:
+        return better
+    return better and after.position <= before.position
+
+
+class NoiseFloor(NamedTuple):
+    """Root mean square residuals due to noise, as in `Residual`."""
+
+    force: float  # [N]
+    by_current: float  # [N]
+    repeated: bool  # whether it is computed from laps of one motion
 
 
 @dataclass(frozen=True)
@@ -36,19 +72,93 @@ class HeldOut:
 
     `positions` are errors of the predicted position of "prior", "none" and "all", and of "noise",
     its change with another reading of the encoder, shape (n,) [m]; NaN if it cannot be predicted.
+    The verdict rests on these.
     """
 
+    found: Explained
     prior: Residual
     none: Residual
     all: Residual
     positions: dict[str, Vector]
     why: str  # why a position cannot be predicted
+    floor: NoiseFloor
 
-    def level(self, name: str, force: float | None = None) -> Level:
-        """Residual of "prior", "none" or "all"; or of "noise", with its `force` [N]."""
+    def level(self, name: str) -> Level:
+        """Residual of "prior", "none", "all" or "noise"."""
         error = rms(self.positions[name])
-        force = getattr(self, name).force_rms if force is None else force
+        force = self.floor.force if name == "noise" else getattr(self, name).force_rms
         return Level(force, error if math.isfinite(error) else None)
+
+    @cached_property
+    def friction(self) -> float:
+        """Root mean square of the law's force where forces are known [N]."""
+        study = self.found.study
+        along = np.concatenate([opposing(c, study.model) for c in study.courses])
+        return max(rms(along[self.all.telling]), 1e-300)
+
+    @property
+    def gain_interval(self) -> tuple[float, float]:
+        """That of the share of the squares that the causes remove, 90 %."""
+        return self.found.gain([]).interval if self.found.built else (0.0, 0.0)
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether voltage and current differ by more than noise."""
+        return self.all.by_current_rms > AT_FLOOR * self.floor.by_current
+
+    @property
+    def unrepeated(self) -> bool:
+        """Whether laps of one motion differ by less than what is left."""
+        return self.floor.repeated and self.all.force_rms > AT_FLOOR * self.floor.force
+
+    @property
+    def something(self) -> bool:
+        """Whether more than noise is left."""
+        return bool(self.found.sets[-1]) or self.contradicts or self.unrepeated
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether a score is between noise and what is found, and nothing is built in."""
+        best = self.found.best
+        return best is not None and best.score > NOISE and not self.found.built
+
+    @property
+    def unseen(self) -> float:
+        """Largest fault that these records would not show, as a share of the friction."""
+        return max(AT_FLOOR * self.floor.force, self.all.force_rms) / self.friction
+
+    @property
+    def better(self) -> bool:
+        """Whether the model is better with the causes, see `holds`."""
+        return holds(self.gain_interval, self.level("none"), self.level("all"))
+
+    @property
+    def settled(self) -> bool:
+        """Whether the model is better, and only noise is left."""
+        return self.better and not self.something and self.unseen < TELLS
+
+    @property
+    def alternatives(self) -> dict[str, tuple[str, ...]]:
+        """Suspects that explain as much as a cause built in, if only noise is left with either."""
+        return self.found.alternatives if self.settled else {}
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict from what is left, and from whether the causes are certain.
+
+        A cause with one alternative explains the error, too.
+        """
+        causes, others = self.found.built, sum(self.alternatives.values(), ())
+        certain = any(c.certain for c in causes)
+        if causes and self.settled:
+            if len(others) <= 1 and OUTSIDE not in others:
+                return "explained"
+            return "partly" if certain else "undecided"
+        if certain or self.gain_interval[0] >= MOST:
+            return "partly"
+        if self.something or (causes and not self.better):
+            return "unexplained"
+        return "undecided" if self.unseen >= TELLS or self.doubtful else "none"
 
 
 def held_out(found: Explained) -> HeldOut:
@@ -57,52 +167,43 @@ def held_out(found: Explained) -> HeldOut:
     none = _left_on_blocks(found, [])
     as_read = [replace(c, calibration=dict.fromkeys(c.calibration, 0.0)) for c in study.courses]
     return HeldOut(
+        found,
         residual(as_read, study.prior_model),
         none,
         _left_on_blocks(found, forms) if forms else none,
         *_positions(found, as_read),
+        _noise_floor(found),
     )
+
+
+def _without_each(
+    found: Explained, forms: Sequence[Form]
+) -> Iterator[tuple[Block, Vector, list[Course], Drive]]:
+    """Each block, and a fit of these forms without it: amplitudes, courses and model."""
+    ways = found.catalogue.without(forms).ways
+    for block, (amplitude,) in zip(found.study.bands.blocks, ways, strict=True):
+        yield block, amplitude, *built(found.study, forms, amplitude)
 
 
 def _left_on_blocks(found: Explained, forms: Sequence[Form]) -> Residual:
     """Residual of each block with these forms, fitted without the block."""
-    study = found.study
-    starts = np.cumsum([0, *(len(c.x) for c in study.courses)])
-    force, between = np.zeros((2, starts[-1]))
-    whole = Residual(force, between, np.zeros(starts[-1], dtype=bool))
-    ways = found.catalogue.without(forms).ways
-    for way, (record, begin, end) in zip(ways, _samples(study), strict=True):
-        one = residual(*built(study, forms, way[0]))
-        test = slice(starts[record] + begin, starts[record] + end)
-        for name, values in vars(whole).items():
-            values[test] = getattr(one, name)[test]
-    return whole
-
-
-def _samples(study: Study) -> list[tuple[int, int, int]]:
-    """Record, and range of samples, of each block."""
-    out = []
-    for record, first, last in study.bands.parts:
-        course = study.courses[record]
-        # a record's last windows end before its last samples
-        ends = max(p[2] for p in study.bands.parts if p[0] == record)
-        end = last * course.width if last < ends else len(course.x)
-        out.append((record, first * course.width, end))
-    return out
+    parts = []
+    for block, _, courses, model in _without_each(found, forms):
+        one = residual([courses[block.record]], model)
+        parts.append([values[block.samples] for values in vars(one).values()])
+    return Residual(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _positions(found: Explained, as_read: Sequence[Course]) -> tuple[dict[str, Vector], str]:
     """Errors of predicted positions, see `HeldOut`, and why one cannot be predicted."""
     x = np.concatenate([c.x for c in as_read])
-    unknown = np.full(len(x), np.nan)
-    out = dict.fromkeys(("prior", "none", "all", "noise"), unknown)
+    out = dict.fromkeys(("prior", "none", "all", "noise"), np.full(len(x), np.nan))
     try:
         prior = Predictor(found.study.prior_model, {})
-        out["prior"] = np.concatenate([prior(c, np.zeros(len(c.x))) for c in as_read]) - x
+        out["prior"] = np.concatenate([prior(c) for c in as_read]) - x
         out["none"], noise = _ahead_on_blocks(found, [], prior)
-        out["all"], out["noise"] = (
-            _ahead_on_blocks(found, found.forms) if found.forms else (out["none"], noise)
-        )
+        with_causes = _ahead_on_blocks(found, found.forms) if found.forms else (out["none"], noise)
+        out["all"], out["noise"] = with_causes
     except NOT_PREDICTED as error:
         return out, str(error)
     return out, ""
@@ -116,31 +217,26 @@ def _ahead_on_blocks(
     A second is predicted without the block in which it begins. States that are not recorded begin
     as in the fit to all blocks. `like` has the same equations.
     """
-    study = found.study
-    fit = found.catalogue.without(forms)
+    study, (whole,) = found.study, found.catalogue.without(forms).amplitude
 
     def predictor(model: Drive, amplitude: Vector, record: int) -> Predictor:
         return Predictor(model, _in_plant(study, forms, amplitude, record), like)
 
-    courses, model, added = built(study, forms, fit.amplitude[0])
-    like = like or predictor(model, fit.amplitude[0], 0)
-    inner = [
-        predictor(model, fit.amplitude[0], r).states(c, u)
-        for r, (c, u) in enumerate(zip(courses, added.command, strict=True))
-    ]
+    courses, model = built(study, forms, whole)
+    like = like or predictor(model, whole, 0)
+    inner = [predictor(model, whole, r).states(c) for r, c in enumerate(courses)]
     random = np.random.default_rng(0)
     again = [shaken(c, random) for c in courses]
     once, twice = ([np.full(len(c.x), np.nan) for c in courses] for _ in range(2))
-    for ways, (record, begin, end) in zip(fit.ways, _samples(study), strict=True):
-        courses, model, added = built(study, forms, ways[0])
-        course, change = courses[record], added.command[record]
-        other = replace(course, x=again[record].x, v=again[record].v)
-        own = predictor(model, ways[0], record)
-        seconds = itertools.pairwise(ends_of_seconds([course]))
-        some = [(first, last) for first, last in seconds if begin <= first < end]
-        for out, read in ((once, course), (twice, other)):
-            position = own(read, change, some, inner[record])
-            out[record] = np.where(np.isnan(position), out[record], position)
+    for block, amplitude, courses, model in _without_each(found, forms):
+        r, samples = block.record, block.samples
+        own = predictor(model, amplitude, r)
+        seconds = itertools.pairwise(ends_of_seconds([courses[r]]))
+        some = [(first, last) for first, last in seconds if samples.start <= first < samples.stop]
+        other = replace(courses[r], x=again[r].x, v=again[r].v)
+        for out, read in ((once, courses[r]), (twice, other)):
+            position = own(read, some, inner[r])
+            out[r] = np.where(np.isnan(position), out[r], position)
     first = np.concatenate(once)
     return first - np.concatenate([c.x for c in study.courses]), np.concatenate(twice) - first
 
@@ -164,25 +260,17 @@ def _in_plant(
     return out
 
 
-# -- the noise, and whether more is left -------------------------------------------------------
+# -- the noise -----------------------------------------------------------------------------------
 
 
-class NoiseFloor(NamedTuple):
-    """Root mean square residuals due to noise, as in `Residual`."""
-
-    force: float  # [N]
-    by_current: float  # [N]
-    repeated: bool  # whether it is computed from laps of one motion
-
-
-def noise_floor(found: Explained, left: Residual) -> NoiseFloor:
+def _noise_floor(found: Explained) -> NoiseFloor:
     """Differences between laps of one motion, or the white part of the residual without laps.
 
     The floor is at least the noise of readings. The error of the law due to the error of the motion
-    is added. `left` is the residual of the model with all causes.
+    is added. The residual is that of the model with all causes.
     """
-    study = found.study
-    courses = study.courses
+    study, courses = found.study, found.study.courses
+    left = residual(*found.corrected)
     read = noise_of_readings(courses, study.model)
     along = [at_samples(c.force_variance, len(c.x), c.width) for c in courses]
     known = np.concatenate(along)[left.telling]
@@ -230,31 +318,3 @@ def lap(x: Vector, step: float) -> float:
     apart = np.divide(both - 2.0 * shared[lags], both, out=np.ones(len(lags)), where=both > 0.0)
     best = int(np.argmin(apart))
     return float(lags[best] * step) if apart[best] < _SAME else 0.0
-
-
-class Remainder(NamedTuple):
-    """What is left on held-out data; all verdicts rest on it.
-
-    More than noise is left if a hypothesis is found, voltage and current contradict each other, or
-    laps of one motion differ by less.
-    """
-
-    something: bool
-    contradicts: bool  # voltage and current differ by more than noise
-    unrepeated: bool  # laps of one motion differ by less than what is left
-    unseen: float  # largest fault that these records would not show, as a share of the friction
-    doubtful: bool  # a score is between noise and what is found, and nothing is built in
-
-    @property
-    def hidden(self) -> bool:
-        return self.unseen >= TELLS
-
-
-def remainder(found: Explained, left: Residual, lowest: NoiseFloor, friction: float) -> Remainder:
-    """Judge the residual `left` on held-out data, with the causes found in the model."""
-    contradicts = left.by_current_rms > AT_FLOOR * lowest.by_current
-    unrepeated = lowest.repeated and left.force_rms > AT_FLOOR * lowest.force
-    something = bool(found.sets[-1]) or contradicts or unrepeated
-    doubtful = found.best is not None and found.best.score > NOISE and not found.built
-    unseen = max(AT_FLOOR * lowest.force, left.force_rms) / friction
-    return Remainder(something, contradicts, unrepeated, unseen, doubtful)

@@ -63,6 +63,8 @@ class Course:
     bristle: Vector  # the law's force without its viscous part and offset [N]
     unknown: Vector  # opposing force that is missing in the model [N]
     force_variance: Vector  # of the law's force due to the error of the motion, by window [N^2]
+    added_force: Vector  # of causes, against motion in +x [N]
+    added_u: Vector  # change of the command by causes, its unit
     calibration: Mapping[str, float] = field(default_factory=dict)
     by_current: bool = False
     offset_name: str = ""  # of this record's offset in `calibration`; empty if all have the same
@@ -144,10 +146,11 @@ class Course:
         return np.asarray(averaged(change, self.width) - self.measured_a)
 
     @property
-    def shifted_u(self) -> Vector:
-        """The command with its calibrated shift, shape (n,)."""
+    def given_u(self) -> Vector:
+        """The command with its calibrated shift and its change by causes, shape (n,)."""
         next_change = np.append(self.u[1:], self.u[-1]) - self.u
-        return np.asarray(self.u + self.calibration["command_shift"] * next_change)
+        shifted = self.u + self.calibration["command_shift"] * next_change
+        return np.asarray(shifted + self.added_u)
 
     @cached_property
     def middle_x(self) -> Vector:
@@ -219,7 +222,8 @@ def lay_along(record: Record, model: Drive) -> Course:
     nothing, current = np.zeros(len(x)), _current(record, v, model)
     course = Course(
         *(record, width, model.values.get("R", 0.0), x, v, current, nothing, nothing),
-        force_variance=_force_variance(record, x, v, width, model),
+        _force_variance(record, x, v, width, model),
+        *(nothing, nothing),
         per_command=model.linear.per_command,
         answers=record.step * model.damping / model.linear.inertia,
     )

@@ -1,19 +1,13 @@
-"""The report of a diagnosis: its sentence, its tables and its picture."""
+"""The report of a diagnosis: its sentence and its tables."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
 
-import numpy as np
-
-from ...orchestration.loop.pictures import COLOURS, STYLE, new_figure
 from ...orchestration.loop.shown import Table, length
-from ...solver.arrays import Mask, Vector
 from .causes import OUTSIDE
-from .compared import binned
-from .diagnosis import Curves, Diagnosis, Finding
+from .diagnosis import Diagnosis, Finding
 from .experiment import COMMAND_FILE
 
 WORDS = {
@@ -207,59 +201,3 @@ def _about(d: Diagnosis) -> Table:
     rows += [(_NOISE.get(name, name), f"{size:.3g} N rms") for name, size in d.noise.items()]
     rows += [("held out", d.held_out), ("computing time", f"{d.seconds:.1f} s")]
     return Table("What was diagnosed", ("", ""), rows)
-
-
-# -- the picture -----------------------------------------------------------------------------
-
-
-def diagnosis_figure(d: Diagnosis) -> Any:
-    """Mean error of the force before and after, over what it may go with."""
-    import matplotlib as mpl
-
-    c = d.curves
-    ways = (("forwards", c.v > 0.0, "-"), ("backwards", c.v <= 0.0, "--"))
-    with mpl.rc_context(STYLE):
-        figure, grid = new_figure(2, 2, (12, 7.5))
-        for axes, (name, unit, signal, alike) in zip(grid.flat, _signals(c), strict=True):
-            share = 0.0
-            axes.sharey(grid[0][0])
-            for label, colour, wide, values in (
-                ("your model", COLOURS[1], 2.8, c.before),
-                ("corrected", COLOURS[0], 1.2, c.after),
-            ):
-                for way, there, dash in ways:
-                    kept = c.telling & there
-                    x, y = binned(signal, values, kept, alike)
-                    axes.plot(x, y, dash, color=colour, lw=wide, label=f"{label}, {way}")
-                    share += _share(signal, c.before, c.telling, kept, x, y) * (values is c.before)
-            axes.set_title(f"{100 * share:.0f} % goes with the {name}", loc="left")
-            axes.set(xlabel=f"{name} [{unit}]", ylabel="mean error of the force [N]")
-        figure.suptitle(f"What the error of the force goes with: {WORDS[d.verdict]}", fontsize=12)
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return figure
-
-
-def _signals(c: Curves) -> list[tuple[str, str, Vector, bool]]:
-    """Name, unit and signal of each panel; whether its parts have equal numbers of samples."""
-    steps = np.diff(c.time, prepend=c.time[0])
-    again = np.append(True, np.diff(c.record) > 0)
-    time = np.cumsum(np.where(again, 0.0, steps))
-    turned = again | (np.diff(np.sign(c.v), prepend=np.sign(c.v[0])) != 0.0)
-    since = time - np.maximum.accumulate(np.where(turned, time, 0.0))
-    return [
-        ("position", "mm", 1e3 * c.x, False),
-        ("velocity", "mm/s", 1e3 * c.v, True),
-        ("time since reversal", "ms", 1e3 * since, True),
-        ("time", "s", time, False),
-    ]
-
-
-def _share(signal: Vector, error: Vector, all_: Mask, kept: Mask, x: Vector, y: Vector) -> float:
-    """Share of the mean square of an error that its means over a signal have."""
-    known = np.isfinite(y)
-    if not known.any():
-        return 0.0
-    whole = float(np.sum(error[all_] ** 2))
-    mean = np.interp(signal[kept], x[known], y[known])
-    gone = np.sum(error[kept] ** 2) - np.sum((error[kept] - mean) ** 2)
-    return max(float(gone) / whole, 0.0) if whole else 0.0

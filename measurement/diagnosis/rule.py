@@ -17,7 +17,6 @@ import numpy as np
 
 from ...solver.arrays import Vector
 from ...solver.errors import BadRecord
-from .balance import Added
 from .causes import CAUSES, OUTSIDE, entry_of
 from .causes.cause import Form
 from .fit import Fit, Study
@@ -53,6 +52,11 @@ class Explained:
     @cached_property
     def fit(self) -> Fit:
         return self.catalogue.without(self.forms)
+
+    @cached_property
+    def corrected(self) -> tuple[list[Course], Drive]:
+        """Courses with the causes built in, and the model with values fitted beside them."""
+        return built(self.study, self.forms, self.fit.amplitude[0])
 
     @property
     def variance(self) -> Vector:
@@ -156,19 +160,16 @@ def members_of(ranked: Sequence[Hypothesis]) -> list[Hypothesis]:
     return [replace(led(first), certain=certain, alike=alike), *rest]
 
 
-def built(
-    study: Study, forms: Sequence[Form], amplitude: Vector
-) -> tuple[list[Course], Drive, Added]:
-    """Courses, model and additions to it, by the amplitudes of a fit of these forms."""
+def built(study: Study, forms: Sequence[Form], amplitude: Vector) -> tuple[list[Course], Drive]:
+    """Courses with the causes, and the model, by the amplitudes of a fit of these forms."""
     model, names = study.model, study.values
     change = dict(zip(names, amplitude.tolist(), strict=False))
     values = {n: model.values[n] * (1.0 + change[n]) for n in model.adjustable}
     off = {n: c for n, c in change.items() if n not in values}
     courses = recalibrated(study.courses, off)
-    added = Added.nothing(study.courses)
     for form, mine in own_amplitudes(study, forms, amplitude):
-        added = added.more(form, mine)
-    return courses, model.changed(values), added
+        courses = form.added_to(courses, mine)
+    return courses, model.changed(values)
 
 
 def own_amplitudes(

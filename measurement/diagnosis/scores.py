@@ -64,9 +64,11 @@ class Catalogue:
     def __init__(self, study: Study) -> None:
         self.study = study
         self.base = base_columns(study)
-        self.parts = [self.base]
         self.forms: list[Form] = []
         self._fits: dict[tuple[int, ...], Fit] = {}  # by the forms that are fitted
+        self._new = [self.base]  # columns without products
+        self.lines: list[list[Matrix]] = []
+        self.with_values: Vector = np.zeros(0)
         self.count = self.values = self.base[0].shape[2]
         courses, model = study.courses, study.model
         for name, cause in EVERY.items():
@@ -76,9 +78,7 @@ class Catalogue:
                         self.add(name, way.at(courses, model, values))
         for form in free_curves(courses, model):
             self.add(OUTSIDE, form)
-        self.lines = self._lines(self.parts)
-        first = [[b[:, : self.values] for b in block] for block in self.lines]
-        self.with_values = products(first, self.lines)
+        self.extend()
         own = self.with_values[..., : self.values]
         own -= noise_products(study, self.base, own)
 
@@ -92,11 +92,6 @@ class Catalogue:
             )
         return self._fits[known]
 
-    def _lines(self, parts: Sequence[Sequence[Matrix]]) -> list[list[Matrix]]:
-        together = [np.concatenate(each, axis=2) for each in zip(*parts, strict=True)]
-        used = np.flatnonzero(self.study.bands.used)
-        return [[block[k] for k in used] for block in self.study.bands.lines(together)]
-
     def add(self, name: str, form: Form) -> None:
         """Add a form; one that frees a value without a tolerance, or is not finite, is left out."""
         study = self.study
@@ -108,22 +103,23 @@ class Catalogue:
         part = responses(study.courses, study.model, form)
         if all(np.isfinite(p).all() for p in part):
             at = np.arange(self.count, self.count + len(form.amplitudes))
-            self.parts.append(part)
+            self._new.append(part)
             self.count += len(at)
             self.forms.append(replace(form, name=name, columns=at))
 
-    def extend(self, forms: int) -> None:
-        """Compute the products of the forms added after the first `forms`."""
-        new = [f for f in self.forms[forms:] if not f.freed]
-        if not new:
+    def extend(self) -> None:
+        """Compute the products of the forms that were added since."""
+        if not self._new:
             return
-        lines = self._lines(self.parts[-len(new) :])
-        self.lines = [
-            [np.concatenate(pair, axis=1) for pair in zip(a, b, strict=True)]
-            for a, b in zip(self.lines, lines, strict=True)
-        ]
+        columns = [np.concatenate(each, axis=2) for each in zip(*self._new, strict=True)]
+        used, old, self._new = np.flatnonzero(self.study.bands.used), self.lines, []
+        new = self.lines = [[b[k] for k in used] for b in self.study.bands.lines(columns)]
+        if old:
+            pairs = (zip(*blocks, strict=True) for blocks in zip(old, new, strict=True))
+            self.lines = [list(map(np.hstack, of_bands)) for of_bands in pairs]
         first = [[b[:, : self.values] for b in block] for block in self.lines]
-        self.with_values = np.concatenate([self.with_values, products(first, lines)], axis=3)
+        more = products(first, new)
+        self.with_values = np.concatenate([self.with_values, more], axis=3) if old else more
 
     def _products(self, forms: Sequence[Form], beside: Sequence[Form]) -> Vector:
         """Products of signal, values and forms, shape (blocks, used bands, N, columns, columns)."""
@@ -156,8 +152,8 @@ class Catalogue:
             # in groups, to limit memory
             for begin in range(0, len(those), 64):
                 some = those[begin : begin + 64]
-                stated = [self._stated([*beside, forms[k]]) for k in some]
-                prior = Priors(*(np.array(s) for s in zip(*stated, strict=True)))
+                stated = [self._priors([*beside, forms[k]]) for k in some]
+                prior = Priors(*map(np.array, zip(*stated, strict=True)))
                 own = self._products([forms[k] for k in some], beside)
                 fit = fitted(own, study.bands, prior, study.exact)
                 out |= {k: fit.one(j) for j, k in enumerate(some)}
@@ -177,25 +173,15 @@ class Catalogue:
         moves = [moving(c, study.model) > 0.0 for c in study.courses]
         return float(np.sqrt(np.mean(each[np.concatenate(moves)] ** 2, axis=0)).max())
 
-    def _stated(self, forms: Sequence[Form]) -> Priors:
+    def _priors(self, forms: Sequence[Form]) -> Priors:
         """Priors of values and forms, shape (columns,)."""
-        mean, spread = self.study.prior()
-        most, spread = self.study.most(spread), spread.copy()
-        own: list[tuple[float, float, float]] = []
-        for form in forms:
-            if form.freed:
-                for name, column in zip(form.freed, form.columns, strict=True):
-                    spread[column - 1] = max(self.study.model.free_spread(name), spread[column - 1])
-                    most[column - 1] = np.inf
-                continue
-            one = (0.0, 0.0, np.inf)
+        parts = [self.study.priors([n for form in forms for n in form.freed])]
+        for form in (f for f in forms if not f.freed):
+            one = (0.0, 0.0, math.inf)
             if form.sure is not None:
                 one = (1.0, form.sure**-2.0, _most_off(form.sure))
-            own += [one] * len(form.columns)
-        means, precisions, mosts = np.array(own).reshape(-1, 3).T
-        return Priors(
-            np.append(mean, means), np.append(spread**-2.0, precisions), np.append(most, mosts)
-        )
+            parts += [Priors(*map(np.array, one))] * len(form.columns)
+        return Priors(*map(np.hstack, zip(*parts, strict=True)))
 
 
 def own_columns(form: Form) -> slice | npt.NDArray[np.int64]:
@@ -299,7 +285,7 @@ def _between(
                 moved = {**values, key: values[key] * math.exp(side)}
                 if not CAUSES[name].mechanism(moved).cuts_noise(study.courses, moved):
                     catalogue.add(name, CAUSES[name].at(study.courses, study.model, moved))
-        catalogue.extend(before)
+        catalogue.extend()
         new = catalogue.forms[before:]
         for form, fit in zip(new, catalogue.fit(new, known), strict=True):
             tried[form.name].append((form, fit))

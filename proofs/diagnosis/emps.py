@@ -21,7 +21,7 @@ from runner import ROOT, Row
 from scipy.signal import savgol_filter
 
 from ballscrew import read_drive_records, read_parameters
-from ballscrew.measurement.diagnosis.diagnose import diagnose_records
+from ballscrew.measurement.diagnosis.diagnosis import diagnose_records
 from ballscrew.measurement.diagnosis.model import drive_of
 from ballscrew.solver.arrays import Vector
 from ballscrew.solver.errors import UserError

@@ -20,7 +20,7 @@ from worlds import HELD_BACK, OUTSIDE, WORLDS, Unusable, draw_case, effects_of, 
 from ballscrew import read_drive_records, read_parameters
 from ballscrew.measurement.diagnosis.causes import OUTSIDE as IN_NO_CAUSE
 from ballscrew.measurement.diagnosis.causes import entry_of
-from ballscrew.measurement.diagnosis.diagnose import diagnose_records
+from ballscrew.measurement.diagnosis.diagnosis import diagnose_records
 from ballscrew.measurement.diagnosis.model import Drive, commanded, drive_of
 from ballscrew.measurement.records.record import Record
 from ballscrew.solver.errors import BadRecord

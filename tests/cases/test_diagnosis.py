@@ -9,7 +9,7 @@ from case_inputs import karnopp_step, lead_screw
 from cases import case
 from pyarrow.parquet import read_table
 
-from ballscrew.measurement.diagnosis.diagnose import diagnose_records
+from ballscrew.measurement.diagnosis.diagnosis import diagnose_records
 from ballscrew.measurement.diagnosis.model import drive_of
 from ballscrew.measurement.records.reading import check_record, read_drive_records
 from ballscrew.orchestration.loop.parameter_file import read_parameters

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,16 @@ class Form:
     lives: str = ""  # with what a free curve varies
     name: str = ""  # of the cause; given by the catalogue, like the columns
     columns: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def added_to(self, courses: Courses, amplitudes: Vector) -> list[Course]:
+        """The courses with a cause of these amplitudes in addition."""
+        out = list(courses)
+        for k, c in enumerate(courses):
+            if self.force is not None:
+                out[k] = c = replace(c, added_force=c.added_force + self.force[k] @ amplitudes)
+            if self.command is not None:
+                out[k] = replace(c, added_u=c.added_u + self.command[k] @ amplitudes)
+        return out
 
 
 Courses = Sequence[Course]

@@ -9,7 +9,7 @@ from diagnosed import nominal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballscrew.measurement.diagnosis.balance import Added, leftovers
+from ballscrew.measurement.diagnosis.balance import leftovers
 from ballscrew.measurement.diagnosis.motion import lay_along
 
 pytestmark = pytest.mark.ci
@@ -24,7 +24,7 @@ def course():
 
 
 def left(course, model):
-    (found,) = leftovers([course], model, Added.nothing([course]))
+    (found,) = leftovers([course], model)
     return found
 
 

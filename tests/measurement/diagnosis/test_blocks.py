@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from ballscrew.measurement.diagnosis.compared import Blocks
+from ballscrew.measurement.diagnosis.compare import Blocks
 
 
 def noise(random, seconds, correlation_time, rate=100):

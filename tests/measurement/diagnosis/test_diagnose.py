@@ -19,7 +19,7 @@ from worlds import draw_case as draw_world
 from worlds import write_case as write_world
 
 from ballscrew import compare, diagnose
-from ballscrew.measurement.diagnosis.diagnose import diagnose_records
+from ballscrew.measurement.diagnosis.diagnosis import diagnose_records
 from ballscrew.measurement.diagnosis.report import verdict_sentence
 from ballscrew.measurement.diagnosis.scores import OUTSIDE
 from ballscrew.measurement.records.reading import check_record

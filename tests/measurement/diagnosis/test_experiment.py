@@ -9,7 +9,7 @@ from diagnosed import nominal
 from slide_records import believed, slide_record
 
 from ballscrew.measurement.diagnosis.causes import CAUSES
-from ballscrew.measurement.diagnosis.diagnose import diagnose_records
+from ballscrew.measurement.diagnosis.diagnosis import diagnose_records
 from ballscrew.measurement.diagnosis.experiment import (
     COMMAND_FILE,
     Reach,

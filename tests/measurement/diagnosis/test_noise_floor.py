@@ -10,7 +10,7 @@ from axis_records import strong_record
 from diagnosed import nominal
 
 from ballscrew.measurement.diagnosis.balance import noise_of_readings, residual, rms
-from ballscrew.measurement.diagnosis.diagnose import diagnose_records
+from ballscrew.measurement.diagnosis.diagnosis import diagnose_records
 from ballscrew.measurement.diagnosis.motion import lay_along
 from ballscrew.measurement.records.reading import check_record
 

@@ -63,8 +63,7 @@ def a_record(u, x):
 
 
 def predicted(record, drive):
-    course = lay_along(record, drive)
-    return Predictor(drive, {})(course, np.zeros(len(course.x)))
+    return Predictor(drive, {})(lay_along(record, drive))
 
 
 def a_file(name, values):
@@ -100,11 +99,11 @@ def test_the_figures_of_a_comparison_are_those_of_the_prediction(stuck):
     assert parts["all"].position.value < 1e-5
     assert parts["rest"].force.value == 0.0  # 12 N is held
     assert true.shares["rest"] == pytest.approx(np.mean(v == 0.0), abs=0.01)
-    assert true.traces.rests[RESTS].all()
+    assert true.rests[RESTS].all()
     # what opposes the motion, by the oracle's own law
     fast = np.abs(v) > 0.1
     friction = np.sign(v) * TRUTH["Fc"] + TRUTH["sigma2"] * v
-    assert rms(true.traces.required[fast] - friction[fast]) < 0.3
+    assert rms(true.traces["model"].required[fast] - friction[fast]) < 0.3
     assert "of a friction of" in true.says
 
     weak = compare_records([record], a_file("classical", WEAK))

@@ -10,10 +10,9 @@ from pages import ALL, HOSTILE, Page, check_hostile
 from slide_records import believed, slide_record
 
 from ballscrew.measured_results import DiagnosisResult
-from ballscrew.measurement.diagnosis.compared import binned
-from ballscrew.measurement.diagnosis.diagnose import diagnose_records
-from ballscrew.measurement.diagnosis.diagnosis import Level
-from ballscrew.measurement.diagnosis.report import diagnosis_figure
+from ballscrew.measurement.diagnosis.diagnosis import diagnose_records
+from ballscrew.measurement.diagnosis.held_out import Level
+from ballscrew.measurement.diagnosis.pictures import binned, diagnosis_figure
 from ballscrew.orchestration.loop.shown import length
 
 

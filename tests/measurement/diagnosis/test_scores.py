@@ -42,11 +42,9 @@ def drawn(seed, amplitude, sizes):
     signal = columns @ amplitude + noise
     data = np.concatenate([signal[..., None], columns], axis=3)
     bands = Bands(
-        parts=[(0, 0, 0)] * BLOCKS,
-        weights=[np.ones((1, 1))] * BLOCKS,
+        blocks=[],
         used=np.ones(BANDS, dtype=bool),
         counts=np.full((BLOCKS, BANDS), float(ROWS)),
-        steps=[1.0] * BLOCKS,
         top=np.inf,
     )
     return data, bands
